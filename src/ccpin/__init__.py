@@ -1,0 +1,46 @@
+"""ccpin: from a cut-open URDF and its loop closures to the reduced model of a closed-chain mechanism.
+
+The equations implemented are those of Ghorbel, Chételat, Gunawardana and Longchamp, "Modeling and Set Point Control
+of Closed-Chain Mechanisms: Theory and Experiment" (IEEE Transactions on Control Systems Technology, 2000);
+docstrings cite them by number.
+"""
+
+from __future__ import annotations
+
+from ccpin.description.model import (
+    Coupling,
+    CouplingTerm,
+    Inertia,
+    Joint,
+    Link,
+    LoopClosure,
+    MechanismDescription,
+    Shape,
+    Visual,
+)
+from ccpin.errors import CcpinError
+from ccpin.free_system import Energy
+from ccpin.mechanism import Mechanism, load
+from ccpin.mobility import Mobility
+from ccpin.reduced_model import ReducedModel, ReducedTerms
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "CcpinError",
+    "Coupling",
+    "CouplingTerm",
+    "Energy",
+    "Inertia",
+    "Joint",
+    "Link",
+    "LoopClosure",
+    "Mechanism",
+    "MechanismDescription",
+    "Mobility",
+    "ReducedModel",
+    "ReducedTerms",
+    "Shape",
+    "Visual",
+    "load",
+]

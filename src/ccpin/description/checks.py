@@ -1,0 +1,170 @@
+"""What must hold of any description, whatever its format: a tree, physical inertias, references that exist."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from ccpin.description.model import CLOSURE_KINDS, JOINT_KINDS, Inertia, MechanismDescription
+from ccpin.errors import DescriptionError
+
+ONE_DOF = ("revolute", "continuous", "prismatic")
+MAGNITUDE_LIMIT = 1e9
+
+
+def check(description: MechanismDescription) -> MechanismDescription:
+    """Return the description if it is sound, with a note for what is doubtful but usable.
+
+    Inertia matrices that violate the triangle inequality are common in published files and leave the equations
+    of motion well defined; they are noted. A negative principal moment is refused.
+
+    Raises:
+        DescriptionError: Duplicate or unknown names, a second root, a cycle, a zero axis, negative mass or
+            principal moment, a closure between a link and itself, a coupling of joints without a displacement.
+    """
+    checker = _Checker(description)
+    checker.run()
+    return replace(description, notes=description.notes + tuple(checker.notes))
+
+
+class _Checker:
+    """Runs the checks of one description; each method states one law."""
+
+    def __init__(self, description: MechanismDescription) -> None:
+        self.d = description
+        self.notes: list[str] = []
+        self.links = {link.name for link in description.links}
+        self.joints = {joint.name: joint for joint in description.joints}
+
+    def fail(self, element: str, message: str) -> DescriptionError:
+        return DescriptionError(message, source=self.d.source, element=element)
+
+    def run(self) -> None:
+        self.names_are_unique()
+        self.joints_form_a_tree()
+        for link in self.d.links:
+            if link.inertia is not None:
+                self.inertia_is_physical(f"link '{link.name}'", link.inertia)
+        self.joints_are_sound()
+        self.closures_are_sound()
+        self.couplings_are_sound()
+        self.marks_are_sound()
+
+    def names_are_unique(self) -> None:
+        kinds: tuple[tuple[str, Iterable[str]], ...] = (
+            ("link", (link.name for link in self.d.links)),
+            ("joint", (joint.name for joint in self.d.joints)),
+            ("loop", (closure.name for closure in self.d.closures)),
+            ("coupling", (coupling.name for coupling in self.d.couplings)),
+        )
+        for kind, names in kinds:
+            for name, count in Counter(names).items():
+                if count > 1:
+                    raise self.fail(f"{kind} '{name}'", f"the name is used {count} times; names must be unique")
+
+    def joints_form_a_tree(self) -> None:
+        parent_of: dict[str, str] = {}
+        for joint in self.d.joints:
+            element = f"joint '{joint.name}'"
+            for role, link in (("parent", joint.parent), ("child", joint.child)):
+                if link not in self.links:
+                    raise self.fail(element, f"{role} link '{link}' does not exist")
+            if joint.parent == joint.child:
+                raise self.fail(element, f"link '{joint.child}' is its own parent")
+            if joint.child in parent_of:
+                raise self.fail(
+                    element,
+                    f"link '{joint.child}' has two parents; cut the tree open and state the loop as a closure",
+                )
+            parent_of[joint.child] = joint.parent
+        roots = sorted(self.links - set(parent_of))
+        if len(roots) > 1:
+            raise self.fail(f"link '{roots[1]}'", f"a second root: links {', '.join(roots)} have no parent joint")
+        for link in self.links:
+            seen = {link}
+            while link in parent_of:
+                link = parent_of[link]
+                if link in seen:
+                    raise self.fail(f"link '{link}'", "the joints form a cycle; cut it and state the loop as a closure")
+                seen.add(link)
+
+    def inertia_is_physical(self, element: str, inertia: Inertia) -> None:
+        values = np.concatenate([[inertia.mass], inertia.com, inertia.rotational.ravel()])
+        if not np.all(np.isfinite(values)) or np.max(np.abs(values)) > MAGNITUDE_LIMIT:
+            raise self.fail(element, "mass, centre of mass or inertia is not a finite number of sensible size")
+        if inertia.mass < 0:
+            raise self.fail(element, f"mass {inertia.mass:g} kg is negative")
+        moments = np.linalg.eigvalsh(0.5 * (inertia.rotational + inertia.rotational.T))
+        slack = 1e-6 * max(float(np.max(np.abs(moments))), 1e-12)
+        if moments[0] < -slack:
+            raise self.fail(element, f"the inertia matrix has the negative principal moment {moments[0]:g} kg m²")
+        if moments[0] + moments[1] < moments[2] - slack:
+            self.notes.append(
+                f"{element}: no body has the principal moments {', '.join(f'{m:.6g}' for m in moments)} kg m² "
+                "(the largest exceeds the sum of the other two); they are used as stated"
+            )
+
+    def joints_are_sound(self) -> None:
+        for joint in self.d.joints:
+            element = f"joint '{joint.name}'"
+            if joint.kind not in JOINT_KINDS:
+                raise self.fail(element, f"type '{joint.kind}' is not one of {', '.join(JOINT_KINDS)}")
+            if not abs(np.linalg.norm(joint.axis) - 1) < 1e-9:
+                raise self.fail(element, "the axis is the zero vector or not of unit length")
+            self.placement_is_rigid(element, joint.placement)
+            if not joint.lower <= joint.upper:
+                raise self.fail(element, f"lower limit {joint.lower:g} exceeds upper limit {joint.upper:g}")
+            if not 0 <= joint.armature < MAGNITUDE_LIMIT:
+                raise self.fail(element, f"reflected rotor inertia {joint.armature:g} is negative or not finite")
+
+    def placement_is_rigid(self, element: str, placement: np.ndarray) -> None:
+        if not np.all(np.isfinite(placement)) or np.max(np.abs(placement)) > MAGNITUDE_LIMIT:
+            raise self.fail(element, "the placement is not finite or too large")
+        rotation = placement[:3, :3]
+        if np.max(np.abs(rotation @ rotation.T - np.eye(3))) > 1e-9 or np.linalg.det(rotation) < 0:
+            raise self.fail(element, "the placement's rotation is not a rotation matrix")
+
+    def closures_are_sound(self) -> None:
+        for closure in self.d.closures:
+            element = f"loop '{closure.name}'"
+            if closure.kind not in CLOSURE_KINDS:
+                raise self.fail(element, f"type '{closure.kind}' is not one of {', '.join(CLOSURE_KINDS)}")
+            for link in (closure.link_a, closure.link_b):
+                if link not in self.links:
+                    raise self.fail(element, f"link '{link}' does not exist")
+            if closure.link_a == closure.link_b:
+                raise self.fail(element, f"joins link '{closure.link_a}' to itself")
+            self.placement_is_rigid(element, closure.placement_a)
+            self.placement_is_rigid(element, closure.placement_b)
+            if closure.kind == "distance" and not (closure.length is not None and 0 < closure.length < MAGNITUDE_LIMIT):
+                raise self.fail(element, "a distance closure needs a positive length")
+
+    def couplings_are_sound(self) -> None:
+        for coupling in self.d.couplings:
+            element = f"coupling '{coupling.name}'"
+            if not coupling.terms:
+                raise self.fail(element, "couples no joint")
+            for term in coupling.terms:
+                if term.joint not in self.joints:
+                    raise self.fail(element, f"joint '{term.joint}' does not exist")
+                kind = self.joints[term.joint].kind
+                if kind not in ONE_DOF:
+                    raise self.fail(
+                        element, f"joint '{term.joint}' is {kind}; only {', '.join(ONE_DOF)} can be coupled"
+                    )
+                if not np.all(np.isfinite([*term.coefficients, term.reference])):
+                    raise self.fail(element, f"a coefficient of joint '{term.joint}' is not finite")
+            if not any(c != 0 for term in coupling.terms for c in term.coefficients[1:]):
+                raise self.fail(element, "every coefficient is zero")
+
+    def marks_are_sound(self) -> None:
+        for role, names in (("independent", self.d.independent), ("actuated", self.d.actuated)):
+            for name in names or ():
+                if name.partition(":")[0] not in self.joints:
+                    raise self.fail(f"joint '{name}'", f"is marked {role} but does not exist")
+        for name in self.d.reference:
+            if name not in self.joints:
+                raise self.fail(f"joint '{name}'", "has a reference value but does not exist")

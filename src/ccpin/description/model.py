@@ -1,0 +1,171 @@
+"""The plain mechanism description every reader returns; it knows nothing of dynamics.
+
+Frames are 4×4 homogeneous transforms, lengths in metres, angles in radians, masses in kilograms. Every
+array is read-only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+JointKind = Literal["revolute", "continuous", "prismatic", "spherical", "planar", "floating", "fixed"]
+ClosureKind = Literal["spherical", "revolute", "fixed", "prismatic", "cylindrical", "universal", "planar", "distance"]
+JOINT_KINDS: tuple[str, ...] = get_args(JointKind)
+CLOSURE_KINDS: tuple[str, ...] = get_args(ClosureKind)
+
+IDENTITY: Array = np.eye(4)
+IDENTITY.flags.writeable = False
+
+
+def frozen(value: object) -> Array:
+    """Return a read-only float64 copy of an array-like."""
+    array = np.array(value, dtype=np.float64)
+    array.flags.writeable = False
+    return array
+
+
+def rotation_to(axis: Array) -> Array:
+    """The smallest rotation whose z column is the unit vector `axis` (a half turn about x for −z)."""
+    z = np.array([0.0, 0.0, 1.0])
+    cosine = float(axis @ z)
+    if cosine < -1 + 1e-12:
+        return np.diag([1.0, -1.0, -1.0])
+    v = np.cross(z, axis)
+    skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.asarray(np.eye(3) + skew + skew @ skew / (1 + cosine))
+
+
+@dataclass(frozen=True, eq=False)
+class Inertia:
+    """Mass (kg), centre of mass (3,) and rotational inertia (3, 3) about it, both in link axes."""
+
+    mass: float
+    com: Array
+    rotational: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A drawable shape.
+
+    ``kind`` and ``size``: box (x, y, z edge lengths), cylinder (radius, length; along z), capsule (radius,
+    length of the cylindrical part; along z), sphere (radius,), ellipsoid (three semi-axes), mesh (scale x, y, z; `mesh`
+    names the file, absolute where it was found and as written where it was not).
+    """
+
+    kind: Literal["box", "cylinder", "capsule", "sphere", "ellipsoid", "mesh"]
+    size: tuple[float, ...]
+    mesh: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Visual:
+    """A shape placed in its link's frame, with its colour (red, green, blue, alpha in [0, 1])."""
+
+    shape: Shape
+    placement: Array = field(default_factory=lambda: IDENTITY)
+    rgba: tuple[float, float, float, float] = (0.62, 0.66, 0.70, 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A rigid body; `inertia` is ``None`` for a massless frame."""
+
+    name: str
+    inertia: Inertia | None = None
+    visuals: tuple[Visual, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A tree joint.
+
+    `placement` is the joint frame in the parent link's frame at zero displacement; the child link's frame
+    coincides with the moving joint frame. `axis` is a unit vector in that frame (the normal for planar).
+    `armature` is the reflected rotor inertia (gear ratio squared times rotor inertia), kg m² or kg.
+    """
+
+    name: str
+    kind: JointKind
+    parent: str
+    child: str
+    placement: Array = field(default_factory=lambda: IDENTITY)
+    axis: Array = field(default_factory=lambda: frozen([1.0, 0.0, 0.0]))
+    lower: float = -np.inf
+    upper: float = np.inf
+    effort: float = np.inf
+    velocity: float = np.inf
+    armature: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class LoopClosure:
+    """A closed loop: frame A on `link_a` and frame B on `link_b` are joined by a joint of `kind`.
+
+    The kind names the relative motion left free (number of constraint rows): spherical (3), revolute about
+    the common z axes (5), fixed (6), prismatic along z (5), cylindrical about and along z (4), universal with
+    the x axis of A perpendicular to the y axis of B (4), planar with common normal z (3), distance: the
+    origins stay `length` metres apart (1).
+    """
+
+    name: str
+    kind: ClosureKind
+    link_a: str
+    link_b: str
+    placement_a: Array = field(default_factory=lambda: IDENTITY)
+    placement_b: Array = field(default_factory=lambda: IDENTITY)
+    length: float | None = None
+
+
+@dataclass(frozen=True)
+class CouplingTerm:
+    """The polynomial Σₖ coefficients[k] (θ − reference)ᵏ in the displacement θ of one 1-dof joint."""
+
+    joint: str
+    coefficients: tuple[float, ...]
+    reference: float = 0.0
+
+
+@dataclass(frozen=True)
+class Coupling:
+    """A holonomic relation Σ terms = 0 between joint displacements (gears, mimic joints, belts)."""
+
+    name: str
+    terms: tuple[CouplingTerm, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class MechanismDescription:
+    """All that a file says about a mechanism.
+
+    Attributes:
+        independent: The joints the file marks as independent, or ``None`` where it says nothing.
+        independent_is_default: True where the marks come from a format's default rather than from the author.
+        dependent_hint: Joints to give up first if the independent set is too large (successors of couplings).
+        actuated: The joints the file gives motors, or ``None`` where it says nothing.
+        reference: Joint displacements of a pose near which the loops close, by joint name: one number for a
+            1-dof joint, a unit quaternion (x, y, z, w) for a spherical joint, (x, y, angle) for a planar one,
+            position then quaternion for a floating one. Joints left out are at zero.
+        notes: What a reader had to assume or leave out, in sentences.
+    """
+
+    name: str
+    root: str
+    links: tuple[Link, ...]
+    joints: tuple[Joint, ...]
+    closures: tuple[LoopClosure, ...] = ()
+    couplings: tuple[Coupling, ...] = ()
+    independent: tuple[str, ...] | None = None
+    independent_is_default: bool = False
+    dependent_hint: tuple[str, ...] = ()
+    actuated: tuple[str, ...] | None = None
+    reference: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
+    source: str | None = None
+    notes: tuple[str, ...] = ()

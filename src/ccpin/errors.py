@@ -1,0 +1,131 @@
+"""Every error that ccpin raises on purpose.
+
+All of them descend from `CcpinError`, so ``except ccpin.CcpinError`` catches whatever a user's file or a
+user's numbers can provoke. Messages name the file, the element and what would be right; where numbers are
+involved the exception carries them as attributes.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "AmbiguousFormatError",
+    "CcpinError",
+    "ConvergenceError",
+    "DescriptionError",
+    "DescriptionNotFoundError",
+    "IndependentSetError",
+    "InvalidInputError",
+    "InvalidXmlError",
+    "LoopNotClosedError",
+    "NoLoopError",
+    "SingularConfigurationError",
+    "UnderactuatedError",
+    "UnreachableError",
+    "UnsupportedMechanismError",
+]
+
+
+class CcpinError(Exception):
+    """The root of all errors ccpin raises deliberately."""
+
+
+class DescriptionError(CcpinError):
+    """A description file states something that is wrong, contradictory or not supported.
+
+    Attributes:
+        source: The file, or ``None`` when the description was built in Python.
+        element: The offending element as a reader would look for it, e.g. ``joint 'elbow'``.
+    """
+
+    def __init__(self, message: str, *, source: str | None = None, element: str | None = None) -> None:
+        self.source = source
+        self.element = element
+        where = ": ".join(part for part in (source, element) if part)
+        super().__init__(f"{where}: {message}" if where else message)
+
+
+class DescriptionNotFoundError(DescriptionError):
+    """The file does not exist and no model of that name is installed."""
+
+
+class InvalidXmlError(DescriptionError):
+    """The file is not well-formed XML (or YAML), or uses constructs that are refused for safety."""
+
+
+class AmbiguousFormatError(DescriptionError):
+    """The content matches none of the formats ccpin reads, or more than one."""
+
+
+class NoLoopError(DescriptionError):
+    """The description declares no loop closure and no coupling, so there is nothing to reduce."""
+
+
+class UnsupportedMechanismError(CcpinError):
+    """A method's hypotheses do not hold for this mechanism (said with the reason)."""
+
+
+class IndependentSetError(CcpinError):
+    """The independent (or actuated) joints named cannot be used as such."""
+
+
+class LoopNotClosedError(CcpinError):
+    """No closed configuration was found.
+
+    Attributes:
+        q_free: The least open configuration found, of shape (nq,).
+        errors: Residual norm of each loop at ``q_free`` by name.
+    """
+
+    def __init__(self, message: str, *, q_free: NDArray[np.float64], errors: dict[str, float]) -> None:
+        self.q_free = q_free
+        self.errors = errors
+        super().__init__(message)
+
+
+class InvalidInputError(CcpinError, ValueError):
+    """An argument has the wrong shape, is not finite, or is out of its range."""
+
+
+class ConvergenceError(CcpinError):
+    """An iteration did not converge; nothing unconverged is ever returned."""
+
+
+class UnreachableError(ConvergenceError):
+    """σ(q) cannot be reached from the guess along the straight line in q.
+
+    Attributes:
+        q: The q asked for, of shape (nq_independent,).
+        q_reached: The last q on the line at which σ was found.
+        fraction: How far along the line that is, in [0, 1).
+        rcond: Reciprocal condition number of ψ_q′ there.
+    """
+
+    def __init__(self, message: str, **found: Any) -> None:
+        self.q: NDArray[np.float64] = found["q"]
+        self.q_reached: NDArray[np.float64] = found["q_reached"]
+        self.fraction: float = found["fraction"]
+        self.rcond: float = found["rcond"]
+        super().__init__(message)
+
+
+class SingularConfigurationError(CcpinError):
+    """ψ_q′ is singular to working precision: the independent coordinates do not fix the mechanism's motion.
+
+    Attributes:
+        q_free: The configuration, of shape (nq,).
+        rcond: Reciprocal condition number of ψ_q′ there.
+    """
+
+    def __init__(self, message: str, *, q_free: NDArray[np.float64], rcond: float) -> None:
+        self.q_free = q_free
+        self.rcond = rcond
+        super().__init__(message)
+
+
+class UnderactuatedError(CcpinError):
+    """No torque of the actuated joints produces the acceleration asked for."""

@@ -1,0 +1,53 @@
+"""The free system Σ′: D′q̈′ + C′q̇′ + g′ (2). The only caller of CRBA, RNEA and the Coriolis algorithm."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ccpin.tree import Tree
+
+Array = NDArray[np.float64]
+
+
+class Energy(NamedTuple):
+    """Kinetic and potential energy in joules."""
+
+    kinetic: float
+    potential: float
+
+
+class FreeSystem:
+    """D′, C′, g′ and energies of the tree cut open; rotor inertias are part of D′.
+
+    Holds scratch memory: one instance a thread.
+    """
+
+    def __init__(self, tree: Tree) -> None:
+        self.model = tree.model
+        self._data = tree.model.createData()
+
+    def mass_matrix(self, q_free: Array) -> Array:
+        """D′(q′), symmetric, of shape (n′, n′)."""
+        return np.asarray(pin.crba(self.model, self._data, q_free))
+
+    def coriolis_matrix(self, q_free: Array, v_free: Array) -> Array:
+        """C′(q′, q̇′) from Christoffel symbols, of shape (n′, n′): d/dt D′ − 2C′ is skew symmetric."""
+        return np.array(pin.computeCoriolisMatrix(self.model, self._data, q_free, v_free))
+
+    def gravity(self, q_free: Array) -> Array:
+        """g′(q′), of shape (n′,)."""
+        return np.array(pin.computeGeneralizedGravity(self.model, self._data, q_free))
+
+    def inverse_dynamics(self, q_free: Array, v_free: Array, a_free: Array) -> Array:
+        """D′ q̈′ + C′ q̇′ + g′ (2), of shape (n′,)."""
+        return np.array(pin.rnea(self.model, self._data, q_free, v_free, a_free))
+
+    def energy(self, q_free: Array, v_free: Array) -> Energy:
+        """½ q̇′ᵀ D′ q̇′ and the potential V with ∂V/∂q′ = g′ (zero at the world origin)."""
+        kinetic = pin.computeKineticEnergy(self.model, self._data, q_free, v_free)
+        potential = pin.computePotentialEnergy(self.model, self._data, q_free)
+        return Energy(float(kinetic), float(potential))
