@@ -1,0 +1,126 @@
+"""The MJCF reader: MuJoCo's model files as mechanism descriptions.
+
+Where the file is silent MuJoCo's defaults hold. Displacements are MuJoCo's qpos: a joint's `ref` is its
+displacement in the pose the file draws.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from ccpin.description.mjcf_bodies import TreeReader
+from ccpin.description.mjcf_defaults import Defaults, read_compiler
+from ccpin.description.mjcf_element import Element, XmlElement, label_of
+from ccpin.description.mjcf_equality import Equalities, read_equalities
+from ccpin.description.mjcf_geoms import read_assets
+from ccpin.description.mjcf_include import expand_includes
+from ccpin.description.mjcf_inertia import scaled_to_total
+from ccpin.description.mjcf_schema import SECTIONS, WORLD
+from ccpin.description.mjcf_tree import Tree
+from ccpin.description.model import MechanismDescription
+from ccpin.description.xml import parse_xml
+from ccpin.errors import DescriptionError
+
+_UNMODELLED = {
+    "tendon": "The tendons are left out: ccpin does not model them.",
+    "contact": "The contact section is left out: ccpin does not model contacts.",
+    "deformable": "The deformable bodies are left out: ccpin models rigid bodies only.",
+    "keyframe": "The keyframes are not read; the reference pose is qpos0.",
+}
+_Gravity = tuple[float, float, float]
+
+
+def read_mjcf(text: bytes, source: str | None) -> MechanismDescription:
+    """Read an MJCF file: the bodies and joints as a tree below "world", the equalities as closures.
+
+    A body's link keeps the body's name and frame. Several joints in one body become a chain of massless links;
+    connect becomes a spherical closure, weld a fixed one, joint a coupling. What has no counterpart here
+    (springs, damping, contacts, tendons, inactive equalities) is listed in the notes.
+
+    Args:
+        text: The file's content.
+        source: The file, against which includes and meshes are looked up; ``None`` if there is none.
+
+    Raises:
+        InvalidXmlError: Not well-formed, or refused for safety.
+        DescriptionError: An element is unknown, unsupported, incomplete or contradictory.
+    """
+    root = parse_xml(text, source)
+    if root.tag != "mujoco":
+        raise DescriptionError("an MJCF file has the root element <mujoco>", source=source, element=label_of(root))
+    expand_includes(root, source)
+    sections = _sections(root, source)
+    compiler = read_compiler(sections["compiler"], source)
+    defaults = Defaults(sections["default"], source)
+    assets = read_assets(sections["asset"], defaults, compiler, source)
+    tree = TreeReader(defaults, compiler, assets, source).read(sections["worldbody"])
+    gravity, equalities_on = _options(sections["option"], source)
+    equalities = read_equalities(sections["equality"], tree, defaults, source)
+    if not equalities_on:
+        equalities = Equalities(notes=["The equalities are left out: the file disables them (flag equality)."])
+    actuated, actuator_notes = _actuated(sections["actuator"], tree, source)
+    passive = [f"Left out: {word} of {', '.join(who)}." for word, who in tree.passive_forces.items()]
+    notes = [note for name, note in _UNMODELLED.items() if any(len(section) for section in sections[name])]
+    return MechanismDescription(
+        name=root.get("model") or (Path(source).stem if source else "mechanism"),
+        root=WORLD,
+        links=scaled_to_total(tree.links, compiler.total_mass),
+        joints=tuple(tree.joints),
+        closures=tuple(equalities.closures),
+        couplings=tuple(equalities.couplings),
+        dependent_hint=tuple(dict.fromkeys(equalities.dependent)),
+        actuated=actuated,
+        reference=tree.reference,
+        gravity=gravity,
+        source=source,
+        notes=(*tree.notes, *passive, *equalities.notes, *actuator_notes, *notes),
+    )
+
+
+def _sections(root: XmlElement, source: str | None) -> dict[str, list[XmlElement]]:
+    """Sort the root's children by tag; MJCF allows every section more than once."""
+    sections: dict[str, list[XmlElement]] = {name: [] for name in SECTIONS}
+    for child in root.iterchildren("*"):
+        if child.tag not in sections:
+            raise DescriptionError(
+                f"MJCF has no such section; it has: {', '.join(sorted(SECTIONS))}",
+                source=source,
+                element=label_of(child),
+            )
+        sections[child.tag].append(child)
+    return sections
+
+
+def _options(sections: Sequence[XmlElement], source: str | None) -> tuple[_Gravity, bool]:
+    """Return gravity, and whether equality constraints are enabled at all."""
+    gravity, weightless, enabled = (0.0, 0.0, -9.81), False, True
+    for section in sections:
+        said = Element.of(section, source)
+        x, y, z = said.vector("gravity", 3, gravity)
+        gravity = (float(x), float(y), float(z))
+        for xml in section.iterchildren("flag"):
+            flags = Element.of(xml, source)
+            words = ("enable", "disable")
+            weightless = flags.choice("gravity", words, words[weightless]) == "disable"
+            enabled = flags.choice("equality", words, words[not enabled]) == "enable"
+    return (0.0, 0.0, 0.0) if weightless else gravity, enabled
+
+
+def _actuated(
+    sections: Sequence[XmlElement], tree: Tree, source: str | None
+) -> tuple[tuple[str, ...] | None, list[str]]:
+    """Return the joints that actuators drive, in order, and notes on actuators that drive something else."""
+    driven: list[str] = []
+    notes: list[str] = []
+    for xml in (xml for section in sections for xml in section.iterchildren("*")):
+        said = Element.of(xml, source)
+        joint = said.text("joint") or said.text("jointinparent")
+        if joint is None:
+            notes.append(f"The actuator {said.label} drives no joint; it is left out.")
+        elif joint not in tree.reference:
+            known = ", ".join(tree.reference) or "none"
+            raise said.fail(f"there is no joint '{joint}'; there are: {known}")
+        else:
+            driven.append(joint)
+    return tuple(dict.fromkeys(driven)) or None, notes
