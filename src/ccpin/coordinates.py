@@ -161,6 +161,15 @@ class IndependentCoordinates:
             result[part.q] = q[part.q] + step[part.v] if part.component is not None else moved[part.q_free]
         return result
 
+    def rate(self, q: Array, v: Array) -> Array:
+        """d/dt q for a velocity v, of shape (nq,): v itself for plain coordinates, ½ q ⊗ ω for a quaternion."""
+        if self.scalar:
+            return v
+        rate = np.empty(self.nq)
+        for part in self.parts:
+            rate[part.q] = v[part.v] if part.component is not None else _configuration_rate(part, q[part.q], v[part.v])
+        return rate
+
     def normalize(self, q: Array) -> Array:
         """Bring circles and quaternions in q back to unit length."""
         if self.scalar:
@@ -225,6 +234,22 @@ class IndependentCoordinates:
 def _unit_window(part: _Part) -> slice | None:
     size = {"continuous": 2, "spherical": 4, "planar": 2, "floating": 4}.get(part.kind)
     return None if size is None else slice(part.q.stop - size, part.q.stop)
+
+
+def _configuration_rate(part: _Part, q: Array, v: Array) -> Array:
+    """d/dt of a whole joint's configuration; rotational velocities are in the moving frame."""
+    if part.kind == "continuous":
+        return np.array([-q[1], q[0]]) * v[0]
+    if part.kind == "planar":
+        cosine, sine = q[2:]
+        return np.array([cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], -sine * v[2], cosine * v[2]])
+    if part.kind not in ("spherical", "floating"):
+        return v
+    x, y, z, w = q[-4:]
+    quaternion = 0.5 * np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) @ v[-3:]
+    if part.kind == "spherical":
+        return np.asarray(quaternion)
+    return np.concatenate([pin.Quaternion(q[-4:]).matrix() @ v[:3], quaternion])
 
 
 def _log_jacobian(r: Array) -> Array:

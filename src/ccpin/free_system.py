@@ -48,6 +48,6 @@ class FreeSystem:
 
     def energy(self, q_free: Array, v_free: Array) -> Energy:
         """½ q̇′ᵀ D′ q̇′ and the potential V with ∂V/∂q′ = g′ (zero at the world origin)."""
-        kinetic = pin.computeKineticEnergy(self.model, self._data, q_free, v_free)
+        kinetic = 0.5 * v_free @ self.mass_matrix(q_free) @ v_free  # Pinocchio's own leaves rotor inertias out
         potential = pin.computePotentialEnergy(self.model, self._data, q_free)
         return Energy(float(kinetic), float(potential))

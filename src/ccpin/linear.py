@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -30,17 +31,32 @@ class Factor(NamedTuple):
 
     def solve(self, right: Array) -> Array:
         """ψ_q′⁺ right: the solution where the rows agree, in the least-squares sense where they do not."""
+        if right.ndim == 2:
+            return _by_columns(self.solve, right)
         if self.lu is not None:
             return np.asarray(lapack.dgetrs(self.lu, self.pivots, right)[0])
         assert self.q is not None
-        return np.asarray(lapack.dtrtrs(self.r, self.q.T @ right)[0])
+        return np.asarray(lapack.dtrtrs(self.r, self.q.T.dot(right))[0])
 
     def solve_transposed(self, right: Array) -> Array:
         """The least-norm solution x of ψ_q′ᵀ x = right."""
+        if right.ndim == 2:
+            return _by_columns(self.solve_transposed, right)
         if self.lu is not None:
             return np.asarray(lapack.dgetrs(self.lu, self.pivots, right, trans=1)[0])
         assert self.q is not None
-        return np.asarray(self.q @ lapack.dtrtrs(self.r, right, trans=1)[0])
+        return np.asarray(self.q.dot(lapack.dtrtrs(self.r, right, trans=1)[0]))
+
+
+def _by_columns(solve: Callable[[Array], Array], right: Array) -> Array:
+    """Solve column by column: OpenBLAS starts threads for several right sides at once, which costs milliseconds."""
+    solution = np.empty((0, right.shape[1]))
+    for k in range(right.shape[1]):
+        column = solve(right[:, k])
+        if k == 0:
+            solution = np.empty((len(column), right.shape[1]))
+        solution[:, k] = column
+    return solution
 
 
 def factorize(matrix: Array) -> Factor:

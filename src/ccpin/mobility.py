@@ -107,7 +107,8 @@ def idle_motions(tree: Tree, constraints: Constraints, q_free: Array, basis: Arr
     spatial = np.array(data.J)
     on_loop = _loop_joints(constraints)
     masses = {j: float(model.inertias[j].mass) for j in range(1, model.njoints)}
-    heavy = [j for j, mass in masses.items() if mass > 1e-6 * max(masses.values(), default=0.0)]
+    heaviest = max([0.0, *masses.values()])
+    heavy = [j for j, mass in masses.items() if mass > 1e-6 * heaviest]
     twists = {j: (spatial * _support_mask(model, j)) @ basis for j in heavy}
     sentences = []
     for group in _welded_groups(constraints, heavy):

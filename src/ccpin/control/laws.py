@@ -1,0 +1,149 @@
+"""Set-point laws: PD with simple (28) and with full (30) gravity compensation, and their Lyapunov function."""
+
+from __future__ import annotations
+
+import abc
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.reduced_model import ReducedModel
+
+Array = NDArray[np.float64]
+
+
+class ControlLaw(abc.ABC):
+    """A law u = torque(t, q, v) for the actuated joints."""
+
+    @abc.abstractmethod
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """The efforts of the actuated joints, of shape (motors,).
+
+        Args:
+            t: Time in seconds.
+            q: Independent coordinates, of shape (nq_independent,).
+            v: Their velocities, of shape (n,).
+            guess: A configuration near σ(q), where one is known; it only shortens the law's own σ.
+        """
+
+
+class NoTorque(ControlLaw):
+    """u = 0: the mechanism swings freely."""
+
+    def __init__(self, model: ReducedModel) -> None:
+        self._zero = np.zeros(model.n_actuated)
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """Zero, of shape (motors,)."""
+        return self._zero
+
+
+class TorqueFunction(ControlLaw):
+    """Any function (t, q, v) → u as a law."""
+
+    def __init__(self, function: Callable[[float, Array, Array], ArrayLike]) -> None:
+        self._function = function
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """What the function returns, as a float64 vector."""
+        return np.asarray(self._function(t, q, v), dtype=np.float64)
+
+
+class _PD(ControlLaw):
+    """What the two PD laws share: gains, the set point, the error and the Lyapunov function.
+
+    Args:
+        model: The reduced model.
+        q_d: The set point, constant, of shape (nq_independent,).
+        K_p: Proportional gains, N m/rad or N/m: (n,) for a diagonal matrix or symmetric positive definite (n, n).
+        K_v: Velocity gains, N m s/rad or N s/m, alike.
+        guess: Chooses the assembly mode of σ(q_d).
+
+    Raises:
+        InvalidInputError: Gains of the wrong shape or not symmetric positive definite.
+        UnsupportedMechanismError: Fewer motors than independent coordinates.
+        UnreachableError, SingularConfigurationError: σ(q_d) does not exist on the guess's branch.
+    """
+
+    def __init__(
+        self, model: ReducedModel, q_d: ArrayLike, K_p: ArrayLike, K_v: ArrayLike, guess: ArrayLike | None = None
+    ) -> None:
+        if model.n_actuated < model.n:
+            raise UnsupportedMechanismError(
+                f"a PD law on all {model.n} independent coordinates needs as many motors; there are {model.n_actuated}"
+            )
+        self.model = model
+        self.q_d = model.checked_q(q_d)
+        self.K_p = gain_matrix(K_p, "K_p", model.n)
+        self.K_v = gain_matrix(K_v, "K_v", model.n)
+        self.q_free_d = model.sigma(self.q_d, guess)
+        self.gravity_d = model.gravity(self.q_d, self.q_free_d)
+        self._direct = model.mechanism.actuated == model.mechanism.independent
+        self._potential_d = model.energy(self.q_d, np.zeros(model.n), self.q_free_d).potential
+
+    def error(self, q: Array) -> Array:
+        """q̃ = q_d − q, the tangent vector from q to q_d, of shape (n,)."""
+        return self.model.coordinates.difference(q, self.q_d)
+
+    def lyapunov(self, q: Array, v: Array, guess: Array | None = None) -> float:
+        """𝒱 = ½q̇ᵀDq̇ + V(q) − V(q_d) + q̃ᵀg(q_d) + ½q̃ᵀK_p q̃, in joules; along solutions 𝒱̇ = −q̇ᵀK_v q̇ ≤ 0.
+
+        The function of Theorem 3, for the law with simple gravity compensation.
+        """
+        energy = self.model.energy(q, v, self.q_free_d if guess is None else guess)
+        error = self.error(q)
+        potential = energy.potential - self._potential_d + error @ self.gravity_d
+        return float(energy.kinetic + potential + 0.5 * error @ self.K_p @ error)
+
+    def _efforts(self, force: Array, q: Array, guess: Array | None) -> Array:
+        """The motors' efforts u of least norm with ρᵀSᵀu = force."""
+        if self._direct:
+            return force
+        point = self.model.closed_point(q, self.q_free_d if guess is None else guess)
+        transmission = point.rho.T @ self.model.mechanism.actuation.T
+        return np.asarray(np.linalg.lstsq(transmission, force, rcond=None)[0])
+
+
+class PDSimpleGravity(_PD):
+    """PD with simple gravity compensation (28): u = K_p q̃ − K_v q̇ + g(q_d).
+
+    g(q_d) is computed once, when the law is made, so the law needs no σ on line (where the motors sit on the
+    independent joints).
+    """
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """U = K_p q̃ − K_v q̇ + g(q_d) (28)."""
+        return self._efforts(self.K_p @ self.error(q) - self.K_v @ v + self.gravity_d, q, guess)
+
+
+class PDFullGravity(_PD):
+    """PD with full gravity compensation (30): u = K_p q̃ − K_v q̇ + g(q)."""
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """U = K_p q̃ − K_v q̇ + g(q) (30); needs σ(q)."""
+        near = self.q_free_d if guess is None else guess
+        return self._efforts(self.K_p @ self.error(q) - self.K_v @ v + self.model.gravity(q, near), q, near)
+
+    def lyapunov(self, q: Array, v: Array, guess: Array | None = None) -> float:
+        """𝒱 = ½q̇ᵀDq̇ + ½q̃ᵀK_p q̃, in joules; gravity is cancelled, and along solutions 𝒱̇ = −q̇ᵀK_v q̇."""
+        error = self.error(q)
+        kinetic = self.model.energy(q, v, self.q_free_d if guess is None else guess).kinetic
+        return float(kinetic + 0.5 * error @ self.K_p @ error)
+
+
+def gain_matrix(gain: ArrayLike, name: str, n: int) -> Array:
+    """Return gains as a symmetric positive definite (n, n) matrix.
+
+    Raises:
+        InvalidInputError: They are not.
+    """
+    matrix = np.asarray(gain, dtype=np.float64)
+    if matrix.shape == (n,):
+        matrix = np.diag(matrix)
+    if matrix.shape != (n, n) or not np.isfinite(matrix).all():
+        raise InvalidInputError(f"{name} must be finite, of shape ({n},) or ({n}, {n}); it has shape {matrix.shape}")
+    if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max() or np.linalg.eigvalsh(matrix)[0] <= 0:
+        raise InvalidInputError(f"{name} must be symmetric positive definite")
+    return matrix
