@@ -50,6 +50,9 @@ SAMPLES = {
         equality='<weld body1="a" body2="b" relpose="0.1 0.2 0.3 1 2 3 4" anchor="0.5 0.6 0.7" torquescale="2"/>'
         '<weld body1="b" body2="a" relpose="9 9 9 0 0 0 0" anchor="0.1 0 0"/>',
     ),
+    "weld that leaves turning free": model(
+        PAIR, equality='<weld body1="a" body2="b" anchor="0.5 0.6 0.7" torquescale="0"/>'
+    ),
     "sites": model(
         f'<body name="a"><joint name="j"/>{BALL}<site name="s" pos="0.1 0.2 0.3" xyaxes="1 1 0 0 1 1"/>'
         f'<site name="line" fromto="0 0 0 0.1 0.5 -0.2" type="capsule" size="0.01"/></body>'
@@ -173,8 +176,9 @@ def test_closures_open_as_mujoco_says(sample: str) -> None:
         frame_a = pair.poses[closure.link_a] @ closure.placement_a
         frame_b = pair.poses[closure.link_b] @ closure.placement_b
         np.testing.assert_allclose(frame_a[:3, 3] - frame_b[:3, 3], rows[:3], rtol=0, atol=1e-9)
-        assert closure.kind == ("spherical" if len(rows) == 3 else "fixed")
-        if len(rows) == 6:
+        turns = len(rows) == 3 or pair.model.eq_data[eq, 10] == 0.0
+        assert closure.kind == ("spherical" if turns else "fixed")
+        if not turns:
             turn = Rotation.from_matrix(frame_b[:3, :3].T @ frame_a[:3, :3]).as_quat()
             expected = rows[3:] / pair.model.eq_data[eq, 10]
             sign = np.sign(turn[:3] @ expected)
@@ -220,6 +224,9 @@ INERTIAS = {
     "diaginertia": geom('<inertial pos="1 0 0" mass="2" diaginertia="1 2 2.5" euler="10 20 30"/><geom size="1"/>'),
     "fullinertia": geom('<inertial pos="0 1 0" mass="2" fullinertia="1 1.2 1.3 0.1 -0.2 0.3"/>'),
     "inertiafromgeom": geom('<inertial pos="1 0 0" mass="2" diaginertia="1 1 1"/><geom size="0.5"/>').replace(
+        "<worldbody>", '<compiler inertiafromgeom="true"/><worldbody>'
+    ),
+    "inertiafromgeom without geoms": geom('<inertial pos="1 0 0" mass="2" diaginertia="1 1 1"/>').replace(
         "<worldbody>", '<compiler inertiafromgeom="true"/><worldbody>'
     ),
     "bounds": geom('<inertial pos="0 1 0" mass="0.2" diaginertia="0.1 0.1 0.15"/>').replace(
@@ -454,6 +461,10 @@ MALFORMED = {
     "duplicate joint": (body(f'<joint name="j"/><joint name="j"/>{BALL}'), "twice"),
     "duplicate site": (body('<site name="s"/><site name="s"/>'), "twice"),
     "unknown element": (body("<gem/>"), "gem"),
+    "body inside a geom": (body(f'<geom size="1"><body name="b">{BALL}</body></geom>'), "<body>"),
+    "misspelt option": (model("", head='<option gravitiy="0 0 0"/>'), "gravitiy"),
+    "misspelt root attribute": ('<mujoco modle="a"/>', "modle"),
+    "inactive but wrong": (constraint('<weld body1="z" active="false"/>'), "body 'z'"),
     "unknown section": (model("").replace("<equality>", "<equalities/><equality>"), "section"),
     "replicate": (model(f'<replicate count="3">{BALL}</replicate>'), "replicate"),
     "unknown class": (body(f'<joint class="nope"/>{BALL}'), "nope"),
@@ -491,6 +502,8 @@ MALFORMED = {
     "euler sequence": (model("", head='<compiler eulerseq="xyw"/>'), "eulerseq"),
     "compiler angle": (model("", head='<compiler angle="turns"/>'), "degree, radian"),
     "gravity": (model("", head='<option gravity="0 0"/>'), "3 numbers"),
+    "torquescale": (constraint('<weld body1="a" body2="b" torquescale="free"/>'), "torquescale"),
+    "unread number": (body('<geom size="1" gap="wide"/>'), "gap"),
     "unknown body": (constraint('<connect name="k" body1="z" anchor="0 0 0"/>'), "connect 'k'.*body 'z'"),
     "unknown second body": (constraint('<weld body1="a" body2="z"/>'), "body 'z'"),
     "no anchor": (constraint('<connect body1="a" body2="b"/>'), "anchor"),

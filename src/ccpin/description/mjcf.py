@@ -16,7 +16,7 @@ from ccpin.description.mjcf_equality import Equalities, read_equalities
 from ccpin.description.mjcf_geoms import read_assets
 from ccpin.description.mjcf_include import expand_includes
 from ccpin.description.mjcf_inertia import scaled_to_total
-from ccpin.description.mjcf_schema import SECTIONS, WORLD
+from ccpin.description.mjcf_schema import ATTRIBUTES, SECTIONS, WORLD
 from ccpin.description.mjcf_tree import Tree
 from ccpin.description.model import MechanismDescription
 from ccpin.description.xml import parse_xml
@@ -80,6 +80,7 @@ def read_mjcf(text: bytes, source: str | None) -> MechanismDescription:
 
 def _sections(root: XmlElement, source: str | None) -> dict[str, list[XmlElement]]:
     """Sort the root's children by tag; MJCF allows every section more than once."""
+    Element.of(root, source)
     sections: dict[str, list[XmlElement]] = {name: [] for name in SECTIONS}
     for child in root.iterchildren("*"):
         if child.tag not in sections:
@@ -88,6 +89,8 @@ def _sections(root: XmlElement, source: str | None) -> dict[str, list[XmlElement
                 source=source,
                 element=label_of(child),
             )
+        if f"mujoco/{child.tag}" in ATTRIBUTES:
+            Element.of(child, source)
         sections[child.tag].append(child)
     return sections
 

@@ -91,14 +91,14 @@ class Defaults:
         self._source = source
         self._classes: dict[str, dict[str, dict[str, str]]] = {MAIN: {}}
         for section in sections:
-            name = section.get("class") or MAIN
+            name = Element.of(section, source).text("class") or MAIN
             self._classes[MAIN] = self._content(section, self._classes[MAIN])
             self._classes[name] = self._classes[MAIN]
             self._nest(section, MAIN)
 
     def _nest(self, section: XmlElement, parent: str) -> None:
         for child in section.iterchildren("default"):
-            name = child.get("class")
+            name = Element.of(child, self._source).text("class")
             if not name:
                 raise DescriptionError(
                     "a nested default needs a class name", source=self._source, element=label_of(child)

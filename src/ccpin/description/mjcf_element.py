@@ -9,12 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ccpin.description.mjcf_schema import ATTRIBUTES, ORIENTATIONS
+from ccpin.description.mjcf_schema import ATTRIBUTES, LEAVES, NUMERIC, ORIENTATIONS
 from ccpin.description.model import Array
 from ccpin.errors import DescriptionError
 
 XmlElement = Any
 _LARGEST = 1e30
+_LONGEST = 10
 _FLAGS = {"true": True, "false": False}
 
 
@@ -90,6 +91,11 @@ class Element:
         for name in own:
             if allowed is not None and name not in allowed:
                 raise bare.fail(f"unknown attribute '{name}'; it takes: {', '.join(sorted(allowed))}")
+        for name in own.keys() & NUMERIC:
+            bare.some_numbers(name, _LONGEST)
+        for child in xml.iterchildren("*") if xml.tag in LEAVES else ():
+            if child.tag != "plugin":
+                raise bare.fail(f"a <{child.tag}> does not belong inside this element")
         if len(ORIENTATIONS & own.keys()) > 1:
             raise bare.fail(f"only one of {', '.join(sorted(ORIENTATIONS & own.keys()))} may be given")
         return cls(xml.tag, bare.label, source, merged(inherited or {}, own))

@@ -52,13 +52,14 @@ def read_equalities(sections: Iterable[XmlElement], tree: Tree, defaults: Defaul
         if xml.tag not in ("connect", "weld", "joint"):
             raise DescriptionError("no such equality constraint", source=source, element=label_of(xml))
         said = defaults.resolve(xml, MAIN, "equality")
+        constraint = _coupling(said, name, tree) if xml.tag == "joint" else _closure(said, name, tree)
         if not said.flag("active", True):
             found.notes.append(f"The {xml.tag} equality '{name}' is left out: the file says it is not active.")
-        elif xml.tag == "joint":
-            found.couplings.append(_coupling(said, name, tree))
-            found.dependent.append(said.required("joint1"))
+        elif isinstance(constraint, Coupling):
+            found.couplings.append(constraint)
+            found.dependent.append(constraint.terms[0].joint)
         else:
-            found.closures.append(_closure(said, name, tree))
+            found.closures.append(constraint)
     return found
 
 
@@ -80,6 +81,7 @@ def _names(elements: list[XmlElement], source: str | None) -> list[str]:
 
 
 def _closure(said: Element, name: str, tree: Tree) -> LoopClosure:
+    """Return a connect or weld; a weld whose torquescale is zero leaves the bodies free to turn."""
     by_site = bool(said.text("site1") or said.text("site2"))
     by_body = bool(said.text("body1") or said.text("body2"))
     if by_site == by_body:
@@ -92,7 +94,9 @@ def _closure(said: Element, name: str, tree: Tree) -> LoopClosure:
         first, second = zip(bodies, read(said, bodies, tree), strict=True)
     if first[0] == second[0]:
         raise said.fail(f"it joins body '{first[0]}' to itself")
-    return LoopClosure(name, _KINDS[said.tag], first[0], second[0], frozen(first[1]), frozen(second[1]))
+    turns = said.tag == "weld" and said.number("torquescale", 1.0) == 0.0
+    kind = "spherical" if turns else _KINDS[said.tag]
+    return LoopClosure(name, kind, first[0], second[0], frozen(first[1]), frozen(second[1]))
 
 
 def _site(said: Element, attribute: str, tree: Tree) -> tuple[str, Array]:

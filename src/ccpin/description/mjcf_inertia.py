@@ -12,6 +12,7 @@ from ccpin.description.mjcf_geoms import Geom, geom_inertia, weighs_nothing
 from ccpin.description.model import Array, Inertia, Link, frozen
 
 _SLACK = 1e-9
+_NOTHING = Inertia(0.0, frozen(np.zeros(3)), frozen(np.zeros((3, 3))))
 
 
 def body_inertia(
@@ -32,14 +33,14 @@ def body_inertia(
     Raises:
         DescriptionError: The numbers are no inertia of a solid, or the geoms' masses need mesh files.
     """
-    use_geoms = compiler.inertia_from_geom == "true" or (compiler.inertia_from_geom == "auto" and inertial is None)
-    if use_geoms:
-        found = _from_geoms(body, geoms, compiler, moves)
-    elif inertial is not None:
-        found = _from_inertial(inertial, compiler)
-    else:
-        found = Inertia(0.0, frozen(np.zeros(3)), frozen(np.zeros((3, 3))))
-    return _conditioned(inertial if inertial is not None and not use_geoms else body, found, compiler)
+    found, blamed = _NOTHING, body
+    if inertial is not None:
+        found, blamed = _from_inertial(inertial, compiler), inertial
+    if compiler.inertia_from_geom == "true" or (compiler.inertia_from_geom == "auto" and inertial is None):
+        summed = _from_geoms(body, geoms, compiler, moves)
+        if summed.mass > 0.0:
+            found, blamed = summed, body
+    return _conditioned(blamed, found, compiler)
 
 
 def _from_inertial(said: Element, compiler: Compiler) -> Inertia:
@@ -75,7 +76,7 @@ def _from_geoms(body: Element, geoms: Sequence[Geom], compiler: Compiler, moves:
             )
     mass = sum(part.mass for part in parts)
     if mass == 0.0:
-        return Inertia(0.0, frozen(np.zeros(3)), frozen(np.zeros((3, 3))))
+        return _NOTHING
     com = sum((part.mass * part.com for part in parts), np.zeros(3)) / mass
     rotational = sum((part.rotational + _steiner(part, com) for part in parts), np.zeros((3, 3)))
     return Inertia(mass, frozen(com), frozen(rotational))

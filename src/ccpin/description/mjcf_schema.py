@@ -25,6 +25,18 @@ _GEOM = (
     "shellinertia solmix solref solimp margin gap fromto hfield mesh fitscale rgba fluidshape fluidcoef "
     "adhesion castshadow surfacevel user"
 )
+_MATERIAL = "name class texture texrepeat texuniform emission specular shininess reflectance metallic roughness rgba"
+_OPTION = (
+    "timestep apirate impratio tolerance ls_tolerance noslip_tolerance mpr_tolerance ccd_tolerance sleep_tolerance "
+    "gravity wind magnetic density viscosity o_margin o_solref o_solimp o_friction integrator collision cone "
+    "jacobian solver iterations ls_iterations noslip_iterations mpr_iterations ccd_iterations sdf_iterations "
+    "sdf_initpoints actuatorgroupdisable"
+)
+_FLAG = (
+    "constraint equality frictionloss limit contact passive spring damper gravity clampctrl warmstart filterparent "
+    "actuation refsafe sensor midphase eulerdamp autoreset nativeccd island override energy fwdinv invdiscrete "
+    "multiccd sleep diagexact ipc speculative"
+)
 _MESH = (
     "name class content_type file vertex normal texcoord face refpos refquat scale smoothnormal maxhullvert "
     "inertia builtin params material"
@@ -35,7 +47,15 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
     for tag, names in {
         "compiler": _COMPILER,
         "body": f"name childclass mocap gravcomp user simple sleep fuse {_FRAME}",
-        "worldbody": "name",
+        "mujoco": "model",
+        "mujoco/worldbody": "",
+        "mujoco/asset": "",
+        "mujoco/actuator": "",
+        "mujoco/equality": "",
+        "option": _OPTION,
+        "flag": _FLAG,
+        "default": "class",
+        "material": _MATERIAL,
         "frame": f"name childclass {_FRAME}",
         "inertial": f"mass diaginertia fullinertia {_FRAME}",
         "joint": _JOINT,
@@ -51,6 +71,13 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
     }.items()
 }
 
+_NUMBERS = (
+    "pos size fromto mass density group contype conaffinity condim priority friction margin gap solmix solref solimp "
+    "solreflimit solimplimit solreffriction solimpfriction range ref springref stiffness damping frictionloss "
+    "armature axis gravcomp anchor relpose torquescale polycoef diaginertia fullinertia rgba"
+)
+NUMERIC = ORIENTATIONS | frozenset(_NUMBERS.split())
+LEAVES = frozenset({"joint", "freejoint", "inertial", "geom", "site", "connect", "weld"})
 _SECTIONS = (
     "compiler option size statistic visual default extension custom asset worldbody deformable contact tendon "
     "equality actuator sensor keyframe"
