@@ -49,7 +49,7 @@ def scaled_jacobian(constraints: Constraints, q_free: Array) -> Array:
     jacobian = constraints.value(q_free).jacobian
     norms = np.linalg.norm(jacobian, axis=1)
     reach = max(float(norms.max(initial=0.0)), 1e-300)
-    return np.asarray(jacobian / np.maximum(norms, 1e-9 * reach)[:, None])
+    return np.asarray(jacobian / np.maximum(norms, 1e-6 * reach)[:, None])
 
 
 def rank_at(constraints: Constraints, q_free: Array) -> int:

@@ -55,7 +55,7 @@ class Parametrization:
         self.model = constraints.model
         rows = constraints.size + coordinates.n
         self._unit = np.vstack([np.zeros((constraints.size, coordinates.n)), np.eye(coordinates.n)])
-        self._tolerance = 1e-13 * max(1.0, _reach(self.model))
+        self._tolerance = 1e-14 * max(1.0, _reach(self.model))
         self._psi = np.empty((rows, self.model.nv))
 
     def psi_jacobian(self, q_free: Array) -> Array:
