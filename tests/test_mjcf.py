@@ -376,8 +376,39 @@ def test_visuals_have_mujocos_poses_and_sizes(tmp_path: Path) -> None:
         np.testing.assert_allclose(visual.shape.size, expected, rtol=1e-12)
     assert [visual.rgba for visual in visuals[:2]] == [(1.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 0.5)]
     assert visuals[4].shape.mesh == str(tmp_path / "meshes" / "cube.obj")
-    vertex = visuals[4].placement[:3, :3] @ (np.array(visuals[4].shape.size) * [1, 1, 0])
-    np.testing.assert_allclose(vertex + visuals[4].placement[:3, 3], [0, 2, 0], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "asset", ['scale="2 3 4" refpos="1 0 0.5"', 'scale="2 2 2" refpos="1 2 3" refquat="1 2 3 4"', 'scale="1 -2 1"']
+)
+def test_meshes_are_drawn_where_mujoco_draws_them(tmp_path: Path, asset: str) -> None:
+    """The scaled vertices of a mesh file, placed as said, are MuJoCo's vertices in the body frame."""
+    vertices = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]])
+    lines = [f"v {x} {y} {z}\n" for x, y, z in vertices]
+    (tmp_path / "m.obj").write_text("".join(lines) + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n")
+    inertial = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    drawn = '<geom type="mesh" mesh="m" pos="0.1 0.2 0.3" euler="10 20 30"/>'
+    main = tmp_path / "main.xml"
+    main.write_text(
+        model(f'<body name="a">{inertial}{drawn}</body>', head=f'<asset><mesh file="m.obj" {asset}/></asset>')
+    )
+    visual = read_mjcf(main.read_bytes(), str(main)).links[1].visuals[0]
+    ours = (vertices * visual.shape.size) @ visual.placement[:3, :3].T + visual.placement[:3, 3]
+    compiled = mujoco.MjModel.from_xml_path(str(main))
+    quat = compiled.geom_quat[0]
+    turn = Rotation.from_quat([*quat[1:], quat[0]])
+    theirs = turn.apply(compiled.mesh_vert) + compiled.geom_pos[0]
+    distance = np.linalg.norm(ours[:, None] - theirs[None], axis=2)
+    assert distance.min(axis=1).max() < 1e-6  # mesh_vert is in single precision
+    assert distance.min(axis=0).max() < 1e-6
+
+
+def test_unequal_scales_with_a_reference_orientation_are_not_drawn(tmp_path: Path) -> None:
+    """A scale along turned axes is no placement of a scaled file, so nothing wrong is drawn."""
+    head = '<asset><mesh file="m.obj" scale="1 2 3" refquat="1 1 0 0"/></asset>'
+    inertial = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    text = model(f'<body name="a">{inertial}<geom type="mesh" mesh="m"/></body>', head=head)
+    assert read(text).links[1].visuals == ()
 
 
 def test_includes_are_read_from_the_models_folder(tmp_path: Path) -> None:

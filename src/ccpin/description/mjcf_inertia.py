@@ -33,14 +33,13 @@ def body_inertia(
     Raises:
         DescriptionError: The numbers are no inertia of a solid, or the geoms' masses need mesh files.
     """
-    found, blamed = _NOTHING, body
-    if inertial is not None:
-        found, blamed = _from_inertial(inertial, compiler), inertial
     if compiler.inertia_from_geom == "true" or (compiler.inertia_from_geom == "auto" and inertial is None):
         summed = _from_geoms(body, geoms, compiler, moves)
-        if summed.mass > 0.0:
-            found, blamed = summed, body
-    return _conditioned(blamed, found, compiler)
+        if summed.mass > 0.0 or inertial is None:
+            return _conditioned(body, summed, compiler)
+    if inertial is None:
+        return _conditioned(body, _NOTHING, compiler)
+    return _conditioned(inertial, _from_inertial(inertial, compiler), compiler)
 
 
 def _from_inertial(said: Element, compiler: Compiler) -> Inertia:
