@@ -45,17 +45,17 @@ class Mobility(NamedTuple):
 
 
 def scaled_jacobian(constraints: Constraints, q_free: Array) -> Array:
-    """φ_q′ with each row divided by its norm, so that rank is judged without units."""
+    """φ_q′ with each row divided by its norm, so that rank is judged without units; rows of round-off stay small."""
     jacobian = constraints.value(q_free).jacobian
     norms = np.linalg.norm(jacobian, axis=1)
-    reach = max(float(norms.max(initial=0.0)), 1e-300)
+    reach = max(float(norms.max(initial=0.0)), 0.1)
     return np.asarray(jacobian / np.maximum(norms, 1e-6 * reach)[:, None])
 
 
 def rank_at(constraints: Constraints, q_free: Array) -> int:
     """Numerical rank of φ_q′ at a configuration."""
     singular = np.linalg.svd(scaled_jacobian(constraints, q_free), compute_uv=False)
-    return int(np.count_nonzero(singular > _RANK_TOLERANCE * max(float(singular.max(initial=0.0)), 1e-300)))
+    return int(np.count_nonzero(singular > _RANK_TOLERANCE * max(float(singular.max(initial=0.0)), 1.0)))
 
 
 def null_space(constraints: Constraints, q_free: Array, rank: int) -> Array:
