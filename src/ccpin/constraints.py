@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from ccpin.bias_derivatives import Directions, loop_bias_derivative
 from ccpin.description.model import Coupling, LoopClosure
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.loops import Loop, resolve_loop
@@ -39,6 +40,11 @@ class _GearTerm(NamedTuple):
     wrapped: bool
     coefficients: Array
     reference: float
+
+    def angle(self, q_free: Array) -> float:
+        """The joint's displacement from the term's reference; on the circle in (−π, π] before the reference."""
+        i = self.idx_q
+        return float((math.atan2(q_free[i + 1], q_free[i]) if self.wrapped else q_free[i]) - self.reference)
 
 
 class _Gear(NamedTuple):
@@ -117,6 +123,22 @@ class Constraints:
         self._couple(q_free, phi, jacobian, jacobian_rate, v_free, row)
         return ConstraintRate(phi, jacobian, jacobian_rate)
 
+    def bias_derivative(self, q_free: Array, v_free: Array, directions: Directions) -> Array:
+        """D(φ̇_q′ q̇′) in k directions of (q′, q̇′), of shape (m, k), exact off the manifold too."""
+        derivative, row = np.zeros((self.size, directions.dq.shape[1])), 0
+        for loop in self.loops:
+            if loop.size:
+                window = slice(row, row + loop.size)
+                derivative[window] = loop_bias_derivative(self.model, self._data, loop, q_free, v_free, directions)
+                row += loop.size
+        for k, gear in enumerate(self.gears, start=row):
+            for term in gear.terms:
+                second = _derivative(_derivative(term.coefficients))
+                v, theta = v_free[term.idx_v], term.angle(q_free)
+                derivative[k] += 2.0 * _polynomial(second, theta) * v * directions.dv[term.idx_v]
+                derivative[k] += _polynomial(_derivative(second), theta) * v**2 * directions.dq[term.idx_v]
+        return derivative
+
     def residual(self, q_free: Array) -> Array:
         """φ(q′) alone, of shape (m,)."""
         return self.value(q_free).phi
@@ -151,9 +173,7 @@ class Constraints:
                 jacobian_rate[k] = 0.0
             total = 0.0
             for term in gear.terms:
-                theta = (
-                    math.atan2(q_free[term.idx_q + 1], q_free[term.idx_q]) if term.wrapped else q_free[term.idx_q]
-                ) - term.reference
+                theta = term.angle(q_free)
                 total += _polynomial(term.coefficients, theta)
                 jacobian[k, term.idx_v] += _polynomial(_derivative(term.coefficients), theta)
                 if jacobian_rate is not None and v_free is not None:

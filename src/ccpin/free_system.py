@@ -20,6 +20,21 @@ class Energy(NamedTuple):
     potential: float
 
 
+class InverseDynamicsSlopes(NamedTuple):
+    """τ′ = D′q̈′ + C′q̇′ + g′ and its derivatives, those by q′ along tangent steps (right increments).
+
+    Attributes:
+        tau: Of shape (n′,).
+        dtau_dq, dtau_dv: Of shape (n′, n′).
+        dtau_da: D′, of shape (n′, n′).
+    """
+
+    tau: Array
+    dtau_dq: Array
+    dtau_dv: Array
+    dtau_da: Array
+
+
 class FreeSystem:
     """D′, C′, g′ and energies of the tree cut open; rotor inertias are part of D′.
 
@@ -45,6 +60,15 @@ class FreeSystem:
     def inverse_dynamics(self, q_free: Array, v_free: Array, a_free: Array) -> Array:
         """D′ q̈′ + C′ q̇′ + g′ (2), of shape (n′,)."""
         return np.array(pin.rnea(self.model, self._data, q_free, v_free, a_free))
+
+    def inverse_dynamics_derivatives(self, q_free: Array, v_free: Array, a_free: Array) -> InverseDynamicsSlopes:
+        """τ′ = D′q̈′ + C′q̇′ + g′ (2) with ∂τ′/∂q′, ∂τ′/∂q̇′ and ∂τ′/∂q̈′ = D′, exact."""
+        slopes = pin.computeRNEADerivatives(self.model, self._data, q_free, v_free, a_free)
+        return InverseDynamicsSlopes(np.array(self._data.tau), *(np.array(slope) for slope in slopes))
+
+    def gravity_derivative(self, q_free: Array) -> Array:
+        """∂g′/∂q′ along tangent steps of q′, of shape (n′, n′)."""
+        return np.array(pin.computeGeneralizedGravityDerivatives(self.model, self._data, q_free))
 
     def energy(self, q_free: Array, v_free: Array) -> Energy:
         """½ q̇′ᵀ D′ q̇′ and the potential V with ∂V/∂q′ = g′ (zero at the world origin)."""

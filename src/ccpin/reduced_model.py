@@ -8,6 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import lapack
 
+from ccpin.derivatives import (
+    DynamicsDerivatives,
+    ForwardDynamicsDerivatives,
+    GeneralizedForceDerivatives,
+    InverseDynamicsDerivatives,
+)
 from ccpin.errors import InvalidInputError, UnderactuatedError, UnsupportedMechanismError
 from ccpin.free_system import Energy, FreeSystem
 from ccpin.mechanism import Mechanism
@@ -169,6 +175,37 @@ class ReducedModel:
                 f"a generalized force of {missing:.3g} is left"
             )
         return np.asarray(u)
+
+    def forward_dynamics_derivatives(
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: ArrayLike | None = None
+    ) -> ForwardDynamicsDerivatives:
+        """∂q̈/∂q, ∂q̈/∂q̇ and ∂q̈/∂u, exact; ∂q along tangent steps of q. Errors as for `forward_dynamics`."""
+        point, velocity = self.closed_point(q, guess), self.checked(v, "v", self.n)
+        effort, a = self.checked(u, "u", self.n_actuated), self.acceleration(point, velocity, u)
+        return self._derivatives(point).forward(velocity, effort, a)
+
+    def inverse_dynamics_derivatives(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: ArrayLike | None = None
+    ) -> InverseDynamicsDerivatives:
+        """∂u/∂q, ∂u/∂q̇ and ∂u/∂q̈ of the actuated joints' efforts, exact; errors as for `inverse_dynamics`."""
+        point = self.closed_point(q, guess)
+        u = self.inverse_dynamics(q, v, a, point.q_free)
+        velocity, acceleration = self.checked(v, "v", self.n), self.checked(a, "a", self.n)
+        return self._derivatives(point).inverse(velocity, u, acceleration)
+
+    def generalized_force_derivatives(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: ArrayLike | None = None
+    ) -> GeneralizedForceDerivatives:
+        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + g, exact, whatever the motors; errors as for `sigma`."""
+        point = self.closed_point(q, guess)
+        return self._derivatives(point).generalized_force(self.checked(v, "v", self.n), self.checked(a, "a", self.n))
+
+    def gravity_derivative(self, q: ArrayLike, guess: ArrayLike | None = None) -> Array:
+        """∂g/∂q, of shape (n, n), along tangent steps of q: the potential's Hessian for plain coordinates."""
+        return self._derivatives(self.closed_point(q, guess)).gravity()
+
+    def _derivatives(self, point: ClosedPoint) -> DynamicsDerivatives:
+        return DynamicsDerivatives(self.free_system, self.parametrization, point, self._actuation)
 
     def constraint_forces(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: ArrayLike | None = None) -> Array:
         """λ of the descriptor form (17): D′q̈′ + C′q̇′ + g′ = Sᵀu + φ_q′ᵀλ, of shape (m,).
