@@ -57,8 +57,10 @@ INERTIAS = {
     ),
     "settotalmass": SAMPLES["jointless first body"].replace("<worldbody>", '<compiler settotalmass="7"/><worldbody>'),
     "geom defaults": model(
-        '<body name="a" childclass="c"><joint/><geom pos="1 0 0"/><geom quat="1 1 0 0" density="10"/></body>',
-        head='<default><geom type="box" size="0.1 0.2 0.3"/><default class="c"><geom euler="0 0 45"/></default>'
+        '<body name="a" childclass="c"><joint/><geom pos="1 0 0"/><geom quat="1 1 0 0" density="10"/>'
+        '<geom class="d" euler="20 0 0"/></body>',
+        head='<default><geom type="box" size="0.1 0.2 0.3"/><default class="c"><geom euler="0 0 45"/>'
+        '<default class="d"><geom quat="1 2 3 4"/></default></default>'
         "</default>",
     ),
 }

@@ -54,7 +54,7 @@ def read_mjcf(text: bytes, source: str | None) -> MechanismDescription:
     compiler = read_compiler(sections["compiler"], source)
     defaults = Defaults(sections["default"], source)
     assets = read_assets(sections["asset"], defaults, compiler, source)
-    tree = TreeReader(defaults, compiler, assets, source).read(sections["worldbody"])
+    tree = TreeReader(sections["worldbody"], defaults, compiler, assets, source).read()
     gravity, equalities_on = _options(sections["option"], source)
     equalities = read_equalities(sections["equality"], tree, defaults, source)
     if not equalities_on:

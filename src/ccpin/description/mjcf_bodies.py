@@ -29,33 +29,40 @@ class TreeReader:
     """Walks the bodies depth first, as MuJoCo numbers them.
 
     Args:
+        worlds: The ``<worldbody>`` sections.
         defaults: The default classes.
         compiler: The compiler settings.
         assets: Meshes and materials.
         source: The file, for error messages.
+
+    Raises:
+        DescriptionError: Two bodies or two joints have the same name.
     """
 
-    def __init__(self, defaults: Defaults, compiler: Compiler, assets: Assets, source: str | None) -> None:
+    def __init__(
+        self,
+        worlds: Sequence[XmlElement],
+        defaults: Defaults,
+        compiler: Compiler,
+        assets: Assets,
+        source: str | None,
+    ) -> None:
+        bodies = [xml for world in worlds for xml in world.iter("body")]
+        joints = [xml for world in worlds for xml in world.iter("joint", "freejoint")]
         self.tree = Tree()
-        self._defaults, self._compiler, self._assets, self._source = defaults, compiler, assets, source
+        self._worlds, self._source = worlds, source
+        self._defaults, self._compiler, self._assets = defaults, compiler, assets
+        self._bodies = Names("body", bodies, source)
+        self._chains = JointReader(compiler, self.tree, self._bodies.fresh, Names("joint", joints, source).fresh)
         self._count = 0
 
-    def read(self, worlds: Sequence[XmlElement]) -> Tree:
-        """Read all ``<worldbody>`` sections.
+    def read(self) -> Tree:
+        """Read all bodies.
 
         Raises:
             DescriptionError: An element is unknown, unsupported, or says something wrong.
         """
-        bodies = [xml for world in worlds for xml in world.iter("body")]
-        joints = [xml for world in worlds for xml in world.iter("joint", "freejoint")]
-        self._bodies = Names("body", bodies, self._source)
-        self._chains = JointReader(
-            self._compiler,
-            self.tree,
-            self._bodies.fresh,
-            Names("joint", joints, self._source).fresh,
-        )
-        items = [item for world in worlds for item in self._items(world, IDENTITY, MAIN)]
+        items = [item for world in self._worlds for item in self._items(world, IDENTITY, MAIN)]
         self.tree.poses[WORLD] = IDENTITY
         geoms = self._read_parts(WORLD, items)
         self.tree.links.append(Link(WORLD, None, self._visuals(geoms)))

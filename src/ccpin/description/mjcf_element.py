@@ -156,8 +156,10 @@ class Element:
 
     def orientation(self, angles: Angles) -> Array:
         """Return the rotation matrix (3, 3) of quat, axisangle, xyaxes, zaxis or euler; else the identity."""
-        given = ORIENTATIONS & self.values.keys()
-        return _READERS[next(iter(given))](self, angles) if given else np.eye(3)
+        for name, read in _READERS.items():
+            if name in self.values:
+                return read(self, angles)
+        return np.eye(3)
 
     def pose(self, angles: Angles) -> Array:
         """Return the frame (4, 4) of pos and the orientation attributes."""
