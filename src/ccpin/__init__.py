@@ -7,6 +7,7 @@ docstrings cite them by number.
 
 from __future__ import annotations
 
+from ccpin import control
 from ccpin.description.model import (
     Coupling,
     CouplingTerm,
@@ -23,6 +24,8 @@ from ccpin.free_system import Energy
 from ccpin.mechanism import Mechanism, load
 from ccpin.mobility import Mobility
 from ccpin.reduced_model import ReducedModel, ReducedTerms
+from ccpin.simulation import Settling, simulate
+from ccpin.trajectory import Trajectory
 
 __version__ = "0.1.0"
 
@@ -40,7 +43,11 @@ __all__ = [
     "Mobility",
     "ReducedModel",
     "ReducedTerms",
+    "Settling",
     "Shape",
+    "Trajectory",
     "Visual",
+    "control",
     "load",
+    "simulate",
 ]

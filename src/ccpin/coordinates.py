@@ -239,7 +239,7 @@ def _unit_window(part: _Part) -> slice | None:
 def _configuration_rate(part: _Part, q: Array, v: Array) -> Array:
     """d/dt of a whole joint's configuration; rotational velocities are in the moving frame."""
     if part.kind == "continuous":
-        return np.array([-q[1], q[0]]) * v[0]
+        return np.array([-q[1] * v[0], q[0] * v[0]])
     if part.kind == "planar":
         cosine, sine = q[2:]
         return np.array([cosine * v[0] - sine * v[1], sine * v[0] + cosine * v[1], -sine * v[2], cosine * v[2]])

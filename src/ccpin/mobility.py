@@ -130,7 +130,11 @@ def _describe(tree: Tree, group: set[int], twist: Array, count: int) -> str:
     named = " with ".join(sorted(b for b in bodies if tree.model.inertias[tree.attachments[b].joint].mass > 0)[:2])
     linear, angular = twist[:3], twist[3:]
     turning = float(np.linalg.norm(angular))
-    if count == 1 and turning > 1e-9 and abs(linear @ angular) < 1e-6 * turning * max(np.linalg.norm(linear), 1.0):
+    if (
+        count == 1
+        and turning > 1e-9
+        and abs(linear @ angular) < 1e-6 * turning * max(float(np.linalg.norm(linear)), 1.0)
+    ):
         axis = angular / turning
         point = np.cross(angular, linear) / turning**2
         return (

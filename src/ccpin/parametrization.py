@@ -154,7 +154,7 @@ class Parametrization:
             if iteration == 0:
                 sign = factor.sign
                 start_open = bool(np.abs(gap[: self.constraints.size]).max(initial=0.0) > 1e-6)
-            if size <= self._tolerance or (trusted and iteration > 3 and size <= 100 * self._tolerance):
+            if size <= self._tolerance or (trusted and last <= 1e-9 and size <= 100 * self._tolerance):
                 if factor.sign != sign:
                     return None, start_open
                 return self._closed_point(q_free, factor), start_open

@@ -1,0 +1,15 @@
+# Sourced by run.sh and test.sh: makes .venv in the project's root and installs ccpin with the extras in $EXTRAS.
+# Needs Python 3.10 or newer with venv; nothing else.
+set -eu
+cd "$(dirname "$0")/.."
+PYTHON="${PYTHON:-python3}"
+"$PYTHON" -c 'import sys; sys.exit(sys.version_info < (3, 10))' || {
+    echo "ccpin needs Python 3.10 or newer; set PYTHON to one" >&2
+    exit 1
+}
+[ -x .venv/bin/python ] || "$PYTHON" -m venv .venv
+stamp=".venv/.installed-${EXTRAS:-plain}"
+if [ ! -e "$stamp" ] || [ pyproject.toml -nt "$stamp" ]; then
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check -e ".${EXTRAS:+[$EXTRAS]}"
+    touch "$stamp"
+fi

@@ -1,0 +1,154 @@
+"""Matplotlib figures from results; every function returns the figure and writes nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ccpin.mechanism import Mechanism
+from ccpin.outline import outline, plane_of_motion
+from ccpin.trajectory import Trajectory, write_atomically
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+COLOURS = ("#d1541f", "#1f6fb2", "#3a8f4d", "#8a4fa3", "#b58900", "#5a6570")
+STYLE = {
+    "font.size": 10,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "savefig.dpi": 150,
+}
+
+
+def plot_motion(
+    trajectory: Trajectory, mechanism: Mechanism, goal: ArrayLike | None = None, title: str | None = None
+) -> Figure:
+    """Coordinates, velocities and efforts against time, one column a coordinate (the panels of Figs. 9 and 10).
+
+    Angles are drawn in degrees.
+
+    Args:
+        trajectory: The motion.
+        mechanism: What moves.
+        goal: q_d to draw dashed: (nq_independent,), or (T, nq_independent) where it changes.
+        title: The figure's title.
+    """
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    columns = max(trajectory.q.shape[1], trajectory.u.shape[1])
+    with rc_context(STYLE):
+        figure = Figure(figsize=(max(7.0, 3.6 * columns), 7.2), layout="constrained")
+        axes = figure.subplots(3, columns, sharex=True, squeeze=False)
+        goals = None if goal is None else np.broadcast_to(np.asarray(goal, dtype=np.float64), trajectory.q.shape)
+        rows: tuple[tuple[str, Array, tuple[str, ...], bool], ...] = (
+            ("position", trajectory.q, mechanism.independent, False),
+            ("velocity", trajectory.v, mechanism.independent, False),
+            ("effort", trajectory.u, mechanism.actuated, True),
+        )
+        for row, (quantity, values, names, effort) in enumerate(rows):
+            for k in range(columns):
+                panel = axes[row, k]
+                if k >= values.shape[1]:
+                    panel.set_visible(False)
+                    continue
+                name = names[k] if k < len(names) and len(names) == values.shape[1] else str(k + 1)
+                scale, unit = _scale(mechanism, name, quantity)
+                panel.plot(trajectory.t, scale * values[:, k], color=COLOURS[k % len(COLOURS)], linewidth=1.6)
+                if row == 0 and goals is not None:
+                    panel.plot(trajectory.t, scale * goals[:, k], "--", color="0.35", linewidth=1.0, label="set point")
+                    if k == 0:
+                        panel.legend(loc="best", framealpha=0.85, edgecolor="none")
+                panel.set_ylabel(f"{quantity} of {name} [{unit}]" if not effort else f"effort at {name} [{unit}]")
+                if row == 2:
+                    panel.set_xlabel("time [s]")
+        figure.align_ylabels(axes)
+        figure.suptitle(title or f"{mechanism.name}: {trajectory.message}")
+    return figure
+
+
+def _scale(mechanism: Mechanism, name: str, quantity: str) -> tuple[float, str]:
+    """Factor and unit for drawing: degrees for angles, millimetres never."""
+    kind = mechanism.tree.kinds.get(name.partition(":")[0], "")
+    linear = kind == "prismatic" or ":t" in name
+    if quantity == "effort":
+        return 1.0, "N" if linear else "N m"
+    if linear:
+        return 1.0, "m" if quantity == "position" else "m/s"
+    if kind not in ("revolute", "continuous") and ":r" not in name:
+        return 1.0, "–" if quantity == "position" else "rad/s"
+    return float(np.degrees(1.0)), "°" if quantity == "position" else "°/s"
+
+
+def plot_configurations(
+    mechanism: Mechanism, configurations: Sequence[ArrayLike], labels: Sequence[str], title: str | None = None
+) -> Figure:
+    """The mechanism's lines at several configurations (Fig. 8), in its plane of motion or in space."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    plane = plane_of_motion(mechanism)
+    with rc_context(STYLE):
+        figure = Figure(figsize=(7.0, 6.4), layout="constrained")
+        axes: Any = figure.add_subplot() if plane is not None else figure.add_subplot(projection="3d")
+        for k, (q_free, label) in enumerate(zip(configurations, labels, strict=True)):
+            _draw(axes, mechanism, np.asarray(q_free, dtype=np.float64), plane, COLOURS[k % len(COLOURS)], label)
+        axes.set_aspect("equal", adjustable="datalim" if plane is not None else "box")
+        names = _plane_axes(plane)
+        axes.set_xlabel(f"{names[0]} [m]")
+        axes.set_ylabel(f"{names[1]} [m]")
+        axes.legend(loc="best", frameon=False)
+        figure.suptitle(title or mechanism.name)
+    return figure
+
+
+def _plane_axes(plane: Array | None) -> tuple[str, str]:
+    if plane is None:
+        return "x", "y"
+    names = []
+    for axis, fallback in zip(plane, ("right", "up"), strict=True):
+        main = int(np.argmax(np.abs(axis)))
+        names.append("xyz"[main] if abs(axis[main]) > 1 - 1e-9 else fallback)
+    return names[0], names[1]
+
+
+def _draw(axes: Any, mechanism: Mechanism, q_free: Array, plane: Array | None, colour: str, label: str) -> None:
+    shape = outline(mechanism, q_free)
+
+    def project(points: Array) -> Array:
+        return points if plane is None else points @ plane.T
+
+    for k, segment in enumerate(project(shape.segments)):
+        axes.plot(*segment.T, "-", color=colour, linewidth=3.0, solid_capstyle="round", label=label if k == 0 else None)
+    axes.plot(*project(shape.joints).T, "o", color="white", markeredgecolor=colour, markersize=7, zorder=3)
+    if len(shape.loops):
+        axes.plot(*project(shape.loops).T, "D", color=colour, markersize=7, zorder=4)
+    model = mechanism.pin_model
+    grounded = np.array([model.parents[j] == 0 for j in range(1, model.njoints)])
+    axes.plot(*project(shape.joints[grounded]).T, "s", color="0.2", markersize=9, zorder=5)
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure as PNG, PDF or SVG by the file's ending, atomically.
+
+    Raises:
+        InvalidInputError: The folder cannot be written to.
+    """
+    from pathlib import Path
+
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    target = Path(path)
+    if figure.canvas is None:
+        FigureCanvasAgg(figure)
+    kind = target.suffix.lstrip(".") or "png"
+    write_atomically(target, "wb", lambda file: figure.savefig(file, format=kind))
