@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from ccpin.aligning import AligningConstraints, PointConstraints
 from ccpin.constraints import Constraints
 from ccpin.errors import LoopNotClosedError
 
@@ -17,6 +18,7 @@ Array = NDArray[np.float64]
 TOLERANCE = 1e-12
 _LARGEST_STEP = 0.3
 _MAX_ITERATIONS = 200
+_PATIENCE = 20
 
 
 class Closed(NamedTuple):
@@ -35,33 +37,48 @@ class Attempt(NamedTuple):
 
 
 def close(constraints: Constraints, start: Array) -> Attempt:
-    """Close the loops from `start` by damped Gauss–Newton steps of bounded length.
+    """Close the loops from `start`: `descend` on φ."""
+    return descend(constraints.model, constraints.value, start)
+
+
+def descend(model: pin.Model, equations: Callable[[Array], tuple[Array, Array]], start: Array) -> Attempt:
+    """Solve equations in q′ by damped Gauss–Newton steps of bounded length.
 
     Each step solves min ‖φ + φ_q′ Δ‖² + μ²‖Δ‖², the damping μ following the residual (Levenberg–Marquardt), and
-    no step moves the joints by more than 0.3 in norm.
+    no step moves the joints by more than 0.3 in norm. Given up where 20 steps gain less than a fiftieth.
+
+    Args:
+        model: The free system.
+        equations: q′ → (residual, Jacobian).
+        start: Where to begin, of shape (nq,).
     """
-    q_free, error, damping = start, constraints.residual(start), 1e-2
-    best = float(error @ error)
-    for _ in range(_MAX_ITERATIONS):
-        value = constraints.value(q_free)
-        if np.abs(value.phi).max(initial=0.0) <= TOLERANCE:
+    q_free, damping = start, 1e-2
+    residual, jacobian = equations(start)
+    best, earlier = float(residual @ residual), np.inf
+    for iteration in range(_MAX_ITERATIONS):
+        if iteration % _PATIENCE == 0:
+            if best > 0.98 * earlier:
+                break
+            earlier = best
+        if np.abs(residual).max(initial=0.0) <= TOLERANCE:
             return Attempt(q_free, True)
-        step = _damped_step(value.jacobian, value.phi, damping)
+        step = _damped_step(jacobian, residual, damping)
         length = float(np.linalg.norm(step))
         if length > _LARGEST_STEP:
             step *= _LARGEST_STEP / length
-        trial = pin.integrate(constraints.model, q_free, step)
-        error = constraints.residual(trial)
-        now = float(error @ error)
+        trial = pin.integrate(model, q_free, step)
+        trial_residual, trial_jacobian = equations(trial)
+        now = float(trial_residual @ trial_residual)
         if now < best:
             if now > 0.999999 * best and length < 1e-9:
                 break
-            q_free, best, damping = trial, now, max(damping * 0.2, 1e-14)
+            q_free, residual, jacobian = trial, trial_residual, trial_jacobian
+            best, damping = now, max(damping * 0.2, 1e-14)
         elif damping > 1e8:
             break
         else:
             damping = max(damping * 8.0, 1e-12)
-    return Attempt(q_free, bool(np.abs(constraints.residual(q_free)).max(initial=0.0) <= 10 * TOLERANCE))
+    return Attempt(q_free, bool(np.abs(residual).max(initial=0.0) <= 10 * TOLERANCE))
 
 
 def _damped_step(jacobian: Array, phi: Array, damping: float) -> Array:
@@ -81,7 +98,7 @@ def starts(model: pin.Model, reference: Array, count: int) -> Iterator[tuple[str
     lower, upper = model.lowerPositionLimit, model.upperPositionLimit
     finite = np.isfinite(lower) & np.isfinite(upper) & (upper - lower < 4 * np.pi)
     middle = neutral.copy()
-    middle[finite] = 0.5 * (lower + upper)[finite]
+    middle[finite] = 0.5 * (lower[finite] + upper[finite])
     yield "the middle of the joint ranges", pin.normalize(model, middle)
     generator = np.random.default_rng(20001)
     for k in range(count):
@@ -100,6 +117,24 @@ def within_limits(model: pin.Model, q_free: Array) -> bool:
     )
 
 
+def close_from_afar(constraints: Constraints, start: Array) -> Attempt:
+    """Close the loops from any pose, the right way round.
+
+    Where the loops do not close directly, or close with axes turned end for end, they are closed in position
+    first, then with rotation rows that vanish one way round only, then exactly.
+    """
+    attempt = close(constraints, start)
+    if attempt.closed and constraints.aligned(attempt.q_free):
+        return attempt
+    if any(loop.rows.alignment for loop in constraints.loops):
+        for stage in (PointConstraints(constraints).value, AligningConstraints(constraints).value):
+            start = descend(constraints.model, stage, start).q_free
+        staged = close(constraints, start)
+        if staged.closed and constraints.aligned(staged.q_free):
+            return staged
+    return attempt._replace(closed=False)
+
+
 def find_closed(constraints: Constraints, reference: Array, count: int = 40) -> list[Closed]:
     """Closed configurations from deterministic starts, the first found within the limits last to be looked for.
 
@@ -112,10 +147,10 @@ def find_closed(constraints: Constraints, reference: Array, count: int = 40) -> 
     found: list[Closed] = []
     least, least_error = reference, np.inf
     for name, start in starts(constraints.model, reference, count):
-        q_free, is_closed = close(constraints, start)
-        if not is_closed or not constraints.aligned(q_free):
+        q_free, is_closed = close_from_afar(constraints, start)
+        if not is_closed:
             error = float(np.linalg.norm(constraints.residual(q_free)))
-            if not is_closed and error < least_error:
+            if error < least_error:
                 least, least_error = q_free, error
             continue
         closed = Closed(q_free, name, within_limits(constraints.model, q_free))
