@@ -1,0 +1,103 @@
+"""The PD laws (28) and (30) and what they refuse."""
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin.control import NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
+
+GOAL = np.radians([-90.0, -100.0])
+
+
+@pytest.fixture(scope="module")
+def model() -> ccpin.ReducedModel:
+    return ccpin.ReducedModel(ccpin.load("rpdr"))
+
+
+def test_simple_gravity_is_equation_28(model):
+    """U = K_p q̃ − K_v q̇ + g(q_d)."""
+    law = PDSimpleGravity(model, GOAL, [11.0, 9.0], [0.65, 0.6])
+    q, v = GOAL + [0.1, -0.2], np.array([0.3, 0.4])
+    expected = [11.0 * -0.1 - 0.65 * 0.3, 9.0 * 0.2 - 0.6 * 0.4] + model.terms(GOAL, v).g
+    assert np.allclose(law.torque(0.0, q, v), expected, rtol=0, atol=1e-13)
+
+
+def test_full_gravity_is_equation_30(model):
+    """U = K_p q̃ − K_v q̇ + g(q)."""
+    law = PDFullGravity(model, GOAL, np.diag([11.0, 9.0]), [0.65, 0.6])
+    q, v = GOAL + [0.1, -0.2], np.array([0.3, 0.4])
+    expected = [11.0 * -0.1 - 0.65 * 0.3, 9.0 * 0.2 - 0.6 * 0.4] + model.terms(q, v).g
+    assert np.allclose(law.torque(0.0, q, v), expected, rtol=0, atol=1e-12)
+
+
+def test_gravity_of_the_set_point_is_computed_once(model, monkeypatch):
+    """The law with simple compensation calls no σ on line."""
+    law = PDSimpleGravity(model, GOAL, [11.0, 11.0], [0.65, 0.6])
+    monkeypatch.setattr(model.parametrization, "sigma", None)
+    assert np.isfinite(law.torque(0.0, GOAL, np.zeros(2))).all()
+
+
+@pytest.mark.parametrize("law_class", [PDSimpleGravity, PDFullGravity])
+def test_the_goal_is_an_equilibrium(model, law_class):
+    """At rest at q_d the acceleration under either law is zero, and 𝒱 is zero."""
+    law = law_class(model, GOAL, [11.0, 11.0], [0.65, 0.6])
+    at_rest = np.zeros(2)
+    assert np.abs(model.forward_dynamics(GOAL, at_rest, law.torque(0.0, GOAL, at_rest))).max() < 1e-10
+    assert abs(law.lyapunov(GOAL, at_rest)) < 1e-13
+
+
+@pytest.mark.parametrize("law_class", [PDSimpleGravity, PDFullGravity])
+def test_lyapunov_rate_is_the_damping(model, law_class):
+    """d𝒱/dt = −q̇ᵀK_v q̇ along the closed loop, by central differences along the flow."""
+    law = law_class(model, GOAL, [11.0, 11.0], [0.65, 0.6])
+    generator = np.random.default_rng(3)
+    for _ in range(10):
+        q, v = GOAL + 0.2 * generator.standard_normal(2), generator.standard_normal(2)
+        a, h = model.forward_dynamics(q, v, law.torque(0.0, q, v)), 1e-4
+
+        def value(s, q=q, v=v, a=a):
+            return law.lyapunov(q + s * v + 0.5 * s * s * a, v + s * a)
+
+        slope = (8 * (value(h) - value(-h)) - (value(2 * h) - value(-2 * h))) / (12 * h)
+        assert slope == pytest.approx(-v @ law.K_v @ v, rel=1e-7)
+
+
+def test_motors_elsewhere_get_the_same_motion():
+    """With the motors on dependent joints the law's generalized force is the same, ρᵀSᵀu = (28)."""
+    direct = ccpin.ReducedModel(ccpin.load("rpdr"))
+    elsewhere = ccpin.ReducedModel(ccpin.load("rpdr", actuated=["joint3", "joint4"]))
+    q, v = GOAL + [0.05, -0.1], np.array([0.2, -0.1])
+    arguments = (GOAL, [11.0, 11.0], [0.65, 0.6])
+    first = direct.forward_dynamics(q, v, PDSimpleGravity(direct, *arguments).torque(0.0, q, v))
+    second = elsewhere.forward_dynamics(q, v, PDSimpleGravity(elsewhere, *arguments).torque(0.0, q, v))
+    assert np.allclose(first, second, rtol=1e-10)
+
+
+@pytest.mark.parametrize(
+    ("gains", "words"),
+    [
+        (([1.0], [1.0, 1.0]), "K_p"),
+        (([1.0, -1.0], [1.0, 1.0]), "positive definite"),
+        (([1.0, 1.0], [[1.0, 0.5], [0.0, 1.0]]), "symmetric"),
+        (([np.nan, 1.0], [1.0, 1.0]), "finite"),
+    ],
+)
+def test_bad_gains_are_refused(model, gains, words):
+    """Gains must be symmetric positive definite of the right size."""
+    with pytest.raises(InvalidInputError, match=words):
+        PDSimpleGravity(model, GOAL, *gains)
+
+
+def test_goals_out_of_reach_are_refused(model):
+    """A set point beyond the workspace raises when the law is made."""
+    with pytest.raises(UnreachableError):
+        PDSimpleGravity(model, [1.5, -1.5], [1.0, 1.0], [1.0, 1.0])
+
+
+def test_fewer_motors_than_coordinates_are_refused():
+    """A PD law on every coordinate needs as many motors; no torque needs none."""
+    model = ccpin.ReducedModel(ccpin.load("rpdr", actuated=["joint1"]))
+    with pytest.raises(UnsupportedMechanismError, match="motors"):
+        PDSimpleGravity(model, GOAL, [1.0, 1.0], [1.0, 1.0])
+    assert NoTorque(model).torque(0.0, GOAL, np.zeros(2)).shape == (1,)
