@@ -200,7 +200,7 @@ def complete_independent(
     """Extend `required` to `count` components whose velocities fix the motion best.
 
     Components are taken one by one, each the one whose row of the null-space basis is largest in the part the
-    earlier ones leave undetermined; `preferred` ones win unless they are ten times worse. Whole multi-dof joints
+    earlier ones leave undetermined; `preferred` ones win unless they are a hundred times worse. Whole multi-dof joints
     are named as such where all their components are chosen.
 
     Args:
@@ -230,7 +230,7 @@ def complete_independent(
     favoured = set(_components_of(names, preferred))
     while len(chosen) < count:
         lengths = {n: float(np.linalg.norm(rows[n] @ remaining)) for n in names if n not in chosen}
-        score = {n: value * (10.0 if n in favoured else 1.0) for n, value in lengths.items()}
+        score = {n: value * (100.0 if n in favoured else 1.0) for n, value in lengths.items()}
         best = max(score, key=lambda n: score[n])
         row = rows[best] @ remaining
         remaining = remaining - np.outer(remaining @ row, row) / float(row @ row)
