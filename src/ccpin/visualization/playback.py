@@ -1,0 +1,104 @@
+"""Trajectories given as plain arrays: checked, and sampled at the frames of an animation."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike, NDArray
+
+from ccpin.errors import InvalidInputError
+from ccpin.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+
+MAX_FRAMES = 100_000
+NOT_UNIT = 1e-3
+
+
+def checked_pose(mechanism: Mechanism, q_free: ArrayLike) -> Array:
+    """q′ as a float64 array of shape (nq,).
+
+    Raises:
+        InvalidInputError: Wrong shape, not finite, or a part on a sphere (quaternion, cosine and sine) is off it.
+    """
+    pose: Array = checked_poses(mechanism, _array(q_free, "q_free")[None])[0]
+    return pose
+
+
+def checked_poses(mechanism: Mechanism, q_free: ArrayLike) -> Array:
+    """Configurations as a float64 array of shape (T, nq); errors as for `checked_pose`."""
+    poses = _array(q_free, "q_free")
+    if poses.ndim != 2 or poses.shape[1] != mechanism.nq:
+        shape = poses.shape[1:] if poses.ndim and len(poses) == 1 else poses.shape
+        raise InvalidInputError(
+            f"q_free has shape {shape}; each configuration of {mechanism.name} has nq = {mechanism.nq} numbers"
+        )
+    model = mechanism.pin_model
+    for index, pose in enumerate(poses):
+        if not np.all(np.isfinite(pose)):
+            raise InvalidInputError(f"q_free[{index}] is not finite")
+        if not pin.isNormalized(model, pose, NOT_UNIT):
+            raise InvalidInputError(f"q_free[{index}] has a quaternion or (cosine, sine) pair not of unit length")
+    return np.array([pin.normalize(model, pose) for pose in poses]).reshape(poses.shape)
+
+
+def checked_times(t: ArrayLike, count: int) -> Array:
+    """Times as a float64 array of shape (count,).
+
+    Raises:
+        InvalidInputError: Wrong shape, fewer than two, not finite or not strictly increasing.
+    """
+    times = _array(t, "t")
+    if times.shape != (count,):
+        raise InvalidInputError(f"t has shape {times.shape}; q_free holds {count} configurations: give ({count},)")
+    if count < 2:
+        raise InvalidInputError(f"an animation needs at least two samples, t has {count}; a pose is a snapshot")
+    if not np.all(np.isfinite(times)):
+        raise InvalidInputError("t is not finite")
+    late = np.flatnonzero(np.diff(times) <= 0)
+    if late.size:
+        i = int(late[0])
+        raise InvalidInputError(
+            f"t must increase strictly; t[{i}] = {times[i]:.6g} s is followed by t[{i + 1}] = {times[i + 1]:.6g} s"
+        )
+    return times
+
+
+def frame_times(t: Array, fps: float, speed: float) -> Array:
+    """Times t₀ + k speed/fps of the frames, the last one at the end of `t`, of shape (frames,).
+
+    Raises:
+        InvalidInputError: `fps` or `speed` is not positive, or there would be too many frames.
+    """
+    for name, value in (("fps", fps), ("speed", speed)):
+        if not (math.isfinite(value) and value > 0):
+            raise InvalidInputError(f"{name} must be a positive number, not {value}")
+    steps = math.ceil((t[-1] - t[0]) * fps / speed - 1e-9)
+    if steps >= MAX_FRAMES:
+        raise InvalidInputError(
+            f"{steps + 1} frames are too many (at most {MAX_FRAMES}); take a larger speed or a smaller fps"
+        )
+    return np.asarray(np.minimum(t[0] + np.arange(max(steps, 1) + 1) * speed / fps, t[-1]))
+
+
+def sample(mechanism: Mechanism, t: Array, q_free: Array, times: Array) -> Array:
+    """Configurations (len(times), nq) at `times`, along the geodesics between the samples (t, q_free)."""
+    model = mechanism.pin_model
+    after = np.clip(np.searchsorted(t, times, side="right"), 1, len(t) - 1)
+    before = after - 1
+    fractions = (times - t[before]) / (t[after] - t[before])
+    return np.array(
+        [
+            q_free[i] if u <= 0 else q_free[k] if u >= 1 else pin.interpolate(model, q_free[i], q_free[k], float(u))
+            for i, k, u in zip(before, after, fractions, strict=True)
+        ]
+    )
+
+
+def _array(value: ArrayLike, name: str) -> Array:
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InvalidInputError(f"{name} is not an array of numbers: {error}") from error

@@ -1,0 +1,207 @@
+"""A mechanism's picture in a MeshCat scene, placed by the forward kinematics of its tree."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ccpin.description.model import Visual
+from ccpin.errors import InvalidInputError
+from ccpin.mechanism import Mechanism
+from ccpin.visualization.camera import FIELD_OF_VIEW, FILL, Framing, frame_points, up_axes, view_direction
+from ccpin.visualization.page import Command
+from ccpin.visualization.shapes import corners, material, missing, parts, triangles, tube
+from ccpin.visualization.skeleton import Body, skeleton
+
+Array = NDArray[np.float64]
+
+FRAMED_SAMPLES = 60
+TRACE_COLOUR = (0.85, 0.22, 0.16, 1.0)
+HIDDEN = ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX", "/Lights/FillLight")
+TOP, BOTTOM = [1.0, 1.0, 1.0], [0.87, 0.90, 0.93]
+LIGHTS = {"Key": ([-0.45, 0.9, 1.0], 0.40), "Fill": ([0.9, 0.25, 0.5], 0.16), "Rim": ([0.1, 0.6, -1.0], 0.20)}
+"""Directions towards the lights as the camera sees them (right, up, towards the viewer), and their intensities."""
+
+
+class Scene:
+    """The geometry of a mechanism in a `meshcat.Visualizer`, below the node ``/meshcat/<mechanism's name>``.
+
+    Each body has its own node there, named after its link (a slash in a name becomes ``∕``), whose transform is the
+    link's frame in the world. The node above turns the world so that z is up and its middle is looked at.
+    A mechanism without a drawable visual gets a skeleton of its joints and loops.
+
+    Args:
+        mechanism: From `ccpin.load`.
+        visualizer: A `meshcat.Visualizer`, with its own server or with a recorder for a window.
+
+    Attributes:
+        bodies: What is drawn.
+        notes: What could not be drawn, in sentences.
+    """
+
+    def __init__(self, mechanism: Mechanism, visualizer: Any) -> None:
+        self.mechanism = mechanism
+        self.visualizer = visualizer
+        self.root = visualizer[_node(mechanism.name)]
+        self._data = mechanism.pin_model.createData()
+        self.bodies, self.notes = _bodies(mechanism)
+        self._set_stage()
+        for body in self.bodies:
+            self._draw(body)
+
+    def place(self, q_free: Array) -> None:
+        """Move all bodies to the configuration q′ of shape (nq,)."""
+        for body, frame in zip(self.bodies, self.frames(q_free), strict=True):
+            self.root[_node(body.name)].set_transform(frame)
+
+    def frames(self, q_free: Array) -> Array:
+        """World frames of all bodies at q′, of shape (bodies, 4, 4)."""
+        pin.forwardKinematics(self.mechanism.pin_model, self._data, q_free)
+        frames = [self._data.oMi[body.joint].homogeneous @ body.placement for body in self.bodies]
+        return np.array(frames).reshape(-1, 4, 4)
+
+    def frame_camera(self, q_free: Array) -> Framing:
+        """Point the camera so that the mechanism fills the frame over all configurations (T, nq); return how."""
+        chosen = q_free[np.unique(np.linspace(0, len(q_free) - 1, FRAMED_SAMPLES).astype(int))]
+        held = [np.concatenate([_moved(v.placement, corners(v.shape)) for v in body.visuals]) for body in self.bodies]
+        points = [_moved(frame, held[i]) for q in chosen for i, frame in enumerate(self.frames(q))]
+        up = up_axes(self.mechanism)
+        seen = np.concatenate([*points, np.zeros((0, 3))])
+        direction = view_direction(self.mechanism, up)
+        framing = frame_points(seen if len(seen) else 0.5 * np.array([[1.0, 1, 1], [-1, -1, -1]]), direction, up)
+        self._set_camera(framing)
+        return framing
+
+    def animate(self, q_free: Array, fps: float, loop: bool = True) -> None:
+        """Play the configurations (T, nq), one a frame, from the first on; `loop` starts over at the end."""
+        from meshcat.animation import Animation, AnimationClip, AnimationTrack
+
+        frames = np.array([self.frames(q) for q in q_free])
+        numbers = list(range(len(q_free)))
+        animation = Animation(default_framerate=fps)
+        for index, body in enumerate(self.bodies):
+            if body.joint == 0:
+                continue
+            quaternions = [pin.Quaternion(rotation).coeffs().tolist() for rotation in frames[:, index, :3, :3]]
+            tracks = {
+                "position": AnimationTrack("position", "vector3", numbers, frames[:, index, :3, 3].tolist()),
+                "quaternion": AnimationTrack("quaternion", "quaternion", numbers, quaternions),
+            }
+            animation.clips[self.root[_node(body.name)].path] = AnimationClip(tracks, fps)
+        self.visualizer.set_animation(animation, play=True, repetitions=math.inf if loop else 1)
+
+    def stop(self) -> None:
+        """Forget the animation, if there is one."""
+        from meshcat.animation import Animation
+
+        self.visualizer.set_animation(Animation())
+
+    def trace(self, name: str, q_free: Array) -> None:
+        """Draw the path of a link's origin, or of a loop's point, over the configurations (T, nq).
+
+        Raises:
+            InvalidInputError: No link and no loop has that name.
+        """
+        carrier = self._tracked(name)
+        points = np.array([self._world(carrier[0], q) @ carrier[1] for q in q_free])[:, :3]
+        spread = float(np.linalg.norm(np.ptp(points, axis=0)))
+        mesh = tube(points, max(0.006 * spread, 1e-9))
+        if mesh is not None:
+            self.root["trace"].set_object(triangles(mesh), material(TRACE_COLOUR))
+
+    def _world(self, joint: int, q_free: Array) -> Array:
+        pin.forwardKinematics(self.mechanism.pin_model, self._data, q_free)
+        return np.asarray(self._data.oMi[joint].homogeneous)
+
+    def _tracked(self, name: str) -> tuple[int, Array]:
+        """The joint that carries a named link or loop point, and the homogeneous point (4,) in its frame."""
+        attachments = self.mechanism.tree.attachments
+        for closure in self.mechanism.closures:
+            if closure.name == name:
+                carrier = attachments[closure.link_a]
+                return carrier.joint, (carrier.placement @ closure.placement_a)[:, 3]
+        if name not in attachments:
+            loops = ", ".join(closure.name for closure in self.mechanism.closures) or "none"
+            raise InvalidInputError(f"trace '{name}' names no link ({', '.join(attachments)}) and no loop ({loops})")
+        return attachments[name].joint, attachments[name].placement[:, 3]
+
+    def _draw(self, body: Body) -> None:
+        for number, visual in enumerate(body.visuals):
+            for index, part in enumerate(parts(visual.shape)):
+                node = self.root[_node(body.name)][f"visual{number}_{index}" if index else f"visual{number}"]
+                node.set_object(part.geometry, material(visual.rgba))
+                node.set_transform(visual.placement @ part.placement)
+
+    def _set_stage(self) -> None:
+        """A light background without grid and axes, whatever the size of the mechanism."""
+        for path in HIDDEN:
+            self.visualizer[path].set_property("visible", False)
+        self.visualizer["/Background"].set_property("top_color", TOP)
+        self.visualizer["/Background"].set_property("bottom_color", BOTTOM)
+
+    def _set_camera(self, framing: Framing) -> None:
+        """Move the world rather than the camera's target: MeshCat 0.3's controls look at the scene's origin."""
+        self.root.set_transform(framing.origin)
+        camera = "/Cameras/default/rotated/<object>"
+        self._set_property(camera, "fov", FIELD_OF_VIEW)
+        self._set_property(camera, "near", 0.01 * framing.distance)
+        self._set_property(camera, "far", 100.0 * framing.distance)
+        self._set_property(camera, "userData", {"fit": [framing.half_width, framing.half_height, FILL]})
+        self._set_property(camera, "position", framing.position)
+        self._set_lights(framing.direction)
+
+    def _set_property(self, path: str, name: str, value: object) -> None:
+        """Set a property by its exact name: MeshCat 0.3's own `set_property` puts names in lower case."""
+        message = {"type": "set_property", "path": path, "property": name, "value": value}
+        self.visualizer.window.send(Command(message))
+
+    def _set_lights(self, direction: Array) -> None:
+        right = np.cross([0.0, 0.0, 1.0], direction)
+        right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array([1.0, 0.0, 0.0])
+        seen = np.column_stack([right, np.cross(direction, right), direction])
+        for name, (towards, intensity) in LIGHTS.items():
+            placement = np.eye(4)
+            placement[:3, 3] = seen @ np.array(towards)
+            light = {
+                "uuid": f"light-{name}",
+                "type": "DirectionalLight",
+                "color": 0xFFFFFF,
+                "intensity": intensity,
+                "matrix": placement.T.ravel().tolist(),
+            }
+            message = {"type": "set_object", "path": f"/Lights/{name}", "object": {"metadata": {}, "object": light}}
+            self.visualizer.window.send(Command(message))
+            self._set_property(f"/Lights/{name}/<object>", "castShadow", False)
+
+
+def _bodies(mechanism: Mechanism) -> tuple[tuple[Body, ...], tuple[str, ...]]:
+    """What is drawn, a link each or the skeleton, and notes on what is left out."""
+    bodies, notes = [], []
+    for link in mechanism.description.links:
+        drawn: list[Visual] = []
+        for visual in link.visuals:
+            reason = missing(visual.shape)
+            if reason is None:
+                drawn.append(visual)
+            else:
+                notes.append(f"link '{link.name}': {reason}")
+        if drawn:
+            carrier = mechanism.tree.attachments[link.name]
+            bodies.append(Body(link.name, carrier.joint, carrier.placement, tuple(drawn)))
+    if not bodies:
+        notes.append("the file has nothing to draw: a skeleton of joints and loops is shown")
+        bodies = skeleton(mechanism)
+    return tuple(bodies), tuple(dict.fromkeys(notes))
+
+
+def _node(name: str) -> str:
+    """A name as one level of a MeshCat path, which is split at slashes."""
+    return name.replace("/", "\u2215") or "mechanism"
+
+
+def _moved(frame: Array, points: Array) -> Array:
+    return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])

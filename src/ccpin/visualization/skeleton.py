@@ -1,0 +1,148 @@
+"""A drawn skeleton for mechanisms whose file has no pictures: limbs, joints and loop points from kinematics alone."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from ccpin.description.model import Shape, Visual, rotation_to
+from ccpin.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+Colour = tuple[float, float, float, float]
+
+GROUND: Colour = (0.36, 0.39, 0.43, 1.0)
+JOINT: Colour = (0.20, 0.22, 0.26, 1.0)
+LOOP: Colour = (0.85, 0.22, 0.16, 1.0)
+LIMBS: tuple[Colour, ...] = (
+    (0.16, 0.44, 0.74, 1.0),
+    (0.93, 0.52, 0.16, 1.0),
+    (0.20, 0.62, 0.50, 1.0),
+    (0.55, 0.40, 0.70, 1.0),
+    (0.80, 0.66, 0.22, 1.0),
+)
+LIMB_RADIUS = 0.014
+"""Of the mechanism's extent."""
+LONGEST_RAIL, SHORT_RAIL = 50.0, 10.0
+"""In limb radii: travel drawn in full up to the first, else this much on both sides of the reference."""
+
+
+class Body(NamedTuple):
+    """Something drawn that moves as one: its name, the joint that carries it, its 4×4 frame there, its visuals."""
+
+    name: str
+    joint: int
+    placement: Array
+    visuals: tuple[Visual, ...]
+
+
+class _Points(NamedTuple):
+    """Where a body is held, in its joint's frame: by child joints, by loop closures, each a list of (3,) points."""
+
+    joints: list[Array]
+    loops: list[Array]
+
+
+def skeleton(mechanism: Mechanism) -> list[Body]:
+    """One body for each movable joint and one for the ground, sized by the mechanism's extent in its reference."""
+    model = mechanism.pin_model
+    points = _points(mechanism)
+    radius = LIMB_RADIUS * _extent(mechanism, points)
+    bodies = []
+    for joint in range(model.njoints):
+        name = mechanism.description.root if joint == 0 else model.names[joint]
+        colour = GROUND if joint == 0 else LIMBS[(joint - 1) % len(LIMBS)]
+        visuals = [
+            *_limbs(_anchor(mechanism, joint, points[joint]), points[joint], radius, colour),
+            *_rails(mechanism, joint, radius),
+            *(_ball(point, 1.9 * radius, JOINT) for point in points[joint].joints),
+            *(_ball(point, 1.9 * radius, LOOP) for point in points[joint].loops),
+        ]
+        if joint > 0 and mechanism.tree.kinds[model.names[joint]] == "prismatic":
+            axis = rotation_to(_axis(model, joint))
+            block = Shape("box", (4 * radius, 4 * radius, 5 * radius))
+            visuals.append(Visual(block, _frame(np.zeros(3), axis), colour))
+        if visuals:
+            bodies.append(Body(name, joint, np.eye(4), tuple(visuals)))
+    return bodies
+
+
+def _points(mechanism: Mechanism) -> list[_Points]:
+    model, attachments = mechanism.pin_model, mechanism.tree.attachments
+    points = [_Points([], []) for _ in range(model.njoints)]
+    for joint in range(1, model.njoints):
+        points[model.parents[joint]].joints.append(np.array(model.jointPlacements[joint].translation))
+    for closure in mechanism.closures:
+        for link, placement in ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b)):
+            carrier = attachments[link]
+            points[carrier.joint].loops.append((carrier.placement @ placement)[:3, 3])
+    for joint in range(1, model.njoints):
+        lever = np.array(model.inertias[joint].lever)
+        if not points[joint].joints and not points[joint].loops and np.linalg.norm(lever) > 1e-9:
+            points[joint].joints.append(2 * lever)
+    return points
+
+
+def _extent(mechanism: Mechanism, points: list[_Points]) -> float:
+    """Diagonal (m) of the box around all joints and loop points in the reference pose; 1 where there is none."""
+    model = mechanism.pin_model
+    data = model.createData()
+    pin.forwardKinematics(model, data, mechanism.q_reference)
+    world = [data.oMi[i].act(p) for i, held in enumerate(points) for p in (*held.joints, *held.loops)]
+    world.extend(np.array(data.oMi[i].translation) for i in range(1, model.njoints))
+    diagonal = float(np.linalg.norm(np.ptp(np.array(world), axis=0))) if world else 0.0
+    return diagonal or 1.0
+
+
+def _anchor(mechanism: Mechanism, joint: int, held: _Points) -> Array:
+    """Where a body's limbs start: its own joint, else the only pair's first point, else the middle."""
+    every = [*held.joints, *held.loops]
+    if joint > 0 or not every:
+        return np.zeros(3)
+    return every[0] if len(every) <= 2 else np.asarray(np.mean(every, axis=0))
+
+
+def _limbs(start: Array, held: _Points, radius: float, colour: Colour) -> list[Visual]:
+    limbs = []
+    for end in (*held.joints, *held.loops):
+        length = float(np.linalg.norm(end - start))
+        if length > 1e-9:
+            frame = _frame((start + end) / 2, rotation_to((end - start) / length))
+            limbs.append(Visual(Shape("capsule", (radius, length)), frame, colour))
+    return limbs
+
+
+def _rails(mechanism: Mechanism, joint: int, radius: float) -> list[Visual]:
+    """A thin rod along the travel of every prismatic joint that a body carries."""
+    model = mechanism.pin_model
+    rails = []
+    for child in range(1, model.njoints):
+        if model.parents[child] != joint or mechanism.tree.kinds[model.names[child]] != "prismatic":
+            continue
+        index = model.idx_qs[child]
+        low, high = float(model.lowerPositionLimit[index]), float(model.upperPositionLimit[index])
+        if high - low > LONGEST_RAIL * radius:
+            middle = float(mechanism.q_reference[index])
+            low, high = max(low, middle - SHORT_RAIL * radius), min(high, middle + SHORT_RAIL * radius)
+        placement, axis = model.jointPlacements[child], _axis(model, child)
+        frame = _frame(placement.act(axis * (low + high) / 2), rotation_to(placement.rotation @ axis))
+        rails.append(Visual(Shape("cylinder", (0.6 * radius, max(high - low, radius))), frame, GROUND))
+    return rails
+
+
+def _axis(model: pin.Model, joint: int) -> Array:
+    """Unit axis (3,) of a prismatic joint in its own frame."""
+    return np.ravel(model.joints[joint].createData().S)[:3]
+
+
+def _ball(point: Array, radius: float, colour: Colour) -> Visual:
+    return Visual(Shape("sphere", (radius,)), _frame(point, np.eye(3)), colour)
+
+
+def _frame(origin: Array, rotation: Array) -> Array:
+    frame = np.eye(4)
+    frame[:3, :3], frame[:3, 3] = rotation, origin
+    return frame
