@@ -49,9 +49,7 @@ def test_simulate_point_to_point(capsys, tmp_path):
     assert result["status"] == "finished"
     assert result["moves"][0]["settling_time"] == pytest.approx(0.3, abs=0.05)
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {
-        "motion.csv", "motion.npz", "metrics.json", "motion.png", "configurations.png", "animation.html"
-    }
+    assert names == {"motion.csv", "motion.npz", "metrics.json", "motion.png", "configurations.png", "animation.html"}
     assert load_npz(tmp_path / "motion.npz").closure_error.max() <= 1e-10
 
 

@@ -53,9 +53,7 @@ def test_halving_the_tolerance_changes_nothing(model, law, motion):
 @pytest.mark.parametrize("method", ["DOP853", "RK23", "Radau", "BDF", "LSODA"])
 def test_integrators_agree(method, model, law, motion):
     """Every integrator gives the same motion to its tolerance."""
-    other = ccpin.simulate(
-        model, law, START, duration=0.2, method=method, rtol=1e-6, atol=1e-8, sample_period=0.01
-    )
+    other = ccpin.simulate(model, law, START, duration=0.2, method=method, rtol=1e-6, atol=1e-8, sample_period=0.01)
     assert other.status == "finished"
     assert np.abs(other.q - motion.q[:201:10]).max() < 2e-4
 
@@ -231,7 +229,7 @@ def test_a_move_that_never_settles_ends_the_supervision(model):
 
 
 def test_files_round_trip(motion, model, tmp_path):
-    """npz and CSV hold the samples exactly, with a header that names every column."""
+    """Npz and CSV hold the samples exactly, with a header that names every column."""
     motion.save_npz(tmp_path / "m.npz")
     motion.save_csv(tmp_path / "m.csv", model.mechanism)
     again = load_npz(tmp_path / "m.npz")
