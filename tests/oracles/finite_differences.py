@@ -1,0 +1,35 @@
+"""The one way derivatives are checked: sixth-order central differences along curves of configurations."""
+
+import numpy as np
+import pinocchio as pin
+
+WEIGHTS = ((1, 3.0 / 4.0), (2, -3.0 / 20.0), (3, 1.0 / 60.0))
+STEP = 1e-3
+
+
+def derivative(function, step=STEP):
+    """d/ds function(s) at s = 0 for an array-valued function, to O(step⁶)."""
+    return sum(w * (np.asarray(function(k * step)) - np.asarray(function(-k * step))) for k, w in WEIGHTS) / step
+
+
+def along(model, q_free, v_free, function, step=STEP):
+    """d/dt function(q′) for the motion q′ ⊕ t q̇′, the velocity components of which are constant."""
+    return derivative(lambda s: function(pin.integrate(model, q_free, s * v_free)), step)
+
+
+def jacobian(model, q_free, function, step=STEP):
+    """∂function/∂q′ in the tangent space, of shape (·, n′)."""
+    columns = [along(model, q_free, direction, function, step) for direction in np.eye(model.nv)]
+    return np.array(columns).T
+
+
+def velocity(model, curve, step=STEP):
+    """q̇′ at s = 0 of a curve s → q′(s)."""
+    start = curve(0.0)
+    return derivative(lambda s: pin.difference(model, start, curve(s)), step)
+
+
+def assert_close(found, expected, tolerance):
+    """Every entry agrees to `tolerance` relative to the largest entry (or to one, if that is larger)."""
+    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * scale)
