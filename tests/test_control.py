@@ -16,7 +16,7 @@ def model() -> ccpin.ReducedModel:
 
 
 def test_simple_gravity_is_equation_28(model):
-    """U = K_p q̃ − K_v q̇ + g(q_d)."""
+    """u = K_p q̃ − K_v q̇ + g(q_d)."""
     law = PDSimpleGravity(model, GOAL, [11.0, 9.0], [0.65, 0.6])
     q, v = GOAL + [0.1, -0.2], np.array([0.3, 0.4])
     expected = [11.0 * -0.1 - 0.65 * 0.3, 9.0 * 0.2 - 0.6 * 0.4] + model.terms(GOAL, v).g
@@ -24,7 +24,7 @@ def test_simple_gravity_is_equation_28(model):
 
 
 def test_full_gravity_is_equation_30(model):
-    """U = K_p q̃ − K_v q̇ + g(q)."""
+    """u = K_p q̃ − K_v q̇ + g(q)."""
     law = PDFullGravity(model, GOAL, np.diag([11.0, 9.0]), [0.65, 0.6])
     q, v = GOAL + [0.1, -0.2], np.array([0.3, 0.4])
     expected = [11.0 * -0.1 - 0.65 * 0.3, 9.0 * 0.2 - 0.6 * 0.4] + model.terms(q, v).g

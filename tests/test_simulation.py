@@ -229,7 +229,7 @@ def test_a_move_that_never_settles_ends_the_supervision(model):
 
 
 def test_files_round_trip(motion, model, tmp_path):
-    """Npz and CSV hold the samples exactly, with a header that names every column."""
+    """npz and CSV hold the samples exactly, with a header that names every column."""
     motion.save_npz(tmp_path / "m.npz")
     motion.save_csv(tmp_path / "m.csv", model.mechanism)
     again = load_npz(tmp_path / "m.npz")

@@ -114,7 +114,7 @@ class PDSimpleGravity(_PD):
     """
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
-        """U = K_p q̃ − K_v q̇ + g(q_d) (28)."""
+        """u = K_p q̃ − K_v q̇ + g(q_d) (28)."""
         return self._efforts(self.K_p @ self.error(q) - self.K_v @ v + self.gravity_d, q, guess)
 
 
@@ -122,7 +122,7 @@ class PDFullGravity(_PD):
     """PD with full gravity compensation (30): u = K_p q̃ − K_v q̇ + g(q)."""
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
-        """U = K_p q̃ − K_v q̇ + g(q) (30); needs σ(q)."""
+        """u = K_p q̃ − K_v q̇ + g(q) (30); needs σ(q)."""
         near = self.q_free_d if guess is None else guess
         return self._efforts(self.K_p @ self.error(q) - self.K_v @ v + self.model.gravity(q, near), q, near)
 
