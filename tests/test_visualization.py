@@ -139,6 +139,24 @@ def test_snapshot_places_links_by_forward_kinematics(name, tmp_path):
         assert placed[f"/meshcat/{mechanism.name}/{link}"] == pytest.approx(frames[link], abs=1e-12)
 
 
+TOOL = """<link name="tool"><visual><geometry><sphere radius="0.02"/></geometry></visual></link>
+<joint name="mount" type="fixed"><parent link="link3"/><child link="tool"/>
+<origin xyz="0.1 0.02 0.03" rpy="0.3 0.2 0.1"/></joint></robot>"""
+
+
+def test_fixed_links_and_turned_joints_are_placed_too(tmp_path):
+    """A tool welded to a link, and a continuous joint about −y, still stand where Pinocchio's URDF reader puts them."""
+    file = tmp_path / "tooled.urdf"
+    text = (MODELS / "rpdr.urdf").read_text(encoding="utf-8").replace("</robot>", TOOL)
+    file.write_text(text.replace('name="joint3" type="revolute"', 'name="joint3" type="continuous"'), encoding="utf-8")
+    mechanism = ccpin.load(file)
+    assert mechanism.nq == 5
+    placed = transforms(visualization.snapshot_html(mechanism, None, tmp_path / "s.html"))
+    frames = urdf_frames(file, mechanism, mechanism.q_reference)
+    for link in ("link3", "tool"):
+        assert placed[f"/meshcat/rpdr/{link}"] == pytest.approx(frames[link], abs=1e-12)
+
+
 def test_cylinders_lie_along_z_of_their_visual(rpdr, tmp_path):
     """MeshCat's cylinders lie along y: their nodes turn y into the visual's z axis."""
     placed = transforms(visualization.snapshot_html(rpdr, None, tmp_path / "s.html"))

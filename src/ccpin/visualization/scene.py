@@ -22,8 +22,9 @@ Array = NDArray[np.float64]
 FRAMED_SAMPLES = 60
 TRACE_COLOUR = (0.85, 0.22, 0.16, 1.0)
 HIDDEN = ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX", "/Lights/FillLight")
-TOP, BOTTOM = [1.0, 1.0, 1.0], [0.87, 0.90, 0.93]
-LIGHTS = {"Key": ([-0.45, 0.9, 1.0], 0.40), "Fill": ([0.9, 0.25, 0.5], 0.16), "Rim": ([0.1, 0.6, -1.0], 0.20)}
+TOP, BOTTOM = [0.98, 0.985, 0.99], [0.86, 0.89, 0.925]
+AMBIENT = 0.5
+LIGHTS = {"Key": ([-0.45, 0.9, 1.0], 0.40), "Fill": ([0.9, 0.25, 0.5], 0.22), "Rim": ([0.1, 0.6, -1.0], 0.20)}
 """Directions towards the lights as the camera sees them (right, up, towards the viewer), and their intensities."""
 
 
@@ -163,6 +164,7 @@ class Scene:
         right = np.cross([0.0, 0.0, 1.0], direction)
         right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array([1.0, 0.0, 0.0])
         seen = np.column_stack([right, np.cross(direction, right), direction])
+        self._set_property("/Lights/AmbientLight/<object>", "intensity", AMBIENT)
         for name, (towards, intensity) in LIGHTS.items():
             placement = np.eye(4)
             placement[:3, 3] = seen @ np.array(towards)
