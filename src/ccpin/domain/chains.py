@@ -1,0 +1,288 @@
+"""Closures as plain arrays: φ(θ) = Σ_c B_c x_c(θ) + G θ + d, ready to be evaluated over many boxes at once.
+
+x_c is the tip of a serial chain: a point, or a fixed direction. Every closure row of ccpin is linear in such tips:
+
+- point rows E(p_A − p_B) are two chains rooted at the ancestor C, with weights E and −E;
+- direction rows Σ w a·R_AᵀR_B b and offset rows a·(p_B − p_A) are one chain rooted at closure frame A, which runs
+  up to C through the joints of A reversed and down to frame B, with weights w a and a.
+
+The derivatives of a tip follow from its joints in the order root to tip, with axes a, origins o and
+b = a × (x − o) for a revolute joint of a point chain, a × x of a direction chain, a for a prismatic joint of a
+point chain, 0 of a direction chain: for joints j₁ ≤ … ≤ j_k along the chain
+
+    ∂ᵏx/∂θ_{j₁}…∂θ_{j_k} = a_{j₁} × (… × (a_{j_{k−1}} × b_{j_k})),
+
+zero if any but the deepest, j_k, is prismatic (moving along a fixed axis turns nothing), or if a prismatic j_k
+is repeated.
+
+Nothing here refers to Pinocchio: a `ClosureSystem` is picklable and is what worker processes receive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.closures import KindRows
+from ccpin.constraints import Constraints
+from ccpin.domain.chart import Chart, Elementary, chart_at, elementary_joints, independent_indices
+from ccpin.errors import UnsupportedMechanismError
+from ccpin.loops import Loop
+from ccpin.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+UNIT_ROUNDOFF = 2.0**-53
+
+
+class Chain(NamedTuple):
+    """One chain of k joints, root to tip.
+
+    Attributes:
+        joints: Indices in θ, of shape (k,), each once.
+        rotations, translations: Frame of a joint before it moves, in the frame of the one above after it has
+            moved (the root's for the first), of shapes (k, 3, 3) and (k, 3).
+        axes: Unit axes in the joint's own frame, of shape (k, 3).
+        prismatic: Whether a joint slides, of shape (k,).
+        tip: The tip in the last joint's frame (m, or unit direction), of shape (3,).
+        direction: Whether the tip is a direction.
+        weights: B_c, of shape (m, 3), in root axes.
+    """
+
+    joints: Indices
+    rotations: Array
+    translations: Array
+    axes: Array
+    prismatic: NDArray[np.bool_]
+    tip: Array
+    direction: bool
+    weights: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ClosureSystem:
+    """The closures of a mechanism in scalar coordinates θ (n′,), of which n are independent and m = n′ − n depend.
+
+    Attributes:
+        chains: The chains c.
+        gears: G, of shape (m, n′): linear couplings.
+        offset: d, of shape (m,).
+        moduli: Of shape (m,): a coupling of continuous joints holds modulo this angle (0: exactly).
+        independent, dependent: Indices in θ, of shapes (n,) and (m,).
+        periodic: Whether θ + 2π e_j means the same configuration and the same closures, of shape (n′,).
+        scale: An upper bound of every length that enters φ apart from slides, for rounding margins (m).
+        depth: The largest number of joints in a chain.
+        chart: How θ and q′ correspond.
+    """
+
+    chains: tuple[Chain, ...]
+    gears: Array
+    offset: Array
+    moduli: Array
+    independent: Indices
+    dependent: Indices
+    periodic: NDArray[np.bool_]
+    scale: float
+    depth: int
+    chart: Chart
+
+    @property
+    def n(self) -> int:
+        """Number of independent coordinates."""
+        return len(self.independent)
+
+    @property
+    def m(self) -> int:
+        """Number of dependent coordinates and of closure rows."""
+        return len(self.dependent)
+
+    @property
+    def n_free(self) -> int:
+        """n′, the size of θ."""
+        return self.chart.n_free
+
+    @property
+    def rounding(self) -> float:
+        """γ: |computed − exact| ≤ γ · `magnitude` for every entry of φ, its Jacobian and its second derivative.
+
+        Each joint costs a 3×3 product, one sine and one cosine: fewer than 40 roundings of quantities at most 1
+        or the reach; 64u a joint (and as much again for placements that are orthogonal to rounding only) is ample.
+        Products of the bounds with n′×n′ matrices add 4u a column.
+        """
+        return (128.0 * (self.depth + 2) + 4.0 * self.n_free) * UNIT_ROUNDOFF
+
+    def magnitude(self, theta: Array) -> Array:
+        """An upper bound of every length in φ at θ (B, n′): `scale` and the slides, of shape (B,)."""
+        total = np.full(len(theta), self.scale)
+        for chain in self.chains:
+            if np.any(chain.prismatic):
+                slides = np.abs(theta[:, chain.joints[chain.prismatic]]).sum(axis=1)
+                total += slides * float(np.abs(chain.weights).max(initial=1.0))
+        return total
+
+
+def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
+    """The closures of a mechanism, in a chart centred at a configuration of shape (nq,).
+
+    Raises:
+        UnsupportedMechanismError: φ holds redundant rows, a row is not of a form that can be bounded here, or an
+            independent coordinate is not a scalar one.
+    """
+    constraints, chart = mechanism.constraints(), chart_at(mechanism, q_free)
+    independent = independent_indices(mechanism, chart)
+    _refuse_redundant(mechanism, constraints)
+    builder = _Builder(mechanism, chart, constraints.size)
+    row = 0
+    for loop in constraints.loops:
+        builder.add_loop(loop, row)
+        row += loop.size
+    builder.add_gears(constraints, row)
+    dependent = np.setdiff1d(np.arange(chart.n_free), independent)
+    return ClosureSystem(
+        chains=tuple(builder.chains),
+        gears=builder.gears,
+        offset=builder.offset,
+        moduli=builder.moduli,
+        independent=independent,
+        dependent=dependent.astype(np.intp),
+        periodic=_periodic(chart, builder.gears),
+        scale=_scale(builder),
+        depth=max((len(chain.joints) for chain in builder.chains), default=0),
+        chart=chart,
+    )
+
+
+def _refuse_redundant(mechanism: Mechanism, constraints: Constraints) -> None:
+    expected = mechanism.n_free - mechanism.n
+    if constraints.size != expected:
+        raise UnsupportedMechanismError(
+            f"{mechanism.name}: the closures have {constraints.size} rows of rank {expected}. A certificate about a "
+            "choice of rows would say nothing of the rows left out (they agree at the configurations found, which "
+            "proves nothing beyond them), so only closures without redundant rows are certified; replace the "
+            "closure by one with fewer rows (a spherical instead of a revolute one, say) if that describes the "
+            "mechanism as well"
+        )
+
+
+def _periodic(chart: Chart, gears: Array) -> NDArray[np.bool_]:
+    periodic = np.zeros(chart.n_free, dtype=np.bool_)
+    for joint in chart.joints:
+        turns = {"revolute": 1, "continuous": 1, "planar": 1, "spherical": 3, "floating": 3}.get(joint.kind, 0)
+        periodic[joint.v.stop - turns : joint.v.stop] = True
+    return np.asarray(periodic & ~np.any(gears != 0.0, axis=0))
+
+
+def _scale(builder: _Builder) -> float:
+    """Sum of all link lengths, directions and offsets with their weights, and at least 1."""
+    scale = 1.0 + float(np.abs(builder.offset).sum() + np.abs(builder.gears).sum())
+    for chain in builder.chains:
+        length = np.linalg.norm(chain.translations, axis=1).sum() + np.linalg.norm(chain.tip)
+        scale += float(length) * max(1.0, float(np.abs(chain.weights).max()))
+    return scale
+
+
+class _Builder:
+    """Collects chains and rows in the order of `Constraints`."""
+
+    def __init__(self, mechanism: Mechanism, chart: Chart, rows: int) -> None:
+        self.model = mechanism.tree.model
+        self.elementary = elementary_joints(mechanism, chart)
+        self.rows = rows
+        self.chains: list[Chain] = []
+        self.gears = np.zeros((rows, chart.n_free))
+        self.offset, self.moduli = np.zeros(rows), np.zeros(rows)
+
+    def add_loop(self, loop: Loop, row: int) -> None:
+        rows = loop.rows
+        if rows.distance is not None:
+            raise UnsupportedMechanismError(
+                f"closure '{loop.closure.name}' keeps a distance: its row is quadratic in the chain, which the "
+                "certificate does not bound; describe the rod as a link on a universal joint, closed by a spherical one"
+            )
+        down_a = self.descend(loop.ancestor, loop.joint_a)
+        down_b = self.descend(loop.ancestor, loop.joint_b)
+        k = len(loop.basis)
+        if k:
+            for sign, path, frame in ((1.0, down_a, loop.frame_a), (-1.0, down_b, loop.frame_b)):
+                weights = np.zeros((self.rows, 3))
+                weights[row : row + k] = sign * loop.basis
+                self.add_chain(path, frame[:3, 3], False, weights)
+        if rows.directions or rows.offsets:
+            self.add_oriented(loop, rows, [*_reversed(loop.frame_a, down_a), *down_b], row + k)
+
+    def add_oriented(self, loop: Loop, rows: KindRows, path: list[Elementary | Array], row: int) -> None:
+        """Direction and offset rows: one chain from closure frame A to closure frame B."""
+        turn, origin = loop.frame_b[:3, :3], loop.frame_b[:3, 3]
+        tips: dict[bytes, tuple[Array, Array]] = {}
+        for k, direction in enumerate(rows.directions):
+            for weight, a, b in direction.products:
+                tip, weights = tips.setdefault(np.asarray(b).tobytes(), (turn @ b, np.zeros((self.rows, 3))))
+                weights[row + k] += weight * a
+        for tip, weights in tips.values():
+            self.add_chain(path, tip, True, weights)
+        if rows.offsets:
+            weights = np.zeros((self.rows, 3))
+            weights[row + len(rows.directions) : row + len(rows.directions) + len(rows.offsets)] = rows.offsets
+            self.add_chain(path, origin, False, weights)
+
+    def add_gears(self, constraints: Constraints, row: int) -> None:
+        for k, gear in enumerate(constraints.gears, start=row):
+            self.moduli[k] = gear.modulus
+            for term in gear.terms:
+                if np.any(term.coefficients[2:]):
+                    raise UnsupportedMechanismError(
+                        f"coupling '{gear.coupling.name}' is a polynomial of degree {len(term.coefficients) - 1}; "
+                        "only linear couplings are certified"
+                    )
+                constant, ratio = [*term.coefficients, 0.0, 0.0][:2]
+                self.gears[k, term.idx_v] += ratio
+                self.offset[k] += constant - ratio * term.reference
+
+    def descend(self, ancestor: int, joint: int) -> list[Elementary]:
+        """Elementary joints from below the ancestor down to a joint."""
+        path: list[Elementary] = []
+        while joint != ancestor:
+            path = [*self.elementary[joint - 1], *path]
+            joint = int(self.model.parents[joint])
+        return path
+
+    def add_chain(
+        self, path: list[Elementary] | list[Elementary | Array], tip: Array, direction: bool, weights: Array
+    ) -> None:
+        """Merge constant transforms, and fold what comes after the last joint into the tip."""
+        before, joints = np.eye(4), []
+        for step in path:
+            if isinstance(step, Elementary):
+                joints.append(step._replace(placement=before @ step.placement))
+                before = np.eye(4)
+            else:
+                before = before @ step
+        tip = before[:3, :3] @ tip + (0.0 if direction else 1.0) * before[:3, 3]
+        if not joints:
+            self.offset += weights @ tip
+            return
+        placements = np.array([joint.placement for joint in joints])
+        self.chains.append(
+            Chain(
+                joints=np.array([joint.position for joint in joints], dtype=np.intp),
+                rotations=placements[:, :3, :3],
+                translations=placements[:, :3, 3],
+                axes=np.array([joint.axis for joint in joints]),
+                prismatic=np.array([joint.prismatic for joint in joints]),
+                tip=tip,
+                direction=direction,
+                weights=weights,
+            )
+        )
+
+
+def _reversed(frame: Array, path: list[Elementary]) -> list[Elementary | Array]:
+    """The same joints walked from the tip's frame up to the root: inverse placements, opposite axes."""
+    steps: list[Elementary | Array] = [np.asarray(np.linalg.inv(frame))]
+    for joint in reversed(path):
+        steps.append(Elementary(np.eye(4), -joint.axis, joint.prismatic, joint.position))
+        steps.append(np.asarray(np.linalg.inv(joint.placement)))
+    return steps
