@@ -1,4 +1,4 @@
-"""Matplotlib figures from results; every function returns the figure and writes nothing."""
+"""Motions against time, and configurations in their plane or in space."""
 
 from __future__ import annotations
 
@@ -10,23 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ccpin.mechanism import Mechanism
 from ccpin.outline import outline, plane_of_motion
-from ccpin.trajectory import Trajectory, write_atomically
+from ccpin.plotting.style import COLOURS, STYLE
+from ccpin.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
-COLOURS = ("#d1541f", "#1f6fb2", "#3a8f4d", "#8a4fa3", "#b58900", "#5a6570")
-STYLE = {
-    "font.size": 10,
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "savefig.dpi": 150,
-}
 
 
 def plot_motion(
@@ -135,20 +125,3 @@ def _draw(axes: Any, mechanism: Mechanism, q_free: Array, plane: Array | None, c
     model = mechanism.pin_model
     grounded = np.array([model.parents[j] == 0 for j in range(1, model.njoints)])
     axes.plot(*project(shape.joints[grounded]).T, "s", color="0.2", markersize=9, zorder=5)
-
-
-def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure as PNG, PDF or SVG by the file's ending, atomically.
-
-    Raises:
-        InvalidInputError: The folder cannot be written to.
-    """
-    from pathlib import Path
-
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    target = Path(path)
-    if figure.canvas is None:
-        FigureCanvasAgg(figure)
-    kind = target.suffix.lstrip(".") or "png"
-    write_atomically(target, "wb", lambda file: figure.savefig(file, format=kind))

@@ -1,0 +1,1 @@
+"""Where σ is unique and nonsingular: Theorem 2, certificates, atlas, singularities."""

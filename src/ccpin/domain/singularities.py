@@ -1,0 +1,253 @@
+"""Singular configurations: the curves φ = 0, det ψ_q′ = 0 of a mechanism with two independent coordinates.
+
+A configuration is singular iff some w ≠ 0 has φ_q′ w = 0 and α_q′ w = 0: the dependent joints can move while the
+independent ones stand still. With α a selection, w has entries w_y at the dependent joints only and the singular
+configurations are the solutions (q′, w_y) of
+
+    φ(q′) = 0,   φ_y(q′) w_y = 0,   ½(w_yᵀw_y − 1) = 0,
+
+n′ − n more unknowns and n′ − n + 1 more equations than φ = 0: curves for n = 2. They are followed by
+pseudo-arclength continuation of this system, which is regular at simple folds although ψ_q′ is singular there
+(Moore and Spence, "The calculation of turning points of nonlinear equations", SIAM J. Numer. Anal. 17, 1980). The
+derivative of φ_y w_y along q′ is φ̇_q′ at q̇′ = w, because second derivatives commute in plain joint coordinates.
+
+Two kinds, as in the paper: a *fold*, whose image in q is a curve (the loop stretched or folded: the edge of Ω), and a
+*self-motion*, whose image in q is a single point over which the dependent joints move freely (the passive links out
+of control: for a five-bar, its two distal links lie on one another).
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import optimize
+
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.mechanism import Mechanism
+from ccpin.reduced_model import ReducedModel
+
+Array = NDArray[np.float64]
+
+_SOLVED = 1e-11
+_SAME = 1e-4
+
+
+class SingularCurve(NamedTuple):
+    """One connected curve of singular configurations.
+
+    Attributes:
+        kind: ``fold`` (the loop stretched or folded) or ``self-motion`` (passive links out of control).
+        q: Image in the independent coordinates, of shape (k, 2); one row for a self-motion.
+        q_free: Configurations, of shape (k, nq).
+        closed: Whether the curve returns to its start (turns of 2π of a joint not counted).
+    """
+
+    kind: Literal["fold", "self-motion"]
+    q: Array
+    q_free: Array
+    closed: bool
+
+
+class SingularityDistance(NamedTuple):
+    """How far a path stays from singularity.
+
+    Attributes:
+        q_free: σ along the path, of shape (k, nq).
+        measure: Smallest singular value of φ_y with lengths divided by the mechanism's reach, of shape (k,).
+    """
+
+    q_free: Array
+    measure: Array
+
+
+def singularities(
+    mechanism: Mechanism, *, starts: int = 120, step: float = 0.02, limit: int = 4000
+) -> tuple[SingularCurve, ...]:
+    """All singular curves met from deterministic starts, folds first.
+
+    The search is sampled: a curve that no start leads to is missed; every curve returned satisfies the equations
+    above to 1e-11 at each point.
+
+    Args:
+        mechanism: With n = 2, plain scalar joints (revolute, prismatic) and no redundant rows.
+        starts: Number of starts spread over the joints' circles and ranges.
+        step: Arclength between points, rad or m.
+        limit: Largest number of points of one curve.
+
+    Raises:
+        UnsupportedMechanismError: n ≠ 2, joints with nq ≠ nv, components as coordinates, or redundant rows.
+    """
+    equations = _SingularEquations(mechanism)
+    generator = np.random.default_rng(20004)
+    curves: list[SingularCurve] = []
+    for _ in range(starts):
+        found = equations.solve_from(generator)
+        if found is None or any(equations.lies_on(found, curve) for curve in curves):
+            continue
+        curve = equations.follow(found, step, limit)
+        if curve is not None and not _is_known(equations, curve, curves):
+            curves.append(curve)
+    return tuple(sorted(curves, key=lambda curve: curve.kind))
+
+
+def singularity_distance(model: ReducedModel, path: ArrayLike, guess: ArrayLike | None = None) -> SingularityDistance:
+    """The smallest singular value of the scaled φ_y along a path in q, any n; zero means singular.
+
+    Args:
+        model: The reduced model.
+        path: Points of shape (k, nq_independent), followed in order on one branch.
+        guess: Chooses the branch at the first point.
+
+    Raises:
+        UnreachableError, SingularConfigurationError: The path cannot be followed.
+    """
+    points = np.atleast_2d(np.asarray(path, dtype=np.float64))
+    if points.ndim != 2 or points.shape[1] != model.nq:
+        raise InvalidInputError(f"path has shape {np.shape(path)}; it must be (k, {model.nq})")
+    reach = characteristic_length(model.mechanism)
+    configurations, measures = [], []
+    near = guess
+    for q in points:
+        point = model.closed_point(q, near)
+        near = point.q_free
+        configurations.append(point.q_free)
+        measures.append(_smallest(model, point.q_free, reach))
+    return SingularityDistance(np.array(configurations), np.array(measures))
+
+
+def characteristic_length(mechanism: Mechanism) -> float:
+    """The mean norm of the constraint rows at the reference, in metres per radian: what lengths are divided by."""
+    norms = np.linalg.norm(mechanism.constraints().value(mechanism.q_reference).jacobian, axis=1)
+    return float(norms.mean()) if norms.size and norms.mean() > 0 else 1.0
+
+
+def _smallest(model: ReducedModel, q_free: Array, reach: float) -> float:
+    """Smallest singular value of φ_q′ on the kernel of α_q′, rows divided by the reach."""
+    jacobian = model.parametrization.constraints.value(q_free).jacobian / reach
+    selection = model.coordinates.jacobian(q_free)
+    kernel = np.linalg.svd(selection)[2][len(selection) :].T
+    return float(np.linalg.svd(jacobian @ kernel, compute_uv=False)[-1])
+
+
+class _SingularEquations:
+    """The system in x = (q′, w_y), its Jacobian, and continuation along its solution curves."""
+
+    def __init__(self, mechanism: Mechanism) -> None:
+        self.mechanism = mechanism
+        self.constraints = mechanism.constraints()
+        self.coordinates = mechanism.parametrization().coordinates
+        n, n_free = mechanism.n, mechanism.n_free
+        if n != 2 or mechanism.nq != n_free or not self.coordinates.constant:
+            raise UnsupportedMechanismError(
+                "singular curves are followed for two independent coordinates and plain revolute or prismatic joints; "
+                f"'{mechanism.name}' has n = {n}, nq = {mechanism.nq}, n′ = {n_free}"
+            )
+        if self.constraints.size != n_free - n:
+            raise UnsupportedMechanismError(
+                f"'{mechanism.name}' keeps {self.constraints.size} constraint rows of rank {n_free - n}: with "
+                "redundant rows there is no det ψ_q′"
+            )
+        selection = self.coordinates.jacobian(mechanism.q_reference)
+        self.dependent = np.flatnonzero(~selection.any(axis=0))
+        self.independent = np.array([int(np.argmax(row)) for row in selection])
+        kinds = [mechanism.tree.kinds[name] for name in list(mechanism.pin_model.names)[1:]]
+        self.angular = np.array([kind == "revolute" for kind in kinds])
+        self.n_free = n_free
+
+    def residual(self, x: Array) -> Array:
+        w = x[self.n_free :]
+        value = self.constraints.value(x[: self.n_free])
+        return np.concatenate([value.phi, value.jacobian[:, self.dependent] @ w, [0.5 * (w @ w - 1.0)]])
+
+    def jacobian(self, x: Array) -> Array:
+        q_free, w = x[: self.n_free], x[self.n_free :]
+        whole = np.zeros(self.n_free)
+        whole[self.dependent] = w
+        rate = self.constraints.rate(q_free, whole)
+        m, k = self.constraints.size, len(w)
+        jacobian = np.zeros((2 * m + 1, self.n_free + k))
+        jacobian[:m, : self.n_free] = rate.jacobian
+        jacobian[m : 2 * m, : self.n_free] = rate.jacobian_rate
+        jacobian[m : 2 * m, self.n_free :] = rate.jacobian[:, self.dependent]
+        jacobian[2 * m, self.n_free :] = w
+        return jacobian
+
+    def solve_from(self, generator: np.random.Generator) -> Array | None:
+        """A solution from a random start, or ``None``."""
+        spread = np.where(self.angular, np.pi, 0.5)
+        start = self.mechanism.q_reference + spread * generator.uniform(-1.0, 1.0, self.n_free)
+        jacobian = self.constraints.value(start).jacobian[:, self.dependent]
+        x = np.concatenate([start, np.linalg.svd(jacobian)[2][-1]])
+        found = optimize.least_squares(self.residual, x, jac=self.jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        return self.correct(found.x)
+
+    def correct(self, x: Array) -> Array | None:
+        """Gauss–Newton steps of least norm onto the curve, or ``None`` where they do not converge."""
+        for _ in range(8):
+            residual = self.residual(x)
+            if np.abs(residual).max() <= _SOLVED:
+                return x
+            x = x - np.linalg.lstsq(self.jacobian(x), residual, rcond=None)[0]
+        return x if np.abs(self.residual(x)).max() <= _SOLVED else None
+
+    def tangent(self, x: Array, along: Array | None) -> Array:
+        """The unit tangent, turned along a previous one."""
+        direction = np.linalg.svd(self.jacobian(x))[2][-1]
+        return np.asarray(-direction if along is not None and direction @ along < 0 else direction)
+
+    def follow(self, start: Array, step: float, limit: int) -> SingularCurve | None:
+        """Continue a curve both ways until it returns or ends."""
+        forward, closed = self._one_way(start, self.tangent(start, None), step, limit)
+        points = forward
+        if not closed:
+            backward, _ = self._one_way(start, -self.tangent(start, None), step, limit)
+            points = backward[:0:-1] + forward
+        if len(points) < 3:
+            return None
+        configurations = np.array(points)[:, : self.n_free]
+        q = configurations[:, self.independent]
+        if np.ptp(q, axis=0).max() < 1e-7:
+            turned = np.where(self.angular[self.independent], np.remainder(q[:1] + np.pi, 2 * np.pi) - np.pi, q[:1])
+            return SingularCurve("self-motion", turned, configurations, closed)
+        return SingularCurve("fold", q, configurations, closed)
+
+    def _one_way(self, start: Array, tangent: Array, step: float, limit: int) -> tuple[list[Array], bool]:
+        points, here, h = [start], start, step
+        while len(points) < limit:
+            ahead = self.correct(here + h * tangent)
+            if ahead is None or np.linalg.norm(ahead - here) > 2 * h:
+                h *= 0.5
+                if h < 1e-3 * step:
+                    return points, False
+                continue
+            new_tangent = self.tangent(ahead, tangent)
+            if new_tangent @ tangent < 0.9 and h > 0.01 * step:
+                h *= 0.5
+                continue
+            here, tangent, h = ahead, new_tangent, min(step, 1.5 * h)
+            points.append(here)
+            if len(points) > 3 and self.gap(here, start) < 0.75 * step:
+                points.append(start)
+                return points, True
+        return points, False
+
+    def gap(self, x: Array, other: Array) -> float:
+        """Distance of two points, angles modulo 2π and w up to its sign."""
+        difference = x[: self.n_free] - other[: self.n_free]
+        turned = np.where(self.angular, np.remainder(difference + np.pi, 2 * np.pi) - np.pi, difference)
+        w, v = x[self.n_free :], other[self.n_free :]
+        return float(np.linalg.norm(np.append(turned, min(np.linalg.norm(w - v), np.linalg.norm(w + v)))))
+
+    def lies_on(self, x: Array, curve: SingularCurve) -> bool:
+        """Whether a solution is within a step of a curve already found."""
+        difference = curve.q_free - x[: self.n_free]
+        turned = np.where(self.angular, np.remainder(difference + np.pi, 2 * np.pi) - np.pi, difference)
+        return bool(np.linalg.norm(turned, axis=1).min() < 0.03)
+
+
+def _is_known(equations: _SingularEquations, curve: SingularCurve, curves: list[SingularCurve]) -> bool:
+    middle = curve.q_free[len(curve.q_free) // 2]
+    probe = np.concatenate([middle, np.zeros(len(equations.dependent))])
+    return any(known.kind == curve.kind and equations.lies_on(probe, known) for known in curves)

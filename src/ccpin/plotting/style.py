@@ -1,0 +1,36 @@
+"""What all figures share: their looks, and writing them whole or not at all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ccpin.trajectory import write_atomically
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLOURS = ("#d1541f", "#1f6fb2", "#3a8f4d", "#8a4fa3", "#b58900", "#5a6570")
+STYLE = {
+    "font.size": 10,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "savefig.dpi": 150,
+}
+
+
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure as PNG, PDF or SVG by the file's ending, atomically.
+
+    Raises:
+        InvalidInputError: The folder cannot be written to.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    target = Path(path)
+    if figure.canvas is None:
+        FigureCanvasAgg(figure)
+    kind = target.suffix.lstrip(".") or "png"
+    write_atomically(target, "wb", lambda file: figure.savefig(file, format=kind))
