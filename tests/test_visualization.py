@@ -1,89 +1,29 @@
-"""Pictures: what the pages hold against Pinocchio's own URDF reader, and what Chromium shows of them."""
+"""Pages: what they hold against Pinocchio's own URDF reader, and what is refused."""
 
 from __future__ import annotations
 
-import base64
-import json
 import re
-import socket
 import subprocess
 import sys
-import threading
-import urllib.error
-import urllib.request
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
 import pytest
-import umsgpack
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import ccpin
-from browser import screenshot
 from ccpin import visualization
 from ccpin.errors import InvalidInputError
-from ccpin.visualization.camera import ASPECT, FIELD_OF_VIEW, FILL, frame_points, plane_normal
-from ccpin.visualization.live import LiveRecorder
-from ccpin.visualization.page import Recorder
-from ccpin.visualization.shapes import corners, parts, read_mesh, tube
-
-ROOT = Path(__file__).parents[1]
-MODELS = ROOT / "models"
-SHARED = ROOT.parent / "shared" / "models"
+from pages import MODELS, animation, five_bar, five_bar_swing, messages, transforms, urdf_frames
 
 
 @pytest.fixture(scope="module")
 def rpdr():
-    return ccpin.load("rpdr")
+    return five_bar()
 
 
 @pytest.fixture(scope="module")
-def swing(rpdr):
-    """Two seconds of the five-bar from (−150°, −160°) to (−90°, −100°), a sample every 1/30 s."""
-    model = ccpin.ReducedModel(rpdr)
-    t = np.arange(61) / 30
-    share = (1 - np.cos(np.pi * t / 2)) / 2
-    poses = [model.sigma(q) for q in np.deg2rad([-150.0, -160.0]) + share[:, None] * np.deg2rad([60.0, 60.0])]
-    return t, np.array(poses)
-
-
-def messages(path):
-    """The MeshCat messages of a page, decoded."""
-    found = re.search(r"^const commands = (\[.*\]);$", Path(path).read_text(encoding="utf-8"), re.MULTILINE)
-    return [umsgpack.unpackb(base64.b64decode(text)) for text in json.loads(found.group(1))]
-
-
-def transforms(path):
-    """4×4 transforms by MeshCat path."""
-    found = [m for m in messages(path) if m["type"] == "set_transform"]
-    return {m["path"]: np.array(m["matrix"]).reshape(4, 4).T for m in found}
-
-
-def animation(path):
-    (message,) = [m for m in messages(path) if m["type"] == "set_animation"]
-    return message
-
-
-def bare(mechanism):
-    """The same mechanism without a single visual."""
-    links = tuple(replace(link, visuals=()) for link in mechanism.description.links)
-    return replace(mechanism, description=replace(mechanism.description, links=links))
-
-
-def urdf_frames(file, mechanism, q_free):
-    """World frames of all links by Pinocchio's own reader of the URDF file, joint by joint name."""
-    model = pin.buildModelFromUrdf(str(file))
-    q = pin.neutral(model)
-    for name in model.names[1:]:
-        theirs, ours = model.getJointId(name), mechanism.pin_model.getJointId(name)
-        start, count = mechanism.pin_model.idx_qs[ours], model.nqs[theirs]
-        q[model.idx_qs[theirs] : model.idx_qs[theirs] + count] = q_free[start : start + count]
-    data = model.createData()
-    pin.framesForwardKinematics(model, data, q)
-    return {f.name: data.oMf[i].homogeneous for i, f in enumerate(model.frames) if f.type == pin.FrameType.BODY}
+def swing():
+    return five_bar_swing()
 
 
 def test_importing_draws_in_neither_meshcat_nor_its_friends():
@@ -194,16 +134,6 @@ def test_trace_follows_the_loop_point(rpdr, swing, tmp_path):
     assert distances.max() == pytest.approx(radius, rel=1e-3)
 
 
-def test_tube_is_as_thick_as_asked_for():
-    """Around a circle, each vertex is `radius` from the circle and each ring lies across it."""
-    angles = np.linspace(0, 1.5 * np.pi, 200)
-    circle = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
-    vertices = tube(circle, 0.01).vertices
-    across = np.hypot(np.hypot(vertices[:, 0], vertices[:, 1]) - 1, vertices[:, 2])
-    assert across == pytest.approx(0.01, rel=1e-3)
-    assert tube(np.zeros((5, 3)), 0.01) is None
-
-
 def bad_inputs():
     t, q = np.array([0.0, 1.0]), np.zeros((2, 4))
     return {
@@ -267,271 +197,3 @@ def test_title_is_text_not_markup(rpdr, tmp_path):
     text = visualization.snapshot_html(rpdr, None, tmp_path / "s.html", title="<b>&@CLOCK@").read_text()
     assert text.count("&lt;b&gt;&amp;@CLOCK@") == 2
     assert "<b>&" not in text
-
-
-SHAPES = {
-    "box": (ccpin.Shape("box", (1.0, 2.0, 3.0)), [0.5, 1.0, 1.5]),
-    "cylinder": (ccpin.Shape("cylinder", (0.5, 3.0)), [0.5, 0.5, 1.5]),
-    "capsule": (ccpin.Shape("capsule", (0.5, 3.0)), [0.5, 0.5, 2.0]),
-    "sphere": (ccpin.Shape("sphere", (0.7,)), [0.7, 0.7, 0.7]),
-    "ellipsoid": (ccpin.Shape("ellipsoid", (0.1, 0.2, 0.3)), [0.1, 0.2, 0.3]),
-}
-
-
-@pytest.mark.parametrize("kind", SHAPES)
-def test_parts_of_a_shape_span_its_corners(kind):
-    """The drawn parts, measured as three.js builds them, just fill the box that the camera frames."""
-    shape, half = SHAPES[kind]
-    lows, highs = [], []
-    for part in parts(shape):
-        data = part.geometry.lower({})
-        size = {
-            "BoxGeometry": lambda d: [d["width"] / 2, d["height"] / 2, d["depth"] / 2],
-            "CylinderGeometry": lambda d: [d["radiusTop"], d["height"] / 2, d["radiusTop"]],
-            "SphereGeometry": lambda d: [d["radius"]] * 3,
-        }[data["type"]](data)
-        frame = part.placement @ part.geometry.intrinsic_transform()
-        extent = np.abs(frame[:3, :3]) @ size
-        lows.append(frame[:3, 3] - extent)
-        highs.append(frame[:3, 3] + extent)
-    assert np.max(highs, axis=0) == pytest.approx(half)
-    assert np.min(lows, axis=0) == pytest.approx(-np.array(half))
-    assert corners(shape).max(axis=0) == pytest.approx(half)
-    assert corners(shape).min(axis=0) == pytest.approx(-np.array(half))
-
-
-@pytest.mark.parametrize("suffix", ["obj", "stl", "dae"])
-def test_meshes_are_read(tmp_path, suffix):
-    """A box written in each format comes back with its corners, scaled; its sharp edges keep their own normals."""
-    trimesh = pytest.importorskip("trimesh")
-    path = tmp_path / f"box.{suffix}"
-    trimesh.creation.box((1.0, 2.0, 3.0)).export(path)
-    shape = ccpin.Shape("mesh", (2.0, 1.0, 1.0), mesh=str(path))
-    assert np.abs(corners(shape)) == pytest.approx(np.tile([1.0, 1.0, 1.5], (8, 1)))
-    assert len(read_mesh(str(path)).vertices) == 24
-
-
-def test_missing_or_broken_mesh_is_left_out_with_a_note(rpdr, tmp_path):
-    """The rest of the mechanism is drawn, and the notes say what is not."""
-    broken = tmp_path / "broken.stl"
-    broken.write_bytes(b"solid nothing")
-    meshes = tuple(ccpin.Visual(ccpin.Shape("mesh", (1.0, 1.0, 1.0), mesh=str(m))) for m in ("absent.obj", broken))
-    links = tuple(
-        replace(link, visuals=link.visuals + meshes * (link.name == "link1")) for link in rpdr.description.links
-    )
-    mechanism = replace(rpdr, description=replace(rpdr.description, links=links))
-    scene = visualization.view(mechanism, open_browser=False)
-    scene.close()
-    assert len(scene.notes) == 2
-    assert "link 'link1': mesh 'absent.obj' is not there" in scene.notes[0]
-    assert "broken.stl" in scene.notes[1]
-
-
-@pytest.mark.parametrize("name", ["rpdr", "stewart", "delta", "slider_crank"])
-def test_skeleton_marks_every_joint_and_loop(name):
-    """Without visuals, a ball sits at both ends of each closure, and something at each joint's origin."""
-    mechanism = bare(ccpin.load(name))
-    with visualization.view(mechanism, open_browser=False) as viewer:
-        assert "skeleton" in viewer.notes[0]
-        frames = viewer.scene.frames(mechanism.q_reference)
-        bodies = viewer.scene.bodies
-    marks = [
-        f @ v.placement for f, b in zip(frames, bodies, strict=True) for v in b.visuals if v.shape.kind != "capsule"
-    ]
-    marked = np.array([mark[:3, 3] for mark in marks])
-    data = mechanism.pin_model.createData()
-    pin.forwardKinematics(mechanism.pin_model, data, mechanism.q_reference)
-    expected = [data.oMi[j].translation for j in range(1, mechanism.pin_model.njoints)]
-    for closure in mechanism.closures:
-        for link, placement in ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b)):
-            carrier = mechanism.tree.attachments[link]
-            expected.append((data.oMi[carrier.joint].homogeneous @ carrier.placement @ placement)[:3, 3])
-    for point in expected:
-        assert np.linalg.norm(marked - point, axis=1).min() < 1e-9
-
-
-@pytest.mark.parametrize(
-    ("name", "normal"),
-    [
-        ("rpdr", [0, 1, 0]),
-        ("planar_3rrr", [0, 1, 0]),
-        ("delta", None),
-        ("stewart", None),
-        ("bennett", None),
-        ("sarrus", None),
-    ],
-)
-def test_plane_of_motion(name, normal):
-    """Planar mechanisms know their plane; Bennett's and Sarrus' linkages have none."""
-    found = plane_normal(ccpin.load(name))
-    if normal is None:
-        assert found is None
-    else:
-        assert np.abs(found) == pytest.approx(normal, abs=1e-12)
-
-
-coordinate = st.floats(-3, 3).map(lambda x: round(x, 3))
-point = st.tuples(coordinate, coordinate, coordinate)
-
-
-@settings(max_examples=100, deadline=None)
-@given(
-    points=st.lists(point, min_size=2, max_size=12, unique=True),
-    azimuth=st.floats(-3, 3),
-    elevation=st.floats(-1.5, 1.5),
-)
-def test_camera_sees_all_points_as_large_as_it_can(points, azimuth, elevation):
-    """Projected through a look-at camera, all points are inside the share of the frame, and one touches its edge."""
-    points = np.array(points)
-    direction = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
-    framing = frame_points(points, direction, np.eye(3))
-    seen = points @ framing.origin[:3, :3].T + framing.origin[:3, 3] - framing.distance * direction
-    right = np.cross(-direction, [0, 0, 1])
-    right /= np.linalg.norm(right)
-    depth = -seen @ direction
-    assert np.all(depth > 0)
-    edge = FILL * np.tan(np.deg2rad(FIELD_OF_VIEW) / 2)
-    wide = np.abs(seen @ right / depth).max()
-    high = np.abs(seen @ np.cross(direction, right) / depth).max()
-    assert (wide, high) == pytest.approx((framing.half_width, framing.half_height), rel=1e-9, abs=1e-12)
-    largest = max(wide / (ASPECT * edge), high / edge)
-    assert largest <= 1 + 1e-9
-    span = np.ptp(points, axis=0)
-    if min(np.ptp(points @ right), np.ptp(points @ np.cross(direction, right))) > 0.1 * np.linalg.norm(span):
-        assert largest == pytest.approx(1, rel=1e-9)
-
-
-def test_recorder_forgets_what_is_overridden(rpdr, swing):
-    """Moving a mechanism many times costs no memory."""
-    meshcat = pytest.importorskip("meshcat")
-    recorder = Recorder()
-    scene = visualization.Scene(rpdr, meshcat.Visualizer(window=recorder))
-    for pose in swing[1]:
-        scene.place(pose)
-        once = len(recorder.commands)
-    scene.place(swing[1][0])
-    assert len(recorder.commands) == once
-    assert len({umsgpack.unpackb(c)["path"] for c in recorder.commands if b"set_transform" in c}) > 4
-
-
-def test_live_viewer_serves_on_loopback_and_stops(rpdr, swing):
-    """The page is served on 127.0.0.1 only, and after closing neither the port nor the thread is left."""
-    before = threading.active_count()
-    with visualization.view(rpdr, swing[1], swing[0], open_browser=False) as viewer:
-        assert viewer.url.startswith("http://127.0.0.1:")
-        assert b"viewer.connect" in urllib.request.urlopen(viewer.url, timeout=10).read()
-        port = int(viewer.url.rstrip("/").rpartition(":")[2])
-        listening = Path("/proc/net/tcp")
-        if listening.exists():
-            rows = [line.split() for line in listening.read_text().splitlines()[1:]]
-            local = [row[1] for row in rows if row[3] == "0A" and int(row[1].partition(":")[2], 16) == port]
-            assert local == [f"0100007F:{port:04X}"]
-        assert not viewer.wait(0.0)
-    assert viewer.wait(0.0)
-    viewer.close()
-    with pytest.raises(urllib.error.URLError):
-        urllib.request.urlopen(viewer.url, timeout=10)
-    assert socket.socket().connect_ex(("127.0.0.1", port)) != 0
-    assert threading.active_count() == before
-
-
-def test_live_viewer_sends_the_scene_then_the_moves(rpdr, swing):
-    """A browser that connects gets the whole scene, and afterwards each pose drawn."""
-    tornado = pytest.importorskip("tornado.websocket")
-    import asyncio
-
-    with visualization.view(rpdr, open_browser=False) as viewer:
-        recorder = viewer.scene.visualizer.window
-        assert isinstance(recorder, LiveRecorder)
-
-        async def watch():
-            connection = await tornado.websocket_connect(viewer.url.replace("http", "ws") + "scene")
-            first = [await connection.read_message() for _ in recorder.commands]
-            known = recorder.commands
-            await asyncio.get_running_loop().run_in_executor(None, viewer.draw, swing[1][7])
-            moves = [umsgpack.unpackb(await connection.read_message()) for _ in range(6)]
-            connection.close()
-            return first, known, moves
-
-        first, known, moves = asyncio.run(watch())
-    assert tuple(first) == known
-    frames = urdf_frames(MODELS / "rpdr.urdf", rpdr, swing[1][7])
-    placed = {m["path"].rpartition("/")[2]: np.array(m["matrix"]).reshape(4, 4).T for m in moves[1:]}
-    assert moves[0]["type"] == "set_animation"
-    assert set(placed) == {"base", "link1", "link2", "link3", "link4"}
-    assert all(placed[name] == pytest.approx(frames[name], abs=1e-12) for name in placed)
-
-
-def test_view_says_what_is_missing(rpdr, swing):
-    """Times without configurations and configurations without times are refused."""
-    with pytest.raises(InvalidInputError, match="t is given without q_free"):
-        visualization.view(rpdr, t=swing[0], open_browser=False)
-    with pytest.raises(InvalidInputError, match="give its times t"):
-        visualization.view(rpdr, swing[1], open_browser=False)
-
-
-def robot_box(picture):
-    """Top, bottom, left, right of all but the background, which varies by row only; its shares of height and width."""
-    drawn = np.abs(picture - picture[:, :1]).max(axis=2) > 0.03
-    rows, columns = np.flatnonzero(drawn.any(axis=1)), np.flatnonzero(drawn.any(axis=0))
-    assert rows.size, "nothing but background"
-    height, width = drawn.shape
-    return rows[0], rows[-1], columns[0], columns[-1], np.ptp(rows) / height, np.ptp(columns) / width
-
-
-def assert_fills_frame(picture):
-    top, bottom, left, right, height, width = robot_box(picture)
-    assert top > 0
-    assert left > 0
-    assert bottom < picture.shape[0] - 1
-    assert right < picture.shape[1] - 1
-    assert 0.45 < max(height, width) < 0.98, (height, width)
-
-
-def look(page, **options):
-    """A picture of the page's scene, without its title, playback bar and menu."""
-    hidden = page.with_name("look.html")
-    style = "<style>#title, #bar, .dg { display: none !important; }</style></body>"
-    hidden.write_text(page.read_text(encoding="utf-8").replace("</body>", style), encoding="utf-8")
-    return screenshot(hidden.as_uri(), **options)
-
-
-@pytest.mark.parametrize("name", ["rpdr", "delta", "stewart", "four_bar"])
-def test_chromium_shows_the_whole_mechanism(name, tmp_path):
-    """The mechanism is inside the picture and takes a sensible share of it."""
-    assert_fills_frame(look(visualization.snapshot_html(ccpin.load(name), None, tmp_path / "s.html")))
-
-
-def test_chromium_shows_a_skeleton(tmp_path):
-    """So is a mechanism whose file draws nothing."""
-    assert_fills_frame(look(visualization.snapshot_html(bare(ccpin.load("stewart")), None, tmp_path / "s.html")))
-
-
-def test_chromium_shows_other_peoples_four_bar(tmp_path):
-    """So is a file from elsewhere."""
-    if not SHARED.is_dir():
-        pytest.skip("the folder with other people's models is absent")
-    assert_fills_frame(
-        look(visualization.snapshot_html(ccpin.load(SHARED / "four_bar.urdf"), None, tmp_path / "s.html"))
-    )
-
-
-def test_chromium_plays_the_animation_in_windows_of_any_shape(rpdr, swing, tmp_path):
-    """The animation starts by itself, and a portrait window shows the whole robot too."""
-    page = visualization.animate(rpdr, *swing, tmp_path / "a.html", trace=rpdr.closures[0].name)
-    early, late = look(page, wait_ms=200), look(page, wait_ms=1400)
-    assert_fills_frame(early)
-    assert_fills_frame(late)
-    assert (np.abs(early - late).max(axis=2) > 0.1).mean() > 0.01
-    portrait = look(page, width=500, height=800)
-    assert_fills_frame(portrait)
-    orange = (portrait[..., 0] > 0.7) & (portrait[..., 1] < 0.65) & (portrait[..., 2] < 0.35)
-    assert orange.mean() > 0.01
-
-
-def test_chromium_shows_the_live_viewer(rpdr):
-    """The live page draws what it is sent: the robot's orange links."""
-    with visualization.view(rpdr, open_browser=False) as viewer:
-        picture = screenshot(viewer.url)
-    orange = (picture[..., 0] > 0.7) & (picture[..., 1] < 0.65) & (picture[..., 2] < 0.35)
-    assert orange.mean() > 0.01
