@@ -308,10 +308,9 @@ def _resolve_gear(tree: Tree, coupling: Coupling) -> _Gear:
         joint = model.getJointId(term.joint)
         wrapped = tree.kinds[term.joint] == "continuous"
         if wrapped:
-            ratio = (
-                Fraction(term.coefficients[1]).limit_denominator(1000) if len(term.coefficients) > 1 else Fraction(0)
-            )
-            if any(term.coefficients[2:]) or abs(float(ratio) - term.coefficients[1]) > 1e-12:
+            slope = term.coefficients[1] if len(term.coefficients) > 1 else 0.0
+            ratio = Fraction(slope).limit_denominator(1000)
+            if any(term.coefficients[2:]) or abs(float(ratio) - slope) > 1e-12:
                 raise UnsupportedMechanismError(
                     f"coupling '{coupling.name}': joint '{term.joint}' is continuous, so its ratio must be a "
                     "fraction of whole numbers up to 1000; make the joint revolute for any other relation"

@@ -57,6 +57,7 @@ class Parametrization:
         self._unit = np.vstack([np.zeros((constraints.size, coordinates.n)), np.eye(coordinates.n)])
         self._tolerance = 1e-14 * max(1.0, _reach(self.model))
         self._psi = np.empty((rows, self.model.nv))
+        self._turnable = any(loop.rows.directions and loop.rows.alignment for loop in constraints.loops)
 
     def psi_jacobian(self, q_free: Array) -> Array:
         """ψ_q′ = [φ_q′; α_q′] (10), of shape (m + n, n′)."""
@@ -99,13 +100,18 @@ class Parametrization:
         Raises:
             UnreachableError: The line is blocked by a singularity before q.
             SingularConfigurationError: q itself is singular.
-            InvalidInputError: The guess cannot be closed.
+            InvalidInputError: The guess cannot be closed, or only with a closure's axes turned end for end.
         """
         start = self.q_reference if guess is None else guess
         point, blocked = self._step(start, q)
-        if point is not None:
-            return point
-        return self._walk(self._closed_start(start) if blocked else start, q)
+        if point is None:
+            point = self._walk(self._closed_start(start) if blocked else start, q)
+        if guess is not None and self._turnable and not self.constraints.aligned(point.q_free):
+            raise InvalidInputError(
+                "the guess satisfies φ = 0 with a closure's axes turned end for end; pass a configuration closed the "
+                "right way round"
+            )
+        return point
 
     def _walk(self, start: Array, q: Array) -> ClosedPoint:
         coordinates = self.coordinates
@@ -148,16 +154,16 @@ class Parametrization:
         start_open = False
         for iteration in range(_MAX_NEWTON):
             gap, factor = self._linearized(q_free, q)
-            if factor.rcond < SINGULAR_RCOND:
-                return None, start_open
-            size = float(np.abs(gap).max()) if gap.size else 0.0
             if iteration == 0:
                 sign = factor.sign
                 start_open = bool(np.abs(gap[: self.constraints.size]).max(initial=0.0) > 1e-6)
+            if factor.rcond < SINGULAR_RCOND:
+                return None, start_open
+            size = float(np.abs(gap).max()) if gap.size else 0.0
             if size <= self._tolerance or (trusted and last <= 1e-9 and size <= 100 * self._tolerance):
                 if factor.sign != sign:
                     return None, start_open
-                return self._closed_point(q_free, factor), start_open
+                return self._closed_point(q_free if iteration else start.copy(), factor), start_open
             step = factor.solve(gap)
             length = float(np.linalg.norm(step))
             if not length <= _LARGEST_MOVE:

@@ -239,6 +239,10 @@ class ReducedModel:
         rows, velocities = self._rows(Q, "Q", self.nq), self._rows(V, "V", self.n)
         self._same_length(rows, velocities)
         each = [self.terms(q, v, guess) for q, v in zip(rows, velocities, strict=True)]
+        if not each:
+            n_free, n = self.mechanism.n_free, self.n
+            shapes = ((self.mechanism.nq,), (n_free,), (n_free, n), (n_free, n), (n, n), (n, n), (n,))
+            return ReducedTerms(*(np.empty((0, *shape)) for shape in shapes))
         return ReducedTerms(*(np.array(field) for field in zip(*each, strict=True)))
 
     def forward_dynamics_many(self, Q: ArrayLike, V: ArrayLike, U: ArrayLike, guess: ArrayLike | None = None) -> Array:
@@ -282,7 +286,10 @@ class ReducedModel:
         return array
 
     def _rows(self, value: ArrayLike, name: str, size: int | None) -> Array:
-        array = np.asarray(value, dtype=np.float64)
+        try:
+            array = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InvalidInputError(f"{name} is not a rectangular array of numbers") from None
         if array.ndim != 2 or (size is not None and array.shape[1] != size):
             raise InvalidInputError(f"{name} has shape {array.shape}; it must be (N, {size or self.n_actuated})")
         return array
