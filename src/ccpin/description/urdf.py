@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import Any, cast
 
 import numpy as np
-from lxml import etree
 
 from ccpin.description.checks import check
 from ccpin.description.model import (
@@ -15,7 +13,6 @@ from ccpin.description.model import (
     CouplingTerm,
     Inertia,
     Joint,
-    JointKind,
     Link,
     MechanismDescription,
     Shape,
@@ -23,38 +20,10 @@ from ccpin.description.model import (
     frozen,
 )
 from ccpin.description.urdf_closures import read_marks
-from ccpin.description.xml import Element, child, children, label, number, numbers, parse_xml, text_attribute
+from ccpin.description.urdf_document import JOINT_TYPES, parse_document
+from ccpin.description.xml import parse_xml
 from ccpin.errors import DescriptionError
 
-if TYPE_CHECKING:
-    import yourdfpy
-
-JOINT_TYPES: dict[str, JointKind] = {
-    "revolute": "revolute",
-    "continuous": "continuous",
-    "prismatic": "prismatic",
-    "fixed": "fixed",
-    "floating": "floating",
-    "planar": "planar",
-    "spherical": "spherical",
-    "ball": "spherical",
-}
-# Every numeric attribute of a URDF (element, attribute) with its number of entries.
-NUMERIC = {
-    ("origin", "xyz"): 3,
-    ("origin", "rpy"): 3,
-    ("axis", "xyz"): 3,
-    ("mass", "value"): 1,
-    **{("inertia", name): 1 for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")},
-    **{("limit", name): 1 for name in ("lower", "upper", "effort", "velocity")},
-    ("mimic", "multiplier"): 1,
-    ("mimic", "offset"): 1,
-    ("box", "size"): 3,
-    ("cylinder", "radius"): 1,
-    ("cylinder", "length"): 1,
-    ("sphere", "radius"): 1,
-    ("color", "rgba"): 4,
-}
 DEFAULT_COLOUR = (0.62, 0.66, 0.70, 1.0)
 
 
@@ -71,9 +40,8 @@ def read_urdf(text: bytes, source: str | None) -> MechanismDescription:
     root = parse_xml(text, source)
     if root.tag != "robot":
         raise DescriptionError(f"the root element is <{root.tag}>, a URDF's is <robot>", source=source)
-    _check_document(root, source)
-    robot = _parse_document(root, source)
     notes: list[str] = []
+    robot = parse_document(root, source, notes)
     joints = [_joint(joint, source, notes) for joint in robot.joints]
     marks = read_marks(root, joints, source)
     joints = [_with_armature(joint, marks.armature.get(joint.name, 0.0)) for joint in joints]
@@ -100,62 +68,6 @@ def read_urdf(text: bytes, source: str | None) -> MechanismDescription:
             notes=marks.notes + tuple(notes),
         )
     )
-
-
-def _check_document(root: Element, source: str | None) -> None:
-    """Check what yourdfpy would stumble over or silently accept: names, numbers and required children."""
-    for element in root.iter():
-        own = etree.QName(element).localname
-        for attribute in element.attrib:
-            count = NUMERIC.get((own, attribute))
-            if count is not None:
-                numbers(element, attribute, count, source)
-    for link in root.findall("link"):
-        text_attribute(link, "name", source)
-        for inertial in link.findall("inertial"):
-            number(child(inertial, "mass", source), "value", source)
-            inertia = child(inertial, "inertia", source)
-            for name in ("ixx", "iyy", "izz"):
-                number(inertia, name, source)
-        for visual in link.findall("visual"):
-            child(visual, "geometry", source)
-    for joint in root.findall("joint"):
-        text_attribute(joint, "name", source)
-        kind = text_attribute(joint, "type", source)
-        if kind not in JOINT_TYPES:
-            raise DescriptionError(
-                f"type '{kind}' is not one of {', '.join(JOINT_TYPES)}", source=source, element=label(joint)
-            )
-        for role in ("parent", "child"):
-            text_attribute(child(joint, role, source), "link", source)
-        for mimic in joint.findall("mimic"):
-            text_attribute(mimic, "joint", source)
-        _check_axis(joint, kind, source)
-
-
-def _check_axis(joint: Element, kind: str, source: str | None) -> None:
-    axis = joint.find("axis")
-    if kind in ("revolute", "continuous", "prismatic", "planar") and axis is not None:
-        length = np.linalg.norm(numbers(axis, "xyz", 3, source, default="1 0 0"))
-        if not 1e-9 < length < 1e9:
-            raise DescriptionError("the axis is the zero vector", source=source, element=label(joint))
-
-
-def _parse_document(root: Element, source: str | None) -> yourdfpy.Robot:
-    """Let yourdfpy read the standard elements (those of other dialects are removed first)."""
-    import yourdfpy
-
-    standard = etree.Element("robot", name=root.get("name") or "")
-    for element in root:
-        if element.tag in ("link", "joint", "material"):
-            standard.append(etree.fromstring(etree.tostring(element)))
-    try:
-        document = yourdfpy.URDF.load(
-            io.BytesIO(etree.tostring(standard)), build_scene_graph=False, load_meshes=False, mesh_dir=""
-        )
-    except Exception as error:
-        raise DescriptionError(f"yourdfpy cannot read the URDF: {error}", source=source) from error
-    return document.robot
 
 
 def _joint(joint: Any, source: str | None, notes: list[str]) -> Joint:
@@ -204,14 +116,12 @@ def _link(link: Any, colours: dict[str, Any], source: str | None, notes: list[st
             com=frozen(placement[:3, 3]),
             rotational=frozen(rotation @ np.asarray(link.inertial.inertia) @ rotation.T),
         )
-    visuals = [_visual(visual, colours, link.name, source, notes) for visual in link.visuals]
-    return Link(name=link.name, inertia=inertia, visuals=tuple(v for v in visuals if v is not None))
+    visuals = (_visual(visual, colours, link.name, source, notes) for visual in link.visuals)
+    return Link(name=link.name, inertia=inertia, visuals=tuple(visuals))
 
 
-def _visual(visual: Any, colours: dict[str, Any], link: str, source: str | None, notes: list[str]) -> Visual | None:
+def _visual(visual: Any, colours: dict[str, Any], link: str, source: str | None, notes: list[str]) -> Visual:
     shape = _shape(visual.geometry, link, source, notes)
-    if shape is None:
-        return None
     colour = None
     if visual.material is not None:
         colour = visual.material.color.rgba if visual.material.color is not None else colours.get(visual.material.name)
@@ -219,16 +129,13 @@ def _visual(visual: Any, colours: dict[str, Any], link: str, source: str | None,
     return Visual(shape=shape, placement=_origin(visual.origin), rgba=cast("tuple[float, float, float, float]", rgba))
 
 
-def _shape(geometry: Any, link: str, source: str | None, notes: list[str]) -> Shape | None:
+def _shape(geometry: Any, link: str, source: str | None, notes: list[str]) -> Shape:
     if geometry.box is not None:
         return Shape("box", tuple(float(x) for x in geometry.box.size))
     if geometry.cylinder is not None:
         return Shape("cylinder", (float(geometry.cylinder.radius), float(geometry.cylinder.length)))
     if geometry.sphere is not None:
         return Shape("sphere", (float(geometry.sphere.radius),))
-    if geometry.mesh is None:
-        notes.append(f"link '{link}' has a visual of a shape ccpin does not draw")
-        return None
     scale = np.broadcast_to(1.0 if geometry.mesh.scale is None else geometry.mesh.scale, 3)
     found = find_mesh(geometry.mesh.filename, source)
     if found is None:
@@ -269,6 +176,3 @@ def _mimics(joints: list[Any]) -> list[Coupling]:
         for joint in joints
         if joint.mimic is not None
     ]
-
-
-__all__ = ["children", "find_mesh", "read_urdf"]
