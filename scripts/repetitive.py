@@ -11,9 +11,9 @@ import numpy as np
 
 import ccpin
 from ccpin import plotting
+from ccpin.files import write_atomically
 from ccpin.metrics import set_point_metrics
 from ccpin.supervision import supervise
-from ccpin.trajectory import write_atomically
 
 OUT = Path("out/repetitive")
 Q_I = np.radians([-150.0, -160.0])

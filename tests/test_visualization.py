@@ -171,7 +171,7 @@ def test_configuration_off_its_sphere_is_refused(tmp_path):
         visualization.snapshot_html(mechanism, pose, tmp_path / "s.html")
 
 
-@pytest.mark.parametrize(("place", "sentence"), [("absent/a.html", "does not exist"), (".", "is a folder")])
+@pytest.mark.parametrize(("place", "sentence"), [("file/a.html", "cannot write"), (".", "is a folder")])
 def test_unwritable_path_is_refused(rpdr, swing, tmp_path, place, sentence):
     """The path is checked before the work is done."""
     with pytest.raises(InvalidInputError, match=sentence):
@@ -186,7 +186,7 @@ def test_failed_write_keeps_the_old_file(rpdr, swing, tmp_path, monkeypatch):
     def full(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("ccpin.visualization.page.os.replace", full)
+    monkeypatch.setattr("ccpin.files.os.replace", full)
     with pytest.raises(InvalidInputError, match="No space left"):
         visualization.animate(rpdr, *swing, target)
     assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("a.html", "before")]

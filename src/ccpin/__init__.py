@@ -7,7 +7,7 @@ docstrings cite them by number.
 
 from __future__ import annotations
 
-from ccpin import control
+from ccpin import control, domain, plotting, visualization
 from ccpin.description.model import (
     Coupling,
     CouplingTerm,
@@ -48,6 +48,9 @@ __all__ = [
     "Trajectory",
     "Visual",
     "control",
+    "domain",
     "load",
+    "plotting",
     "simulate",
+    "visualization",
 ]

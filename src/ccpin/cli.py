@@ -14,13 +14,14 @@ import numpy as np
 import ccpin
 from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
 from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.files import write_atomically
 from ccpin.mechanism import Mechanism
 from ccpin.metrics import set_point_metrics
 from ccpin.modes import assembly_modes
 from ccpin.report import in_words, summary
 from ccpin.simulation import METHODS, Settling
 from ccpin.supervision import SupervisedMotion, supervise
-from ccpin.trajectory import Trajectory, load_npz, write_atomically
+from ccpin.trajectory import Trajectory, load_npz
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

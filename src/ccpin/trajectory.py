@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
-from collections.abc import Callable
 from pathlib import Path
-from typing import IO, Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.errors import InvalidInputError
+from ccpin.files import write_atomically
 from ccpin.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -67,14 +65,14 @@ class Trajectory(NamedTuple):
     def save_npz(self, path: str | Path) -> None:
         """Write all arrays (and status, message) to an .npz file, atomically."""
         arrays = {name: getattr(self, name) for name in self._fields}
-        write_atomically(Path(path), "wb", lambda file: np.savez_compressed(file, **arrays))
+        write_atomically(path, "wb", lambda file: np.savez_compressed(file, **arrays))
 
     def save_csv(self, path: str | Path, mechanism: Mechanism) -> None:
         """Write t, q, v, u, q′ and the closure error as CSV with a header line, atomically."""
         header = ",".join(csv_header(self, mechanism))
         table = np.column_stack([self.t, self.q, self.v, self.u, self.q_free, self.closure_error])
         write_atomically(
-            Path(path),
+            path,
             "w",
             lambda file: np.savetxt(file, table, delimiter=",", header=header, comments="", fmt="%.17g"),
         )
@@ -111,24 +109,3 @@ def load_npz(path: str | Path) -> Trajectory:
         raise InvalidInputError(f"{path} is not a trajectory: {error}") from None
     scalars = {"status": str(fields["status"]), "message": str(fields["message"])}
     return Trajectory(**{**fields, **scalars, "evaluations": int(fields["evaluations"])})
-
-
-def write_atomically(path: Path, mode: str, write: Callable[[IO[Any]], object]) -> None:
-    """Write a file whole or not at all (a temporary file beside it, then a rename).
-
-    Raises:
-        InvalidInputError: The folder cannot be written to.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    except OSError as error:
-        raise InvalidInputError(f"cannot write {path}: {error.strerror}") from None
-    try:
-        with os.fdopen(descriptor, mode) as file:
-            write(file)
-        os.chmod(name, 0o644)
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ccpin.errors import InvalidInputError
+from ccpin.files import writable_target, write_atomically
 from ccpin.mechanism import Mechanism
 from ccpin.visualization.live import LiveRecorder, Server, Viewer
-from ccpin.visualization.page import Clock, Recorder, checked_target, render_page, write_atomically
+from ccpin.visualization.page import Clock, Recorder, render_page
 from ccpin.visualization.playback import checked_pose, checked_poses, checked_times, frame_times, sample
 from ccpin.visualization.scene import Scene
 
@@ -52,10 +53,11 @@ def animate(
         InvalidInputError: An array has the wrong shape or is not finite, `t` does not increase, `fps` or `speed` is
             not positive, `trace` names nothing, or `path` cannot be written.
     """
-    target = checked_target(path)
+    target = writable_target(path)
     recorder = Recorder()
     _, clock = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, loop=True)
-    write_atomically(target, render_page(title or mechanism.name, recorder.commands, clock))
+    document = render_page(title or mechanism.name, recorder.commands, clock)
+    write_atomically(target, "w", lambda file: file.write(document))
     return target
 
 
@@ -66,10 +68,11 @@ def snapshot_html(
 
     ``None`` stands for the reference configuration. Errors as for `animate`.
     """
-    target = checked_target(path)
+    target = writable_target(path)
     recorder = Recorder()
     _pose(mechanism, recorder, q_free)
-    write_atomically(target, render_page(title or mechanism.name, recorder.commands, Clock()))
+    document = render_page(title or mechanism.name, recorder.commands, Clock())
+    write_atomically(target, "w", lambda file: file.write(document))
     return target
 
 

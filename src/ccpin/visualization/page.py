@@ -5,13 +5,9 @@ from __future__ import annotations
 import base64
 import html
 import json
-import os
 import re
-import uuid
 from pathlib import Path
 from typing import Any, NamedTuple
-
-from ccpin.errors import InvalidInputError
 
 
 class Recorder:
@@ -75,38 +71,6 @@ def render_page(title: str, commands: tuple[bytes, ...], clock: Clock, live: boo
         "@START@": CONNECT if live else f"const commands = {encoded};\n{REPLAY}",
     }
     return re.sub("|".join(parts), lambda found: parts[found.group()], TEMPLATE)
-
-
-def checked_target(path: str | Path) -> Path:
-    """A path that can be written to.
-
-    Raises:
-        InvalidInputError: It is a folder, its folder is absent, or writing there is not allowed.
-    """
-    target = Path(path)
-    if target.is_dir():
-        raise InvalidInputError(f"'{target}' is a folder; name the HTML file to write")
-    if not target.parent.is_dir():
-        raise InvalidInputError(f"'{target}' cannot be written: the folder '{target.parent}' does not exist")
-    if not os.access(target.parent, os.W_OK):
-        raise InvalidInputError(f"'{target}' cannot be written: the folder '{target.parent}' is not writable")
-    return target
-
-
-def write_atomically(path: Path, text: str) -> None:
-    """Write a file whole or not at all: beside it first, then moved over it.
-
-    Raises:
-        InvalidInputError: The file cannot be written; what was there before is still there.
-    """
-    partial = path.with_name(f".{uuid.uuid4().hex}.part")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        os.replace(partial, path)
-    except (OSError, ValueError) as error:
-        raise InvalidInputError(f"'{path}' cannot be written: {error}") from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 CONNECT = "viewer.connect(`ws://${location.host}/scene`);"
