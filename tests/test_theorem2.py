@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin import Joint, Link, LoopClosure, MechanismDescription
+from ccpin import Coupling, CouplingTerm, Joint, Link, LoopClosure, MechanismDescription
 from ccpin.domain.quadratic_form import FORMS, quadratic_form
 from ccpin.domain.theorem2 import theorem2, theorem2_radius
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
@@ -195,7 +195,7 @@ def test_radius_of_angles_does_not_depend_on_the_unit_of_length(name):
     assert theorem2_radius(large, point.q_free) == pytest.approx(radius, rel=1e-5)
 
 
-def built(joints, closures, independent, reference):
+def built(joints, closures, independent, reference, couplings=()):
     """A mechanism of light bodies, each joint with its own body, from (name, kind, parent, axis)."""
     names = ["base", *(f"{joint[0]}_body" for joint in joints)]
     links = tuple(Link(name, Growth(np.random.default_rng(k)).inertia()) for k, name in enumerate(names))
@@ -203,7 +203,7 @@ def built(joints, closures, independent, reference):
         Joint(name, kind, parent, f"{name}_body", axis=np.asarray(axis, dtype=float))
         for name, kind, parent, axis in joints
     )
-    description = MechanismDescription("built", "base", links, tree, closures=closures, reference=reference)
+    description = MechanismDescription("built", "base", links, tree, closures, couplings, reference=reference)
     return ccpin.load(description, independent=independent)
 
 
@@ -215,7 +215,7 @@ def ladder(x, length=1.0):
 
 
 @pytest.mark.parametrize("x", [0.0, 0.3, 0.6, -0.7, 0.8, 0.95, 0.99])
-@pytest.mark.parametrize("length", [1.0, 0.02, 50.0])
+@pytest.mark.parametrize("length", [1.0, 0.1, 50.0])
 def test_ladder_in_closed_form(x, length):
     """Against the ladder's radii worked out by hand.
 
@@ -231,6 +231,17 @@ def test_ladder_in_closed_form(x, length):
     best = y / 4.0 if abs(x) <= y else abs(x) * y**2 / (2.0 * length**2)
     assert weighted.radius == pytest.approx(best, rel=1e-4)
     assert weighted.radius < length - abs(x)
+
+
+def test_linear_closures_have_no_limit():
+    """Two slides geared to one another are linear: v = 0, the formula's radius infinite; margins leave a huge one."""
+    joints = [("x", "prismatic", "base", (1, 0, 0)), ("y", "prismatic", "base", (1, 0, 0))]
+    coupling = Coupling("rack", (CouplingTerm("x", (0.0, 1.0)), CouplingTerm("y", (0.0, -3.0))))
+    mechanism = built(joints, (), ["x"], {}, (coupling,))
+    result = theorem2(mechanism, mechanism.q_reference)
+    assert result.c == 0.0
+    assert result.system.radius(result.centre) == np.inf
+    assert result.radius > 1e9
 
 
 def test_spherical_joint_as_coordinate():

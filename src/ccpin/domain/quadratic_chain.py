@@ -205,7 +205,7 @@ class Kinematics:
         turn = np.eye(3)
         rotation = _Rotation(((Polynomial.constant(1.0), np.eye(3)),))
         if self.joints[group[-1]].kind != "prismatic":
-            vector = self._affine(vector)
+            vector = self.unknowns.affine_vector(vector)
         total = constant_vector(np.zeros(3))
         for j in group:
             joint = self.joints[j]
@@ -228,13 +228,9 @@ class Kinematics:
 
     def _rotate(self, rotation: _Rotation, vector: Vector) -> Vector:
         if any(p.degree for p, _ in rotation.parts):
-            vector = self._affine(vector)
+            vector = self.unknowns.affine_vector(vector)
         terms = [(p, turned(matrix, vector)) for p, matrix in rotation.parts]
         x, y, z = (combine((1.0, self.unknowns.product(p, v[i])) for p, v in terms) for i in range(3))
-        return x, y, z
-
-    def _affine(self, vector: Vector) -> Vector:
-        x, y, z = (self.unknowns.affine(c) for c in vector)
         return x, y, z
 
 

@@ -5,24 +5,18 @@ unit quaternion for each spherical joint, all measured from the centre, and one 
 otherwise pass degree two. The equations, in this order:
 
 - identities: unit circles, unit quaternions, definitions of the products; they hold for every q′, closed or not;
-- closures: the very rows of φ (`ccpin.closures`), and sin(D φ) for a coupling (below);
+- closures: the very rows of φ (`ccpin.closures`), and sin(D φ) for a coupling (`ccpin.domain.quadratic_couplings`);
 - last n: a simple function of each independent coordinate equals its right side: sin(qᵢ − qᵢ⁰) for an angle,
   qᵢ − qᵢ⁰ for a displacement, twice the vector part of the quaternion of R₀ᵀR for a spherical joint.
 
 Two forms are offered. ``"angles"`` keeps each joint's own angle. ``"absolute"`` sums the angles of successive
 joints about parallel axes (`ccpin.domain.quadratic_chain`): planar loops become affine in direction vectors.
-
-A coupling Σ rₖ (θₖ − refₖ) + … = 0 between angles with rational rₖ = mₖ / D becomes
-Im Π (uₖ + i sₖ)^mₖ · (its value at the centre) = sin(D φ) = 0, products named as they arise; between
-displacements it is linear already.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from typing import Literal, get_args
 
 import numpy as np
@@ -30,10 +24,11 @@ from numpy.typing import NDArray
 
 from ccpin.closures import DirectionRow
 from ccpin.constraints import Constraints
-from ccpin.description.model import Coupling, CouplingTerm
+from ccpin.description.model import frozen
 from ccpin.domain.polynomial import Polynomial, combine
 from ccpin.domain.quadratic import QuadraticSystem
-from ccpin.domain.quadratic_chain import ANGULAR, JointData, Kinematics, find_runs, joint_data, path
+from ccpin.domain.quadratic_chain import JointData, Kinematics, find_runs, joint_data, path
+from ccpin.domain.quadratic_couplings import coupling_row
 from ccpin.domain.quadratic_unknowns import NOISE, Unknowns, Vector, plus, without_noise
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.loops import Loop
@@ -42,10 +37,7 @@ from ccpin.mechanism import Mechanism
 Array = NDArray[np.float64]
 Form = Literal["angles", "absolute"]
 FORMS: tuple[Form, ...] = get_args(Form)
-LARGEST_RATIO = 16
 COEFFICIENT_ERROR = 1e-12
-
-Complex = tuple[Polynomial, Polynomial]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +89,7 @@ def quadratic_form(mechanism: Mechanism, q_free: Array, form: Form) -> Quadratic
     runs = find_runs(joints, on_loops, ancestors, merge=form == "absolute")
     kinematics = Kinematics(joints, runs, sorted(on_loops | coupled), q_free)
     closures = [row for loop in constraints.loops for row in _closure_rows(kinematics, loop)]
-    closures += [_coupling_row(kinematics, coupling, numbers, q_free) for coupling in mechanism.couplings]
+    closures += [coupling_row(kinematics, coupling, numbers, q_free) for coupling in mechanism.couplings]
     last, kinds = _last_rows(kinematics, mechanism.independent, numbers)
     identities = kinematics.unknowns.identities()
     rows = [row.cleaned(NOISE) for row in (*identities, *closures, *last)]
@@ -106,7 +98,7 @@ def quadratic_form(mechanism: Mechanism, q_free: Array, form: Form) -> Quadratic
     return QuadraticForm(
         form=form,
         system=system,
-        centre=np.array(kinematics.unknowns.centre),
+        centre=frozen(kinematics.unknowns.centre),
         closures=window,
         coordinates=kinds,
         unknowns=kinematics.unknowns,
@@ -158,98 +150,6 @@ def _closure_rows(kinematics: Kinematics, loop: Loop) -> list[Polynomial]:
     if rows.distance is not None:
         length = Polynomial.constant(rows.distance**2)
         result.append((unknowns.dot(gap, gap) - length).scaled(0.5 / rows.distance))
-    return result
-
-
-def _coupling_row(kinematics: Kinematics, coupling: Coupling, numbers: dict[str, int], q_free: Array) -> Polynomial:
-    """A coupling's equation: linear between displacements, sin(D φ) between angles.
-
-    Raises:
-        UnsupportedMechanismError: It is neither.
-    """
-    terms = [term for term in coupling.terms if any(term.coefficients[1:])]
-    kinds = {kinematics.joints[numbers[term.joint]].kind for term in terms}
-    if any(any(term.coefficients[2:]) for term in terms):
-        raise UnsupportedMechanismError(_not_algebraic(coupling, "it is not linear"))
-    constant = sum(_at(term, 0.0) for term in coupling.terms)
-    ratios = [term.coefficients[1] for term in terms]
-    if kinds <= {"prismatic"}:
-        joints = [numbers[term.joint] for term in terms]
-        constant += sum(r * float(q_free[kinematics.joints[j].idx_q]) for r, j in zip(ratios, joints, strict=True))
-        parts = [(r, kinematics.variables[j][0]) for r, j in zip(ratios, joints, strict=True)]
-        return combine([(constant, Polynomial.constant(1.0)), *parts])
-    if not kinds <= set(ANGULAR):
-        raise UnsupportedMechanismError(_not_algebraic(coupling, "it joins angles with displacements"))
-    powers, scale = _whole_ratios(coupling, ratios)
-    angles = [_angle(kinematics.joints[numbers[term.joint]], q_free) for term in terms]
-    phase = scale * constant + sum(m * angle for m, angle in zip(powers, angles, strict=True))
-    phase = math.remainder(phase, 2 * math.pi)
-    sides: dict[bool, Complex] = {}
-    for term, m in zip(terms, powers, strict=True):
-        power = _power(kinematics.unknowns, kinematics.turn(numbers[term.joint]), abs(m))
-        before = sides.get(m > 0)
-        sides[m > 0] = power if before is None else _times(kinematics.unknowns, before, power)
-    one = (Polynomial.constant(1.0), Polynomial.constant(0.0))
-    c, s = _over(kinematics.unknowns, sides.get(True, one), sides.get(False, one))
-    return combine([(math.cos(phase), s), (math.sin(phase), c)])
-
-
-def _not_algebraic(coupling: Coupling, reason: str) -> str:
-    return f"coupling '{coupling.name}' has no quadratic form: {reason}"
-
-
-def _at(term: CouplingTerm, theta: float) -> float:
-    return sum(c * (theta - term.reference) ** k for k, c in enumerate(term.coefficients[:2]))
-
-
-def _angle(joint: JointData, q_free: Array) -> float:
-    if joint.kind == "continuous":
-        return math.atan2(q_free[joint.idx_q + 1], q_free[joint.idx_q])
-    return float(q_free[joint.idx_q])
-
-
-def _whole_ratios(coupling: Coupling, ratios: Sequence[float]) -> tuple[list[int], float]:
-    """Whole mₖ without a common divisor and D > 0 with ratios = mₖ / D.
-
-    Raises:
-        UnsupportedMechanismError: Some ratio is no fraction, or the whole numbers are large.
-    """
-    fractions = [Fraction(r).limit_denominator(1000) for r in ratios]
-    denominator = math.lcm(*(f.denominator for f in fractions))
-    powers = [int(f * denominator) for f in fractions]
-    common = math.gcd(*powers)
-    exact = all(abs(float(f) - r) <= 1e-12 * abs(r) for f, r in zip(fractions, ratios, strict=True))
-    if not exact or max(map(abs, powers)) // common > LARGEST_RATIO:
-        raise UnsupportedMechanismError(
-            _not_algebraic(
-                coupling,
-                f"its ratios {', '.join(f'{r:.12g}' for r in ratios)} are not those of whole numbers up to "
-                f"{LARGEST_RATIO}",
-            )
-        )
-    return [m // common for m in powers], denominator / common
-
-
-def _times(unknowns: Unknowns, a: Complex, b: Complex) -> Complex:
-    product = unknowns.product
-    return product(a[0], b[0]) - product(a[1], b[1]), product(a[0], b[1]) + product(a[1], b[0])
-
-
-def _over(unknowns: Unknowns, a: Complex, b: Complex) -> Complex:
-    """A conj(b), which is a / b as |b| = 1."""
-    return _times(unknowns, a, (b[0], b[1].scaled(-1.0)))
-
-
-def _power(unknowns: Unknowns, base: Complex, exponent: int) -> Complex:
-    """The base to a whole power ≥ 1, by squaring."""
-    result: Complex | None = None
-    while exponent:
-        if exponent % 2:
-            result = base if result is None else _times(unknowns, result, base)
-        exponent //= 2
-        if exponent:
-            base = _times(unknowns, base, base)
-    assert result is not None
     return result
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -124,6 +124,21 @@ class Unknowns:
             self._named[key] = self._add(f"product{len(self.definitions)}", polynomial.at(self.centre))
         return self._named[key]
 
+    def affine_vector(self, vector: Vector) -> Vector:
+        """The vector with what is of degree two named: each monomial (w = x y), or each component.
+
+        Monomials are shared between vectors of one body and make v small; but their number grows with the number of
+        joints. They are named where that takes at most twice as many new unknowns.
+        """
+        vector = _each(lambda component: component.cleaned(NOISE), vector)
+        monomials = {m for component in vector for m in component.terms if len(m) == 2}
+        new = sum(Polynomial({m: 1.0}).key not in self._named for m in monomials)
+        components = sum(component.degree == 2 and component.key not in self._named for component in vector)
+        return _each(self._affine_by_monomials if new <= 2 * components else self.affine, vector)
+
+    def _affine_by_monomials(self, polynomial: Polynomial) -> Polynomial:
+        return combine((c, self.affine(Polynomial({m: 1.0}))) for m, c in polynomial.terms.items())
+
     def product(self, left: Polynomial, right: Polynomial) -> Polynomial:
         """A polynomial of degree at most two that equals left · right where the products are what they are named."""
         if left.degree + right.degree > 2:
@@ -158,6 +173,11 @@ class Unknowns:
         self.names.append(name)
         self.centre.append(value)
         return Polynomial.unknown(len(self.names) - 1)
+
+
+def _each(function: Callable[[Polynomial], Polynomial], vector: Vector) -> Vector:
+    x, y, z = map(function, vector)
+    return x, y, z
 
 
 def constant_vector(vector: Array) -> Vector:

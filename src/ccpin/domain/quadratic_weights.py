@@ -33,7 +33,7 @@ def best_weights(system: QuadraticSystem, centre: Array) -> Array:
     inverse = np.abs(np.linalg.inv(system.jacobian(centre)))
     least = inverse[:, system.size - system.free :].sum(axis=1)
     top = float(least.max(initial=0.0))
-    if top == 0.0:
+    if top == 0.0 or system.c == 0.0:
         return np.ones(system.size)
     least = np.maximum(least / top, _LEAST)
     best = np.ones(system.size)

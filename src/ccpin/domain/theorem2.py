@@ -31,7 +31,8 @@ with |δᵢ| < 1 the cosine has no zero and stays positive, so Δ = arcsin δᵢ
 quaternion's w² = 1 − sin²(τ|ξ|/2) has no zero as |ξ| ≤ √3 ‖ξ‖∞ < π, so w > 0 and the rotation is R₀ exp(τξ).
 (c) ψ_q′ is nonsingular: if ψ_q′ ν = 0, the lift's velocity ż = z_q′ ν satisfies J ż = 0 (identities hold for every
 q′, closure rows are φ's, the last rows are functions of q with q̇ = 0), so ż = 0, and z_q′ is injective on the
-joints that enter: ν = 0. Joints that do not enter are independent coordinates themselves.
+joints that enter: ν = 0. Joints that do not enter (on no loop, in no coupling) are independent coordinates
+themselves, free wherever those are defined.
 (d) Two such σ agree at q₀ and locally everywhere ((c)), so they agree on the cube. ∎
 
 **Hypotheses and rounding.** φ square (no redundant rows), all loop joints revolute, continuous, prismatic or
@@ -51,6 +52,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from ccpin.description.model import frozen
 from ccpin.domain.quadratic import QuadraticSystem
 from ccpin.domain.quadratic_form import FORMS, Form, QuadraticForm, quadratic_form
 from ccpin.domain.quadratic_weights import best_weights
@@ -214,13 +216,13 @@ def _apply(form: QuadraticForm, scaling: Scaling, q_free: Array) -> Theorem2Resu
     return Theorem2Result(
         radius=_in_joint_coordinates(r, form.coordinates),
         radius_quadratic=r,
-        v=scaled.v,
+        v=frozen(scaled.v),
         c=scaled.c,
         form=form.form,
         description=f"{form.form}: {_DESCRIPTIONS[form.form]}; {system.size} unknowns, {scaling} scales",
         system=scaled,
-        weights=weights,
-        centre=centre / weights,
+        weights=frozen(weights),
+        centre=frozen(centre / weights),
         uniqueness=1.0 / (bounds.bend * _INFLATE) if bounds.bend else np.inf,
     )
 
