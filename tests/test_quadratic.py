@@ -6,7 +6,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import sympy
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
@@ -274,6 +274,7 @@ def test_every_closure_kind(kind, form):
 
 
 @every_form
+@settings(max_examples=50)
 @given(drawn=mechanisms(), seed=st.integers(0, 99))
 def test_random_mechanisms(form, drawn, seed):
     """Random trees with one or two loops, planar or spatial: a form is φ itself, or is refused with the reason."""

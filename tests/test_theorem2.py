@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 import ccpin
 from ccpin import Coupling, CouplingTerm, Joint, Link, LoopClosure, MechanismDescription
@@ -13,7 +15,7 @@ from ccpin.domain.quadratic_form import FORMS, quadratic_form
 from ccpin.domain.theorem2 import theorem2, theorem2_radius
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from oracles import rpdr as closed_form
-from strategies import Growth
+from strategies import Growth, mechanisms
 
 SQUARE = ("rpdr", "four_bar", "slider_crank", "planar_3rrr", "delta", "stewart", "hexa")
 # Table I, degrees: centre, the paper's radius, the exact one (all in the downward mode).
@@ -88,7 +90,7 @@ def test_never_above_the_exact_radius(rpdr):
     """At random closed configurations of both modes, some of them near singularities, the radius stays below."""
     rng = np.random.default_rng(11)
     for mode in (1.0, -1.0):
-        for paper_order in closed_form.random_configurations(rng, 12, mode, away=1e-3):
+        for paper_order in closed_form.random_configurations(rng, 8, mode, away=1e-3):
             radius = theorem2_radius(rpdr, configuration(rpdr, paper_order))
             assert 0.0 < radius <= exact_radius(paper_order[:2])
 
@@ -140,16 +142,39 @@ def test_the_theorem_holds_all_over_the_cube(name, form):
         np.testing.assert_allclose(z, lift, rtol=0, atol=1e-9)
 
 
+@settings(max_examples=20)
+@given(drawn=mechanisms(), seed=st.integers(0, 99))
+def test_the_theorem_holds_for_random_mechanisms(drawn, seed):
+    """Wherever a radius is certified for a random tree with loops, σ exists in the cube, its lift inside the ball."""
+    try:
+        mechanism = ccpin.load(drawn.description)
+        result = theorem2(mechanism, mechanism.q_reference)
+    except ccpin.CcpinError:
+        assume(False)
+    quadratic = quadratic_form(mechanism, mechanism.q_reference, result.form)
+    parametrization = mechanism.parametrization()
+    coordinates = parametrization.coordinates
+    q0 = coordinates.alpha(mechanism.q_reference)
+    step = min(result.radius, 1.0) * np.random.default_rng(seed).uniform(-1.0, 1.0, (3, coordinates.n))
+    for one in step:
+        q_free = parametrization.sigma(coordinates.integrate(q0, one)).q_free
+        lift = quadratic.lift(q_free) / result.weights
+        assert np.abs(lift - result.centre).max() < result.uniqueness
+
+
 @every_mechanism
 def test_radius_is_the_formula_with_small_margins(name):
     """The certified r is below the formula's, by less than a millionth; v and c are those of the system used."""
     mechanism = load(name)
     for form in FORMS:
+        kinds = quadratic_form(mechanism, mechanism.q_reference, form).coordinates
         for scaling in ("unit", "weighted"):
             result = theorem2(mechanism, mechanism.q_reference, form=form, scaling=scaling)
             formula = result.system.radius(result.centre)
             assert (1 - 1e-4) * formula < result.radius_quadratic < formula
             assert result.c == result.v.max()
+            if set(kinds) == {"angle"}:
+                assert np.sin(result.radius) == pytest.approx(result.radius_quadratic, rel=1e-8)
             np.testing.assert_array_equal(result.v, result.system.v)
 
 
