@@ -45,6 +45,10 @@ class FreeSystem:
         self.model = tree.model
         self._data = tree.model.createData()
 
+    def on_manifold(self, q_free: Array) -> bool:
+        """Whether the circles and quaternions of q′ are of unit length (to 1e-6)."""
+        return self.model.nq == self.model.nv or bool(pin.isNormalized(self.model, q_free, 1e-6))
+
     def mass_matrix(self, q_free: Array) -> Array:
         """D′(q′), symmetric, of shape (n′, n′)."""
         return np.asarray(pin.crba(self.model, self._data, q_free))

@@ -29,8 +29,16 @@ class Factor(NamedTuple):
     rcond: float
     sign: int
 
+    @property
+    def columns(self) -> int:
+        """n′."""
+        factor = self.lu if self.lu is not None else self.r
+        return 0 if factor is None else int(factor.shape[1])
+
     def solve(self, right: Array) -> Array:
         """ψ_q′⁺ right: the solution where the rows agree, in the least-squares sense where they do not."""
+        if not right.size:
+            return np.zeros((self.columns, *right.shape[1:]))
         if right.ndim == 2:
             return _by_columns(self.solve, right)
         if self.lu is not None:

@@ -16,7 +16,7 @@ from ccpin.constraints import Constraints
 from ccpin.coordinates import IndependentCoordinates, component_names
 from ccpin.description import read_description
 from ccpin.description.checks import check
-from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
+from ccpin.description.model import Coupling, LoopClosure, MechanismDescription, frozen
 from ccpin.errors import DescriptionError, IndependentSetError, LoopNotClosedError, NoLoopError
 from ccpin.mobility import Mobility, complete_independent, generic_rank, idle_motions, independence, null_space
 from ccpin.parametrization import Parametrization
@@ -158,7 +158,13 @@ def load(
     if closed.start != "the stated pose":
         notes.append(f"the loops were closed from {closed.start}")
     mechanism = Mechanism(
-        description, tree, choice.independent, choice.actuated, closed.q_free, mobility, tuple(dict.fromkeys(notes))
+        description,
+        tree,
+        choice.independent,
+        choice.actuated,
+        frozen(closed.q_free),
+        mobility,
+        tuple(dict.fromkeys(notes)),
     )
     IndependentCoordinates(tree, mechanism.actuated, closed.q_free)
     mechanism.parametrization().at(closed.q_free)
@@ -262,7 +268,9 @@ def _choose_independent(
     elif description.independent is not None:
         names = _marked(tree, description, basis, base, n, notes)
     else:
-        names = complete_independent(tree, basis, (), (*base, *motors), n)
+        hinted = description.dependent_hint
+        masters = tuple(name for name in tree.kinds if hinted and name not in hinted)
+        names = complete_independent(tree, basis, (), (*base, *(motors or masters)), n)
         added = [name for name in names if name not in motors]
         if motors and added:
             notes.append(

@@ -144,7 +144,10 @@ class ReducedModel:
         v_free = point.rho @ v
         bias = self.free_system.inverse_dynamics(point.q_free, v_free, self.parametrization.bias(point, v_free))
         mass = point.rho.T @ (self.free_system.mass_matrix(point.q_free) @ point.rho)
-        _, a, info = lapack.dposv(mass, self.generalized_force(point, u) - point.rho.T @ bias)
+        force = self.generalized_force(point, u) - point.rho.T @ bias
+        if not self.n:
+            return np.zeros(0)
+        _, a, info = lapack.dposv(mass, force)
         if info != 0:
             raise UnsupportedMechanismError(
                 "the reduced mass matrix D is not positive definite: some independent motion moves no mass; give the "
@@ -266,8 +269,15 @@ class ReducedModel:
         return array
 
     def checked_configuration(self, q_free: ArrayLike, name: str = "q_free") -> Array:
-        """Return a configuration q′ as a float64 vector (shape and finiteness checked)."""
-        return self.checked(q_free, name, self.mechanism.nq)
+        """Return a configuration q′ as a float64 vector.
+
+        Raises:
+            InvalidInputError: Wrong shape, not finite, or a circle or quaternion that is not of unit length.
+        """
+        array = self.checked(q_free, name, self.mechanism.nq)
+        if not self.free_system.on_manifold(array):
+            raise InvalidInputError(f"{name} holds a quaternion or (cosine, sine) pair that is not of unit length")
+        return array
 
     def checked(self, value: ArrayLike, name: str, size: int) -> Array:
         """Return a finite float64 vector of the given size.

@@ -33,12 +33,12 @@ def frozen(value: object) -> Array:
 def rotation_to(axis: Array) -> Array:
     """The smallest rotation whose z column is the unit vector `axis` (a half turn about x for −z)."""
     z = np.array([0.0, 0.0, 1.0])
-    cosine = float(axis @ z)
-    if cosine < -1 + 1e-12:
+    cosine, v = float(axis @ z), np.cross(z, axis)
+    if cosine < 0 and v @ v < 1e-30:
         return np.diag([1.0, -1.0, -1.0])
-    v = np.cross(z, axis)
     skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
-    return np.asarray(np.eye(3) + skew + skew @ skew / (1 + cosine))
+    gain = 1 / (1 + cosine) if cosine >= 0 else (1 - cosine) / (v @ v)
+    return np.asarray(np.eye(3) + skew + gain * skew @ skew)
 
 
 @dataclass(frozen=True, eq=False)
