@@ -45,7 +45,9 @@ def test_closed_forms_in_each_mode(rpdr, rpdr_model, mode):
         assert_close(wrap(q_free[columns] - expected), np.zeros(4), 1e-10)
         rho = oracle.rho(expected)
         assert_close(rpdr_model.rho(q_free)[columns], rho, 1e-10)
-        assert_close(rpdr_model.rho_dot(q_free, rpdr_model.rho(q_free) @ v)[columns], oracle.rho_dot(expected, v), 1e-10)
+        assert_close(
+            rpdr_model.rho_dot(q_free, rpdr_model.rho(q_free) @ v)[columns], oracle.rho_dot(expected, v), 1e-10
+        )
 
 
 def test_constraints_are_the_papers(rpdr):

@@ -98,9 +98,7 @@ def test_energy_is_the_papers(rpdr, rpdr_model):
         v = rng.normal(size=2)
         mass, _, gravity = oracle.reduced_terms(oracle.sigma(q, 1), v)
         assert rpdr_model.energy(q, v).kinetic == pytest.approx(0.5 * v @ mass @ v, rel=1e-10)
-        slope = [
-            derivative(lambda s, e=e, q=q, v=v: rpdr_model.energy(q + s * e, v).potential) for e in np.eye(2)
-        ]
+        slope = [derivative(lambda s, e=e, q=q, v=v: rpdr_model.energy(q + s * e, v).potential) for e in np.eye(2)]
         assert_close(np.array(slope), gravity, 1e-9)
 
 

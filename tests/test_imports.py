@@ -1,0 +1,181 @@
+"""Imports go one way, `import ccpin` is light, and public names exist."""
+
+import ast
+import importlib
+import pkgutil
+import subprocess
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+import ccpin
+
+SOURCE = Path(ccpin.__file__).parent
+ORDER = (
+    "errors",
+    "files",
+    "description",
+    "tree",
+    "kinematics",
+    "closures",
+    "loops",
+    "bias_derivatives",
+    "constraints",
+    "coordinates",
+    "coordinate_derivatives",
+    "linear",
+    "parametrization",
+    "sigma_derivatives",
+    "aligning",
+    "closing",
+    "mobility",
+    "mechanism",
+    "outline",
+    "report",
+    "free_system",
+    "derivatives",
+    "reduced_model",
+    "linearization",
+    "modes",
+    "inverse_kinematics",
+    "end_effector",
+    "references",
+    "trajectory",
+    "metrics",
+    "forces",
+    "friction",
+    "stick_slip",
+    "control",
+    "domain",
+    "simulation",
+    "supervision",
+    "visualization",
+    "plotting",
+)
+OUTERMOST = ("__init__", "cli", "__main__")  # public names, then what calls them
+PINOCCHIO = {
+    "tree",
+    "kinematics",
+    "loops",
+    "bias_derivatives",
+    "constraints",
+    "coordinates",
+    "coordinate_derivatives",
+    "parametrization",
+    "aligning",
+    "closing",
+    "mobility",
+    "mechanism",
+    "outline",
+    "free_system",
+    "linearization",
+    "modes",
+    "visualization",
+}
+HEAVY = ("meshcat", "matplotlib", "dask", "distributed", "yourdfpy", "trimesh")
+
+
+def module_name(path):
+    parts = ("ccpin", *path.relative_to(SOURCE).with_suffix("").parts)
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_name(path): path for path in sorted(SOURCE.rglob("*.py"))}
+
+
+def room(module):
+    parts = module.split(".")
+    return parts[1] if len(parts) > 1 else "__init__"
+
+
+def _statements(node):
+    """Every import statement that runs, also those inside functions; not those for type checkers only."""
+    for child in ast.iter_child_nodes(node):
+        if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.dump(child.test):
+            continue
+        if isinstance(child, ast.Import | ast.ImportFrom):
+            yield child
+        yield from _statements(child)
+
+
+def imported(module):
+    """Absolute names of the modules a module imports (a name imported from a package counts if it is a module)."""
+    package = module if MODULES[module].name == "__init__.py" else module.rpartition(".")[0]
+    names = set()
+    for statement in _statements(ast.parse(MODULES[module].read_text(encoding="utf-8"))):
+        if isinstance(statement, ast.Import):
+            names |= {alias.name for alias in statement.names}
+            continue
+        base = statement.module or ""
+        if statement.level:
+            parent = package.split(".")[: len(package.split(".")) - statement.level + 1]
+            base = ".".join([*parent, *([base] if base else [])])
+        for alias in statement.names:
+            names.add(f"{base}.{alias.name}" if f"{base}.{alias.name}" in MODULES else base)
+    return names
+
+
+GRAPH = {module: {name for name in imported(module) if name in MODULES} for module in MODULES}
+
+
+def test_the_graph_sees_imports():
+    """The parser of these tests finds known imports, lazy ones included (else the tests below prove nothing)."""
+    assert "ccpin.tree" in GRAPH["ccpin.mechanism"]
+    assert "ccpin.description.urdf" in GRAPH["ccpin.description"]
+    assert "pinocchio" in imported("ccpin.tree")
+
+
+def test_no_cycles():
+    """The module import graph is acyclic."""
+    TopologicalSorter(GRAPH).prepare()
+
+
+def test_every_module_has_its_room():
+    """Every module belongs to a room of the design."""
+    assert {room(module) for module in MODULES} - set(ORDER) - set(OUTERMOST) == set()
+
+
+@pytest.mark.parametrize("module", sorted(MODULES))
+def test_imports_go_down_the_list(module):
+    """A module imports only rooms before its own (or its own)."""
+    rank = {name: k for k, name in enumerate((*ORDER, *OUTERMOST))}
+    upward = [name for name in GRAPH[module] if rank.get(room(name), 99) > rank.get(room(module), -1)]
+    assert not upward, f"{module} imports {upward}"
+
+
+def test_who_knows_pinocchio():
+    """Only the rooms of the free system's geometry and dynamics import Pinocchio."""
+    users = {room(module) for module in MODULES if any(n.split(".")[0] == "pinocchio" for n in imported(module))}
+    assert users <= PINOCCHIO
+
+
+def test_import_is_light():
+    """`import ccpin` loads neither drawing nor clusters nor mesh libraries."""
+    code = f"import sys, ccpin; print(sorted(set({HEAVY!r}) & set(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_public_names_exist():
+    """Every name in every ``__all__`` exists, once."""
+    for info in pkgutil.walk_packages([str(SOURCE)], "ccpin."):
+        if info.name.endswith("__main__"):
+            continue
+        module = importlib.import_module(info.name)
+        names = getattr(module, "__all__", [])
+        assert len(names) == len(set(names)), info.name
+        assert [name for name in names if not hasattr(module, name)] == [], info.name
+    assert [name for name in ccpin.__all__ if not hasattr(ccpin, name)] == []
+
+
+def test_nothing_prints_but_the_command_line():
+    """No module outside `cli` calls print."""
+    for module, path in MODULES.items():
+        if room(module) in ("cli", "__main__"):
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            assert not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"), (
+                f"{path.name}:{node.lineno}"
+            )
