@@ -113,6 +113,12 @@ def test_drakes_distance_is_a_massless_rod(tmp_path):
     assert np.linalg.norm(crank - rocker) == pytest.approx(0.4, abs=1e-12)
 
 
+def test_a_robot_without_a_name_is_called_after_its_file(tmp_path):
+    """No name attribute: the file's stem; the four-bar loads all the same."""
+    (tmp_path / "linkage.urdf").write_bytes(robot(LINKS, JOINTS, LOOP).replace(b' name="bars"', b""))
+    assert ccpin.load(tmp_path / "linkage.urdf", independent=["a"]).name == "linkage"
+
+
 def test_anonymous_constraints_are_numbered():
     """Two Drake constraints without names get names of their own."""
     names = [c.name for c in read(LINKS, JOINTS, DIALECTS["Drake"], DRAKE_DISTANCE).closures]

@@ -39,7 +39,7 @@ def read_urdf(text: bytes, source: str | None) -> MechanismDescription:
     """
     root = parse_xml(text, source)
     if root.tag != "robot":
-        raise DescriptionError(f"the root element is <{root.tag}>, a URDF's is <robot>", source=source)
+        raise DescriptionError("the root element of a URDF is <robot>", source=source, element=f"<{root.tag}>")
     notes: list[str] = []
     robot = parse_document(root, source, notes)
     joints = [_joint(joint, source, notes) for joint in robot.joints]

@@ -66,6 +66,7 @@ def parse_document(root: Element, source: str | None, notes: list[str]) -> yourd
 
     _check_document(root, source)
     standard = _used(root)
+    standard.set("name", root.get("name") or "")
     for visual in list(standard.iterfind("link/visual")):
         trouble = _undrawable(visual, source)
         if trouble is not None:
