@@ -45,7 +45,7 @@ def descend(model: pin.Model, equations: Callable[[Array], tuple[Array, Array]],
     """Solve equations in q′ by damped Gauss–Newton steps of bounded length.
 
     Each step solves min ‖φ + φ_q′ Δ‖² + μ²‖Δ‖², the damping μ following the residual (Levenberg–Marquardt), and
-    no step moves the joints by more than 0.3 in norm. Given up where 20 steps gain less than a fiftieth.
+    no step moves the joints by more than 0.3 in norm. Given up where 20 steps gain less than a fifth.
 
     Args:
         model: The free system.
@@ -57,7 +57,7 @@ def descend(model: pin.Model, equations: Callable[[Array], tuple[Array, Array]],
     best, earlier = float(residual @ residual), np.inf
     for iteration in range(_MAX_ITERATIONS):
         if iteration % _PATIENCE == 0:
-            if best > 0.98 * earlier:
+            if best > 0.8 * earlier:
                 break
             earlier = best
         if np.abs(residual).max(initial=0.0) <= TOLERANCE:
