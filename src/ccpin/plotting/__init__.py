@@ -6,7 +6,7 @@ Matplotlib is imported when a figure is drawn, not before.
 from __future__ import annotations
 
 from ccpin.plotting.domain import plot_singularities
-from ccpin.plotting.motion import plot_configurations, plot_motion
+from ccpin.plotting.motion import plot_configuration_panels, plot_configurations, plot_motion
 from ccpin.plotting.style import save
 
-__all__ = ["plot_configurations", "plot_motion", "plot_singularities", "save"]
+__all__ = ["plot_configuration_panels", "plot_configurations", "plot_motion", "plot_singularities", "save"]

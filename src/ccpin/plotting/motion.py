@@ -83,20 +83,46 @@ def plot_configurations(
     mechanism: Mechanism, configurations: Sequence[ArrayLike], labels: Sequence[str], title: str | None = None
 ) -> Figure:
     """The mechanism's lines at several configurations (Fig. 8), in its plane of motion or in space."""
+    return plot_configuration_panels(mechanism, [("", configurations)], labels, title)
+
+
+def plot_configuration_panels(
+    mechanism: Mechanism,
+    panels: Sequence[tuple[str, Sequence[ArrayLike]]],
+    labels: Sequence[str],
+    title: str | None = None,
+) -> Figure:
+    """Several drawings as in `plot_configurations` side by side (Fig. 7).
+
+    Args:
+        mechanism: What is drawn.
+        panels: A heading and the configurations q′ of each drawing.
+        labels: What each configuration of a drawing is called.
+        title: The figure's title.
+    """
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     plane = plane_of_motion(mechanism)
+    columns = min(2, len(panels))
+    rows = -(-len(panels) // columns)
     with rc_context(STYLE):
-        figure = Figure(figsize=(7.0, 6.4), layout="constrained")
-        axes: Any = figure.add_subplot() if plane is not None else figure.add_subplot(projection="3d")
-        for k, (q_free, label) in enumerate(zip(configurations, labels, strict=True)):
-            _draw(axes, mechanism, np.asarray(q_free, dtype=np.float64), plane, COLOURS[k % len(COLOURS)], label)
-        axes.set_aspect("equal", adjustable="datalim" if plane is not None else "box")
-        names = _plane_axes(plane)
-        axes.set_xlabel(f"{names[0]} [m]")
-        axes.set_ylabel(f"{names[1]} [m]")
-        axes.legend(loc="best", frameon=False)
+        figure = Figure(
+            figsize=(7.0 if columns == 1 else 5.2 * columns, 6.4 if rows == 1 else 4.4 * rows), layout="constrained"
+        )
+        for k, (heading, configurations) in enumerate(panels):
+            projection = {} if plane is not None else {"projection": "3d"}
+            axes: Any = figure.add_subplot(rows, columns, k + 1, **projection)
+            for i, (q_free, label) in enumerate(zip(configurations, labels, strict=True)):
+                colour = COLOURS[i % len(COLOURS)]
+                _draw(axes, mechanism, np.asarray(q_free, dtype=np.float64), plane, colour, label)
+            axes.set_aspect("equal", adjustable="datalim" if plane is not None else "box")
+            names = _plane_axes(plane)
+            axes.set_xlabel(f"{names[0]} [m]")
+            axes.set_ylabel(f"{names[1]} [m]")
+            axes.set_title(heading, fontsize=11)
+            if k == 0:
+                axes.legend(loc="best", framealpha=0.85, edgecolor="none")
         figure.suptitle(title or mechanism.name)
     return figure
 
