@@ -418,6 +418,15 @@ REFUSED = {
         WHOLE + '<group_state name="reference"><joint name="ghost" value="1"/></group_state>',
         "joint 'ghost': has a reference value but does not exist",
     ),
+    "pose far away": (
+        WHOLE + '<group_state name="reference"><joint name="a" value="1e308"/></group_state>',
+        r"joint 'a': the reference value is not finite or not below 1e\+09",
+    ),
+    "ratio out of reach": (
+        WHOLE
+        + '<coupling name="g"><predecessor link="rod"/><successor link="rocker"/><ratio value="1e300"/></coupling>',
+        "coupling 'g': a coefficient of joint 'b' is not finite or not below",
+    ),
     "coupling to a stranger": (
         WHOLE + '<coupling name="g"><predecessor link="ghost"/><successor link="rod"/><ratio value="1"/></coupling>',
         "coupling 'g': predecessor link 'ghost' does not exist",

@@ -155,8 +155,9 @@ class _Checker:
                     raise self.fail(
                         element, f"joint '{term.joint}' is {kind}; only {', '.join(ONE_DOF)} can be coupled"
                     )
-                if not np.all(np.isfinite([*term.coefficients, term.reference])):
-                    raise self.fail(element, f"a coefficient of joint '{term.joint}' is not finite")
+                self.is_sensible(
+                    element, (*term.coefficients, term.reference), f"a coefficient of joint '{term.joint}'"
+                )
             if not any(c != 0 for term in coupling.terms for c in term.coefficients[1:]):
                 raise self.fail(element, "every coefficient is zero")
 
@@ -165,6 +166,11 @@ class _Checker:
             for name in names or ():
                 if name.partition(":")[0] not in self.joints:
                     raise self.fail(f"joint '{name}'", f"is marked {role} but does not exist")
-        for name in self.d.reference:
+        for name, values in self.d.reference.items():
             if name not in self.joints:
                 raise self.fail(f"joint '{name}'", "has a reference value but does not exist")
+            self.is_sensible(f"joint '{name}'", values, "the reference value")
+
+    def is_sensible(self, element: str, values: Iterable[float], what: str) -> None:
+        if not all(abs(value) < MAGNITUDE_LIMIT for value in values):
+            raise self.fail(element, f"{what} is not finite or not below {MAGNITUDE_LIMIT:g}")
