@@ -7,7 +7,8 @@ predictor θ_c + Dδ, converges to σ(q) for every |δ| ≤ h, and after k steps
 
 *Proof.* ζ₀ = 0 and |ζ*| ≤ R, so e₀ bounds the first error. If ‖ζ_k − ζ*‖ ≤ e ≤ e₀ then |ζ_k| ≤ R₂, f_ζ(ζ_k) is
 nonsingular with ‖f_ζ⁻¹‖ ≤ 1/(1 − κ₂), and the next error,
-f_ζ(ζ_k)⁻¹ ∫₀¹ [f_ζ(ζ_k) − f_ζ(ζ_k + τ(ζ* − ζ_k))] dτ (ζ_k − ζ*), is at most ωe²/(2(1 − κ₂)) = ce². Newton's iterates do not depend on Ã and V, so they are those of φ itself. ∎
+f_ζ(ζ_k)⁻¹ ∫₀¹ [f_ζ(ζ_k) − f_ζ(ζ_k + τ(ζ* − ζ_k))] dτ (ζ_k − ζ*), is at most ωe²/(2(1 − κ₂)) = ce². Newton's iterates do
+not depend on Ã and V, so they are those of φ itself. ∎
 """
 
 from __future__ import annotations

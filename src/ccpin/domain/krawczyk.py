@@ -28,12 +28,12 @@ f_ζ = Ãφ_yV nonsingular, hence Ã, φ_y and V; so f = 0 is φ = 0, and the im
 
 **Corollary (gluing).** Let two boxes of q-space share a connected set F, and let at one q ∈ F a solution of φ = 0
 lie in the tubes {|ζ| ≤ R} of both. Then their solutions agree on all of F: both are that one at q by uniqueness, and
-the set where two continuous solutions agree is closed and, by the implicit function theorem, open. A solution at q
-enclosed in a ball (a box with p = 0 to which Theorem K applies) that lies in both tubes is such a solution.
-Coordinates that are periodic are compared modulo 2π. So certified boxes glued one to the next from a closed
-configuration carry one continuous branch σ through it. Rows that vanish at wrong orientations too (an axis turned end
-for end) need no care: on φ = 0 the product of the two axes is ±1, and a continuous function with these values is
-constant.
+the set where two continuous solutions agree is closed and, by the implicit function theorem, open. As K contracts,
+‖ζ − ζ*‖ ≤ ‖f(δ, ζ)‖/(1 − κ) for any ζ in the tube of one box: it is enough that this ball lies in the tube of the
+other, or that a ball about a point (a box with p = 0 to which Theorem K applies) lies in both. Coordinates that are
+periodic are compared modulo 2π. So certified boxes glued one to the next from a closed configuration carry one
+continuous branch σ through it. Rows that vanish at wrong orientations too (an axis turned end for end) need no care:
+on φ = 0 the product of the two axes is ±1, and a continuous function with these values is constant.
 
 Rounding. The bounds carry margins for the errors of φ and its derivatives (`bounds`), h is widened by 4u relative
 and 1e-14 absolute so that boxes given by rounded corners overlap, and the inequalities are checked with factors

@@ -1,0 +1,168 @@
+"""Newton's method and the certified iteration at fixed q, over batches of configurations."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.domain.batch import inverses, solve_many
+from ccpin.domain.krawczyk import SLACK, Boxes, Problem, certify_points, closure_values
+from ccpin.errors import ConvergenceError
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+_LARGEST_STEP = 1.5
+_SETTLED = 1e-9
+_MOST_STEPS = 20000
+
+
+class Converged(NamedTuple):
+    """Configurations θ (B, n′), whether Newton settled (B,), and slopes −φ_y⁻¹φ_q one step before, (B, m, n)."""
+
+    theta: Array
+    settled: Mask
+    slopes: Array
+
+
+class Enclosure(NamedTuple):
+    """A solution at fixed q of each of B proved boxes: |ζ* − ζ| ≤ error in the box's modes.
+
+    Attributes:
+        theta: The configuration at ζ, of shape (B, n′).
+        zeta: ζ, of shape (B, m).
+        error: Of shape (B, m).
+    """
+
+    theta: Array
+    zeta: Array
+    error: Array
+
+
+def newton(problem: Problem, theta: Array, iterations: int) -> Converged:
+    """Plain Newton steps in the dependent coordinates; settled where the last step is below 1e-9 and none above 1.5."""
+    system = problem.system
+    theta = theta.copy()
+    alive = np.ones(len(theta), dtype=np.bool_)
+    settled = np.zeros(len(theta), dtype=np.bool_)
+    slopes = np.zeros((len(theta), system.m, system.n))
+    for _ in range(iterations):
+        rows = np.flatnonzero(alive & ~settled)
+        if not rows.size:
+            break
+        phi, jacobian = closure_values(problem, theta[rows])
+        inverse = inverses(jacobian[:, :, system.dependent])
+        step = -(inverse @ phi[..., None])[..., 0]
+        length = np.max(np.abs(step), axis=1, initial=0.0)
+        alive[rows] = length < _LARGEST_STEP
+        settled[rows] = length < _SETTLED
+        moving = rows[alive[rows]]
+        theta[np.ix_(moving, system.dependent)] += step[alive[rows]]
+        slopes[rows] = -inverse @ jacobian[:, :, system.independent]
+    return Converged(theta, settled, slopes)
+
+
+def predict(problem: Problem, boxes: Boxes, delta: Array, zeta: Array | None = None) -> Array:
+    """θ_c + Dδ + Eζ, of shape (B, n′), for parameters δ (B, p) and modes ζ (B, m; default 0)."""
+    theta = boxes.centre + (boxes.directions @ delta[..., None])[..., 0]
+    if zeta is not None:
+        theta[:, problem.system.dependent] += (boxes.modes @ zeta[..., None])[..., 0]
+    return theta
+
+
+def solve_in_boxes(problem: Problem, boxes: Boxes, delta: Array) -> Enclosure:
+    """σ at parameters |δ| ≤ h of B proved boxes; it cannot fail.
+
+    A Newton step is taken where it stays in the tube and lowers ‖f‖ (in the box's norm) at least by κ, the step
+    ζ ← K(ζ) where it does not. K keeps the tube and contracts by κ (Theorem K), so ‖f(ζ)‖ = ‖ζ − K(ζ)‖ falls by κ at
+    least in every step, until rounding; then ‖ζ − ζ*‖ ≤ ‖f(ζ)‖/(1 − κ).
+    """
+    active = np.arange(len(delta))
+    zeta, size = np.zeros_like(boxes.radius), np.empty(len(delta))
+    margin = _rounding(problem, boxes)
+    here, at = boxes, zeta
+    now = _evaluate(problem, here, delta, at)
+    for _ in range(_MOST_STEPS):
+        size[active], zeta[active] = now.size, at
+        going = now.size > margin[active]
+        if not np.any(going):
+            return Enclosure(predict(problem, boxes, delta, zeta), zeta, _error(boxes, size + margin))
+        active, here, at = active[going], here.take(going), at[going]
+        now = _Evaluation(*(array[going] for array in now))
+        at, now = _step(problem, here, delta[active], at, now)
+    raise ConvergenceError("the certified iteration did not reach rounding: a box was altered since it was proved")
+
+
+class _Evaluation(NamedTuple):
+    """f (B, m), ‖f‖ (B,) and the Newton step in ζ (B, m)."""
+
+    residual: Array
+    size: Array
+    step: Array
+
+
+def _evaluate(problem: Problem, boxes: Boxes, delta: Array, zeta: Array) -> _Evaluation:
+    phi, jacobian = closure_values(problem, predict(problem, boxes, delta, zeta))
+    residual = (boxes.preconditioner @ phi[..., None])[..., 0]
+    slope = boxes.preconditioner @ jacobian[:, :, problem.system.dependent] @ boxes.modes
+    return _Evaluation(residual, np.max(np.abs(residual) / boxes.weight, axis=1), -solve_many(slope, residual))
+
+
+def _step(problem: Problem, boxes: Boxes, delta: Array, zeta: Array, now: _Evaluation) -> tuple[Array, _Evaluation]:
+    trial = zeta + now.step
+    inside = np.all(np.abs(trial) <= boxes.radius, axis=1)
+    trial = np.where(inside[:, None], trial, zeta - now.residual)
+    after = _evaluate(problem, boxes, delta, trial)
+    worse = np.flatnonzero(inside & ~(after.size <= boxes.kappa * now.size))
+    if worse.size:
+        trial[worse] = zeta[worse] - now.residual[worse]
+        again = _evaluate(problem, boxes.take(worse), delta[worse], trial[worse])
+        for array, new in zip(after, again, strict=True):
+            array[worse] = new
+    return trial, after
+
+
+def _rounding(problem: Problem, boxes: Boxes) -> Array:
+    """The rounding error of ‖f‖ in the boxes' norms, of shape (B,)."""
+    gain = np.max(np.abs(boxes.preconditioner).sum(axis=2) / boxes.weight, axis=1)
+    reach = np.abs(boxes.centre) + (np.abs(boxes.directions) @ boxes.half[..., None])[..., 0]
+    return np.asarray(gain * problem.system.rounding * problem.system.magnitude(reach))
+
+
+def _error(boxes: Boxes, size: Array) -> Array:
+    """‖ζ − ζ*‖ ≤ ‖f‖/(1 − κ), componentwise (B, m)."""
+    return np.asarray((SLACK * size / (1.0 - boxes.kappa))[:, None] * boxes.weight)
+
+
+def encloses(problem: Problem, boxes: Boxes, delta: Array, theta: Array, error: Array) -> Mask:
+    """Whether solutions known within `error` (B, m) of the dependent coordinates of θ lie in the boxes' tubes at δ.
+
+    Periodic coordinates are compared modulo 2π; 1e-13 is allowed for rounding.
+    """
+    system = problem.system
+    gap = (theta - predict(problem, boxes, delta))[:, system.dependent]
+    periodic = system.periodic[system.dependent]
+    gap = gap - np.where(periodic, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)
+    inverse = inverses(boxes.modes)
+    allowed = error + 1e-13 * (1.0 + np.abs(theta[:, system.dependent]))
+    reach = np.abs((inverse @ gap[..., None])[..., 0]) + (np.abs(inverse) @ allowed[..., None])[..., 0]
+    return np.asarray(np.all(reach * SLACK <= boxes.radius, axis=1))
+
+
+def glued(problem: Problem, first: Boxes, delta: Array, second: Boxes, delta_second: Array) -> Mask:
+    """Whether two proved boxes carry the same solution at a common point, given by each one's parameters (gluing).
+
+    The ball that the contraction of the first box leaves must lie in the second's tube; where it is too large
+    for that (near singularities), a fresh certificate at the point must lie in both.
+    """
+    found = solve_in_boxes(problem, first, delta)
+    error = (np.abs(first.modes) @ found.error[..., None])[..., 0]
+    same = encloses(problem, second, delta_second, found.theta, error)
+    rows = np.flatnonzero(~same)
+    if rows.size:
+        point = certify_points(problem, found.theta[rows])
+        theta, radius = point.boxes.centre, point.boxes.radius
+        in_first = encloses(problem, first.take(rows), delta[rows], theta, radius)
+        same[rows] = point.proved & in_first & encloses(problem, second.take(rows), delta_second[rows], theta, radius)
+    return same
