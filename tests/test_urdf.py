@@ -11,7 +11,14 @@ from scipy.spatial.transform import Rotation
 import ccpin
 from ccpin.description.urdf import find_mesh, read_urdf
 from ccpin.description.urdf_closures import LOOP_TYPES, closure_kind
-from ccpin.errors import AmbiguousFormatError, CcpinError, DescriptionError, InvalidXmlError, NoLoopError
+from ccpin.errors import (
+    AmbiguousFormatError,
+    CcpinError,
+    DescriptionError,
+    DescriptionNotFoundError,
+    InvalidXmlError,
+    NoLoopError,
+)
 from ccpin.tree import build_tree
 
 MODELS = sorted((Path(__file__).resolve().parents[1] / "models").glob("*.urdf"))
@@ -481,3 +488,9 @@ def test_what_is_no_description_is_refused(text, error, complaint, tmp_path):
     with pytest.raises(error, match=rf"bad\.urdf: .*{complaint}"):
         ccpin.load(tmp_path / "bad.urdf")
     assert issubclass(error, CcpinError)
+
+
+def test_a_device_is_not_read():
+    """A path that would never end is refused before it is read."""
+    with pytest.raises(DescriptionNotFoundError, match="/dev/zero: neither a file nor a folder"):
+        ccpin.load("/dev/zero")

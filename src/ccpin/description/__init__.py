@@ -54,6 +54,8 @@ def read_description(path: str | Path, format: str | None = None) -> MechanismDe
     file = find_file(path)
     if file.is_dir():
         file = _file_in(file)
+    if not file.is_file():
+        raise DescriptionNotFoundError("neither a file nor a folder (a device or a pipe, perhaps)", source=str(file))
     try:
         text = file.read_bytes()
     except OSError as error:
