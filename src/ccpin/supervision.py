@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,7 +65,8 @@ def supervise(
         settling: Band, speed and hold; its goal is replaced by each move's. Default `Settling`'s.
         timeout: Longest time of a move without the wait, s.
         guess: Chooses the assembly mode of σ(q0).
-        options: Passed on to `simulate` (method, tolerances, sample_period, …).
+        options: Passed on to `simulate` (method, tolerances, sample_period, friction, sampling, …). A sampled loop
+            starts anew with each move and each wait, with the efforts applied last still at the motors.
 
     Returns:
         SupervisedMotion: Up to the last goal, or up to the first move that did not settle (the trajectory's status
@@ -91,11 +93,13 @@ def supervise(
         if motion.status == "settled":
             settled = start + float(motion.t[-1]) - rule.hold
             rest = max(0.0, wait - rule.hold)
+            options = _carried_on(options, motion)
             if rest > 0:
                 tail = simulate(
                     model, law, motion.q[-1], motion.v[-1], duration=rest, guess=motion.q_free[-1], **options
                 )
                 motion = motion.then(tail)
+                options = _carried_on(options, motion)
         whole = motion if whole is None else whole.then(motion)
         moves.append(Move(goal, start, settled, float(whole.t[-1]), motion))
         if settled is None:
@@ -103,3 +107,11 @@ def supervise(
         q, v, q_free = motion.q[-1], motion.v[-1], motion.q_free[-1]
     assert whole is not None
     return SupervisedMotion(whole, tuple(moves))
+
+
+def _carried_on(options: dict[str, Any], motion: Trajectory) -> dict[str, Any]:
+    """The options with a sampled loop's motors at the efforts a motion ended with."""
+    sampling = options.get("sampling")
+    if sampling is None:
+        return options
+    return options | {"sampling": replace(sampling, effort_before=tuple(motion.u[-1].tolist()))}

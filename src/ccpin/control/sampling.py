@@ -1,0 +1,170 @@
+"""A sampled control loop: encoders, differentiated and filtered velocity, zero-order hold, saturation, delay."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, fields
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.control.laws import ControlLaw
+from ccpin.errors import InvalidInputError
+from ccpin.reduced_model import ReducedModel
+
+Array = NDArray[np.float64]
+Numbers = float | tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Sampling:
+    """How a digital controller sees and drives the mechanism; everything but the period is off by default.
+
+    At t_k = kT the coordinates are measured, the law computes u_k = law(t_k, q̂_k, v̂_k), and the motors get
+    sat(u_{k−d}) from t_k until t_{k+1}.
+
+    Attributes:
+        period: T in seconds.
+        encoder_counts: Counts a revolution (after any quadrature) of the encoders on the independent joints, counts
+            a metre on sliding ones: q̂ is q rounded to the nearest count. ``None``: q̂ = q.
+        velocity_cutoff: Cut-off frequency f_c in Hz of the first-order low-pass filter in software,
+            v̂_k = v̂_{k−1} + (1 − e^{−2πf_cT})((q̂_k − q̂_{k−1})/T − v̂_{k−1}). ``None``: no filter.
+            With neither encoder nor filter v̂ = q̇ (an ideal tachometer); with either q̂ is differentiated.
+        saturation: Largest |u| of each motor, N m or N. ``None``: none.
+        delay: d, whole periods from measurement to torque.
+        effort_before: What the motors get until the first command arrives, where there is a delay; default nothing.
+
+    One number stands for all joints or motors; a sequence gives one each.
+
+    Raises:
+        InvalidInputError: A value out of its range.
+    """
+
+    period: float
+    encoder_counts: Numbers | None = None
+    velocity_cutoff: float | None = None
+    saturation: Numbers | None = None
+    delay: int = 0
+    effort_before: Numbers = 0.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if value is None and field.name != "period":
+                continue
+            value = tuple(float(x) for x in value) if np.ndim(value) else value
+            object.__setattr__(self, field.name, value)
+            if field.name == "delay":
+                if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
+                    raise InvalidInputError(f"sampling: delay = {value!r} must be a whole number of periods, 0 or more")
+            elif not np.isfinite(np.asarray(value, dtype=np.float64)).all():
+                raise InvalidInputError(f"sampling: {field.name} = {value!r} must be finite")
+            elif field.name != "effort_before" and not (np.size(value) and np.min(np.asarray(value)) > 0):
+                raise InvalidInputError(f"sampling: {field.name} = {value!r} must be positive")
+
+
+class Loop(Protocol):
+    """Who decides the motors' efforts during a run."""
+
+    def instant(self, t: float, q: Array, v: Array, guess: Array) -> float:
+        """Measure and command at t; returns the next instant."""
+
+    def effort(self, t: float, q: Array, v: Array, guess: Array) -> Array:
+        """What the motors get at t."""
+
+
+class ContinuousLoop:
+    """The law itself, at every moment."""
+
+    def __init__(self, law: ControlLaw) -> None:
+        self._law = law
+
+    def instant(self, t: float, q: Array, v: Array, guess: Array) -> float:
+        """Nothing to do, ever."""
+        return np.inf
+
+    def effort(self, t: float, q: Array, v: Array, guess: Array) -> Array:
+        """u = law(t, q, q̇)."""
+        return self._law.torque(t, q, v, guess)
+
+
+class SampledLoop:
+    """One run of a sampled loop: the encoder's last reading, the filter's state and the commands on their way.
+
+    Before t = 0 the mechanism is taken to have moved steadily at v0, so the filter starts settled.
+
+    Args:
+        model: The reduced model.
+        law: The law.
+        sampling: How it is run.
+        q0: q at t = 0.
+        v0: q̇ at t = 0.
+
+    Raises:
+        InvalidInputError: A value for each joint or motor with another number of them, or an encoder on a coordinate
+            that is not a plain number.
+    """
+
+    def __init__(self, model: ReducedModel, law: ControlLaw, sampling: Sampling, q0: Array, v0: Array) -> None:
+        self._coordinates, self._law, self._sampling = model.coordinates, law, sampling
+        self._limit = _each(sampling.saturation, model.n_actuated, "saturation", "motor")
+        self._resolution = None if sampling.encoder_counts is None else _resolution(model, sampling.encoder_counts)
+        self._differentiates = self._resolution is not None or sampling.velocity_cutoff is not None
+        cutoff = np.inf if sampling.velocity_cutoff is None else sampling.velocity_cutoff
+        self._gain = -np.expm1(-2 * np.pi * cutoff * sampling.period)
+        self._reading = self._measured(self._coordinates.integrate(q0, -sampling.period * v0))
+        self._velocity = v0.copy()
+        before = _each(sampling.effort_before, model.n_actuated, "effort_before", "motor")
+        assert before is not None
+        self._pending = deque([before] * sampling.delay)
+        self._held = before
+        self._count = 0
+
+    def instant(self, t: float, q: Array, v: Array, guess: Array) -> float:
+        """Measure, filter, compute the command and hold the one that is due."""
+        reading = self._measured(q)
+        velocity = v
+        if self._differentiates:
+            slope = self._coordinates.difference(self._reading, reading) / self._sampling.period
+            velocity = self._velocity + self._gain * (slope - self._velocity)
+        self._reading, self._velocity = reading, velocity
+        u = self._law.torque(t, reading, velocity, guess)
+        self._pending.append(u if self._limit is None else np.clip(u, -self._limit, self._limit))
+        self._held = self._pending.popleft()
+        self._count += 1
+        return self._count * self._sampling.period
+
+    def effort(self, t: float, q: Array, v: Array, guess: Array) -> Array:
+        """The command held."""
+        return self._held
+
+    def _measured(self, q: Array) -> Array:
+        if self._resolution is None:
+            return q
+        return np.asarray(np.round(q / self._resolution) * self._resolution)
+
+
+def _each(value: Numbers | None, count: int, name: str, what: str) -> Array | None:
+    if value is None:
+        return None
+    array = np.asarray(value, dtype=np.float64)
+    if array.shape not in ((), (count,)):
+        raise InvalidInputError(
+            f"sampling: {name} has {array.size} values; it must be one number or {count}, one a {what}"
+        )
+    return np.array(np.broadcast_to(array, (count,)))
+
+
+def _resolution(model: ReducedModel, counts: Numbers) -> Array:
+    """One count of each encoder in radians or metres, of shape (n,)."""
+    coordinates = model.coordinates
+    if not coordinates.scalar:
+        raise InvalidInputError(
+            "sampling: encoder_counts needs independent coordinates that are plain angles or lengths; leave it out, or "
+            "name single components (joint:axis) as independent"
+        )
+    each = _each(counts, model.n, "encoder_counts", "independent joint")
+    assert each is not None
+    lengths = [part.kind == "prismatic" or (part.component or "").startswith("t") for part in coordinates.parts]
+    return np.asarray(np.where(lengths, 1.0, 2 * np.pi) / each)
