@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import ccpin
 from ccpin import Coupling, CouplingTerm, Inertia, Joint, Link, LoopClosure, MechanismDescription
-from ccpin.bias_derivatives import Directions
+from ccpin.acceleration_derivatives import Directions
 from ccpin.coordinate_derivatives import alpha_bias_derivative
 from ccpin.coordinates import IndependentCoordinates
 from ccpin.description.model import CLOSURE_KINDS
@@ -182,19 +182,26 @@ def test_random_mechanisms(kind):
 
 @settings(max_examples=60)
 @given(mechanisms(), seeds)
-def test_constraint_bias(drawn, seed):
-    """D(φ̇_q′ q̇′) agrees with differences of φ̇_q′ q̇′ at open configurations too, q′ and q̇′ changing at once."""
+def test_constraint_derivatives(drawn, seed):
+    """D(φ_q′ q̈′ + φ̇_q′ q̇′) and D(φ_q′ w) agree with differences at open configurations too."""
     mechanism, rng = ccpin.load(drawn.description), np.random.default_rng(seed)
     constraints, model = mechanism.constraints(), mechanism.pin_model
-    v_free, dq, dv = rng.normal(size=(3, model.nv))
+    v_free, a_free, dq, dv = rng.normal(size=(4, model.nv))
     q_free = pin.integrate(model, mechanism.q_reference, rng.normal(size=model.nv))
-    exact = constraints.bias_derivative(q_free, v_free, Directions(dq[:, None], dv[:, None]))[:, 0]
+    directions = Directions(dq[:, None], dv[:, None])
+    exact = constraints.acceleration_derivative(q_free, v_free, a_free, directions)[:, 0]
 
-    def bias(s):
+    def acceleration(s):
         v = v_free + s * dv
-        return constraints.rate(pin.integrate(model, q_free, s * dq), v).jacobian_rate @ v
+        rate = constraints.rate(pin.integrate(model, q_free, s * dq), v)
+        return rate.jacobian @ a_free + rate.jacobian_rate @ v
 
-    assert_close(exact, derivative(bias), 1e-8)
+    assert_close(exact, derivative(acceleration), 1e-8)
+    w, steps = rng.normal(size=(2, model.nv, 2))
+    exact = constraints.second_derivative(q_free, w, steps)
+    for k in range(2):
+        expected = along(model, q_free, steps[:, k], lambda q: constraints.value(q).jacobian @ w)
+        assert_close(exact[:, :, k], expected, 1e-8)
 
 
 JOINT_PARTS = ("ball:rx", "ball:ry", "ball:rz", "slab:tx", "slab:ty", "slab:rz", "free:tx", "free:ty", "free:tz")

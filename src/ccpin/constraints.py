@@ -10,10 +10,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ccpin.bias_derivatives import Directions, loop_bias_derivative
+from ccpin.acceleration_derivatives import Directions, loop_acceleration_derivative
 from ccpin.description.model import Coupling, LoopClosure
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.loops import Loop, resolve_loop
+from ccpin.second_derivatives import Brackets, loop_second_derivative
 from ccpin.tree import Tree
 
 Array = NDArray[np.float64]
@@ -45,6 +46,13 @@ class _GearTerm(NamedTuple):
         """The joint's displacement from the term's reference; on the circle in (−π, π] before the reference."""
         i = self.idx_q
         return float((math.atan2(q_free[i + 1], q_free[i]) if self.wrapped else q_free[i]) - self.reference)
+
+    def slope(self, order: int, q_free: Array) -> float:
+        """The polynomial's derivative of an order there."""
+        coefficients = self.coefficients
+        for _ in range(order):
+            coefficients = _derivative(coefficients)
+        return _polynomial(coefficients, self.angle(q_free))
 
 
 class _Gear(NamedTuple):
@@ -80,6 +88,7 @@ class Constraints:
         self.gears = tuple(_resolve_gear(tree, coupling) for coupling in couplings)
         self.size = sum(loop.size for loop in self.loops) + len(self.gears)
         self._data = tree.model.createData()
+        self._brackets = Brackets(tree.model)
 
     def row_slices(self) -> dict[str, slice]:
         """Which rows of φ belong to each closure and coupling, by name."""
@@ -123,20 +132,35 @@ class Constraints:
         self._couple(q_free, phi, jacobian, jacobian_rate, v_free, row)
         return ConstraintRate(phi, jacobian, jacobian_rate)
 
-    def bias_derivative(self, q_free: Array, v_free: Array, directions: Directions) -> Array:
-        """D(φ̇_q′ q̇′) in k directions of (q′, q̇′), of shape (m, k), exact off the manifold too."""
-        derivative, row = np.zeros((self.size, directions.dq.shape[1])), 0
+    def second_derivative(self, q_free: Array, w: Array, steps: Array) -> Array:
+        """D_k (φ_q′ w_j) for velocities w (n′, j) held and tangent steps of q′ (n′, k), of shape (m, j, k)."""
+        pin.computeJointJacobians(self.model, self._data, q_free)
+        derivative = np.zeros((self.size, w.shape[1], steps.shape[1]))
+        rates = {C: self._brackets.rates(self._data.J, steps, C) for C in {loop.ancestor for loop in self.loops}}
+        row = 0
         for loop in self.loops:
             if loop.size:
                 window = slice(row, row + loop.size)
-                derivative[window] = loop_bias_derivative(self.model, self._data, loop, q_free, v_free, directions)
+                derivative[window] = loop_second_derivative(self._data, loop, rates[loop.ancestor], w, steps)
                 row += loop.size
         for k, gear in enumerate(self.gears, start=row):
             for term in gear.terms:
-                second = _derivative(_derivative(term.coefficients))
-                v, theta = v_free[term.idx_v], term.angle(q_free)
-                derivative[k] += 2.0 * _polynomial(second, theta) * v * directions.dv[term.idx_v]
-                derivative[k] += _polynomial(_derivative(second), theta) * v**2 * directions.dq[term.idx_v]
+                derivative[k] += term.slope(2, q_free) * np.outer(w[term.idx_v], steps[term.idx_v])
+        return derivative
+
+    def acceleration_derivative(self, q_free: Array, v_free: Array, a_free: Array, directions: Directions) -> Array:
+        """D(φ_q′ q̈′ + φ̇_q′ q̇′) in k directions of (q′, q̇′), q̈′ held, of shape (m, k)."""
+        derivative, row, motion = np.zeros((self.size, directions.dq.shape[1])), 0, (q_free, v_free, a_free)
+        for loop in self.loops:
+            if loop.size:
+                window = slice(row, row + loop.size)
+                derivative[window] = loop_acceleration_derivative(self.model, self._data, loop, motion, directions)
+                row += loop.size
+        for k, gear in enumerate(self.gears, start=row):
+            for term in gear.terms:
+                i, second, third = term.idx_v, term.slope(2, q_free), term.slope(3, q_free)
+                derivative[k] += (second * a_free[i] + third * v_free[i] ** 2) * directions.dq[i]
+                derivative[k] += 2.0 * second * v_free[i] * directions.dv[i]
         return derivative
 
     def residual(self, q_free: Array) -> Array:
@@ -173,12 +197,10 @@ class Constraints:
                 jacobian_rate[k] = 0.0
             total = 0.0
             for term in gear.terms:
-                theta = term.angle(q_free)
-                total += _polynomial(term.coefficients, theta)
-                jacobian[k, term.idx_v] += _polynomial(_derivative(term.coefficients), theta)
+                total += term.slope(0, q_free)
+                jacobian[k, term.idx_v] += term.slope(1, q_free)
                 if jacobian_rate is not None and v_free is not None:
-                    second = _polynomial(_derivative(_derivative(term.coefficients)), theta)
-                    jacobian_rate[k, term.idx_v] += second * v_free[term.idx_v]
+                    jacobian_rate[k, term.idx_v] += term.slope(2, q_free) * v_free[term.idx_v]
             phi[k] = math.remainder(total, gear.modulus) if gear.modulus else total
 
 

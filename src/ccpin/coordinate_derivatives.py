@@ -13,7 +13,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from ccpin.bias_derivatives import Directions
+from ccpin.acceleration_derivatives import Directions
 from ccpin.coordinates import IndependentCoordinates
 
 Array = NDArray[np.float64]

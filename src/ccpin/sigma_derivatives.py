@@ -6,8 +6,9 @@
 
 and once more ψ_q′ γ = −Γ, Γ(q′, q̇′) = ψ̇_q′ q̇′ with q̇′ = ρ q̇,
 
-    ψ_q′ ∂γ/∂q_k = −(D_k ψ_q′) γ − DΓ·(ρ_k, ∂ρ/∂q_k q̇),        ψ_q′ ∂γ/∂q̇_k = −DΓ·(0, ρ_k).
+    ψ_q′ ∂γ/∂q_k = −D(ψ_q′ γ + Γ)·(ρ_k, ∂ρ/∂q_k q̇),        ψ_q′ ∂γ/∂q̇_k = −D(ψ_q′ γ + Γ)·(0, ρ_k),
 
+the components of γ held on the right.
 These systems are consistent where redundant rows make ψ_q′ tall, so its pseudo-inverse solves them exactly. Derivatives
 with respect to q are along tangent steps of `IndependentCoordinates.integrate`, components of velocities held.
 """
@@ -19,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.bias_derivatives import Directions
+from ccpin.acceleration_derivatives import Directions
 from ccpin.coordinate_derivatives import alpha_bias_derivative
 from ccpin.parametrization import ClosedPoint, Parametrization
 
@@ -45,17 +46,16 @@ class SigmaDerivatives:
     def __init__(self, parametrization: Parametrization, point: ClosedPoint) -> None:
         self._parametrization = parametrization
         self._point = point
-        self._rates = [self._psi_rate(column) for column in point.rho.T]
+        self._second = self._psi_second()
 
     def of_velocity(self, v: Array) -> Array:
         """∂(ρ v)/∂q at fixed v (n,), of shape (n′, n)."""
-        return self._solved(self._point.rho @ v)
+        return -self._point.factor.solve(np.einsum("mjk,j->mk", self._second, v))
 
     def of_force(self, force: Array) -> Array:
         """∂(ρᵀ f)/∂q at fixed f (n′,), of shape (n, n): entry (j, k) is f · ∂ρ_j/∂q_k."""
         multipliers = self._point.factor.solve_transposed(force)
-        rows = np.array([multipliers @ rate for rate in self._rates]).reshape(len(self._rates), len(force))
-        return np.asarray(-(rows @ self._point.rho).T)
+        return -np.tensordot(multipliers, self._second, 1)
 
     def of_bias(self, v: Array, spread: Array) -> BiasDerivatives:
         """γ = ρ̇ q̇ and its derivatives at q̇ = v (n,); `spread` is ∂(ρ v)/∂q, from `of_velocity`."""
@@ -63,19 +63,25 @@ class SigmaDerivatives:
         v_free = point.rho @ v
         gamma = parametrization.bias(point, v_free)
         directions = Directions(np.hstack([point.rho, np.zeros_like(point.rho)]), np.hstack([spread, point.rho]))
-        constraints = parametrization.constraints.bias_derivative(point.q_free, v_free, directions)
-        alpha = alpha_bias_derivative(parametrization.coordinates, point.q_free, v_free, directions)
-        change = -point.factor.solve(np.vstack([constraints, alpha]))
-        return BiasDerivatives(gamma, self._solved(gamma) + change[:, :n], change[:, n:])
+        constraints, coordinates, q_free = parametrization.constraints, parametrization.coordinates, point.q_free
+        rows = constraints.acceleration_derivative(q_free, v_free, gamma, directions)
+        alpha = alpha_bias_derivative(coordinates, q_free, v_free, directions)
+        alpha[:, :n] += self._alpha_second(gamma[:, None])[:, 0]
+        change = -point.factor.solve(np.vstack([rows, alpha]))
+        return BiasDerivatives(gamma, change[:, :n], change[:, n:])
 
-    def _solved(self, w: Array) -> Array:
-        """−ψ_q′⁻¹ (D_k ψ_q′) w for each k, of shape (n′, n)."""
-        right = np.array([rate @ w for rate in self._rates]).reshape(len(self._rates), -1).T
-        return -self._point.factor.solve(right)
+    def _psi_second(self) -> Array:
+        """D_k (ψ_q′ ρ_j), of shape (m + n, n, n): axes (row, j, k)."""
+        rho = self._point.rho
+        rows = self._parametrization.constraints.second_derivative(self._point.q_free, rho, rho)
+        return np.concatenate([rows, self._alpha_second(rho)])
 
-    def _psi_rate(self, v_free: Array) -> Array:
-        """ψ̇_q′ along q̇′, of shape (m + n, n′)."""
-        constraints, coordinates = self._parametrization.constraints, self._parametrization.coordinates
-        rate = constraints.rate(self._point.q_free, v_free).jacobian_rate
-        alpha_rate = coordinates.jacobian_rate(self._point.q_free, v_free)
-        return np.vstack([rate, np.zeros((coordinates.n, len(v_free))) if alpha_rate is None else alpha_rate])
+    def _alpha_second(self, w: Array) -> Array:
+        """D_k (α_q′ w_j), of shape (n, j, n), for velocity components w (n′, j) held."""
+        coordinates, rho = self._parametrization.coordinates, self._point.rho
+        second = np.zeros((coordinates.n, w.shape[1], rho.shape[1]))
+        for k, step in enumerate(rho.T):
+            rate = coordinates.jacobian_rate(self._point.q_free, step)
+            if rate is not None:
+                second[:, :, k] = rate @ w
+        return second

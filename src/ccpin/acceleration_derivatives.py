@@ -1,9 +1,9 @@
-"""The directional derivative of a loop's acceleration bias φ̇_q′ q̇′, exact.
+"""The directional derivative of a loop's acceleration φ̈ = φ_q′ q̈′ + φ̇_q′ q̇′, exact.
 
-Along the curve of constant velocity components q̇′ the bias is φ̈ itself. Every row of `ccpin.closures` is linear
-in a point or a product of two vectors, so it suffices to carry the points and directions of the two ends as jets:
-value, rate and second rate along that curve, each with its derivative in k given directions. All is measured from the
-loop's nearest common ancestor C, which is kept at rest. Vectors are in the world's axes.
+Every row of `ccpin.closures` is linear in a point or a product of two vectors, so it suffices to carry the points and
+directions of the two ends as jets: value, rate and second rate along a motion with q̇′ and q̈′, each with its derivative
+in k given directions. All is measured from the loop's nearest common ancestor C, which is kept at rest. Vectors are in
+the world's axes.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class Directions(NamedTuple):
-    """k directions in which a bias at (q′, q̇′) is differentiated.
+    """k directions of (q′, q̇′) in which to differentiate.
 
     Attributes:
         dq: Tangent steps of q′ (right increments, as `pin.integrate` takes them), of shape (n′, k).
@@ -32,7 +32,7 @@ class Directions(NamedTuple):
 
 
 class _Jet(NamedTuple):
-    """A vector x, its rate and second rate at q̈′ = 0, each (3,), and their directional derivatives, each (3, k)."""
+    """A vector x, its rate and second rate, each (3,), and their directional derivatives, each (3, k)."""
 
     x: Array
     x_1: Array
@@ -46,9 +46,9 @@ class _Jet(NamedTuple):
 
 
 class _End:
-    """One end of a loop: the spatial motion (linear at the world's origin, angular) of its frame at q̈′ = 0.
+    """One end of a loop: the spatial motion (linear at the world's origin, angular) of its frame.
 
-    To be built right after `pin.computeForwardKinematicsDerivatives` at q̈′ = 0 with C at rest. Pinocchio's derivatives
+    To be built right after `pin.computeForwardKinematicsDerivatives` with C at rest. Pinocchio's derivatives
     of the components in the body's frame are carried to the world, which adds δ × V for the body's own step δ. (Its
     derivatives in the world's axes are wrong for joints of several degrees of freedom beyond the first.)
     """
@@ -94,12 +94,21 @@ class _End:
         return _Jet(x, x_1, x_2, dx, dx_1, dx_2 - cross_1 @ self.d_velocity[3:] + omega @ dx_1)
 
 
-def loop_bias_derivative(
-    model: pin.Model, data: pin.Data, loop: Loop, q_free: Array, v_free: Array, directions: Directions
+def loop_acceleration_derivative(
+    model: pin.Model, data: pin.Data, loop: Loop, motion: tuple[Array, Array, Array], directions: Directions
 ) -> Array:
-    """D(φ̇_q′ q̇′) of one loop's rows in each direction, of shape (rows, k); `data` is scratch memory."""
-    own = (loop.path_a + loop.path_b) * v_free
-    pin.computeForwardKinematicsDerivatives(model, data, q_free, own, np.zeros(model.nv))
+    """D(φ_q′ q̈′ + φ̇_q′ q̇′) of one loop's rows in each direction, of shape (rows, k).
+
+    Args:
+        model: The free system.
+        data: Scratch memory.
+        loop: The loop.
+        motion: q′, q̇′ and q̈′; the components of q̈′ are held.
+        directions: Where to.
+    """
+    q_free, v_free, a_free = motion
+    own = loop.path_a + loop.path_b
+    pin.computeForwardKinematicsDerivatives(model, data, q_free, own * v_free, own * a_free)
     end_a, end_b = _End(model, data, loop, "a", directions), _End(model, data, loop, "b", directions)
     rows, gap = loop.rows, end_b.point().minus(end_a.point())
     parts = [-loop.basis @ data.oMi[loop.ancestor].rotation.T @ gap.dx_2]
