@@ -56,9 +56,8 @@ class Brackets:
         """
         moved = self._moving[ancestor][:, None] * steps
         velocity = np.matmul(self._before, spatial[:, :, None] * moved)
-        turning = _cross(velocity[3:], spatial[:, :, None])
-        turning[:3] += _cross(velocity[:3], spatial[3:, :, None])
-        return turning
+        linear = _cross(velocity[3:], spatial[:3, :, None]) + _cross(velocity[:3], spatial[3:, :, None])
+        return np.concatenate([linear, _cross(velocity[3:], spatial[3:, :, None])])
 
 
 class _End:
@@ -82,11 +81,11 @@ class _End:
         return self._carried(self.turn @ local, 0.0)
 
     def _carried(self, vector: Array, linear: float) -> _Jet:
-        x = vector[:, None, None]
-        by_w = linear * self.by_w[:3] + _cross(self.by_w[3:], x)
-        by_step = linear * self.by_step[:3] + _cross(self.by_step[3:], x)
-        mixed = linear * self.mixed[:3] + _cross(self.mixed[3:], x) + _cross(self.by_w[3:], by_step)
-        return _Jet(x, by_w, by_step, mixed)
+        swap = -pin.skew(vector)  # ω × x = −x × ω
+        by_w = linear * self.by_w[:3] + np.tensordot(swap, self.by_w[3:], 1)
+        by_step = linear * self.by_step[:3] + np.tensordot(swap, self.by_step[3:], 1)
+        mixed = linear * self.mixed[:3] + np.tensordot(swap, self.mixed[3:], 1) + _cross(self.by_w[3:], by_step)
+        return _Jet(vector[:, None, None], by_w, by_step, mixed)
 
 
 def loop_second_derivative(data: pin.Data, loop: Loop, rates: Array, w: Array, steps: Array) -> Array:
@@ -118,7 +117,9 @@ def _product(a: _Jet, b: _Jet) -> Array:
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """a × b along the first axis, for each triple of rows of b (3 or 6 rows)."""
-    x, y, z = a
-    blocks = [b[i : i + 3] for i in range(0, len(b), 3)]
-    return np.concatenate([np.stack([y * c[2] - z * c[1], z * c[0] - x * c[2], x * c[1] - y * c[0]]) for c in blocks])
+    """a × b along the first axis, the others broadcast."""
+    (ax, ay, az), (bx, by, bz) = a, b
+    x = ay * bz - az * by
+    product = np.empty((3, *x.shape))
+    product[0], product[1], product[2] = x, az * bx - ax * bz, ax * by - ay * bx
+    return product

@@ -8,9 +8,9 @@ and once more ψ_q′ γ = −Γ, Γ(q′, q̇′) = ψ̇_q′ q̇′ with q̇�
 
     ψ_q′ ∂γ/∂q_k = −D(ψ_q′ γ + Γ)·(ρ_k, ∂ρ/∂q_k q̇),        ψ_q′ ∂γ/∂q̇_k = −D(ψ_q′ γ + Γ)·(0, ρ_k),
 
-the components of γ held on the right.
-These systems are consistent where redundant rows make ψ_q′ tall, so its pseudo-inverse solves them exactly. Derivatives
-with respect to q are along tangent steps of `IndependentCoordinates.integrate`, components of velocities held.
+the components of γ held on the right. These systems are consistent where redundant rows make ψ_q′ tall, so its
+pseudo-inverse solves them exactly. Derivatives with respect to q are along tangent steps of
+`IndependentCoordinates.integrate`, components of velocities held.
 """
 
 from __future__ import annotations
