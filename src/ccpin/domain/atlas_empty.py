@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.domain.atlas_tree import LEVELS, WHOLE, CellTree, Region, Status
+from ccpin.domain.chain_stack import move, stack_chains
 from ccpin.domain.chains import Chain, ClosureSystem
-from ccpin.domain.derivatives import chain_motion
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -93,7 +93,7 @@ def empty_cells(system: ClosureSystem, groups: tuple[_Group, ...], centre: Array
         reach = margin.copy()
         for anchor in group.anchors:
             weights = anchor.head.weights[group.rows]
-            gap = gap + (chain_motion(anchor.head, theta).x[:, None] @ weights.T)[:, 0]
+            gap = gap + (move(stack_chains((anchor.head,), system.n_free), theta).x @ weights.T)[:, 0]
             norm = float(np.linalg.norm(weights, 2))
             rest = anchor.length + travel[:, anchor.slides].sum(axis=1)
             reach += norm * (rest + _drift(anchor.head, width, travel))

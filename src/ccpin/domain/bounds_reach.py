@@ -9,44 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.domain.bounds import Frame, Image, LinearPart, Rows, linear_part
-from ccpin.domain.chains import ClosureSystem
+from ccpin.domain.chain_stack import ChainStack, gather
 from ccpin.domain.derivatives import Derivatives
 
 Array = NDArray[np.float64]
-
-
-class ChainStack(NamedTuple):
-    """The C chains of a system side by side, padded on the root side to the same number k of joints.
-
-    Attributes:
-        joints: Indices in θ with a zero appended (n′ where padded), of shape (C, k).
-        turning: 1.0 where a joint turns, of shape (C, k).
-        slide_reach: 1.0 where a joint slides a point, of shape (C, k).
-        lengths: |translation| to a joint from the one above (0 for directions), of shape (C, k).
-        tip: |tip|, of shape (C,).
-    """
-
-    joints: NDArray[np.intp]
-    turning: Array
-    slide_reach: Array
-    lengths: Array
-    tip: Array
-
-
-def stack_chains(system: ClosureSystem) -> ChainStack:
-    """Pad the chains of a system."""
-    k = max(system.depth, 1)
-    shape = (len(system.chains), k)
-    joints = np.full(shape, system.n_free, dtype=np.intp)
-    turning, sliding, lengths = np.zeros(shape), np.zeros(shape), np.zeros(shape)
-    for row, chain in enumerate(system.chains):
-        window = slice(k - len(chain.joints), k)
-        joints[row, window] = chain.joints
-        turning[row, window] = ~chain.prismatic
-        if not chain.direction:
-            sliding[row, window] = chain.prismatic
-            lengths[row, window] = np.linalg.norm(chain.translations, axis=1)
-    return ChainStack(joints, turning, sliding, lengths, np.array([np.linalg.norm(c.tip) for c in system.chains]))
 
 
 class _Terms(NamedTuple):
@@ -115,7 +81,7 @@ class ReachBounds:
         return np.asarray((self.terms.gains @ third[..., None])[..., 0])
 
     def _gather(self, moves: Array) -> Array:
-        return _gather(self.stack, moves)
+        return gather(self.stack, moves)
 
     def _reach(self, box: Array) -> Array:
         return chain_reach(
@@ -123,9 +89,7 @@ class ReachBounds:
         )
 
 
-def reach_bounds(
-    system: ClosureSystem, stack: ChainStack, theta: Array, values: Derivatives, frame: Frame
-) -> ReachBounds:
+def reach_bounds(stack: ChainStack, theta: Array, values: Derivatives, frame: Frame) -> ReachBounds:
     """Reach bounds of boxes centred at θ (B, n′) with the derivatives there."""
     linear = linear_part(frame, values.phi, values.jacobian)
     count, m, n_free = values.jacobian.shape
@@ -135,16 +99,11 @@ def reach_bounds(
     square = (half[..., None, :] @ quadratic @ half[..., None])[..., 0, 0]
     along = np.swapaxes(second @ frame.modes[:, None], 2, 3)
     mixed = np.abs(along @ np.concatenate([frame.directions, frame.modes], axis=2)[:, None])
-    shape = (count, *stack.joints.shape)
-    arms, gains = np.zeros(shape), np.zeros((count, m, shape[1]))
-    for row, (chain, motion) in enumerate(zip(system.chains, values.motions, strict=True)):
-        arms[:, row, shape[2] - len(chain.joints) :] = np.linalg.norm(motion.b, axis=2)
-        gains[:, :, row] = np.linalg.norm(frame.preconditioner @ chain.weights, axis=2)
-    position = _gather(stack, np.abs(theta))
-    moves = _gather(stack, linear.moves)
-    third = _trilinear(stack, chain_reach(stack, arms, position, moves, frame.rounding), moves, moves, moves)
+    gains = np.swapaxes(np.linalg.norm(frame.preconditioner[:, None] @ stack.weights, axis=3), 1, 2)
+    position, moves = gather(stack, np.abs(theta)), gather(stack, linear.moves)
+    third = _trilinear(stack, chain_reach(stack, values.arms, position, moves, frame.rounding), moves, moves, moves)
     y = linear.constant + 0.5 * square + (gains @ third[..., None])[..., 0] / 6.0
-    return ReachBounds(stack, _Terms(linear, y, mixed, gains, position, arms))
+    return ReachBounds(stack, _Terms(linear, y, mixed, gains, position, values.arms))
 
 
 def chain_reach(stack: ChainStack, arms: Array, position: Array, box: Array, rounding: Array) -> Array:
@@ -158,22 +117,18 @@ def chain_reach(stack: ChainStack, arms: Array, position: Array, box: Array, rou
         rounding: Of shape (B,).
     """
     reach = np.empty_like(arms)
-    travel = stack.slide_reach * (position + box)
-    length = np.broadcast_to(stack.tip, arms.shape[:2])
+    slide_reach = stack.sliding * stack.points[:, None]
+    travel = slide_reach * (position + box)
+    lengths = np.linalg.norm(stack.translations, axis=2) * stack.points[:, None]
+    length = np.broadcast_to(np.linalg.norm(stack.tips, axis=1), arms.shape[:2])
     drift = np.zeros(arms.shape[:2])
     for j in reversed(range(arms.shape[2])):
         length = length + travel[..., j]
         shorter = np.minimum(length, arms[..., j] + rounding[:, None] + drift)
-        reach[..., j] = stack.turning[:, j] * shorter + stack.slide_reach[:, j]
+        reach[..., j] = stack.turning[:, j] * shorter + slide_reach[:, j]
         drift = drift + reach[..., j] * box[..., j]
-        length = length + stack.lengths[:, j]
+        length = length + lengths[:, j]
     return reach
-
-
-def _gather(stack: ChainStack, moves: Array) -> Array:
-    """Moves (B, n′) by chain and joint, of shape (B, C, k), zero where padded."""
-    padded = np.concatenate([moves, np.zeros((len(moves), 1))], axis=1)
-    return np.asarray(padded[:, stack.joints])
 
 
 def _trilinear(stack: ChainStack, reach: Array, x: Array, y: Array, z: Array) -> Array:

@@ -50,7 +50,8 @@ from numpy.typing import NDArray
 from ccpin.domain.batch import inverses, solve_many
 from ccpin.domain.bounds import Bounds, Frame
 from ccpin.domain.bounds_planar import planar_bounds
-from ccpin.domain.bounds_reach import ChainStack, reach_bounds, stack_chains
+from ccpin.domain.bounds_reach import reach_bounds
+from ccpin.domain.chain_stack import ChainStack, stack_chains
 from ccpin.domain.chains import ClosureSystem
 from ccpin.domain.derivatives import derivatives, values
 from ccpin.domain.phasors import Phasors, phasor_values, phasors_of
@@ -124,7 +125,7 @@ def problem_of(system: ClosureSystem, bounds: BoundsName = "auto") -> Problem:
             "planar bounds need closures whose turning axes are parallel, with slides before the turns; "
             'use bounds="reach"'
         )
-    return Problem(system, stack_chains(system), phasors)
+    return Problem(system, stack_chains(system.chains, system.n_free), phasors)
 
 
 def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:
@@ -132,7 +133,7 @@ def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:
     if problem.phasors is not None:
         found = phasor_values(problem.phasors, theta)
         return found.phi, found.jacobian
-    return values(problem.system, theta)
+    return values(problem.system, problem.stack, theta)
 
 
 def bounds_of(problem: Problem, boxes: Boxes) -> Bounds:
@@ -144,7 +145,7 @@ def bounds_of(problem: Problem, boxes: Boxes) -> Bounds:
     frame = Frame(boxes.preconditioner, boxes.directions, modes, half, system.rounding * system.magnitude(theta))
     if problem.phasors is not None:
         return planar_bounds(problem.phasors, phasor_values(problem.phasors, theta), frame)
-    return reach_bounds(system, problem.stack, theta, derivatives(system, theta), frame)
+    return reach_bounds(problem.stack, theta, derivatives(system, problem.stack, theta), frame)
 
 
 def verify(problem: Problem, boxes: Boxes) -> Mask:

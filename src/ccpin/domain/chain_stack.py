@@ -1,0 +1,125 @@
+"""Chains side by side, padded to one length, so that one sweep moves all of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.domain.chains import Chain
+
+Array = NDArray[np.float64]
+
+
+class ChainStack(NamedTuple):
+    """C chains, padded on the root side to the same number k of joints.
+
+    Attributes:
+        joints: Indices in θ with a zero appended (n′ where padded), of shape (C, k).
+        placement: Which θ an entry belongs to, of shape (C · k, n′), one-hot rows, zero where padded.
+        rotations, translations, axes: As in `Chain`, of shapes (C, k, 3, 3), (C, k, 3), (C, k, 3).
+        turning, sliding: 1.0 where a joint turns or slides (both 0 where padded), of shape (C, k).
+        tips: Of shape (C, 3).
+        points: 1.0 for points, 0.0 for directions, of shape (C,).
+        weights: Of shape (C, m, 3).
+    """
+
+    joints: NDArray[np.intp]
+    placement: Array
+    rotations: Array
+    translations: Array
+    axes: Array
+    turning: Array
+    sliding: Array
+    tips: Array
+    points: Array
+    weights: Array
+
+
+class StackMotion(NamedTuple):
+    """The chains at B configurations.
+
+    Attributes:
+        x: Tips, of shape (B, C, 3).
+        a: Axes of turning joints, zero elsewhere, of shape (B, C, k, 3).
+        b: ∂x/∂θ_j, of shape (B, C, k, 3).
+    """
+
+    x: Array
+    a: Array
+    b: Array
+
+
+def stack_chains(chains: tuple[Chain, ...], n_free: int) -> ChainStack:
+    """Pad chains in θ of size n′."""
+    count, k = len(chains), max((len(chain.joints) for chain in chains), default=0)
+    joints = np.full((count, k), n_free, dtype=np.intp)
+    rotations, translations = np.tile(np.eye(3), (count, k, 1, 1)), np.zeros((count, k, 3))
+    axes, turning, sliding = np.zeros((count, k, 3)), np.zeros((count, k)), np.zeros((count, k))
+    for row, chain in enumerate(chains):
+        window = slice(k - len(chain.joints), k)
+        joints[row, window] = chain.joints
+        rotations[row, window], translations[row, window] = chain.rotations, chain.translations
+        axes[row, window] = chain.axes
+        turning[row, window], sliding[row, window] = ~chain.prismatic, chain.prismatic
+    return ChainStack(
+        joints=joints,
+        placement=np.eye(n_free + 1)[joints.ravel(), :n_free],
+        rotations=rotations,
+        translations=translations,
+        axes=axes,
+        turning=turning,
+        sliding=sliding,
+        tips=np.array([chain.tip for chain in chains]).reshape(count, 3),
+        points=np.array([0.0 if chain.direction else 1.0 for chain in chains]),
+        weights=np.array([chain.weights for chain in chains]),
+    )
+
+
+def gather(stack: ChainStack, values: Array) -> Array:
+    """Values of joints (B, n′) by chain and joint, of shape (B, C, k), zero where padded."""
+    padded = np.concatenate([values, np.zeros((len(values), 1))], axis=1)
+    return np.asarray(padded[:, stack.joints])
+
+
+def move(stack: ChainStack, theta: Array) -> StackMotion:
+    """Sweep all chains from root to tip at θ of shape (B, n′)."""
+    angles = gather(stack, theta)
+    count, chains, k = angles.shape
+    turns = angles * stack.turning
+    sines, versines = np.sin(turns)[..., None, None], (2.0 * np.sin(0.5 * turns) ** 2)[..., None, None]
+    slides = (angles * stack.sliding)[..., None]
+    crosses = skew(stack.axes)
+    axes, origins = np.empty((count, chains, k, 3)), np.empty((count, chains, k, 3))
+    turn, origin = np.broadcast_to(np.eye(3), (count, chains, 3, 3)), np.zeros((count, chains, 3))
+    for j in range(k):
+        origin = origin + (turn @ stack.translations[:, j, :, None])[..., 0]
+        turn = turn @ stack.rotations[:, j]
+        axis = (turn @ stack.axes[:, j, :, None])[..., 0]
+        axes[:, :, j], origins[:, :, j] = axis, origin
+        origin = origin + slides[:, :, j] * axis
+        turned = turn @ crosses[:, j]
+        turn = turn + sines[:, :, j] * turned + versines[:, :, j] * (turned @ crosses[:, j])
+    points = stack.points[:, None]
+    tip = (turn @ stack.tips[..., None])[..., 0] + points * origin
+    arms = tip[:, :, None] - points[:, None] * origins
+    turning = axes * stack.turning[..., None]
+    b = cross(turning, arms) + axes * (stack.sliding * points)[..., None]
+    return StackMotion(tip, turning, b)
+
+
+def cross(u: Array, v: Array) -> Array:
+    """The vector product over the last axis, with broadcasting."""
+    x = u[..., 1] * v[..., 2] - u[..., 2] * v[..., 1]
+    y = u[..., 2] * v[..., 0] - u[..., 0] * v[..., 2]
+    z = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    return np.stack([x, y, z], axis=-1)
+
+
+def skew(vectors: Array) -> Array:
+    """The matrices [v]× of vectors (…, 3), of shape (…, 3, 3)."""
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    zero = np.zeros_like(x)
+    rows = [np.stack(row, axis=-1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
+    return np.stack(rows, axis=-2)
