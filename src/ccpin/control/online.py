@@ -1,0 +1,245 @@
+"""σ in real time: one warm start a sample, a hard cap on Newton steps, and what to do when that is not enough.
+
+The state a controller carries from sample to sample (its last valid σ) is an object of its own, `OnlineSigma`, and
+`OnlineLaw` is a tracking law that uses it. Both belong in a sampled loop, where samples come once each and in
+order; in a continuous simulation use the tracking law itself, which finds σ from the integrator's guess and
+remembers nothing.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ccpin.control.laws import ControlLaw
+from ccpin.control.tracking import TrackingLaw
+from ccpin.errors import InvalidInputError
+from ccpin.kinematics import moved
+from ccpin.linear import Factor, factorize
+from ccpin.parametrization import SINGULAR_RCOND, ClosedPoint, Parametrization
+from ccpin.reduced_model import ReducedModel
+
+Array = NDArray[np.float64]
+State = Literal["solved", "held", "lost"]
+_CONTRACTION = 0.125
+_LARGEST_MOVE = 1.0
+
+
+class CappedSolve(NamedTuple):
+    """A Newton solve that was given so many steps and no more.
+
+    Attributes:
+        point: σ(q) with ρ, or ``None`` where the solve did not converge, was not trusted or met a singularity.
+        steps: Newton steps taken.
+        residual: Largest |ψ̄| at the last iterate, metres and radians.
+    """
+
+    point: ClosedPoint | None
+    steps: int
+    residual: float
+
+
+def capped_sigma(
+    parametrization: Parametrization, q: Array, start: Array, max_newton_steps: int, tolerance: float
+) -> CappedSolve:
+    """Solve ψ̄(q′, q) = 0 (11) from a start with at most `max_newton_steps` linear solves.
+
+    As in `Parametrization.sigma` an iteration is trusted only if each correction is at most an eighth of the one
+    before and det ψ_q′ keeps its sign; there is no walk when it is not. Pure: the same arguments give the same
+    answer. The time it takes is bounded by max_newton_steps + 1 evaluations and factorisations of ψ_q′.
+
+    Args:
+        parametrization: ψ.
+        q: Independent coordinates, of shape (nq_independent,).
+        start: q′ to start from, of shape (nq,).
+        max_newton_steps: The cap.
+        tolerance: Largest |ψ̄| accepted, metres and radians.
+    """
+    q_free, sign, last, residual = start, 0, np.inf, np.inf
+    for steps in range(max_newton_steps + 1):
+        gap, factor = _linearized(parametrization, q_free, q)
+        residual = float(np.abs(gap).max(initial=0.0))
+        if factor.rcond < SINGULAR_RCOND or (steps and factor.sign != sign):
+            return CappedSolve(None, steps, residual)
+        if residual <= tolerance:
+            return CappedSolve(_closed_point(parametrization, q_free, factor), steps, residual)
+        if steps == max_newton_steps:
+            break
+        step = factor.solve(gap)
+        length = float(np.linalg.norm(step))
+        if not length <= _LARGEST_MOVE or length > max(_CONTRACTION * last, tolerance):
+            return CappedSolve(None, steps + 1, residual)
+        q_free, sign, last = moved(parametrization.model, q_free, step), factor.sign, length
+    return CappedSolve(None, max_newton_steps, residual)
+
+
+def _linearized(parametrization: Parametrization, q_free: Array, q: Array) -> tuple[Array, Factor]:
+    value, coordinates = parametrization.constraints.value(q_free), parametrization.coordinates
+    gap = np.concatenate([-value.phi, coordinates.difference(coordinates.alpha(q_free), q)])
+    return gap, factorize(np.vstack([value.jacobian, coordinates.jacobian(q_free)]))
+
+
+def _closed_point(parametrization: Parametrization, q_free: Array, factor: Factor) -> ClosedPoint:
+    n, m = parametrization.coordinates.n, parametrization.constraints.size
+    return ClosedPoint(q_free, factor, factor.solve(np.vstack([np.zeros((m, n)), np.eye(n)])))
+
+
+class OnlineSample(NamedTuple):
+    """What the controller has at one sample.
+
+    Attributes:
+        point: σ and ρ, at this sample's q where solved, else at that of the last solved sample.
+        state: solved; held (the last valid σ stands in); lost (held for longer than the patience).
+        steps: Newton steps taken.
+    """
+
+    point: ClosedPoint
+    state: State
+    steps: int
+
+
+class OnlineReport(NamedTuple):
+    """How σ went in real time.
+
+    Attributes:
+        samples: Number of samples.
+        held: Samples at which the last valid σ stood in (lost ones included).
+        longest_hold: The most in a row.
+        first_held: Time of the first, s, or ``None``.
+        lost: Whether the patience ran out at any sample.
+        most_steps: Most Newton steps at one sample.
+        mean_steps: Mean of Newton steps a sample.
+        largest_residual: Largest |ψ̄| of a solved sample, metres and radians.
+    """
+
+    samples: int
+    held: int
+    longest_hold: int
+    first_held: float | None
+    lost: bool
+    most_steps: int
+    mean_steps: float
+    largest_residual: float
+
+    @property
+    def message(self) -> str:
+        """The report in a sentence."""
+        if self.first_held is None:
+            return f"σ was found at each of {self.samples} samples in at most {self.most_steps} Newton steps"
+        end = "; the patience ran out and the law braked" if self.lost else ""
+        return (
+            f"σ was not found at {self.held} of {self.samples} samples (first at t = {self.first_held:.6g} s, at most "
+            f"{self.longest_hold} in a row); the last valid one was held{end}"
+        )
+
+
+class OnlineSigma:
+    """σ sample by sample, warm-started from the last valid one; the only state an on-line law has.
+
+    Args:
+        model: The reduced model.
+        q_free: Where the robot is at the first sample: closed, or nearly so; its branch is kept. Of shape (nq,).
+        max_newton_steps: Hard cap on Newton steps a sample.
+        tolerance: Largest |ψ̄| accepted, metres and radians.
+        patience: Samples in a row for which the last valid σ may be held before it counts as lost.
+
+    Raises:
+        InvalidInputError: A cap below one, a tolerance that is not positive, a negative patience, or a start that
+            cannot be closed.
+        SingularConfigurationError: The start is singular.
+    """
+
+    def __init__(
+        self,
+        model: ReducedModel,
+        q_free: ArrayLike,
+        *,
+        max_newton_steps: int = 4,
+        tolerance: float = 1e-9,
+        patience: int = 20,
+    ) -> None:
+        if max_newton_steps < 1:
+            raise InvalidInputError(f"max_newton_steps = {max_newton_steps} must be at least 1")
+        if not (np.isfinite(tolerance) and tolerance > 0):
+            raise InvalidInputError(f"tolerance = {tolerance} must be a positive number (metres and radians)")
+        if patience < 0:
+            raise InvalidInputError(f"patience = {patience} must not be negative")
+        start = model.checked_configuration(q_free)
+        self.model = model
+        self.max_newton_steps, self.tolerance, self.patience = max_newton_steps, tolerance, patience
+        self._valid = model.closed_point(model.alpha(start), start)
+        self._last: tuple[float, Array, OnlineSample] | None = None
+        self._in_a_row = 0
+        self._report = OnlineReport(0, 0, 0, None, False, 0, 0.0, 0.0)
+
+    def update(self, t: float, q: Array) -> OnlineSample:
+        """Take one sample: at most `max_newton_steps` Newton steps from the last valid σ.
+
+        Asking again for the sample just taken gives the same answer and takes no step.
+
+        Raises:
+            InvalidInputError: Time goes back, or stands still while q changes.
+        """
+        if self._last is not None and t <= self._last[0]:
+            if t == self._last[0] and np.array_equal(q, self._last[1]):
+                return self._last[2]
+            raise InvalidInputError(
+                f"an on-line σ takes samples in order of time: one at t = {t:.9g} s followed one at "
+                f"t = {self._last[0]:.9g} s; in a continuous simulation use the tracking law itself"
+            )
+        solve = capped_sigma(self.model.parametrization, q, self._valid.q_free, self.max_newton_steps, self.tolerance)
+        if solve.point is not None:
+            self._valid, self._in_a_row = solve.point, 0
+        else:
+            self._in_a_row += 1
+        state: State = "solved" if not self._in_a_row else "held" if self._in_a_row <= self.patience else "lost"
+        sample = OnlineSample(self._valid, state, solve.steps)
+        self._last = (float(t), np.array(q), sample)
+        self._report = self._counted(float(t), solve, state)
+        return sample
+
+    def report(self) -> OnlineReport:
+        """How it went so far."""
+        return self._report
+
+    def _counted(self, t: float, solve: CappedSolve, state: State) -> OnlineReport:
+        before, missed = self._report, state != "solved"
+        return OnlineReport(
+            samples=before.samples + 1,
+            held=before.held + missed,
+            longest_hold=max(before.longest_hold, self._in_a_row),
+            first_held=t if missed and before.first_held is None else before.first_held,
+            lost=before.lost or state == "lost",
+            most_steps=max(before.most_steps, solve.steps),
+            mean_steps=before.mean_steps + (solve.steps - before.mean_steps) / (before.samples + 1),
+            largest_residual=before.largest_residual if missed else max(before.largest_residual, solve.residual),
+        )
+
+
+class OnlineLaw(ControlLaw):
+    """A tracking law as a controller computes it: σ from an `OnlineSigma`, braking once that is lost.
+
+    While σ is held the law works with the model at the last valid configuration (its feedback is still that of the
+    measured q and q̇); once lost it stops the robot by `TrackingLaw.brake`, until σ is found again. For sampled loops.
+
+    Args:
+        law: The tracking law.
+        online: The controller's σ.
+    """
+
+    def __init__(self, law: TrackingLaw, online: OnlineSigma) -> None:
+        self.law = law
+        self.online = online
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """The motors' efforts of the sample at time t, of shape (motors,); a controller has no guess but its own.
+
+        Raises:
+            InvalidInputError: Samples out of order.
+        """
+        sample = self.online.update(t, q)
+        if sample.state == "lost":
+            return self.law.brake(v, sample.point)
+        return self.law.torque_at(t, q, v, sample.point)
