@@ -67,6 +67,7 @@ _INFLATION = 1e-4
 _SETTLED = 1.0 + 1e-6
 _ROUNDS = 30
 _POWERS = 8
+_LEAST = 1e-11
 _LARGEST = 1e6
 
 
@@ -175,13 +176,13 @@ def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -
     """
     with np.errstate(all="ignore"):
         jacobian = closure_values(problem, centre)[1]
-        first = _attempt(problem, _parametrize(problem.system, centre, half, across, jacobian, False))
+        first = _attempt(problem, _parametrize(problem.system, centre, half, across, jacobian, False), _LEAST)
         retry = np.flatnonzero(~first.proved)
         if not retry.size or problem.system.m == 1:
             return first
         rows = across if across.ndim == 2 else across[retry]
         frames = _parametrize(problem.system, centre[retry], half[retry], rows, jacobian[retry], True)
-        second = _attempt(problem, frames)
+        second = _attempt(problem, frames, _LEAST)
     better = retry[second.proved]
     for array, new in zip(first.boxes, second.boxes, strict=True):
         array[better] = new[second.proved]
@@ -196,7 +197,7 @@ def certify_points(problem: Problem, theta: Array) -> Attempt:
         jacobian = closure_values(problem, theta)[1]
         empty = np.zeros((count, 0))
         boxes = _parametrize(system, theta, empty, np.zeros((system.n, 0)), jacobian, False)
-        return _attempt(problem, boxes)
+        return _attempt(problem, boxes, 0.0)
 
 
 def _parametrize(
@@ -225,10 +226,10 @@ def _parametrize(
     )
 
 
-def _attempt(problem: Problem, boxes: Boxes) -> Attempt:
-    """Find R and w, then check strictly."""
+def _attempt(problem: Problem, boxes: Boxes, least: float) -> Attempt:
+    """Find R (at least `least`, to leave room for rounding when boxes are glued) and w, then check strictly."""
     bounds = bounds_of(problem, boxes)
-    radius = _radius(bounds)
+    radius = np.maximum(_radius(bounds), least)
     candidates = np.flatnonzero(np.isfinite(radius).all(axis=1))
     proved = np.zeros(len(radius), dtype=np.bool_)
     boxes.radius[:] = radius

@@ -166,3 +166,14 @@ def glued(problem: Problem, first: Boxes, delta: Array, second: Boxes, delta_sec
         in_first = encloses(problem, first.take(rows), delta[rows], theta, radius)
         same[rows] = point.proved & in_first & encloses(problem, second.take(rows), delta_second[rows], theta, radius)
     return same
+
+
+def extrapolate(problem: Problem, theta: Array, steps: Array) -> Array:
+    """θ (n′,) moved by steps (B, n) of q along the linearized closures, of shape (B, n′)."""
+    system = problem.system
+    jacobian = closure_values(problem, theta[None])[1]
+    slope = -(inverses(jacobian[:, :, system.dependent]) @ jacobian[:, :, system.independent])[0]
+    moved = np.tile(theta, (len(steps), 1))
+    moved[:, system.independent] += steps
+    moved[:, system.dependent] += steps @ slope.T
+    return moved

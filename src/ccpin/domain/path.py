@@ -1,0 +1,242 @@
+"""Certified paths: σ stays on its branch along a tube about a path, or where that cannot be proved and why.
+
+A stretch of the path between two parameters is covered by one box of Theorem K (`krawczyk`) with p = 1 + n parameters,
+
+    q = q_c + s d + w,  |s| ≤ 1,  |w| ≤ tube + deviation of the path from its chord,
+
+d half the chord. Consecutive boxes contain the tube's cross section at their common parameter, a connected set, and
+are glued at its middle; the first is glued to the closed configuration at the start. So along the tube σ continues from
+the start in one way only, meets no singularity and is smooth. Should the path cross itself the tube is to
+be thought of as not meeting itself there: σ may be different the second time round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import BSpline, PPoly
+
+from ccpin.domain.krawczyk import BoundsName, Boxes, Problem, certify_boxes, certify_points, closure_values, problem_of
+from ccpin.domain.newton import encloses, extrapolate, glued, newton, solve_in_boxes
+from ccpin.domain.path_pieces import Chord, Pieces, chord_of, pieces_of
+from ccpin.domain.seed import seed_of
+from ccpin.errors import InvalidInputError, SingularConfigurationError
+from ccpin.mechanism import Mechanism
+
+Array = NDArray[np.float64]
+_TRIES = np.array([4.0, 2.0, 1.0, 0.5, 0.25])
+_SHORTEST = 1e-7
+_NEWTON = 12
+
+
+@dataclass(frozen=True, eq=False)
+class CertifiedPath:
+    """What was proved of a path.
+
+    Attributes:
+        complete: Whether the whole path is certified.
+        reached: The parameter up to which it is.
+        reason: Why it ends there; empty where complete.
+        rcond: Reciprocal condition number of φ_y at `reached`.
+        times: Parameters between the boxes, of shape (B + 1,).
+        tube: Half widths of the tube, of shape (n,).
+        boxes: The boxes, in order.
+        pieces: The path.
+        problem: The closures.
+    """
+
+    complete: bool
+    reached: float
+    reason: str
+    rcond: float
+    times: Array
+    tube: Array
+    boxes: Boxes
+    pieces: Pieces
+    problem: Problem
+
+    def sigma(self, t: ArrayLike) -> Array:
+        """q′ = σ(q(t)) along the certified part: (nq,) for a number, (K, nq) for an array (K,).
+
+        Raises:
+            InvalidInputError: A parameter lies outside of the certified part.
+        """
+        at = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        if not np.all((at >= self.times[0]) & (at <= self.reached)) or not len(self.boxes.kappa):
+            raise InvalidInputError(
+                f"the path is certified for parameters from {self.times[0]:.9g} to {self.reached:.9g}"
+            )
+        number = np.clip(np.searchsorted(self.times, at, side="right") - 1, 0, len(self.boxes.kappa) - 1)
+        boxes, system = self.boxes.take(number), self.problem.system
+        q = self.pieces.at(at)
+        start, end = self.times[number], self.times[number + 1]
+        s = 2.0 * (at - start) / (end - start) - 1.0
+        along = boxes.directions[:, system.independent, 0]
+        across = q - boxes.centre[:, system.independent] - s[:, None] * along
+        delta = np.concatenate([s[:, None], across], axis=1)
+        theta = newton(self.problem, solve_in_boxes(self.problem, boxes, delta).theta, 1).theta
+        q_free = system.chart.configuration(theta)
+        return np.asarray(q_free[0] if np.ndim(t) == 0 else q_free)
+
+
+def certify_path(
+    mechanism: Mechanism,
+    path: ArrayLike | PPoly | BSpline,
+    tube: ArrayLike = 1e-3,
+    guess: Array | None = None,
+    *,
+    bounds: BoundsName = "auto",
+) -> CertifiedPath:
+    """Prove that σ stays on its branch along a tube about a path.
+
+    Args:
+        mechanism: A mechanism with scalar independent coordinates, any number of them.
+        path: Waypoints of shape (K, n), parameter 0 … K − 1, or a SciPy `PPoly` (`CubicSpline` …) or `BSpline` with
+            values of shape (n,); rad and m.
+        tube: Half width of the tube in each coordinate: a number or shape (n,).
+        guess: A closed configuration on the branch wanted near the path's start, of shape (nq,); default the
+            reference.
+        bounds: ``"auto"``, ``"reach"`` or ``"planar"``.
+
+    Returns:
+        The proof, or where it ends and why.
+
+    Raises:
+        InvalidInputError: Path or tube is malformed.
+        UnreachableError, SingularConfigurationError: σ at the path's start does not exist, or is singular.
+        UnsupportedMechanismError: The closures are of a kind that cannot be certified.
+    """
+    pieces = pieces_of(path, mechanism.n)
+    try:
+        widths = np.broadcast_to(np.asarray(tube, dtype=np.float64), (mechanism.n,)).copy()
+    except ValueError:
+        widths = np.array([np.nan])
+    if not (np.all(np.isfinite(widths)) and np.all(widths >= 0.0)):
+        raise InvalidInputError(f"tube must be a nonnegative number or {mechanism.n} of them; it is {tube!r}")
+    seed = seed_of(mechanism, pieces.coefficients[0, 0], guess)
+    return _Walker(problem_of(seed.system, bounds), pieces, widths, seed.theta).walk()
+
+
+class _Step(NamedTuple):
+    """A box tried from the walker's place, and the parameter it leads to."""
+
+    box: Boxes
+    end: float
+
+
+class _Walker:
+    def __init__(self, problem: Problem, pieces: Pieces, tube: Array, theta: Array) -> None:
+        self.problem, self.pieces, self.tube, self.theta = problem, pieces, tube, theta
+        self.boxes: list[Boxes] = []
+        self.times = [float(pieces.knots[0])]
+        point = certify_points(problem, theta[None])
+        if not point.proved[0]:
+            raise SingularConfigurationError(
+                "the path starts too close to a singular configuration", q_free=theta, rcond=self.rcond()
+            )
+        self.point = point.boxes
+
+    def walk(self) -> CertifiedPath:
+        """Step after step, each as long as can be proved, until the end or until no step can."""
+        knots = self.pieces.knots
+        span = float(knots[-1] - knots[0])
+        stride, reason = 0.25 * float(knots[1] - knots[0]), ""
+        for piece in range(len(knots) - 1):
+            while self.times[-1] < knots[piece + 1]:
+                step = self.step(piece, stride * _TRIES, self.tube)
+                if step is not None:
+                    stride = max(step.end - self.times[-1], 0.5 * stride)
+                    self.accept(step)
+                elif stride > _SHORTEST * span:
+                    stride *= 0.125
+                else:
+                    reason = self.explain(piece, stride)
+                    break
+            if reason:
+                break
+        return self.result(reason)
+
+    def step(self, piece: int, strides: Array, tube: Array) -> _Step | None:
+        """The longest stretch from here that can be proved and glued to what came before."""
+        system, here = self.problem.system, self.times[-1]
+        ends = np.unique(np.minimum(here + strides, self.pieces.knots[piece + 1]))
+        ends = ends[ends > here]
+        if not ends.size:
+            return None
+        chords = [chord_of(self.pieces, piece, here, float(end)) for end in ends]
+        centre = np.array([0.5 * (chord.start + chord.end) for chord in chords])
+        across = np.array([np.column_stack([0.5 * (chord.end - chord.start), np.eye(system.n)]) for chord in chords])
+        half = np.array([np.concatenate([[1.0], tube + chord.deviation]) for chord in chords])
+        with np.errstate(all="ignore"):
+            found = newton(self.problem, self.predict(centre), _NEWTON)
+        attempt = certify_boxes(self.problem, found.theta, half, across)
+        proved = np.flatnonzero(attempt.proved & found.settled)
+        for k in proved[::-1]:
+            box = attempt.boxes.take(np.array([k]))
+            if self.continues(box, chords[k]):
+                return _Step(box, float(ends[k]))
+        return None
+
+    def predict(self, q: Array) -> Array:
+        """First guesses at q (B, n), linear in q, from the configuration here."""
+        return extrapolate(self.problem, self.theta, q - self.theta[self.problem.system.independent])
+
+    def continues(self, box: Boxes, chord: Chord) -> bool:
+        """Whether a box carries the solution of the last one (or of the start) at their common parameter."""
+        n = self.problem.system.n
+        delta = np.zeros((1, 1 + n))
+        delta[0, 0] = -1.0
+        delta[0, 1:] = chord.start - (box.centre[0] - box.directions[0, :, 0])[self.problem.system.independent]
+        if not self.boxes:
+            return bool(encloses(self.problem, box, delta, self.point.centre, self.point.radius)[0])
+        last, end = self.boxes[-1], np.zeros((1, 1 + n))
+        end[0, 0] = 1.0
+        return bool(glued(self.problem, last, end, box, delta)[0])
+
+    def accept(self, step: _Step) -> None:
+        """Go to the end of a proved stretch."""
+        self.boxes.append(step.box)
+        self.times.append(step.end)
+        delta = np.zeros((1, 1 + self.problem.system.n))
+        delta[0, 0] = 1.0
+        self.theta = solve_in_boxes(self.problem, step.box, delta).theta[0]
+
+    def explain(self, piece: int, stride: float) -> str:
+        """Why no step is possible here."""
+        place = f"at parameter {self.times[-1]:.9g}, q = {self.theta[self.problem.system.independent].tolist()}"
+        narrow = self.step(piece, stride * _TRIES, np.zeros_like(self.tube))
+        condition = f"the reciprocal condition number of φ_y is {self.rcond():.1e}"
+        if narrow is not None:
+            return (
+                f"a tube of half width {self.tube.max():.3g} meets a singularity (or is too wide) {place}: {condition}"
+            )
+        return f"the path runs into a singularity or the end of the workspace {place}: {condition}"
+
+    def rcond(self) -> float:
+        """Reciprocal condition number (2-norm) of φ_y here."""
+        jacobian = closure_values(self.problem, self.theta[None])[1][0][:, self.problem.system.dependent]
+        singular = np.linalg.svd(jacobian, compute_uv=False)
+        return float(singular[-1] / singular[0])
+
+    def result(self, reason: str) -> CertifiedPath:
+        """What was proved."""
+        n, system = self.problem.system.n, self.problem.system
+        if self.boxes:
+            boxes = Boxes(*(np.concatenate(arrays) for arrays in zip(*self.boxes, strict=True)))
+        else:
+            none = self.point.take(np.zeros(0, dtype=np.intp))
+            boxes = none._replace(half=np.zeros((0, 1 + n)), directions=np.zeros((0, system.n_free, 1 + n)))
+        return CertifiedPath(
+            complete=not reason,
+            reached=self.times[-1],
+            reason=reason,
+            rcond=self.rcond(),
+            times=np.array(self.times),
+            tube=self.tube,
+            boxes=boxes,
+            pieces=self.pieces,
+            problem=self.problem,
+        )
