@@ -1,16 +1,21 @@
-"""Where σ is unique and nonsingular: Theorem 2, certificates, singularities."""
+"""Where σ is unique and nonsingular: Theorem 2, certificates, atlas, singularities."""
 
 from __future__ import annotations
 
+from ccpin.domain.atlas import Atlas, certify
 from ccpin.domain.kantorovich import kantorovich_radius
 from ccpin.domain.quadratic import QuadraticSystem
+from ccpin.domain.radius_map import certified_radius
 from ccpin.domain.singularities import SingularCurve, singularities, singularity_distance
 from ccpin.domain.theorem2 import Theorem2Result, theorem2, theorem2_radius
 
 __all__ = [
+    "Atlas",
     "QuadraticSystem",
     "SingularCurve",
     "Theorem2Result",
+    "certified_radius",
+    "certify",
     "kantorovich_radius",
     "singularities",
     "singularity_distance",

@@ -5,8 +5,16 @@ Matplotlib is imported when a figure is drawn, not before.
 
 from __future__ import annotations
 
-from ccpin.plotting.domain import plot_singularities
+from ccpin.plotting.domain import plot_atlas, plot_radius_map, plot_singularities
 from ccpin.plotting.motion import plot_configuration_panels, plot_configurations, plot_motion
 from ccpin.plotting.style import save
 
-__all__ = ["plot_configuration_panels", "plot_configurations", "plot_motion", "plot_singularities", "save"]
+__all__ = [
+    "plot_atlas",
+    "plot_configuration_panels",
+    "plot_configurations",
+    "plot_motion",
+    "plot_radius_map",
+    "plot_singularities",
+    "save",
+]

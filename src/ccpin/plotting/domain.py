@@ -8,7 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ccpin.domain.atlas import Atlas
+from ccpin.domain.atlas_tree import Status
+from ccpin.domain.radius_map import certified_radius
 from ccpin.domain.singularities import SingularCurve
+from ccpin.errors import InvalidInputError
 from ccpin.mechanism import Mechanism
 from ccpin.plotting.style import COLOURS, STYLE
 
@@ -54,6 +58,98 @@ def plot_singularities(
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
         figure.suptitle(title or f"{mechanism.name}: singular configurations")
     return figure
+
+
+def plot_atlas(
+    mechanism: Mechanism, atlas: Atlas, curves: Sequence[SingularCurve] = (), title: str | None = None
+) -> Figure:
+    """The certified boxes of an atlas for n = 2 with what is undecided, unreached and empty, under singular curves."""
+    from matplotlib import rc_context
+    from matplotlib.collections import PolyCollection
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    _two_coordinates(atlas)
+    leaves = atlas.tree.leaves()
+    lower = np.degrees(atlas.region.position(atlas.tree.lower[leaves]))
+    upper = np.degrees(atlas.region.position(atlas.tree.lower[leaves] + atlas.tree.size[leaves]))
+    corners = np.stack(
+        [lower, np.column_stack([upper[:, 0], lower[:, 1]]), upper, np.column_stack([lower[:, 0], upper[:, 1]])], 1
+    )
+    status = atlas.tree.status[leaves]
+    with rc_context(STYLE | {"axes.grid": False}):
+        figure = Figure(figsize=(7.2, 7.2), layout="constrained")
+        axes = figure.add_subplot()
+        handles = []
+        for name, members, colour in _STATUS_COLOURS:
+            chosen = corners[np.isin(status, members)]
+            share = 100.0 * atlas.fraction(*members)
+            axes.add_collection(PolyCollection(list(chosen), facecolor=colour, edgecolor="white", linewidth=0.15))
+            handles.append(Patch(facecolor=colour, label=f"{name} {share:.2f} %"))
+        _overlay(axes, curves)
+        axes.plot(*np.degrees(atlas.region.reduce(atlas.q0[None])[0]), "+", color="black", markersize=10)
+        _window(axes, atlas)
+        axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=2, frameon=False)
+        figure.suptitle(title or f"{mechanism.name}: {len(atlas.lower)} certified boxes")
+    return figure
+
+
+def plot_radius_map(
+    mechanism: Mechanism,
+    atlas: Atlas,
+    curves: Sequence[SingularCurve] = (),
+    resolution: int = 160,
+    title: str | None = None,
+) -> Figure:
+    """A heat map of the certified radius for n = 2: the largest certified square about each q, in degrees."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    _two_coordinates(atlas)
+    region = atlas.region
+    grids = [region.lower[k] + (np.arange(resolution) + 0.5) * region.width[k] / resolution for k in range(2)]
+    first, second = np.meshgrid(*grids, indexing="ij")
+    radius = np.degrees(certified_radius(atlas, np.column_stack([first.ravel(), second.ravel()]))).reshape(first.shape)
+    with rc_context(STYLE | {"axes.grid": False}):
+        figure = Figure(figsize=(7.6, 6.6), layout="constrained")
+        axes = figure.add_subplot()
+        extent = np.degrees([region.lower[0], region.upper[0], region.lower[1], region.upper[1]])
+        shown = np.ma.masked_less_equal(radius.T, 0.0)
+        image = axes.imshow(shown, origin="lower", extent=tuple(extent), cmap="viridis", aspect="equal")
+        figure.colorbar(image, ax=axes, label="certified radius [°]", shrink=0.85)
+        _overlay(axes, curves)
+        _window(axes, atlas)
+        figure.suptitle(title or f"{mechanism.name}: radius of the certified square about each q")
+    return figure
+
+
+_STATUS_COLOURS = (
+    ("certified", (Status.CERTIFIED,), "#9ccb9f"),
+    ("undecided", (Status.UNDECIDED, Status.CANDIDATE), "#d1541f"),
+    ("unreached", (Status.UNREACHED,), "#f2d16b"),
+    ("empty", (Status.EMPTY,), "#e4e7eb"),
+)
+
+
+def _two_coordinates(atlas: Atlas) -> None:
+    if len(atlas.names) != 2:
+        raise InvalidInputError(f"the atlas has {len(atlas.names)} coordinates; maps are drawn for two")
+
+
+def _overlay(axes: Any, curves: Sequence[SingularCurve]) -> None:
+    for curve in curves:
+        _, style, colour = KINDS[curve.kind]
+        for piece in _wrapped(np.degrees(curve.q)):
+            axes.plot(*piece.T, style, color=colour, linewidth=1.2, markersize=6)
+
+
+def _window(axes: Any, atlas: Atlas) -> None:
+    lower, upper = np.degrees(atlas.region.lower), np.degrees(atlas.region.upper)
+    axes.set_xlim(lower[0], upper[0])
+    axes.set_ylim(lower[1], upper[1])
+    axes.set_aspect("equal")
+    axes.set_xlabel(f"{atlas.names[0]} [°]")
+    axes.set_ylabel(f"{atlas.names[1]} [°]")
 
 
 def _square(axes: Any, mechanism: Mechanism) -> None:

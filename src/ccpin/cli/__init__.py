@@ -1,0 +1,43 @@
+"""The command line: arguments to package calls, results to the terminal; no mathematics."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+
+import ccpin
+from ccpin.cli.domain import add_domain
+from ccpin.cli.info import add_info, add_modes
+from ccpin.cli.simulate import add_simulate
+from ccpin.cli.view import add_view
+from ccpin.errors import CcpinError
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; returns the exit code (0 done, 1 a CcpinError, 2 wrong usage, 130 interrupted)."""
+    options = _parser().parse_args(arguments)
+    try:
+        return int(options.run(options) or 0)
+    except CcpinError as error:
+        if options.json:
+            print(json.dumps({"error": type(error).__name__, "message": str(error)}))
+        else:
+            print(f"ccpin: {type(error).__name__}: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("ccpin: interrupted", file=sys.stderr)
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog="ccpin", description="Reduced models of closed-chain mechanisms.")
+    parser.add_argument("--version", action="version", version=f"ccpin {ccpin.__version__}")
+    commands = parser.add_subparsers(dest="command", required=True, metavar="command")
+    add_info(commands)
+    add_modes(commands)
+    add_simulate(commands)
+    add_domain(commands)
+    add_view(commands)
+    return parser

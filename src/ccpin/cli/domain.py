@@ -1,0 +1,165 @@
+"""`ccpin domain`: where the model holds."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import ccpin
+from ccpin.cli.common import Array, add_mechanism, add_vector, load, vector
+from ccpin.errors import InvalidInputError
+from ccpin.mechanism import Mechanism
+
+
+def add_domain(commands: Any) -> None:
+    """The command and its options."""
+    parser = commands.add_parser("domain", help="where the model holds: certified radii, an atlas, singular curves")
+    add_mechanism(parser)
+    add_vector(parser, "centre", "independent coordinates to certify about (default: the reference's)")
+    add_vector(parser, "lower", "lower corner of a region to map")
+    add_vector(parser, "upper", "upper corner of a region to map")
+    parser.add_argument("--atlas", action="store_true", help="map the whole q-space (or --lower … --upper …), n ≤ 3")
+    parser.add_argument("--depth", type=int, metavar="N", help="how often an edge of the region may be halved")
+    parser.add_argument("--checkpoint", type=Path, metavar="DIR", help="keep finished chunks there; a rerun resumes")
+    parser.add_argument("--scheduler", metavar="ADDRESS", help="run on a Dask cluster, e.g. tcp://127.0.0.1:8786")
+    parser.add_argument("--save", type=Path, metavar="NPZ", help="write the atlas")
+    parser.add_argument("--plot", type=Path, metavar="DIR", help="write figures there (n = 2)")
+    parser.set_defaults(run=_domain)
+
+
+def _domain(options: argparse.Namespace) -> int:
+    from ccpin import domain
+
+    mechanism = load(options)
+    model = ccpin.ReducedModel(mechanism)
+    centre = vector(options, "centre")
+    centre = model.alpha(mechanism.q_reference) if centre is None else centre
+    q_free = model.sigma(centre)
+    result: dict[str, Any] = {"centre": centre.tolist(), "q_free": q_free.tolist()}
+    result |= _radii(mechanism, q_free)
+    region = _region(options)
+    atlas = None
+    if options.atlas or region is not None or mechanism.n <= 2 or options.save or options.plot:
+        depth = options.depth if options.atlas or region is not None or options.plot else 0
+        with _executor(options.scheduler) as executor, _progress_bar(options.json) as progress:
+            atlas = domain.certify(
+                mechanism,
+                centre,
+                region,
+                q_free,
+                max_depth=depth,
+                executor=executor,
+                checkpoint=options.checkpoint,
+                progress=progress,
+            )
+        result["atlas"] = _atlas_facts(atlas)
+    if atlas is not None and options.save is not None:
+        atlas.save(options.save)
+    if atlas is not None and options.plot is not None:
+        _plot_domain(mechanism, atlas, options.plot)
+    print(json.dumps(result, indent=2) if options.json else _domain_in_words(mechanism, result))
+    return 0 if atlas is None or atlas.complete else 130
+
+
+def _region(options: argparse.Namespace) -> Array | None:
+    lower, upper = vector(options, "lower"), vector(options, "upper")
+    if (lower is None) != (upper is None):
+        raise InvalidInputError("a region needs both its lower and its upper corner")
+    return None if lower is None or upper is None else np.column_stack([lower, upper])
+
+
+def _radii(mechanism: Mechanism, q_free: Array) -> dict[str, Any]:
+    from ccpin import domain
+
+    theorem = domain.theorem2(mechanism, q_free)
+    return {
+        "theorem2_radius": theorem.radius,
+        "theorem2_form": theorem.description,
+        "kantorovich_radius": domain.kantorovich_radius(mechanism, q_free, bounds="auto"),
+    }
+
+
+def _atlas_facts(atlas: Any) -> dict[str, Any]:
+    return {
+        "radius": atlas.radius,
+        "boxes": len(atlas.lower),
+        "certified_fraction": atlas.certified_fraction,
+        "undecided_fraction": atlas.undecided_fraction,
+        "unreached_fraction": atlas.unreached_fraction,
+        "empty_fraction": atlas.empty_fraction,
+        "single_valued": atlas.single_valued,
+        "complete": atlas.complete,
+    }
+
+
+@contextlib.contextmanager
+def _executor(scheduler: str | None) -> Iterator[Any]:
+    """A Dask cluster's executor, or ``None`` for ccpin's own choice."""
+    if scheduler is None:
+        yield None
+        return
+    try:
+        from distributed import Client
+    except ImportError:
+        raise InvalidInputError("--scheduler needs dask.distributed: pip install 'ccpin[cluster]'") from None
+    try:
+        client = Client(scheduler, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise InvalidInputError(f"no Dask scheduler answers at {scheduler}: {error}") from None
+    with client:
+        yield client.get_executor()
+
+
+@contextlib.contextmanager
+def _progress_bar(quiet: bool) -> Iterator[Callable[[Any], None] | None]:
+    """A bar on the terminal's stderr while boxes are proved; none where nobody watches."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    from tqdm import tqdm
+
+    with tqdm(total=100.0, unit="%", bar_format="{l_bar}{bar}| {n:.1f} % certified, {postfix}") as bar:
+
+        def show(progress: Any) -> None:
+            bar.n = 100.0 * progress.certified
+            bar.set_postfix_str(f"{progress.boxes} boxes, {progress.waiting} waiting")
+
+        yield show
+
+
+def _plot_domain(mechanism: Mechanism, atlas: Any, out: Path) -> None:
+    from ccpin import domain, plotting
+
+    curves = domain.singularities(mechanism)
+    plotting.save(plotting.plot_singularities(mechanism, curves), out / "singularities.png")
+    plotting.save(plotting.plot_atlas(mechanism, atlas, curves), out / "atlas.png")
+    plotting.save(plotting.plot_radius_map(mechanism, atlas, curves), out / "radius.png")
+
+
+def _domain_in_words(mechanism: Mechanism, result: dict[str, Any]) -> str:
+    def size(name: str, value: float) -> str:
+        angular = all(mechanism.tree.kinds[j.partition(":")[0]] != "prismatic" for j in mechanism.independent)
+        return f"{name:<28}{np.degrees(value):.4f}°" if angular else f"{name:<28}{value:.6g} (rad or m)"
+
+    lines = [
+        f"{mechanism.name}: squares about q = {np.round(result['centre'], 6).tolist()} on which σ is proved",
+        size("Theorem 2", result["theorem2_radius"]) + f"  ({result['theorem2_form']})",
+        size("Kantorovich, one box", result["kantorovich_radius"]),
+    ]
+    if "atlas" in result:
+        atlas = result["atlas"]
+        shares = ", ".join(
+            f"{100 * atlas[f'{name}_fraction']:.3f} % {name}"
+            for name in ("certified", "undecided", "unreached", "empty")
+        )
+        lines += [size("atlas", atlas["radius"]), f"atlas: {atlas['boxes']} boxes; {shares} of the region"]
+        lines += [] if atlas["single_valued"] else ["warning: not single-valued; some shared faces are unglued"]
+        lines += [] if atlas["complete"] else ["interrupted: what is listed is certified, the rest was not reached"]
+    return "\n".join(lines)

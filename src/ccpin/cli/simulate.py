@@ -1,0 +1,136 @@
+"""`ccpin simulate`: set-point motions, once or in cycles, with their figures and data."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import ccpin
+from ccpin.cli.bench import add_bench, bench_settings
+from ccpin.cli.common import Array, add_mechanism, add_vector, load, vector
+from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.errors import InvalidInputError
+from ccpin.files import write_atomically
+from ccpin.mechanism import Mechanism
+from ccpin.metrics import set_point_metrics
+from ccpin.simulation import METHODS, Settling
+from ccpin.supervision import SupervisedMotion, supervise
+from ccpin.trajectory import Trajectory
+
+
+def add_simulate(commands: Any) -> None:
+    """The command and its options."""
+    parser = commands.add_parser("simulate", help="a set-point motion, once or in cycles, with figures and data")
+    add_mechanism(parser)
+    add_vector(parser, "start", "where the motion starts at rest (default: the reference)")
+    add_vector(parser, "goal", "the set point (default: the start)")
+    parser.add_argument("--law", choices=("simple", "full", "none"), default="simple", help="gravity compensation")
+    parser.add_argument("--kp", nargs="+", type=float, metavar="K", help="proportional gains, one or n")
+    parser.add_argument("--kv", nargs="+", type=float, metavar="K", help="velocity gains, one or n")
+    parser.add_argument("--duration", type=float, default=1.0, metavar="S", help="seconds (default 1)")
+    parser.add_argument("--cycles", type=int, metavar="N", help="go to the goal and back N times")
+    parser.add_argument("--wait", type=float, default=2.5, metavar="S", help="wait at each end of a cycle")
+    parser.add_argument("--settle-deg", type=float, default=1.0, metavar="DEG", help="a cycle's band of arrival")
+    parser.add_argument("--settle-speed", type=float, default=0.01, metavar="V", help="and its speed, rad/s or m/s")
+    parser.add_argument("--band-deg", type=float, default=2.0, metavar="DEG", help="band of the settling time")
+    parser.add_argument("--method", choices=METHODS, default="RK45", help="SciPy's integrator")
+    parser.add_argument("--rtol", type=float, default=1e-9)
+    parser.add_argument("--atol", type=float, default=1e-11)
+    parser.add_argument("--out", type=Path, metavar="DIR", help="write figures, CSV, npz, metrics and animation there")
+    add_bench(parser)
+    parser.set_defaults(run=_simulate)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    mechanism = load(options)
+    model = ccpin.ReducedModel(mechanism)
+    start, goal = vector(options, "start"), vector(options, "goal")
+    start = model.alpha(mechanism.q_reference) if start is None else start
+    goal = start if goal is None else goal
+    settings = {"method": options.method, "rtol": options.rtol, "atol": options.atol} | bench_settings(options, model.n)
+    if options.cycles is None:
+        law = _law(model, options, goal, model.sigma(start))
+        trajectory = ccpin.simulate(model, law, start, duration=options.duration, **settings)
+        moves = [(goal, trajectory)]
+        goals = np.broadcast_to(goal, trajectory.q.shape)
+    else:
+        motion = _cycles(model, options, start, goal, settings)
+        trajectory, moves = motion.trajectory, [(move.goal, move.trajectory) for move in motion.moves]
+        goals = np.array([next(m.goal for m in motion.moves if t <= m.end) for t in trajectory.t])
+    band = np.radians(options.band_deg)
+    metrics = [set_point_metrics(part, model.coordinates, target, band).as_json() for target, part in moves]
+    result = {
+        "status": trajectory.status,
+        "message": trajectory.message,
+        "evaluations": trajectory.evaluations,
+        "moves": metrics,
+    }
+    if options.out is not None:
+        _write(options.out, mechanism, trajectory, goals, result)
+    print(
+        json.dumps(result, indent=2) if options.json else _motion_in_words(mechanism, trajectory, result, options.out)
+    )
+    return 0 if trajectory.status in ("finished", "settled") else 1
+
+
+def _law(model: ccpin.ReducedModel, options: argparse.Namespace, goal: Array, q_free: Array) -> ControlLaw:
+    if options.law == "none":
+        return NoTorque(model)
+    if options.kp is None or options.kv is None:
+        raise InvalidInputError("the PD law needs --kp and --kv (one number, or one for each independent velocity)")
+    kp, kv = (np.array(k * model.n if len(k) == 1 else k) for k in (options.kp, options.kv))
+    law = PDSimpleGravity if options.law == "simple" else PDFullGravity
+    return law(model, goal, kp, kv, q_free)
+
+
+def _cycles(
+    model: ccpin.ReducedModel,
+    options: argparse.Namespace,
+    start: Array,
+    goal: Array,
+    settings: dict[str, Any],
+) -> SupervisedMotion:
+    if options.cycles < 1:
+        raise InvalidInputError("--cycles must be at least 1")
+    return supervise(
+        model,
+        lambda target, q_free: _law(model, options, target, q_free),
+        start,
+        [goal, start] * options.cycles,
+        wait=options.wait,
+        settling=Settling(goal, band=np.radians(options.settle_deg), speed=options.settle_speed),
+        **settings,
+    )
+
+
+def _write(out: Path, mechanism: Mechanism, trajectory: Trajectory, goals: Array, result: dict[str, Any]) -> None:
+    from ccpin import plotting, visualization
+
+    trajectory.save_csv(out / "motion.csv", mechanism)
+    trajectory.save_npz(out / "motion.npz")
+    write_atomically(out / "metrics.json", "w", lambda file: json.dump(result, file, indent=2))
+    plotting.save(plotting.plot_motion(trajectory, mechanism, goals), out / "motion.png")
+    ends = [trajectory.q_free[0], trajectory.q_free[-1]]
+    plotting.save(plotting.plot_configurations(mechanism, ends, ["start", "end"]), out / "configurations.png")
+    visualization.animate(mechanism, trajectory.t, trajectory.q_free, out / "animation.html")
+
+
+def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[str, Any], out: Path | None) -> str:
+    lines = [
+        f"{mechanism.name}: {trajectory.status}, {trajectory.message} ({trajectory.evaluations} evaluations)",
+        f"largest closure error {trajectory.closure_error.max():.1e}",
+    ]
+    for k, metric in enumerate(result["moves"], start=1):
+        settled = metric["settling_time"]
+        lines.append(
+            f"move {k}: "
+            + ("not within the band at the end" if settled is None else f"within the band from {settled:.3f} s on")
+            + f", peak effort {np.round(metric['peak_torque'], 3).tolist()}"
+        )
+    if out is not None:
+        lines.append(f"figures, data and animation in {out}/")
+    return "\n".join(lines)
