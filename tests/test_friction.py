@@ -8,7 +8,6 @@ import ccpin
 from ccpin.errors import InvalidInputError
 from ccpin.friction import joint_friction
 from ccpin.stick_slip import friction_force
-
 from oracles import rpdr as oracle
 
 POSE = np.radians([-95.0, -105.0])
@@ -51,7 +50,7 @@ def test_static_friction_holds(rpdr_model):
 
 
 def test_a_held_mechanism_bears_the_load(rpdr_model):
-    """At rest the friction equals the load, g(q) − u by the closed forms; its share per joint stays within its level."""
+    """At rest the friction equals the load, g(q) − u by the closed forms, joint by joint."""
     u = hold(rpdr_model, 0.7)
     force = friction_force(rpdr_model, MOTORS, POSE, NO_MOTION, u)
     load = reduced(oracle.sigma(POSE, 1), NO_MOTION)[2] - u
@@ -72,7 +71,7 @@ def test_beyond_its_level_friction_lets_go(rpdr_model):
 
 @pytest.mark.parametrize("seed", range(40))
 def test_holding_is_feasibility(rpdr_model, seed):
-    """With all four joints rubbing, a load is held exactly if some forces within the levels balance it (a linear program)."""
+    """With all four joints rubbing, a load is held exactly if forces within the levels can balance it (by LP)."""
     rng = np.random.default_rng(seed)
     q = np.radians([rng.uniform(-130, -95), rng.uniform(-140, -105)])
     q_free = oracle.sigma(q, 1)
@@ -157,7 +156,10 @@ def test_friction_stops_the_swing(swing):
 
 
 def _time_stepping(q, duration, h):
-    """Moreau's time-stepping with the closed forms: q̇⁺ = q̇ + h D⁻¹(ρᵀf − C q̇ − g), f_j ∈ −b_j q̇′_j − c_j Sign(q̇′⁺_j)."""
+    """Moreau's time-stepping with the closed forms.
+
+    q̇⁺ = q̇ + h D⁻¹(ρᵀf − C q̇ − g), f_j ∈ −b_j q̇′_j − c_j Sign(q̇′⁺_j).
+    """
     level, viscous = np.array([EVERY[name] for name in FREE]).T
     v, f = np.zeros(2), np.zeros(4)
     for _ in range(round(duration / h)):

@@ -154,7 +154,7 @@ def test_the_bench_reaches_its_goal(bench):
 
 
 def test_the_bench_rests_where_friction_explains(bench, rpdr_model):
-    """At rest |K_p q̃ + g(q_d) − g(q)| ≤ c + K_p·(half a count), with g from the closed forms: the error is friction's."""
+    """At rest |K_p q̃ + g(q_d) − g(q)| ≤ c + K_p·(half a count), g from the closed forms."""
     q = bench.q[-1]
 
     def gravity(q):
