@@ -138,8 +138,8 @@ class _Known(NamedTuple):
 class StickSlip:
     """One run's joints: their present mode, and the dynamics in it.
 
-    The mode is a function of the state and the load at the last `begin`. A joint counts as at rest there if its rate
-    is at most 1e-8 rad/s (or m/s); its rate is then set to zero.
+    The mode changes in `begin` only. A joint is at rest there if it was so before, has just halted, or has a rate of at
+    most 1e-8 rad/s (or m/s); its rate is then set to zero, and whether it starts to slide is the load's to say.
 
     Args:
         model: The reduced model.
@@ -166,7 +166,7 @@ class StickSlip:
         """Decide which joints rest and which way the others slide, from the state, the load and who just halted."""
         rows = self.rows(point)
         rates = rows @ v
-        rest = self._dry & (np.abs(rates) <= REST)
+        rest = self._rest | (self._dry & (np.abs(rates) <= REST))
         if halted is not None:
             rest |= halted
         self._rest, self._locked = rest, False
