@@ -104,7 +104,7 @@ def disagreement(name, oracle):
         v, u = generator.standard_normal(model.n), generator.standard_normal(model.n_actuated)
         v_free = point.rho @ v
         a_free = point.rho @ model.acceleration(point, v, u) + model.parametrization.bias(point, v_free)
-        tau = loaded.actuation.T @ u
+        tau = model.joint_efforts(q_free, u)
         expected = oracle(loaded.description, loaded.pin_model, q_free, v_free, tau).a_free
         worst = max(worst, float(np.abs(a_free - expected).max() / max(1.0, np.abs(expected).max())))
     return worst

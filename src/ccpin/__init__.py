@@ -8,6 +8,11 @@ docstrings cite them by number.
 from __future__ import annotations
 
 from ccpin import control, domain, plotting, visualization
+from ccpin.derivatives import (
+    ForwardDynamicsDerivatives,
+    GeneralizedForceDerivatives,
+    InverseDynamicsDerivatives,
+)
 from ccpin.description.model import (
     Coupling,
     CouplingTerm,
@@ -21,6 +26,7 @@ from ccpin.description.model import (
 )
 from ccpin.errors import CcpinError
 from ccpin.free_system import Energy
+from ccpin.linearization import Linearization, closed_loop_derivative, linearize
 from ccpin.mechanism import Mechanism, load
 from ccpin.mobility import Mobility
 from ccpin.reduced_model import ReducedModel, ReducedTerms
@@ -34,8 +40,12 @@ __all__ = [
     "Coupling",
     "CouplingTerm",
     "Energy",
+    "ForwardDynamicsDerivatives",
+    "GeneralizedForceDerivatives",
     "Inertia",
+    "InverseDynamicsDerivatives",
     "Joint",
+    "Linearization",
     "Link",
     "LoopClosure",
     "Mechanism",
@@ -47,8 +57,10 @@ __all__ = [
     "Shape",
     "Trajectory",
     "Visual",
+    "closed_loop_derivative",
     "control",
     "domain",
+    "linearize",
     "load",
     "plotting",
     "simulate",

@@ -37,6 +37,11 @@ class _Part(NamedTuple):
     q: slice
     v: slice
 
+    @property
+    def turns(self) -> bool:
+        """Whether the coordinate is an angle read off a circle, known up to whole turns only."""
+        return self.kind == "planar" and self.component == "rz"
+
 
 def component_names(tree: Tree) -> list[str]:
     """The name of every velocity component of the free system, in order: ``joint`` or ``joint:axis``."""
@@ -148,7 +153,8 @@ class IndependentCoordinates:
         difference = self._selection @ step
         for part in self.parts:
             if part.component is not None:
-                difference[part.v] = q_to[part.q] - q_from[part.q]
+                step = q_to[part.q] - q_from[part.q]
+                difference[part.v] = np.remainder(step + np.pi, 2 * np.pi) - np.pi if part.turns else step
         return np.asarray(difference)
 
     def integrate(self, q: Array, step: Array) -> Array:

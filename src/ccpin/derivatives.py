@@ -77,11 +77,11 @@ class DynamicsDerivatives:
         free_system: D′, τ′ and their derivatives.
         parametrization: σ, ρ, ρ̇.
         point: The closed configuration.
-        actuation: S, of shape (motors, n′).
+        actuation: S, of shape (motors, n′); ``None`` where the efforts are the generalized forces, ρᵀSᵀu = u.
     """
 
     def __init__(
-        self, free_system: FreeSystem, parametrization: Parametrization, point: ClosedPoint, actuation: Array
+        self, free_system: FreeSystem, parametrization: Parametrization, point: ClosedPoint, actuation: Array | None
     ) -> None:
         self._free_system = free_system
         self._point = point
@@ -111,7 +111,7 @@ class DynamicsDerivatives:
     def forward(self, v: Array, u: Array, a: Array) -> ForwardDynamicsDerivatives:
         """∂q̈/∂q, ∂q̈/∂q̇, ∂q̈/∂u, given a = q̈(q, v, u): D ∂q̈ = ∂(ρᵀSᵀu) − ∂τ|_q̈."""
         force = self.generalized_force(v, a)
-        transmission = self._point.rho.T @ self._actuation.T
+        transmission = np.eye(len(v)) if self._actuation is None else self._point.rho.T @ self._actuation.T
         right = np.hstack([self._effort_change(u) - force.dtau_dq, -force.dtau_dv, transmission])
         solved, n = np.asarray(np.linalg.solve(force.dtau_da, right), dtype=np.float64), len(v)
         return ForwardDynamicsDerivatives(solved[:, :n], solved[:, n : 2 * n], solved[:, 2 * n :])
@@ -125,6 +125,8 @@ class DynamicsDerivatives:
             UnderactuatedError: The motors cannot produce every generalized force (T lacks rank n).
         """
         force = self.generalized_force(v, a)
+        if self._actuation is None:
+            return InverseDynamicsDerivatives(*force)
         transmission = self._point.rho.T @ self._actuation.T
         singular_values = np.linalg.svd(transmission, compute_uv=False)
         if len(singular_values) < len(transmission) or singular_values[-1] <= _FULL_RANK * singular_values[0]:
@@ -143,4 +145,4 @@ class DynamicsDerivatives:
 
     def _effort_change(self, u: Array) -> Array:
         """∂(ρᵀSᵀu)/∂q at fixed u, of shape (n, n): zero where the actuated joints are the independent ones."""
-        return self._sigma.of_force(self._actuation.T @ u)
+        return np.zeros((len(u), len(u))) if self._actuation is None else self._sigma.of_force(self._actuation.T @ u)

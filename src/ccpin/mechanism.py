@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -13,14 +12,22 @@ from numpy.typing import NDArray
 
 from ccpin.closing import Closed, find_closed
 from ccpin.constraints import Constraints
-from ccpin.coordinates import IndependentCoordinates, component_names
+from ccpin.coordinates import IndependentCoordinates
 from ccpin.description import read_description
 from ccpin.description.checks import check
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription, frozen
-from ccpin.errors import DescriptionError, IndependentSetError, LoopNotClosedError, NoLoopError
-from ccpin.mobility import Mobility, complete_independent, generic_rank, idle_motions, independence, null_space
+from ccpin.errors import (
+    DescriptionError,
+    IndependentSetError,
+    LoopNotClosedError,
+    NoLoopError,
+    SingularConfigurationError,
+    UnsupportedMechanismError,
+)
+from ccpin.mobility import Mobility, generic_rank, idle_motions, independence, null_space
 from ccpin.parametrization import Parametrization
-from ccpin.tree import ROOT_JOINT, Tree, build_tree
+from ccpin.selection import choose_independent
+from ccpin.tree import Tree, build_tree
 
 Array = NDArray[np.float64]
 
@@ -84,8 +91,16 @@ class Mechanism:
 
     @property
     def actuation(self) -> Array:
-        """S of shape (motors, n′): u enters the free system as Sᵀu."""
-        return IndependentCoordinates(self.tree, self.actuated, self.q_reference).jacobian(self.q_reference)
+        """S of shape (motors, n′), constant: u enters the free system as Sᵀu.
+
+        Raises:
+            UnsupportedMechanismError: A single component of a joint is actuated, so that S depends on q′
+                (`ReducedModel.joint_efforts` gives Sᵀu then).
+        """
+        coordinates = IndependentCoordinates(self.tree, self.actuated, self.q_reference)
+        if not coordinates.constant:
+            raise UnsupportedMechanismError("S is not constant: a single component of a joint is actuated")
+        return coordinates.jacobian(self.q_reference)
 
     def constraints(self) -> Constraints:
         """φ with its own scratch memory."""
@@ -138,11 +153,21 @@ def load(
     )
     if not description.closures and not description.couplings:
         raise NoLoopError(_no_loop_message(description), source=description.source)
-    tree = build_tree(description, floating_base)
+    try:
+        return _analysed(description, build_tree(description, floating_base), independent, actuated)
+    except (IndependentSetError, LoopNotClosedError, SingularConfigurationError, UnsupportedMechanismError) as error:
+        error.args = (f"{description.source or description.name}: {error}",)
+        raise
+
+
+def _analysed(
+    description: MechanismDescription, tree: Tree, independent: Sequence[str] | None, actuated: Sequence[str] | None
+) -> Mechanism:
+    """Close the loops, count the motions, settle who measures and who drives them."""
     constraints = Constraints(tree, description.closures, description.couplings)
     wanted = tuple(independent) if independent is not None else (description.independent or ())
     closed, rank = _reference(tree, constraints, description, wanted)
-    choice = _choose_independent(tree, constraints, description, closed.q_free, rank, independent, actuated)
+    choice = choose_independent(tree, constraints, description, closed.q_free, rank, independent, actuated)
     basis = null_space(constraints, closed.q_free, rank)
     mobility = Mobility(
         n_free=int(tree.model.nv),
@@ -234,92 +259,3 @@ def _reference(
             errors=errors,
         )
     return closed, rank
-
-
-class _Choice(NamedTuple):
-    independent: tuple[str, ...]
-    actuated: tuple[str, ...]
-    notes: tuple[str, ...]
-
-
-def _choose_independent(
-    tree: Tree,
-    constraints: Constraints,
-    description: MechanismDescription,
-    q_free: Array,
-    rank: int,
-    independent: Sequence[str] | None,
-    actuated: Sequence[str] | None,
-) -> _Choice:
-    """Settle the independent and actuated sets, and say where the author did not state them exactly."""
-    basis, n = null_space(constraints, q_free, rank), int(tree.model.nv) - rank
-    motors = tuple(actuated) if actuated is not None else (description.actuated or ())
-    for name in motors:
-        if name not in tree.kinds:
-            raise IndependentSetError(
-                f"actuated joint '{name}' is not a movable joint; those are {', '.join(tree.kinds)}"
-            )
-    base = (ROOT_JOINT,) if ROOT_JOINT in tree.kinds and tree.kinds[ROOT_JOINT] == "floating" else ()
-    notes: list[str] = []
-    if independent is not None:
-        names = tuple(independent)
-        _check_size(tree, names, n, basis)
-        names = complete_independent(tree, basis, names, (), n) if names else names
-    elif description.independent is not None:
-        names = _marked(tree, description, basis, base, n, notes)
-    else:
-        hinted = description.dependent_hint
-        masters = tuple(name for name in tree.kinds if hinted and name not in hinted)
-        names = complete_independent(tree, basis, (), (*base, *(motors or masters)), n)
-        added = [name for name in names if name not in motors]
-        if motors and added:
-            notes.append(
-                f"the file names {len(motors)} motors and the mechanism has {n} independent motions: "
-                f"{', '.join(added)} completed the independent set"
-            )
-        elif not motors:
-            notes.append(f"the file marks no independent joints: {', '.join(names)} were chosen")
-    if independent is not None and set(names) == set(independent):
-        names = tuple(independent)
-    return _Choice(names, motors or tuple(dict.fromkeys(name.partition(":")[0] for name in names)), tuple(notes))
-
-
-def _marked(
-    tree: Tree, description: MechanismDescription, basis: Array, base: tuple[str, ...], n: int, notes: list[str]
-) -> tuple[str, ...]:
-    """The set a file marks; the default marks of a coupling's successors are given up where it is too large."""
-    marked = tuple(dict.fromkeys((*base, *(description.independent or ()))))
-    if _count(tree, marked) > n and description.independent_is_default:
-        given_up = tuple(name for name in marked if name in description.dependent_hint)
-        marked = tuple(name for name in marked if name not in given_up)
-        notes.append(
-            f"the file leaves `independent` out on both sides of couplings: {', '.join(given_up)} "
-            "taken as dependent (the successors)"
-        )
-    _check_size(tree, marked, n, basis)
-    return complete_independent(tree, basis, marked, (), n)
-
-
-def _count(tree: Tree, names: tuple[str, ...]) -> int:
-    components = component_names(tree)
-    return sum(1 if name in components else max(1, sum(c.startswith(f"{name}:") for c in components)) for name in names)
-
-
-def _check_size(tree: Tree, names: tuple[str, ...], n: int, basis: Array) -> None:
-    """Raise where the set has the wrong size, saying what to add or take away.
-
-    Raises:
-        IndependentSetError: Always, unless the set has n velocity components.
-    """
-    IndependentCoordinates(tree, names, pin.neutral(tree.model))
-    count = _count(tree, names)
-    if count == n:
-        return
-    given = f"{count} independent velocities are named ({', '.join(names) or 'none'}) but the mobility is {n}"
-    if count < n:
-        whole = complete_independent(tree, basis, names, (), n)
-        raise IndependentSetError(
-            f"{given}: add {', '.join(name for name in whole if name not in names)}, for instance"
-        )
-    suggestion = complete_independent(tree, basis, (), names, n)
-    raise IndependentSetError(f"{given}: {', '.join(suggestion) or 'none'} would do")

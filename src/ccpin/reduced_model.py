@@ -62,9 +62,9 @@ class ReducedModel:
         self.coordinates = self.parametrization.coordinates
         self.n = self.coordinates.n
         self.nq = self.coordinates.nq
-        self._actuation = mechanism.actuation
-        self.n_actuated = len(self._actuation)
         self._direct = mechanism.actuated == mechanism.independent
+        self._actuation = np.eye(self.n) if self._direct else mechanism.actuation
+        self.n_actuated = len(self._actuation)
 
     def alpha(self, q_free: ArrayLike) -> Array:
         """Q = α(q′) (7), of shape (nq_independent,)."""
@@ -129,6 +129,13 @@ class ReducedModel:
         """ρᵀSᵀu, of shape (n,): the actuated joints' efforts seen by the independent coordinates."""
         effort = self.checked(u, "u", self.n_actuated)
         return effort if self._direct else np.asarray(point.rho.T @ (self._actuation.T @ effort))
+
+    def joint_efforts(self, q_free: ArrayLike, u: ArrayLike) -> Array:
+        """Sᵀu, of shape (n′,): what the motors do to the free system's joints (α_q′ᵀu where u acts on q itself)."""
+        effort = self.checked(u, "u", self.n_actuated)
+        if self._direct:
+            return np.asarray(self.coordinates.jacobian(self.checked_configuration(q_free)).T @ effort)
+        return np.asarray(self._actuation.T @ effort)
 
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: ArrayLike | None = None) -> Array:
         """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − g) (22), of shape (n,).
@@ -208,7 +215,8 @@ class ReducedModel:
         return self._derivatives(self.closed_point(q, guess)).gravity()
 
     def _derivatives(self, point: ClosedPoint) -> DynamicsDerivatives:
-        return DynamicsDerivatives(self.free_system, self.parametrization, point, self._actuation)
+        actuation = None if self._direct else self._actuation
+        return DynamicsDerivatives(self.free_system, self.parametrization, point, actuation)
 
     def constraint_forces(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: ArrayLike | None = None) -> Array:
         """λ of the descriptor form (17): D′q̈′ + C′q̇′ + g′ = Sᵀu + φ_q′ᵀλ, of shape (m,).
@@ -223,7 +231,7 @@ class ReducedModel:
         a = self.acceleration(point, velocity, u)
         a_free = point.rho @ a + self.parametrization.bias(point, v_free)
         dynamics = self.free_system.inverse_dynamics(point.q_free, v_free, a_free)
-        force = dynamics - self._actuation.T @ self.checked(u, "u", self.n_actuated)
+        force = dynamics - self.joint_efforts(point.q_free, u)
         jacobian = self.parametrization.constraints.value(point.q_free).jacobian
         return np.asarray(np.linalg.lstsq(jacobian.T, force, rcond=None)[0])
 
