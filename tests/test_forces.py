@@ -1,6 +1,7 @@
 """Closure forces in physical units, against Pinocchio's contacts, equal power and equilibrium."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -9,11 +10,12 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin.errors import InvalidInputError, SingularConfigurationError
-from ccpin.forces import closure_forces, closure_wrench
-from oracles import descriptor
+from ccpin.errors import InvalidInputError
+from ccpin.forces import closure_forces, closure_forces_at, joint_forces
+from oracles import descriptor, rpdr
 from strategies import mechanisms
 
+seeds = st.integers(0, 2**32 - 1)
 MODES = {"rpdr": (-2.0, -1.9), "delta": (0.1, -0.1, 0.3), "stewart": None, "hexa": None, "planar_3rrr": None}
 
 
@@ -45,7 +47,7 @@ def test_forces_are_those_of_pinocchios_contacts(name):
     mechanism = as_points(name)
     model = ccpin.ReducedModel(mechanism)
     for q, v, u, q_free in states(model):
-        found = closure_wrench(model, q, v, u, q_free)
+        found = closure_forces_at(model, q, v, u, q_free)
         v_free = model.rho(q_free) @ v
         tau = mechanism.actuation.T @ u
         expected = descriptor.pinocchio(mechanism.description, mechanism.pin_model, q_free, v_free, tau).multipliers
@@ -60,7 +62,7 @@ def test_what_is_determined(name):
     """A planar loop leaves its normal force undetermined, an overconstrained linkage more, point loops nothing."""
     model = ccpin.ReducedModel(ccpin.load(name))
     q_free = model.mechanism.q_reference
-    closures = closure_wrench(model, model.alpha(q_free), np.zeros(model.n), np.zeros(model.n_actuated))
+    closures = closure_forces_at(model, model.alpha(q_free), np.zeros(model.n), np.zeros(model.n_actuated))
     for closure in closures:
         force, moment = closure.determined[0, :3], closure.determined[0, 3:]
         if name == "delta":
@@ -91,29 +93,107 @@ def end_jacobians(mechanism, closure, q_free):
     return jacobians[0], jacobians[1], points[0]
 
 
-@settings(max_examples=60)
-@given(mechanisms(), st.integers(0, 2**32 - 1))
-def test_wrenches_do_the_constraints_work(drawn, seed):
-    """Σ (J_A − J_B)ᵀ wrench is the generalized force φ_q′ᵀλ of the descriptor form, closures of every kind."""
-    mechanism = ccpin.load(drawn.description)
+class State(NamedTuple):
+    """A random mechanism at its reference with a random velocity and random efforts."""
+
+    mechanism: ccpin.Mechanism
+    model: ccpin.ReducedModel
+    v: np.ndarray
+    u: np.ndarray
+
+    @property
+    def v_free(self):
+        return self.model.rho(self.mechanism.q_reference) @ self.v
+
+    @property
+    def tau(self):
+        return self.mechanism.actuation.T @ self.u
+
+    def still(self):
+        """A motion of one sample."""
+        q_free = self.mechanism.q_reference
+        one = [x[None] for x in (self.model.alpha(q_free), self.v, self.u, q_free)]
+        return ccpin.Trajectory(np.zeros(1), *one, np.zeros(1), "finished", "", 0)
+
+
+def state(description, seed):
+    mechanism = ccpin.load(description)
     model = ccpin.ReducedModel(mechanism)
-    q_free = mechanism.q_reference
-    assume(model.parametrization.rcond(q_free) > 1e-3)
     rng = np.random.default_rng(seed)
     v, u = rng.normal(size=model.n), rng.normal(size=model.n_actuated)
-    v = v / max(1.0, np.linalg.norm(model.rho(q_free) @ v))
-    try:
-        found = closure_wrench(model, model.alpha(q_free), v, u, q_free)
-    except SingularConfigurationError:
-        assume(False)
+    return State(mechanism, model, v / max(1.0, np.linalg.norm(model.rho(mechanism.q_reference) @ v)), u)
+
+
+@settings(max_examples=60)
+@given(mechanisms(), seeds)
+def test_wrenches_do_the_constraints_work(drawn, seed):
+    """Σ (J_A − J_B)ᵀ wrench is the generalized force φ_q′ᵀλ of the descriptor form, closures of every kind."""
+    at = state(drawn.description, seed)
+    assume(at.model.parametrization.rcond(at.mechanism.q_reference) > 1e-3)
+    mechanism, q_free = at.mechanism, at.mechanism.q_reference
     total = np.zeros(mechanism.n_free)
-    for closure, wrench in zip(mechanism.closures, found, strict=True):
+    for closure, wrench in zip(mechanism.closures, closure_forces(at.model, at.still()), strict=True):
         j_a, j_b, point = end_jacobians(mechanism, closure, q_free)
         np.testing.assert_allclose(wrench.point[0], point, atol=1e-12)
         total += (j_a - j_b).T @ np.concatenate([wrench.force[0], wrench.moment[0]])
-    tau, v_free = mechanism.actuation.T @ u, model.rho(q_free) @ v
-    expected = descriptor.direct(mechanism.description, mechanism.pin_model, q_free, v_free, tau).force
+    expected = descriptor.direct(mechanism.description, mechanism.pin_model, q_free, at.v_free, at.tau).force
     np.testing.assert_allclose(total, expected, rtol=0, atol=1e-7 * max(1.0, np.abs(expected).max()))
+
+
+def check_free_directions(at):
+    """Along its own motion a joint carries its motor's effort less its rotor's inertia times acceleration."""
+    model, q_free = at.mechanism.pin_model, at.mechanism.q_reference
+    data = model.createData()
+    pin.computeJointJacobians(model, data, q_free)
+    motion = descriptor.direct(at.mechanism.description, model, q_free, at.v_free, at.tau)
+    expected = at.tau - model.armature * motion.a_free
+    forces = joint_forces(at.model, at.still())
+    assert [force.name for force in forces] == list(model.names)[1:]
+    for force in forces:
+        joint = model.joints[model.getJointId(force.name)]
+        own = slice(joint.idx_v, joint.idx_v + joint.nv)
+        columns = pin.getJointJacobian(model, data, joint.id, pin.LOCAL_WORLD_ALIGNED)[:, own]
+        found = columns.T @ np.concatenate([force.force[0], force.moment[0]])
+        scale = max(1.0, np.abs(expected).max(), np.abs(force.force).max(), np.abs(force.moment).max())
+        np.testing.assert_allclose(found, expected[own], rtol=0, atol=1e-7 * scale)
+        if joint.nv == 1:
+            axis = columns[:3, 0] if at.mechanism.tree.kinds[force.name] == "prismatic" else columns[3:, 0]
+            np.testing.assert_allclose(force.axis[0], axis, atol=1e-12)
+
+
+@settings(max_examples=60)
+@given(mechanisms(), seeds)
+def test_joints_carry_their_motors_effort(drawn, seed):
+    """Newton and Euler against the descriptor form on random mechanisms: trees, loops and joints of every kind."""
+    at = state(drawn.description, seed)
+    assume(at.model.parametrization.rcond(at.mechanism.q_reference) > 1e-3)
+    check_free_directions(at)
+
+
+@pytest.mark.parametrize("name", ["rpdr", "slider_crank", "planar_3rrr", "delta", "stewart", "hexa", "bennett"])
+def test_joints_of_the_zoo_carry_their_motors_effort(name):
+    """The same on the zoo, rotor inertia included."""
+    check_free_directions(state(ccpin.load(name).description, 3))
+
+
+def test_joints_that_only_measure_carry_nothing():
+    """The Delta's platform hangs on six joints that stand for a free body: the last passes no wrench at all."""
+    at = state(ccpin.load("delta").description, 5)
+    last = next(force for force in joint_forces(at.model, at.still()) if force.name == "platform_yaw")
+    assert np.abs(last.force).max() < 1e-10
+    assert np.abs(last.moment).max() < 1e-10
+    assert last.determined.all()
+
+
+def test_the_base_carries_the_weight_of_a_robot_at_rest():
+    """The RPDR held still: its two base bearings carry its weight between them, and nothing sideways."""
+    model = ccpin.ReducedModel(ccpin.load("rpdr"))
+    q_free = model.mechanism.q_reference
+    at = State(model.mechanism, model, np.zeros(2), model.gravity(model.alpha(q_free), q_free))
+    base = [force for force in joint_forces(model, at.still()) if force.name in ("joint1", "joint2")]
+    weight = rpdr.GRAVITY * (rpdr.M1 + rpdr.M2 + rpdr.M3 + rpdr.M4)
+    np.testing.assert_allclose(sum(force.force[0] for force in base), [0.0, 0.0, weight], atol=1e-10)
+    assert "force y" in base[0].peak().undetermined
 
 
 def test_the_rods_of_a_delta_at_rest_carry_the_platform():
@@ -121,7 +201,7 @@ def test_the_rods_of_a_delta_at_rest_carry_the_platform():
     model = ccpin.ReducedModel(ccpin.load("delta"))
     q_free = model.mechanism.q_reference
     q = model.alpha(q_free)
-    at_rest = closure_wrench(model, q, np.zeros(3), model.gravity(q, q_free), q_free)
+    at_rest = closure_forces_at(model, q, np.zeros(3), model.gravity(q, q_free), q_free)
     upward = sum(closure.force[0] for closure in at_rest)
     links = {link.name: link for link in model.mechanism.description.links}
     weight = 9.81 * links["platform"].inertia.mass
@@ -139,7 +219,7 @@ def test_a_motion_has_its_peaks():
     (history,) = closure_forces(model, trajectory)
     assert history.force.shape == history.moment.shape == (len(trajectory.t), 3)
     k = 17
-    (single,) = closure_wrench(model, trajectory.q[k], trajectory.v[k], trajectory.u[k], trajectory.q_free[k])
+    (single,) = closure_forces_at(model, trajectory.q[k], trajectory.v[k], trajectory.u[k], trajectory.q_free[k])
     np.testing.assert_allclose(history.force[k], single.force[0], rtol=1e-9)
     peak = history.peak()
     sizes = np.linalg.norm(history.force, axis=1)

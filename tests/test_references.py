@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 import ccpin
 from ball_joint import ball_joint
@@ -107,6 +108,15 @@ def test_a_spline_of_two_waypoints_is_the_quintic(model):
     for t in np.linspace(0.0, 0.8, 9):
         for found, expected in zip(spline.at(t), quintic.at(t), strict=True):
             np.testing.assert_allclose(found, expected, atol=1e-10)
+
+
+def test_degree_three_is_the_clamped_cubic_spline(model):
+    """The same curve as SciPy's own CubicSpline with zero end slopes."""
+    spline, cubic = Waypoints(model, TIMES, WAYPOINTS, degree=3), CubicSpline(TIMES, WAYPOINTS, bc_type="clamped")
+    for t in np.linspace(0.0, 1.09, 9):
+        expected = (cubic(t), cubic(t, 1), cubic(t, 2))
+        for found, wanted in zip(spline.at(t), expected, strict=True):
+            np.testing.assert_allclose(found, wanted, atol=1e-10)
 
 
 def test_circles_are_followed_as_angles(model, on_circles):

@@ -92,7 +92,43 @@ def rotation_error(turned: Array, wanted: Array) -> Array:
 def joint_poses(model: pin.Model, data: pin.Data, q_free: Array) -> Array:
     """Where the moving joint frames are in the world, of shape (joints, 4, 4); entry 0 is the world itself."""
     pin.forwardKinematics(model, data, q_free)
+    return joint_frames(data)
+
+
+def joint_frames(data: pin.Data) -> Array:
+    """The joint frames' world poses after a kinematics call, of shape (joints, 4, 4)."""
     return np.array([placement.homogeneous for placement in data.oMi])
+
+
+class BodyMotion(NamedTuple):
+    """How the bodies move, in world axes; entry 0 is the world, at rest.
+
+    Attributes:
+        poses: World poses of the moving joint frames, of shape (joints, 4, 4).
+        centres: Centres of mass of what each joint carries up to the next joints, m, of shape (joints, 3).
+        accelerations: The centres' accelerations, m/s², of shape (joints, 3).
+        omega, alpha: Angular velocities and accelerations, rad/s and rad/s², of shape (joints, 3).
+    """
+
+    poses: Array
+    centres: Array
+    accelerations: Array
+    omega: Array
+    alpha: Array
+
+
+def body_motion(model: pin.Model, data: pin.Data, q_free: Array, v_free: Array, a_free: Array) -> BodyMotion:
+    """The bodies' motion at (q′, q̇′, q̈′)."""
+    pin.forwardKinematics(model, data, q_free, v_free, a_free)
+    found = BodyMotion(joint_frames(data), *(np.zeros((model.njoints, 3)) for _ in range(4)))
+    for j in range(1, model.njoints):
+        turn, lever = data.oMi[j].rotation, np.array(model.inertias[j].lever)
+        v, a = data.v[j], data.a[j]
+        swing = np.cross(a.angular, lever) + np.cross(v.angular, v.linear + np.cross(v.angular, lever))
+        found.centres[j] = data.oMi[j].act(lever)
+        found.accelerations[j] = turn @ (a.linear + swing)
+        found.omega[j], found.alpha[j] = turn @ v.angular, turn @ a.angular
+    return found
 
 
 def moved(model: pin.Model, q_free: Array, step: Array) -> Array:
