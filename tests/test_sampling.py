@@ -217,9 +217,12 @@ def test_supervised_cycles_with_the_bench_on(rpdr_model):
     [
         ({"period": 0.0}, "period = 0.0 must be positive"),
         ({"period": None}, "period"),
-        ({"period": np.nan}, "period = nan must be finite"),
+        ({"period": np.nan}, "period = nan must be a finite number"),
         ({"encoder_counts": -4096}, "encoder_counts = -4096 must be positive"),
         ({"encoder_counts": ()}, "encoder_counts"),
+        ({"period": (1e-3, 1e-3)}, "period"),
+        ({"period": "fast"}, "period = 'fast'"),
+        ({"velocity_cutoff": [1.0, 2.0]}, "velocity_cutoff"),
         ({"velocity_cutoff": 0.0}, "velocity_cutoff"),
         ({"saturation": (1.0, -1.0)}, "saturation"),
         ({"delay": -1}, "whole number of periods"),
@@ -231,6 +234,18 @@ def test_bad_sampling_is_named(change, words):
     """Every value out of its range is refused by its name."""
     with pytest.raises(InvalidInputError, match=words):
         Sampling(**({"period": 1e-3} | change))
+
+
+def test_a_law_may_reuse_its_array(rpdr_model):
+    """A command on its way is not changed by the next one, even where the law writes into the same array."""
+    buffer = np.zeros(2)
+
+    def ramp(t, q, v):
+        buffer[:] = t
+        return buffer
+
+    motion = ccpin.simulate(rpdr_model, ramp, START, duration=0.01, sampling=Sampling(1e-3, delay=2))
+    assert motion.u[2:, 0] == pytest.approx(motion.t[:-2])
 
 
 @pytest.mark.parametrize("name", ["encoder_counts", "saturation", "effort_before"])

@@ -51,17 +51,28 @@ class Sampling:
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is None and field.name != "period":
+            if value is None and field.name not in ("period", "delay", "effort_before"):
                 continue
-            value = tuple(float(x) for x in value) if np.ndim(value) else value
-            object.__setattr__(self, field.name, value)
-            if field.name == "delay":
-                if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
-                    raise InvalidInputError(f"sampling: delay = {value!r} must be a whole number of periods, 0 or more")
-            elif not np.isfinite(np.asarray(value, dtype=np.float64)).all():
-                raise InvalidInputError(f"sampling: {field.name} = {value!r} must be finite")
-            elif field.name != "effort_before" and not (np.size(value) and np.min(np.asarray(value)) > 0):
-                raise InvalidInputError(f"sampling: {field.name} = {value!r} must be positive")
+            object.__setattr__(self, field.name, _checked_value(field.name, value))
+
+
+def _checked_value(name: str, value: object) -> Numbers | int:
+    if name == "delay":
+        if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
+            raise InvalidInputError(f"sampling: delay = {value!r} must be a whole number of periods, 0 or more")
+        return int(value)
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.empty(0)
+    several = name in ("encoder_counts", "saturation", "effort_before")
+    if array.ndim > several or not array.size or not np.isfinite(array).all():
+        raise InvalidInputError(
+            f"sampling: {name} = {value!r} must be a finite number" + (" or one each" if several else "")
+        )
+    if name != "effort_before" and array.min() <= 0:
+        raise InvalidInputError(f"sampling: {name} = {value!r} must be positive")
+    return tuple(array.tolist()) if array.ndim else float(array)
 
 
 class Loop(Protocol):
@@ -129,7 +140,7 @@ class SampledLoop:
             slope = self._coordinates.difference(self._reading, reading) / self._sampling.period
             velocity = self._velocity + self._gain * (slope - self._velocity)
         self._reading, self._velocity = reading, velocity
-        u = self._law.torque(t, reading, velocity, guess)
+        u = np.array(self._law.torque(t, reading, velocity, guess))
         self._pending.append(u if self._limit is None else np.clip(u, -self._limit, self._limit))
         self._held = self._pending.popleft()
         self._count += 1
