@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -49,7 +50,7 @@ def pieces_of(path: ArrayLike | PPoly | BSpline, n: int) -> Pieces:
         InvalidInputError: It has the wrong shape, is not finite, or jumps.
     """
     if isinstance(path, BSpline):
-        path = PPoly.from_spline(path)
+        path = _polynomials(path)
     if isinstance(path, PPoly):
         knots, coefficients = np.asarray(path.x, dtype=np.float64), np.asarray(path.c, dtype=np.float64)[::-1]
         if coefficients.ndim != 3 or coefficients.shape[2] != n:
@@ -66,6 +67,14 @@ def pieces_of(path: ArrayLike | PPoly | BSpline, n: int) -> Pieces:
         raise InvalidInputError("the path is not finite")
     _refuse_jumps(pieces)
     return pieces
+
+
+def _polynomials(spline: BSpline) -> PPoly:
+    """A B-spline by its Taylor coefficients at each knot, one polynomial between two distinct knots."""
+    degree = spline.k
+    knots = np.unique(spline.t[degree : len(spline.t) - degree])
+    coefficients = [spline(knots[:-1], nu=k) / math.factorial(k) for k in reversed(range(degree + 1))]
+    return PPoly(np.array(coefficients), knots)
 
 
 def _refuse_jumps(pieces: Pieces) -> None:
