@@ -1,0 +1,254 @@
+"""Rigorous bounds of the potential V∘σ and of its Hessian ∂g/∂q over certified boxes.
+
+Setting: a box of `krawczyk`, θ = θ_c + Dδ + Eζ with |δ| ≤ h, and its solution ζ*(δ), |ζ*| ≤ R, of f = Ãφ = 0. For any
+constant row μ the Lagrangian
+
+    L(θ) = V′(θ) + μ f(θ)        has        L(θ_c + Dδ + Eζ*(δ)) = V(σ(q_c + δ)),
+
+so V∘σ is expanded without derivatives of σ. With W = |D|h + |E|R and Δ_L ≥ |L_θθ(θ) − L_θθ(θ_c)| entrywise on the tube
+(the third derivatives' bound of `bounds` contracted with W once), Taylor's formula gives
+
+    |V(σ(q_c + δ)) − L_c − (L_θD)δ − ½ δᵀHδ| ≤ |L_θE|R + hᵀ|DᵀL_θθE|R + ½Rᵀ|EᵀL_θθE|R + ⅙ WᵀΔ_L W,   H = DᵀL_θθD,
+
+everything on the right at the centre. μ = −V′_θE there makes L_θE nearly zero (as f_ζ ≈ I), and R is of order h²: the
+remainder is of order h³.
+
+Hessian. σ's slope is ρ = D + Eη, f_ζη = −f_δ, its curvature Eζ″ with f_ζζ″_kl = −f_θθ(ρ_k, ρ_l). Twice differentiated,
+
+    ∂g/∂q_kl = ρ_kᵀ L_θθ ρ_l + L_ζ ζ″_kl.
+
+(K2), |I − f_ζ| w ≤ κw on the tube, gives y = |f_ζ⁻¹x| ≤ max_i(|x_i|/w_i)/(1 − κ) · w, which y ≤ |x| + Z y with a bound
+Z ≥ |I − f_ζ| then sharpens. Here f_δ, L_ζ and L_θθ − L_θθ(θ_c) are of order h, so ∂g/∂q − H is too, with the bound
+that `_variation` assembles term by term.
+
+Rounding. As in `bounds`: every entry of V′, φ and their derivatives is off by at most its γ · magnitude, carried
+through μ and Ã; errors of the bounds' own arithmetic on nonnegative terms are covered by a factor 1 + 1e-10.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.domain.bounds_reach import chain_reach
+from ccpin.domain.chain_stack import ChainStack, gather
+from ccpin.domain.derivatives import derivatives
+from ccpin.domain.krawczyk import SLACK, Boxes, Problem
+from ccpin.domain.potential import Potential, potential_values, spread
+
+Array = NDArray[np.float64]
+_WIDEN = 1e-14
+_SHARPENING = 6
+
+
+class GravityBounds(NamedTuple):
+    """V∘σ and ∂g/∂q over B boxes, for every |δ| ≤ h.
+
+    |V(σ(q_c + δ)) − value − gradient·δ − ½ δᵀ hessian δ| ≤ remainder (J), and |∂g/∂q − hessian| ≤ variation entrywise.
+
+    Attributes:
+        value: Of shape (B,).
+        gradient: Of shape (B, n).
+        hessian: Of shape (B, n, n).
+        remainder: Of shape (B,).
+        variation: Symmetric, nonnegative, of shape (B, n, n).
+    """
+
+    value: Array
+    gradient: Array
+    hessian: Array
+    remainder: Array
+    variation: Array
+
+    @property
+    def norm(self) -> Array:
+        """β ≥ ‖∂g/∂q‖₂ over each box, of shape (B,)."""
+        centre = np.abs(np.linalg.eigvalsh(self.hessian)).max(axis=1)
+        return np.asarray((centre + self.spread) * SLACK)
+
+    @property
+    def spread(self) -> Array:
+        """ε ≥ ‖∂g/∂q − hessian‖₂ over each box, of shape (B,)."""
+        return np.asarray(self.variation.sum(axis=2).max(axis=1) * SLACK)
+
+
+class _Box(NamedTuple):
+    """What the expansions share; f = Ãφ.
+
+    Attributes:
+        boxes: Theorem K's data, h widened.
+        modes: E, of shape (B, n′, m).
+        moves: W, of shape (B, n′).
+        slope: f_θ at the centre, of shape (B, m, n′). curvature: f_θθ, of shape (B, m, n′, n′).
+        drift: Δ_f ≥ |f_θθ − f_θθ(θ_c)| with rounding, of shape (B, m, n′, n′).
+        lagrangian_slope: L_θ at the centre, of shape (B, n′). lagrangian_curvature: L_θθ, of shape (B, n′, n′).
+        lagrangian_drift: Δ_L, of shape (B, n′, n′).
+        value: L_c, of shape (B,).
+        margin: Rounding of the entries of f's derivatives, of shape (B, m). lagrangian_margin: of L's, of shape (B,).
+    """
+
+    boxes: Boxes
+    modes: Array
+    moves: Array
+    slope: Array
+    curvature: Array
+    drift: Array
+    lagrangian_slope: Array
+    lagrangian_curvature: Array
+    lagrangian_drift: Array
+    value: Array
+    margin: Array
+    lagrangian_margin: Array
+
+
+def gravity_bounds(problem: Problem, potential: Potential, boxes: Boxes) -> GravityBounds:
+    """Bounds over proved boxes of q-space (D's independent rows are I)."""
+    box = _expand(problem, potential, boxes)
+    directions = box.boxes.directions
+    return GravityBounds(
+        value=box.value,
+        gradient=_apply(np.swapaxes(directions, 1, 2), box.lagrangian_slope),
+        hessian=_symmetric(np.swapaxes(directions, 1, 2) @ box.lagrangian_curvature @ directions),
+        remainder=_remainder(box) * SLACK,
+        variation=_symmetric(_variation(box)) * SLACK,
+    )
+
+
+def _expand(problem: Problem, potential: Potential, boxes: Boxes) -> _Box:
+    system, theta = problem.system, boxes.centre
+    count, m, n_free = len(theta), system.m, system.n_free
+    half = boxes.half * (1.0 + 2.0**-51) + _WIDEN
+    modes = np.zeros((count, n_free, m))
+    modes[:, system.dependent] = boxes.modes
+    moves = _apply(np.abs(boxes.directions), half) + _apply(np.abs(modes), boxes.radius)
+    closure, gravity = derivatives(system, problem.stack, theta), potential_values(potential, theta)
+    slope = boxes.preconditioner @ closure.jacobian
+    curvature = (boxes.preconditioner @ closure.hessian.reshape(count, m, -1)).reshape(closure.hessian.shape)
+    mu = -_apply(np.swapaxes(modes, 1, 2), gravity.gradient)
+    reach = np.abs(theta) + moves
+    closure_rounding = system.rounding * system.magnitude(reach)
+    margin = np.abs(boxes.preconditioner).sum(axis=2) * closure_rounding[:, None]
+    gravity_rounding = potential.rounding * potential.magnitude(reach)
+    lagrangian_margin = gravity_rounding + np.sum(np.abs(mu) * margin, axis=1)
+    weights = np.concatenate([boxes.preconditioner, mu[:, None] @ boxes.preconditioner], axis=1)
+    gains = np.swapaxes(np.linalg.norm(weights[:, None] @ problem.stack.weights, axis=3), 1, 2)
+    closing = _drift(problem.stack, closure.arms, theta, moves, closure_rounding)
+    arm_rounding = potential.rounding * (1.0 + potential.lengths.max() + reach.sum(axis=1))
+    falling = _drift(potential.stack, gravity.arms, theta, moves, arm_rounding)
+    drift = (gains @ closing.reshape(count, len(problem.stack.tips), -1)).reshape(count, m + 1, n_free, n_free)
+    fall = np.sum(potential.forces[:, None, None] * falling, axis=1)
+    return _Box(
+        boxes=boxes._replace(half=half),
+        modes=modes,
+        moves=moves,
+        slope=slope,
+        curvature=curvature,
+        drift=drift[:, :m],
+        lagrangian_slope=gravity.gradient + _apply(np.swapaxes(slope, 1, 2), mu),
+        lagrangian_curvature=gravity.hessian + np.sum(mu[:, :, None, None] * curvature, axis=1),
+        lagrangian_drift=drift[:, m] + fall,
+        value=gravity.value + np.sum(mu * _apply(boxes.preconditioner, closure.phi), axis=1),
+        margin=margin,
+        lagrangian_margin=lagrangian_margin,
+    )
+
+
+def _drift(stack: ChainStack, arms: Array, theta: Array, moves: Array, rounding: Array) -> Array:
+    """Bound |∂²x_c(θ) − ∂²x_c(θ_c)| ≤ Σ_i |∂³x_c|_ijl W_i of the tips over the tube, of shape (B, C, n′, n′)."""
+    k = stack.joints.shape[1]
+    box = gather(stack, moves)
+    reach = chain_reach(stack, arms, gather(stack, np.abs(theta)), box, rounding)
+    first, second, deepest = np.sort(np.indices((k, k, k)), axis=0)
+    turning = stack.turning[:, first] * stack.turning[:, second]
+    contracted = np.sum(reach[:, :, deepest] * turning * box[..., None, None], axis=2)
+    return spread(stack, contracted)
+
+
+def _remainder(box: _Box) -> Array:
+    half, radius, moves = box.boxes.half, box.boxes.radius, box.moves
+    modes, rows = box.modes, np.swapaxes(box.boxes.directions, 1, 2)
+    along = np.swapaxes(modes, 1, 2)
+    bent = box.lagrangian_curvature @ modes
+    total = _dot(np.abs(_apply(along, box.lagrangian_slope)), radius)
+    total += _dot(half, _apply(np.abs(rows @ bent), radius))
+    total += 0.5 * _dot(radius, _apply(np.abs(along @ bent), radius))
+    total += _dot(moves, _apply(box.lagrangian_drift, moves)) / 6.0
+    return np.asarray(total + box.lagrangian_margin * (1.0 + moves.sum(axis=1)) ** 2)
+
+
+def _variation(box: _Box) -> Array:
+    """The entrywise bound of ∂g/∂q − H, of shape (B, n, n).
+
+    η ≤ |f_δ|/…, P = |D| + |E|η ≥ |ρ|, and then, term by term: the cross terms of ρᵀL_θθ(θ_c)ρ, PᵀΔ_L P, and |L_ζ||ζ″|.
+    """
+    directions, modes = box.boxes.directions, box.modes
+    rows, along = np.swapaxes(directions, 1, 2), np.swapaxes(modes, 1, 2)
+    defect = _slope_bound(box, modes, np.eye(box.slope.shape[1]))
+    eta = _inverse_bound(box.boxes, defect, _slope_bound(box, directions, 0.0))
+    slopes = np.abs(directions) + np.abs(modes) @ eta
+    bent = box.lagrangian_curvature @ modes
+    crossed = np.abs(rows @ bent) @ eta
+    drift = box.lagrangian_drift + box.lagrangian_margin[:, None, None]
+    total = crossed + np.swapaxes(crossed, 1, 2) + np.swapaxes(eta, 1, 2) @ np.abs(along @ bent) @ eta
+    total = total + np.swapaxes(slopes, 1, 2) @ drift @ slopes
+    second = _inverse_bound(box.boxes, defect, _curvature_bound(box, eta, slopes))
+    return np.asarray(total + np.sum(_pull_bound(box)[:, :, None, None] * second, axis=1))
+
+
+def _slope_bound(box: _Box, columns: Array, target: Array | float) -> Array:
+    """|f_θ columns − target| over the tube, of shape (B, m, ·), for columns (B, n′, ·)."""
+    frame = np.concatenate([box.boxes.directions, box.modes], axis=2)[:, None]
+    sizes = np.concatenate([box.boxes.half, box.boxes.radius], axis=1)
+    change = np.abs(np.swapaxes(columns, 1, 2)[:, None] @ box.curvature @ frame) @ sizes[:, None, :, None]
+    third = 0.5 * (np.swapaxes(np.abs(columns), 1, 2)[:, None] @ box.drift @ box.moves[:, None, :, None])
+    size = (1.0 + box.moves.sum(axis=1))[:, None] * np.abs(columns).sum(axis=1)
+    rounding = box.margin[:, :, None] * size[:, None]
+    return np.asarray(np.abs(box.slope @ columns - target) + (change + third)[..., 0] + rounding)
+
+
+def _pull_bound(box: _Box) -> Array:
+    """|L_ζ| over the tube, of shape (B, m)."""
+    along = np.swapaxes(box.modes, 1, 2)
+    frame = np.concatenate([box.boxes.directions, box.modes], axis=2)
+    sizes = np.concatenate([box.boxes.half, box.boxes.radius], axis=1)
+    change = _apply(np.abs(along @ box.lagrangian_curvature @ frame), sizes)
+    third = 0.5 * _apply(np.abs(along), _apply(box.lagrangian_drift, box.moves))
+    rounding = box.lagrangian_margin[:, None] * (1.0 + box.moves.sum(axis=1))[:, None] * np.abs(box.modes).sum(axis=1)
+    return np.asarray(np.abs(_apply(along, box.lagrangian_slope)) + change + third + rounding)
+
+
+def _curvature_bound(box: _Box, eta: Array, slopes: Array) -> Array:
+    """|f_θθ(ρ_k, ρ_l)| over the tube, of shape (B, m, n, n)."""
+    rows, along = np.swapaxes(box.boxes.directions, 1, 2)[:, None], np.swapaxes(box.modes, 1, 2)[:, None]
+    turned, eta = np.swapaxes(eta, 1, 2)[:, None], eta[:, None]
+    bent = box.curvature @ box.modes[:, None]
+    crossed = np.abs(rows @ bent) @ eta
+    total = np.abs(rows @ box.curvature @ box.boxes.directions[:, None]) + crossed + np.swapaxes(crossed, 2, 3)
+    total = total + turned @ np.abs(along @ bent) @ eta
+    drift = box.drift + box.margin[:, :, None, None]
+    return np.asarray(total + np.swapaxes(slopes, 1, 2)[:, None] @ drift @ slopes[:, None])
+
+
+def _inverse_bound(boxes: Boxes, defect: Array, x: Array) -> Array:
+    """|f_ζ⁻¹ x| over the tube for |x| of shape (B, m, …), with Z = `defect` (B, m, m)."""
+    shape = x.shape
+    x = x.reshape(*shape[:2], -1)
+    weight = boxes.weight[:, :, None]
+    bound = np.max(x / weight, axis=1, keepdims=True) * weight / (1.0 - boxes.kappa[:, None, None])
+    for _ in range(_SHARPENING):
+        bound = np.minimum(bound, (x + defect @ bound) * SLACK)
+    return np.asarray(bound.reshape(shape))
+
+
+def _apply(matrices: Array, vectors: Array) -> Array:
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
+
+
+def _dot(u: Array, v: Array) -> Array:
+    return np.asarray(np.sum(u * v, axis=1))
+
+
+def _symmetric(matrices: Array) -> Array:
+    return np.asarray(0.5 * (matrices + np.swapaxes(matrices, 1, 2)))
