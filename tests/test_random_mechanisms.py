@@ -60,7 +60,7 @@ class State:
 
     @property
     def tau(self):
-        return self.mechanism.actuation.T @ self.u
+        return self.model.joint_efforts(self.q_free, self.u)
 
 
 def states(**options):
@@ -147,8 +147,8 @@ def test_inverse_dynamics_undoes_forward_dynamics(state):
     a = model.forward_dynamics(state.q, state.v, state.u)
     assert_close(terms.D @ a + terms.C @ state.v + terms.g, terms.rho.T @ state.tau, 1e-9)
     u = model.inverse_dynamics(state.q, state.v, state.a)
-    assert_close(terms.rho.T @ state.mechanism.actuation.T @ u, force, 1e-9)
-    transmission = terms.rho.T @ state.mechanism.actuation.T
+    assert_close(terms.rho.T @ model.joint_efforts(terms.q_free, u), force, 1e-9)
+    transmission = terms.rho.T @ np.array([model.joint_efforts(terms.q_free, e) for e in np.eye(model.n_actuated)]).T
     assume(np.linalg.matrix_rank(transmission, tol=1e-6) == model.n_actuated)
     assert_close(model.inverse_dynamics(state.q, state.v, a), state.u, 1e-7)
 

@@ -174,6 +174,7 @@ def test_configuration_off_its_sphere_is_refused(tmp_path):
 @pytest.mark.parametrize(("place", "sentence"), [("file/a.html", "cannot write"), (".", "is a folder")])
 def test_unwritable_path_is_refused(rpdr, swing, tmp_path, place, sentence):
     """The path is checked before the work is done."""
+    (tmp_path / "file").write_text("in the way")
     with pytest.raises(InvalidInputError, match=sentence):
         visualization.animate(rpdr, *swing, tmp_path / place)
 

@@ -148,14 +148,14 @@ class IndependentCoordinates:
         """The tangent vector, of shape (n,), that leads from one q to another."""
         if self.scalar:
             return q_to - q_from
-        model = self.tree.model
-        step = pin.difference(model, self.embed(q_from, self.q_reference), self.embed(q_to, self.q_reference))
-        difference = self._selection @ step
+        difference = np.empty(self.n)
         for part in self.parts:
-            if part.component is not None:
+            if part.component is None:
+                difference[part.v] = _configuration_difference(part, q_from[part.q], q_to[part.q])
+            else:
                 step = q_to[part.q] - q_from[part.q]
                 difference[part.v] = np.remainder(step + np.pi, 2 * np.pi) - np.pi if part.turns else step
-        return np.asarray(difference)
+        return difference
 
     def integrate(self, q: Array, step: Array) -> Array:
         """Move q along a tangent vector of shape (n,), staying on its manifold."""
@@ -256,6 +256,33 @@ def _configuration_rate(part: _Part, q: Array, v: Array) -> Array:
     if part.kind == "spherical":
         return np.asarray(quaternion)
     return np.concatenate([pin.Quaternion(q[-4:]).matrix() @ v[:3], quaternion])
+
+
+def _configuration_difference(part: _Part, q_from: Array, q_to: Array) -> Array:
+    """The velocity that leads a whole joint from one configuration to another in unit time.
+
+    Circles are done here: Pinocchio's logarithm of a plane rotation returns exactly 0 for angles below 1.5e-8 where
+    rounding has made cos² + sin² exceed one.
+    """
+    if part.kind == "continuous":
+        return np.array([_angle_between(q_from, q_to)])
+    if part.kind == "planar":
+        angle = _angle_between(q_from[2:], q_to[2:])
+        half = 0.5 * angle
+        a = half / np.tan(half) if abs(half) > 1e-4 else 1.0 - half * half / 3.0
+        cosine, sine = q_from[2:]
+        x, y = np.array([[cosine, sine], [-sine, cosine]]) @ (q_to[:2] - q_from[:2])
+        return np.array([a * x + half * y, a * y - half * x, angle])
+    if part.kind == "spherical":
+        return np.asarray(pin.log3(pin.Quaternion(q_from).matrix().T @ pin.Quaternion(q_to).matrix()))
+    if part.kind == "floating":
+        return np.asarray(pin.log6(pin.XYZQUATToSE3(q_from).actInv(pin.XYZQUATToSE3(q_to))).vector)
+    return q_to - q_from
+
+
+def _angle_between(circle_from: Array, circle_to: Array) -> float:
+    (c0, s0), (c1, s1) = circle_from, circle_to
+    return float(np.arctan2(c0 * s1 - s0 * c1, c0 * c1 + s0 * s1))
 
 
 def _log_jacobian(r: Array) -> Array:
