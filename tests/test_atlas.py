@@ -10,6 +10,7 @@ from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 import pytest
+from tests.oracles import cusped_3rpr as cusped
 from tests.oracles import delta as delta_oracle
 from tests.oracles import planar_3rrr as planar_oracle
 from tests.oracles import rpdr as oracle
@@ -18,6 +19,7 @@ from tests.oracles.geometry import wrap
 import ccpin
 from ccpin.domain.atlas import Atlas, certify
 from ccpin.domain.atlas_tree import Status
+from ccpin.domain.newton import solve_in_boxes
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 
 CENTRES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))
@@ -252,6 +254,61 @@ def test_planar_3rrr_against_inverse_kinematics():
         q = q0 + wrap(np.array([expected[name] for name in mechanism.independent]) - q0)
         found = atlas.sigma(q)
         assert np.abs(wrap(found - [expected[name] for name in names])).max() < 1e-9
+
+
+def cusped_mechanism(pose):
+    """The 3-RPR with a locked leg, closed at a pose."""
+
+    def frame(x=0.0, y=0.0):
+        placement = np.eye(4)
+        placement[:2, 3] = x, y
+        return placement
+
+    x, z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    body = ccpin.Inertia(1.0, np.zeros(3), np.eye(3))
+    links = tuple(ccpin.Link(name, body) for name in ("base", "leg1", "platform", "outer2", "rod2", "outer3", "rod3"))
+    joints = [ccpin.Joint("leg", "revolute", "base", "leg1", frame(), z)]
+    joints.append(ccpin.Joint("turn", "revolute", "leg1", "platform", frame(cusped.LEG1), z))
+    corners = {2: (cusped.SIDE12, 0.0), 3: cusped.SIDE13 * np.array([np.cos(cusped.CORNER), np.sin(cusped.CORNER)])}
+    loops = []
+    for k, base in ((2, cusped.BASE2), (3, cusped.BASE3)):
+        joints.append(ccpin.Joint(f"swing{k}", "revolute", "base", f"outer{k}", frame(*base), z))
+        joints.append(ccpin.Joint(f"rho{k}", "prismatic", f"outer{k}", f"rod{k}", frame(), x))
+        loops.append(ccpin.LoopClosure(f"loop{k}", "revolute", "platform", f"rod{k}", frame(*corners[k]), frame()))
+    reference = {name: (value,) for name, value in cusped.displacements(pose).items()}
+    return ccpin.load(
+        ccpin.MechanismDescription(
+            "3rpr", "base", links, tuple(joints), tuple(loops), independent=("rho2", "rho3"), reference=reference
+        )
+    )
+
+
+def test_two_sheets_about_a_cusp_are_noticed():
+    """Round a cusp of the 3-RPR, either way, σ comes back on two sheets with the same sign of det, and this is said."""
+    cusp = cusped.cusp()
+    along = cusped.null_direction(cusp) / np.linalg.norm(cusped.null_direction(cusp))
+    outer = [np.sign(np.linalg.det(cusped.jacobian(cusp + s * 0.3 * along))) for s in (-1.0, 1.0)]
+    assert outer[0] == outer[1]
+    poses = [cusp + s * 0.05 * np.array([-along[1], along[0]]) for s in (-1.0, 1.0)]
+    pose = next(pose for pose in poses if np.sign(np.linalg.det(cusped.jacobian(pose))) == outer[0])
+    seed, middle = cusped.lengths(pose), cusped.lengths(cusp)
+    mechanism = cusped_mechanism(pose)
+    region = np.column_stack([np.minimum(middle - 0.03, seed - 0.01), np.maximum(middle + 0.03, seed + 0.01)])
+    atlas = certify(mechanism, seed, region, max_depth=7)
+    assert atlas.certified_fraction > 0.98
+    assert np.all(atlas.verify())
+    assert not atlas.single_valued
+    names, independent = list(mechanism.pin_model.names)[1:], atlas.problem.system.independent
+    leg, turn = names.index("leg"), names.index("turn")
+    for pair in atlas.unglued:
+        boxes = atlas.boxes.take(pair)
+        common = 0.5 * (atlas.lower[pair].max(axis=0) + atlas.upper[pair].min(axis=0))
+        found = solve_in_boxes(atlas.problem, boxes, common - boxes.centre[:, independent]).theta
+        assert np.abs(wrap(found[0] - found[1])).max() > 0.1
+        for row in found:
+            reached = np.array([row[leg], row[leg] + row[turn]])
+            assert np.abs(cusped.lengths(reached) - common).max() < 1e-9
+            assert np.sign(np.linalg.det(cusped.jacobian(reached))) == outer[0]
 
 
 def test_empty_is_proved_beyond_reach(rpdr):

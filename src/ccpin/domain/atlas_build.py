@@ -235,10 +235,8 @@ class Builder:
         for k, origin in enumerate(origins):
             if origin.box < 0:
                 one = boxes.take(np.array([k]))
-                error = self._point.radius
-                result[k] = encloses(self.problem, one, self._delta(one, [origin.at_cell]), self._point.centre, error)[
-                    0
-                ]
+                ball = self._point.centre, self._point.radius, self._point.modes
+                result[k] = encloses(self.problem, one, self._delta(one, [origin.at_cell]), *ball)[0]
         return result
 
     def _glue(self, faces: Faces) -> NDArray[np.bool_]:

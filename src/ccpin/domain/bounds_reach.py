@@ -93,7 +93,9 @@ def reach_bounds(stack: ChainStack, theta: Array, values: Derivatives, frame: Fr
     """Reach bounds of boxes centred at θ (B, n′) with the derivatives there."""
     linear = linear_part(frame, values.phi, values.jacobian)
     count, m, n_free = values.jacobian.shape
-    second = (frame.preconditioner @ values.hessian.reshape(count, m, -1)).reshape(count, m, n_free, n_free)
+    second = (frame.preconditioner @ values.hessian.reshape(count, m, n_free * n_free)).reshape(
+        count, m, n_free, n_free
+    )
     directions, half = frame.directions[:, None], frame.half[:, None]
     quadratic = np.abs(np.swapaxes(directions, 2, 3) @ (second @ directions))
     square = (half[..., None, :] @ quadratic @ half[..., None])[..., 0, 0]

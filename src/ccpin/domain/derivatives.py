@@ -49,7 +49,7 @@ def _first_order(system: ClosureSystem, stack: ChainStack, theta: Array) -> tupl
         phi[:, row] -= system.moduli[row] * np.round(phi[:, row] / system.moduli[row])
     phi = phi + np.sum((stack.weights @ motion.x[..., None])[..., 0], axis=1)
     columns = motion.b @ np.swapaxes(stack.weights, 1, 2)
-    flat = columns.reshape(len(theta), -1, system.m)
+    flat = columns.reshape(len(theta), stack.joints.size, system.m)
     return phi, system.gears + np.swapaxes(flat, 1, 2) @ stack.placement, motion
 
 

@@ -67,7 +67,7 @@ _INFLATION = 1e-4
 _SETTLED = 1.0 + 1e-6
 _ROUNDS = 30
 _POWERS = 8
-_LEAST = 1e-11
+_LEAST, _ROOM = 1e-11, 16.0
 _LARGEST = 1e6
 
 
@@ -176,13 +176,13 @@ def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -
     """
     with np.errstate(all="ignore"):
         jacobian = closure_values(problem, centre)[1]
-        first = _attempt(problem, _parametrize(problem.system, centre, half, across, jacobian, False), _LEAST)
+        first = _attempt(problem, _parametrize(problem.system, centre, half, across, jacobian, False), True)
         retry = np.flatnonzero(~first.proved)
         if not retry.size or problem.system.m == 1:
             return first
         rows = across if across.ndim == 2 else across[retry]
         frames = _parametrize(problem.system, centre[retry], half[retry], rows, jacobian[retry], True)
-        second = _attempt(problem, frames, _LEAST)
+        second = _attempt(problem, frames, True)
     better = retry[second.proved]
     for array, new in zip(first.boxes, second.boxes, strict=True):
         array[better] = new[second.proved]
@@ -191,13 +191,13 @@ def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -
 
 
 def certify_points(problem: Problem, theta: Array) -> Attempt:
-    """Enclose a solution at fixed q near each θ (B, n′): boxes with p = 0 and V = I."""
+    """Enclose a solution at fixed q near each θ (B, n′): boxes with p = 0 and V the right singular vectors of φ_y."""
     count, system = len(theta), problem.system
     with np.errstate(all="ignore"):
         jacobian = closure_values(problem, theta)[1]
         empty = np.zeros((count, 0))
-        boxes = _parametrize(system, theta, empty, np.zeros((system.n, 0)), jacobian, False)
-        return _attempt(problem, boxes, 0.0)
+        boxes = _parametrize(system, theta, empty, np.zeros((system.n, 0)), jacobian, True)
+        return _attempt(problem, boxes, False)
 
 
 def _parametrize(
@@ -226,10 +226,14 @@ def _parametrize(
     )
 
 
-def _attempt(problem: Problem, boxes: Boxes, least: float) -> Attempt:
-    """Find R (at least `least`, to leave room for rounding when boxes are glued) and w, then check strictly."""
+def _attempt(problem: Problem, boxes: Boxes, roomy: bool) -> Attempt:
+    """Find R and w, then check strictly; a `roomy` R is well above rounding, so that boxes can be glued."""
     bounds = bounds_of(problem, boxes)
-    radius = np.maximum(_radius(bounds), least)
+    radius = _radius(bounds)
+    if roomy:
+        rounding = problem.system.rounding * problem.system.magnitude(boxes.centre)
+        gain = np.abs(boxes.preconditioner).sum(axis=2)
+        radius = np.maximum(radius, np.maximum(_LEAST, _ROOM * rounding[:, None] * gain))
     candidates = np.flatnonzero(np.isfinite(radius).all(axis=1))
     proved = np.zeros(len(radius), dtype=np.bool_)
     boxes.radius[:] = radius

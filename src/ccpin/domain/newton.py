@@ -135,18 +135,23 @@ def _error(boxes: Boxes, size: Array) -> Array:
     return np.asarray((SLACK * size / (1.0 - boxes.kappa))[:, None] * boxes.weight)
 
 
-def encloses(problem: Problem, boxes: Boxes, delta: Array, theta: Array, error: Array) -> Mask:
-    """Whether solutions known within `error` (B, m) of the dependent coordinates of θ lie in the boxes' tubes at δ.
+def encloses(
+    problem: Problem, boxes: Boxes, delta: Array, theta: Array, error: Array, modes: Array | None = None
+) -> Mask:
+    """Whether solutions known as θ + modes · [−error, error] (dependent coordinates) lie in the boxes' tubes at δ.
 
-    Periodic coordinates are compared modulo 2π; 1e-13 is allowed for rounding.
+    Periodic coordinates are compared modulo 2π; 1e-13 is allowed for rounding. Near singularities an error is large in
+    one direction and must be small in the others, so it may be given (B, m) in modes (B, m, m; default I).
     """
     system = problem.system
     gap = (theta - predict(problem, boxes, delta))[:, system.dependent]
     periodic = system.periodic[system.dependent]
     gap = gap - np.where(periodic, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)
     inverse = inverses(boxes.modes)
-    allowed = error + 1e-13 * (1.0 + np.abs(theta[:, system.dependent]))
-    reach = np.abs((inverse @ gap[..., None])[..., 0]) + (np.abs(inverse) @ allowed[..., None])[..., 0]
+    rounding = 1e-13 * (1.0 + np.abs(theta[:, system.dependent]))
+    reach = np.abs((inverse @ gap[..., None])[..., 0]) + (np.abs(inverse) @ rounding[..., None])[..., 0]
+    spread = inverse if modes is None else inverse @ modes
+    reach += (np.abs(spread) @ error[..., None])[..., 0]
     return np.asarray(np.all(reach * SLACK <= boxes.radius, axis=1))
 
 
@@ -157,14 +162,13 @@ def glued(problem: Problem, first: Boxes, delta: Array, second: Boxes, delta_sec
     for that (near singularities), a fresh certificate at the point must lie in both.
     """
     found = solve_in_boxes(problem, first, delta)
-    error = (np.abs(first.modes) @ found.error[..., None])[..., 0]
-    same = encloses(problem, second, delta_second, found.theta, error)
+    same = encloses(problem, second, delta_second, found.theta, found.error, first.modes)
     rows = np.flatnonzero(~same)
     if rows.size:
         point = certify_points(problem, found.theta[rows])
-        theta, radius = point.boxes.centre, point.boxes.radius
-        in_first = encloses(problem, first.take(rows), delta[rows], theta, radius)
-        same[rows] = point.proved & in_first & encloses(problem, second.take(rows), delta_second[rows], theta, radius)
+        ball = point.boxes.centre, point.boxes.radius, point.boxes.modes
+        in_first = encloses(problem, first.take(rows), delta[rows], *ball)
+        same[rows] = point.proved & in_first & encloses(problem, second.take(rows), delta_second[rows], *ball)
     return same
 
 

@@ -191,7 +191,8 @@ class _Walker:
         delta[0, 0] = -1.0
         delta[0, 1:] = chord.start - (box.centre[0] - box.directions[0, :, 0])[self.problem.system.independent]
         if not self.boxes:
-            return bool(encloses(self.problem, box, delta, self.point.centre, self.point.radius)[0])
+            ball = self.point.centre, self.point.radius, self.point.modes
+            return bool(encloses(self.problem, box, delta, *ball)[0])
         last, end = self.boxes[-1], np.zeros((1, 1 + n))
         end[0, 0] = 1.0
         return bool(glued(self.problem, last, end, box, delta)[0])
