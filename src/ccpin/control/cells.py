@@ -26,6 +26,7 @@ from ccpin.domain.potential import Potential
 Array = NDArray[np.float64]
 State = Literal["untried", "proved", "failed"]
 _SHARED = 1e-9
+_COVERED = 1e-11
 
 
 class Face(NamedTuple):
@@ -134,7 +135,7 @@ class CellStore:
                     and face.upper[k] - face.lower[k] == 0.0
                     and abs(face.lower[k] - end[k]) <= tolerance
                 )
-                if area < (1.0 - 1e-6) * float(np.prod((high - low)[others])):
+                if area < (1.0 - _COVERED) * float(np.prod((high - low)[others])):
                     found.append(Face(low, high))
         return found
 

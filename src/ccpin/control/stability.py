@@ -1,7 +1,7 @@
 """Theorem 3 as a tool: from which states does a PD law with simple gravity compensation reach its set point?
 
 **Theorem.** Let D q̈ + C q̇ + g = u (22) under the law (28), u = K_p q̃ − K_v q̇ + g(q_d), with K_p, K_v symmetric
-positive definite and q̃ = q_d − q in plain (scalar) coordinates. Let
+positive definite, D positive definite and q̃ = q_d − q in plain (scalar) coordinates. Let
 
     𝒱(q, q̇) = ½ q̇ᵀDq̇ + U(q),        U(q) = V(σ(q)) − V(q_d) + q̃ᵀg(q_d) + ½ q̃ᵀK_p q̃.
 
@@ -26,8 +26,9 @@ minimum, whence stability. ∎
 What is rigorous. Over a certified atlas, or over cells proved as they are needed, c is a lower bound of U on G's
 boundary and β an upper bound of ‖∂g/∂q‖ on the cells that meet 𝒬, from second-order expansions with remainders and
 rounding margins (`ccpin.domain.gravity_bounds`). The numbers q_d, K_p, g(q_d) and V(q_d) are taken as the law has
-them: g(q_d) is its own to rounding. Over a plain region the figures are estimates on a grid, and say so. Friction,
-saturation and sampling are outside the theorem.
+them: g(q_d) is its own to rounding. That D is positive definite (no motion without moving mass) is not checked. Over
+a plain region the figures are estimates on a grid, and say so. Friction, saturation and sampling are outside the
+theorem.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ from ccpin.control.cells import CellStore
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.region_samples import checked_region, sample_region
 from ccpin.control.set_point_cells import cells_around, cells_of_atlas
-from ccpin.control.sublevel import Effort, Flood, Sublevel
+from ccpin.control.sublevel import Effort, Flood, Sublevel, connected
 from ccpin.domain.atlas import Atlas
 from ccpin.domain.newton import predict
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
@@ -54,7 +55,7 @@ Region = tuple[ArrayLike, ArrayLike]
 _EFFORTS = {1: Effort(12, 400), 2: Effort(14, 2000), 3: Effort(9, 1500)}
 _ONE_BOX = Effort(0, 1)
 _LIMITS = {
-    "domain": "the edge of the certified domain",
+    "domain": "the edge of the domain",
     "gain": "where ‖∂g/∂q‖ is not below the gains",
     "effort": "the number of cells allowed",
 }
@@ -114,7 +115,7 @@ class SetPointCertificate:
         return np.atleast_2d(self._region.lower), np.atleast_2d(self._region.upper)
 
     def contains(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
-        """Whether the state (q, v) (default at rest) is in B₂: q in 𝒬's cells and 𝒱(q, v) < c."""
+        """Whether the state (q, v) (default at rest) is in B₂: q in cells whose part of {U < c} is 𝒬's, and 𝒱 < c."""
         point = self.law.model.checked_q(q)
         velocity = np.zeros(self.law.model.n) if v is None else self.law.model.checked(v, "v", self.law.model.n)
         guess = None if self._region is None else self._region.guess(point)
@@ -193,7 +194,7 @@ def certify_set_point(
         store = cells_of_atlas(law, domain)
         method = f"the {len(domain.boxes.kappa)} boxes of an atlas, halved where needed"
     found = Flood(store, lambda well: well.beta < gain, effort).run(law.q_d)
-    level_domain = found.level
+    level_domain, region = found.level, _members(store, found, law.q_d)
     if found.limit == "gain":
         more = effort._replace(cells=effort.cells + store.proved)
         level_domain = max(level_domain, Flood(store, lambda well: True, more).run(law.q_d).level)
@@ -208,7 +209,7 @@ def certify_set_point(
         method=method,
         limit=_limit(found.limit),
         touch=found.point,
-        _region=_members(store, found),
+        _region=region,
     )
 
 
@@ -216,13 +217,12 @@ def _limit(name: str) -> Limit:
     return "gain" if name == "gain" else "effort" if name == "effort" else "domain"
 
 
-def _members(store: CellStore, found: Sublevel) -> _Cells | None:
-    if not found.members:
+def _members(store: CellStore, found: Sublevel, q_d: Array) -> _Cells | None:
+    members = connected(store, found, q_d)
+    if not members:
         return None
-    cells = [store[k] for k in found.members]
-    return _Cells(
-        store, found.members, np.array([cell.lower for cell in cells]), np.array([cell.upper for cell in cells])
-    )
+    cells = [store[k] for k in members]
+    return _Cells(store, members, np.array([cell.lower for cell in cells]), np.array([cell.upper for cell in cells]))
 
 
 def _sampled(law: PDSimpleGravity, region: Region, gain: float, least: float, norm_d: float) -> SetPointCertificate:

@@ -8,6 +8,11 @@ The flood adds, one by one, the cell behind the lowest face of G's boundary. Eve
 least lower bound of U over its faces; the highest of them is kept. A cell that is not good (not proved, or with
 ‖∂g/∂q‖ too large) is halved, and where that is no longer allowed its face is tightened by halving the cell before it;
 then the flood ends. Work is done only where U is lowest.
+
+**Membership.** {U < c} may have other components in G than 𝒬, in cells that a face's lower bound let in though U ≥ c
+all over that face. Where ‖∂g/∂q‖ < k on a cell, U is convex there, and {U < c} meets the cell in a convex set; so it
+is a part of 𝒬 wherever a chain of cells from q_d's leads to it across faces that hold a point with U < c. `connected`
+keeps these cells.
 """
 
 from __future__ import annotations
@@ -221,6 +226,21 @@ class Flood:
     def _whole(self, number: int) -> Range:
         cell = self._store[number]
         return _well(self._store, number).range_over(cell.lower, cell.upper)
+
+
+def connected(store: CellStore, found: Sublevel, q_d: Array) -> tuple[int, ...]:
+    """The members, convex by the gain condition, in which {U < c} is proved to be a part of 𝒬."""
+    members = set(found.members)
+    pending = [k for k in members if _holds(store[k].lower, store[k].upper, q_d)]
+    reached = set(pending)
+    while pending:
+        number = pending.pop()
+        for other in (store[number].neighbours & members) - reached:
+            face = store.face(number, other)
+            if face is not None and _well(store, number).range_over(face.lower, face.upper).upper < found.level:
+                reached.add(other)
+                pending.append(other)
+    return tuple(sorted(reached))
 
 
 def _well(store: CellStore, number: int) -> Well:
