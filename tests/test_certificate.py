@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.ball_joint import ball_joint
-from tests.oracles import rpdr as oracle
 
 import ccpin
 from ccpin.domain.chain_stack import stack_chains
@@ -15,6 +13,8 @@ from ccpin.domain.kantorovich import kantorovich_radius, newton_steps
 from ccpin.domain.krawczyk import bounds_of, certify_boxes, closure_values, problem_of, verify
 from ccpin.domain.newton import extrapolate, glued, newton, predict, solve_in_boxes
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
+from tests.ball_joint import ball_joint
+from tests.oracles import rpdr as oracle
 
 CENTRES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))
 EXACT = (15.056, 3.467, 40.737, 13.056)

@@ -5,11 +5,11 @@ from itertools import product
 
 import numpy as np
 import pytest
-from tests.oracles import rpdr as oracle
 
 from ccpin.domain.atlas import certify
 from ccpin.domain.chains import closure_system
 from ccpin.domain.krawczyk import certify_boxes, problem_of
+from tests.oracles import rpdr as oracle
 
 flint = pytest.importorskip("flint")
 arb = flint.arb

@@ -8,7 +8,7 @@ from ccpin.closures import PlaneNormal, rows_of
 from ccpin.constraints import Constraints
 from ccpin.description.model import CLOSURE_KINDS, LoopClosure, rotation_to
 from ccpin.tree import build_tree
-from strategies import ROWS, Growth
+from tests.strategies import ROWS, Growth
 
 every_kind = pytest.mark.parametrize("kind", CLOSURE_KINDS)
 

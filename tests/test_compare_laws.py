@@ -1,20 +1,11 @@
 """The two scripts on tracking run, on the RPDR alone, and what they write says what it should."""
 
-import importlib.util
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-SCRIPTS = Path(__file__).parents[1] / "scripts"
-
-
-def script(name):
-    specification = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
+from tests.loading import script
 
 
 def is_picture(path):

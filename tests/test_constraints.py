@@ -12,8 +12,8 @@ from ccpin.description.model import CLOSURE_KINDS
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism import stated_pose
 from ccpin.tree import build_tree
-from oracles.finite_differences import along, assert_close, jacobian
-from strategies import PLANAR_JOINTS, ROWS, Growth
+from tests.oracles.finite_differences import along, assert_close, jacobian
+from tests.strategies import PLANAR_JOINTS, ROWS, Growth
 
 SPATIAL_JOINTS = ("revolute", "spherical", "prismatic", "continuous", "planar", "floating", "revolute")
 every_kind = pytest.mark.parametrize("kind", CLOSURE_KINDS)

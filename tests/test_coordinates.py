@@ -8,8 +8,8 @@ import ccpin
 from ccpin.coordinates import COMPONENTS, IndependentCoordinates, component_names
 from ccpin.errors import IndependentSetError, InvalidInputError
 from ccpin.tree import build_tree
-from oracles.finite_differences import along, assert_close, jacobian
-from strategies import Growth
+from tests.oracles.finite_differences import along, assert_close, jacobian
+from tests.strategies import Growth
 
 KINDS = ("revolute", "continuous", "prismatic", "spherical", "planar", "floating")
 ALL_COMPONENTS = [f"j{k}:{part}" for k, kind in enumerate(KINDS) for part in COMPONENTS.get(kind, ())]

@@ -25,8 +25,8 @@ from ccpin.errors import (
     UnreachableError,
 )
 from ccpin.linearization import closed_loop_derivative, linearize
-from oracles.finite_differences import along, assert_close, derivative
-from strategies import mechanisms
+from tests.oracles.finite_differences import along, assert_close, derivative
+from tests.strategies import mechanisms
 
 ROOT = Path(__file__).resolve().parents[1]
 ZOO = tuple(sorted(path.stem for path in (ROOT / "models").glob("*.urdf")))

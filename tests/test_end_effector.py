@@ -8,8 +8,8 @@ import ccpin
 from ccpin.end_effector import EndEffector
 from ccpin.errors import InvalidInputError
 from ccpin.inverse_kinematics import UnreachableTargetError
-from oracles import delta, rpdr
-from oracles.finite_differences import assert_close, derivative
+from tests.oracles import delta, rpdr
+from tests.oracles.finite_differences import assert_close, derivative
 
 TIP = (rpdr.A3, 0.0, 0.0)
 TOOLS = {

@@ -21,7 +21,7 @@ from ccpin.errors import (
     SingularConfigurationError,
     UnreachableError,
 )
-from oracles import rpdr as oracle
+from tests.oracles import rpdr as oracle
 
 CLOSED = [-np.pi / 2, -np.pi / 2]
 

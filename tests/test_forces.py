@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 import ccpin
 from ccpin.errors import InvalidInputError
 from ccpin.forces import closure_forces, closure_forces_at, joint_forces
-from oracles import descriptor, rpdr
-from strategies import mechanisms
+from tests.oracles import descriptor, rpdr
+from tests.strategies import mechanisms
 
 seeds = st.integers(0, 2**32 - 1)
 MODES = {"rpdr": (-2.0, -1.9), "delta": (0.1, -0.1, 0.3), "stewart": None, "hexa": None, "planar_3rrr": None}

@@ -3,13 +3,13 @@
 import numpy as np
 import pinocchio as pin
 import pytest
+from test_parametrization import order, to_free
 
 from ccpin.free_system import FreeSystem
 from ccpin.tree import build_tree
-from oracles import rpdr as oracle
-from oracles.finite_differences import along, assert_close
-from strategies import Growth
-from test_parametrization import order, to_free
+from tests.oracles import rpdr as oracle
+from tests.oracles.finite_differences import along, assert_close
+from tests.strategies import Growth
 
 KINDS = ("revolute", "continuous", "prismatic", "spherical", "fixed", "planar", "floating", "prismatic", "revolute")
 

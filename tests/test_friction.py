@@ -9,7 +9,7 @@ from ccpin.coordinates import component_names
 from ccpin.errors import InvalidInputError
 from ccpin.friction import joint_friction
 from ccpin.stick_slip import friction_force
-from oracles import rpdr as oracle
+from tests.oracles import rpdr as oracle
 
 POSE = np.radians([-95.0, -105.0])
 HANGING = np.radians([-82.180, -97.823])

@@ -4,14 +4,14 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from tests.oracles import rpdr as oracle
-from tests.oracles.finite_differences import derivative
 
 import ccpin
 from ccpin.domain.gravity_bounds import GravityBounds, gravity_bounds
 from ccpin.domain.krawczyk import Problem, certify_boxes, problem_of
 from ccpin.domain.potential import Potential, potential_of, potential_values
 from ccpin.domain.seed import seed_of
+from tests.oracles import rpdr as oracle
+from tests.oracles.finite_differences import derivative
 
 # Half-widths (rad or m) at which a box around the reference is certified with room to spare.
 SIZES = {

@@ -1,15 +1,13 @@
 """The experiment with the whole bench on, as a script and from the command line."""
 
-import importlib.util
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ccpin.cli import main
+from tests.loading import script
 
-SCRIPT = Path(__file__).parents[1] / "scripts" / "hardware.py"
 MOVE = ["rpdr", "--start-deg", "-150", "-160", "--goal-deg", "-90", "-100", "--kp", "11", "--kv", "0.65", "0.60"]
 FRICTION = ["--friction-coulomb", "0.2", "--friction-viscous", "0.02", "0.02"]
 SAMPLED = ["--sample-rate", "1000", "--encoder-counts", "4096", "--velocity-cutoff-hz", "100"]
@@ -18,10 +16,7 @@ MOTORS = ["--saturation", "12", "12", "--delay-samples", "1"]
 
 def test_the_hardware_experiment(tmp_path, capsys):
     """Every run reaches its goal in about the paper's 0.3 s; friction leaves the error it explains, the ideal none."""
-    specification = importlib.util.spec_from_file_location("hardware", SCRIPT)
-    script = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(script)
-    script.main(tmp_path)
+    script("hardware").main(tmp_path)
     assert "friction alone explains" in capsys.readouterr().out
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert set(metrics) == {"ideal", "bench", "bench_towards_goal", "bench_by_error"}

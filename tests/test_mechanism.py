@@ -10,8 +10,8 @@ import ccpin
 from ccpin.errors import DescriptionError
 from ccpin.mechanism import stated_pose
 from ccpin.tree import build_tree
-from oracles import rpdr as oracle
-from strategies import Growth
+from tests.oracles import rpdr as oracle
+from tests.strategies import Growth
 
 
 def test_the_case_study(rpdr):

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ccpin.description.model import Array, Joint, MechanismDescription
-from mjcf_files import ALL, BALL, PAIR, SAMPLES, model, read
+from tests.mjcf_files import ALL, BALL, PAIR, SAMPLES, model, read
 
 mujoco = pytest.importorskip("mujoco")
 

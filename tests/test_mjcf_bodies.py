@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ccpin.description.mjcf import read_mjcf
-from mjcf_files import BALL, HAS_CASSIE, SAMPLES, model, read
+from tests.mjcf_files import BALL, HAS_CASSIE, SAMPLES, model, read
 
 mujoco = pytest.importorskip("mujoco")
 

@@ -8,7 +8,7 @@ import pytest
 
 from ccpin.description.mjcf import read_mjcf
 from ccpin.errors import DescriptionError, InvalidXmlError
-from mjcf_files import BALL, PAIR, model, read
+from tests.mjcf_files import BALL, PAIR, model, read
 
 
 def test_includes_are_read_from_the_models_folder(tmp_path: Path) -> None:

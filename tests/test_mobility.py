@@ -9,8 +9,8 @@ import ccpin
 from ccpin.constraints import Constraints
 from ccpin.mobility import generic_rank, null_space, rank_at
 from ccpin.tree import build_tree
-from oracles import descriptor
-from strategies import Growth, mechanisms
+from tests.oracles import descriptor
+from tests.strategies import Growth, mechanisms
 
 
 @settings(max_examples=60)

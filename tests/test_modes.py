@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from tests.oracles import rpdr
 
 import ccpin
 from ccpin.modes import assembly_modes
+from tests.oracles import rpdr
 
 
 @pytest.fixture(scope="module")

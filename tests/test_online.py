@@ -9,7 +9,7 @@ from ccpin.control.sampling import Sampling
 from ccpin.control.tracking import ComputedTorque, PDPlus
 from ccpin.errors import InvalidInputError
 from ccpin.references import PointToPoint
-from oracles import rpdr
+from tests.oracles import rpdr
 
 START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
 OUT_OF_REACH = np.radians([180.0, 0.0])  # the arms point away from each other

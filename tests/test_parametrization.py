@@ -5,9 +5,9 @@ import pytest
 
 import ccpin
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnreachableError
-from oracles import rpdr as oracle
-from oracles.finite_differences import assert_close
-from oracles.geometry import wrap
+from tests.oracles import rpdr as oracle
+from tests.oracles.finite_differences import assert_close
+from tests.oracles.geometry import wrap
 
 MODES = (1, -1)
 COUNT = 1000

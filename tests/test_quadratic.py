@@ -15,9 +15,9 @@ from ccpin.description.model import CLOSURE_KINDS, MechanismDescription
 from ccpin.domain.quadratic import QuadraticSystem
 from ccpin.domain.quadratic_form import FORMS, quadratic_form
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
-from oracles import rpdr as closed_form
-from oracles.finite_differences import assert_close, derivative
-from strategies import ROWS, Growth, mechanisms
+from tests.oracles import rpdr as closed_form
+from tests.oracles.finite_differences import assert_close, derivative
+from tests.strategies import ROWS, Growth, mechanisms
 
 PAPER_UNKNOWNS = ("x", "y", "u", "v", "w", "s")
 PAPER_EQUATIONS = ("x*u - 1", "x*v - 2*y", "u**2 + v**2 - 1", "x**2 - w", "y**2 - s", "s*y - 3*w*y")

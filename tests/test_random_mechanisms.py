@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 import ccpin
 from ccpin.errors import SingularConfigurationError, UnreachableError
-from oracles import descriptor
-from oracles.finite_differences import assert_close, derivative, velocity
-from strategies import mechanisms
+from tests.oracles import descriptor
+from tests.oracles.finite_differences import assert_close, derivative, velocity
+from tests.strategies import mechanisms
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_parametrization import COUNT, MODES, order, to_free
 
 import ccpin
 from ccpin.errors import UnderactuatedError
-from oracles import descriptor
-from oracles import rpdr as oracle
-from oracles.finite_differences import assert_close, derivative
-from test_parametrization import COUNT, MODES, order, to_free
+from tests.oracles import descriptor
+from tests.oracles import rpdr as oracle
+from tests.oracles.finite_differences import assert_close, derivative
 
 
 def relative(found, expected):

@@ -7,13 +7,13 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import ccpin
-from ball_joint import ball_joint
 from ccpin.end_effector import EndEffector
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.inverse_kinematics import UnreachableTargetError
 from ccpin.references import Hold, PointToPoint, Waypoints, through_points
-from oracles import rpdr
-from oracles.finite_differences import derivative
+from tests.ball_joint import ball_joint
+from tests.oracles import rpdr
+from tests.oracles.finite_differences import derivative
 
 A, B = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
 TIMES = [0.0, 0.3, 0.5, 1.1]

@@ -11,7 +11,7 @@ from ccpin.control.sampling import Sampling
 from ccpin.errors import InvalidInputError
 from ccpin.stick_slip import friction_force
 from ccpin.supervision import supervise
-from oracles import rpdr as oracle
+from tests.oracles import rpdr as oracle
 
 START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
 K_P, K_V = np.array([11.0, 11.0]), np.array([0.65, 0.60])

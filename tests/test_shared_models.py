@@ -12,7 +12,7 @@ import ccpin
 from ccpin.closing import close
 from ccpin.description import read_description
 from ccpin.mobility import null_space
-from oracles import descriptor
+from tests.oracles import descriptor
 
 FOLDER = Path(__file__).resolve().parents[2] / "shared" / "models"
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no {FOLDER}: these files belong to others")

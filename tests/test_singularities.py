@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from tests.oracles import rpdr as oracle
 
 import ccpin
-from ccpin.domain.singularities import singularities, singularity_distance
+from ccpin.domain import serial_singularities, singularities, singularity_distance
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
+from tests.oracles import rpdr as oracle
 
 
 @pytest.fixture(scope="module")
@@ -68,3 +68,26 @@ def test_distance_refuses_bad_paths(rpdr_model):
         singularity_distance(rpdr_model, np.zeros((3, 5)))
     with pytest.raises(UnreachableError):
         singularity_distance(rpdr_model, [[-1.6, -1.6], [1.5, -1.5]])
+
+
+def test_serial_curves_are_the_stretched_and_folded_arms(rpdr):
+    """The tip loses a direction exactly where sin q3 = 0 or sin q4 = 0: an arm stretched or folded, each a curve."""
+    curves = serial_singularities(rpdr, "link3", (oracle.A3, 0.0, 0.0))
+    names = list(rpdr.pin_model.names)[1:]
+    q3, q4 = names.index("joint3"), names.index("joint4")
+    found = set()
+    for curve in curves:
+        assert curve.kind == "serial"
+        bends = np.abs(np.sin(curve.q_free[:, [q3, q4]])).max(axis=0)
+        arm = int(np.argmin(bends))
+        assert bends[arm] < 1e-9
+        found.add((arm, np.sign(np.cos(curve.q_free[0, (q3, q4)[arm]]))))
+    assert {arm for arm, _ in found} == {0, 1}
+
+
+def test_serial_singularities_of_unknown_links_are_refused(rpdr):
+    """A link that does not exist, and a spatial mechanism, are refused."""
+    with pytest.raises(InvalidInputError, match="nosuch"):
+        serial_singularities(rpdr, "nosuch")
+    with pytest.raises(UnsupportedMechanismError, match="planar"):
+        serial_singularities(ccpin.load("delta"), "platform")

@@ -5,7 +5,6 @@ from functools import lru_cache
 import numpy as np
 import pytest
 from scipy.integrate import cumulative_simpson
-from tests.oracles import rpdr as oracle
 
 import ccpin
 from ccpin import plotting
@@ -18,6 +17,7 @@ from ccpin.control.sublevel import Effort
 from ccpin.domain.atlas import certify
 from ccpin.errors import CcpinError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from ccpin.linearization import closed_loop_derivative, linearize
+from tests.oracles import rpdr as oracle
 
 Q_START, Q_GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
 K_P, K_V = np.array([11.0, 11.0]), np.array([0.65, 0.60])

@@ -14,8 +14,8 @@ from ccpin import Coupling, CouplingTerm, Joint, Link, LoopClosure, MechanismDes
 from ccpin.domain.quadratic_form import FORMS, quadratic_form
 from ccpin.domain.theorem2 import theorem2, theorem2_radius
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
-from oracles import rpdr as closed_form
-from strategies import Growth, mechanisms
+from tests.oracles import rpdr as closed_form
+from tests.strategies import Growth, mechanisms
 
 SQUARE = ("rpdr", "four_bar", "slider_crank", "planar_3rrr", "delta", "stewart", "hexa")
 # Table I, degrees: centre, the paper's radius, the exact one (all in the downward mode).

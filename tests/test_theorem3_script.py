@@ -1,17 +1,11 @@
 """The script that asks whether Theorem 3 covers the paper's experiment."""
 
-import importlib.util
-from pathlib import Path
-
-SCRIPT = Path(__file__).parents[1] / "scripts" / "theorem3_rpdr.py"
+from tests.loading import script
 
 
 def test_theorem3_rpdr(tmp_path, capsys):
     """It says that the gain condition holds on 𝒟 and the paper's start is outside of B₂, and draws both motions."""
-    specification = importlib.util.spec_from_file_location("theorem3_rpdr", SCRIPT)
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    module.main(tmp_path)
+    script("theorem3_rpdr").main(tmp_path)
     said = capsys.readouterr().out
     assert "13.099 J, outside of B2: Theorem 3 does not cover it" in said
     assert "sup |dg/dq| = 7.25" in said

@@ -5,13 +5,13 @@ import pytest
 from scipy.linalg import expm
 
 import ccpin
-from ball_joint import ball_joint
 from ccpin.control import PDFullGravity
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, WithSigmaError
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.references import Hold, PointToPoint
-from oracles import rpdr
-from oracles.finite_differences import derivative
+from tests.ball_joint import ball_joint
+from tests.oracles import rpdr
+from tests.oracles.finite_differences import derivative
 
 MOVES = {
     "rpdr": (np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])),

@@ -1,27 +1,19 @@
 """Combining descriptions, and two arms of example-robot-data holding one bar."""
 
-import importlib.util
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.oracles import descriptor
 
 import ccpin
 from ccpin.description import read_description
 from ccpin.description.combining import Part, combine
 from ccpin.errors import DescriptionError
+from tests.loading import script
+from tests.oracles import descriptor
 
 ROBOTS = list(Path(sys.prefix).glob("lib/python*/site-packages/cmeel.prefix/share/example-robot-data/robots"))
-
-
-def _script():
-    path = Path(__file__).parents[1] / "scripts" / "two_arms.py"
-    specification = importlib.util.spec_from_file_location("two_arms", path)
-    module = importlib.util.module_from_spec(specification)
-    specification.loader.exec_module(module)
-    return module
 
 
 def test_two_mechanisms_side_by_side():
@@ -51,8 +43,8 @@ def test_clashing_names_are_refused():
 @pytest.mark.skipif(not ROBOTS, reason="example-robot-data (the extra [robots]) is not installed")
 def test_two_arms_and_a_bar():
     """Twelve joints, one fixed closure of rank 6: six motions, and the dynamics of the descriptor form (19)."""
-    script = _script()
-    mechanism = ccpin.load(script.two_arms(), independent=[f"left_{name}" for name in script.ELBOW_UP])
+    two_arms = script("two_arms")
+    mechanism = ccpin.load(two_arms.two_arms(), independent=[f"left_{name}" for name in two_arms.ELBOW_UP])
     assert (mechanism.n_free, mechanism.mobility.rank, mechanism.n) == (12, 6, 6)
     assert len(mechanism.actuated) == 12
     model = ccpin.ReducedModel(mechanism)
@@ -73,6 +65,6 @@ def test_two_arms_and_a_bar():
 @pytest.mark.skipif(not ROBOTS, reason="example-robot-data (the extra [robots]) is not installed")
 def test_the_script_runs(tmp_path, capsys):
     """The example moves the bar and writes its animation."""
-    _script().main(tmp_path)
+    script("two_arms").main(tmp_path)
     assert "simulated 1 s" in capsys.readouterr().out
     assert (tmp_path / "animation.html").stat().st_size > 100_000

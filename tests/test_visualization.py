@@ -13,7 +13,7 @@ import pytest
 import ccpin
 from ccpin import visualization
 from ccpin.errors import InvalidInputError
-from pages import MODELS, animation, five_bar, five_bar_swing, messages, transforms, urdf_frames
+from tests.pages import MODELS, animation, five_bar, five_bar_swing, messages, transforms, urdf_frames
 
 
 @pytest.fixture(scope="module")

@@ -13,12 +13,12 @@ import pytest
 import umsgpack
 
 import ccpin
-from browser import screenshot
 from ccpin import visualization
 from ccpin.errors import InvalidInputError
 from ccpin.visualization.live import LiveRecorder
 from ccpin.visualization.page import Recorder
-from pages import MODELS, SHARED, bare, five_bar, five_bar_swing, urdf_frames
+from tests.browser import screenshot
+from tests.pages import MODELS, SHARED, bare, five_bar, five_bar_swing, urdf_frames
 
 
 @pytest.fixture(scope="module")

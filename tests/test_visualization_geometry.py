@@ -14,7 +14,7 @@ import ccpin
 from ccpin import visualization
 from ccpin.visualization.camera import ASPECT, FIELD_OF_VIEW, FILL, frame_points, plane_normal
 from ccpin.visualization.shapes import corners, parts, read_mesh, tube
-from pages import bare, five_bar
+from tests.pages import bare, five_bar
 
 
 @pytest.fixture(scope="module")

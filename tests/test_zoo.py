@@ -8,8 +8,8 @@ import pinocchio as pin
 import pytest
 
 import ccpin
-from oracles import bennett, delta, four_bar, sarrus, slider_crank
-from oracles.geometry import wrap
+from tests.oracles import bennett, delta, four_bar, sarrus, slider_crank
+from tests.oracles.geometry import wrap
 
 ZOO = ("four_bar", "slider_crank", "planar_3rrr", "delta", "stewart", "hexa", "bennett", "sarrus")
 FOURTH_ORDER = {-2: (1.0, -1.0), -1: (-8.0, 16.0), 0: (0.0, -30.0), 1: (8.0, 16.0), 2: (-1.0, -1.0)}  # /12

@@ -6,7 +6,7 @@ from ccpin.domain.atlas import Atlas, certify
 from ccpin.domain.kantorovich import kantorovich_radius
 from ccpin.domain.quadratic import QuadraticSystem
 from ccpin.domain.radius_map import certified_radius
-from ccpin.domain.singularities import SingularCurve, singularities, singularity_distance
+from ccpin.domain.singularities import SingularCurve, serial_singularities, singularities, singularity_distance
 from ccpin.domain.theorem2 import Theorem2Result, theorem2, theorem2_radius
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "certified_radius",
     "certify",
     "kantorovich_radius",
+    "serial_singularities",
     "singularities",
     "singularity_distance",
     "theorem2",

@@ -1,23 +1,25 @@
-"""Singular configurations: the curves φ = 0, det ψ_q′ = 0 of a mechanism with two independent coordinates.
+"""Singular configurations of a mechanism with two independent coordinates, as curves.
 
-A configuration is singular iff some w ≠ 0 has φ_q′ w = 0 and α_q′ w = 0: the dependent joints can move while the
-independent ones stand still. With α a selection, w has entries w_y at the dependent joints only and the singular
-configurations are the solutions (q′, w_y) of
+*Parallel kind* (the paper's): some w ≠ 0 has φ_q′ w = 0 and α_q′ w = 0, that is det ψ_q′ = 0: the dependent joints can
+move while the independent ones stand still. *Serial kind* (of the inverse kinematics): some w ≠ 0 has φ_q′ w = 0 and
+J w = 0 with J the in-plane velocity rows of an end-effector point: the mechanism can move while that point stands
+still. With B for α_q′ or J the singular configurations are the solutions (q′, w) of
 
-    φ(q′) = 0,   φ_y(q′) w_y = 0,   ½(w_yᵀw_y − 1) = 0,
+    φ(q′) = 0,   φ_q′(q′) w = 0,   B(q′) w = 0,   ½(wᵀw − 1) = 0,
 
-n′ − n more unknowns and n′ − n + 1 more equations than φ = 0: curves for n = 2. They are followed by
-pseudo-arclength continuation of this system, which is regular at simple folds although ψ_q′ is singular there
-(Moore and Spence, "The calculation of turning points of nonlinear equations", SIAM J. Numer. Anal. 17, 1980). The
-derivative of φ_y w_y along q′ is φ̇_q′ at q̇′ = w, because second derivatives commute in plain joint coordinates.
+2n′ − 1 equations in 2n′ unknowns for n = 2: curves. They are followed by pseudo-arclength continuation of this
+system, which is regular at simple folds although ψ_q′ is singular there (Moore and Spence, "The calculation of
+turning points of nonlinear equations", SIAM J. Numer. Anal. 17, 1980). The derivative of φ_q′ w along q′ is φ̇_q′ at
+q̇′ = w, because second derivatives commute in plain joint coordinates; that of J w is J̇ at q̇′ = w likewise.
 
-Two kinds, as in the paper: a *fold*, whose image in q is a curve (the loop stretched or folded: the edge of Ω), and a
+A parallel curve is a *fold*, whose image in q is a curve (the loop stretched or folded: the edge of Ω), or a
 *self-motion*, whose image in q is a single point over which the dependent joints move freely (the passive links out
 of control: for a five-bar, its two distal links lie on one another).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -25,26 +27,32 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import optimize
 
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.kinematics import LinkPoint
 from ccpin.mechanism import Mechanism
+from ccpin.outline import plane_of_motion
 from ccpin.reduced_model import ReducedModel
 
 Array = NDArray[np.float64]
 
+Rows = Callable[[Array, Array], tuple[Array, Array]]
 _SOLVED = 1e-11
-_SAME = 1e-4
+
+
+Kind = Literal["fold", "self-motion", "serial"]
 
 
 class SingularCurve(NamedTuple):
     """One connected curve of singular configurations.
 
     Attributes:
-        kind: ``fold`` (the loop stretched or folded) or ``self-motion`` (passive links out of control).
+        kind: ``fold`` (the loop stretched or folded), ``self-motion`` (passive links out of control) or ``serial``
+            (the mechanism moves while the end effector stands still).
         q: Image in the independent coordinates, of shape (k, 2); one row for a self-motion.
         q_free: Configurations, of shape (k, nq).
         closed: Whether the curve returns to its start (turns of 2π of a joint not counted).
     """
 
-    kind: Literal["fold", "self-motion"]
+    kind: Kind
     q: Array
     q_free: Array
     closed: bool
@@ -79,7 +87,53 @@ def singularities(
     Raises:
         UnsupportedMechanismError: n ≠ 2, joints with nq ≠ nv, components as coordinates, or redundant rows.
     """
-    equations = _SingularEquations(mechanism)
+    selection = _parallel_rows(mechanism)
+    return _all_curves(_SingularEquations(mechanism, selection), starts, step, limit)
+
+
+def serial_singularities(
+    mechanism: Mechanism,
+    link: str,
+    point: ArrayLike = (0.0, 0.0, 0.0),
+    *,
+    starts: int = 120,
+    step: float = 0.02,
+    limit: int = 4000,
+) -> tuple[SingularCurve, ...]:
+    """The curves on which an end-effector point cannot move in every direction of the mechanism's plane.
+
+    There the inverse kinematics lose a solution pair: for a five-bar, one arm is stretched or folded.
+
+    Args:
+        mechanism: Planar, with n = 2, plain scalar joints and no redundant rows.
+        link: The end effector's link.
+        point: The point on it, in the link's frame, metres.
+        starts: As for `singularities`.
+        step: As for `singularities`.
+        limit: As for `singularities`.
+
+    Raises:
+        UnsupportedMechanismError: As for `singularities`, or the mechanism is not planar.
+        InvalidInputError: No such moving link, or a point that is not three numbers.
+    """
+    plane = plane_of_motion(mechanism)
+    if plane is None:
+        raise UnsupportedMechanismError(f"'{mechanism.name}' is not planar: its serial singularities are not curves")
+    effector = LinkPoint(mechanism.tree, link, point)
+
+    def rows(q_free: Array, w: Array) -> tuple[Array, Array]:
+        motion = effector.motion(q_free, w)
+        return plane @ motion.jacobian[:3], plane @ motion.jacobian_rate[:3]
+
+    return _all_curves(_SingularEquations(mechanism, rows, "serial"), starts, step, limit)
+
+
+def _parallel_rows(mechanism: Mechanism) -> Rows:
+    selection = mechanism.parametrization().coordinates.jacobian(mechanism.q_reference)
+    return lambda q_free, w: (selection, np.zeros_like(selection))
+
+
+def _all_curves(equations: _SingularEquations, starts: int, step: float, limit: int) -> tuple[SingularCurve, ...]:
     generator = np.random.default_rng(20004)
     curves: list[SingularCurve] = []
     for _ in range(starts):
@@ -132,14 +186,20 @@ def _smallest(model: ReducedModel, q_free: Array, reach: float) -> float:
 
 
 class _SingularEquations:
-    """The system in x = (q′, w_y), its Jacobian, and continuation along its solution curves."""
+    """The system in x = (q′, w), its Jacobian, and continuation along its solution curves.
 
-    def __init__(self, mechanism: Mechanism) -> None:
-        self.mechanism = mechanism
+    Args:
+        mechanism: The mechanism.
+        rows: (q′, w) → B(q′) and its rate at q̇′ = w, both of shape (2, n′).
+        kind: What the curves are called; by default told from their image in q.
+    """
+
+    def __init__(self, mechanism: Mechanism, rows: Rows, kind: Kind | None = None) -> None:
+        self.mechanism, self.rows, self.kind = mechanism, rows, kind
         self.constraints = mechanism.constraints()
-        self.coordinates = mechanism.parametrization().coordinates
+        coordinates = mechanism.parametrization().coordinates
         n, n_free = mechanism.n, mechanism.n_free
-        if n != 2 or mechanism.nq != n_free or not self.coordinates.constant:
+        if n != 2 or mechanism.nq != n_free or not coordinates.constant:
             raise UnsupportedMechanismError(
                 "singular curves are followed for two independent coordinates and plain revolute or prismatic joints; "
                 f"'{mechanism.name}' has n = {n}, nq = {mechanism.nq}, n′ = {n_free}"
@@ -149,36 +209,35 @@ class _SingularEquations:
                 f"'{mechanism.name}' keeps {self.constraints.size} constraint rows of rank {n_free - n}: with "
                 "redundant rows there is no det ψ_q′"
             )
-        selection = self.coordinates.jacobian(mechanism.q_reference)
-        self.dependent = np.flatnonzero(~selection.any(axis=0))
+        selection = coordinates.jacobian(mechanism.q_reference)
         self.independent = np.array([int(np.argmax(row)) for row in selection])
         kinds = [mechanism.tree.kinds[name] for name in list(mechanism.pin_model.names)[1:]]
         self.angular = np.array([kind == "revolute" for kind in kinds])
         self.n_free = n_free
 
     def residual(self, x: Array) -> Array:
-        w = x[self.n_free :]
-        value = self.constraints.value(x[: self.n_free])
-        return np.concatenate([value.phi, value.jacobian[:, self.dependent] @ w, [0.5 * (w @ w - 1.0)]])
+        q_free, w = x[: self.n_free], x[self.n_free :]
+        value = self.constraints.value(q_free)
+        return np.concatenate([value.phi, value.jacobian @ w, self.rows(q_free, w)[0] @ w, [0.5 * (w @ w - 1.0)]])
 
     def jacobian(self, x: Array) -> Array:
         q_free, w = x[: self.n_free], x[self.n_free :]
-        whole = np.zeros(self.n_free)
-        whole[self.dependent] = w
-        rate = self.constraints.rate(q_free, whole)
-        m, k = self.constraints.size, len(w)
-        jacobian = np.zeros((2 * m + 1, self.n_free + k))
-        jacobian[:m, : self.n_free] = rate.jacobian
-        jacobian[m : 2 * m, : self.n_free] = rate.jacobian_rate
-        jacobian[m : 2 * m, self.n_free :] = rate.jacobian[:, self.dependent]
-        jacobian[2 * m, self.n_free :] = w
-        return jacobian
+        rate, (rows, rows_rate) = self.constraints.rate(q_free, w), self.rows(q_free, w)
+        zero = np.zeros_like(rate.jacobian)
+        return np.block(
+            [
+                [rate.jacobian, zero],
+                [rate.jacobian_rate, rate.jacobian],
+                [rows_rate, rows],
+                [np.zeros((1, self.n_free)), w[None]],
+            ]
+        )
 
     def solve_from(self, generator: np.random.Generator) -> Array | None:
         """A solution from a random start, or ``None``."""
         spread = np.where(self.angular, np.pi, 0.5)
         start = self.mechanism.q_reference + spread * generator.uniform(-1.0, 1.0, self.n_free)
-        jacobian = self.constraints.value(start).jacobian[:, self.dependent]
+        jacobian = np.vstack([self.constraints.value(start).jacobian, self.rows(start, np.zeros(self.n_free))[0]])
         x = np.concatenate([start, np.linalg.svd(jacobian)[2][-1]])
         found = optimize.least_squares(self.residual, x, jac=self.jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-15)
         return self.correct(found.x)
@@ -208,6 +267,8 @@ class _SingularEquations:
             return None
         configurations = np.array(points)[:, : self.n_free]
         q = configurations[:, self.independent]
+        if self.kind is not None:
+            return SingularCurve(self.kind, q, configurations, closed)
         if np.ptp(q, axis=0).max() < 1e-7:
             turned = np.where(self.angular[self.independent], np.remainder(q[:1] + np.pi, 2 * np.pi) - np.pi, q[:1])
             return SingularCurve("self-motion", turned, configurations, closed)
@@ -249,5 +310,5 @@ class _SingularEquations:
 
 def _is_known(equations: _SingularEquations, curve: SingularCurve, curves: list[SingularCurve]) -> bool:
     middle = curve.q_free[len(curve.q_free) // 2]
-    probe = np.concatenate([middle, np.zeros(len(equations.dependent))])
+    probe = np.concatenate([middle, np.zeros(equations.n_free)])
     return any(known.kind == curve.kind and equations.lies_on(probe, known) for known in curves)
