@@ -16,7 +16,8 @@ MOTORS = ["--saturation", "12", "12", "--delay-samples", "1"]
 
 def test_the_hardware_experiment(tmp_path, capsys):
     """Every run reaches its goal in about the paper's 0.3 s; friction leaves the error it explains, the ideal none."""
-    script("hardware").main(tmp_path)
+    hardware = script("hardware")
+    hardware.main(tmp_path)
     assert "friction alone explains" in capsys.readouterr().out
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert set(metrics) == {"ideal", "bench", "bench_towards_goal", "bench_by_error"}
@@ -26,7 +27,7 @@ def test_the_hardware_experiment(tmp_path, capsys):
         assert (tmp_path / f"fig9_{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     left = {name: np.max(metric["steady_state_error"]) for name, metric in metrics.items()}
     assert left["ideal"] < 1e-4 < left["bench_by_error"] < left["bench"]
-    assert np.all(np.max(metrics["bench"]["peak_torque"]) <= script.SAMPLING.saturation)
+    assert np.all(np.max(metrics["bench"]["peak_torque"]) <= hardware.SAMPLING.saturation)
 
 
 def test_the_bench_from_the_command_line(capsys):
