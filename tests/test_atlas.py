@@ -10,17 +10,18 @@ from concurrent.futures.process import BrokenProcessPool
 
 import numpy as np
 import pytest
+
+import ccpin
+from ccpin.domain import atlas_run
+from ccpin.domain.atlas import Atlas, certify
+from ccpin.domain.atlas_tree import Status
+from ccpin.domain.newton import solve_in_boxes
+from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 from tests.oracles import cusped_3rpr as cusped
 from tests.oracles import delta as delta_oracle
 from tests.oracles import planar_3rrr as planar_oracle
 from tests.oracles import rpdr as oracle
 from tests.oracles.geometry import wrap
-
-import ccpin
-from ccpin.domain.atlas import Atlas, certify
-from ccpin.domain.atlas_tree import Status
-from ccpin.domain.newton import solve_in_boxes
-from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 
 CENTRES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))
 CONTROL_REGION = np.radians([(-150.0, -90.0), (-160.0, -100.0)])
@@ -400,6 +401,23 @@ def test_a_pool_whose_workers_are_killed(rpdr):
 
         assert same(serial, certify(rpdr, SEED, max_depth=6, executor=pool, progress=kill))
     assert len(waves) > 10
+
+
+def test_long_work_gets_its_own_processes(monkeypatch):
+    """Once the work is long, worker processes are used of themselves, with the same result."""
+    mechanism, region = ccpin.load("delta"), np.tile([-0.25, 0.35], (3, 1))
+    serial = certify(mechanism, np.zeros(3), region, max_depth=4)
+    used = []
+
+    class Watched(ProcessPoolExecutor):
+        def submit(self, function, /, *arguments):
+            used.append(function)
+            return super().submit(function, *arguments)
+
+    monkeypatch.setattr(atlas_run, "_PATIENCE", 0.0)
+    monkeypatch.setattr(atlas_run, "ProcessPoolExecutor", Watched)
+    assert same(serial, certify(mechanism, np.zeros(3), region, max_depth=4))
+    assert used or os.cpu_count() == 1
 
 
 def test_dask_workers_do_not_change_the_atlas(rpdr):

@@ -260,23 +260,32 @@ def certify(
     with stoppable() as flag, Runner(problem, executor, checkpoint, flag) as runner:
         builder = Builder(problem, seed.theta, area, runner, progress and _reporter(progress))
         try:
-            builder.certify_square(_TOLERANCES[mechanism.n])
-            if depth:
-                builder.certify_region(depth)
-                prove_empty(problem.system, builder.tree, area, depth)
+            _build(builder, depth)
         except Stopped:
             complete = False
+    return _atlas(mechanism, builder, complete)
+
+
+def _build(builder: Builder, depth: int) -> None:
+    system, region = builder.problem.system, builder.region
+    builder.certify_square(_TOLERANCES[system.n])
+    if depth:
+        builder.certify_region(depth)
+        prove_empty(system, builder.tree, region, depth)
+
+
+def _atlas(mechanism: Mechanism, builder: Builder, complete: bool) -> Atlas:
     return Atlas(
         names=tuple(mechanism.independent),
-        q0=seed.theta[problem.system.independent],
+        q0=builder.q0,
         radius=builder.radius(),
         boxes=builder.boxes.all(),
         unglued=np.array(builder.unglued, dtype=np.int64).reshape(-1, 2),
         complete=complete,
-        region=area,
-        problem=problem,
+        region=builder.region,
+        problem=builder.problem,
         tree=builder.tree,
-        seed=seed.theta,
+        seed=builder.seed,
     )
 
 

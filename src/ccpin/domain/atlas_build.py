@@ -15,34 +15,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ccpin.domain.atlas_contacts import Contacts, contacts_of
 from ccpin.domain.atlas_run import Runner, Stopped
 from ccpin.domain.atlas_tree import LEVELS, WHOLE, CellTree, Region, Status
 from ccpin.domain.atlas_work import Cells, Faces, Proved, glue_task, prove_task
+from ccpin.domain.box_buffer import BoxBuffer
 from ccpin.domain.krawczyk import Boxes, Problem, certify_points
 from ccpin.domain.newton import encloses, predict
 from ccpin.errors import SingularConfigurationError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-_NEAREST = 48
-
-
-class Contacts(NamedTuple):
-    """K faces that cells share with leaves.
-
-    Attributes:
-        cell, leaf: Their numbers, of shape (K,).
-        at_cell, at_leaf: The middle of the face in each one's coordinates, whole-number units, of shape (K, n).
-        area: Relative to the region's cross section, of shape (K,).
-        upper: Whether it is the cell's upper face, of shape (K,).
-    """
-
-    cell: Index
-    leaf: Index
-    at_cell: Array
-    at_leaf: Array
-    area: Array
-    upper: NDArray[np.bool_]
+_NEAREST = {1: 16, 2: 48, 3: 256}  # cells of a wave that looks for the largest square
 
 
 class _Origin(NamedTuple):
@@ -51,34 +35,6 @@ class _Origin(NamedTuple):
     box: int
     at_box: Array
     at_cell: Array
-
-
-class BoxBuffer:
-    """Boxes in the order they were certified."""
-
-    def __init__(self, empty: Boxes) -> None:
-        self._arrays = [array[:0].copy() for array in empty]
-        self.count = 0
-
-    def append(self, boxes: Boxes) -> Index:
-        """Add boxes; their numbers."""
-        numbers = np.arange(self.count, self.count + len(boxes.kappa))
-        for k, array in enumerate(boxes):
-            if self.count + len(array) > len(self._arrays[k]):
-                room = max(64, self.count + len(array))
-                spare = np.zeros((room, *array.shape[1:]))
-                self._arrays[k] = np.concatenate([self._arrays[k][: self.count], spare])
-            self._arrays[k][numbers] = array
-        self.count += len(numbers)
-        return numbers
-
-    def take(self, numbers: Index) -> Boxes:
-        """Boxes by number."""
-        return Boxes(*(array[numbers] for array in self._arrays))
-
-    def all(self) -> Boxes:
-        """All boxes."""
-        return Boxes(*(array[: self.count].copy() for array in self._arrays))
 
 
 class Builder:
@@ -142,7 +98,7 @@ class Builder:
             limit = np.min(self.distance(np.flatnonzero(blocked)), initial=np.inf)
             if not cells.size or np.min(distance) >= limit:
                 return
-            order = np.lexsort((cells, distance))[:_NEAREST]
+            order = np.lexsort((cells, distance))[: _NEAREST[self.problem.system.n]]
             chosen = np.sort(cells[order][distance[order] < limit])
             longest = tolerance * self.distance(chosen)[:, None] / self.region.width
             self.wave(chosen, np.maximum(longest * WHOLE, 1.0))
@@ -258,7 +214,7 @@ class Builder:
 
     def _spread(self, done: Index, children: Index) -> None:
         """Make neighbours of new boxes, and new leaves beside old boxes, candidates; glue new boxes to old ones."""
-        contacts = self.contacts(np.concatenate([done, children]))
+        contacts = contacts_of(self.tree, self.region, np.concatenate([done, children]))
         status = self.tree.status
         outward = (status[contacts.cell] == Status.CERTIFIED) & (status[contacts.leaf] == Status.UNREACHED)
         inward = (status[contacts.cell] == Status.UNREACHED) & (status[contacts.leaf] == Status.CERTIFIED)
@@ -296,37 +252,6 @@ class Builder:
             self.unglued += pairs
             raise
         self.unglued += [pair for pair, agree in zip(pairs, same, strict=True) if not agree]
-
-    def contacts(self, cells: Index) -> Contacts:
-        """The faces that cells share with leaves, across the seam of periodic coordinates too."""
-        found = [
-            self._contacts_across(cells, k, upper) for k in range(self.problem.system.n) for upper in (False, True)
-        ]
-        return Contacts(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
-
-    def _contacts_across(self, cells: Index, k: int, upper: bool) -> Contacts:
-        """Contacts across the lower or upper faces perpendicular to coordinate k."""
-        tree = self.tree
-        low, high = tree.lower[cells].copy(), tree.lower[cells] + tree.size[cells]
-        face = high[:, k].copy() if upper else low[:, k].copy()
-        beyond = face if upper else face - 1
-        if self.region.wrapped[k]:
-            beyond = beyond % WHOLE
-        within = np.flatnonzero((beyond >= 0) & (beyond < WHOLE))
-        low[:, k], high[:, k] = beyond, beyond + 1
-        touching = tree.overlapping(low[within], high[within])
-        rows, leaf = within[touching.query], touching.leaf
-        start = np.maximum(low[rows], tree.lower[leaf])
-        end = np.minimum(high[rows], tree.lower[leaf] + tree.size[leaf])
-        at_cell = 0.5 * (start + end)
-        at_leaf = at_cell.copy()
-        at_cell[:, k] = face[rows]
-        at_leaf[:, k] = tree.lower[leaf, k] + (0 if upper else tree.size[leaf, k])
-        extent = (end - start) / WHOLE
-        extent[:, k] = 1.0
-        return Contacts(
-            cells[rows], leaf, at_cell, at_leaf, np.prod(extent, axis=1), np.full(len(rows), upper, dtype=np.bool_)
-        )
 
 
 def data_slice(data: Cells, part: slice) -> Cells:

@@ -192,7 +192,12 @@ class Runner:
             return self._executor if tasks else None
         patient = time.monotonic() - self._started < _PATIENCE
         workers = os.cpu_count() or 1
-        if self._own is None and not patient and tasks >= 2 * workers > 2 and self._pools < _MOST_POOLS:
-            self._own = ProcessPoolExecutor(workers)
+        if self._own is None and not patient and tasks >= workers > 1 and self._pools < _MOST_POOLS:
+            self._own = ProcessPoolExecutor(workers, initializer=_leave_interrupts)
             self._pools += 1
         return self._own
+
+
+def _leave_interrupts() -> None:
+    """In a worker: Ctrl-C is the main process's business."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
