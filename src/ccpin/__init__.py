@@ -24,24 +24,31 @@ from ccpin.description.model import (
     Shape,
     Visual,
 )
+from ccpin.end_effector import EndEffector
 from ccpin.errors import CcpinError
+from ccpin.forces import BearingForce, closure_forces, joint_forces
 from ccpin.free_system import Energy
 from ccpin.linearization import Linearization, closed_loop_derivative, linearize
 from ccpin.mechanism import Mechanism, load
 from ccpin.mobility import Mobility
 from ccpin.reduced_model import ReducedModel, ReducedTerms
+from ccpin.references import Hold, PointToPoint, Reference, Waypoints, through_points
 from ccpin.simulation import Settling, simulate
+from ccpin.stick_slip import friction_force
 from ccpin.trajectory import Trajectory
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "BearingForce",
     "CcpinError",
     "Coupling",
     "CouplingTerm",
+    "EndEffector",
     "Energy",
     "ForwardDynamicsDerivatives",
     "GeneralizedForceDerivatives",
+    "Hold",
     "Inertia",
     "InverseDynamicsDerivatives",
     "Joint",
@@ -51,18 +58,25 @@ __all__ = [
     "Mechanism",
     "MechanismDescription",
     "Mobility",
+    "PointToPoint",
     "ReducedModel",
     "ReducedTerms",
+    "Reference",
     "Settling",
     "Shape",
     "Trajectory",
     "Visual",
+    "Waypoints",
     "closed_loop_derivative",
+    "closure_forces",
     "control",
     "domain",
+    "friction_force",
+    "joint_forces",
     "linearize",
     "load",
     "plotting",
     "simulate",
+    "through_points",
     "visualization",
 ]

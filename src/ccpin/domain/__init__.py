@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from ccpin.domain.atlas import Atlas, certify
-from ccpin.domain.kantorovich import kantorovich_radius
+from ccpin.domain.kantorovich import kantorovich_radius, newton_steps
+from ccpin.domain.path import CertifiedPath, certify_path
 from ccpin.domain.quadratic import QuadraticSystem
 from ccpin.domain.radius_map import certified_radius
 from ccpin.domain.singularities import SingularCurve, serial_singularities, singularities, singularity_distance
@@ -11,12 +12,15 @@ from ccpin.domain.theorem2 import Theorem2Result, theorem2, theorem2_radius
 
 __all__ = [
     "Atlas",
+    "CertifiedPath",
     "QuadraticSystem",
     "SingularCurve",
     "Theorem2Result",
     "certified_radius",
     "certify",
+    "certify_path",
     "kantorovich_radius",
+    "newton_steps",
     "serial_singularities",
     "singularities",
     "singularity_distance",
