@@ -4,7 +4,10 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.integrate import cumulative_simpson
+from scipy.optimize import brentq
 
 import ccpin
 from ccpin import plotting
@@ -14,6 +17,7 @@ from ccpin.control.lyapunov import lyapunov_along
 from ccpin.control.set_point_cells import cells_of_atlas
 from ccpin.control.stability import certify_set_point
 from ccpin.control.sublevel import Effort
+from ccpin.control.well import Well
 from ccpin.domain.atlas import certify
 from ccpin.errors import CcpinError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from ccpin.linearization import closed_loop_derivative, linearize
@@ -200,6 +204,45 @@ def _outer_points(certificate, rng):
         if holding.sum() == 1:
             found.append(q)
     return found
+
+
+def test_one_coordinate_against_the_well_itself():
+    """Slider-crank: c is U at the nearest place where |∂g/∂q| reaches K_p, found by bisection on the model."""
+    model = ccpin.ReducedModel(ccpin.load("slider_crank"))
+    q_d, k_p = 0.2, 0.02
+    law = PDSimpleGravity(model, [q_d], [k_p], [0.01])
+    certificate = certify_set_point(law)
+
+    def slope(q):
+        return abs(model.gravity_derivative([q])[0, 0])
+
+    ends = []
+    for direction in (-1.0, 1.0):
+        steps = q_d + direction * np.linspace(0.0, 1.5, 300)
+        first = next(k for k, q in enumerate(steps) if slope(q) >= k_p)
+        ends.append(brentq(lambda q: slope(q) - k_p, *sorted(steps[first - 1 : first + 1])))
+    truth = min(law.lyapunov(np.array([q]), np.zeros(1)) for q in ends)
+    assert certificate.limit == "gain"
+    assert 0.98 * truth < certificate.level <= truth
+
+
+@settings(max_examples=150)
+@given(st.integers(0, 2**32 - 1), st.integers(1, 4), st.booleans())
+def test_range_over_a_part_of_a_box(seed, n, convex):
+    """The bounds of a quadratic's minimum hold at any point, and are sharp where it is convex."""
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((n, n))
+    hessian = root @ root.T + 0.05 * np.eye(n) if convex else root + root.T
+    well = Well(rng.standard_normal(n), 0.3, 2.0 * rng.standard_normal(n), hessian, 1e-3, 1.0)
+    lower = well.centre - rng.uniform(0.0, 1.0, n)
+    upper = lower + rng.uniform(0.0, 2.0, n) * (rng.random(n) < 0.8)
+    found = well.range_over(lower, upper)
+    least = min(well.quadratic(q - well.centre) for q in rng.uniform(lower, upper, (300, n)))
+    assert found.lower <= least - well.remainder + 1e-12
+    assert np.all((lower - 1e-12 <= found.point) & (found.point <= upper + 1e-12))
+    assert found.upper == pytest.approx(well.quadratic(found.point - well.centre) + well.remainder)
+    if convex and n <= 2:
+        assert found.upper - found.lower <= 2.0 * well.remainder + 1e-3
 
 
 # ---- every start in B₂ converges ------------------------------------------------------------------------------------

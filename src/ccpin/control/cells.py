@@ -19,7 +19,7 @@ from ccpin.control.well import Well, wells
 from ccpin.domain.atlas_work import Cells as Trial
 from ccpin.domain.atlas_work import prove
 from ccpin.domain.gravity_bounds import gravity_bounds
-from ccpin.domain.krawczyk import Boxes, Problem
+from ccpin.domain.krawczyk import Boxes, Problem, verify
 from ccpin.domain.newton import glued, predict
 from ccpin.domain.potential import Potential
 
@@ -27,6 +27,7 @@ Array = NDArray[np.float64]
 State = Literal["untried", "proved", "failed"]
 _SHARED = 1e-9
 _COVERED = 1e-11
+_ROOM, _ROOM_AT_LEAST = 0.01, 1e-11
 
 
 class Face(NamedTuple):
@@ -196,7 +197,7 @@ class CellStore:
             cell.state = "failed"
         if not rows.size:
             return
-        boxes = found.boxes.take(rows)
+        boxes = _roomier(self.problem, found.boxes.take(rows))
         same = glued(self.problem, parents.take(rows), at_parent[rows], boxes, points[rows] - centre[rows])
         done = np.flatnonzero(same)
         if done.size:
@@ -255,6 +256,23 @@ class CellStore:
             if self.face(i, j) is not None:
                 self.cells[i].neighbours.add(j)
                 self.cells[j].neighbours.add(i)
+
+
+def _roomier(problem: Problem, boxes: Boxes) -> Boxes:
+    """Boxes with somewhat larger tubes where Theorem K, checked again, allows it.
+
+    Theorem K's least R leaves a small box's solution at a corner a margin below the rounding errors that gluing
+    allows for.
+    """
+    radius = boxes.radius * (1.0 + _ROOM) + _ROOM_AT_LEAST
+    larger = boxes._replace(radius=radius, kappa=np.minimum(boxes.kappa * (1.0 + _ROOM) + _ROOM, 0.999))
+    usable = verify(problem, larger)
+    return Boxes(
+        *(
+            np.where(usable.reshape(-1, *([1] * (new.ndim - 1))), new, old)
+            for new, old in zip(larger, boxes, strict=True)
+        )
+    )
 
 
 def _stacked(cells: Sequence[Cell]) -> Boxes:

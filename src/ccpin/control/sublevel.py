@@ -6,8 +6,8 @@ path from q_d that leaves G crosses its boundary, where U ≥ c.
 
 The flood adds, one by one, the cell behind the lowest face of G's boundary. Every G on the way proves a level, the
 least lower bound of U over its faces; the highest of them is kept. A cell that is not good (not proved, or with
-‖∂g/∂q‖ too large) is halved, and where that is no longer allowed its face is tightened by halving the cell before it;
-then the flood ends. Work is done only where U is lowest.
+‖∂g/∂q‖ too large) is halved; where that is not allowed or could not raise the level noticeably, the face is tightened
+by halving the cell before it; then the flood ends. Work is done only where U is lowest.
 
 **Membership.** {U < c} may have other components in G than 𝒬, in cells that a face's lower bound let in though U ≥ c
 all over that face. Where ‖∂g/∂q‖ < k on a cell, U is convex there, and {U < c} meets the cell in a convex set; so it
@@ -147,13 +147,20 @@ class Flood:
         if cell.well is not None and self._good(cell.well):
             self._add(entry.beyond, entry.inside)
             return None
-        if cell.depth >= self._effort.depth:
+        if cell.depth >= self._effort.depth or self._rise(entry) <= 0.1 * self._effort.tolerance * self._level:
             return "gain" if cell.well is not None else "domain"
         number = entry.beyond if cell.well is not None else entry.inside
         for child in self._store.split(entry.beyond, self._store.stretch(number)):
             for other in self._store[child].neighbours & self._members.keys():
                 self._push(other, child)
         return None
+
+    def _rise(self, entry: _Entry) -> float:
+        """About how much U rises from a face across the cell behind it: what halving that cell could gain."""
+        cell = self._store[entry.beyond]
+        well = cell.well or _well(self._store, entry.inside)
+        slope = well.gradient + well.hessian @ (entry.point - well.centre)
+        return float(np.abs(slope) @ (cell.upper - cell.lower))
 
     def _prove_ahead(self, entry: _Entry) -> None:
         """Prove the cell behind a face, and with it those that are likely to be next."""
