@@ -89,13 +89,14 @@ class Builder:
     def certify_square(self, tolerance: float) -> None:
         """Certify around the seed, nearest cells first, until the nearest undecided cell is nearer than all others.
 
-        Cells are halved while an edge is longer than `tolerance` times their distance from the seed.
+        Cells are halved while an edge is longer than `tolerance` times their distance from the seed. Cells beyond the
+        nearest edge of the region are left alone.
         """
         while True:
             cells = self.candidates()
             distance = self.distance(cells)
             blocked = self.tree.status[: self.tree.count] == Status.UNDECIDED
-            limit = np.min(self.distance(np.flatnonzero(blocked)), initial=np.inf)
+            limit = np.min(self.distance(np.flatnonzero(blocked)), initial=self._edge())
             if not cells.size or np.min(distance) >= limit:
                 return
             order = np.lexsort((cells, distance))[: _NEAREST[self.problem.system.n]]
@@ -116,9 +117,13 @@ class Builder:
         """Half width of the largest square about the seed that is certified: the distance of the nearest other cell."""
         leaves = self.tree.leaves()
         other = self.distance(leaves[self.tree.status[leaves] != Status.CERTIFIED])
+        return float(max(0.0, np.min(other, initial=self._edge()) * (1.0 - 1e-12)))
+
+    def _edge(self) -> float:
+        """Half width of the largest square about the seed inside the region."""
         region = self.region
         edges = np.where(region.wrapped, 0.5 * region.width, np.minimum(self.q0 - region.lower, region.upper - self.q0))
-        return float(max(0.0, min(np.min(other, initial=np.inf), edges.min()) * (1.0 - 1e-12)))
+        return float(edges.min())
 
     def distance(self, cells: Index) -> Array:
         """Distance of cells from the seed in the maximum norm, periodic coordinates the short way round."""
