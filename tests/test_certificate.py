@@ -12,6 +12,7 @@ from ccpin.domain.derivatives import derivatives, values
 from ccpin.domain.kantorovich import kantorovich_radius, newton_steps
 from ccpin.domain.krawczyk import bounds_of, certify_boxes, closure_values, problem_of, verify
 from ccpin.domain.newton import extrapolate, glued, newton, predict, solve_in_boxes
+from ccpin.domain.path import certify_path
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from tests.ball_joint import ball_joint
 from tests.oracles import rpdr as oracle
@@ -308,3 +309,38 @@ def test_spatial_balls_hold_sigma(name):
     for row in found.theta:
         expected = parametrization.sigma(row[problem.system.independent]).q_free
         assert np.abs(row - expected).max() < 1e-9
+
+
+def floating_delta():
+    """The Delta with its platform on one floating joint instead of three slides and three turns."""
+    description = ccpin.load("delta").description
+    chain = [joint for joint in description.joints if joint.name.startswith("platform_")]
+    inner = {joint.child for joint in chain} - {"platform"}
+    joints = tuple(joint for joint in description.joints if joint not in chain)
+    free = ccpin.Joint("platform_joint", "floating", chain[0].parent, "platform", chain[0].placement)
+    position = tuple(description.reference[f"platform_{axis}"][0] for axis in "xyz")
+    reference = {name: value for name, value in description.reference.items() if name not in {j.name for j in chain}}
+    links = tuple(link for link in description.links if link.name not in inner)
+    changed = replace(
+        description,
+        joints=(free, *joints),
+        links=links,
+        reference=reference | {"platform_joint": (*position, 0.0, 0.0, 0.0, 1.0)},
+    )
+    return ccpin.load(changed, independent=["arm1", "arm2", "arm3"])
+
+
+def test_a_floating_joint_is_as_good_as_its_six_parts():
+    """The Delta on a floating joint has the ball and the path of the Delta on slides and turns, and the same σ."""
+    parts, whole = ccpin.load("delta"), floating_delta()
+    radius = kantorovich_radius(parts, parts.q_reference)
+    assert kantorovich_radius(whole, whole.q_reference) == pytest.approx(radius, rel=1e-6)
+    line = np.array([[0.0, 0.0, 0.0], [0.3, -0.2, 0.25]])
+    path, other = certify_path(whole, line), certify_path(parts, line)
+    assert path.complete
+    found, expected = path.sigma(1.0), other.sigma(1.0)
+    assert np.abs(whole.constraints().residual(found)).max() < 1e-12
+    arms = [list(m.pin_model.names).index("arm1") for m in (whole, parts)]
+    first = [int(m.pin_model.idx_qs[k]) for m, k in zip((whole, parts), arms, strict=True)]
+    assert np.abs(found[first[0] : first[0] + 5] - expected[first[1] : first[1] + 5]).max() < 1e-9
+    assert np.abs(whole.parametrization().sigma(line[1]).q_free - found).max() < 1e-9
