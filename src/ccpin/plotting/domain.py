@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 KINDS = {
     "fold": ("loop stretched or folded", "-", COLOURS[1]),
     "self-motion": ("passive links out of control", "o", COLOURS[0]),
-    "serial": ("end effector at the edge of its reach", "--", COLOURS[3]),
+    "serial": ("end effector at the edge of its reach, either mode", "--", COLOURS[3]),
 }
 
 

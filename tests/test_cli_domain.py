@@ -1,0 +1,76 @@
+"""`ccpin domain`: radii, atlas, figures, files, and a Dask cluster."""
+
+import json
+
+import numpy as np
+import pytest
+
+from ccpin.cli import main
+from ccpin.domain import Atlas, certified_radius
+
+CENTRE = ["--centre-deg", "-108", "-72"]
+REGION = ["--lower-deg", "-150", "-160", "--upper-deg", "-90", "-100"]
+
+
+def test_radii_in_words_and_json(capsys):
+    """Theorem 2, the one-box certificate and the atlas, none above the exact 15.0557°."""
+    assert main(["domain", "rpdr", *CENTRE]) == 0
+    assert "Theorem 2" in capsys.readouterr().out
+    assert main(["domain", "rpdr", *CENTRE, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    radii = np.degrees([facts["theorem2_radius"], facts["kantorovich_radius"], facts["atlas"]["radius"]])
+    assert np.all(radii > 3.5)
+    assert np.all(radii < 15.0557)
+    assert facts["atlas"]["single_valued"]
+
+
+def test_a_region_with_its_files(tmp_path, capsys):
+    """The region used for control is certified whole; atlas and figures are written and can be used."""
+    out = [*REGION, "--centre-deg", "-120", "-130", "--save", str(tmp_path / "atlas.npz"), "--plot", str(tmp_path)]
+    assert main(["domain", "rpdr", *out, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["atlas"]["certified_fraction"] == 1.0
+    atlas = Atlas.load(tmp_path / "atlas.npz")
+    assert atlas.verify().all()
+    assert {p.suffix for p in tmp_path.iterdir()} == {".npz", ".png"}
+    assert len(list(tmp_path.glob("*.png"))) == 3
+
+
+def test_the_radius_map_is_the_distance_to_what_is_not_certified(tmp_path):
+    """At the seed it is the atlas's radius; no point within it is uncertified, and just beyond one is."""
+    assert main(["domain", "rpdr", *CENTRE, "--atlas", "--depth", "8", "--save", str(tmp_path / "a.npz")]) == 0
+    atlas = Atlas.load(tmp_path / "a.npz")
+    assert certified_radius(atlas, atlas.q0)[0] == pytest.approx(atlas.radius, rel=1e-9)
+    generator = np.random.default_rng(1)
+    points = generator.uniform(-np.pi, np.pi, (40, 2))
+    points = points[atlas.contains(points)]
+    for q, radius in zip(points, certified_radius(atlas, points), strict=True):
+        assert atlas.contains(q + radius * 0.999999 * generator.uniform(-1, 1, (400, 2))).all()
+        edge = np.linspace(-1, 1, 4001)
+        rim = np.concatenate([np.column_stack([s * np.ones_like(edge), edge]) for s in (-1, 1)])
+        rim = np.concatenate([rim, rim[:, ::-1]])
+        assert not atlas.contains(q + (radius + 1e-3) * rim).all()
+
+
+def test_bad_requests_are_named(capsys):
+    """Half a region, a scheduler that does not answer, a mechanism no certificate covers."""
+    assert main(["domain", "rpdr", "--lower-deg", "-150", "-160"]) == 1
+    assert "corner" in capsys.readouterr().err
+    assert main(["domain", "bennett"]) == 1
+    assert "UnsupportedMechanismError" in capsys.readouterr().err
+
+
+def test_a_dask_cluster_gives_the_same_atlas(tmp_path, capsys):
+    """With --scheduler and two worker processes the boxes are those of this process, bit for bit."""
+    distributed = pytest.importorskip("distributed")
+    request = ["domain", "rpdr", *REGION, "--centre-deg", "-120", "-130", "--json"]
+    assert main([*request, "--save", str(tmp_path / "here.npz")]) == 0
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None
+    ) as cluster:
+        address = cluster.scheduler_address
+        assert main([*request, "--save", str(tmp_path / "there.npz"), "--scheduler", address]) == 0
+    here, there = Atlas.load(tmp_path / "here.npz"), Atlas.load(tmp_path / "there.npz")
+    for name, array in here.boxes._asdict().items():
+        assert np.array_equal(array, getattr(there.boxes, name)), name
+    capsys.readouterr()
