@@ -20,7 +20,7 @@ OUT = Path("out/theorem3")
 REGION = np.radians([[-150.0, -160.0], [-90.0, -100.0]])
 Q_START, Q_GOAL = REGION
 K_P, K_V = (11.0, 11.0), (0.65, 0.60)
-DURATION = 1.0
+DURATION = 0.8
 
 
 def main(out: Path = OUT) -> None:
@@ -43,7 +43,7 @@ def main(out: Path = OUT) -> None:
     near = _furthest(certificate, Q_START - Q_GOAL)
     print(f"furthest start towards it that is covered: {_degrees(near)}")
     for name, q in (("paper", Q_START), ("inside", near)):
-        trajectory = ccpin.simulate(model, law, q, duration=DURATION)
+        trajectory = ccpin.simulate(model, law, q, duration=DURATION, sample_period=2e-3)
         history = lyapunov_along(law, trajectory)
         error = np.degrees(np.abs(trajectory.q[-1] - Q_GOAL).max())
         title = f"RPDR from {_degrees(q)}: {_word(certificate.contains(q))}"

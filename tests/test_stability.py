@@ -355,6 +355,25 @@ def test_atlas_as_domain(rpdr_model, atlas):
     assert not certificate.contains(Q_GOAL + np.radians([29.9, 0.0]))
 
 
+def test_atlas_in_space():
+    """Delta, a cube of ±10°: the proved level is just below the least U of samples on its faces; β bounds samples."""
+    law = _case("delta")[0]
+    half, model = np.radians(10.0), law.model
+    region = np.tile([-half, half], (3, 1))
+    cube = certify(model.mechanism, np.zeros(3), region, max_depth=4)
+    certificate = certify_set_point(law, cube)
+    rng = np.random.default_rng(2)
+    faces = rng.uniform(-half, half, (300, 3))
+    faces[np.arange(300), rng.integers(3, size=300)] = half * rng.choice([-1.0, 1.0], 300)
+    axes = half * np.vstack([np.eye(3), -np.eye(3)])
+    least = min(law.lyapunov(q, np.zeros(3)) for q in [*faces, *axes])
+    assert certificate.limit == "domain"
+    assert 0.97 * least < certificate.level <= least
+    inside = [q for q in rng.uniform(-half, half, (200, 3)) if certificate.contains(q)]
+    assert len(inside) > 40
+    assert max(np.linalg.norm(model.gravity_derivative(q), 2) for q in inside) <= certificate.beta < 30.0
+
+
 def test_atlas_of_another_branch_or_place(rpdr_model, atlas):
     """A set point outside of the atlas, on another branch, or of another mechanism is refused."""
     elsewhere = PDSimpleGravity(rpdr_model, np.radians([-150.0, -150.0]), K_P, K_V)
@@ -403,6 +422,7 @@ def test_suggested_gains_damp_every_mode(rpdr, rpdr_model):
     inside = np.all(np.abs(points - Q_GOAL) <= half + 1e-9, axis=1)
     assert gains.rigorous
     assert slope[inside].max() <= gains.beta <= 1.07 * slope[inside].max()
+    assert 0.95 * gains.beta <= gains.beta_seen <= gains.beta
     np.testing.assert_allclose(gains.K_p, 1.3 * gains.beta * np.eye(2))
     law = PDSimpleGravity(rpdr_model, Q_GOAL, gains.K_p, gains.K_v)
     loop = closed_loop_derivative(linearize(rpdr_model, Q_GOAL, law.gravity_d), -gains.K_p, -gains.K_v)
@@ -415,7 +435,7 @@ def test_suggested_gains_damp_every_mode(rpdr, rpdr_model):
 def test_no_gains_beside_a_singularity(rpdr_model, atlas):
     """The ±30° square ends 3° from the isolated singular point, where ∂g/∂q has no useful bound: that is said."""
     store = cells_of_atlas(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V), atlas)
-    with pytest.raises(SingularConfigurationError, match="too near a singularity"):
+    with pytest.raises(SingularConfigurationError, match="ends near a singularity"):
         gravity_slope_over(store, cells=200)
 
 

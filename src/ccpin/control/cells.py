@@ -27,7 +27,13 @@ Array = NDArray[np.float64]
 State = Literal["untried", "proved", "failed"]
 _SHARED = 1e-9
 _COVERED = 1e-11
+_WIDER = 1e-14
 _ROOM, _ROOM_AT_LEAST = 0.01, 1e-11
+
+
+def holding(lower: Array, upper: Array, q: Array) -> NDArray[np.intp]:
+    """Which boxes (K, n) hold a point, to the 1e-14 by which Theorem K's boxes are wider than their corners say."""
+    return np.flatnonzero(np.all((lower <= q + _WIDER) & (q - _WIDER <= upper), axis=1))
 
 
 class Face(NamedTuple):

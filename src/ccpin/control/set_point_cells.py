@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.control.cells import CellStore
+from ccpin.control.cells import CellStore, holding
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.sublevel import Effort
 from ccpin.control.well import Well, wells
@@ -36,14 +36,14 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
             f"the atlas is over {', '.join(atlas.names)}; the law's coordinates are {', '.join(mechanism.independent)}"
         )
     system = atlas.problem.system
-    holding = np.flatnonzero(np.all((atlas.lower <= law.q_d) & (law.q_d <= atlas.upper), axis=1))
-    if not holding.size:
+    around = holding(atlas.lower, atlas.upper, law.q_d)
+    if not around.size:
         raise InvalidInputError(f"the set point {law.q_d} is not in the atlas; certify one around it")
-    boxes = atlas.boxes.take(holding)
-    theta = np.tile(system.chart.theta(law.q_free_d), (len(holding), 1))
+    boxes = atlas.boxes.take(around)
+    theta = np.tile(system.chart.theta(law.q_free_d), (len(around), 1))
     theta[:, system.independent] = law.q_d
     delta = law.q_d - boxes.centre[:, system.independent]
-    if not np.all(encloses(atlas.problem, boxes, delta, theta, np.zeros((len(holding), system.m)))):
+    if not np.all(encloses(atlas.problem, boxes, delta, theta, np.zeros((len(around), system.m)))):
         raise InvalidInputError("the set point's configuration is on another branch (assembly mode) than the atlas")
     store = CellStore(atlas.problem, potential_of(mechanism, system), law, None)
     store.add_proved(atlas.boxes, atlas.lower, atlas.upper, [(int(i), int(j)) for i, j in atlas.unglued])

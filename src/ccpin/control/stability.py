@@ -39,7 +39,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.control.cells import CellStore
+from ccpin.control.cells import CellStore, holding
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.region_samples import checked_region, sample_region
 from ccpin.control.set_point_cells import cells_around, cells_of_atlas
@@ -133,7 +133,7 @@ class _Cells:
 
     def guess(self, q: Array) -> Array | None:
         """A configuration in the tube of the cell that holds q; ``None`` where there is no cell."""
-        inside = np.flatnonzero(np.all((self.lower <= q) & (q <= self.upper), axis=1))
+        inside = holding(self.lower, self.upper, q)
         if not inside.size:
             return None
         box = self.store[self.members[int(inside[0])]].box

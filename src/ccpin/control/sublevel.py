@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.control.cells import CellStore, Face
+from ccpin.control.cells import Cell, CellStore, Face, holding
 from ccpin.control.well import Range, Well
 
 Array = NDArray[np.float64]
@@ -107,7 +107,7 @@ class Flood:
 
     def _start(self, q_d: Array) -> list[int] | None:
         """Good cells around q_d, halved until they are."""
-        pending = [k for k, cell in enumerate(self._store.cells) if cell.live and _holds(cell.lower, cell.upper, q_d)]
+        pending = [k for k, cell in enumerate(self._store.cells) if cell.live and _holds(cell, q_d)]
         found = list[int]()
         while pending:
             number = pending.pop()
@@ -120,7 +120,7 @@ class Flood:
             children = self._store.halve_proved(number)
             if children is None:
                 return None
-            pending += [k for k in children if _holds(self._store[k].lower, self._store[k].upper, q_d)]
+            pending += [k for k in children if _holds(self._store[k], q_d)]
         return found or None
 
     def _flood(self, q_d: Array) -> tuple[str, Array]:
@@ -238,7 +238,7 @@ class Flood:
 def connected(store: CellStore, found: Sublevel, q_d: Array) -> tuple[int, ...]:
     """The members, convex by the gain condition, in which {U < c} is proved to be a part of 𝒬."""
     members = set(found.members)
-    pending = [k for k in members if _holds(store[k].lower, store[k].upper, q_d)]
+    pending = [k for k in members if _holds(store[k], q_d)]
     reached = set(pending)
     while pending:
         number = pending.pop()
@@ -256,5 +256,5 @@ def _well(store: CellStore, number: int) -> Well:
     return well
 
 
-def _holds(lower: Array, upper: Array, q: Array) -> bool:
-    return bool(np.all((lower <= q) & (q <= upper)))
+def _holds(cell: Cell, q: Array) -> bool:
+    return bool(holding(cell.lower[None], cell.upper[None], q).size)
