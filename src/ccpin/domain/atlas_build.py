@@ -26,7 +26,7 @@ from ccpin.errors import SingularConfigurationError
 
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
-_NEAREST = {1: 16, 2: 48, 3: 256}  # cells of a wave that looks for the largest square
+_NEAREST = 48  # cells of a wave that looks for the largest square: more would refine in vain
 
 
 class _Origin(NamedTuple):
@@ -99,7 +99,7 @@ class Builder:
             limit = np.min(self.distance(np.flatnonzero(blocked)), initial=self._edge())
             if not cells.size or np.min(distance) >= limit:
                 return
-            order = np.lexsort((cells, distance))[: _NEAREST[self.problem.system.n]]
+            order = np.lexsort((cells, distance))[:_NEAREST]
             chosen = np.sort(cells[order][distance[order] < limit])
             longest = tolerance * self.distance(chosen)[:, None] / self.region.width
             self.wave(chosen, np.maximum(longest * WHOLE, 1.0))
