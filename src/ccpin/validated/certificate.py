@@ -1,0 +1,246 @@
+"""`certify_move`: a proof that a motion ends in the sublevel set from which Theorem 3 takes over.
+
+Theorem. Let the law be PD with simple gravity compensation (28) and c a level such that every state of
+
+    B₂ = {(σ(q), q̇): q ∈ 𝒬, 𝒱 < c},    𝒬 the connected component of {q: U(q) < c} that holds q_d,    U = 𝒱 at q̇ = 0,
+
+on q_d's branch of σ leads to rest at q_d (Theorem 3 with c certified, `ccpin.control.stability`). Suppose
+
+1. the motion from the start exists on [0, T], closed and nonsingular (`ccpin.validated.integrate`), and its state at T
+   lies in a box X = (Q′, V) of which Q are the independent coordinates;
+2. 𝒱 < c on X;
+3. with w = q_d − (the centre of Q), the lift of every line q + s w, 0 ≤ s ≤ 1, from the closed configurations in Q′ by
+   dq′/ds = ρ(q′) w, exists in boxes on which ψ_q′ is nonsingular and U < c;
+4. its end, a box about σ(q_d), lies in a box in which ψ̄(q′, q) = 0 has one solution for each q of the end (Krawczyk),
+   and U < c on the convex hull of the end and q_d, a box.
+
+Then the motion exists for all time, ψ_q′ is nonsingular along it, and it converges to (q_d, 0).
+
+Proof. By 1 and 2 the state at T has 𝒱 < c. By 3 the line from q(T), lifted continuously from q′(T), stays in {U < c}
+without meeting a singularity and ends within the radius of Q of q_d; by 4 it ends on the branch of σ(q_d) and is joined
+to q_d inside {U < c}. So q(T) ∈ 𝒬 and q′(T) = σ(q(T)) on that branch: the state at T is in B₂. ∎
+
+With `spread` the statement is about every start within it. A level that was only sampled makes the conclusion only as
+good as the level; the result says so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.control.laws import PDSimpleGravity
+from ccpin.errors import InvalidInputError
+from ccpin.reduced_model import ReducedModel
+from ccpin.validated.balls import Ball, ball, flint, interval, upper
+from ccpin.validated.dynamics import ClosedLoop, closed_loop
+from ccpin.validated.integrate import (
+    SHORTEST_STEP,
+    Enclosure,
+    checked_options,
+    collect,
+    determinant_bound,
+    exact_start,
+    regular,
+)
+from ccpin.validated.series import values
+from ccpin.validated.start import closed_start, unique_there
+from ccpin.validated.step import Field, Options, Step, march, start_box
+
+_MARGIN = 1e-9  # relative; the level's own 𝒱 uses a V(q_d) and g(q_d) rounded to doubles
+_RETRY = 0.9
+
+
+class Certificate(Protocol):
+    """What a certified set point says, as `ccpin.control.stability.SetPointCertificate` does."""
+
+    @property
+    def level(self) -> float:
+        """C in joules."""
+
+    @property
+    def rigorous(self) -> bool:
+        """Whether it is proven."""
+
+
+@dataclass(frozen=True, eq=False)
+class MoveCertificate:
+    """What was proven of a move.
+
+    Attributes:
+        covered: Whether the theorem's hypotheses were proven: the motion converges to the set point.
+        message: The result in a sentence, with what failed where something did.
+        time: T in seconds (the end of the enclosure where not covered).
+        lyapunov_start: A lower bound of 𝒱 at the start, in joules.
+        lyapunov: An upper bound of 𝒱 at T, in joules.
+        level: c in joules.
+        rigorous: Whether c itself was said to be proven.
+        enclosure: The motion up to T.
+    """
+
+    covered: bool
+    message: str
+    time: float
+    lyapunov_start: float
+    lyapunov: float
+    level: float
+    rigorous: bool
+    enclosure: Enclosure
+
+
+class _Goal(NamedTuple):
+    """The law's set point in balls: the level less a margin, V(q_d), q_d, and the computed σ(q_d)."""
+
+    level: float
+    potential: Ball
+    law: PDSimpleGravity
+
+
+def certify_move(
+    model: ReducedModel,
+    law: PDSimpleGravity,
+    q0: ArrayLike,
+    v0: ArrayLike | None = None,
+    *,
+    arrival: Certificate | float,
+    duration: float = 1.0,
+    guess: ArrayLike | None = None,
+    spread: float = 0.0,
+    precision: int = 128,
+    order: int = 30,
+    tolerance: float = 1e-18,
+    pieces: int = 16,
+) -> MoveCertificate:
+    """Prove that a motion under PD with simple gravity compensation ends at its set point.
+
+    Args:
+        model: The reduced model.
+        law: The law.
+        q0: Start, of shape (n,), exact doubles.
+        v0: Velocity at the start; default at rest.
+        arrival: The level c: a set-point certificate of this law, or a number of joules known to be a certified level.
+        duration: How long to wait for the motion to arrive, in seconds.
+        guess: Chooses the branch of the start.
+        spread: As for `ccpin.validated.enclose`.
+        precision: As there.
+        order: As there.
+        tolerance: As there.
+        pieces: As there.
+
+    Raises:
+        CcpinError: python-flint is not installed.
+        InvalidInputError: A bad argument, another law, or a certificate for another law.
+        UnsupportedMechanismError, ConvergenceError: As for `ccpin.validated.enclose`.
+    """
+    if not isinstance(law, PDSimpleGravity):
+        raise InvalidInputError("the level certified is about PD with simple gravity compensation: pass that law")
+    level, rigorous = _level(arrival, law)
+    options = checked_options(duration, precision, order, tolerance, pieces, SHORTEST_STEP, np.inf)
+    with flint().ctx.workprec(precision):
+        loop = closed_loop(model, law)
+        start = exact_start(model, loop, q0, v0, guess, spread)
+        goal = _goal(loop, law, level)
+        run = _run(loop, start, goal, duration, options)
+        enclosure = collect(loop, start, run.steps, run.reason, precision)
+        end = start_box(run.steps[-1].end) if run.steps else start
+        return MoveCertificate(
+            run.covered,
+            run.message,
+            float(enclosure.times[-1]),
+            interval(_lyapunov(loop, goal, start)).lower,
+            upper(_lyapunov(loop, goal, end)),
+            level,
+            rigorous,
+            enclosure,
+        )
+
+
+class _Outcome(NamedTuple):
+    covered: bool
+    message: str
+    steps: list[Step]
+    reason: str
+
+
+def _run(loop: ClosedLoop, start: Sequence[Ball], goal: _Goal, duration: float, options: Options) -> _Outcome:
+    """Step until 1.–4. hold."""
+    steps: list[Step] = []
+    time, ask_below, missing = 0.0, goal.level, "𝒱 is not below the level"
+    for step in march(regular(loop), start, duration, options):
+        if not isinstance(step, Step):
+            return _Outcome(False, f"rigour stops at t = {time:.9g} s: {step.reason}", steps, step.reason)
+        steps.append(step)
+        time += step.length
+        end = start_box(step.end)
+        value = upper(_lyapunov(loop, goal, end))
+        if value < ask_below:
+            missing = _unconnected(loop, end, goal, options)
+            if not missing:
+                return _Outcome(True, f"from t = {time:.6g} s on the motion is in B₂: 𝒱 < {value:.6g} J", steps, "")
+            ask_below = _RETRY * value
+    return _Outcome(False, f"not proven to arrive within {time:.6g} s: {missing}", steps, "")
+
+
+def _unconnected(loop: ClosedLoop, end: Sequence[Ball], goal: _Goal, options: Options) -> str:
+    """3. and 4. for a box of states: what could not be proven, or nothing."""
+    q_free = list(end[: loop.n_free])
+    q_d = [ball(float(x)) for x in goal.law.q_d]
+    line = [(there - q_free[k].mid()).mid() for there, k in zip(q_d, loop.independent, strict=True)]
+
+    def room(box: list[Ball]) -> float:
+        """Positive where ψ_q′ is nonsingular and U below the level."""
+        regularity = determinant_bound(loop, box)
+        room_left = goal.level - upper(_lyapunov(loop, goal, _at_rest(loop, box)))
+        return min(regularity, room_left) if regularity > 0 and room_left > 0 else 0.0
+
+    here = [*q_free, *line]
+    for step in march(Field(loop.drift, room), here, 1.0, options._replace(shortest=2.0**-12)):
+        if not isinstance(step, Step):
+            return "the line from the state reached to the set point is not proven to stay below the level"
+        here = start_box(step.end)
+    joint = [a.union(here[k]) for a, k in zip(q_d, loop.independent, strict=True)]
+    if not unique_there(loop, joint, here, goal.law.q_free_d):
+        return "the state reached is not proven to be on the set point's branch of σ"
+    around_goal = closed_start(loop, joint, goal.law.q_free_d)
+    if upper(_lyapunov(loop, goal, _at_rest(loop, around_goal))) < goal.level:
+        return ""
+    return "𝒱 is not proven to be below the level next to the set point"
+
+
+def _at_rest(loop: ClosedLoop, box: Sequence[Ball]) -> list[Ball]:
+    return [*box[: loop.n_free], *[ball(0)] * loop.n]
+
+
+def _lyapunov(loop: ClosedLoop, goal: _Goal, box: Sequence[Ball]) -> Ball:
+    """𝒱 on a box of states."""
+    if loop.lyapunov is None:
+        raise InvalidInputError("the law has no Lyapunov function")
+    return values(loop.lyapunov, box)[0] - goal.potential
+
+
+def _goal(loop: ClosedLoop, law: PDSimpleGravity, level: float) -> _Goal:
+    q_free = closed_start(loop, [ball(float(x)) for x in law.q_d], law.q_free_d)
+    return _Goal(level * (1 - _MARGIN), values(loop.energies, _at_rest(loop, q_free))[1], law)
+
+
+def _level(arrival: Certificate | float, law: PDSimpleGravity) -> tuple[float, bool]:
+    """The level, and whether it is said to be proven (a plain number: the caller says so).
+
+    Raises:
+        InvalidInputError: It is not a positive number, or another law's.
+    """
+    if isinstance(arrival, int | float):
+        level, rigorous = float(arrival), True
+    else:
+        level, rigorous = float(arrival.level), bool(arrival.rigorous)
+        theirs = getattr(arrival, "law", law)
+        same = all(np.array_equal(getattr(theirs, name), getattr(law, name)) for name in ("q_d", "K_p", "gravity_d"))
+        if not same:
+            raise InvalidInputError("the certificate is for a law with another set point or other gains")
+    if not (np.isfinite(level) and level > 0):
+        raise InvalidInputError(f"the certified level c = {level} J must be a positive number")
+    return level, rigorous

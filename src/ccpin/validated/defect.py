@@ -1,0 +1,143 @@
+"""How far a solution's Taylor polynomial p is from solving x′ = f(x): a bound of |p′(t) − f(p(t))| on [0, h].
+
+Let p be the Taylor polynomial of degree N of the exact solution from a point. Every value of f's program, taken along
+p, is a function w(t) whose Taylor coefficients w₀, …, w_{N−1} at 0 are those along the solution: `taylor` encloses
+them. Beside them goes a bound ω ≥ |w(t) − Σ_{k<N} w_k tᵏ| on [0, h], from value to value, with |·| the bound
+‖w‖ = Σ |w_k| hᵏ, and the tail of a truncated product T(u, w) = Σ_{i+j≥N} |u_i| |w_j| hⁱ⁺ʲ:
+
+- u w:            T(u, w) + ‖u‖ω_w + ‖w‖ω_u + ω_u ω_w
+- sin u, cos u:   T(u, |sin| + |cos|) + ω_u. For z = the truncated cos + i sin and ũ the truncated u, (z e^{−iũ})′ =
+                  e^{−iũ}(z′ − iũ′z), whose bracket has only the terms of degree N − 1 and more of iũ′z; integrated
+                  over [0, h] they are at most T, since j/(j + l) ≤ 1; and |e^{iu} − e^{iũ}| ≤ ω_u.
+- A⁻¹B:           |A(t)⁻¹| (ω_B + T(A, z) + ω_A ‖z‖), the truncated z's residual, A(t) in a ball for t in [0, h].
+
+As p′ has exactly the coefficients of f(p) below degree N, the bounds ω of f's outputs bound |p′ − f(p)|.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from operator import mul
+from typing import Any, NamedTuple
+
+from ccpin.validated.balls import Ball, around, ball, flint, inverse, magnitude
+from ccpin.validated.series import NotInvertibleError
+from ccpin.validated.tape import ADD, COSINE, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
+
+
+class _Bound(NamedTuple):
+    """Bounds of one value along p.
+
+    Attributes:
+        terms: |w_k| hᵏ for k < N.
+        tails: Σ_{j≥k} |w_j| hʲ for k ≤ N.
+        rest: ω.
+    """
+
+    terms: list[Ball]
+    tails: list[Ball]
+    rest: Ball
+
+    @property
+    def size(self) -> Ball:
+        """‖w‖."""
+        return self.tails[0]
+
+
+def defect(program: Program, series: Sequence[Any], length: Ball) -> list[Ball]:
+    """Bounds of |p′ − f(p)| on [0, h], by component.
+
+    Args:
+        program: f.
+        series: Of every value, from `ccpin.validated.series.all_series` to order N.
+        length: h.
+
+    Raises:
+        NotInvertibleError: A matrix to be inverted may be singular along p.
+    """
+    order = len(series[0]) - 1
+    powers = [ball(1)]
+    for _ in range(order):
+        powers.append((powers[-1] * length).upper())
+    run = _Run(series, powers, length)
+    for k in range(program.inputs):
+        run.bounds[k] = run.bound(series[k][:order], magnitude(series[k][order]) * powers[order])
+    for item in program.instructions:
+        run.visit(item)
+    return [run.bounds[number].rest for number in program.outputs]
+
+
+class _Run:
+    def __init__(self, series: Sequence[Any], powers: list[Ball], length: Ball) -> None:
+        self.series, self.powers, self.length = series, powers, length
+        self.bounds: list[Any] = [None] * len(series)
+
+    def bound(self, coefficients: Sequence[Ball], rest: Ball) -> _Bound:
+        terms = [magnitude(c) * power for c, power in zip(coefficients, self.powers, strict=False)]
+        tails = [ball(0)]
+        for term in reversed(terms):
+            tails.append(tails[-1] + term)
+        tails.reverse()
+        return _Bound(terms, tails, magnitude(rest))
+
+    def visit(self, item: Instruction) -> None:
+        """Bound one value."""
+        if item.kind == SOLVE:
+            self.bounds[item.target] = self.solution(item)
+            return
+        if item.kind == PART:
+            self.bounds[item.target] = self.bounds[item.a][item.b]
+            return
+        self.bounds[item.target] = self.bound(self.series[item.target], self.rest(item))
+
+    def rest(self, item: Instruction) -> Ball:
+        """ω of a value that is not the solution of a linear system."""
+        if item.kind in (ADD, SUBTRACT):
+            return self.bounds[item.a].rest + self.bounds[item.b].rest
+        if item.kind == SCALE:
+            return magnitude(item.constant) * self.bounds[item.a].rest
+        if item.kind == MULTIPLY:
+            a, b = self.bounds[item.a], self.bounds[item.b]
+            return _tail(a, b) + a.size * b.rest + b.size * a.rest + a.rest * b.rest
+        if item.kind in (SINE, COSINE):
+            pair = zip(self.series[item.target], self.series[item.b], strict=True)
+            both = self.bound([magnitude(s) + magnitude(c) for s, c in pair], ball(0))
+            angle = self.bounds[item.a]
+            return _tail(angle, both) + angle.rest
+        return ball(0)
+
+    def solution(self, item: Instruction) -> list[_Bound]:
+        """Bounds of the entries of z = A⁻¹B, row-major."""
+        matrix, right = item.b.matrix, item.b.right
+        m, columns = len(matrix), len(right[0])
+        parts = [self.bound([row[k] for row in self.series[item.target]], ball(0)) for k in range(m * columns)]
+        inverted = inverse(flint().arb_mat([[self.range(number) for number in row] for row in matrix]))
+        if inverted is None:
+            raise NotInvertibleError
+        result = list(parts)
+        for column in range(columns):
+            residual = []
+            for row in range(m):
+                total = self.bounds[right[row][column]].rest
+                for k in range(m):
+                    a, z = self.bounds[matrix[row][k]], parts[k * columns + column]
+                    total = total + _tail(a, z) + a.rest * z.size
+                residual.append(total)
+            for row in range(m):
+                rest = sum(magnitude(inverted[row, k]) * residual[k] for k in range(m))
+                result[row * columns + column] = parts[row * columns + column]._replace(rest=magnitude(rest))
+        return result
+
+    def range(self, number: int) -> Ball:
+        """A ball around a value along p on [0, h]."""
+        coefficients, bound = self.series[number], self.bounds[number]
+        half = self.length / 2
+        if len(coefficients) == 1:
+            return around(coefficients[0], bound.rest)
+        slope = coefficients[1] * half
+        return around(coefficients[0] + slope, magnitude(slope) + bound.tails[2] + bound.rest)
+
+
+def _tail(a: _Bound, b: _Bound) -> Ball:
+    """T(a, b) = Σ_{i+j≥N} |a_i||b_j| hⁱ⁺ʲ."""
+    return sum(map(mul, a.terms[1:], reversed(b.tails[1:-1])), ball(0))
