@@ -36,6 +36,7 @@ def _case(name):
         "rpdr": (Q_GOAL, K_P, K_V, Effort(11, 700), 1.0),
         "delta": (np.zeros(3), np.full(3, 30.0), np.full(3, 4.0), Effort(9, 150), 2.0),
         "stewart": (model.alpha(model.mechanism.q_reference), np.full(6, 4e3), np.full(6, 300.0), None, 0.8),
+        "hexa": (model.alpha(model.mechanism.q_reference), np.full(6, 100.0), np.full(6, 5.0), None, 1.0),
     }[name]
     law = PDSimpleGravity(model, q_d, k_p, k_v)
     return law, certify_set_point(law, effort=effort), duration
@@ -173,7 +174,7 @@ def test_kinetic_energy_counts():
     assert not certificate.contains(Q_GOAL, [1.001 * speed, 0.0])
 
 
-@pytest.mark.parametrize("name", ["rpdr", "delta", "stewart"])
+@pytest.mark.parametrize("name", ["rpdr", "delta", "stewart", "hexa"])
 def test_well_is_at_least_c_on_the_boundary(name):
     """Attack the level: no point of the cells' outer faces has U below c, and no sample in a cell leaves its bounds."""
     law, certificate, _ = _case(name)

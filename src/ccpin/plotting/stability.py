@@ -85,10 +85,8 @@ def plot_sublevel(
         axes = figure.add_subplot()
         _cells(axes, certificate, scale)
         x, y, well = _well_over(law, lower, upper)
-        filled = axes.contour(
-            x * scale[0], y * scale[1], well, levels=14, linewidths=0.7, cmap="Greys_r", vmax=1.4 * np.nanmax(well)
-        )
-        figure.colorbar(filled, ax=axes, label="U [J]")
+        lines = axes.contour(x * scale[0], y * scale[1], well, levels=12, linewidths=0.7, colors="0.45")
+        axes.clabel(lines, fmt="%g J", fontsize=8)
         if certificate.holds:
             axes.contour(
                 x * scale[0], y * scale[1], well, levels=[certificate.level], colors=COLOURS[2], linewidths=2.2
@@ -103,7 +101,7 @@ def plot_sublevel(
         axes.set_xlabel(f"{mechanism.independent[0]} [{units[0]}]")
         axes.set_ylabel(f"{mechanism.independent[1]} [{units[1]}]")
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
-        figure.suptitle(title or f"{mechanism.name}: the certified set of Theorem 3")
+        figure.suptitle(title or f"{mechanism.name}: the potential well U and the set that Theorem 3 covers")
     return figure
 
 
