@@ -2,8 +2,8 @@
 
 The start has 𝒱 = 13.1 J, more than any certified level set of Theorem 3 around q_d reaches. An enclosure of the exact
 trajectory leads from there into {𝒱 < c} on q_d's branch, where Theorem 3 takes over. The level c that settles the
-matter is the one `certify_set_point` proves; the others show how the time of arrival depends on it, and one start is known to
-within a spread only. Needs python-flint.
+matter is the one `certify_set_point` proves; the others show how the time of arrival depends on it, and one start is
+known to within a spread only. Needs python-flint.
 """
 
 import sys

@@ -78,7 +78,7 @@ class MoveCertificate:
         lyapunov_start: A lower bound of 𝒱 at the start, in joules.
         lyapunov: An upper bound of 𝒱 at T, in joules.
         level: c in joules.
-        rigorous: Whether c itself was said to be proven.
+        rigorous: Whether c came with a certificate that calls it proven; with a plain number that is the caller's part.
         enclosure: The motion up to T.
     """
 
@@ -228,13 +228,13 @@ def _goal(loop: ClosedLoop, law: PDSimpleGravity, level: float) -> _Goal:
 
 
 def _level(arrival: Certificate | float, law: PDSimpleGravity) -> tuple[float, bool]:
-    """The level, and whether it is said to be proven (a plain number: the caller says so).
+    """The level, and whether its certificate says it is proven (a plain number has none).
 
     Raises:
         InvalidInputError: It is not a positive number, or another law's.
     """
     if isinstance(arrival, int | float):
-        level, rigorous = float(arrival), True
+        level, rigorous = float(arrival), False
     else:
         level, rigorous = float(arrival.level), bool(arrival.rigorous)
         theirs = getattr(arrival, "law", law)
