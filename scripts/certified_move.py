@@ -39,9 +39,10 @@ def main(*levels: float) -> bool:
         enclosure = move.enclosure
         radius = max(float(x.rad()) for x in enclosure.box(move.time))
         print(
-            f"  c = {level:g} J, spread {spread:g}: {'covered' if move.covered else 'not covered'}, "
-            f"T = {move.time:.4f} s, 𝒱 from {move.lyapunov_start:.4f} to < {move.lyapunov:.4f} J, |det ψ_q′| > "
-            f"{enclosure.smallest_determinant:.4f} m², {len(enclosure.steps)} steps, "
+            f"  c = {level:g} J {'proven' if move.rigorous else 'as given'}, spread {spread:g}: "
+            f"{'covered' if move.covered else 'not covered'}, T = {move.time:.4f} s, "
+            f"𝒱 from {move.lyapunov_start:.4f} to < {move.lyapunov:.4f} J, "
+            f"|det ψ_q′| > {enclosure.smallest_determinant:.4f} m², {len(enclosure.steps)} steps, "
             f"final radius {radius:.1e}, {spent:.2f} s"
         )
         covered.append(move.covered)

@@ -9,8 +9,8 @@ import pytest
 
 import ccpin
 from ccpin.constraints import Constraints
-from ccpin.description.model import CLOSURE_KINDS
 from ccpin.control.stability import certify_set_point
+from ccpin.description.model import CLOSURE_KINDS
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.tree import build_tree
 from tests.loading import script
