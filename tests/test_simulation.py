@@ -136,6 +136,17 @@ def test_driving_into_a_singularity_keeps_the_data(model):
     assert motion.q.shape == (len(motion.t), 2)
 
 
+@pytest.mark.parametrize("options", [{}, {"rtol": 1e-8}, {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}])
+def test_flying_into_a_singularity_ends_soon(model, options):
+    """Thrown at the stretched loop the motion ends as singular, by that name, without creeping towards it for ever."""
+    motion = ccpin.simulate(model, None, np.radians([-108.0, -72.0]), [-8.0, 8.0], duration=0.5, **options)
+    assert motion.status == "singular"
+    assert "singular" in motion.message
+    assert motion.t[-1] == pytest.approx(0.057, abs=1e-3)
+    assert motion.evaluations < 20_000
+    assert motion.closure_error.max() <= 1e-10
+
+
 def test_a_failing_controller_keeps_the_data(model):
     """A CcpinError inside the law ends the motion as failed with its message."""
 

@@ -14,7 +14,12 @@ from ccpin.derivatives import (
     GeneralizedForceDerivatives,
     InverseDynamicsDerivatives,
 )
-from ccpin.errors import InvalidInputError, UnderactuatedError, UnsupportedMechanismError
+from ccpin.errors import (
+    InvalidInputError,
+    SingularConfigurationError,
+    UnderactuatedError,
+    UnsupportedMechanismError,
+)
 from ccpin.free_system import Energy, FreeSystem
 from ccpin.mechanism import Mechanism
 from ccpin.parametrization import ClosedPoint
@@ -155,6 +160,13 @@ class ReducedModel:
         if not self.n:
             return np.zeros(0)
         _, a, info = lapack.dposv(mass, force)
+        if info != 0 and point.factor.rcond < 1e-6:
+            raise SingularConfigurationError(
+                f"the reduced dynamics break down near a singularity (reciprocal condition number of ψ_q′ "
+                f"{point.factor.rcond:.1e})",
+                q_free=point.q_free,
+                rcond=point.factor.rcond,
+            )
         if info != 0:
             raise UnsupportedMechanismError(
                 "the reduced mass matrix D is not positive definite: some independent motion moves no mass; give the "

@@ -26,6 +26,7 @@ from ccpin.trajectory import Status, Trajectory
 
 Array = NDArray[np.float64]
 METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
+_CREEPING, _MOST_CREEPING = 1e-7, 200
 _SHORTEST_STEP = 1e-10
 _EVENT_WIDTH = 1e-10
 _MOST_EVENTS = 200
@@ -201,9 +202,11 @@ class _Run:
     def leg(self, until: float, due: Array, solver_class: Any, options: dict[str, float]) -> _Stop | None:
         """Integrate smooth equations up to `until` or an event, sampling at the times due.
 
-        Where σ fails inside a trial step, try again with a shorter one.
+        Where σ fails inside a trial step, try again with a shorter one. Many steps in a row of less than a hundred
+        nanoseconds are an approach to a singularity, where accelerations grow without bound.
         """
         shortened: float | None = None
+        creeping = 0
         solver = self.solver(until, solver_class, options, self.first_step)
         while self.t < until:
             try:
@@ -224,8 +227,14 @@ class _Run:
                 stop = self.sample(time, solver.y if time == solver.t else dense(time))
                 if stop is not None:
                     return stop
+            creeping = creeping + 1 if reached - self.t < _CREEPING else 0
             self.t, self.state = reached, solver.y if reached == solver.t else dense(reached)
-            self.near = self.point(self.state).q_free
+            point = self.point(self.state)
+            self.near = point.q_free
+            if point.factor.rcond < self.singular_rcond or creeping >= _MOST_CREEPING:
+                return _Stop(
+                    "singular", f"at t = {self.t:.6g} s ψ_q′ is nearly singular (rcond {point.factor.rcond:.1e})"
+                )
             if event is not None:
                 self.begin(event.halted)
                 return None
