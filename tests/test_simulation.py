@@ -220,6 +220,7 @@ def test_supervised_cycles(model):
         assert move.end - move.settled == pytest.approx(2.5, abs=0.011)
         assert np.abs(move.trajectory.q[-1] - move.goal).max() < 1e-4
     assert motion.moves[1].start == motion.moves[0].end
+    assert motion.trajectory.message.startswith("2 moves")
     assert motion.trajectory.closure_error.max() <= 1e-10
 
 

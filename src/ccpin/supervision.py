@@ -106,6 +106,8 @@ def supervise(
             break
         q, v, q_free = motion.q[-1], motion.v[-1], motion.q_free[-1]
     assert whole is not None
+    if moves[-1].settled is not None:
+        whole = whole._replace(message=f"{len(moves)} moves, {whole.t[-1]:.6g} s in all")
     return SupervisedMotion(whole, tuple(moves))
 
 
