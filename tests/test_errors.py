@@ -190,6 +190,14 @@ def test_loop_that_cannot_close_across_its_plane(rpdr):
         ccpin.load(replace(rpdr.description, joints=tuple(joints)))
 
 
+def test_loop_that_closes_only_turned_end_for_end(rpdr):
+    """A hinge whose two axes point opposite ways along a planar loop's normal: said as such, not as open by 0."""
+    closure = rpdr.closures[0]
+    turned = closure.placement_b @ np.diag([1.0, -1.0, -1.0, 1.0])
+    with pytest.raises(LoopNotClosedError, match="turned end for end"):
+        ccpin.load(replace(rpdr.description, closures=(replace(closure, placement_b=turned),)))
+
+
 def _shifted(x):
     placement = np.eye(4)
     placement[0, 3] = x

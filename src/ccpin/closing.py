@@ -96,7 +96,7 @@ def starts(model: pin.Model, reference: Array, count: int) -> Iterator[tuple[str
     neutral = pin.neutral(model)
     yield "the neutral pose", neutral
     lower, upper = model.lowerPositionLimit, model.upperPositionLimit
-    finite = np.isfinite(lower) & np.isfinite(upper) & (upper - lower < 4 * np.pi)
+    finite = np.isfinite(lower) & np.isfinite(upper) & (0.5 * upper - 0.5 * lower < 2 * np.pi)
     middle = neutral.copy()
     middle[finite] = 0.5 * (lower[finite] + upper[finite])
     yield "the middle of the joint ranges", pin.normalize(model, middle)
@@ -164,6 +164,13 @@ def find_closed(constraints: Constraints, reference: Array, count: int = 40) -> 
     residual = constraints.residual(least)
     errors = {name: float(np.linalg.norm(residual[rows])) for name, rows in constraints.row_slices().items()}
     worst = max(errors, key=lambda name: errors[name])
+    if errors[worst] <= 1e-9 and not constraints.aligned(least):
+        raise LoopNotClosedError(
+            f"the loops close only with a closure's axes turned end for end ({count + 3} starts tried); turn one of its "
+            "frames by half a turn",
+            q_free=least,
+            errors=errors,
+        )
     raise LoopNotClosedError(
         f"no closed configuration was found from {count + 3} starts; the least open one leaves loop '{worst}' open by "
         f'{errors[worst]:.4g} (m or rad). State a pose near a closed one (<group_state name="reference">), or check '
