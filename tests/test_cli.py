@@ -42,6 +42,19 @@ def test_modes(capsys):
     assert len(json.loads(capsys.readouterr().out)["modes"]) == 2
 
 
+def test_modes_at_a_singular_configuration(capsys):
+    """Where every start ends singular, no mode is found, and the words say why."""
+    assert main(["modes", "four_bar", "--independent", "rocker", "--q", repr(_rocker_dead_centre())]) == 0
+    text = capsys.readouterr().out
+    assert "0 assembly modes" in text
+    assert "singular configurations" in text
+
+
+def _rocker_dead_centre():
+    """The rocker's angle with crank 40 and coupler 120 in line, over ground 100 and rocker 80: law of cosines."""
+    return float(np.pi - np.arccos((100.0**2 + 80.0**2 - 160.0**2) / (2 * 100.0 * 80.0)))
+
+
 def test_simulate_point_to_point(capsys, tmp_path):
     """The paper's motion with all its files."""
     assert main(["simulate", "rpdr", *MOVE, "--out", str(tmp_path), "--json"]) == 0

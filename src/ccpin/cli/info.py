@@ -44,6 +44,8 @@ def _modes(options: argparse.Namespace) -> None:
         print(json.dumps({"modes": modes, "starts": found.starts, "singular": found.singular}, indent=2))
         return
     print(f"{len(found.modes)} assembly modes found from {found.starts} starts (sampled, not proved complete)")
+    if found.singular:
+        print(f"{found.singular} starts ended at singular configurations, which belong to no mode")
     for k, mode in enumerate(found.modes, start=1):
         reference = ", the reference's" if mode.is_reference else ""
         print(f"mode {k}{reference}: sign det ψ_q′ = {mode.sign:+d}, 1/κ = {mode.rcond:.3g}")
