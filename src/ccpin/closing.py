@@ -166,8 +166,8 @@ def find_closed(constraints: Constraints, reference: Array, count: int = 40) -> 
     worst = max(errors, key=lambda name: errors[name])
     if errors[worst] <= 1e-9 and not constraints.aligned(least):
         raise LoopNotClosedError(
-            f"the loops close only with a closure's axes turned end for end ({count + 3} starts tried); turn one of its "
-            "frames by half a turn",
+            f"the loops close only with a closure's axes turned end for end ({count + 3} starts tried); turn one of "
+            "its frames by half a turn",
             q_free=least,
             errors=errors,
         )
