@@ -147,6 +147,21 @@ def test_flying_into_a_singularity_ends_soon(model, options):
     assert motion.closure_error.max() <= 1e-10
 
 
+def test_short_steps_far_from_a_singularity_are_no_approach_to_one(model):
+    """Steps of nanoseconds because the caller asks for them go to the end."""
+    motion = ccpin.simulate(model, None, HANGING, duration=2e-5, sample_period=1e-6, max_step=4e-8)
+    assert motion.status == "finished"
+    assert motion.t[-1] == pytest.approx(2e-5)
+
+
+def test_bad_settling_goal_and_longest_step(model):
+    """A goal with one number for two coordinates, or a longest step of zero, is refused before the motion."""
+    with pytest.raises(InvalidInputError, match=r"must be \(2,\)"):
+        ccpin.simulate(model, None, HANGING, duration=0.1, settling=ccpin.Settling(np.zeros(1)))
+    with pytest.raises(InvalidInputError, match="max_step"):
+        ccpin.simulate(model, None, HANGING, duration=0.1, max_step=0.0)
+
+
 def test_a_failing_controller_keeps_the_data(model):
     """A CcpinError inside the law ends the motion as failed with its message."""
 

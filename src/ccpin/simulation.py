@@ -26,7 +26,7 @@ from ccpin.trajectory import Status, Trajectory
 
 Array = NDArray[np.float64]
 METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
-_CREEPING, _MOST_CREEPING = 1e-7, 200
+_CREEPING, _MOST_CREEPING, _CREEPING_RCOND = 1e-7, 200, 1e-3
 _SHORTEST_STEP = 1e-10
 _EVENT_WIDTH = 1e-10
 _MOST_EVENTS = 200
@@ -106,6 +106,10 @@ def simulate(
             raise InvalidInputError(f"{name} = {value} must be a positive number")
     if method not in METHODS:
         raise InvalidInputError(f"method '{method}' is not one of {', '.join(METHODS)}")
+    if not max_step > 0:
+        raise InvalidInputError(f"max_step = {max_step} must be a positive number")
+    if settling is not None:
+        settling = settling._replace(goal=model.checked_q(settling.goal))
     start = model.closed_point(q_start, guess)
     contact = Smooth(model) if friction is None else StickSlip(model, joint_friction(model.mechanism, friction))
     loop = ContinuousLoop(law) if sampling is None else SampledLoop(model, law, sampling, q_start, v_start)
@@ -203,7 +207,8 @@ class _Run:
         """Integrate smooth equations up to `until` or an event, sampling at the times due.
 
         Where σ fails inside a trial step, try again with a shorter one. Many steps in a row of less than a hundred
-        nanoseconds are an approach to a singularity, where accelerations grow without bound.
+        nanoseconds where ψ_q′ is badly conditioned are an approach to a singularity, where accelerations grow without
+        bound.
         """
         shortened: float | None = None
         creeping = 0
@@ -227,10 +232,11 @@ class _Run:
                 stop = self.sample(time, solver.y if time == solver.t else dense(time))
                 if stop is not None:
                     return stop
-            creeping = creeping + 1 if reached - self.t < _CREEPING else 0
+            short = reached - self.t < _CREEPING
             self.t, self.state = reached, solver.y if reached == solver.t else dense(reached)
             point = self.point(self.state)
             self.near = point.q_free
+            creeping = creeping + 1 if short and point.factor.rcond < _CREEPING_RCOND else 0
             if point.factor.rcond < self.singular_rcond or creeping >= _MOST_CREEPING:
                 return _Stop(
                     "singular", f"at t = {self.t:.6g} s ψ_q′ is nearly singular (rcond {point.factor.rcond:.1e})"
