@@ -42,6 +42,12 @@ def test_modes(capsys):
     assert len(json.loads(capsys.readouterr().out)["modes"]) == 2
 
 
+def test_degrees_of_a_length_are_refused(capsys):
+    """A prismatic coordinate is never read as degrees."""
+    assert main(["modes", "stewart", "--q-deg", *["5"] * 6]) == 1
+    assert "all angles" in capsys.readouterr().err
+
+
 def test_modes_at_a_singular_configuration(capsys):
     """Where every start ends singular, no mode is found, and the words say why."""
     assert main(["modes", "four_bar", "--independent", "rocker", "--q", repr(_rocker_dead_centre())]) == 0

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import ccpin
+from ccpin.errors import InvalidInputError
 from ccpin.mechanism import Mechanism
 
 Array = NDArray[np.float64]
@@ -41,9 +42,21 @@ def add_vector(parser: argparse.ArgumentParser, name: str, help_text: str) -> No
     group.add_argument(f"--{name}-deg", nargs="+", type=float, metavar="DEG", help=f"{help_text}, degrees")
 
 
-def vector(options: argparse.Namespace, name: str) -> Array | None:
-    """A vector option in SI units, from whichever of its two spellings was used; ``None`` where neither was."""
+def vector(options: argparse.Namespace, name: str, mechanism: Mechanism) -> Array | None:
+    """A vector option in SI units, from whichever of its two spellings was used; ``None`` where neither was.
+
+    Raises:
+        InvalidInputError: Degrees are given where an independent coordinate is no plain angle.
+    """
     plain, degrees = getattr(options, name), getattr(options, f"{name}_deg")
-    if degrees is not None:
-        return np.asarray(np.radians(degrees), dtype=np.float64)
-    return None if plain is None else np.array(plain, dtype=np.float64)
+    if degrees is None:
+        return None if plain is None else np.array(plain, dtype=np.float64)
+    for coordinate in mechanism.independent:
+        joint, _, component = coordinate.partition(":")
+        if mechanism.tree.kinds[joint] != "revolute" and not component.startswith("r"):
+            raise InvalidInputError(
+                f"--{name}-deg is for mechanisms whose independent coordinates are all angles; '{coordinate}' "
+                f"({mechanism.tree.kinds[joint]}) is none: give --{name} in rad and m, a continuous joint as its "
+                "cosine and sine"
+            )
+    return np.asarray(np.radians(degrees), dtype=np.float64)

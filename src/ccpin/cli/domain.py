@@ -39,12 +39,12 @@ def _domain(options: argparse.Namespace) -> int:
 
     mechanism = load(options)
     model = ccpin.ReducedModel(mechanism)
-    centre = vector(options, "centre")
+    centre = vector(options, "centre", mechanism)
     centre = model.alpha(mechanism.q_reference) if centre is None else centre
     q_free = model.sigma(centre)
     result: dict[str, Any] = {"centre": centre.tolist(), "q_free": q_free.tolist()}
     result |= _radii(mechanism, q_free)
-    region = _region(options)
+    region = _region(options, mechanism)
     atlas = None
     if options.atlas or region is not None or mechanism.n <= 2 or options.save or options.plot:
         depth = options.depth if options.atlas or region is not None or options.plot else 0
@@ -68,8 +68,8 @@ def _domain(options: argparse.Namespace) -> int:
     return 0 if atlas is None or atlas.complete else 130
 
 
-def _region(options: argparse.Namespace) -> Array | None:
-    lower, upper = vector(options, "lower"), vector(options, "upper")
+def _region(options: argparse.Namespace, mechanism: Mechanism) -> Array | None:
+    lower, upper = vector(options, "lower", mechanism), vector(options, "upper", mechanism)
     if (lower is None) != (upper is None):
         raise InvalidInputError("a region needs both its lower and its upper corner")
     return None if lower is None or upper is None else np.column_stack([lower, upper])

@@ -37,7 +37,7 @@ def add_modes(commands: Any) -> None:
 def _modes(options: argparse.Namespace) -> None:
     mechanism = load(options)
     model = ccpin.ReducedModel(mechanism)
-    q = vector(options, "q")
+    q = vector(options, "q", mechanism)
     found = assembly_modes(model, model.alpha(mechanism.q_reference) if q is None else q)
     if options.json:
         modes = [mode._asdict() | {"q_free": mode.q_free.tolist()} for mode in found.modes]

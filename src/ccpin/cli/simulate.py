@@ -48,7 +48,7 @@ def add_simulate(commands: Any) -> None:
 def _simulate(options: argparse.Namespace) -> int:
     mechanism = load(options)
     model = ccpin.ReducedModel(mechanism)
-    start, goal = vector(options, "start"), vector(options, "goal")
+    start, goal = vector(options, "start", mechanism), vector(options, "goal", mechanism)
     start = model.alpha(mechanism.q_reference) if start is None else start
     goal = start if goal is None else goal
     settings = {"method": options.method, "rtol": options.rtol, "atol": options.atol} | bench_settings(options, model.n)
