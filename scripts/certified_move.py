@@ -2,7 +2,7 @@
 
 The start has 𝒱 = 13.1 J, more than any certified level set of Theorem 3 around q_d reaches. An enclosure of the exact
 trajectory leads from there into {𝒱 < c} on q_d's branch, where Theorem 3 takes over. The level c that settles the
-matter is the one `certify_set_point` proves; the others show how the time of arrival depends on it, and one start is
+matter is the one `certify_law` proves; the others show how the time of arrival depends on it, and one start is
 known to within a spread only. Needs python-flint.
 """
 
@@ -26,7 +26,7 @@ def main(*levels: float) -> bool:
     """Certify the move for each case (or each level given) and print a table; True where all are covered."""
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
     law = ccpin.control.PDSimpleGravity(model, Q_GOAL, K_P, K_V)
-    certificate = ccpin.control.certify_set_point(law)
+    certificate = ccpin.control.certify_law(law)
     cases = ((certificate.level, 0.0, 16), *(tuple((level, 0.0, 16) for level in levels) or CASES))
     print(f"Theorem 3 is proved for c = {certificate.level:.4f} J (rigorous: {certificate.rigorous})")
     print(f"RPDR from q = (-150°, -160°) at rest to (-90°, -100°), {PRECISION} bits")

@@ -14,7 +14,7 @@ import ccpin
 from ccpin import plotting
 from ccpin.control.lyapunov import lyapunov_along
 from ccpin.control.region_samples import sample_region
-from ccpin.control.stability import SetPointCertificate, certify_set_point
+from ccpin.control.stability import SetPointCertificate, certify_law
 
 OUT = Path("out/theorem3")
 REGION = np.radians([[-150.0, -160.0], [-90.0, -100.0]])
@@ -32,7 +32,7 @@ def main(out: Path = OUT) -> None:
     print(
         f"gain condition on D: sup |dg/dq| = {slope.norm.max():.3f} N m/rad (sampled), at {_degrees(worst)}; K_p = 11"
     )
-    certificate = certify_set_point(law)
+    certificate = certify_law(law)
     start = law.lyapunov(Q_START, np.zeros(2))
     print(f"largest level with B2 inside Omega: c >= {certificate.level_domain:.3f} J (proved)")
     print(f"largest level with the gain condition too: c = {certificate.level:.3f} J (proved), limited at")

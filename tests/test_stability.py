@@ -15,7 +15,7 @@ from ccpin.control import PDFullGravity, PDSimpleGravity
 from ccpin.control.gains import gravity_slope_over, suggest_gains
 from ccpin.control.lyapunov import lyapunov_along
 from ccpin.control.set_point_cells import cells_of_atlas
-from ccpin.control.stability import certify_set_point
+from ccpin.control.stability import certify_law, certify_set_point
 from ccpin.control.sublevel import Effort
 from ccpin.control.well import Well
 from ccpin.domain.atlas import certify
@@ -39,7 +39,7 @@ def _case(name):
         "hexa": (model.alpha(model.mechanism.q_reference), np.full(6, 100.0), np.full(6, 5.0), None, 1.0),
     }[name]
     law = PDSimpleGravity(model, q_d, k_p, k_v)
-    return law, certify_set_point(law, effort=effort), duration
+    return law, certify_law(law, effort=effort), duration
 
 
 def _closed_form_potential(paper):
@@ -212,7 +212,7 @@ def test_one_coordinate_against_the_well_itself():
     model = ccpin.ReducedModel(ccpin.load("slider_crank"))
     q_d, k_p = 0.2, 0.02
     law = PDSimpleGravity(model, [q_d], [k_p], [0.01])
-    certificate = certify_set_point(law)
+    certificate = certify_law(law)
 
     def slope(q):
         return abs(model.gravity_derivative([q])[0, 0])
@@ -283,7 +283,7 @@ def test_gain_below_the_slope_is_refused_and_runs_away(rpdr_model):
     slope = rpdr_model.gravity_derivative(UPRIGHT, UPRIGHT_MODE)
     assert np.linalg.eigvalsh(slope)[0] < -1.0
     weak = PDSimpleGravity(rpdr_model, UPRIGHT, [0.4, 0.4], K_V, UPRIGHT_MODE)
-    refused = certify_set_point(weak)
+    refused = certify_law(weak)
     assert not refused.holds
     assert refused.stiffness < 0.0
     assert "not stable" in refused.reason
@@ -292,7 +292,7 @@ def test_gain_below_the_slope_is_refused_and_runs_away(rpdr_model):
     gone = ccpin.simulate(rpdr_model, weak, off, duration=4.0, guess=UPRIGHT_MODE)
     assert np.abs(gone.q[-1] - UPRIGHT).max() > 0.3
     strong = PDSimpleGravity(rpdr_model, UPRIGHT, K_P, K_V, UPRIGHT_MODE)
-    certificate = certify_set_point(strong, effort=Effort(8, 120))
+    certificate = certify_law(strong, effort=Effort(8, 120))
     assert certificate.holds
     assert certificate.contains(off)
     back = ccpin.simulate(rpdr_model, strong, off, duration=4.0, guess=UPRIGHT_MODE)
@@ -302,7 +302,7 @@ def test_gain_below_the_slope_is_refused_and_runs_away(rpdr_model):
 def test_gain_condition_is_sufficient_only(rpdr_model):
     """Where K_p is below ‖∂g/∂q‖ but K_p + ∂g/∂q is positive definite, Theorem 3 is silent, and says why."""
     reference = rpdr_model.alpha(rpdr_model.mechanism.q_reference)
-    certificate = certify_set_point(PDSimpleGravity(rpdr_model, reference, [1.2, 1.2], K_V))
+    certificate = certify_law(PDSimpleGravity(rpdr_model, reference, [1.2, 1.2], K_V))
     assert not certificate.holds
     assert certificate.stiffness > 0.0
     assert "gain condition fails" in certificate.reason
@@ -311,7 +311,7 @@ def test_gain_condition_is_sufficient_only(rpdr_model):
 def test_full_matrix_gains(rpdr_model):
     """k is the least eigenvalue of a K_p that is not diagonal."""
     matrix = np.array([[14.0, 4.0], [4.0, 9.0]])
-    certificate = certify_set_point(PDSimpleGravity(rpdr_model, Q_GOAL, matrix, K_V), effort=Effort(8, 100))
+    certificate = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, matrix, K_V), effort=Effort(8, 100))
     assert certificate.gain == pytest.approx(11.5 - np.sqrt(2.5**2 + 16.0))
     assert certificate.holds
 
@@ -319,16 +319,16 @@ def test_full_matrix_gains(rpdr_model):
 def test_bad_input_is_refused(rpdr_model):
     """Another law, a region that does not hold q_d, motors elsewhere: each is named."""
     with pytest.raises(InvalidInputError, match="simple gravity"):
-        certify_set_point(PDFullGravity(rpdr_model, Q_GOAL, K_P, K_V))
+        certify_law(PDFullGravity(rpdr_model, Q_GOAL, K_P, K_V))
     law = PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V)
     with pytest.raises(InvalidInputError, match="outside of the region"):
-        certify_set_point(law, (Q_GOAL + 0.1, Q_GOAL + 0.2))
+        certify_law(law, (Q_GOAL + 0.1, Q_GOAL + 0.2))
     with pytest.raises(InvalidInputError, match="below its upper corner"):
-        certify_set_point(law, (Q_GOAL + 0.1, Q_GOAL - 0.2))
+        certify_law(law, (Q_GOAL + 0.1, Q_GOAL - 0.2))
     other = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint3"], actuated=["joint1", "joint2"]))
     q_d = other.alpha(other.mechanism.q_reference)
     with pytest.raises(UnsupportedMechanismError, match="motors on the independent"):
-        certify_set_point(PDSimpleGravity(other, q_d, K_P, K_V))
+        certify_law(PDSimpleGravity(other, q_d, K_P, K_V))
 
 
 # ---- other domains --------------------------------------------------------------------------------------------------
@@ -344,7 +344,7 @@ def atlas(rpdr):
 def test_atlas_as_domain(rpdr_model, atlas):
     """With an atlas the level is limited by its edge, and below the closed form's least U there."""
     law = PDSimpleGravity(rpdr_model, Q_GOAL, [20.0, 20.0], K_V)
-    certificate = certify_set_point(law, atlas)
+    certificate = certify_law(law, atlas)
     assert certificate.rigorous
     assert certificate.limit == "domain"
     assert "boxes of an atlas" in certificate.method
@@ -362,7 +362,7 @@ def test_atlas_in_space():
     half, model = np.radians(10.0), law.model
     region = np.tile([-half, half], (3, 1))
     cube = certify(model.mechanism, np.zeros(3), region, max_depth=4)
-    certificate = certify_set_point(law, cube)
+    certificate = certify_law(law, cube)
     rng = np.random.default_rng(2)
     faces = rng.uniform(-half, half, (300, 3))
     faces[np.arange(300), rng.integers(3, size=300)] = half * rng.choice([-1.0, 1.0], 300)
@@ -379,21 +379,21 @@ def test_atlas_of_another_branch_or_place(rpdr_model, atlas):
     """A set point outside of the atlas, on another branch, or of another mechanism is refused."""
     elsewhere = PDSimpleGravity(rpdr_model, np.radians([-150.0, -150.0]), K_P, K_V)
     with pytest.raises(InvalidInputError, match="not in the atlas"):
-        certify_set_point(elsewhere, atlas)
+        certify_law(elsewhere, atlas)
     up = oracle.sigma(Q_GOAL, -1)[[0, 2, 1, 3]]
     with pytest.raises(InvalidInputError, match="another branch"):
-        certify_set_point(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V, up), atlas)
+        certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V, up), atlas)
     slider = ccpin.ReducedModel(ccpin.load("slider_crank"))
     law = PDSimpleGravity(slider, slider.alpha(slider.mechanism.q_reference), [1.0], [1.0])
     with pytest.raises(InvalidInputError, match="the law's coordinates"):
-        certify_set_point(law, atlas)
+        certify_law(law, atlas)
 
 
 def test_plain_region_says_it_is_sampled(rpdr_model):
     """Over a region the figures are estimates that say so, close to those of an atlas of the same region."""
     law = PDSimpleGravity(rpdr_model, Q_GOAL, [20.0, 20.0], K_V)
     half = np.radians(30.0)
-    certificate = certify_set_point(law, (Q_GOAL - half, Q_GOAL + half))
+    certificate = certify_law(law, (Q_GOAL - half, Q_GOAL + half))
     assert not certificate.rigorous
     assert "sampled" in certificate.method
     side = np.linspace(-half, half, 400)
@@ -406,7 +406,7 @@ def test_plain_region_says_it_is_sampled(rpdr_model):
 
 def test_region_with_the_goal_at_its_corner(rpdr_model):
     """𝒟 itself holds no B₂: the paper's goal is a corner of it."""
-    certificate = certify_set_point(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V), (Q_START, Q_GOAL))
+    certificate = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V), (Q_START, Q_GOAL))
     assert not certificate.holds
     assert certificate.beta < 11.0
 
@@ -430,7 +430,7 @@ def test_suggested_gains_damp_every_mode(rpdr, rpdr_model):
     poles = np.linalg.eigvals(loop)
     np.testing.assert_allclose(-poles.real / np.abs(poles), 0.6, atol=1e-8)
     np.testing.assert_allclose(np.sort(np.abs(poles))[::2], gains.frequencies, rtol=1e-8)
-    assert certify_set_point(law, atlas).holds
+    assert certify_law(law, atlas).holds
 
 
 def test_no_gains_beside_a_singularity(rpdr_model, atlas):
@@ -473,3 +473,12 @@ def test_pictures(tmp_path, rpdr_model):
     assert all((tmp_path / name).read_bytes()[:4] == b"\x89PNG" for name in ("v.png", "u.png"))
     with pytest.raises(CcpinError, match="3 coordinates"):
         plotting.plot_sublevel(_case("delta")[1])
+
+
+def test_the_call_by_set_point_is_that_of_its_law(rpdr_model):
+    """certify_set_point(model, q_d, K_p, K_v) makes the law (28) and certifies it."""
+    effort = Effort(8, 100)
+    by_gains = certify_set_point(rpdr_model, Q_GOAL, K_P, K_V, effort=effort)
+    by_law = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V), effort=effort)
+    assert by_gains.level == by_law.level > 0.0
+    assert by_gains.rigorous

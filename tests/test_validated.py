@@ -9,7 +9,7 @@ import pytest
 
 import ccpin
 from ccpin.constraints import Constraints
-from ccpin.control.stability import certify_set_point
+from ccpin.control.stability import certify_law
 from ccpin.description.model import CLOSURE_KINDS
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.tree import build_tree
@@ -349,7 +349,7 @@ def test_spread_of_a_certified_move(rpdr_model, law):
 @pytest.mark.slow
 def test_from_the_papers_start_to_rest(rpdr_model, law):
     """With Theorem 3's own certificate the whole statement is proven: from 13.1 J into B₂ and to rest at q_d."""
-    certificate = certify_set_point(law)
+    certificate = certify_law(law)
     move = certify_move(rpdr_model, law, Q_START, arrival=certificate)
     assert move.covered
     assert move.rigorous

@@ -8,7 +8,7 @@ from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGrav
 from ccpin.control.lyapunov import LyapunovHistory, lyapunov_along
 from ccpin.control.online import OnlineLaw, OnlineReport, OnlineSigma, capped_sigma
 from ccpin.control.sampling import Sampling
-from ccpin.control.stability import SetPointCertificate, certify_set_point
+from ccpin.control.stability import SetPointCertificate, certify_law, certify_set_point
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw, WithSigmaError
 
 __all__ = [
@@ -31,6 +31,7 @@ __all__ = [
     "TrackingLaw",
     "WithSigmaError",
     "capped_sigma",
+    "certify_law",
     "certify_set_point",
     "lyapunov_along",
     "suggest_gains",

@@ -47,6 +47,7 @@ from ccpin.control.sublevel import Effort, Flood, Sublevel, connected
 from ccpin.domain.atlas import Atlas
 from ccpin.domain.newton import predict
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
+from ccpin.reduced_model import ReducedModel
 
 Array = NDArray[np.float64]
 Limit = Literal["domain", "gain", "effort"]
@@ -162,6 +163,34 @@ class _Box:
 
 
 def certify_set_point(
+    model: ReducedModel,
+    q_d: ArrayLike,
+    K_p: ArrayLike,
+    K_v: ArrayLike,
+    domain: Atlas | Region | None = None,
+    *,
+    guess: ArrayLike | None = None,
+    effort: Effort | None = None,
+) -> SetPointCertificate:
+    """Theorem 3 for PD with simple gravity compensation (28) at a set point: `certify_law` of that law.
+
+    Args:
+        model: The reduced model.
+        q_d: The set point, of shape (n,).
+        K_p: Proportional gains, (n,) or (n, n).
+        K_v: Velocity gains, (n,) or (n, n).
+        domain: As for `certify_law`.
+        guess: Chooses the assembly mode of σ(q_d).
+        effort: As for `certify_law`.
+
+    Raises:
+        InvalidInputError, UnsupportedMechanismError, UnreachableError, SingularConfigurationError: As `certify_law`
+            and `PDSimpleGravity` do.
+    """
+    return certify_law(PDSimpleGravity(model, q_d, K_p, K_v, guess), domain, effort=effort)
+
+
+def certify_law(
     law: PDSimpleGravity, domain: Atlas | Region | None = None, *, effort: Effort | None = None
 ) -> SetPointCertificate:
     """Theorem 3 for a law: β, the gain condition, and the largest c found with B₂ in the domain.
