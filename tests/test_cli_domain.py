@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ccpin.cli import main
+from ccpin.description import find_file
 from ccpin.domain import Atlas, certified_radius
 
 CENTRE = ["--centre-deg", "-108", "-72"]
@@ -50,6 +51,20 @@ def test_the_radius_map_is_the_distance_to_what_is_not_certified(tmp_path):
         rim = np.concatenate([np.column_stack([s * np.ones_like(edge), edge]) for s in (-1, 1)])
         rim = np.concatenate([rim, rim[:, ::-1]])
         assert not atlas.contains(q + (radius + 1e-3) * rim).all()
+
+
+def test_continuous_joints_are_certified_by_their_angles(tmp_path, capsys):
+    """A five-bar on continuous joints has the radii of the one on revolute joints."""
+    text = find_file("rpdr").read_text()
+    for joint in ("joint1", "joint2", "joint3", "joint4"):
+        text = text.replace(f'<joint name="{joint}" type="revolute"', f'<joint name="{joint}" type="continuous"')
+    (tmp_path / "turning.urdf").write_text(text)
+    radii = []
+    for name in ("rpdr", str(tmp_path / "turning.urdf")):
+        assert main(["domain", name, "--json"]) == 0
+        facts = json.loads(capsys.readouterr().out)
+        radii.append((facts["kantorovich_radius"], facts["atlas"]["radius"]))
+    assert radii[0] == pytest.approx(radii[1], rel=1e-6)
 
 
 def test_bad_requests_are_named(capsys):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.errors import DescriptionError
+from ccpin.errors import DescriptionError, InvalidInputError
 from ccpin.mechanism import stated_pose
 from ccpin.tree import build_tree
 from tests.oracles import rpdr as oracle
@@ -125,3 +125,14 @@ def test_wrong_reference_values(rpdr):
         DescriptionError, match=r"joint 'joint1': the reference value has 2 numbers; a revolute joint needs 1"
     ):
         stated_pose(build_tree(wrong), wrong)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [(None,), (3,), ("rpdr", "joint1"), ("rpdr", [1, 2])],
+)
+def test_arguments_of_the_wrong_type_are_named(arguments):
+    """A path that is none, or names that are no sequence of names, raise ours at once."""
+    path, *independent = arguments
+    with pytest.raises(InvalidInputError):
+        ccpin.load(path, independent=independent[0] if independent else None)

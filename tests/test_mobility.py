@@ -64,10 +64,9 @@ def test_a_singular_pose_does_not_hide_the_rank():
     assert rank == 2
     assert all(rank_at(constraints, sample) == 2 for sample in samples)
     mechanism = ccpin.load(flat)
-    assert (mechanism.n, "the loops were closed from a step away from a singular closed pose") == (
-        1,
-        mechanism.notes[-1],
-    )
+    assert mechanism.n == 1
+    assert "the loops were closed from a step away from a singular closed pose" in mechanism.notes
+    assert "arbitrary" in mechanism.notes[-1]
 
 
 def rod():

@@ -19,12 +19,13 @@ from ccpin.description.model import Coupling, LoopClosure, MechanismDescription,
 from ccpin.errors import (
     DescriptionError,
     IndependentSetError,
+    InvalidInputError,
     LoopNotClosedError,
     NoLoopError,
     SingularConfigurationError,
     UnsupportedMechanismError,
 )
-from ccpin.mobility import Mobility, generic_rank, idle_motions, independence, null_space
+from ccpin.mobility import Mobility, conditioning, generic_rank, idle_motions, independence, null_space
 from ccpin.parametrization import Parametrization
 from ccpin.selection import choose_independent
 from ccpin.tree import Tree, build_tree
@@ -112,6 +113,9 @@ class Mechanism:
         return Parametrization(self.constraints(), coordinates, self.q_reference)
 
 
+_FROM_SINGULAR = "a step away from a singular closed pose"
+
+
 def load(
     path: str | Path | MechanismDescription,
     *,
@@ -141,6 +145,7 @@ def load(
         LoopNotClosedError: No closed configuration was found.
         IndependentSetError: The independent or actuated joints named cannot be used.
     """
+    _check_arguments(path, independent, actuated)
     description = path if isinstance(path, MechanismDescription) else read_description(path, format)
     description = check(
         replace(
@@ -182,6 +187,11 @@ def _analysed(
         notes.append("the reference configuration lies outside some joint limits: none inside was found")
     if closed.start != "the stated pose":
         notes.append(f"the loops were closed from {closed.start}")
+    if closed.start == _FROM_SINGULAR:
+        notes.append(
+            "branches of σ meet at that pose, so which of them the reference lies on is arbitrary; a stated pose "
+            '(<group_state name="reference">) chooses'
+        )
     mechanism = Mechanism(
         description,
         tree,
@@ -194,6 +204,14 @@ def _analysed(
     IndependentCoordinates(tree, mechanism.actuated, closed.q_free)
     mechanism.parametrization().at(closed.q_free)
     return mechanism
+
+
+def _check_arguments(path: object, independent: object, actuated: object) -> None:
+    if not isinstance(path, str | Path | MechanismDescription):
+        raise InvalidInputError(f"load takes a path, a model's name or a description, not {type(path).__name__}")
+    for role, names in (("independent", independent), ("actuated", actuated)):
+        if isinstance(names, str) or (names is not None and not all(isinstance(n, str) for n in names)):  # type: ignore[attr-defined]
+            raise InvalidInputError(f"{role} must be a sequence of joint names, e.g. ['joint1', 'joint2']")
 
 
 def _no_loop_message(description: MechanismDescription) -> str:
@@ -245,8 +263,9 @@ def _reference(
     names = [name for name in wanted if name.partition(":")[0] in tree.kinds]
     scores = [independence(tree, null_space(constraints, q, rank), names) for q in candidates]
     if candidates[0] is not closed.q_free or scores[0] < 1e-3:
-        best = candidates[int(np.argmax(scores))]
-        closed = closed._replace(q_free=best, start="a step away from a singular closed pose")
+        quality = [score * conditioning(constraints, q, rank) for score, q in zip(scores, candidates, strict=True)]
+        best = candidates[int(np.argmax(quality))]
+        closed = closed._replace(q_free=best, start=_FROM_SINGULAR)
     complete = Constraints(tree, description.closures, description.couplings, reduce_planar=False)
     residual = complete.residual(closed.q_free)
     errors = {name: float(np.abs(residual[rows]).max()) for name, rows in complete.row_slices().items()}

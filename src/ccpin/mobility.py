@@ -181,6 +181,12 @@ def _kernel(matrix: Array) -> Array:
     return np.asarray(vt[rank:].T)
 
 
+def conditioning(constraints: Constraints, q_free: Array, rank: int) -> float:
+    """The smallest singular value of the scaled φ_q′ that counts towards its rank, relative to the largest."""
+    singular = np.linalg.svd(scaled_jacobian(constraints, q_free), compute_uv=False)
+    return float(singular[rank - 1] / singular[0]) if rank else 1.0
+
+
 def independence(tree: Tree, basis: Array, wanted: list[str]) -> float:
     """How well the wanted joints measure the motions of a null-space basis, in [0, 1].
 

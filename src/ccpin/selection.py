@@ -85,7 +85,11 @@ def _marked(
             f"the file leaves `independent` out on both sides of couplings: {', '.join(given_up)} "
             "taken as dependent (the successors)"
         )
-    _check_size(tree, marked, n, basis)
+    try:
+        _check_size(tree, marked, n, basis)
+    except IndependentSetError as error:
+        hint = "; a joint without `independent` counts as independent" if description.independent_is_default else ""
+        raise IndependentSetError(f"{error}{hint}") from None
     return complete_independent(tree, basis, marked, (), n)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Sequence
 
@@ -19,12 +20,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit code (0 done, 1 a CcpinError, 2 wrong usage, 130 interrupted)."""
     options = _parser().parse_args(arguments)
     try:
-        return int(options.run(options) or 0)
+        code = int(options.run(options) or 0)
+        sys.stdout.flush()
+        return code
     except CcpinError as error:
         if options.json:
             print(json.dumps({"error": type(error).__name__, "message": str(error)}))
         else:
             print(f"ccpin: {type(error).__name__}: {error}", file=sys.stderr)
+        return 1
+    except BrokenPipeError:  # the reader of a pipe has gone
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115  (flushed at exit)
         return 1
     except KeyboardInterrupt:
         print("ccpin: interrupted", file=sys.stderr)

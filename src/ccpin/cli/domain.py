@@ -38,10 +38,9 @@ def _domain(options: argparse.Namespace) -> int:
     from ccpin import domain
 
     mechanism = load(options)
-    model = ccpin.ReducedModel(mechanism)
     centre = vector(options, "centre", mechanism)
-    centre = model.alpha(mechanism.q_reference) if centre is None else centre
-    q_free = model.sigma(centre)
+    q_free = mechanism.q_reference if centre is None else ccpin.ReducedModel(mechanism).sigma(centre)
+    centre = domain.scalar_coordinates_at(mechanism, q_free)
     result: dict[str, Any] = {"centre": centre.tolist(), "q_free": q_free.tolist()}
     result |= _radii(mechanism, q_free)
     region = _region(options, mechanism)

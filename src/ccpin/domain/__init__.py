@@ -7,6 +7,7 @@ from ccpin.domain.kantorovich import kantorovich_radius, newton_steps
 from ccpin.domain.path import CertifiedPath, certify_path
 from ccpin.domain.quadratic import QuadraticSystem
 from ccpin.domain.radius_map import certified_radius
+from ccpin.domain.seed import scalar_coordinates_at
 from ccpin.domain.singularities import SingularCurve, serial_singularities, singularities, singularity_distance
 from ccpin.domain.theorem2 import Theorem2Result, theorem2, theorem2_radius
 
@@ -21,6 +22,7 @@ __all__ = [
     "certify_path",
     "kantorovich_radius",
     "newton_steps",
+    "scalar_coordinates_at",
     "serial_singularities",
     "singularities",
     "singularity_distance",

@@ -41,6 +41,16 @@ def seed_at(mechanism: Mechanism, q_free: Array) -> Seed:
     return Seed(system, system.chart.theta(closed))
 
 
+def scalar_coordinates_at(mechanism: Mechanism, q_free: Array) -> Array:
+    """q in the scalar coordinates of certificates, of shape (n,): a continuous joint's is its angle.
+
+    Raises:
+        InvalidInputError, SingularConfigurationError, UnsupportedMechanismError: As for `seed_at`.
+    """
+    seed = seed_at(mechanism, q_free)
+    return np.array(seed.theta[seed.system.independent])
+
+
 def seed_of(mechanism: Mechanism, q0: Array, guess: Array | None = None) -> Seed:
     """σ(q₀) on the branch of `guess` (default the reference), q₀ (n,) in scalar coordinates.
 
