@@ -165,9 +165,10 @@ def find_closed(constraints: Constraints, reference: Array, count: int = 40) -> 
     errors = {name: float(np.linalg.norm(residual[rows])) for name, rows in constraints.row_slices().items()}
     worst = max(errors, key=lambda name: errors[name])
     if errors[worst] <= 1e-9 and not constraints.aligned(least):
+        turned = ", ".join(f"loop '{name}'" for name in constraints.turned(least))
         raise LoopNotClosedError(
-            f"the loops close only with a closure's axes turned end for end ({count + 3} starts tried); turn one of "
-            "its frames by half a turn",
+            f"the loops close only with the axes of {turned} turned end for end ({count + 3} starts tried); "
+            "turn one of its frames by half a turn",
             q_free=least,
             errors=errors,
         )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ccpin.acceleration_derivatives import Directions, loop_acceleration_derivative
 from ccpin.description.model import Coupling, LoopClosure
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.loops import Loop, resolve_loop
+from ccpin.loops import Loop, is_turned, resolve_loop
 from ccpin.second_derivatives import Brackets, loop_second_derivative
 from ccpin.tree import Tree
 
@@ -169,13 +169,12 @@ class Constraints:
 
     def aligned(self, q_free: Array) -> bool:
         """Whether every closure with direction rows is closed the right way round (axes not turned end for end)."""
+        return not self.turned(q_free)
+
+    def turned(self, q_free: Array) -> tuple[str, ...]:
+        """The closures whose axes are turned end for end, by name."""
         pin.forwardKinematics(self.model, self._data, q_free)
-        for loop in self.loops:
-            rotation_a = self._data.oMi[loop.joint_a].rotation @ loop.frame_a[:3, :3]
-            rotation_b = self._data.oMi[loop.joint_b].rotation @ loop.frame_b[:3, :3]
-            if any((rotation_a @ a) @ (rotation_b @ b) <= 0 for a, b in loop.rows.alignment):
-                return False
-        return True
+        return tuple(loop.closure.name for loop in self.loops if is_turned(loop, self._data))
 
     def _carried(self, loop: Loop, spatial: Array, v_free: Array) -> Array | None:
         """The spatial velocity of the ancestor C in the world, or ``None`` where C is the world."""

@@ -93,6 +93,13 @@ def resolve_loop(tree: Tree, closure: LoopClosure, reduce_planar: bool = True) -
     )
 
 
+def is_turned(loop: Loop, data: pin.Data) -> bool:
+    """Whether the axes of a closure with direction rows are turned end for end, after forward kinematics."""
+    rotation_a = data.oMi[loop.joint_a].rotation @ loop.frame_a[:3, :3]
+    rotation_b = data.oMi[loop.joint_b].rotation @ loop.frame_b[:3, :3]
+    return any((rotation_a @ a) @ (rotation_b @ b) <= 0 for a, b in loop.rows.alignment)
+
+
 def _velocity_mask(model: pin.Model, joints: list[int]) -> Array:
     mask = np.zeros(model.nv)
     for joint in joints:
