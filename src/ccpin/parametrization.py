@@ -83,7 +83,7 @@ class Parametrization:
         """ρ̇ q̇ = −ψ_q′⁻¹ ψ̇_q′ q̇′, of shape (n′,), for q̇′ = ρ q̇."""
         return -point.factor.solve(self._psi_rate(point.q_free, v_free) @ v_free)
 
-    def sigma(self, q: Array, guess: Array | None = None) -> ClosedPoint:
+    def sigma(self, q: Array, guess: Array | ClosedPoint | None = None) -> ClosedPoint:
         """q′ = σ(q) (12), on the branch of `guess`.
 
         Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A step is trusted only if its second
@@ -95,18 +95,19 @@ class Parametrization:
 
         Args:
             q: Independent coordinates, of shape (nq_independent,).
-            guess: A configuration (closed or nearly so) on the branch wanted; default the reference.
+            guess: A configuration (closed or nearly so) on the branch wanted; default the reference. A closed point
+                spares the first evaluation.
 
         Raises:
             UnreachableError: The line is blocked by a singularity before q.
             SingularConfigurationError: q itself is singular.
             InvalidInputError: The guess cannot be closed, or only with a closure's axes turned end for end.
         """
-        start = self.q_reference if guess is None else guess
-        point, blocked = self._step(start, q)
+        point, blocked = self._step(self.q_reference if guess is None else guess, q)
         if point is None:
+            start = guess.q_free if isinstance(guess, ClosedPoint) else self.q_reference if guess is None else guess
             point = self._walk(self._closed_start(start) if blocked else start, q)
-        if guess is not None and self._turnable and not self.constraints.aligned(point.q_free):
+        if isinstance(guess, np.ndarray) and self._turnable and not self.constraints.aligned(point.q_free):
             raise InvalidInputError(
                 "the guess satisfies φ = 0 with a closure's axes turned end for end; pass a configuration closed the "
                 "right way round"
@@ -148,12 +149,16 @@ class Parametrization:
             rcond=rcond,
         )
 
-    def _step(self, start: Array, q: Array) -> tuple[ClosedPoint | None, bool]:
+    def _step(self, start: Array | ClosedPoint, q: Array) -> tuple[ClosedPoint | None, bool]:
         """One trusted Newton solve from a start; (``None``, whether the start was open) where it is not trusted."""
-        q_free, sign, last, trusted = start, 0, 0.0, False
-        start_open = False
+        known = start if isinstance(start, ClosedPoint) else None
+        q_free: Array = start.q_free if isinstance(start, ClosedPoint) else start
+        first, sign, last, trusted, start_open = q_free, 0, 0.0, False, False
         for iteration in range(_MAX_NEWTON):
-            gap, factor = self._linearized(q_free, q)
+            if known is not None and iteration == 0:
+                gap, factor = self._gap(np.zeros(self.constraints.size), q_free, q), known.factor
+            else:
+                gap, factor = self._linearized(q_free, q)
             if iteration == 0:
                 sign = factor.sign
                 start_open = bool(np.abs(gap[: self.constraints.size]).max(initial=0.0) > 1e-6)
@@ -163,7 +168,7 @@ class Parametrization:
             if size <= self._tolerance or (trusted and last <= 1e-9 and size <= 100 * self._tolerance):
                 if factor.sign != sign:
                     return None, start_open
-                return self._closed_point(q_free if iteration else start.copy(), factor), start_open
+                return self._closed_point(q_free if iteration else first.copy(), factor), start_open
             step = factor.solve(gap)
             length = float(np.linalg.norm(step))
             if not length <= _LARGEST_MOVE:
@@ -180,10 +185,14 @@ class Parametrization:
         m = self.constraints.size
         self._psi[:m] = value.jacobian
         self._psi[m:] = self.coordinates.jacobian(q_free)
+        return self._gap(value.phi, q_free, q), factorize(self._psi)
+
+    def _gap(self, phi: Array, q_free: Array, q: Array) -> Array:
+        """−ψ̄(q′, q) = [−φ; q − α(q′)] (11)."""
         gap = np.empty(len(self._psi))
-        gap[:m] = -value.phi
-        gap[m:] = self.coordinates.difference(self.coordinates.alpha(q_free), q)
-        return gap, factorize(self._psi)
+        gap[: len(phi)] = -phi
+        gap[len(phi) :] = self.coordinates.difference(self.coordinates.alpha(q_free), q)
+        return gap
 
     def _closed_start(self, start: Array) -> Array:
         """Close an open guess at its own q.

@@ -152,7 +152,7 @@ class _Run:
     ) -> None:
         self.model, self.loop, self.contact = model, loop, contact
         self.settling, self.region, self.singular_rcond = settling, region, singular_rcond
-        self.near = start.q_free
+        self.near = start
         self.t, self.state = 0.0, np.empty(0)
         self.first_step: float | None = None
         self.recent_events: list[float] = []
@@ -178,7 +178,7 @@ class _Run:
         """From command to command; between them from event to event."""
         end = float(times[-1])
         while True:
-            command = self.loop.instant(self.t, *self.split(self.state), self.near)
+            command = self.loop.instant(self.t, *self.split(self.state), self.near.q_free)
             until = command if command < end - 1e-9 * (command - self.t) else end
             self.begin()
             here = self.t + 1e-9 * (until - self.t)
@@ -235,7 +235,7 @@ class _Run:
             short = reached - self.t < _CREEPING
             self.t, self.state = reached, solver.y if reached == solver.t else dense(reached)
             point = self.point(self.state)
-            self.near = point.q_free
+            self.near = point
             creeping = creeping + 1 if short and point.factor.rcond < _CREEPING_RCOND else 0
             if point.factor.rcond < self.singular_rcond or creeping >= _MOST_CREEPING:
                 return _Stop(
@@ -301,7 +301,7 @@ class _Run:
         """Record one sample and judge the stop conditions there."""
         q, v = self.split(state)
         point = self.model.parametrization.sigma(q, self.near)
-        self.near = point.q_free
+        self.near = point
         u = self.loop.effort(t, q, v, point.q_free)
         phi = self.model.parametrization.constraints.residual(point.q_free)
         self.samples.append((float(t), q.copy(), v.copy(), u, point.q_free, float(np.linalg.norm(phi))))
