@@ -63,7 +63,7 @@ def resolve_loop(tree: Tree, closure: LoopClosure, reduce_planar: bool = True) -
     data = model.createData()
     pin.computeJointJacobians(model, data, pin.neutral(model))
     on_loop = supports_a[len(shared) :] + supports_b[len(shared) :]
-    normal = _plane_normal(tree, data, on_loop) if reduce_planar else None
+    normal = plane_normal(tree, data, on_loop) if reduce_planar else None
     hint = PlaneNormal()
     if normal is not None:
         turn_a = data.oMi[carrier_a.joint].rotation @ frame_a[:3, :3]
@@ -107,8 +107,14 @@ def _velocity_mask(model: pin.Model, joints: list[int]) -> Array:
     return mask
 
 
-def _plane_normal(tree: Tree, data: pin.Data, joints: list[int]) -> Array | None:
-    """The loop's plane normal in the world at the neutral configuration, or ``None`` for a spatial loop."""
+def plane_normal(tree: Tree, data: pin.Data, joints: list[int]) -> Array | None:
+    """Unit normal (3,) in the world of the plane the joints' bodies move parallel to, or ``None`` if there is none.
+
+    Args:
+        tree: The free system.
+        data: After Pinocchio's `computeJointJacobians` at any configuration.
+        joints: Indices of the joints on the loop, or of all joints.
+    """
     model = tree.model
     jacobian = data.J
     rotations, translations = [], []

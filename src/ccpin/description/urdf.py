@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -44,7 +45,7 @@ def read_urdf(text: bytes, source: str | None) -> MechanismDescription:
     robot = parse_document(root, source, notes)
     joints = [_joint(joint, source, notes) for joint in robot.joints]
     marks = read_marks(root, joints, source)
-    joints = [_with_armature(joint, marks.armature.get(joint.name, 0.0)) for joint in joints]
+    joints = [replace(joint, armature=marks.armature.get(joint.name, 0.0)) for joint in joints]
     colours = {m.name: m.color.rgba for m in robot.materials if m.name and m.color is not None}
     links = tuple(_link(link, colours, source, notes) for link in robot.links)
     children_ = {joint.child for joint in joints}
@@ -96,10 +97,6 @@ def _joint(joint: Any, source: str | None, notes: list[str]) -> Joint:
         effort=effort,
         velocity=velocity,
     )
-
-
-def _with_armature(joint: Joint, armature: float) -> Joint:
-    return Joint(**{**{f: getattr(joint, f) for f in joint.__dataclass_fields__}, "armature": armature})
 
 
 def _origin(matrix: Any) -> Any:

@@ -102,12 +102,7 @@ def _turned(placement: Array, rotation: Array) -> Array:
 
 
 def _loop_kind(element: Element, source: str | None) -> ClosureKind:
-    kind = text_attribute(element, "type", source)
-    if kind not in LOOP_TYPES:
-        raise DescriptionError(
-            f"type '{kind}' is not one of {', '.join(LOOP_TYPES)}", source=source, element=label(element)
-        )
-    return LOOP_TYPES[kind]
+    return closure_kind(text_attribute(element, "type", source), source, label(element))
 
 
 def _urdf_plus_loop(element: Element, source: str | None) -> LoopClosure:
@@ -275,12 +270,12 @@ def _reference(root: Element, source: str | None) -> dict[str, tuple[float, ...]
     return reference
 
 
-def closure_kind(name: str) -> ClosureKind:
-    """The closure kind a user names, with its synonyms (ball, weld, hinge).
+def closure_kind(name: str, source: str | None = None, element: str | None = None) -> ClosureKind:
+    """The closure kind a type names, with its synonyms (ball, weld, hinge).
 
     Raises:
-        DescriptionError: It is none of them.
+        DescriptionError: It is none of them; `source` and `element` say where it stands.
     """
     if name not in LOOP_TYPES:
-        raise DescriptionError(f"'{name}' is not a closure kind; the kinds are {', '.join(LOOP_TYPES)}")
+        raise DescriptionError(f"type '{name}' is not one of {', '.join(LOOP_TYPES)}", source=source, element=element)
     return LOOP_TYPES[name]

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
+from ccpin import loops
 from ccpin.description.model import rotation_to
 from ccpin.mechanism import Mechanism
 
@@ -51,25 +52,10 @@ class Framing(NamedTuple):
 
 def plane_normal(mechanism: Mechanism) -> Array | None:
     """Unit normal (3,) in the world of the plane all links move parallel to, or ``None`` if there is none."""
-    model, kinds = mechanism.pin_model, mechanism.tree.kinds
+    model = mechanism.pin_model
     data = model.createData()
-    jacobian = pin.computeJointJacobians(model, data, mechanism.q_reference)
-    rotations, translations = [], []
-    for joint in range(1, model.njoints):
-        kind, column = kinds[model.names[joint]], model.idx_vs[joint]
-        if kind in ("revolute", "continuous"):
-            rotations.append(jacobian[3:, column])
-        elif kind == "prismatic":
-            translations.append(jacobian[:3, column])
-        elif kind == "planar":
-            rotations.append(data.oMi[joint].rotation[:, 2])
-        else:
-            return None
-    if not rotations:
-        return None
-    normal = np.array(rotations[0]) / np.linalg.norm(rotations[0])
-    parallel = all(np.linalg.norm(np.cross(normal, axis)) < 1e-9 for axis in rotations)
-    return normal if parallel and all(abs(normal @ axis) < 1e-9 for axis in translations) else None
+    pin.computeJointJacobians(model, data, mechanism.q_reference)
+    return loops.plane_normal(mechanism.tree, data, list(range(1, model.njoints)))
 
 
 def up_axes(mechanism: Mechanism) -> Array:
