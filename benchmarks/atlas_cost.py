@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import ccpin
-from ccpin.domain.atlas import certify
-from ccpin.domain.kantorovich import kantorovich_radius
+from ccpin.domain.atlas.atlas import certify
+from ccpin.domain.one_box import kantorovich_radius
 from ccpin.domain.path import certify_path
 
 

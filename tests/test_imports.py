@@ -15,70 +15,21 @@ import ccpin
 SOURCE = Path(ccpin.__file__).parent
 ORDER = (
     "errors",
+    "arrays",
     "files",
     "description",
-    "tree",
     "kinematics",
-    "closures",
-    "loops",
-    "acceleration_derivatives",
-    "second_derivatives",
-    "constraints",
-    "coordinates",
-    "coordinate_derivatives",
-    "linear",
-    "parametrization",
-    "sigma_derivatives",
-    "aligning",
-    "closing",
-    "mobility",
-    "selection",
     "mechanism",
-    "outline",
-    "report",
-    "free_system",
-    "derivatives",
-    "reduced_model",
-    "linearization",
-    "modes",
-    "inverse_kinematics",
-    "end_effector",
-    "references",
-    "trajectory",
-    "metrics",
-    "forces",
+    "dynamics",
     "domain",
-    "friction",
-    "stick_slip",
     "control",
-    "validated",
     "simulation",
-    "supervision",
+    "validated",
     "visualization",
     "plotting",
 )
 OUTERMOST = ("__init__", "cli", "__main__")  # public names, then what calls them
-PINOCCHIO = {
-    "tree",
-    "kinematics",
-    "loops",
-    "acceleration_derivatives",
-    "second_derivatives",
-    "constraints",
-    "coordinates",
-    "coordinate_derivatives",
-    "parametrization",
-    "aligning",
-    "closing",
-    "mobility",
-    "selection",
-    "mechanism",
-    "outline",
-    "free_system",
-    "linearization",
-    "modes",
-    "visualization",
-}
+PINOCCHIO = {"kinematics", "mechanism", "dynamics", "visualization"}
 HEAVY = ("meshcat", "matplotlib", "dask", "distributed", "yourdfpy", "trimesh")
 
 
@@ -127,9 +78,9 @@ GRAPH = {module: {name for name in imported(module) if name in MODULES} for modu
 
 def test_the_graph_sees_imports():
     """The parser of these tests finds known imports, lazy ones included (else the tests below prove nothing)."""
-    assert "ccpin.tree" in GRAPH["ccpin.mechanism"]
+    assert "ccpin.kinematics.tree" in GRAPH["ccpin.mechanism.mechanism"]
     assert "ccpin.description.urdf" in GRAPH["ccpin.description"]
-    assert "pinocchio" in imported("ccpin.tree")
+    assert "pinocchio" in imported("ccpin.kinematics.tree")
 
 
 def test_no_cycles():

@@ -10,7 +10,7 @@ import ccpin
 from ccpin.errors import SingularConfigurationError, UnreachableError
 from tests.oracles import descriptor
 from tests.oracles.finite_differences import assert_close, derivative, velocity
-from tests.strategies import mechanisms
+from tests.support.strategies import mechanisms
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -1,7 +1,6 @@
 """Closed-chain descriptions written by others: they load, with known mobility, and move as Pinocchio says."""
 
 from functools import cache
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -9,12 +8,13 @@ import pinocchio as pin
 import pytest
 
 import ccpin
-from ccpin.closing import close
 from ccpin.description import read_description
-from ccpin.mobility import null_space
+from ccpin.mechanism.closing import close
+from ccpin.mechanism.mobility import null_space
 from tests.oracles import descriptor
+from tests.support.places import SHARED
 
-FOLDER = Path(__file__).resolve().parents[2] / "shared" / "models"
+FOLDER = SHARED
 pytestmark = pytest.mark.skipif(not FOLDER.is_dir(), reason=f"no {FOLDER}: these files belong to others")
 
 

@@ -8,11 +8,7 @@ docstrings cite them by number.
 from __future__ import annotations
 
 from ccpin import control, domain, plotting, visualization
-from ccpin.derivatives import (
-    ForwardDynamicsDerivatives,
-    GeneralizedForceDerivatives,
-    InverseDynamicsDerivatives,
-)
+from ccpin.control.references import Hold, PointToPoint, Reference, Waypoints, through_points
 from ccpin.description.model import (
     Coupling,
     CouplingTerm,
@@ -24,18 +20,22 @@ from ccpin.description.model import (
     Shape,
     Visual,
 )
-from ccpin.end_effector import EndEffector
+from ccpin.dynamics.derivatives import (
+    ForwardDynamicsDerivatives,
+    GeneralizedForceDerivatives,
+    InverseDynamicsDerivatives,
+)
+from ccpin.dynamics.end_effector import EndEffector
+from ccpin.dynamics.free_system import Energy
+from ccpin.dynamics.linearization import Linearization, closed_loop_derivative, linearize
+from ccpin.dynamics.reduced_model import ReducedModel, ReducedTerms
 from ccpin.errors import CcpinError
-from ccpin.forces import BearingForce, closure_forces, joint_forces
-from ccpin.free_system import Energy
-from ccpin.linearization import Linearization, closed_loop_derivative, linearize
-from ccpin.mechanism import Mechanism, load
-from ccpin.mobility import Mobility
-from ccpin.reduced_model import ReducedModel, ReducedTerms
-from ccpin.references import Hold, PointToPoint, Reference, Waypoints, through_points
-from ccpin.simulation import Settling, simulate
-from ccpin.stick_slip import friction_force
-from ccpin.trajectory import Trajectory
+from ccpin.mechanism.mechanism import Mechanism, load
+from ccpin.mechanism.mobility import Mobility
+from ccpin.simulation.forces import BearingForce, closure_forces, joint_forces
+from ccpin.simulation.simulate import Settling, simulate
+from ccpin.simulation.stick_slip import friction_force
+from ccpin.simulation.trajectory import Trajectory
 
 __version__ = "0.1.0"
 

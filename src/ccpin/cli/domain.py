@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 
 import ccpin
-from ccpin.cli.common import Array, add_mechanism, add_vector, load, vector
+from ccpin.arrays import Array
+from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.errors import InvalidInputError
-from ccpin.mechanism import Mechanism
+from ccpin.mechanism.mechanism import Mechanism
 
 
 def add_domain(commands: Any) -> None:

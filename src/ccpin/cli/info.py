@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 import ccpin
-from ccpin.cli.common import add_mechanism, add_vector, load, vector
-from ccpin.modes import assembly_modes
-from ccpin.report import in_words, summary
+from ccpin.cli.options import add_mechanism, add_vector, load, vector
+from ccpin.dynamics.modes import assembly_modes
+from ccpin.mechanism.mechanism import Mechanism
 
 
 def add_info(commands: Any) -> None:
@@ -50,3 +50,96 @@ def _modes(options: argparse.Namespace) -> None:
         reference = ", the reference's" if mode.is_reference else ""
         print(f"mode {k}{reference}: sign det ψ_q′ = {mode.sign:+d}, 1/κ = {mode.rcond:.3g}")
         print(f"  q′ = {np.array2string(mode.q_free, precision=6, separator=', ')}")
+
+
+# What `ccpin info` says: a mechanism summarised as plain data and in words.
+
+
+def summary(mechanism: Mechanism) -> dict[str, Any]:
+    """A JSON-ready summary: sizes, rank, mobility, joints, closure error and conditioning at the reference.
+
+    The assembly mode is told by the reference configuration and the sign of det ψ_q′ there (0 where redundant rows
+    make ψ_q′ tall), which is constant along a branch.
+    """
+    parametrization = mechanism.parametrization()
+    constraints = parametrization.constraints
+    factor = parametrization.at(mechanism.q_reference).factor
+    residual = constraints.residual(mechanism.q_reference)
+    model, mobility = mechanism.pin_model, mechanism.mobility
+    joints = [
+        {
+            "name": model.names[j],
+            "type": mechanism.tree.kinds[model.names[j]],
+            "reference": mechanism.q_reference[model.idx_qs[j] : model.idx_qs[j] + model.nqs[j]].tolist(),
+        }
+        for j in range(1, model.njoints)
+    ]
+    rows = constraints.row_slices()
+    return {
+        "name": mechanism.name,
+        "source": mechanism.description.source,
+        "n_free": mechanism.n_free,
+        "nq": mechanism.nq,
+        "constraint_rows": mobility.rows,
+        "constraint_rank": mobility.rank,
+        "mobility": mobility.mobility,
+        "idle_mobilities": list(mobility.idle),
+        "independent": list(mechanism.independent),
+        "actuated": list(mechanism.actuated),
+        "joints": joints,
+        "closures": [
+            {
+                "name": loop.closure.name,
+                "type": loop.closure.kind,
+                "links": [loop.closure.link_a, loop.closure.link_b],
+                "rows": loop.size,
+                "planar": loop.normal is not None,
+            }
+            for loop in constraints.loops
+        ],
+        "couplings": [coupling.name for coupling in mechanism.couplings],
+        "closure_error": float(np.linalg.norm(residual)),
+        "closure_error_by_loop": {name: float(np.linalg.norm(residual[window])) for name, window in rows.items()},
+        "rcond": factor.rcond,
+        "assembly_mode": {"sign_det_psi": factor.sign, "q_free": mechanism.q_reference.tolist()},
+        "mass": float(sum(model.inertias[j].mass for j in range(1, model.njoints))),
+        "notes": list(mechanism.notes),
+    }
+
+
+def in_words(facts: dict[str, Any]) -> str:
+    """The summary as text for a terminal."""
+    closures = [
+        f"  {c['name']}: {c['type']}, {c['links'][0]} – {c['links'][1]}, {c['rows']} rows"
+        + (" (planar loop)" if c["planar"] else "")
+        for c in facts["closures"]
+    ] + [f"  {name}: coupling, 1 row" for name in facts["couplings"]]
+    sign = {1: "det ψ_q′ > 0", -1: "det ψ_q′ < 0", 0: "redundant rows, no determinant"}
+    lines = [
+        f"{facts['name']}  ({facts['source'] or 'built in Python'})",
+        f"free system     n′ = {facts['n_free']} velocities, {facts['nq']} configuration numbers, "
+        f"{len(facts['joints'])} joints, {facts['mass']:.4g} kg moving",
+        f"constraints     {facts['constraint_rows']} rows of rank {facts['constraint_rank']}",
+        *closures,
+        f"mobility        n = n′ − rank = {facts['mobility']}",
+        *(f"  idle: {sentence}" for sentence in facts["idle_mobilities"]),
+        f"independent     {', '.join(facts['independent'])}",
+        f"actuated        {', '.join(facts['actuated'])}",
+        f"closure error   {facts['closure_error']:.1e} at the reference",
+        f"conditioning    1/κ(ψ_q′) = {facts['rcond']:.3g} at the reference",
+        f"assembly mode   {sign[facts['assembly_mode']['sign_det_psi']]}, reference:",
+        *(f"  {joint['name']}: {_value(joint)}" for joint in facts["joints"]),
+        *(f"note: {note}" for note in facts["notes"]),
+    ]
+    return "\n".join(lines)
+
+
+def _value(joint: dict[str, Any]) -> str:
+    values = joint["reference"]
+    if joint["type"] == "revolute":
+        return f"{np.degrees(values[0]):.4f}°"
+    if joint["type"] == "continuous":
+        return f"{np.degrees(np.arctan2(values[1], values[0])):.4f}°"
+    if joint["type"] == "prismatic":
+        return f"{values[0]:.6g} m"
+    return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 
 import ccpin
-from ccpin.cli.bench import add_bench, bench_settings
-from ccpin.cli.common import Array, add_mechanism, add_vector, load, vector
+from ccpin.arrays import Array
+from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, load, vector
 from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
-from ccpin.mechanism import Mechanism
-from ccpin.metrics import set_point_metrics
-from ccpin.simulation import METHODS, Settling
-from ccpin.supervision import SupervisedMotion, supervise
-from ccpin.trajectory import Trajectory
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.metrics import set_point_metrics
+from ccpin.simulation.simulate import METHODS, Settling
+from ccpin.simulation.supervision import SupervisedMotion, supervise
+from ccpin.simulation.trajectory import Trajectory
 
 
 def add_simulate(commands: Any) -> None:

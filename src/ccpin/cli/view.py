@@ -7,8 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
-from ccpin.cli.common import add_mechanism, load
-from ccpin.trajectory import load_npz
+from ccpin.cli.options import add_mechanism, load
+from ccpin.simulation.trajectory import load_npz
 
 
 def add_view(commands: Any) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from ccpin.control.compensation import CoulombCompensation
-from ccpin.control.gains import Gains, suggest_gains
-from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity, TorqueFunction
-from ccpin.control.lyapunov import LyapunovHistory, lyapunov_along
+from ccpin.control.laws import ControlLaw, CoulombCompensation, NoTorque, PDFullGravity, PDSimpleGravity, TorqueFunction
 from ccpin.control.online import OnlineLaw, OnlineReport, OnlineSigma, capped_sigma
 from ccpin.control.sampling import Sampling
-from ccpin.control.stability import SetPointCertificate, certify_law, certify_set_point
+from ccpin.control.stability.gains import Gains, suggest_gains
+from ccpin.control.stability.theorem3 import SetPointCertificate, certify_law, certify_set_point
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw, WithSigmaError
 
 __all__ = [
@@ -16,7 +14,6 @@ __all__ = [
     "ControlLaw",
     "CoulombCompensation",
     "Gains",
-    "LyapunovHistory",
     "NoTorque",
     "OnlineLaw",
     "OnlineReport",
@@ -33,6 +30,5 @@ __all__ = [
     "capped_sigma",
     "certify_law",
     "certify_set_point",
-    "lyapunov_along",
     "suggest_gains",
 ]

@@ -6,12 +6,11 @@ import abc
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ccpin.arrays import Array
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.reduced_model import ReducedModel
-
-Array = NDArray[np.float64]
 
 
 class ControlLaw(abc.ABC):
@@ -147,3 +146,49 @@ def gain_matrix(gain: ArrayLike, name: str, n: int) -> Array:
     if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max() or np.linalg.eigvalsh(matrix)[0] <= 0:
         raise InvalidInputError(f"{name} must be symmetric positive definite")
     return matrix
+
+
+# Compensation of Coulomb friction, on top of a set-point law.
+
+
+class CoulombCompensation(ControlLaw):
+    """A PD law plus ĉ times a direction: sign(q_d − q_start), or sat(q̃/width).
+
+    Args:
+        law: The PD law; its motors must be on the independent joints.
+        coulomb: ĉ, the estimated Coulomb levels, N m or N: a number or (n,).
+        q_start: Where the move starts, of shape (nq_independent,), for the first reading.
+        width: Where the second reading fades out, rad or m.
+
+    Raises:
+        InvalidInputError: Levels that are negative, not finite or too many; a width that is not positive.
+        UnsupportedMechanismError: The motors are not on the independent joints.
+    """
+
+    def __init__(
+        self,
+        law: PDSimpleGravity | PDFullGravity,
+        coulomb: ArrayLike,
+        q_start: ArrayLike | None = None,
+        width: float = 0.01,
+    ) -> None:
+        model = law.model
+        if model.mechanism.actuated != model.mechanism.independent:
+            raise UnsupportedMechanismError(
+                "friction compensation needs the motors on the independent joints, in order"
+            )
+        level = np.asarray(coulomb, dtype=np.float64)
+        if level.shape not in ((), (model.n,)) or not np.isfinite(level).all() or np.any(level < 0):
+            raise InvalidInputError(f"coulomb must be a number or ({model.n},), finite and at least zero: {coulomb!r}")
+        if not (np.isfinite(width) and width > 0):
+            raise InvalidInputError(f"width = {width} must be positive")
+        self._law, self._width = law, width
+        self._level = np.array(np.broadcast_to(level, (model.n,)))
+        self._direction = None if q_start is None else np.sign(law.error(model.checked_q(q_start)))
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """The PD law's efforts plus the compensation, of shape (motors,)."""
+        direction = self._direction
+        if direction is None:
+            direction = np.clip(self._law.error(q) / self._width, -1.0, 1.0)
+        return np.asarray(self._law.torque(t, q, v, guess) + self._level * direction)

@@ -11,17 +11,17 @@ from __future__ import annotations
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw
 from ccpin.control.tracking import TrackingLaw
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
-from ccpin.kinematics import moved
-from ccpin.linear import Factor, factorize
-from ccpin.parametrization import SINGULAR_RCOND, ClosedPoint, Parametrization
-from ccpin.reduced_model import ReducedModel
+from ccpin.kinematics.linear import Factor, factorize
+from ccpin.kinematics.parametrization import SINGULAR_RCOND, ClosedPoint, Parametrization
+from ccpin.kinematics.points import moved
 
-Array = NDArray[np.float64]
 State = Literal["solved", "held", "lost"]
 _CONTRACTION = 0.125
 _LARGEST_MOVE = 1.0

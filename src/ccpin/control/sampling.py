@@ -7,13 +7,12 @@ from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
-from ccpin.reduced_model import ReducedModel
 
-Array = NDArray[np.float64]
 Numbers = float | tuple[float, ...]
 
 

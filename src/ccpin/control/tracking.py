@@ -10,16 +10,15 @@ from __future__ import annotations
 import abc
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw, gain_matrix
+from ccpin.control.references import Reference, ReferenceState, require_commuting
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.kinematics import moved
-from ccpin.parametrization import ClosedPoint
-from ccpin.reduced_model import ReducedModel
-from ccpin.references import Reference, ReferenceState, require_commuting
-
-Array = NDArray[np.float64]
+from ccpin.kinematics.parametrization import ClosedPoint
+from ccpin.kinematics.points import moved
 
 
 class TrackingLaw(ControlLaw):

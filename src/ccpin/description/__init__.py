@@ -66,7 +66,7 @@ def read_description(path: str | Path, format: str | None = None) -> MechanismDe
 
         return read_toolbox(file)
     if kind == "mjcf":
-        from ccpin.description.mjcf import read_mjcf
+        from ccpin.description.mjcf.reader import read_mjcf
 
         return read_mjcf(text, str(file))
     from ccpin.description.urdf import read_urdf

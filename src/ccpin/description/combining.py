@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ccpin.arrays import Array
 from ccpin.description.checks import check
 from ccpin.description.model import (
     IDENTITY,
-    Array,
     Coupling,
     CouplingTerm,
     Joint,

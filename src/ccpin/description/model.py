@@ -10,9 +10,8 @@ from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ccpin.arrays import Array
 
 JointKind = Literal["revolute", "continuous", "prismatic", "spherical", "planar", "floating", "fixed"]
 ClosureKind = Literal["spherical", "revolute", "fixed", "prismatic", "cylindrical", "universal", "planar", "distance"]

@@ -10,7 +10,8 @@ import numpy as np
 from lxml import etree
 from scipy.spatial.transform import Rotation
 
-from ccpin.description.model import Array, frozen
+from ccpin.arrays import Array
+from ccpin.description.model import frozen
 from ccpin.errors import DescriptionError, InvalidXmlError
 
 Element: TypeAlias = Any  # lxml's etree._Element, which has no type stubs

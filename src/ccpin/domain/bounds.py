@@ -41,7 +41,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from ccpin.arrays import Array
+
 Rows = NDArray[np.intp] | NDArray[np.bool_]
 
 

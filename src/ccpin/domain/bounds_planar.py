@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccpin.arrays import Array
 from ccpin.domain.bounds import Frame, Image, LinearPart, Rows, linear_part
 from ccpin.domain.phasors import Phasors, PhasorValues
-
-Array = NDArray[np.float64]
 
 
 class _Terms(NamedTuple):

@@ -6,13 +6,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccpin.arrays import Array
 from ccpin.domain.bounds import Frame, Image, LinearPart, Rows, linear_part
-from ccpin.domain.chain_stack import ChainStack, gather
-from ccpin.domain.derivatives import Derivatives
-
-Array = NDArray[np.float64]
+from ccpin.domain.chain_stack import ChainStack, Derivatives, gather
 
 
 class _Terms(NamedTuple):

@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from ccpin.coordinates import component_names
+from ccpin.arrays import Array
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.mechanism import Mechanism
+from ccpin.kinematics.coordinates import component_names
+from ccpin.mechanism.mechanism import Mechanism
 
-Array = NDArray[np.float64]
 Z = np.array([0.0, 0.0, 1.0])
 
 

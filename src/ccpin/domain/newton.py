@@ -7,11 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.domain.batch import inverses, solve_many
-from ccpin.domain.krawczyk import SLACK, Boxes, Problem, certify_points, closure_values
+from ccpin.arrays import Array
+from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_points, closure_values, inverses, solve_many
 from ccpin.errors import ConvergenceError
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 _LARGEST_STEP = 1.5
 _SETTLED = 1e-9

@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccpin.arrays import Array
 from ccpin.domain.chains import UNIT_ROUNDOFF, Chain, ClosureSystem
 
-Array = NDArray[np.float64]
 _PARALLEL = 64.0 * UNIT_ROUNDOFF
 
 

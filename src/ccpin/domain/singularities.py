@@ -23,16 +23,15 @@ from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import optimize
 
+from ccpin.arrays import Array
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.kinematics import LinkPoint
-from ccpin.mechanism import Mechanism
-from ccpin.outline import plane_of_motion
-from ccpin.reduced_model import ReducedModel
-
-Array = NDArray[np.float64]
+from ccpin.kinematics.points import LinkPoint
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.outline import plane_of_motion
 
 Rows = Callable[[Array, Array], tuple[Array, Array]]
 _SOLVED = 1e-11

@@ -6,20 +6,20 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ccpin.domain.atlas import Atlas
-from ccpin.domain.atlas_tree import Status
-from ccpin.domain.radius_map import certified_radius
+from ccpin.arrays import Array
+from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.cells import Status
+from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.singularities import SingularCurve
 from ccpin.errors import InvalidInputError
-from ccpin.mechanism import Mechanism
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.plotting.style import COLOURS, STYLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 KINDS = {
     "fold": ("loop stretched or folded", "-", COLOURS[1]),
     "self-motion": ("passive links out of control", "o", COLOURS[0]),

@@ -6,17 +6,16 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ccpin.mechanism import Mechanism
-from ccpin.outline import outline, plane_of_motion
+from ccpin.arrays import Array
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.outline import outline, plane_of_motion
 from ccpin.plotting.style import COLOURS, STYLE
-from ccpin.trajectory import Trajectory
+from ccpin.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-Array = NDArray[np.float64]
 
 
 def plot_motion(

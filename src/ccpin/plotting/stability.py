@@ -6,18 +6,18 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
-from ccpin.control.lyapunov import LyapunovHistory
-from ccpin.control.stability import SetPointCertificate
+from ccpin.control.stability.theorem3 import SetPointCertificate
 from ccpin.errors import CcpinError, UnsupportedMechanismError
 from ccpin.plotting.style import COLOURS, STYLE
+from ccpin.simulation.metrics import LyapunovHistory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Array = NDArray[np.float64]
 _GRID = 64
 _MARGIN = 0.35
 

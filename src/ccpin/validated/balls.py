@@ -12,11 +12,10 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccpin.arrays import Array
 from ccpin.errors import CcpinError
 
-Array = NDArray[np.float64]
 Ball = Any  # flint.arb: python-flint carries no types
 Rational = Any  # flint.fmpq
 

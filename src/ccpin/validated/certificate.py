@@ -4,9 +4,9 @@ Theorem. Let the law be PD with simple gravity compensation (28) and c a level s
 
     B₂ = {(σ(q), q̇): q ∈ 𝒬, 𝒱 < c},    𝒬 the connected component of {q: U(q) < c} that holds q_d,    U = 𝒱 at q̇ = 0,
 
-on q_d's branch of σ leads to rest at q_d (Theorem 3 with c certified, `ccpin.control.stability`). Suppose
+on q_d's branch of σ leads to rest at q_d (Theorem 3 with c certified, `ccpin.control.stability.theorem3`). Suppose
 
-1. the motion from the start exists on [0, T], closed and nonsingular (`ccpin.validated.integrate`), and its state at T
+1. the motion from the start exists on [0, T], closed and nonsingular (`ccpin.validated.enclose`), and its state at T
    lies in a box X = (Q′, V) of which Q are the independent coordinates;
 2. 𝒱 < c on X;
 3. with w = q_d − (the centre of Q), the lift of every line q + s w, 0 ≤ s ≤ 1, from the closed configurations in Q′ by
@@ -34,21 +34,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.control.laws import PDSimpleGravity
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
-from ccpin.reduced_model import ReducedModel
 from ccpin.validated.balls import Ball, ball, flint, interval, upper
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
-from ccpin.validated.integrate import (
+from ccpin.validated.enclose import (
     SHORTEST_STEP,
     Enclosure,
     checked_options,
+    closed_start,
     collect,
     determinant_bound,
     exact_start,
     regular,
+    unique_there,
 )
 from ccpin.validated.series import values
-from ccpin.validated.start import closed_start, unique_there
 from ccpin.validated.step import Field, Options, Step, march, start_box
 
 _MARGIN = 1e-9  # relative; the level's own 𝒱 uses a V(q_d) and g(q_d) rounded to doubles
@@ -56,7 +57,7 @@ _RETRY = 0.9
 
 
 class Certificate(Protocol):
-    """What a certified set point says, as `ccpin.control.stability.SetPointCertificate` does."""
+    """What a certified set point says, as `ccpin.control.stability.theorem3.SetPointCertificate` does."""
 
     @property
     def level(self) -> float:

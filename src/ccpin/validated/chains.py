@@ -1,9 +1,9 @@
 """Kinematics of a tree of revolute and prismatic joints, recorded on a tape.
 
-The tree is that of `ccpin.tree.Tree`: the doubles of its placements, inertias and rotor inertias are taken as exact
-numbers, with two exceptions that make it a rigid-body system exactly. A rotation matrix stands for the exact rotation
-of its quaternion (for the signed permutation within 1e-14 of it, where there is one); an axis for its exact unit
-vector. Both differ from the doubles by rounding only.
+The tree is that of `ccpin.kinematics.tree.Tree`: the doubles of its placements, inertias and rotor inertias are taken
+as exact numbers, with two exceptions that make it a rigid-body system exactly. A rotation matrix stands for the exact
+rotation of its quaternion (for the signed permutation within 1e-14 of it, where there is one); an axis for its exact
+unit vector. Both differ from the doubles by rounding only.
 """
 
 from __future__ import annotations
@@ -12,15 +12,14 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from ccpin.arrays import Array
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.tree import Tree
+from ccpin.kinematics.tree import Tree
 from ccpin.validated.balls import flint, rational
 from ccpin.validated.tape import Expression, Node, Tape
 
-Array = NDArray[np.float64]
 Vector = list[Expression]  # three entries
 Matrix = list[Vector]  # three rows
 _SNAP = 1e-14

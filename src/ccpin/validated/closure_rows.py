@@ -1,13 +1,13 @@
-"""φ(q′) on a tape: the rows of every closure and coupling, as `ccpin.constraints` defines them."""
+"""φ(q′) on a tape: the rows of every closure and coupling, as `ccpin.kinematics.constraints` defines them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
 
-from ccpin.constraints import Constraints
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.loops import Loop
+from ccpin.kinematics.constraints import Constraints
+from ccpin.kinematics.loops import Loop
 from ccpin.validated.balls import rational
 from ccpin.validated.chains import (
     Pose,

@@ -15,11 +15,10 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.reduced_model import ReducedModel
 from ccpin.validated.balls import rational
 from ccpin.validated.chains import (
     Matrix,
@@ -40,8 +39,6 @@ from ccpin.validated.chains import (
 )
 from ccpin.validated.closure_rows import closure_rows
 from ccpin.validated.tape import Expression, Node, Program, Tape
-
-Array = NDArray[np.float64]
 
 
 class ClosedLoop(NamedTuple):

@@ -8,19 +8,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ccpin.errors import InvalidInputError
 from ccpin.files import writable_target, write_atomically
-from ccpin.mechanism import Mechanism
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.visualization.live import LiveRecorder, Server, Viewer
 from ccpin.visualization.page import Clock, Recorder, render_page
 from ccpin.visualization.playback import checked_pose, checked_poses, checked_times, frame_times, sample
 from ccpin.visualization.scene import Scene
 
 __all__ = ["Scene", "Viewer", "animate", "snapshot_html", "view"]
-
-Array = NDArray[np.float64]
 
 
 def animate(

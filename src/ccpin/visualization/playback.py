@@ -6,12 +6,11 @@ import math
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError
-from ccpin.mechanism import Mechanism
-
-Array = NDArray[np.float64]
+from ccpin.mechanism.mechanism import Mechanism
 
 MAX_FRAMES = 100_000
 NOT_UNIT = 1e-3

@@ -6,12 +6,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import NDArray
 
+from ccpin.arrays import Array
 from ccpin.description.model import Shape, Visual, rotation_to
-from ccpin.mechanism import Mechanism
+from ccpin.mechanism.mechanism import Mechanism
 
-Array = NDArray[np.float64]
 Colour = tuple[float, float, float, float]
 
 GROUND: Colour = (0.36, 0.39, 0.43, 1.0)

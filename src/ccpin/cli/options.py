@@ -1,0 +1,111 @@
+"""What the commands share: mechanism and vector options."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+import numpy as np
+
+import ccpin
+from ccpin.arrays import Array
+from ccpin.control.sampling import Sampling
+from ccpin.errors import InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
+
+
+def add_mechanism(parser: argparse.ArgumentParser) -> None:
+    """The mechanism and what overrides its file."""
+    parser.add_argument("mechanism", help="a file (URDF with loops, robot.yaml, MJCF) or an installed model's name")
+    parser.add_argument("--independent", nargs="+", metavar="JOINT", help="independent joints, in the order of q")
+    parser.add_argument("--actuated", nargs="+", metavar="JOINT", help="actuated joints, in the order of u")
+    parser.add_argument("--floating-base", action="store_true", help="free the root link")
+    parser.add_argument("--format", choices=("urdf", "mjcf", "toolbox"), help="instead of telling it from the content")
+    parser.add_argument("--json", action="store_true", help="print machine-readable JSON (SI units, radians)")
+
+
+def load(options: argparse.Namespace) -> Mechanism:
+    """The mechanism the options name."""
+    return ccpin.load(
+        options.mechanism,
+        independent=options.independent,
+        actuated=options.actuated,
+        floating_base=options.floating_base,
+        format=options.format,
+    )
+
+
+def add_vector(parser: argparse.ArgumentParser, name: str, help_text: str) -> None:
+    """A vector option in SI units and its twin in degrees."""
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(f"--{name}", nargs="+", type=float, metavar="Q", help=f"{help_text}, rad or m")
+    group.add_argument(f"--{name}-deg", nargs="+", type=float, metavar="DEG", help=f"{help_text}, degrees")
+
+
+def vector(options: argparse.Namespace, name: str, mechanism: Mechanism) -> Array | None:
+    """A vector option in SI units, from whichever of its two spellings was used; ``None`` where neither was.
+
+    Raises:
+        InvalidInputError: Degrees are given where an independent coordinate is no plain angle.
+    """
+    plain, degrees = getattr(options, name), getattr(options, f"{name}_deg")
+    if degrees is None:
+        return None if plain is None else np.array(plain, dtype=np.float64)
+    for coordinate in mechanism.independent:
+        joint, _, component = coordinate.partition(":")
+        if mechanism.tree.kinds[joint] != "revolute" and not component.startswith("r"):
+            raise InvalidInputError(
+                f"--{name}-deg is for mechanisms whose independent coordinates are all angles; '{coordinate}' "
+                f"({mechanism.tree.kinds[joint]}) is none: give --{name} in rad and m, a continuous joint as its "
+                "cosine and sine"
+            )
+    return np.asarray(np.radians(degrees), dtype=np.float64)
+
+
+# The options of `ccpin simulate` that make the simulated bench a real one: friction and the sampled loop.
+
+
+def add_bench(parser: argparse.ArgumentParser) -> None:
+    """Friction, sampling, encoders, filter, saturation and delay; each off by default."""
+    bench = parser.add_argument_group("the bench as it is", "each off by default")
+    bench.add_argument("--friction-coulomb", nargs="+", type=float, metavar="F", help="N m or N, one or n")
+    bench.add_argument("--friction-viscous", nargs="+", type=float, metavar="B", help="N m s/rad or N s/m, one or n")
+    bench.add_argument("--sample-rate", type=float, metavar="HZ", help="run the law as a sampled loop")
+    bench.add_argument("--encoder-counts", nargs="+", type=float, metavar="N", help="counts per turn (or metre)")
+    bench.add_argument("--velocity-cutoff-hz", type=float, metavar="HZ", help="low-pass filter of the velocity")
+    bench.add_argument("--saturation", nargs="+", type=float, metavar="U", help="largest effort, one or one a motor")
+    bench.add_argument("--delay-samples", type=int, default=0, metavar="K", help="samples from encoder to effort")
+
+
+def bench_settings(options: argparse.Namespace, n: int) -> dict[str, Any]:
+    """The `friction` and `sampling` arguments of `simulate`.
+
+    Raises:
+        InvalidInputError: An option of the sampled loop without --sample-rate, or a rate that is not positive.
+    """
+    settings: dict[str, Any] = {}
+    if options.friction_coulomb is not None or options.friction_viscous is not None:
+        settings["friction"] = (_each(options.friction_coulomb, n), _each(options.friction_viscous, n))
+    sampled = {
+        "encoder_counts": _numbers(options.encoder_counts),
+        "velocity_cutoff": options.velocity_cutoff_hz,
+        "saturation": _numbers(options.saturation),
+    }
+    if options.sample_rate is None:
+        if options.delay_samples or any(value is not None for value in sampled.values()):
+            raise InvalidInputError("encoders, velocity filter, saturation and delay belong to --sample-rate")
+        return settings
+    if not options.sample_rate > 0:
+        raise InvalidInputError(f"--sample-rate {options.sample_rate} must be positive")
+    settings["sampling"] = Sampling(1.0 / options.sample_rate, delay=options.delay_samples, **sampled)
+    return settings
+
+
+def _each(values: list[float] | None, n: int) -> list[float]:
+    """One number for each independent coordinate (0 where none is given)."""
+    values = [0.0] if values is None else values
+    return values * n if len(values) == 1 else values
+
+
+def _numbers(values: list[float] | None) -> float | list[float] | None:
+    return values[0] if values is not None and len(values) == 1 else values

@@ -1,0 +1,218 @@
+"""Smooth references q_d(t) for tracking, with exact velocity and acceleration, at rest before and after.
+
+References live on the manifold of q: between two points along the geodesic (the straight line, for plain
+coordinates), through waypoints along a spline of plain and circular coordinates.
+"""
+
+from __future__ import annotations
+
+import abc
+import itertools
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import BSpline, make_interp_spline
+
+from ccpin.arrays import Array
+from ccpin.dynamics.end_effector import EndEffector
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.kinematics.coordinates import IndependentCoordinates
+
+
+class ReferenceState(NamedTuple):
+    """A reference at one time.
+
+    Attributes:
+        q: q_d, of shape (nq_independent,).
+        v: q̇_d, of shape (n,).
+        a: q̈_d, of shape (n,).
+    """
+
+    q: Array
+    v: Array
+    a: Array
+
+
+class Reference(abc.ABC):
+    """A motion q_d(t) for t in [0, duration], held at rest outside.
+
+    Attributes:
+        duration: Seconds.
+    """
+
+    duration: float
+
+    @abc.abstractmethod
+    def at(self, t: float) -> ReferenceState:
+        """q_d, q̇_d and q̈_d at time t."""
+
+
+class _Quintic(NamedTuple):
+    """s(x) = 10x³ − 15x⁴ + 6x⁵ for x in [0, 1], with s′ and s″; 0 and 1 at the ends, with zero s′ and s″."""
+
+    s: float
+    rate: float
+    acceleration: float
+
+    @classmethod
+    def at(cls, x: float) -> _Quintic:
+        x = min(max(x, 0.0), 1.0)
+        y = 1.0 - x
+        return cls(x**3 * (10.0 - 15.0 * x + 6.0 * x * x), 30.0 * (x * y) ** 2, 60.0 * x * y * (y - x))
+
+
+class PointToPoint(Reference):
+    """From one q to another at rest, along the geodesic with the quintic time law of least mean square jerk.
+
+    q_d(t) = q₀ ⊕ s(t/T) Δ with s(x) = 10x³ − 15x⁴ + 6x⁵ and Δ = q₁ ⊖ q₀; q̇_d = ṡ Δ and q̈_d = s̈ Δ exactly, also on
+    circles and quaternions. The largest |q̇_d| is 15|Δ|/8T, at T/2; the largest |q̈_d| is 10|Δ|/(√3 T²).
+
+    Args:
+        model: The reduced model, for the manifold of q.
+        q_start: Start, of shape (nq_independent,).
+        q_goal: Goal, alike.
+        duration: T in seconds.
+
+    Raises:
+        InvalidInputError: Bad coordinates, or a duration that is not positive.
+    """
+
+    def __init__(self, model: ReducedModel, q_start: ArrayLike, q_goal: ArrayLike, duration: float) -> None:
+        self.duration = _positive(duration, "duration")
+        self._coordinates = model.coordinates
+        self._q_start, self._q_goal = model.checked_q(q_start), model.checked_q(q_goal)
+        self._line = self._coordinates.difference(self._q_start, self._q_goal)
+
+    def at(self, t: float) -> ReferenceState:
+        """q_d, q̇_d and q̈_d at time t."""
+        law = _Quintic.at(t / self.duration)
+        q = self._q_goal.copy() if law.s == 1.0 else self._coordinates.integrate(self._q_start, law.s * self._line)
+        return ReferenceState(
+            q, law.rate / self.duration * self._line, law.acceleration / self.duration**2 * self._line
+        )
+
+
+class Hold(Reference):
+    """A set point as a reference: q_d constant.
+
+    Args:
+        model: The reduced model.
+        q: The set point, of shape (nq_independent,).
+    """
+
+    def __init__(self, model: ReducedModel, q: ArrayLike) -> None:
+        self.duration = 0.0
+        self._state = ReferenceState(model.checked_q(q), np.zeros(model.n), np.zeros(model.n))
+
+    def at(self, t: float) -> ReferenceState:
+        """q_d, zero and zero."""
+        return self._state
+
+
+class Waypoints(Reference):
+    """Through waypoints at given times, by an interpolating spline that starts and ends at rest.
+
+    Degree 5 (four times continuously differentiable) also starts and ends with zero acceleration; degree 3 (twice)
+    swings out less, and its acceleration jumps at the two ends. A continuous joint takes the shorter way from each
+    waypoint to the next.
+
+    Args:
+        model: The reduced model.
+        times: Increasing times from 0, seconds, of shape (k,) with k ≥ 2.
+        waypoints: One q a row, of shape (k, nq_independent).
+        degree: 3 or 5.
+
+    Raises:
+        InvalidInputError: Bad times, shapes or degree.
+        UnsupportedMechanismError: A spherical, planar or floating joint is independent as a whole.
+    """
+
+    def __init__(self, model: ReducedModel, times: ArrayLike, waypoints: ArrayLike, degree: int = 5) -> None:
+        require_commuting(model.coordinates, "a spline through waypoints")
+        stamps = _increasing(times)
+        rows = [model.checked_q(q) for q in np.atleast_2d(np.asarray(waypoints, dtype=np.float64))]
+        if len(rows) != len(stamps):
+            raise InvalidInputError(f"there are {len(stamps)} times and {len(rows)} waypoints")
+        if degree not in (3, 5):
+            raise InvalidInputError(f"degree = {degree} must be 3 or 5")
+        self.duration = float(stamps[-1])
+        self._coordinates, self._q_start, self._q_goal = model.coordinates, rows[0], rows[-1]
+        steps = [model.coordinates.difference(a, b) for a, b in itertools.pairwise(rows)]
+        way = np.vstack([np.zeros(model.n), np.cumsum(steps, axis=0)])
+        rest = [(order, np.zeros(model.n)) for order in ((1,) if degree == 3 else (1, 2))]
+        spline: BSpline = make_interp_spline(stamps, way, k=degree, bc_type=(rest, rest))
+        self._spline, self._rate, self._second = spline, spline.derivative(), spline.derivative(2)
+
+    def at(self, t: float) -> ReferenceState:
+        """q_d, q̇_d and q̈_d at time t."""
+        zero = np.zeros(len(self._spline.c[0]))
+        if t >= self.duration:
+            return ReferenceState(self._q_goal.copy(), zero, zero)
+        if t < 0.0:
+            return ReferenceState(self._q_start.copy(), zero, zero)
+        q = self._coordinates.integrate(self._q_start, np.asarray(self._spline(t)))
+        return ReferenceState(q, np.asarray(self._rate(t)), np.asarray(self._second(t)))
+
+
+def through_points(
+    end_effector: EndEffector,
+    times: ArrayLike,
+    targets: Sequence[ArrayLike],
+    *,
+    degree: int = 5,
+    guess: ArrayLike | None = None,
+) -> Waypoints:
+    """A spline in q through positions or poses of the end effector, each reached from the one before it.
+
+    Between the targets the end effector follows the spline's image, not a straight line: give more targets where
+    its path matters.
+
+    Args:
+        end_effector: The point to move.
+        times: Increasing times from 0, seconds, of shape (k,).
+        targets: k positions (3,) or poses (4, 4) in the world.
+        degree: 3 or 5, as for `Waypoints`.
+        guess: A configuration q′ that chooses the assembly mode; default the mechanism's reference.
+
+    Raises:
+        UnreachableTargetError: A target is out of reach.
+        InvalidInputError, UnsupportedMechanismError: As for `Waypoints`.
+    """
+    near, rows = guess, []
+    for target in targets:
+        solution = end_effector.solve(target, near)
+        near = solution.q_free
+        rows.append(solution.q)
+    return Waypoints(end_effector.model, times, np.array(rows), degree)
+
+
+def require_commuting(coordinates: IndependentCoordinates, purpose: str) -> None:
+    """Check that every coordinate is a plain number or an angle on a circle.
+
+    Raises:
+        UnsupportedMechanismError: A joint with rotations in space or motions in a plane is independent as a whole.
+    """
+    for part in coordinates.parts:
+        if part.component is None and part.kind in ("spherical", "planar", "floating"):
+            raise UnsupportedMechanismError(
+                f"{purpose} needs plain coordinates; the independent {part.kind} joint '{part.name}' has none: name "
+                f"its components ('{part.name}:rx', …) as independent instead"
+            )
+
+
+def _positive(value: float, name: str) -> float:
+    if not (np.isfinite(value) and value > 0):
+        raise InvalidInputError(f"{name} = {value} must be a positive number of seconds")
+    return float(value)
+
+
+def _increasing(times: ArrayLike) -> Array:
+    stamps = np.asarray(times, dtype=np.float64)
+    if stamps.ndim != 1 or len(stamps) < 2 or not np.isfinite(stamps).all():
+        raise InvalidInputError("times must be at least two finite numbers")
+    if stamps[0] != 0.0 or np.any(np.diff(stamps) <= 0):
+        raise InvalidInputError(f"times must begin at 0 and increase; they are {np.array2string(stamps)}")
+    return stamps

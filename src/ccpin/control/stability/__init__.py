@@ -1,0 +1,1 @@
+"""Theorem 3: certified sublevel sets of a set-point law."""

@@ -1,0 +1,286 @@
+"""Cells of q-space that are proved to carry σ when they are needed: a lattice that grows, or an atlas's boxes.
+
+Each cell is a box of q-space; a proved one has a box of `ccpin.domain.boxes` and bounds of U over it (`Well`).
+Cells are proved from a proved neighbour and glued to it at the middle of the common face, halved where that fails,
+and new ones are laid beside old ones where the lattice may grow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.arrays import Array
+from ccpin.control.laws import PDSimpleGravity
+from ccpin.control.stability.well import Well, wells
+from ccpin.domain.atlas.tasks import Cells as Trial
+from ccpin.domain.atlas.tasks import prove
+from ccpin.domain.boxes import Boxes, Problem, verify
+from ccpin.domain.gravity_bounds import Potential, gravity_bounds
+from ccpin.domain.newton import glued, predict
+
+State = Literal["untried", "proved", "failed"]
+_SHARED = 1e-9
+_COVERED = 1e-11
+_WIDER = 1e-14
+_ROOM, _ROOM_AT_LEAST = 0.01, 1e-11
+
+
+def holding(lower: Array, upper: Array, q: Array) -> NDArray[np.intp]:
+    """Which boxes (K, n) hold a point, to the 1e-14 by which Theorem K's boxes are wider than their corners say."""
+    return np.flatnonzero(np.all((lower <= q + _WIDER) & (q - _WIDER <= upper), axis=1))
+
+
+class Face(NamedTuple):
+    """The common part of two cells' faces, as corners of shape (n,)."""
+
+    lower: Array
+    upper: Array
+
+    @property
+    def middle(self) -> Array:
+        """Its middle."""
+        return 0.5 * (self.lower + self.upper)
+
+
+@dataclass(eq=False)
+class Cell:
+    """A box [lower, upper] of q-space.
+
+    Attributes:
+        lower, upper: Corners, of shape (n,).
+        depth: How often its lattice cell (or atlas box) was halved.
+        lattice: Its place in the lattice, or ``None`` for an atlas.
+        neighbours: Numbers of the cells it shares a face with.
+        state: Whether σ is proved on it.
+        box: Theorem K's data (one row), where proved.
+        well: U over it, where proved.
+        live: False once it was halved.
+    """
+
+    lower: Array
+    upper: Array
+    depth: int
+    lattice: tuple[int, ...] | None
+    neighbours: set[int] = field(default_factory=set)
+    state: State = "untried"
+    box: Boxes | None = None
+    well: Well | None = None
+    live: bool = True
+
+
+class CellStore:
+    """All cells by number.
+
+    Args:
+        problem: The closures.
+        potential: V′ in the same chart.
+        law: The set point and K_p.
+        lattice: (corner of cell (0, …, 0), edge lengths) of a lattice that may grow; ``None``: it may not.
+    """
+
+    def __init__(
+        self, problem: Problem, potential: Potential, law: PDSimpleGravity, lattice: tuple[Array, Array] | None
+    ) -> None:
+        self.problem, self.potential, self.law = problem, potential, law
+        self.cells: list[Cell] = []
+        self.proved = 0
+        self._lattice = lattice
+        self._places: dict[tuple[int, ...], list[int]] = {}
+
+    def __getitem__(self, number: int) -> Cell:
+        return self.cells[number]
+
+    def add_proved(self, boxes: Boxes, lower: Array, upper: Array, apart: Iterable[tuple[int, int]] = ()) -> None:
+        """Cells that come with their boxes; all that share a face are neighbours, but for the pairs `apart`."""
+        for corner, end in zip(lower, upper, strict=True):
+            self._append(Cell(corner, end, 0, None))
+        excluded = {frozenset(pair) for pair in apart}
+        for i, cell in enumerate(self.cells):
+            near = np.flatnonzero(np.all((lower <= cell.upper + _SHARED) & (upper >= cell.lower - _SHARED), axis=1))
+            cell.neighbours = {
+                int(j) for j in near if frozenset((i, int(j))) not in excluded and self.face(i, int(j)) is not None
+            }
+        self._settle(list(range(len(self.cells))), boxes)
+
+    def add_first(self, box: Boxes, lower: Array, upper: Array) -> int:
+        """The lattice's cell (0, …, 0) with its box."""
+        number = self._append(Cell(lower, upper, 0, (0,) * len(lower)))
+        self._places[(0,) * len(lower)] = [number]
+        self._settle([number], box)
+        return number
+
+    def face(self, i: int, j: int) -> Face | None:
+        """What two cells share: a face of positive area, or ``None``."""
+        a, b = self.cells[i], self.cells[j]
+        low, high = np.maximum(a.lower, b.lower), np.minimum(a.upper, b.upper)
+        small = _SHARED * np.minimum(a.upper - a.lower, b.upper - b.lower)
+        flat = np.abs(high - low) <= small
+        if int(flat.sum()) != 1 or not np.all(flat | (high > low)):
+            return None
+        return Face(low, np.where(flat, low, high))
+
+    def exposed(self, number: int) -> list[Face]:
+        """Whole faces of a cell that are not covered by its neighbours."""
+        cell, found = self.cells[number], []
+        shared = [self.face(number, other) for other in cell.neighbours]
+        for k in range(len(cell.lower)):
+            for end in (cell.lower, cell.upper):
+                low, high = cell.lower.copy(), cell.upper.copy()
+                low[k] = high[k] = end[k]
+                others = np.arange(len(low)) != k
+                tolerance = _SHARED * (cell.upper[k] - cell.lower[k])
+                area = sum(
+                    float(np.prod((face.upper - face.lower)[others]))
+                    for face in shared
+                    if face is not None
+                    and face.upper[k] - face.lower[k] == 0.0
+                    and abs(face.lower[k] - end[k]) <= tolerance
+                )
+                if area < (1.0 - _COVERED) * float(np.prod((high - low)[others])):
+                    found.append(Face(low, high))
+        return found
+
+    def extend(self, number: int) -> None:
+        """Lay the lattice cells beside a cell's own where there are none."""
+        place = self.cells[number].lattice
+        if self._lattice is None or place is None:
+            return
+        corner, edges = self._lattice
+        for k in range(len(place)):
+            for step in (-1, 1):
+                beside = (*place[:k], place[k] + step, *place[k + 1 :])
+                if beside in self._places:
+                    continue
+                index = np.array(beside)
+                new = self._append(Cell(corner + edges * index, corner + edges * (index + 1), 0, beside))
+                self._places[beside] = [new]
+                self._meet([new], self._around(beside))
+
+    def split(self, number: int, stretch: Array) -> tuple[int, int]:
+        """Halve a cell along the edge that σ stretches most; the two halves are untried."""
+        cell = self.cells[number]
+        k = int(np.argmax(stretch * (cell.upper - cell.lower)))
+        middle = 0.5 * (cell.lower[k] + cell.upper[k])
+        low, high = cell.upper.copy(), cell.lower.copy()
+        low[k] = high[k] = middle
+        first = self._append(Cell(cell.lower, low, cell.depth + 1, cell.lattice))
+        second = self._append(Cell(high, cell.upper, cell.depth + 1, cell.lattice))
+        cell.live = False
+        if cell.lattice is not None:
+            leaves = self._places[cell.lattice]
+            leaves.remove(number)
+            leaves += [first, second]
+        for other in cell.neighbours:
+            self.cells[other].neighbours.discard(number)
+        self._meet([first, second], [*cell.neighbours, first, second])
+        return first, second
+
+    def stretch(self, number: int) -> Array:
+        """‖D_k‖ of a proved cell: how far σ moves the joints for each coordinate, of shape (n,)."""
+        box = self.cells[number].box
+        assert box is not None
+        return np.asarray(np.linalg.norm(box.directions[0], axis=0))
+
+    def prove_from(self, origins: Sequence[tuple[int, Array, int]]) -> None:
+        """Prove untried cells: (proved cell, a point of q-space common to both, untried cell)."""
+        targets = [self.cells[j] for _, _, j in origins]
+        parents = _stacked([self.cells[i] for i, _, _ in origins])
+        points = np.array([point for _, point, _ in origins])
+        at_parent = points - parents.centre[:, self.problem.system.independent]
+        start = predict(self.problem, parents, at_parent)
+        start[:, self.problem.system.independent] = points
+        centre = np.array([0.5 * (cell.lower + cell.upper) for cell in targets])
+        half = np.array([0.5 * (cell.upper - cell.lower) for cell in targets])
+        found = prove(self.problem, Trial(centre, half, start, parents.centre))
+        rows = np.flatnonzero(found.proved)
+        for cell in targets:
+            cell.state = "failed"
+        if not rows.size:
+            return
+        boxes = _roomier(self.problem, found.boxes.take(rows))
+        same = glued(self.problem, parents.take(rows), at_parent[rows], boxes, points[rows] - centre[rows])
+        done = np.flatnonzero(same)
+        if done.size:
+            self._settle([origins[rows[k]][2] for k in done], boxes.take(done))
+
+    def halve_proved(self, number: int) -> tuple[int, int] | None:
+        """Halve a proved cell and prove both halves from it, so that they carry its σ; ``None`` where one fails."""
+        children = self.split(number, self.stretch(number))
+        middles = [0.5 * (self.cells[k].lower + self.cells[k].upper) for k in children]
+        self.prove_from([(number, middle, k) for middle, k in zip(middles, children, strict=True)])
+        return children if all(self.cells[k].state == "proved" for k in children) else None
+
+    def agree(self, number: int, others: Sequence[int]) -> list[bool]:
+        """Whether a proved cell carries the same σ as its proved neighbours (at the middle of the common faces)."""
+        if not others:
+            return []
+        own, boxes = self.cells[number].box, _stacked([self.cells[j] for j in others])
+        assert own is not None
+        faces = [self.face(number, j) for j in others]
+        points = np.array([face.middle for face in faces if face is not None])
+        repeated = own.take(np.zeros(len(others), dtype=np.intp))
+        independent = self.problem.system.independent
+        same = glued(
+            self.problem,
+            boxes,
+            points - boxes.centre[:, independent],
+            repeated,
+            points - repeated.centre[:, independent],
+        )
+        return [bool(value) for value in same]
+
+    def _append(self, cell: Cell) -> int:
+        self.cells.append(cell)
+        return len(self.cells) - 1
+
+    def _settle(self, numbers: list[int], boxes: Boxes) -> None:
+        """Give cells their boxes and bound U over them."""
+        centres = boxes.centre[:, self.problem.system.independent]
+        found = wells(self.law, centres, boxes.half, gravity_bounds(self.problem, self.potential, boxes))
+        for row, (number, well) in enumerate(zip(numbers, found, strict=True)):
+            cell = self.cells[number]
+            cell.box, cell.well, cell.state = boxes.take(np.array([row])), well, "proved"
+        self.proved += len(numbers)
+
+    def _around(self, place: tuple[int, ...]) -> list[int]:
+        found = list[int]()
+        for k in range(len(place)):
+            for step in (-1, 1):
+                found += self._places.get((*place[:k], place[k] + step, *place[k + 1 :]), [])
+        return found
+
+    def _meet(self, new: Iterable[int], others: Iterable[int]) -> None:
+        """Make cells that share a face neighbours."""
+        pairs = [(i, j) for i in new for j in others if i != j]
+        for i, j in pairs:
+            if self.face(i, j) is not None:
+                self.cells[i].neighbours.add(j)
+                self.cells[j].neighbours.add(i)
+
+
+def _roomier(problem: Problem, boxes: Boxes) -> Boxes:
+    """Boxes with somewhat larger tubes where Theorem K, checked again, allows it.
+
+    Theorem K's least R leaves a small box's solution at a corner a margin below the rounding errors that gluing
+    allows for.
+    """
+    radius = boxes.radius * (1.0 + _ROOM) + _ROOM_AT_LEAST
+    larger = boxes._replace(radius=radius, kappa=np.minimum(boxes.kappa * (1.0 + _ROOM) + _ROOM, 0.999))
+    usable = verify(problem, larger)
+    return Boxes(
+        *(
+            np.where(usable.reshape(-1, *([1] * (new.ndim - 1))), new, old)
+            for new, old in zip(larger, boxes, strict=True)
+        )
+    )
+
+
+def _stacked(cells: Sequence[Cell]) -> Boxes:
+    """The boxes of proved cells, one row each."""
+    rows = [cell.box for cell in cells if cell.box is not None]
+    return Boxes(*(np.concatenate(arrays) for arrays in zip(*rows, strict=True)))

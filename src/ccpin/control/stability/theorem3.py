@@ -1,0 +1,297 @@
+"""Theorem 3 as a tool: from which states does a PD law with simple gravity compensation reach its set point?
+
+**Theorem.** Let D q̈ + C q̇ + g = u (22) under the law (28), u = K_p q̃ − K_v q̇ + g(q_d), with K_p, K_v symmetric
+positive definite, D positive definite and q̃ = q_d − q in plain (scalar) coordinates. Let
+
+    𝒱(q, q̇) = ½ q̇ᵀDq̇ + U(q),        U(q) = V(σ(q)) − V(q_d) + q̃ᵀg(q_d) + ½ q̃ᵀK_p q̃.
+
+Let G be compact, σ smooth and nonsingular on a neighbourhood of it (G ⊂ Ω), q_d in its interior, c > 0 with U ≥ c on
+G's boundary, and 𝒬 the connected component of {U < c} that holds q_d, so that 𝒬 ⊂ G (`sublevel`). Suppose
+
+    ‖∂g/∂q‖₂ ≤ β on 𝒬        and        β < k,    k the least eigenvalue of K_p (the least k_pi where K_p is diagonal).
+
+Then q_d is the only equilibrium in 𝒬, it is asymptotically stable, and every motion that starts in
+B₂ = {q ∈ 𝒬, 𝒱 < c} stays there and converges to (q_d, 0).
+
+*Proof.* Along solutions 𝒱̇ = −q̇ᵀK_v q̇ ≤ 0 (Ḋ − 2C is skew, ∂V/∂q = g), so U ≤ 𝒱 stays at or below its first value
+c′ < c, and q, being continuous, in the part of 𝒬 with U ≤ c′, which is compact; q̇ is bounded as D is positive
+definite there. By LaSalle's theorem the motion tends to the largest invariant set with q̇ = 0, that is to points with
+∇U = g(q) − g(q_d) − K_p q̃ = 0. The Hessian of U is K_p + ∂g/∂q, positive definite on 𝒬 by hypothesis: every critical
+point of U in 𝒬 is a strict minimum. Those are isolated; the flow of −∇U stays in 𝒬 and each of its orbits tends to
+one of them; their basins are open, disjoint and cover the connected 𝒬, so there is one: q_d. There 𝒱 has a strict
+minimum, whence stability. ∎
+
+(No convexity of 𝒬 is needed, and no segment from q to q_d in it: the mean value theorem is not used.)
+
+What is rigorous. Over a certified atlas, or over cells proved as they are needed, c is a lower bound of U on G's
+boundary and β an upper bound of ‖∂g/∂q‖ on the cells that meet 𝒬, from second-order expansions with remainders and
+rounding margins (`ccpin.domain.gravity_bounds`). The numbers q_d, K_p, g(q_d) and V(q_d) are taken as the law has
+them: g(q_d) is its own to rounding. That D is positive definite (no motion without moving mass) is not checked. Over
+a plain region the figures are estimates on a grid, and say so. Friction, saturation and sampling are outside the
+theorem.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array
+from ccpin.control.laws import PDSimpleGravity
+from ccpin.control.stability.cells import CellStore, holding
+from ccpin.control.stability.flood import Effort, Flood, Sublevel, connected
+from ccpin.control.stability.set_point_cells import cells_around, cells_of_atlas
+from ccpin.control.stability.well import checked_region, sample_region
+from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.newton import predict
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
+
+Limit = Literal["domain", "gain", "effort"]
+Region = tuple[ArrayLike, ArrayLike]
+
+_EFFORTS = {1: Effort(12, 400), 2: Effort(14, 2000), 3: Effort(9, 1500)}
+_ONE_BOX = Effort(0, 1)
+_LIMITS = {
+    "domain": "the edge of the domain",
+    "gain": "where ‖∂g/∂q‖ is not below the gains",
+    "effort": "the number of cells allowed",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class SetPointCertificate:
+    """What Theorem 3 says of a set point.
+
+    Attributes:
+        law: The law.
+        level: c in joules, with which the theorem holds; 0 where it does not.
+        level_domain: The largest level found with 𝒬 in the domain, whatever the gains (at least `level`).
+        beta: β over the cells that meet 𝒬; at q_d alone where the theorem does not hold.
+        gain: k, the least eigenvalue of K_p.
+        stiffness: Least eigenvalue of K_p + ∂g/∂q at q_d; the set point is unstable where it is negative.
+        rigorous: Whether `level` and `beta` are bounds (else estimates from samples).
+        method: How they were found, in words.
+        limit: What keeps c from being larger: the domain, the gain condition or the effort allowed.
+        touch: Where, of shape (n,).
+    """
+
+    law: PDSimpleGravity
+    level: float
+    level_domain: float
+    beta: float
+    gain: float
+    stiffness: float
+    rigorous: bool
+    method: str
+    limit: Limit
+    touch: Array
+    _region: _Cells | _Box | None = field(repr=False)
+
+    @property
+    def holds(self) -> bool:
+        """Whether there is a B₂ at all."""
+        return self.level > 0.0
+
+    @property
+    def reason(self) -> str:
+        """The result in a sentence."""
+        if self.holds:
+            return (
+                f"every motion with 𝒱 < {self.level:.6g} J around q_d converges; c is limited by {_LIMITS[self.limit]}"
+            )
+        if self.stiffness <= 0.0:
+            return f"K_p + ∂g/∂q has the eigenvalue {self.stiffness:.6g} at q_d: the set point is not stable"
+        return f"the gain condition fails at q_d: ‖∂g/∂q‖ ≤ {self.beta:.6g} is not below k = {self.gain:.6g}"
+
+    @property
+    def cells(self) -> tuple[Array, Array]:
+        """Lower and upper corners, (K, n) each, of the cells that hold 𝒬 (the region, where only sampled)."""
+        if self._region is None:
+            empty = np.empty((0, self.law.model.n))
+            return empty, empty
+        return np.atleast_2d(self._region.lower), np.atleast_2d(self._region.upper)
+
+    def contains(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
+        """Whether the state (q, v) (default at rest) is in B₂: q in cells whose part of {U < c} is 𝒬's, and 𝒱 < c."""
+        point = self.law.model.checked_q(q)
+        velocity = np.zeros(self.law.model.n) if v is None else self.law.model.checked(v, "v", self.law.model.n)
+        guess = None if self._region is None else self._region.guess(point)
+        return guess is not None and self.law.lyapunov(point, velocity, guess) < self.level
+
+
+@dataclass(frozen=True, eq=False)
+class _Cells:
+    """Cells that hold 𝒬."""
+
+    store: CellStore
+    members: tuple[int, ...]
+    lower: Array
+    upper: Array
+
+    def guess(self, q: Array) -> Array | None:
+        """A configuration in the tube of the cell that holds q; ``None`` where there is no cell."""
+        inside = holding(self.lower, self.upper, q)
+        if not inside.size:
+            return None
+        box = self.store[self.members[int(inside[0])]].box
+        assert box is not None
+        system = self.store.problem.system
+        theta = predict(self.store.problem, box, q[None] - box.centre[:, system.independent])
+        return np.asarray(system.chart.configuration(theta[0]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Box:
+    """A plain region."""
+
+    law: PDSimpleGravity
+    lower: Array
+    upper: Array
+
+    def guess(self, q: Array) -> Array | None:
+        """σ(q) from q_d, where q is inside and can be reached."""
+        if not np.all((self.lower <= q) & (q <= self.upper)):
+            return None
+        try:
+            return self.law.model.sigma(q, self.law.q_free_d)
+        except CcpinError:
+            return None
+
+
+def certify_set_point(
+    model: ReducedModel,
+    q_d: ArrayLike,
+    K_p: ArrayLike,
+    K_v: ArrayLike,
+    domain: Atlas | Region | None = None,
+    *,
+    guess: ArrayLike | None = None,
+    effort: Effort | None = None,
+) -> SetPointCertificate:
+    """Theorem 3 for PD with simple gravity compensation (28) at a set point: `certify_law` of that law.
+
+    Args:
+        model: The reduced model.
+        q_d: The set point, of shape (n,).
+        K_p: Proportional gains, (n,) or (n, n).
+        K_v: Velocity gains, (n,) or (n, n).
+        domain: As for `certify_law`.
+        guess: Chooses the assembly mode of σ(q_d).
+        effort: As for `certify_law`.
+
+    Raises:
+        InvalidInputError, UnsupportedMechanismError, UnreachableError, SingularConfigurationError: As `certify_law`
+            and `PDSimpleGravity` do.
+    """
+    return certify_law(PDSimpleGravity(model, q_d, K_p, K_v, guess), domain, effort=effort)
+
+
+def certify_law(
+    law: PDSimpleGravity, domain: Atlas | Region | None = None, *, effort: Effort | None = None
+) -> SetPointCertificate:
+    """Theorem 3 for a law: β, the gain condition, and the largest c found with B₂ in the domain.
+
+    Args:
+        law: PD with simple gravity compensation: the model, q_d, K_p and K_v.
+        domain: A certified atlas on whose branch q_d lies; ``None``: cells are proved around q_d as far as needed
+            (with more than three coordinates a single box, unless `effort` says otherwise); or a plain region
+            (lower, upper), taken to lie in Ω, over which everything is only sampled.
+        effort: How much work to do; default by the number of coordinates.
+
+    Raises:
+        InvalidInputError: Another law, or q_d is not in the domain or not on its branch.
+        UnsupportedMechanismError: Coordinates that are not plain numbers, other joints actuated than independent, or
+            closures that cannot be certified (a plain region works for these).
+        UnreachableError, SingularConfigurationError: σ does not exist on all of a plain region.
+    """
+    _check(law)
+    stiffness = law.model.gravity_derivative(law.q_d, law.q_free_d)
+    gain = float(np.linalg.eigvalsh(law.K_p)[0])
+    least = float(np.linalg.eigvalsh(law.K_p + stiffness)[0])
+    norm_d = float(np.linalg.norm(stiffness, 2))
+    if isinstance(domain, tuple):
+        return _sampled(law, domain, gain, least, norm_d)
+    effort = effort or _EFFORTS.get(law.model.n, _ONE_BOX)
+    if domain is None:
+        store = cells_around(law, gain, effort)
+        method = f"cells proved around q_d, {effort.cells} at most"
+    else:
+        store = cells_of_atlas(law, domain)
+        method = f"the {len(domain.boxes.kappa)} boxes of an atlas, halved where needed"
+    found = Flood(store, lambda well: well.beta < gain, effort).run(law.q_d)
+    level_domain, region = found.level, _members(store, found, law.q_d)
+    if found.limit == "gain":
+        more = effort._replace(cells=effort.cells + store.proved)
+        level_domain = max(level_domain, Flood(store, lambda well: True, more).run(law.q_d).level)
+    return SetPointCertificate(
+        law=law,
+        level=found.level,
+        level_domain=level_domain,
+        beta=found.beta if found.level > 0.0 else norm_d,
+        gain=gain,
+        stiffness=least,
+        rigorous=True,
+        method=method,
+        limit=_limit(found.limit),
+        touch=found.point,
+        _region=region,
+    )
+
+
+def _limit(name: str) -> Limit:
+    return "gain" if name == "gain" else "effort" if name == "effort" else "domain"
+
+
+def _members(store: CellStore, found: Sublevel, q_d: Array) -> _Cells | None:
+    members = connected(store, found, q_d)
+    if not members:
+        return None
+    cells = [store[k] for k in members]
+    return _Cells(store, members, np.array([cell.lower for cell in cells]), np.array([cell.upper for cell in cells]))
+
+
+def _sampled(law: PDSimpleGravity, region: Region, gain: float, least: float, norm_d: float) -> SetPointCertificate:
+    """The same figures from a grid: the least U on the edge, and among samples where the gain condition fails."""
+    lower, upper = checked_region(law.model, region, law.q_d)
+    samples = sample_region(law.model, lower, upper, law.q_free_d)
+    error = law.q_d - samples.q
+    potential_d = law.model.energy(law.q_d, np.zeros(law.model.n), law.q_free_d).potential
+    well = samples.potential - potential_d + error @ law.gravity_d + 0.5 * np.sum((error @ law.K_p) * error, axis=1)
+    edge = np.where(samples.edge, well, np.inf)
+    failing = np.where(samples.norm >= gain, well, np.inf)
+    level_domain, stop = float(edge.min()), float(failing.min())
+    level = 0.0 if norm_d >= gain else max(0.0, min(level_domain, stop))
+    inside = well < level
+    return SetPointCertificate(
+        law=law,
+        level=level,
+        level_domain=max(level_domain, 0.0),
+        beta=max(norm_d, float(np.max(samples.norm, initial=0.0, where=inside))),
+        gain=gain,
+        stiffness=least,
+        rigorous=False,
+        method=f"sampled at {len(samples.q)} points of the region, nothing is proved",
+        limit="gain" if norm_d >= gain or stop < level_domain else "domain",
+        touch=samples.q[int(np.argmin(np.minimum(edge, failing)))],
+        _region=_Box(law, lower, upper),
+    )
+
+
+def _check(law: PDSimpleGravity) -> None:
+    if not isinstance(law, PDSimpleGravity):
+        raise InvalidInputError("Theorem 3 is about PD with simple gravity compensation: pass a PDSimpleGravity law")
+    mechanism, coordinates = law.model.mechanism, law.model.coordinates
+    if mechanism.actuated != mechanism.independent:
+        raise UnsupportedMechanismError(
+            f"Theorem 3 needs motors on the independent joints {', '.join(mechanism.independent)}; those of "
+            f"{mechanism.name} sit on {', '.join(mechanism.actuated)}: load it with independent= set to the motors"
+        )
+    if not (coordinates.scalar and coordinates.constant):
+        raise UnsupportedMechanismError(
+            f"{mechanism.name}: Theorem 3 is certified for revolute and prismatic independent joints only "
+            "(q̃ = q_d − q is not smooth on circles and rotations)"
+        )

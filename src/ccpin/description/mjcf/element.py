@@ -1,0 +1,241 @@
+"""One MJCF element with its defaults merged in, and the numbers, choices and frames read from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ccpin.arrays import Array
+from ccpin.description.mjcf.schema import ATTRIBUTES, LEAVES, NUMERIC, ORIENTATIONS
+from ccpin.errors import DescriptionError
+
+XmlElement = Any
+_LARGEST = 1e30
+_LONGEST = 10
+_FLAGS = {"true": True, "false": False}
+
+
+def label_of(xml: XmlElement) -> str:
+    """Name an XML element the way a reader of the file would look for it."""
+    name = xml.get("name")
+    return f"{xml.tag} '{name}'" if name else f"{xml.tag} (line {xml.sourceline})"
+
+
+def translation(vector: object) -> Array:
+    """Return the 4×4 transform that moves by `vector` (3,)."""
+    frame = np.eye(4)
+    frame[:3, 3] = np.asarray(vector, dtype=np.float64)
+    return frame
+
+
+def inverse(frame: Array) -> Array:
+    """Return the inverse of a rigid 4×4 transform."""
+    turn: Array = frame[:3, :3].T
+    return translation(-turn @ frame[:3, 3]) @ rotation(turn)
+
+
+def rotation(matrix: object) -> Array:
+    """Return the 4×4 transform that turns by the rotation matrix `matrix` (3, 3)."""
+    frame = np.eye(4)
+    frame[:3, :3] = np.asarray(matrix, dtype=np.float64)
+    return frame
+
+
+@dataclass(frozen=True)
+class Angles:
+    """How the file writes angles: `unit` radians to one unit, and the axes of its Euler angles."""
+
+    unit: float = np.pi / 180.0
+    sequence: str = "xyz"
+
+
+class Span(NamedTuple):
+    """Two end points: the frame (4, 4) midway, its z axis from the second to the first, and half the length."""
+
+    placement: Array
+    half_length: float
+
+
+@dataclass(frozen=True)
+class Element:
+    """An element's attributes, checked against the format, with those of its default class merged in.
+
+    Attributes:
+        tag: The element's tag.
+        label: How error messages call it.
+        source: The file, for error messages.
+        values: The attributes as written.
+    """
+
+    tag: str
+    label: str
+    source: str | None
+    values: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, xml: XmlElement, source: str | None, inherited: Mapping[str, str] | None = None) -> Element:
+        """Read an XML element, adding what it inherits.
+
+        Raises:
+            DescriptionError: An attribute does not belong to this element, or two orientations are given.
+        """
+        own = dict(xml.attrib)
+        bare = cls(xml.tag, label_of(xml), source, own)
+        parent = xml.getparent()
+        within = f"{parent.tag}/{xml.tag}" if parent is not None else xml.tag
+        allowed = ATTRIBUTES.get(within, ATTRIBUTES.get(xml.tag))
+        for name in own:
+            if allowed is not None and name not in allowed:
+                raise bare.fail(f"unknown attribute '{name}'; it takes: {', '.join(sorted(allowed))}")
+        for name in own.keys() & NUMERIC:
+            bare.some_numbers(name, _LONGEST)
+        for child in xml.iterchildren("*") if xml.tag in LEAVES else ():
+            if child.tag != "plugin":
+                raise bare.fail(f"a <{child.tag}> does not belong inside this element")
+        if len(ORIENTATIONS & own.keys()) > 1:
+            raise bare.fail(f"only one of {', '.join(sorted(ORIENTATIONS & own.keys()))} may be given")
+        return cls(xml.tag, bare.label, source, merged(inherited or {}, own))
+
+    def fail(self, message: str) -> DescriptionError:
+        """Return the error that blames this element."""
+        return DescriptionError(message, source=self.source, element=self.label)
+
+    def text(self, name: str) -> str | None:
+        """Return an attribute as written; ``None`` where it is absent or empty."""
+        return self.values.get(name) or None
+
+    def required(self, name: str) -> str:
+        """Return an attribute that must be there."""
+        value = self.text(name)
+        if value is None:
+            raise self.fail(f"the attribute '{name}' is required")
+        return value
+
+    def some_numbers(self, name: str, most: int) -> tuple[float, ...]:
+        """Return between 1 and `most` finite numbers, or none where the attribute is absent."""
+        written = self.values.get(name)
+        if written is None:
+            return ()
+        try:
+            values = tuple(float(part) for part in written.split())
+        except ValueError:
+            raise self.fail(f'{name}="{written}" is not a list of numbers') from None
+        if not 1 <= len(values) <= most or not all(abs(value) <= _LARGEST for value in values):
+            raise self.fail(f'{name}="{written}" should be at most {most} finite numbers, at least one')
+        return values
+
+    def vector(self, name: str, count: int, default: tuple[float, ...] | None = None) -> Array:
+        """Return exactly `count` finite numbers; `default` where the attribute is absent."""
+        values = self.some_numbers(name, count)
+        if not values and default is not None:
+            values = default
+        if not values:
+            raise self.fail(f"the attribute '{name}' is required ({count} numbers)")
+        if len(values) != count:
+            raise self.fail(f"{name} should be {count} numbers, not {len(values)}")
+        return np.array(values)
+
+    def number(self, name: str, default: float) -> float:
+        """Return one finite number; `default` where the attribute is absent."""
+        return float(self.vector(name, 1, (default,))[0])
+
+    def choice(self, name: str, choices: tuple[str, ...], default: str) -> str:
+        """Return one of the words `choices`; `default` where the attribute is absent."""
+        value = self.values.get(name, default)
+        if value not in choices:
+            raise self.fail(f'{name}="{value}" should be one of: {", ".join(choices)}')
+        return value
+
+    def flag(self, name: str, default: bool) -> bool:
+        """Return a truth value; `default` where the attribute is absent."""
+        return _FLAGS[self.choice(name, tuple(_FLAGS), "true" if default else "false")]
+
+    def orientation(self, angles: Angles) -> Array:
+        """Return the rotation matrix (3, 3) of quat, axisangle, xyaxes, zaxis or euler; else the identity."""
+        for name, read in _READERS.items():
+            if name in self.values:
+                return read(self, angles)
+        return np.eye(3)
+
+    def pose(self, angles: Angles) -> Array:
+        """Return the frame (4, 4) of pos and the orientation attributes."""
+        return translation(self.vector("pos", 3, (0.0, 0.0, 0.0))) @ rotation(self.orientation(angles))
+
+    def span(self) -> Span:
+        """Return where the attribute fromto puts an elongated shape.
+
+        MuJoCo 4.0's manual has the z axis point to the second end; its compiler makes it point to the first.
+        """
+        ends = self.vector("fromto", 6)
+        along = ends[:3] - ends[3:]
+        turn = rotation(from_z_axis(self.unit(along, "fromto")))
+        return Span(translation((ends[:3] + ends[3:]) / 2.0) @ turn, float(np.linalg.norm(along)) / 2.0)
+
+    def unit(self, value: Array, name: str) -> Array:
+        """Return `value` normalized; what has no direction is an error."""
+        norm = float(np.linalg.norm(value))
+        if norm < 1e-14:
+            raise self.fail(f"{name} has no length, so no direction")
+        return value / norm
+
+    def quaternion(self, value: Array, name: str) -> Array:
+        """Return the rotation matrix (3, 3) of a quaternion (w, x, y, z), normalized first."""
+        w, x, y, z = self.unit(value, name)
+        matrix: Array = Rotation.from_quat([x, y, z, w]).as_matrix()
+        return matrix
+
+
+def merged(inherited: Mapping[str, str], own: Mapping[str, str]) -> dict[str, str]:
+    """Return the attributes of both, `own` winning; its orientation replaces every inherited one."""
+    drop = ORIENTATIONS if ORIENTATIONS & own.keys() else frozenset()
+    return {**{name: value for name, value in inherited.items() if name not in drop}, **own}
+
+
+def from_z_axis(direction: Array) -> Array:
+    """Return the smallest rotation (3, 3) that takes the z axis to the unit vector `direction`."""
+    axis = np.cross([0.0, 0.0, 1.0], direction)
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-10:
+        axis, sine = np.array([1.0, 0.0, 0.0]), 0.0
+    else:
+        axis = axis / sine
+    matrix: Array = Rotation.from_rotvec(axis * np.arctan2(sine, direction[2])).as_matrix()
+    return matrix
+
+
+def _quat(element: Element, _: Angles) -> Array:
+    return element.quaternion(element.vector("quat", 4), "quat")
+
+
+def _axisangle(element: Element, angles: Angles) -> Array:
+    value = element.vector("axisangle", 4)
+    turn = element.unit(value[:3], "the axis of axisangle") * value[3] * angles.unit
+    matrix: Array = Rotation.from_rotvec(turn).as_matrix()
+    return matrix
+
+
+def _xyaxes(element: Element, _: Angles) -> Array:
+    value = element.vector("xyaxes", 6)
+    x = element.unit(value[:3], "the x axis of xyaxes")
+    y = element.unit(value[3:] - x * (x @ value[3:]), "the part of the y axis of xyaxes normal to x")
+    return np.column_stack([x, y, np.cross(x, y)])
+
+
+def _zaxis(element: Element, _: Angles) -> Array:
+    return from_z_axis(element.unit(element.vector("zaxis", 3), "zaxis"))
+
+
+def _euler(element: Element, angles: Angles) -> Array:
+    """Lower-case axes turn with the frame (factors from the left), upper-case ones stay (from the right)."""
+    matrix = np.eye(3)
+    for axis, angle in zip(angles.sequence, element.vector("euler", 3) * angles.unit, strict=True):
+        turn = Rotation.from_euler(axis.lower(), angle).as_matrix()
+        matrix = matrix @ turn if axis.islower() else turn @ matrix
+    return matrix
+
+
+_READERS = {"quat": _quat, "axisangle": _axisangle, "xyaxes": _xyaxes, "zaxis": _zaxis, "euler": _euler}

@@ -1,0 +1,159 @@
+"""MJCF's ``<equality>`` section as loop closures and couplings."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.description.mjcf.defaults import MAIN, Defaults
+from ccpin.description.mjcf.element import Element, XmlElement, label_of, rotation, translation
+from ccpin.description.mjcf.joints import Tree
+from ccpin.description.mjcf.schema import WORLD
+from ccpin.description.model import (
+    ClosureKind,
+    Coupling,
+    CouplingTerm,
+    LoopClosure,
+    frozen,
+)
+from ccpin.errors import DescriptionError
+
+_KINDS: dict[str, ClosureKind] = {"connect": "spherical", "weld": "fixed"}
+_LEFT_OUT = ("tendon", "flex", "flexvert", "flexstrain", "distance")
+_POLYNOMIAL = (0.0, 1.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Equalities:
+    """The active constraints: closures, couplings, the joints couplings determine, and what was left out."""
+
+    closures: list[LoopClosure] = field(default_factory=list)
+    couplings: list[Coupling] = field(default_factory=list)
+    dependent: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+def read_equalities(sections: Iterable[XmlElement], tree: Tree, defaults: Defaults, source: str | None) -> Equalities:
+    """Read connect, weld and joint constraints; the others and inactive ones become notes.
+
+    Raises:
+        DescriptionError: A constraint names what does not exist, or says too little or too much.
+    """
+    found = Equalities()
+    elements = [xml for section in sections for xml in section.iterchildren("*")]
+    names = _names(elements, source)
+    for xml, name in zip(elements, names, strict=True):
+        if xml.tag in _LEFT_OUT:
+            found.notes.append(f"The {xml.tag} equality '{name}' is left out: ccpin does not model it.")
+            continue
+        if xml.tag not in ("connect", "weld", "joint"):
+            raise DescriptionError("no such equality constraint", source=source, element=label_of(xml))
+        said = defaults.resolve(xml, MAIN, "equality")
+        constraint = _coupling(said, name, tree) if xml.tag == "joint" else _closure(said, name, tree)
+        if not said.flag("active", True):
+            found.notes.append(f"The {xml.tag} equality '{name}' is left out: the file says it is not active.")
+        elif isinstance(constraint, Coupling):
+            found.couplings.append(constraint)
+            found.dependent.append(constraint.terms[0].joint)
+        else:
+            found.closures.append(constraint)
+    return found
+
+
+def _names(elements: list[XmlElement], source: str | None) -> list[str]:
+    """Return the names given, and for the others the tag with the position among its like."""
+    given = [xml.get("name") for xml in elements if xml.get("name")]
+    names: list[str] = []
+    for index, xml in enumerate(elements):
+        name = xml.get("name")
+        if name and name in names:
+            raise DescriptionError("the name is used twice", source=source, element=label_of(xml))
+        if not name:
+            position = sum(other.tag == xml.tag for other in elements[: index + 1])
+            name = f"{xml.tag}_{position}"
+            while name in given:
+                name += "_"
+        names.append(name)
+    return names
+
+
+def _closure(said: Element, name: str, tree: Tree) -> LoopClosure:
+    """Return a connect or weld; a weld whose torquescale is zero leaves the bodies free to turn."""
+    by_site = bool(said.text("site1") or said.text("site2"))
+    by_body = bool(said.text("body1") or said.text("body2"))
+    if by_site == by_body:
+        raise said.fail("either body1 (and body2) or site1 and site2 should be given")
+    if by_site:
+        first, second = _site(said, "site1", tree), _site(said, "site2", tree)
+    else:
+        bodies = _body(said, "body1", tree), _body(said, "body2", tree)
+        read = _connected if said.tag == "connect" else _welded
+        first, second = zip(bodies, read(said, bodies, tree), strict=True)
+    if first[0] == second[0]:
+        raise said.fail(f"it joins body '{first[0]}' to itself")
+    turns = said.tag == "weld" and said.number("torquescale", 1.0) == 0.0
+    kind = "spherical" if turns else _KINDS[said.tag]
+    return LoopClosure(name, kind, first[0], second[0], frozen(first[1]), frozen(second[1]))
+
+
+def _site(said: Element, attribute: str, tree: Tree) -> tuple[str, Array]:
+    name = said.required(attribute)
+    if name not in tree.sites:
+        raise said.fail(f"there is no site '{name}'; there are: {', '.join(tree.sites) or 'none'}")
+    return tree.sites[name].body, tree.sites[name].placement
+
+
+def _body(said: Element, attribute: str, tree: Tree) -> str:
+    name = said.required(attribute) if attribute == "body1" else said.text(attribute) or WORLD
+    if name not in tree.poses:
+        raise said.fail(f"there is no body '{name}'; there are: {', '.join(tree.poses)}")
+    return name
+
+
+def _connected(said: Element, bodies: tuple[str, str], tree: Tree) -> tuple[Array, Array]:
+    """Return the frames of a connect: the anchor in body 1, and the same point at qpos0 in body 2."""
+    anchor = translation(said.vector("anchor", 3))
+    return anchor, translation((tree.pose_between(bodies[1], bodies[0]) @ anchor)[:3, 3])
+
+
+def _welded(said: Element, bodies: tuple[str, str], tree: Tree) -> tuple[Array, Array]:
+    """Return the frames of a weld: the anchor in body 2, and where it belongs in body 1.
+
+    The position in relpose is the anchor's, its quaternion (w, x, y, z) is body 2's; a zero quaternion means
+    the pose at qpos0.
+    """
+    anchor = translation(said.vector("anchor", 3, (0.0, 0.0, 0.0)))
+    relpose = said.vector("relpose", 7, (0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    if not np.any(relpose[3:]):
+        return tree.pose_between(bodies[0], bodies[1]) @ anchor, anchor
+    turn = said.quaternion(relpose[3:], "the quaternion of relpose")
+    return translation(relpose[:3]) @ rotation(turn), anchor
+
+
+def _coupling(said: Element, name: str, tree: Tree) -> Coupling:
+    """Return y − y₀ − Σ aₖ (x − x₀)ᵏ = 0, with the references y₀, x₀ of joints 1 and 2."""
+    written = said.some_numbers("polycoef", 5)
+    polynomial = (*written, *_POLYNOMIAL[len(written) :])
+    dependent = said.required("joint1")
+    y0 = _displacement(said, dependent, tree)
+    if said.text("joint2") is None:
+        return Coupling(name, (CouplingTerm(dependent, (-polynomial[0], 1.0), y0),))
+    driver = said.required("joint2")
+    x0 = _displacement(said, driver, tree)
+    if driver == dependent:
+        raise said.fail(f"it couples joint '{driver}' to itself")
+    negated = tuple(-coefficient for coefficient in polynomial)
+    return Coupling(name, (CouplingTerm(dependent, (0.0, 1.0), y0), CouplingTerm(driver, negated, x0)))
+
+
+def _displacement(said: Element, joint: str, tree: Tree) -> float:
+    """Return the displacement of a hinge or slide at qpos0."""
+    value = tree.reference.get(joint)
+    if value is None:
+        raise said.fail(f"there is no joint '{joint}'; there are: {', '.join(tree.reference) or 'none'}")
+    if len(value) != 1:
+        raise said.fail(f"joint '{joint}' is neither a hinge nor a slide")
+    return value[0]

@@ -1,0 +1,227 @@
+"""MJCF geoms: the solids bodies are made of, as shapes to draw and as masses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, cast
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.description.mjcf.defaults import Compiler, Defaults
+from ccpin.description.mjcf.element import Element, XmlElement, rotation, translation
+from ccpin.description.model import Inertia, Shape, Visual, frozen
+
+Kind = Literal["sphere", "capsule", "cylinder", "ellipsoid", "box"]
+_SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
+_SURFACES = ("plane", "hfield")
+_MESHES = ("mesh", "sdf")
+_TYPES = (*_SIZES, *_SURFACES, *_MESHES)
+_ELONGATED = ("capsule", "cylinder", "ellipsoid", "box")
+
+
+@dataclass(frozen=True)
+class MeshAsset:
+    """A mesh file, its scale, and the frame (4, 4) of the scaled file in the geom's frame.
+
+    `placement` is ``None`` where no rigid frame exists (a reference orientation with unequal scales).
+    """
+
+    file: str
+    scale: tuple[float, float, float]
+    placement: Array | None
+
+
+@dataclass(frozen=True)
+class Assets:
+    """Meshes by name (``None`` for one without a file), and colours of materials by name."""
+
+    meshes: dict[str, MeshAsset | None]
+    materials: dict[str, tuple[float, float, float, float] | None]
+
+
+@dataclass(frozen=True, eq=False)
+class Geom:
+    """A geom as read.
+
+    Attributes:
+        kind: The primitive, or ``None`` where a mesh file decides the shape or there is no volume.
+        size: The primitive's half sizes in MuJoCo's order.
+        placement: Its frame (4, 4) in the body's frame.
+        mesh: Name of the mesh asset it refers to.
+        drawn_mesh: Whether it is that mesh, rather than a primitive fitted to it.
+    """
+
+    element: Element
+    kind: Kind | None
+    size: tuple[float, ...]
+    placement: Array
+    mesh: str | None
+    drawn_mesh: bool
+
+
+def read_assets(sections: Iterable[XmlElement], defaults: Defaults, compiler: Compiler, source: str | None) -> Assets:
+    """Read the meshes and materials of the ``<asset>`` sections.
+
+    Raises:
+        DescriptionError: An asset has no name, or a number in it is wrong.
+    """
+    assets = Assets({}, {})
+    for section in sections:
+        for xml in section.iterchildren("mesh"):
+            said = defaults.resolve(xml)
+            file = said.text("file")
+            name = said.text("name") or (Path(file).stem if file else None)
+            if name is None:
+                raise said.fail("a mesh needs a name or a file")
+            assets.meshes[name] = _read_mesh(said, file, compiler, source) if file else None
+        for xml in section.iterchildren("material"):
+            said = defaults.resolve(xml)
+            assets.materials[said.required("name")] = _rgba(said)
+    return assets
+
+
+def _read_mesh(said: Element, file: str, compiler: Compiler, source: str | None) -> MeshAsset:
+    """Resolve the file; MuJoCo's vertices are S Rᵀ (v − p) with reference pose (R, p) and scale S."""
+    path = Path(Path(file).name if compiler.strip_path else file)
+    folder = Path(source).parent if source else Path()
+    found = folder / compiler.mesh_folder / path
+    turn = said.quaternion(said.vector("refquat", 4, (1.0, 0.0, 0.0, 0.0)), "refquat").T
+    scale = said.vector("scale", 3, (1.0, 1.0, 1.0))
+    shift = -scale * (turn @ said.vector("refpos", 3, (0.0, 0.0, 0.0)))
+    rigid = bool(np.all(scale == scale[0]) or np.allclose(turn, np.eye(3), atol=1e-12, rtol=0.0))
+    return MeshAsset(
+        file=str(found.resolve()) if found.is_file() else file,
+        scale=(float(scale[0]), float(scale[1]), float(scale[2])),
+        placement=translation(shift) @ rotation(turn) if rigid else None,
+    )
+
+
+def _rgba(said: Element) -> tuple[float, float, float, float] | None:
+    if "rgba" not in said.values:
+        return None
+    value = said.vector("rgba", 4)
+    if np.any(value < 0.0) or np.any(value > 1.0):
+        raise said.fail("rgba should be four numbers between 0 and 1")
+    return float(value[0]), float(value[1]), float(value[2]), float(value[3])
+
+
+def read_geom(said: Element, offset: Array, compiler: Compiler, assets: Assets) -> Geom:
+    """Read one geom; `offset` (4, 4) is the frame its pose refers to, in the body's frame.
+
+    Raises:
+        DescriptionError: Its type, its sizes, its pose or the mesh it names is wrong.
+    """
+    kind = said.choice("type", _TYPES, "sphere")
+    mesh = said.text("mesh")
+    if mesh is not None and mesh not in assets.meshes:
+        raise said.fail(f"there is no mesh '{mesh}' among the assets")
+    if kind in _MESHES and mesh is None:
+        raise said.fail(f"a geom of type {kind} needs the attribute 'mesh'")
+    solid = kind in _SIZES and mesh is None
+    if not solid:
+        return Geom(said, None, (), offset @ said.pose(compiler.angles), mesh, kind in _MESHES)
+    size, placement = _size_and_pose(said, kind, compiler)
+    return Geom(said, cast(Kind, kind), size, offset @ placement, None, False)
+
+
+def _size_and_pose(said: Element, kind: str, compiler: Compiler) -> tuple[tuple[float, ...], Array]:
+    sizes = said.some_numbers("size", 3)
+    spans = "fromto" in said.values
+    if spans and kind not in _ELONGATED:
+        raise said.fail(f"fromto goes with {', '.join(_ELONGATED)}, not with {kind}")
+    needed = 1 if spans else _SIZES[kind]
+    if len(sizes) < needed or min(sizes[:needed]) <= 0.0:
+        raise said.fail(f"size of a {kind} should be {needed} positive number(s) here")
+    if not spans:
+        return sizes[:needed], said.pose(compiler.angles)
+    placement, half = said.span()
+    return (sizes[0],) * (_SIZES[kind] - 1) + (half,), placement
+
+
+def geom_inertia(geom: Geom) -> Inertia:
+    """Return mass, centre and inertia of a solid geom in the body's frame (MuJoCo's formulas).
+
+    Raises:
+        DescriptionError: The mass or density is negative, or the geom is a shell.
+    """
+    said = geom.element
+    if said.flag("shellinertia", False):
+        raise said.fail("shellinertia is not supported; give the body an <inertial> element")
+    volume, diagonal = _PRIMITIVES[cast(str, geom.kind)](geom.size)
+    mass = said.number("mass", said.number("density", 1000.0) * volume)
+    if mass < 0.0:
+        raise said.fail("mass and density should not be negative")
+    turn = geom.placement[:3, :3]
+    rotational = turn @ np.diag(mass * np.array(diagonal)) @ turn.T
+    return Inertia(mass, frozen(geom.placement[:3, 3]), frozen(rotational))
+
+
+def weighs_nothing(geom: Geom) -> bool:
+    """Whether the geom says itself that it has no mass, so that its shape does not matter."""
+    said = geom.element
+    return said.number("mass", said.number("density", 1000.0)) == 0.0
+
+
+def _sphere(size: tuple[float, ...]) -> tuple[float, tuple[float, float, float]]:
+    unit = 0.4 * size[0] ** 2
+    return 4.0 / 3.0 * np.pi * size[0] ** 3, (unit, unit, unit)
+
+
+def _capsule(size: tuple[float, ...]) -> tuple[float, tuple[float, float, float]]:
+    """A cylinder of length h and two half spheres; each part weighted by its share of the volume."""
+    radius, length = size[0], 2.0 * size[1]
+    ball, tube = 4.0 / 3.0 * np.pi * radius**3, np.pi * radius**2 * length
+    w_ball, w_tube = ball / (ball + tube), tube / (ball + tube)
+    across = w_tube * (3.0 * radius**2 + length**2) / 12.0
+    across += w_ball * (0.4 * radius**2 + 0.375 * radius * length + 0.25 * length**2)
+    return ball + tube, (across, across, (0.5 * w_tube + 0.4 * w_ball) * radius**2)
+
+
+def _cylinder(size: tuple[float, ...]) -> tuple[float, tuple[float, float, float]]:
+    radius, length = size[0], 2.0 * size[1]
+    across = (3.0 * radius**2 + length**2) / 12.0
+    return np.pi * radius**2 * length, (across, across, 0.5 * radius**2)
+
+
+def _ellipsoid(size: tuple[float, ...]) -> tuple[float, tuple[float, float, float]]:
+    a, b, c = (axis**2 for axis in size)
+    return 4.0 / 3.0 * np.pi * float(np.prod(size)), ((b + c) / 5.0, (a + c) / 5.0, (a + b) / 5.0)
+
+
+def _box(size: tuple[float, ...]) -> tuple[float, tuple[float, float, float]]:
+    a, b, c = (half**2 for half in size)
+    return 8.0 * float(np.prod(size)), ((b + c) / 3.0, (a + c) / 3.0, (a + b) / 3.0)
+
+
+_PRIMITIVES = {
+    "sphere": _sphere,
+    "capsule": _capsule,
+    "cylinder": _cylinder,
+    "ellipsoid": _ellipsoid,
+    "box": _box,
+}
+"""Volume and principal moments per unit mass, from the half sizes."""
+
+
+def geom_visual(geom: Geom, assets: Assets) -> Visual | None:
+    """Return what to draw; ``None`` for planes, height fields and meshes without a file of their own."""
+    said = geom.element
+    material = said.text("material")
+    if material is not None and material not in assets.materials:
+        raise said.fail(f"there is no material '{material}' among the assets")
+    rgba = _rgba(said) or (assets.materials[material] if material else None) or Visual.rgba
+    if geom.kind is not None:
+        return Visual(Shape(geom.kind, _drawn_size(geom.kind, geom.size)), frozen(geom.placement), rgba)
+    asset = assets.meshes[geom.mesh] if geom.mesh else None
+    if not geom.drawn_mesh or asset is None or asset.placement is None:
+        return None
+    return Visual(Shape("mesh", asset.scale, asset.file), frozen(geom.placement @ asset.placement), rgba)
+
+
+def _drawn_size(kind: Kind, size: tuple[float, ...]) -> tuple[float, ...]:
+    if kind == "box":
+        return tuple(2.0 * half for half in size)
+    return (size[0], 2.0 * size[1]) if kind in ("capsule", "cylinder") else size

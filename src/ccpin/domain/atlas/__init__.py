@@ -1,0 +1,1 @@
+"""Certified atlases of a branch of σ."""

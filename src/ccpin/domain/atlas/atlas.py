@@ -1,0 +1,300 @@
+"""The atlas: a region of q-space in boxes on each of which σ is proved to exist, be unique and be smooth.
+
+What is claimed. Each box satisfies Theorem K of `krawczyk`; each was glued to an earlier one at a common face, the
+first to the closed configuration at q₀. So through every certified q runs a chain of boxes along which σ(q₀) continues
+to σ(q) without meeting a singularity, and `Atlas.sigma` returns that continuation. Where, moreover, `single_valued` is
+true, the boxes on the two sides of every shared face carry the same σ: it is one continuous function on the union of
+the boxes (angles modulo 2π), whatever the way from q₀. Nonsingularity alone would not say so: a mechanism may
+change assembly mode without meeting a singularity, and the faces where that shows are listed in `unglued`.
+
+What is not claimed. Undecided cells are those not proved at the depth allowed; unreached cells were not tried, as
+no neighbour is certified (σ may exist there, on this branch or another). Empty cells are proved to hold no closed
+configuration at all (`atlas_empty`). Limits of dependent joints are not looked at.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ccpin.arrays import Array
+from ccpin.domain.atlas import store as atlas_store
+from ccpin.domain.atlas.build import Builder
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region, Status
+from ccpin.domain.atlas.empty import prove_empty
+from ccpin.domain.atlas.region import region_of
+from ccpin.domain.atlas.run import Runner, Stopped, stoppable
+from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
+from ccpin.domain.chains import seed_of
+from ccpin.domain.newton import newton, solve_in_boxes
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.mechanism.mechanism import Mechanism
+
+Mask = NDArray[np.bool_]
+
+_DEPTHS = {1: 14, 2: 12, 3: 6}
+_TOLERANCES = {1: 1e-5, 2: 1e-4, 3: 2e-3}
+
+
+class Progress(NamedTuple):
+    """How far an atlas is: certified boxes, cells waiting, and the certified fraction of the region."""
+
+    boxes: int
+    waiting: int
+    certified: float
+
+
+@dataclass(frozen=True, eq=False)
+class Atlas:
+    """A certified region of q-space; angles in radians.
+
+    Attributes:
+        names: The independent coordinates, in the order of q.
+        q0: The seed, of shape (n,).
+        radius: Half width of the largest certified square about q₀, short of the nearest cell not certified.
+        boxes: The certified boxes, as Theorem K has them; `lower` and `upper` are their corners.
+        unglued: Pairs of boxes that share a face at which they could not be shown to carry the same σ, (K, 2).
+        complete: False where an interrupt ended the work; what is there is certified nevertheless.
+        region: What was asked for.
+        problem: The closures.
+        tree: The cells.
+        seed: θ of the seed, of shape (n′,).
+    """
+
+    names: tuple[str, ...]
+    q0: Array
+    radius: float
+    boxes: Boxes
+    unglued: NDArray[np.int64]
+    complete: bool
+    region: Region
+    problem: Problem
+    tree: CellTree
+    seed: Array
+
+    @property
+    def single_valued(self) -> bool:
+        """Whether all shared faces are glued, so that σ is one continuous function on the certified set."""
+        return not len(self.unglued)
+
+    @property
+    def lower(self) -> Array:
+        """Lower corners of the boxes, of shape (B, n)."""
+        return np.asarray(self.boxes.centre[:, self.problem.system.independent] - self.boxes.half)
+
+    @property
+    def upper(self) -> Array:
+        """Upper corners of the boxes, of shape (B, n)."""
+        return np.asarray(self.boxes.centre[:, self.problem.system.independent] + self.boxes.half)
+
+    @property
+    def area(self) -> float:
+        """Length, area or volume of the certified set, in radⁿ (metres for sliding coordinates)."""
+        return self.fraction(Status.CERTIFIED) * float(np.prod(self.region.width))
+
+    @property
+    def certified_fraction(self) -> float:
+        """The certified share of the region."""
+        return self.fraction(Status.CERTIFIED)
+
+    @property
+    def undecided_fraction(self) -> float:
+        """The share of the region tried without a proof."""
+        return self.fraction(Status.UNDECIDED, Status.CANDIDATE)
+
+    @property
+    def unreached_fraction(self) -> float:
+        """The share of the region with no certified neighbour to start from."""
+        return self.fraction(Status.UNREACHED)
+
+    @property
+    def empty_fraction(self) -> float:
+        """The share of the region proved to hold no closed configuration."""
+        return self.fraction(Status.EMPTY)
+
+    def fraction(self, *statuses: Status) -> float:
+        """The share of the region in cells of the given statuses."""
+        leaves = self.tree.leaves()
+        chosen = leaves[np.isin(self.tree.status[leaves], statuses)]
+        return float(np.prod(self.tree.size[chosen] / WHOLE, axis=1).sum())
+
+    def contains(self, q: ArrayLike) -> bool | Mask:
+        """Whether q (n,) is certified; for q of shape (K, n) an array (K,). Angles count modulo 2π on full turns."""
+        points = self._points(q)
+        certified = self._box_numbers(points) >= 0
+        return bool(certified[0]) if np.ndim(q) == 1 else certified
+
+    def status(self, q: ArrayLike) -> NDArray[np.int8]:
+        """The `Status` of the cells that hold points (K, n); −1 outside of the region."""
+        cells = self.tree.locate(self.region.cell_coordinates(self._points(q)))
+        return np.where(cells >= 0, self.tree.status[cells], -1).astype(np.int8)
+
+    def sigma(self, q: ArrayLike) -> Array:
+        """q′ = σ(q) on this branch, (nq,) for q (n,) and (K, nq) for (K, n), to rounding.
+
+        Starts in the certified box's tube and takes steps that cannot leave it or fail to converge (`solve_in_boxes`),
+        then one of Newton's to polish.
+
+        Raises:
+            InvalidInputError: A point is not certified.
+        """
+        points = self._points(q)
+        numbers = self._box_numbers(points)
+        if np.any(numbers < 0):
+            first = points[int(np.argmax(numbers < 0))]
+            raise InvalidInputError(f"q = {first.tolist()} is not in the certified set; ask `contains` first")
+        boxes = self.boxes.take(numbers)
+        delta = self.region.reduce(points) - boxes.centre[:, self.problem.system.independent]
+        theta = newton(self.problem, solve_in_boxes(self.problem, boxes, delta).theta, 1).theta
+        theta[:, self.problem.system.independent] = points
+        q_free = self.problem.system.chart.configuration(theta)
+        return np.asarray(q_free[0] if np.ndim(q) == 1 else q_free)
+
+    def verify(self) -> Mask:
+        """Check Theorem K for every box again, from its data alone, of shape (B,)."""
+        return verify(self.problem, self.boxes)
+
+    def save(self, path: str | Path) -> None:
+        """Write the atlas to an npz file, whole or not at all."""
+        header, arrays = atlas_store.pack_problem(self.problem)
+        header |= {"names": list(self.names), "radius": self.radius, "complete": self.complete}
+        arrays |= {f"box_{name}": array for name, array in self.boxes._asdict().items()}
+        arrays |= {f"tree_{name}": array for name, array in self.tree.arrays().items()}
+        arrays |= {"lower": self.region.lower, "upper": self.region.upper, "wrapped": self.region.wrapped}
+        arrays |= {"q0": self.q0, "seed": self.seed, "unglued": self.unglued}
+        atlas_store.write(path, header, arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Atlas:
+        """Read an atlas that `save` wrote. Call `verify` if the file may have been altered.
+
+        Raises:
+            InvalidInputError: The file cannot be read or is none.
+        """
+        header, found = atlas_store.read(path)
+        arrays: dict[str, NDArray[np.float64]] = {name: np.asarray(array) for name, array in found.items()}  # type: ignore[misc]
+        try:
+            return cls(
+                names=tuple(header["names"]),
+                q0=arrays["q0"],
+                radius=header["radius"],
+                boxes=Boxes(*(arrays[f"box_{name}"] for name in Boxes._fields)),
+                unglued=found["unglued"].astype(np.int64),
+                complete=header["complete"],
+                region=Region(arrays["lower"], arrays["upper"], found["wrapped"].astype(np.bool_)),
+                problem=atlas_store.unpack_problem(header, found),
+                tree=CellTree.restore(**{k[5:]: v for k, v in found.items() if k.startswith("tree_")}),
+                seed=arrays["seed"],
+            )
+        except KeyError as error:
+            raise InvalidInputError(f"{path}: the atlas lacks {error}") from error
+
+    def _points(self, q: ArrayLike) -> Array:
+        points = np.atleast_2d(np.asarray(q, dtype=np.float64))
+        if points.ndim != 2 or points.shape[1] != len(self.names) or not np.all(np.isfinite(points)):
+            raise InvalidInputError(f"q must have {len(self.names)} finite columns ({', '.join(self.names)})")
+        return points
+
+    def _box_numbers(self, points: Array) -> NDArray[np.int64]:
+        cells = self.tree.locate(self.region.cell_coordinates(points))
+        return np.where(cells >= 0, self.tree.box[cells], -1)
+
+
+def certify(
+    mechanism: Mechanism,
+    q0: ArrayLike,
+    region: ArrayLike | None = None,
+    guess: Array | None = None,
+    *,
+    max_depth: int | None = None,
+    bounds: BoundsName = "auto",
+    executor: Executor | None = None,
+    checkpoint: str | Path | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Atlas:
+    """Prove σ on as much of a region as can be reached from q₀.
+
+    First the largest square about q₀ is certified (to 0.1 % or better for n ≤ 2), then the rest of the region.
+
+    Args:
+        mechanism: A mechanism with up to three scalar independent coordinates.
+        q0: The seed, of shape (n,) (rad, m).
+        region: Lower and upper bound of each coordinate, of shape (n, 2); default a full turn for a joint whose
+            limits allow it, the limits otherwise. A full turn closes on itself.
+        guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
+        max_depth: How often an edge of the region may be halved (0: the square only); default 14, 12, 6 for n = 1,
+            2, 3.
+        bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
+        executor: Anything with ``submit``: a process pool, Dask's ``client.get_executor()``; default this process,
+            with worker processes of its own for long work. The result does not depend on it.
+        checkpoint: A folder in which finished chunks are kept; the same call finds them again after a crash.
+        progress: Called after every wave.
+
+    Returns:
+        The atlas; after Ctrl-C what was certified so far, with ``complete`` False.
+
+    Raises:
+        UnsupportedMechanismError: More than three coordinates, redundant rows, or closures that cannot be bounded.
+        InvalidInputError: q₀, region or max_depth is malformed.
+        UnreachableError, SingularConfigurationError: σ(q₀) does not exist on the branch, or is singular.
+    """
+    start = np.asarray(q0, dtype=np.float64)
+    if mechanism.n > max(_DEPTHS):
+        raise UnsupportedMechanismError(
+            f"{mechanism.name} has {mechanism.n} independent coordinates; maps are drawn for up to {max(_DEPTHS)}. Use "
+            "kantorovich_radius for a ball or certify_path for a path"
+        )
+    seed = seed_of(mechanism, start, guess)
+    depth = _DEPTHS[mechanism.n] if max_depth is None else max_depth
+    if not 0 <= depth < LEVELS:
+        raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
+    problem = problem_of(seed.system, bounds)
+    area = region_of(mechanism, seed, region)
+    complete = True
+    with stoppable() as flag, Runner(problem, executor, checkpoint, flag) as runner:
+        builder = Builder(problem, seed.theta, area, runner, progress and _reporter(progress))
+        try:
+            _build(builder, depth)
+        except Stopped:
+            complete = False
+    return _atlas(mechanism, builder, complete)
+
+
+def _build(builder: Builder, depth: int) -> None:
+    system, region = builder.problem.system, builder.region
+    builder.certify_square(_TOLERANCES[system.n])
+    if depth:
+        builder.certify_region(depth)
+        prove_empty(system, builder.tree, region, depth)
+
+
+def _atlas(mechanism: Mechanism, builder: Builder, complete: bool) -> Atlas:
+    return Atlas(
+        names=tuple(mechanism.independent),
+        q0=builder.q0,
+        radius=builder.radius(),
+        boxes=builder.boxes.all(),
+        unglued=np.array(builder.unglued, dtype=np.int64).reshape(-1, 2),
+        complete=complete,
+        region=builder.region,
+        problem=builder.problem,
+        tree=builder.tree,
+        seed=builder.seed,
+    )
+
+
+def _reporter(progress: Callable[[Progress], None]) -> Callable[[CellTree], None]:
+    def report(tree: CellTree) -> None:
+        status = tree.status[: tree.count]
+        certified = status == Status.CERTIFIED
+        share = float(np.prod(tree.size[: tree.count][certified] / WHOLE, axis=1).sum())
+        waiting = int(np.count_nonzero(status == Status.CANDIDATE))
+        progress(Progress(int(np.count_nonzero(certified)), waiting, share))
+
+    return report

@@ -1,0 +1,262 @@
+"""Building an atlas: an advancing front of cells from the seed, proved in waves and glued at every shared face.
+
+A cell becomes a candidate when a face neighbour is certified; σ is followed from the middle of the common face. A wave
+proves all candidates (or, looking for the largest square, those nearest the seed), glues each new box to the
+neighbour it came from (without which it is not accepted), splits what was not proved, and then glues the new boxes
+to all certified neighbours at every other shared face. What a wave contains depends on earlier waves only,
+never on who computed them, so every executor gives the same atlas, bit for bit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.arrays import Array
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Contacts, Region, Status, contacts_of
+from ccpin.domain.atlas.run import Runner, Stopped
+from ccpin.domain.atlas.tasks import BoxBuffer, Cells, Faces, Proved, glue_task, prove_task
+from ccpin.domain.boxes import Boxes, Problem, certify_points
+from ccpin.domain.newton import encloses, predict
+from ccpin.errors import SingularConfigurationError
+
+Index = NDArray[np.intp]
+_NEAREST = 48  # cells of a wave that looks for the largest square: more would refine in vain
+
+
+class _Origin(NamedTuple):
+    """Where a candidate is reached from: box number (−1: the seed), and the common point in whole-number units."""
+
+    box: int
+    at_box: Array
+    at_cell: Array
+
+
+class Builder:
+    """The state of an atlas under construction.
+
+    Attributes:
+        tree: The cells.
+        boxes: The certified boxes.
+        unglued: Pairs of boxes with a common face at which they could not be shown to agree.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        seed: Array,
+        region: Region,
+        runner: Runner,
+        report: Callable[[CellTree], None] | None = None,
+    ) -> None:
+        self.problem, self.seed, self.region, self.runner, self._report = problem, seed, region, runner, report
+        self.q0 = seed[problem.system.independent]
+        self.tree = CellTree(problem.system.n)
+        point = certify_points(problem, seed[None])
+        if not point.proved[0]:
+            raise SingularConfigurationError(
+                "q0 is too close to a singular configuration for a certificate", q_free=seed, rcond=0.0
+            )
+        self._point = point.boxes
+        self.boxes = BoxBuffer(Boxes(*(array[:0] for array in self._start_boxes())))
+        self.unglued: list[tuple[int, int]] = []
+        at = (region.reduce(self.q0[None])[0] - region.lower) / region.width * WHOLE
+        self._origins: dict[int, _Origin] = {}
+        self._seed_cell(_Origin(-1, at, at))
+        size = problem.system.m * problem.system.n_free**2
+        self._chunk = int(np.clip(500_000 // size, 32, 512))
+
+    def _start_boxes(self) -> Boxes:
+        n, system = self.problem.system.n, self.problem.system
+        return self._point._replace(half=np.zeros((1, n)), directions=np.zeros((1, system.n_free, n)))
+
+    def _seed_cell(self, origin: _Origin) -> None:
+        """Make the leaf that holds the seed a candidate."""
+        leaf = int(self.tree.locate(np.floor(origin.at_cell)[None].astype(np.int64).clip(0, WHOLE - 1))[0])
+        self._origins[leaf] = origin
+        if self.tree.status[leaf] == Status.UNREACHED:
+            self.tree.status[leaf] = Status.CANDIDATE
+
+    def candidates(self) -> Index:
+        """Cells that may be tried."""
+        return np.flatnonzero(self.tree.status[: self.tree.count] == Status.CANDIDATE)
+
+    def certify_square(self, tolerance: float) -> None:
+        """Certify around the seed, nearest cells first, until the nearest undecided cell is nearer than all others.
+
+        Cells are halved while an edge is longer than `tolerance` times their distance from the seed. Cells beyond the
+        nearest edge of the region are left alone.
+        """
+        while True:
+            cells = self.candidates()
+            distance = self.distance(cells)
+            blocked = self.tree.status[: self.tree.count] == Status.UNDECIDED
+            limit = np.min(self.distance(np.flatnonzero(blocked)), initial=self._edge())
+            if not cells.size or np.min(distance) >= limit:
+                return
+            order = np.lexsort((cells, distance))[:_NEAREST]
+            chosen = np.sort(cells[order][distance[order] < limit])
+            longest = tolerance * self.distance(chosen)[:, None] / self.region.width
+            self.wave(chosen, np.maximum(longest * WHOLE, 1.0))
+
+    def certify_region(self, depth: int) -> None:
+        """Certify all that can be reached, halving each edge `depth` times at most."""
+        smallest = np.array(float(1 << (LEVELS - depth)))
+        while True:
+            cells = self.candidates()
+            if not cells.size:
+                return
+            self.wave(cells, np.broadcast_to(smallest, (len(cells), 1)))
+
+    def radius(self) -> float:
+        """Half width of the largest square about the seed that is certified: the distance of the nearest other cell."""
+        leaves = self.tree.leaves()
+        other = self.distance(leaves[self.tree.status[leaves] != Status.CERTIFIED])
+        return float(max(0.0, np.min(other, initial=self._edge()) * (1.0 - 1e-12)))
+
+    def _edge(self) -> float:
+        """Half width of the largest square about the seed inside the region."""
+        region = self.region
+        edges = np.where(region.wrapped, 0.5 * region.width, np.minimum(self.q0 - region.lower, region.upper - self.q0))
+        return float(edges.min())
+
+    def distance(self, cells: Index) -> Array:
+        """Distance of cells from the seed in the maximum norm, periodic coordinates the short way round."""
+        low, high = self.edges(cells)
+        gaps = []
+        for turn in (-1.0, 0.0, 1.0):
+            q = self.q0 + turn * np.where(self.region.wrapped, self.region.width, 0.0)
+            gaps.append(np.maximum(np.maximum(low - q, q - high), 0.0))
+        return np.asarray(np.max(np.min(gaps, axis=0), axis=1, initial=0.0))
+
+    def edges(self, cells: Index) -> tuple[Array, Array]:
+        """Lower and upper corners of cells in q-space."""
+        lower = self.tree.lower[cells]
+        return self.region.position(lower), self.region.position(lower + self.tree.size[cells])
+
+    def wave(self, cells: Index, smallest: Array) -> None:
+        """Prove cells; split those that fail where an edge is longer than `smallest` (whole-number units, (K, 1))."""
+        if not cells.size:
+            return
+        found = self._prove(cells)
+        accepted = found.proved.copy()
+        rows = np.flatnonzero(found.proved)
+        accepted[rows] = self._glued_to_origin(cells[rows], found.boxes.take(rows))
+        done, failed = np.flatnonzero(accepted), np.flatnonzero(~accepted)
+        numbers = self.boxes.append(found.boxes.take(done))
+        self.tree.status[cells[done]], self.tree.box[cells[done]] = Status.CERTIFIED, numbers
+        children = self._split(cells[failed], found.stretch[failed], smallest[failed])
+        origins = [self._origins.pop(int(cell)) for cell in cells]
+        if not self.boxes.count and children.size:
+            self._seed_cell(origins[0])
+        self._spread(cells[done], children)
+        if self._report is not None:
+            self._report(self.tree)
+
+    def _prove(self, cells: Index) -> Proved:
+        origins = [self._origins[int(cell)] for cell in cells]
+        boxes = np.array([origin.box for origin in origins])
+        start = np.tile(self.seed, (len(cells), 1))
+        rows = np.flatnonzero(boxes >= 0)
+        if rows.size:
+            parents = self.boxes.take(boxes[rows])
+            start[rows] = predict(self.problem, parents, self._delta(parents, [origins[k].at_box for k in rows]))
+        at_cell = self.region.position(np.array([origin.at_cell for origin in origins]))
+        start[:, self.problem.system.independent] = at_cell
+        centre = self.region.position(self.tree.lower[cells] + 0.5 * self.tree.size[cells])
+        half = 0.5 * self.region.width * (self.tree.size[cells] / WHOLE)
+        data = Cells(centre, half, start, np.tile(self.seed, (len(cells), 1)))
+        results = self.runner.map(prove_task, [data_slice(data, part) for part in self._parts(len(cells))])
+        return Proved.unpack(tuple(np.concatenate(arrays) for arrays in zip(*results, strict=True)))
+
+    def _parts(self, count: int) -> list[slice]:
+        return [slice(k, k + self._chunk) for k in range(0, count, self._chunk)]
+
+    def _delta(self, boxes: Boxes, at: list[Array] | Array) -> Array:
+        """Points in whole-number units as parameters of boxes."""
+        return self.region.position(np.asarray(at)) - boxes.centre[:, self.problem.system.independent]
+
+    def _glued_to_origin(self, cells: Index, boxes: Boxes) -> NDArray[np.bool_]:
+        """Whether new boxes carry the solution of the box (or the seed) they were reached from."""
+        origins = [self._origins[int(cell)] for cell in cells]
+        result = np.zeros(len(cells), dtype=np.bool_)
+        rows = np.array([k for k, origin in enumerate(origins) if origin.box >= 0], dtype=np.intp)
+        if rows.size:
+            parents = self.boxes.take(np.array([origins[k].box for k in rows]))
+            at_parent = self._delta(parents, [origins[k].at_box for k in rows])
+            own = boxes.take(rows)
+            result[rows] = self._glue(
+                Faces(parents, at_parent, own, self._delta(own, [origins[k].at_cell for k in rows]))
+            )
+        for k, origin in enumerate(origins):
+            if origin.box < 0:
+                one = boxes.take(np.array([k]))
+                ball = self._point.centre, self._point.radius, self._point.modes
+                result[k] = encloses(self.problem, one, self._delta(one, [origin.at_cell]), *ball)[0]
+        return result
+
+    def _glue(self, faces: Faces) -> NDArray[np.bool_]:
+        arrays = faces.pack()
+        chunks = [tuple(array[part] for array in arrays) for part in self._parts(len(faces.delta_first))]
+        return np.concatenate([result[0] for result in self.runner.map(glue_task, chunks)]).astype(np.bool_)
+
+    def _split(self, cells: Index, stretch: Array, smallest: Array) -> Index:
+        """Halve cells along the edge σ stretches most; those that may not be halved are undecided. The new leaves."""
+        size = self.tree.size[cells]
+        allowed = (size > smallest) & (size > 1)
+        lengths = self.region.width * (size / WHOLE)
+        stretched = np.where(np.isfinite(stretch), stretch, 0.0) * lengths
+        fair = stretched + 1e-3 * np.max(stretched, axis=1, keepdims=True, initial=1e-300) * (size / WHOLE)
+        cut = np.argmax(np.where(allowed, fair, -1.0), axis=1)
+        splittable = np.any(allowed, axis=1)
+        self.tree.status[cells[~splittable]] = Status.UNDECIDED
+        return self.tree.split(cells[splittable], cut[splittable])
+
+    def _spread(self, done: Index, children: Index) -> None:
+        """Make neighbours of new boxes, and new leaves beside old boxes, candidates; glue new boxes to old ones."""
+        contacts = contacts_of(self.tree, self.region, np.concatenate([done, children]))
+        status = self.tree.status
+        outward = (status[contacts.cell] == Status.CERTIFIED) & (status[contacts.leaf] == Status.UNREACHED)
+        inward = (status[contacts.cell] == Status.UNREACHED) & (status[contacts.leaf] == Status.CERTIFIED)
+        self._propose(
+            np.concatenate([contacts.leaf[outward], contacts.cell[inward]]),
+            self.tree.box[np.concatenate([contacts.cell[outward], contacts.leaf[inward]])],
+            np.concatenate([contacts.at_cell[outward], contacts.at_leaf[inward]]),
+            np.concatenate([contacts.at_leaf[outward], contacts.at_cell[inward]]),
+            np.concatenate([contacts.area[outward], contacts.area[inward]]),
+        )
+        both = (status[contacts.cell] == Status.CERTIFIED) & (status[contacts.leaf] == Status.CERTIFIED)
+        first, second = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]
+        newest = self.boxes.count - len(done)
+        once = (second < newest) | (first < second) | ((first == second) & contacts.upper)
+        self._check(Contacts(*(array[both & once] for array in contacts)))
+
+    def _propose(self, cells: Index, boxes: Index, at_box: Array, at_cell: Array, area: Array) -> None:
+        """Make cells candidates, each reached from the box with the largest common face (the oldest of equals)."""
+        order = np.lexsort((boxes, -area, cells))
+        first = order[np.flatnonzero(np.diff(cells[order], prepend=-1))]
+        for k in first:
+            self._origins[int(cells[k])] = _Origin(int(boxes[k]), at_box[k], at_cell[k])
+        self.tree.status[cells[first]] = Status.CANDIDATE
+
+    def _check(self, contacts: Contacts) -> None:
+        if not contacts.cell.size:
+            return
+        numbers = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]
+        first, second = self.boxes.take(numbers[0]), self.boxes.take(numbers[1])
+        faces = Faces(first, self._delta(first, contacts.at_cell), second, self._delta(second, contacts.at_leaf))
+        pairs = list(zip(numbers[0].tolist(), numbers[1].tolist(), strict=True))
+        try:
+            same = self._glue(faces)
+        except Stopped:
+            self.unglued += pairs
+            raise
+        self.unglued += [pair for pair, agree in zip(pairs, same, strict=True) if not agree]
+
+
+def data_slice(data: Cells, part: slice) -> Cells:
+    """Some of the cells."""
+    return Cells(*(array[part] for array in data))

@@ -1,0 +1,224 @@
+"""The cells of a region of q-space: a binary tree of axis-parallel boxes with whole-number corners."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.arrays import Array
+
+Integers = NDArray[np.int64]
+
+LEVELS = 32
+WHOLE = 1 << LEVELS
+
+
+class Status(IntEnum):
+    """What is known of a cell."""
+
+    UNREACHED = 0
+    CANDIDATE = 1
+    CERTIFIED = 2
+    UNDECIDED = 3
+    EMPTY = 4
+    SPLIT = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Region:
+    """An axis-parallel box of q-space; a full turn of a periodic coordinate closes on itself.
+
+    Attributes:
+        lower, upper: Corners, of shape (n,).
+        wrapped: Whether a coordinate is a full turn, of shape (n,).
+    """
+
+    lower: Array
+    upper: Array
+    wrapped: NDArray[np.bool_]
+
+    @property
+    def width(self) -> Array:
+        """Edge lengths, of shape (n,)."""
+        return self.upper - self.lower
+
+    def position(self, corner: Integers) -> Array:
+        """Whole-number coordinates as points of q-space."""
+        return np.asarray(self.lower + self.width * (corner / WHOLE))
+
+    def cell_coordinates(self, q: Array) -> Integers:
+        """The whole-number coordinates of points (K, n), turned into the region where it wraps; −1 outside of it."""
+        turned = self.reduce(q)
+        inside = np.all((turned >= self.lower) & (turned <= self.upper), axis=1)
+        scaled = np.where(inside[:, None], (turned - self.lower) / self.width, 0.0)
+        return np.where(inside[:, None], np.minimum(np.floor(scaled * WHOLE), WHOLE - 1), -1).astype(np.int64)
+
+    def reduce(self, q: Array) -> Array:
+        """Points with their periodic coordinates turned into the region."""
+        turns = np.where(self.wrapped, np.floor((q - self.lower) / self.width), 0.0)
+        return np.asarray(np.clip(q - turns * self.width, *self._clip(q)))
+
+    def _clip(self, q: Array) -> tuple[Array, Array]:
+        """Rounding must not push a reduced point over the edge; other coordinates stay as they are."""
+        return np.where(self.wrapped, self.lower, np.minimum(q, self.lower)), np.where(
+            self.wrapped, self.upper, np.maximum(q, self.upper)
+        )
+
+
+class Touching(NamedTuple):
+    """Pairs (query, leaf), sorted: which leaves overlap which query boxes."""
+
+    query: NDArray[np.intp]
+    leaf: NDArray[np.intp]
+
+
+class CellTree:
+    """Cells by number: leaves carry a `Status`, split cells their two children.
+
+    Attributes:
+        lower: Lower corners, of shape (N, n), in units of 2⁻³² of the region.
+        size: Edge lengths in the same units, of shape (N, n).
+        cut: The coordinate a split cell is halved along, of shape (N,).
+        child: The lower half's number (the upper half's is one more), or −1, of shape (N,).
+        status: `Status`, of shape (N,).
+        box: The number of a certified cell's box, or −1, of shape (N,).
+    """
+
+    def __init__(self, n: int) -> None:
+        self.count = 1
+        self.lower = np.zeros((64, n), dtype=np.int64)
+        self.size = np.full((64, n), WHOLE, dtype=np.int64)
+        self.cut = np.zeros(64, dtype=np.int64)
+        self.child = np.full(64, -1, dtype=np.int64)
+        self.status = np.zeros(64, dtype=np.int8)
+        self.box = np.full(64, -1, dtype=np.int64)
+
+    @classmethod
+    def restore(cls, **arrays: NDArray[np.generic]) -> CellTree:
+        """A tree from its arrays, as `arrays` gave them."""
+        tree = cls(arrays["lower"].shape[1])
+        tree.count = len(arrays["lower"])
+        for name, array in arrays.items():
+            setattr(tree, name, np.array(array))
+        return tree
+
+    def arrays(self) -> dict[str, NDArray[np.generic]]:
+        """The arrays that make up the tree."""
+        names = ("lower", "size", "cut", "child", "status", "box")
+        return {name: getattr(self, name)[: self.count].copy() for name in names}
+
+    def split(self, cells: NDArray[np.intp], cut: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Halve leaves along a coordinate each; the new cells' numbers, of shape (2 · len(cells),)."""
+        first = self.count
+        self._reserve(first + 2 * len(cells))
+        self.count += 2 * len(cells)
+        children = np.arange(first, self.count)
+        self.child[cells], self.cut[cells], self.status[cells] = children[::2], cut, Status.SPLIT
+        self.lower[children] = np.repeat(self.lower[cells], 2, axis=0)
+        self.size[children] = np.repeat(self.size[cells], 2, axis=0)
+        rows, columns = np.arange(first, self.count), np.repeat(cut, 2)
+        self.size[rows, columns] //= 2
+        self.lower[rows[1::2], cut] += self.size[rows[1::2], cut]
+        self.status[children], self.child[children], self.box[children] = Status.UNREACHED, -1, -1
+        return children
+
+    def leaves(self) -> NDArray[np.intp]:
+        """Numbers of all cells that are not split."""
+        return np.flatnonzero(self.child[: self.count] < 0)
+
+    def overlapping(self, lower: Integers, upper: Integers) -> Touching:
+        """The leaves whose interiors meet the boxes [lower, upper), of shape (K, n) each."""
+        query, node = np.arange(len(lower)), np.zeros(len(lower), dtype=np.int64)
+        queries, leaves = [query[:0]], [node[:0]]
+        while len(query):
+            child = self.child[node]
+            ended = child < 0
+            queries.append(query[ended])
+            leaves.append(node[ended])
+            query, node, child = query[~ended], node[~ended], child[~ended]
+            cut = self.cut[node]
+            border = self.lower[child + 1, cut]
+            low, high = lower[query, cut] < border, upper[query, cut] > border
+            query, node = np.concatenate([query[low], query[high]]), np.concatenate([child[low], child[high] + 1])
+        pairs = np.concatenate(queries), np.concatenate(leaves)
+        order = np.lexsort(pairs[::-1])
+        return Touching(pairs[0][order], pairs[1][order])
+
+    def locate(self, coordinates: Integers) -> NDArray[np.int64]:
+        """The leaf that holds each point (K, n); −1 where the point has a negative coordinate."""
+        node = np.zeros(len(coordinates), dtype=np.int64)
+        rows = np.arange(len(coordinates))
+        while True:
+            child = self.child[node]
+            inner = child >= 0
+            if not np.any(inner):
+                return np.where(np.all(coordinates >= 0, axis=1), node, -1)
+            cut = self.cut[node]
+            border = self.lower[np.maximum(child, 0) + 1, cut]
+            node = np.where(inner, child + (coordinates[rows, cut] >= border), node)
+
+    def _reserve(self, count: int) -> None:
+        have = len(self.cut)
+        if count <= have:
+            return
+        more = max(count, 2 * have) - have
+        for name in ("lower", "size", "cut", "child", "status", "box"):
+            array = getattr(self, name)
+            setattr(self, name, np.concatenate([array, np.zeros((more, *array.shape[1:]), dtype=array.dtype)]))
+
+
+# Which cells of an atlas touch which leaves, and where.
+
+Index = NDArray[np.intp]
+
+
+class Contacts(NamedTuple):
+    """K faces that cells share with leaves.
+
+    Attributes:
+        cell, leaf: Their numbers, of shape (K,).
+        at_cell, at_leaf: The middle of the face in each one's coordinates, whole-number units, of shape (K, n).
+        area: Relative to the region's cross section, of shape (K,).
+        upper: Whether it is the cell's upper face, of shape (K,).
+    """
+
+    cell: Index
+    leaf: Index
+    at_cell: Array
+    at_leaf: Array
+    area: Array
+    upper: NDArray[np.bool_]
+
+
+def contacts_of(tree: CellTree, region: Region, cells: Index) -> Contacts:
+    """The faces that cells share with leaves, across the seam of periodic coordinates too."""
+    found = [_across(tree, region, cells, k, upper) for k in range(len(region.lower)) for upper in (False, True)]
+    return Contacts(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
+
+
+def _across(tree: CellTree, region: Region, cells: Index, k: int, upper: bool) -> Contacts:
+    """Contacts across the lower or upper faces perpendicular to coordinate k."""
+    low, high = tree.lower[cells].copy(), tree.lower[cells] + tree.size[cells]
+    face = high[:, k].copy() if upper else low[:, k].copy()
+    beyond = face if upper else face - 1
+    if region.wrapped[k]:
+        beyond = beyond % WHOLE
+    within = np.flatnonzero((beyond >= 0) & (beyond < WHOLE))
+    low[:, k], high[:, k] = beyond, beyond + 1
+    touching = tree.overlapping(low[within], high[within])
+    rows, leaf = within[touching.query], touching.leaf
+    start = np.maximum(low[rows], tree.lower[leaf])
+    end = np.minimum(high[rows], tree.lower[leaf] + tree.size[leaf])
+    at_cell = 0.5 * (start + end)
+    at_leaf = at_cell.copy()
+    at_cell[:, k] = face[rows]
+    at_leaf[:, k] = tree.lower[leaf, k] + (0 if upper else tree.size[leaf, k])
+    extent = (end - start) / WHOLE
+    extent[:, k] = 1.0
+    return Contacts(
+        cells[rows], leaf, at_cell, at_leaf, np.prod(extent, axis=1), np.full(len(rows), upper, dtype=np.bool_)
+    )

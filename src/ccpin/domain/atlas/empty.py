@@ -1,0 +1,133 @@
+"""Cells in which no closed configuration exists, by the triangle inequality.
+
+The point rows of a closure read Σ_c W_c p_c + d = 0, W_c with orthonormal rows. On chain c let a_c be the origin of
+the first dependent joint (the tip, if there is none): it is a function of q alone, and the rest of the chain has a
+length of at most ρ_c. So a closed configuration needs |Σ W_c a_c(q) + d| ≤ Σ ρ_c, and a cell is empty where
+
+    |Σ W_c a_c(q_c) + d| − Σ_c Σ_j r_cj h_j > Σ ρ_c,
+
+r_cj the length of the chain from joint j to a_c. Chains whose rest holds a dependent slide prove nothing.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.arrays import Array
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region, Status
+from ccpin.domain.chain_stack import move, stack_chains
+from ccpin.domain.chains import Chain, ClosureSystem
+
+Mask = NDArray[np.bool_]
+
+
+class _Anchor(NamedTuple):
+    """A chain cut at its first dependent joint: the head (its tip a_c), and indices in θ of slides in the rest.
+
+    `length` is that of the rest without its slides.
+    """
+
+    head: Chain
+    length: float
+    slides: NDArray[np.intp]
+
+
+class _Group(NamedTuple):
+    """The chains of one closure's point rows, and d in those rows."""
+
+    rows: NDArray[np.intp]
+    anchors: tuple[_Anchor, ...]
+    offset: Array
+
+
+def groups_of(system: ClosureSystem) -> tuple[_Group, ...]:
+    """The point closures of a system that can prove a cell empty."""
+    by_rows: dict[bytes, list[Chain]] = {}
+    for chain in system.chains:
+        by_rows.setdefault(np.any(chain.weights != 0.0, axis=1).tobytes(), []).append(chain)
+    groups = []
+    for key, chains in by_rows.items():
+        rows = np.flatnonzero(np.frombuffer(key, dtype=np.bool_))
+        anchors = [_anchor(system, chain) for chain in chains]
+        plain = not any(chain.direction for chain in chains) and not np.any(system.gears[rows])
+        if plain and None not in anchors and not np.any(system.moduli[rows]):
+            kept = tuple(anchor for anchor in anchors if anchor is not None)
+            groups.append(_Group(rows, kept, system.offset[rows]))
+    return tuple(groups)
+
+
+def _anchor(system: ClosureSystem, chain: Chain) -> _Anchor | None:
+    """A chain cut at its first dependent joint; ``None`` where the rest slides freely."""
+    free = np.isin(chain.joints, system.dependent)
+    k = int(np.argmax(free)) if np.any(free) else len(chain.joints)
+    rest = chain.joints[k:]
+    if np.any(chain.prismatic[k:] & free[k:]):
+        return None
+    lengths = np.linalg.norm(chain.translations[k + 1 :], axis=1).sum() + np.linalg.norm(chain.tip)
+    tip, length = (chain.translations[k], float(lengths)) if k < len(chain.joints) else (chain.tip, 0.0)
+    head = Chain(
+        chain.joints[:k],
+        chain.rotations[:k],
+        chain.translations[:k],
+        chain.axes[:k],
+        chain.prismatic[:k],
+        tip,
+        False,
+        chain.weights,
+    )
+    return _Anchor(head, length, rest[chain.prismatic[k:]])
+
+
+def empty_cells(system: ClosureSystem, groups: tuple[_Group, ...], centre: Array, half: Array) -> Mask:
+    """Which boxes of q-space, centres and half widths (B, n), are proved to hold no closed configuration."""
+    theta, width = np.zeros((len(centre), system.n_free)), np.zeros((len(centre), system.n_free))
+    theta[:, system.independent], width[:, system.independent] = centre, half * (1.0 + 2.0**-51) + 1e-14
+    travel = np.abs(theta) + width
+    empty = np.zeros(len(centre), dtype=np.bool_)
+    margin = 4.0 * system.rounding * system.magnitude(travel)
+    for group in groups:
+        gap = np.broadcast_to(group.offset, (len(centre), len(group.rows)))
+        reach = margin.copy()
+        for anchor in group.anchors:
+            weights = anchor.head.weights[group.rows]
+            gap = gap + (move(stack_chains((anchor.head,), system.n_free), theta).x @ weights.T)[:, 0]
+            norm = float(np.linalg.norm(weights, 2))
+            rest = anchor.length + travel[:, anchor.slides].sum(axis=1)
+            reach += norm * (rest + _drift(anchor.head, width, travel))
+        empty |= np.linalg.norm(gap, axis=1) > reach * (1.0 + 1e-10)
+    return empty
+
+
+def _drift(head: Chain, width: Array, travel: Array) -> Array:
+    """How far the head's tip can move over the box, of shape (B,)."""
+    length, drift = np.full(len(width), np.linalg.norm(head.tip)), np.zeros(len(width))
+    for j in reversed(range(len(head.joints))):
+        joint = head.joints[j]
+        if head.prismatic[j]:
+            drift += width[:, joint]
+            length = length + travel[:, joint]
+        else:
+            drift += length * width[:, joint]
+        length = length + np.linalg.norm(head.translations[j])
+    return drift
+
+
+def prove_empty(system: ClosureSystem, tree: CellTree, region: Region, depth: int) -> None:
+    """Mark cells that are neither certified nor candidates as empty where that is proved, halving those never tried."""
+    groups = groups_of(system)
+    if not groups:
+        return
+    smallest = 1 << (LEVELS - depth)
+    leaves = tree.leaves()
+    cells = leaves[np.isin(tree.status[leaves], (Status.UNREACHED, Status.UNDECIDED))]
+    while cells.size:
+        half = 0.5 * region.width * (tree.size[cells] / WHOLE)
+        centre = region.position(tree.lower[cells] + 0.5 * tree.size[cells])
+        empty = empty_cells(system, groups, centre, half)
+        tree.status[cells[empty]] = Status.EMPTY
+        left = cells[~empty & (tree.status[cells] == Status.UNREACHED)]
+        left = left[np.max(tree.size[left], axis=1, initial=0) > smallest]
+        cells = tree.split(left, np.argmax(tree.size[left] * (region.width / region.width.max()), axis=1))

@@ -1,0 +1,73 @@
+"""The certified radius as a function of q: how large a square about each point an atlas certifies."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ccpin.arrays import Array
+from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.cells import WHOLE, Status
+from ccpin.errors import InvalidInputError
+
+_CHUNK = 1_000_000
+
+
+def certified_radius(atlas: Atlas, q: ArrayLike) -> Array:
+    """Half width of the largest square about each point that lies in the atlas's certified cells.
+
+    It is the maximum-norm distance to the nearest cell that is not certified, or to the edge of the region where
+    that does not close on itself; 0 at points not certified. A square inside the certified set of a single-valued
+    atlas belongs to Ω.
+
+    Args:
+        atlas: From `certify`.
+        q: Points of shape (K, n), in radians (metres for sliding coordinates).
+
+    Returns:
+        Radii of shape (K,), in the units of q.
+
+    Raises:
+        InvalidInputError: q has the wrong shape.
+    """
+    points = np.atleast_2d(np.asarray(q, dtype=np.float64))
+    region, tree = atlas.region, atlas.tree
+    if points.shape[1] != len(atlas.names):
+        raise InvalidInputError(f"q must have {len(atlas.names)} columns ({', '.join(atlas.names)})")
+    inside = np.atleast_1d(atlas.contains(points))
+    placed = region.reduce(points)
+    blocked = _bordering(atlas)
+    lower, upper = region.position(tree.lower[blocked]), region.position(tree.lower[blocked] + tree.size[blocked])
+    turn = np.where(region.wrapped, region.width, 0.0)
+    free_edge = np.where(region.wrapped, np.inf, np.minimum(placed - region.lower, region.upper - placed)).min(axis=1)
+    radius = np.where(inside, np.maximum(free_edge, 0.0), 0.0)
+    chunk = max(1, _CHUNK // max(1, len(blocked)))
+    for start in range(0, len(points), chunk):
+        window = slice(start, start + chunk)
+        distance = _distance(placed[window], lower, upper, turn)
+        radius[window] = np.where(inside[window], np.minimum(radius[window], distance), 0.0)
+    return np.asarray(radius * (1.0 - 1e-12))
+
+
+def _bordering(atlas: Atlas) -> NDArray[np.intp]:
+    """The cells that are not certified and touch one that is, or the region's edge: the nearest one is among them."""
+    tree = atlas.tree
+    leaves = tree.leaves()
+    blocked = leaves[tree.status[leaves] != Status.CERTIFIED]
+    lower, size = tree.lower[blocked], tree.size[blocked]
+    touching = tree.overlapping(lower - 1, lower + size + 1)
+    keep = ((lower == 0) | (lower + size == WHOLE)).any(axis=1)
+    keep[touching.query[tree.status[touching.leaf] == Status.CERTIFIED]] = True
+    return np.asarray(blocked[keep])
+
+
+def _distance(points: Array, lower: Array, upper: Array, turn: Array) -> Array:
+    """Maximum-norm distance of points (K, n) to the nearest box (B, n), coordinates with a turn the short way round."""
+    nearest = np.full((len(points), len(lower)), -np.inf)
+    for k in range(points.shape[1]):
+        gaps = np.full(nearest.shape, np.inf)
+        for shift in (0.0,) if turn[k] == 0.0 else (-turn[k], 0.0, turn[k]):
+            x = points[:, k, None] + shift
+            gaps = np.minimum(gaps, np.maximum(np.maximum(lower[None, :, k] - x, x - upper[None, :, k]), 0.0))
+        nearest = np.maximum(nearest, gaps)
+    return np.asarray(nearest.min(axis=1, initial=np.inf))

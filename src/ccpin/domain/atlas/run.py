@@ -1,0 +1,203 @@
+"""Running the tasks of an atlas: in this process or an executor's, each chunk kept on disk, stoppable."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import pickle
+import signal
+import tempfile
+import threading
+import time
+import zipfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import TimeoutError as FutureTimeoutError
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.domain.boxes import Problem
+
+Arrays = tuple[NDArray[np.generic], ...]
+Task = Callable[[Problem, Arrays], Arrays]
+
+_POLL = 0.2
+_PATIENCE = 5.0
+_MOST_POOLS = 3
+
+
+class Stopped(Exception):  # noqa: N818 - not an error: the user pressed Ctrl-C
+    """Raised between chunks after an interrupt."""
+
+
+class StopFlag:
+    """Whether an interrupt was asked for; set by the signal handler, read between chunks."""
+
+    def __init__(self) -> None:
+        self.raised = False
+
+    def check(self) -> None:
+        """Raise `Stopped` where an interrupt was asked for."""
+        if self.raised:
+            raise Stopped
+
+
+@contextmanager
+def stoppable() -> Iterator[StopFlag]:
+    """Make the first Ctrl-C set a flag, so that no bookkeeping is cut in half; the second acts as ever."""
+    flag = StopFlag()
+    if threading.current_thread() is not threading.main_thread():
+        yield flag
+        return
+    before = signal.getsignal(signal.SIGINT)
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        del number, frame
+        flag.raised = True
+        signal.signal(signal.SIGINT, before)
+
+    signal.signal(signal.SIGINT, stop)
+    try:
+        yield flag
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+class ChunkStore:
+    """Results on disk by what they were computed from; files appear whole or not at all."""
+
+    def __init__(self, folder: str | Path | None, problem: Problem) -> None:
+        self.folder = None if folder is None else Path(folder)
+        if self.folder is not None:
+            self.folder.mkdir(parents=True, exist_ok=True)
+        self._problem = hashlib.sha256(pickle.dumps(problem, protocol=4)).digest()
+
+    def key(self, task: Task, arrays: Arrays) -> str:
+        """The name of a result: a digest of the problem, the task and every bit of its arrays."""
+        digest = hashlib.sha256(self._problem + task.__name__.encode())
+        for array in arrays:
+            digest.update(f"{array.dtype}{array.shape}".encode())
+            digest.update(np.ascontiguousarray(array).tobytes())
+        return digest.hexdigest()
+
+    def load(self, key: str) -> Arrays | None:
+        """A stored result, or ``None`` where there is none (or a file that is damaged)."""
+        if self.folder is None:
+            return None
+        try:
+            with np.load(self.folder / f"{key}.npz", allow_pickle=False) as file:
+                return tuple(file[f"arr_{k}"] for k in range(len(file.files)))
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            return None
+
+    def save(self, key: str, result: Arrays) -> None:
+        """Store a result."""
+        if self.folder is not None:
+            save_npz(self.folder / f"{key}.npz", *result)
+
+
+def save_npz(path: Path, *arrays: NDArray[np.generic], **named: Any) -> None:
+    """Write an npz file beside its place and move it there, so that readers see all of it or nothing."""
+    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, *arrays, **named)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+class Runner:
+    """Maps a task over chunks, in order, with the same chunks whoever computes them.
+
+    Args:
+        problem: Sent along with every task.
+        executor: Anything with ``submit(function, *arguments) -> Future``; default this process, and a process pool
+            of its own once the work has taken five seconds.
+        checkpoint: Folder for results, or ``None``.
+        flag: Looked at between chunks.
+    """
+
+    def __init__(
+        self, problem: Problem, executor: Executor | None, checkpoint: str | Path | None, flag: StopFlag
+    ) -> None:
+        self.problem = problem
+        self.store = ChunkStore(checkpoint, problem)
+        self.flag = flag
+        self._executor = executor
+        self._own: ProcessPoolExecutor | None = None
+        self._pools = 0
+        self._started = time.monotonic()
+
+    def __enter__(self) -> Runner:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        if self._own is not None:
+            self._own.shutdown(wait=False, cancel_futures=True)
+
+    def map(self, task: Task, chunks: list[Arrays]) -> list[Arrays]:
+        """The task's results for every chunk, in order.
+
+        Raises:
+            Stopped: An interrupt was asked for; what was computed is in the store.
+        """
+        keys = [self.store.key(task, chunk) for chunk in chunks]
+        results = [self.store.load(key) for key in keys]
+        missing = [k for k, result in enumerate(results) if result is None]
+        executor = self._choose(len(missing))
+        futures: dict[int, Future[Arrays]] = {}
+        if executor is not None:
+            futures = self._submit(executor, task, {k: chunks[k] for k in missing})
+        for k in missing:
+            self.flag.check()
+            result = self._result(futures[k]) if k in futures else None
+            if result is None:
+                result = task(self.problem, chunks[k])
+            self.store.save(keys[k], result)
+            results[k] = result
+        return [result for result in results if result is not None]
+
+    def _submit(self, executor: Executor, task: Task, chunks: dict[int, Arrays]) -> dict[int, Future[Arrays]]:
+        """Submit what the executor takes; what a broken one refuses is computed here."""
+        futures: dict[int, Future[Arrays]] = {}
+        try:
+            for k, chunk in chunks.items():
+                futures[k] = executor.submit(task, self.problem, chunk)
+        except RuntimeError:
+            self._own = None
+        return futures
+
+    def _result(self, future: Future[Arrays]) -> Arrays | None:
+        """A future's result; ``None`` where its worker was lost (or the task failed: computing it here will tell)."""
+        while True:
+            self.flag.check()
+            try:
+                return future.result(timeout=_POLL)
+            except FutureTimeoutError:
+                if future.done():
+                    return None
+            except (Exception, CancelledError):
+                self._own = None
+                return None
+
+    def _choose(self, tasks: int) -> Executor | None:
+        if self._executor is not None or tasks < 2:
+            return self._executor if tasks else None
+        patient = time.monotonic() - self._started < _PATIENCE
+        workers = os.cpu_count() or 1
+        if self._own is None and not patient and tasks >= workers > 1 and self._pools < _MOST_POOLS:
+            self._own = ProcessPoolExecutor(workers, initializer=_leave_interrupts)
+            self._pools += 1
+        return self._own
+
+
+def _leave_interrupts() -> None:
+    """In a worker: Ctrl-C is the main process's business."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -1,0 +1,330 @@
+"""One box: existence and uniqueness of σ by a parametric Krawczyk operator (averaged Newton–Kantorovich).
+
+Setting. φ: ℝⁿ′ → ℝᵐ smooth, θ = (q, y) with n independent and m = n′ − n dependent coordinates. A box is
+
+    θ = θ_c + Dδ + Eζ,  |δ| ≤ h (p parameters),  |ζ| ≤ R (m modes),  E = [0; V] in the dependent rows.
+
+For a box of q-space p = n and D = [I; S], S a predictor slope; a path has p = 1 + n. f(δ, ζ) = Ãφ(θ) with any real
+m×m matrix Ã. The floating-point numbers θ_c, D, V, Ã, h, R, w are exact data; nothing is assumed of how they were
+obtained (in practice S ≈ −φ_y⁻¹φ_q D_q, Ã ≈ V⁻¹φ_y⁻¹ with V = I or the right singular vectors of φ_y).
+
+**Theorem K.** Let componentwise, for all |δ| ≤ h,
+
+- Y ≥ |f(δ, 0)|,
+- Z ≥ |I − f_ζ(δ, ζ)| for all |ζ| ≤ R,
+- Z̄ ≥ |I − ∫₀¹ f_ζ(δ, τζ) dτ| for all |ζ| ≤ R,
+
+and let (K1) Y + Z̄R < R, (K2) Zw ≤ κw for a vector w > 0 and a κ < 1. Then for every |δ| ≤ h
+
+1. φ(θ_c + Dδ + Eζ) = 0 has exactly one solution ζ*(δ) with |ζ| ≤ R, and |ζ*| ≤ Y + Z̄R;
+2. φ_y is nonsingular there, in fact wherever |ζ| ≤ R; ζ* is a smooth function of δ;
+3. K(ζ) = ζ − f(δ, ζ) maps {|ζ| ≤ R} into itself and contracts ‖ζ‖ = max |ζ_i|/w_i by κ, so ζ ← K(ζ) converges to ζ*
+   from any |ζ| ≤ R.
+
+*Proof.* f(δ, ζ) = f(δ, 0) + (∫₀¹ f_ζ(δ, τζ) dτ) ζ, hence |K(ζ)| ≤ Y + Z̄|ζ| < R: K maps the box into its interior and
+has a fixed point (Brouwer). On the segment between two points of the box |K(ζ) − K(ζ′)| ≤ Z|ζ − ζ′|, so
+‖K(ζ) − K(ζ′)‖ ≤ κ‖ζ − ζ′‖: there is one fixed point and the iteration converges. ‖I − f_ζ‖ ≤ κ < 1 makes
+f_ζ = Ãφ_yV nonsingular, hence Ã, φ_y and V; so f = 0 is φ = 0, and the implicit function theorem gives smoothness. ∎
+
+**Corollary (gluing).** Let two boxes of q-space share a connected set F, and let at one q ∈ F a solution of φ = 0
+lie in the tubes {|ζ| ≤ R} of both. Then their solutions agree on all of F: both are that one at q by uniqueness, and
+the set where two continuous solutions agree is closed and, by the implicit function theorem, open. As K contracts,
+‖ζ − ζ*‖ ≤ ‖f(δ, ζ)‖/(1 − κ) for any ζ in the tube of one box: it is enough that this ball lies in the tube of the
+other, or that a ball about a point (a box with p = 0 to which Theorem K applies) lies in both. Coordinates that are
+periodic are compared modulo 2π. So certified boxes glued one to the next from a closed configuration carry one
+continuous branch σ through it. Rows that vanish at wrong orientations too (an axis turned end for end) need no care:
+on φ = 0 the product of the two axes is ±1, and a continuous function with these values is constant.
+
+Rounding. The bounds carry margins for the errors of φ and its derivatives (`bounds`), h is widened by 4u relative
+and 1e-14 absolute so that boxes given by rounded corners overlap, and the inequalities are checked with factors
+1 + 1e-10, far above the errors (below 1e-12) of sums and products of nonnegative numbers.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.arrays import Array
+from ccpin.domain.bounds import Bounds, Frame
+from ccpin.domain.bounds_planar import planar_bounds
+from ccpin.domain.bounds_reach import reach_bounds
+from ccpin.domain.chain_stack import ChainStack, derivatives, stack_chains, values
+from ccpin.domain.chains import ClosureSystem
+from ccpin.domain.phasors import Phasors, phasor_values, phasors_of
+from ccpin.errors import UnsupportedMechanismError
+
+Mask = NDArray[np.bool_]
+BoundsName = Literal["auto", "reach", "planar"]
+
+SLACK = 1.0 + 1e-10
+_WIDEN = 1e-14
+_INFLATION = 1e-4
+_SETTLED = 1.0 + 1e-6
+_ROUNDS = 30
+_POWERS = 8
+_LEAST, _ROOM = 1e-11, 16.0
+_LARGEST = 1e6
+
+
+class Problem(NamedTuple):
+    """A closure system, its chains side by side and, where planar bounds are used, its phasor form. Picklable."""
+
+    system: ClosureSystem
+    stack: ChainStack
+    phasors: Phasors | None
+
+
+class Boxes(NamedTuple):
+    """B certified boxes, exactly the data of Theorem K.
+
+    Attributes:
+        centre: θ_c, of shape (B, n′).
+        half: h, of shape (B, p).
+        directions: D, of shape (B, n′, p).
+        modes: V, of shape (B, m, m).
+        preconditioner: Ã, of shape (B, m, m).
+        radius: R, of shape (B, m).
+        weight: w, of shape (B, m).
+        kappa: κ, of shape (B,).
+    """
+
+    centre: Array
+    half: Array
+    directions: Array
+    modes: Array
+    preconditioner: Array
+    radius: Array
+    weight: Array
+    kappa: Array
+
+    def take(self, index: NDArray[np.intp] | Mask) -> Boxes:
+        """The boxes chosen by an index or a mask."""
+        return Boxes(*(array[index] for array in self))
+
+
+class Attempt(NamedTuple):
+    """Boxes tried, and which of them satisfy Theorem K (the others' numbers mean nothing)."""
+
+    boxes: Boxes
+    proved: Mask
+
+
+def problem_of(system: ClosureSystem, bounds: BoundsName = "auto") -> Problem:
+    """Choose the bounds: planar where every chain is planar (``"auto"``), or as told.
+
+    Raises:
+        UnsupportedMechanismError: Planar bounds were asked for and the mechanism is not planar.
+    """
+    phasors = None if bounds == "reach" else phasors_of(system)
+    if bounds == "planar" and phasors is None:
+        raise UnsupportedMechanismError(
+            "planar bounds need closures whose turning axes are parallel, with slides before the turns; "
+            'use bounds="reach"'
+        )
+    return Problem(system, stack_chains(system.chains, system.n_free), phasors)
+
+
+def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:
+    """φ (B, m) and φ_θ (B, m, n′) at θ (B, n′)."""
+    if problem.phasors is not None:
+        found = phasor_values(problem.phasors, theta)
+        return found.phi, found.jacobian
+    return values(problem.system, problem.stack, theta)
+
+
+def bounds_of(problem: Problem, boxes: Boxes) -> Bounds:
+    """The bounds that Theorem K needs, for boxes as given (h is widened here)."""
+    system, theta = problem.system, boxes.centre
+    modes = np.zeros((*theta.shape, system.m))
+    modes[:, system.dependent] = boxes.modes
+    half = boxes.half * (1.0 + 2.0**-51) + _WIDEN
+    frame = Frame(boxes.preconditioner, boxes.directions, modes, half, system.rounding * system.magnitude(theta))
+    if problem.phasors is not None:
+        return planar_bounds(problem.phasors, phasor_values(problem.phasors, theta), frame)
+    return reach_bounds(problem.stack, theta, derivatives(system, problem.stack, theta), frame)
+
+
+def verify(problem: Problem, boxes: Boxes) -> Mask:
+    """Check (K1) and (K2) for boxes as they are, from scratch; of shape (B,)."""
+    with np.errstate(all="ignore"):
+        return _holds(bounds_of(problem, boxes), boxes)
+
+
+def _holds(bounds: Bounds, boxes: Boxes) -> Mask:
+    radius, weight = boxes.radius, boxes.weight
+    image = bounds.y + bounds.mean(radius).of(radius)
+    shrunk = bounds.contraction(radius, weight).of(weight)
+    inside = np.all(image * SLACK < radius, axis=1)
+    contracts = np.all(shrunk * SLACK <= boxes.kappa[:, None] * weight, axis=1)
+    finite = np.isfinite(image + shrunk).all(axis=1) & (boxes.kappa < 1.0)
+    return np.asarray(inside & contracts & finite & np.all(weight > 0.0, axis=1))
+
+
+def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -> Attempt:
+    """Try to prove boxes about approximate solutions, with V = I and, where that fails, singular vectors.
+
+    Args:
+        problem: The closures.
+        centre: θ_c with φ(θ_c) ≈ 0, of shape (B, n′).
+        half: h, of shape (B, p).
+        across: The independent rows of D, of shape (n, p) or (B, n, p): I for boxes of q-space.
+    """
+    with np.errstate(all="ignore"):
+        jacobian = closure_values(problem, centre)[1]
+        first = _attempt(problem, _parametrize(problem.system, centre, half, across, jacobian, False), True)
+        retry = np.flatnonzero(~first.proved)
+        if not retry.size or problem.system.m == 1:
+            return first
+        rows = across if across.ndim == 2 else across[retry]
+        frames = _parametrize(problem.system, centre[retry], half[retry], rows, jacobian[retry], True)
+        second = _attempt(problem, frames, True)
+    better = retry[second.proved]
+    for array, new in zip(first.boxes, second.boxes, strict=True):
+        array[better] = new[second.proved]
+    first.proved[better] = True
+    return first
+
+
+def certify_points(problem: Problem, theta: Array) -> Attempt:
+    """Enclose a solution at fixed q near each θ (B, n′): boxes with p = 0 and V the right singular vectors of φ_y."""
+    count, system = len(theta), problem.system
+    with np.errstate(all="ignore"):
+        jacobian = closure_values(problem, theta)[1]
+        empty = np.zeros((count, 0))
+        boxes = _parametrize(system, theta, empty, np.zeros((system.n, 0)), jacobian, True)
+        return _attempt(problem, boxes, False)
+
+
+def _parametrize(
+    system: ClosureSystem, centre: Array, half: Array, across: Array, jacobian: Array, singular: bool
+) -> Boxes:
+    """D, V and Ã from the Jacobian at the centre; R and w still to be found."""
+    count, m = len(centre), system.m
+    dependent = jacobian[:, :, system.dependent]
+    inverse = inverses(dependent)
+    directions = np.zeros((count, system.n_free, half.shape[1]))
+    directions[:, system.independent] = across
+    directions[:, system.dependent] = -inverse @ (jacobian[:, :, system.independent] @ across)
+    modes = np.broadcast_to(np.eye(m), (count, m, m)).copy()
+    if singular:
+        usable = np.asarray(np.isfinite(dependent).all(axis=(1, 2)))
+        modes[usable] = np.swapaxes(np.linalg.svd(dependent[usable])[2], 1, 2)
+    return Boxes(
+        centre=centre.copy(),
+        half=half.copy(),
+        directions=directions,
+        modes=modes,
+        preconditioner=np.swapaxes(modes, 1, 2) @ inverse,
+        radius=np.zeros((count, m)),
+        weight=np.ones((count, m)),
+        kappa=np.ones(count),
+    )
+
+
+def _attempt(problem: Problem, boxes: Boxes, roomy: bool) -> Attempt:
+    """Find R and w, then check strictly; a `roomy` R is well above rounding, so that boxes can be glued."""
+    bounds = bounds_of(problem, boxes)
+    radius = _radius(bounds)
+    if roomy:
+        rounding = problem.system.rounding * problem.system.magnitude(boxes.centre)
+        gain = np.abs(boxes.preconditioner).sum(axis=2)
+        radius = np.maximum(radius, np.maximum(_LEAST, _ROOM * rounding[:, None] * gain))
+    candidates = np.flatnonzero(np.isfinite(radius).all(axis=1))
+    proved = np.zeros(len(radius), dtype=np.bool_)
+    boxes.radius[:] = radius
+    if candidates.size:
+        bounds = bounds.take(candidates)
+        boxes.weight[candidates], boxes.kappa[candidates] = _weights(bounds, radius[candidates])
+        proved[candidates] = _holds(bounds, boxes.take(candidates))
+    return Attempt(boxes, proved)
+
+
+def _radius(bounds: Bounds) -> Array:
+    """An R with Y + Z̄(R)R < R, near the least; NaN where none is found.
+
+    With Z̄(R)R ≤ M(R)R + t(R) the iteration R ← R′ = (I − M(R))⁻¹(Y + t(R)) from R = Y grows towards the least solution
+    and never passes it, as M and t grow with R; a negative entry or one beyond any joint's range says that there
+    is none. Every other round tries the limit that two steps extrapolate to, a little enlarged. Where
+    Y + M(R)R + t(R) < R, the same holds all the way down to R′.
+    """
+    found = np.full(bounds.y.shape, np.nan)
+    active = np.flatnonzero(np.isfinite(bounds.y).all(axis=1))
+    here = bounds.take(active)
+    base, trial, step = here.y, here.y * (1.0 + _INFLATION), here.y
+    for round_number in range(_ROUNDS):
+        if not active.size:
+            break
+        mean = here.mean(trial)
+        solved = solve_many(np.eye(base.shape[1]) - mean.matrix, here.y + mean.rest)
+        alive: Mask = np.asarray(np.all((solved >= 0.0) & (solved < _LARGEST), axis=1))
+        inside: Mask = np.asarray(alive & np.all((here.y + mean.of(trial)) * _SETTLED < trial, axis=1))
+        found[active[inside]] = (solved + 0.1 * (trial - solved))[inside]
+        if round_number % 2:
+            going, trial = np.flatnonzero(~inside), base
+        else:
+            going, last = np.flatnonzero(alive & ~inside), step
+            base, step = solved, np.maximum(solved - trial, 0.0)
+            rate = np.clip(np.max(step / np.maximum(last, 1e-300), axis=1, keepdims=True), 0.0, 0.98)
+            trial = base + step * (rate / (1.0 - rate)) * 1.05 + _INFLATION * base
+        active, here = active[going], here.take(going)
+        base, trial, step = base[going], trial[going], step[going]
+    return found
+
+
+def _weights(bounds: Bounds, radius: Array) -> tuple[Array, Array]:
+    """A w > 0 with Zw ≤ κw, κ < 1 where the spectral radius allows it, from w = (I − M)⁻¹(1 + t(1)) by power steps.
+
+    Returns:
+        w, of shape (B, m), and κ, of shape (B,).
+    """
+    image = bounds.contraction(radius, np.ones_like(radius))
+    weight = np.abs(solve_many(np.eye(radius.shape[1]) - image.matrix, 1.0 + image.rest))
+    best, kappa = np.ones_like(radius), np.full(len(radius), np.inf)
+    active = np.arange(len(radius))
+    for _ in range(_POWERS):
+        weight = weight / weight.max(axis=1, keepdims=True)
+        shrunk = bounds.contraction(radius[active], weight).of(weight)
+        best[active], kappa[active] = weight, (shrunk / weight).max(axis=1) * SLACK * SLACK
+        going = np.flatnonzero(~(kappa[active] < 1.0))
+        if not going.size:
+            break
+        weight, active, bounds = 0.5 * (weight + shrunk)[going], active[going], bounds.take(going)
+    return best, kappa
+
+
+# Inverses and solutions of many small matrices, NaN instead of an exception where one is singular.
+
+
+def inverses(matrices: Array) -> Array:
+    """Inverses of a batch; where there is none, NaN."""
+    result = np.full_like(matrices, np.nan)
+    usable = np.asarray(np.isfinite(matrices).all(axis=(1, 2)))
+    try:
+        result[usable] = np.linalg.inv(matrices[usable])
+    except np.linalg.LinAlgError:
+        for k in np.flatnonzero(usable):
+            result[k] = _single_inverse(matrices[k])
+    return result
+
+
+def _single_inverse(matrix: Array) -> Array:
+    try:
+        return np.asarray(np.linalg.inv(matrix))
+    except np.linalg.LinAlgError:
+        return np.full_like(matrix, np.nan)
+
+
+def solve_many(matrices: Array, right: Array) -> Array:
+    """Solve a batch of m×m systems; NaN where singular."""
+    if matrices.shape[1] == 2:
+        a, b, c, d = matrices[:, 0, 0], matrices[:, 0, 1], matrices[:, 1, 0], matrices[:, 1, 1]
+        det = a * d - b * c
+        x, y = right[:, 0], right[:, 1]
+        return np.stack([(d * x - b * y) / det, (a * y - c * x) / det], axis=1)
+    try:
+        return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
+    except np.linalg.LinAlgError:
+        return np.asarray((inverses(matrices) @ right[..., None])[..., 0])

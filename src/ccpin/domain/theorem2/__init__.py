@@ -1,0 +1,1 @@
+"""The paper's Theorem 2: the quadratic form and its radius."""

@@ -1,0 +1,179 @@
+"""ψ of a mechanism as a polynomial system without a monomial above degree two, centred at a configuration.
+
+The unknowns are u = cos Δ, s = sin Δ for each angle (u² + s² = 1), a displacement d for each prismatic joint, a
+unit quaternion for each spherical joint, all measured from the centre, and one more for each product that would
+otherwise pass degree two. The equations, in this order:
+
+- identities: unit circles, unit quaternions, definitions of the products; they hold for every q′, closed or not;
+- closures: the very rows of φ (`ccpin.kinematics.rows`), and sin(D φ) for a coupling
+  (`ccpin.domain.theorem2.couplings`);
+- last n: a simple function of each independent coordinate equals its right side: sin(qᵢ − qᵢ⁰) for an angle,
+  qᵢ − qᵢ⁰ for a displacement, twice the vector part of the quaternion of R₀ᵀR for a spherical joint.
+
+Two forms are offered. ``"angles"`` keeps each joint's own angle. ``"absolute"`` sums the angles of successive
+joints about parallel axes (`ccpin.domain.theorem2.chain`): planar loops become affine in direction vectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.description.model import frozen
+from ccpin.domain.theorem2.chain import JointData, Kinematics, find_runs, joint_data, path
+from ccpin.domain.theorem2.couplings import coupling_row
+from ccpin.domain.theorem2.polynomial import Polynomial, combine
+from ccpin.domain.theorem2.system import QuadraticSystem
+from ccpin.domain.theorem2.unknowns import NOISE, Unknowns, Vector, plus, without_noise
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.kinematics.constraints import Constraints
+from ccpin.kinematics.loops import Loop
+from ccpin.kinematics.rows import DirectionRow
+from ccpin.mechanism.mechanism import Mechanism
+
+Form = Literal["angles", "absolute"]
+FORMS: tuple[Form, ...] = get_args(Form)
+COEFFICIENT_ERROR = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticForm:
+    """A mechanism's ψ in quadratic form.
+
+    Attributes:
+        form: Which form.
+        system: The quadratic system, its right side zero at the centre.
+        centre: The unknowns' values at the centre, of shape (N,).
+        closures: Which equations are those of the loops and couplings.
+        coordinates: Kinds of the last n equations: ``"angle"``, ``"displacement"`` or ``"rotation"``.
+        unknowns: How each unknown depends on q′.
+        error: Bound on the coefficients' relative error (to the largest row sum of coefficients).
+    """
+
+    form: Form
+    system: QuadraticSystem
+    centre: Array
+    closures: slice
+    coordinates: tuple[str, ...]
+    unknowns: Unknowns
+    error: float
+
+    def lift(self, q_free: Array) -> Array:
+        """The unknowns' values z(q′) at any configuration, closed or open, of shape (N,)."""
+        return self.unknowns.lift(q_free)
+
+
+def quadratic_form(mechanism: Mechanism, q_free: Array, form: Form) -> QuadraticForm:
+    """Generate the quadratic form of a mechanism about a configuration q′ of shape (nq,).
+
+    Joints on no loop and in no coupling do not enter: they move freely, whatever the others do.
+
+    Raises:
+        UnsupportedMechanismError: φ holds redundant rows; an active joint is planar or floating; an independent
+            coordinate is one component of a joint; a coupling is not algebraic.
+        InvalidInputError: An unknown form.
+    """
+    if form not in FORMS:
+        raise InvalidInputError(f"unknown quadratic form '{form}'; those are {', '.join(FORMS)}")
+    constraints = mechanism.constraints()
+    _check_square(mechanism, constraints)
+    joints = joint_data(mechanism)
+    numbers = {joint.name: j for j, joint in joints.items()}
+    on_loops = {j for loop in constraints.loops for j in _loop_joints(joints, loop)}
+    coupled = {numbers[term.joint] for coupling in mechanism.couplings for term in coupling.terms}
+    ancestors = {loop.ancestor for loop in constraints.loops}
+    runs = find_runs(joints, on_loops, ancestors, merge=form == "absolute")
+    kinematics = Kinematics(joints, runs, sorted(on_loops | coupled), q_free)
+    closures = [row for loop in constraints.loops for row in _closure_rows(kinematics, loop)]
+    closures += [coupling_row(kinematics, coupling, numbers, q_free) for coupling in mechanism.couplings]
+    last, kinds = _last_rows(kinematics, mechanism.independent, numbers)
+    identities = kinematics.unknowns.identities()
+    rows = [row.cleaned(NOISE) for row in (*identities, *closures, *last)]
+    system = QuadraticSystem.from_polynomials(kinematics.unknowns.names, rows, free=len(last))
+    window = slice(len(identities), len(identities) + len(closures))
+    return QuadraticForm(
+        form=form,
+        system=system,
+        centre=frozen(kinematics.unknowns.centre),
+        closures=window,
+        coordinates=kinds,
+        unknowns=kinematics.unknowns,
+        error=COEFFICIENT_ERROR + 16.0 * _rigidity_defect(joints, constraints.loops),
+    )
+
+
+def _check_square(mechanism: Mechanism, constraints: Constraints) -> None:
+    needed = mechanism.n_free - mechanism.n
+    if constraints.size != needed:
+        raise UnsupportedMechanismError(
+            f"mechanism '{mechanism.name}' keeps {constraints.size} closure rows of rank {needed}, and Theorem 2 needs "
+            f"a square system: a certificate of {needed} of the rows would not be one of all, as the others are "
+            "redundant by numerical rank only, not by proof"
+        )
+
+
+def _rigidity_defect(joints: dict[int, JointData], loops: Sequence[Loop]) -> float:
+    """How far placements are from rotations: the largest entry of RᵀR − I, and of 1 − |axis|."""
+    turns = [joint.rotation for joint in joints.values()]
+    turns += [frame[:3, :3] for loop in loops for frame in (loop.frame_a, loop.frame_b)]
+    axes = [abs(float(np.linalg.norm(joint.axis)) - 1.0) for joint in joints.values()]
+    return max([*axes, *(float(np.abs(turn.T @ turn - np.eye(3)).max()) for turn in turns)])
+
+
+def _loop_joints(joints: dict[int, JointData], loop: Loop) -> list[int]:
+    return path(joints, loop.ancestor, loop.joint_a) + path(joints, loop.ancestor, loop.joint_b)
+
+
+def _closure_rows(kinematics: Kinematics, loop: Loop) -> list[Polynomial]:
+    """The rows of φ of one loop, in their order there."""
+    unknowns, rows = kinematics.unknowns, loop.rows
+    chains = [path(kinematics.joints, loop.ancestor, joint) for joint in (loop.joint_a, loop.joint_b)]
+    frames = (loop.frame_a, loop.frame_b)
+
+    def direction(side: int, local: Array) -> Vector:
+        return kinematics.carried(chains[side], frames[side][:3, :3] @ local, point=False)
+
+    def product_row(row: DirectionRow) -> Polynomial:
+        return combine((w, unknowns.dot(direction(0, a), direction(1, b))) for w, a, b in row.products)
+
+    result: list[Polynomial] = []
+    ends = [kinematics.carried(chain, frame[:3, 3], point=True) for chain, frame in zip(chains, frames, strict=True)]
+    gap = plus(ends[1], ends[0], -1.0)
+    for row in without_noise(loop.basis):
+        result.append(combine((-float(weight), component) for weight, component in zip(row, gap, strict=True)))
+    result += [product_row(row) for row in rows.directions]
+    result += [unknowns.dot(direction(0, a), gap) for a in rows.offsets]
+    if rows.distance is not None:
+        length = Polynomial.constant(rows.distance**2)
+        result.append((unknowns.dot(gap, gap) - length).scaled(0.5 / rows.distance))
+    return result
+
+
+def _last_rows(
+    kinematics: Kinematics, independent: tuple[str, ...], numbers: dict[str, int]
+) -> tuple[list[Polynomial], tuple[str, ...]]:
+    """The last n equations, and the kind of each: ``angle``, ``displacement`` or ``rotation``."""
+    rows: list[Polynomial] = []
+    kinds: list[str] = []
+    for name in independent:
+        joint, _, component = name.partition(":")
+        variables = kinematics.variables.get(numbers[joint])
+        if variables is None:
+            continue
+        if component:
+            raise UnsupportedMechanismError(
+                f"'{name}' is one component of a rotation vector, which is no polynomial of the quaternion; make the "
+                "whole joint independent, or other joints"
+            )
+        kind = kinematics.joints[numbers[joint]].kind
+        if kind == "prismatic":
+            rows, kinds = [*rows, variables[0]], [*kinds, "displacement"]
+        elif kind == "spherical":
+            rows, kinds = [*rows, *(x.scaled(2.0) for x in variables[:3])], [*kinds, *3 * ["rotation"]]
+        else:
+            rows, kinds = [*rows, kinematics.turn(numbers[joint])[1]], [*kinds, "angle"]
+    return rows, tuple(kinds)

@@ -1,0 +1,200 @@
+"""Polynomial systems without a monomial above degree two, and Theorem 2's radius for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.arrays import Array
+from ccpin.domain.theorem2.polynomial import Monomial, Polynomial, parse_polynomial
+from ccpin.errors import InvalidInputError, SingularConfigurationError
+
+Indices = NDArray[np.intp]
+
+
+class Printable(Protocol):
+    """Anything whose ``str()`` spells a polynomial: a string, a sympy expression."""
+
+    def __str__(self) -> str: ...
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticSystem:
+    """The square system P(z) = b in N unknowns, every monomial of P of degree at most two.
+
+    P(z)ᵢ = constantᵢ + Σⱼ linearᵢⱼ zⱼ + Σₖ coefficientₖ z[firstₖ] z[secondₖ] over the k with rowₖ = i. The last
+    `free` entries of b are the ones Theorem 2 moves (the independent coordinates, or simple functions of them).
+    Build one with `from_expressions` or `from_polynomials`; every array is read-only.
+
+    Attributes:
+        unknowns: Names of the unknowns.
+        free: n, the number of last equations with a variable right side.
+        right_side: b, of shape (N,).
+        constant: Of shape (N,).
+        linear: Of shape (N, N).
+        row, first, second: Of shape (K,), one entry a quadratic monomial, first ≤ second; no monomial repeats.
+        coefficient: Of shape (K,), nonzero.
+    """
+
+    unknowns: tuple[str, ...]
+    free: int
+    right_side: Array
+    constant: Array
+    linear: Array
+    row: Indices
+    first: Indices
+    second: Indices
+    coefficient: Array
+
+    def __post_init__(self) -> None:
+        for array in (self.right_side, self.constant, self.linear, self.row, self.first, self.second, self.coefficient):
+            array.flags.writeable = False
+
+    @classmethod
+    def from_expressions(
+        cls,
+        unknowns: Sequence[str],
+        expressions: Sequence[Printable | Mapping[tuple[str, ...], float]],
+        *,
+        free: int = 1,
+        right_side: Sequence[float] | None = None,
+    ) -> QuadraticSystem:
+        """A system written by hand.
+
+        Args:
+            unknowns: Their names.
+            expressions: The left sides P, as many: ``"x*u - 1"``, a sympy polynomial, or coefficients by
+                monomial, ``{("x", "u"): 1.0, (): -1.0}``.
+            free: n, how many of the last equations have a variable right side.
+            right_side: b; default zero.
+
+        Raises:
+            InvalidInputError: Not square, not polynomial, a monomial above degree two, an unknown name.
+        """
+        names = tuple(unknowns)
+        polynomials = [
+            _from_mapping(e, names) if isinstance(e, Mapping) else parse_polynomial(str(e), names) for e in expressions
+        ]
+        return cls.from_polynomials(names, polynomials, free=free, right_side=right_side)
+
+    @classmethod
+    def from_polynomials(
+        cls,
+        unknowns: Sequence[str],
+        polynomials: Sequence[Polynomial],
+        *,
+        free: int,
+        right_side: Sequence[float] | None = None,
+    ) -> QuadraticSystem:
+        """A system of `Polynomial`s, one an equation; arguments and errors as in `from_expressions`."""
+        size = len(unknowns)
+        b = np.zeros(size) if right_side is None else np.array(right_side, dtype=np.float64)
+        if len(set(unknowns)) != size or len(polynomials) != size or b.shape != (size,) or not 0 <= free <= size:
+            raise InvalidInputError(
+                f"a square system is wanted: {size} unknowns ({len(set(unknowns))} different), {len(polynomials)} "
+                f"equations, a right side of shape {b.shape}, {free} of the equations free"
+            )
+        constant, linear = np.zeros(size), np.zeros((size, size))
+        quadratic: list[tuple[int, int, int, float]] = []
+        for i, polynomial in enumerate(polynomials):
+            for monomial, c in polynomial.terms.items():
+                if len(monomial) == 0:
+                    constant[i] = c
+                elif len(monomial) == 1:
+                    linear[i, monomial[0]] = c
+                elif len(monomial) == 2:
+                    quadratic.append((i, monomial[0], monomial[1], c))
+                else:
+                    raise InvalidInputError(
+                        f"equation {i + 1} has the monomial {'*'.join(unknowns[k] for k in monomial)}, above degree "
+                        "two: name a product as an unknown of its own (w = x*x, say)"
+                    )
+        index = np.array([entry[:3] for entry in quadratic], dtype=np.intp).reshape(-1, 3)
+        coefficient = np.array([entry[3] for entry in quadratic], dtype=np.float64)
+        row, first, second = (np.ascontiguousarray(column) for column in index.T)
+        return cls(tuple(unknowns), free, b, constant, linear, row, first, second, coefficient)
+
+    @property
+    def size(self) -> int:
+        """N, the number of unknowns and of equations."""
+        return len(self.unknowns)
+
+    def value(self, z: Array) -> Array:
+        """P(z) − b, of shape (N,)."""
+        products = self.coefficient * z[self.first] * z[self.second]
+        return self.constant - self.right_side + self.linear @ z + self._sum_by_row(products)
+
+    def jacobian(self, z: Array) -> Array:
+        """P_z, of shape (N, N): affine in z."""
+        jacobian = self.linear.copy()
+        np.add.at(jacobian, (self.row, self.first), self.coefficient * z[self.second])
+        np.add.at(jacobian, (self.row, self.second), self.coefficient * z[self.first])
+        return jacobian
+
+    def magnitude(self, z: Array) -> Array:
+        """Σ |coefficient| |monomial| of each row at z, of shape (N,): the scale of its rounding errors."""
+        size = np.abs(z)
+        products = np.abs(self.coefficient) * size[self.first] * size[self.second]
+        return np.asarray(
+            np.abs(self.constant) + np.abs(self.right_side) + np.abs(self.linear) @ size + self._sum_by_row(products)
+        )
+
+    @property
+    def v(self) -> Array:
+        """Theorem 2's vector v, of shape (N,).
+
+        Row by row of P_z: the degree-zero monomials dropped, every sign made +, every variable set to 1, summed.
+        Each monomial c x y (or c x²) of P's row gives |c| twice. So |P_z(x) − P_z(y)| has row sums of at most
+        vᵢ ‖x − y‖∞.
+        """
+        return self._sum_by_row(2.0 * np.abs(self.coefficient))
+
+    @property
+    def c(self) -> float:
+        """Max v, a Lipschitz constant of P_z in the maximum norm."""
+        return float(self.v.max(initial=0.0))
+
+    def rescaled(self, weights: Array) -> QuadraticSystem:
+        """The same system in the unknowns z̃ = z / weights (positive, of shape (N,)): another quadratic form of it."""
+        scale = weights[self.first] * weights[self.second]
+        return replace(self, linear=self.linear * weights, coefficient=self.coefficient * scale)
+
+    def radius(self, z: Array) -> float:
+        """Theorem 2: how far each of the last n right sides may move, with one solution near z throughout.
+
+        r = ½ · 1/‖P_z⁻¹ diag(v)‖∞ · 1/‖P_z⁻¹ diag(0, …, 0, 1, …, 1)‖∞, the n ones last, P_z taken at z. This is
+        the formula as it stands, for P(z) = b exactly and without rounding; `theorem2` adds margins.
+
+        Raises:
+            SingularConfigurationError: P_z(z) is singular.
+        """
+        jacobian = self.jacobian(z)
+        rcond = 1.0 / float(np.linalg.cond(jacobian, 1)) if self.size else 1.0
+        if rcond < np.finfo(np.float64).eps:
+            raise SingularConfigurationError(
+                f"the quadratic system's Jacobian is singular at the centre (reciprocal condition number {rcond:.1e})",
+                q_free=z,
+                rcond=rcond,
+            )
+        inverse = np.linalg.inv(jacobian)
+        bend = float((np.abs(inverse) @ self.v).max(initial=0.0))
+        gain = float(np.abs(inverse[:, self.size - self.free :]).sum(axis=1).max(initial=0.0))
+        return 0.5 / (bend * gain) if bend * gain > 0.0 else np.inf
+
+    def _sum_by_row(self, values: Array) -> Array:
+        return np.asarray(np.bincount(self.row, weights=values, minlength=self.size), dtype=np.float64)
+
+
+def _from_mapping(coefficients: Mapping[tuple[str, ...], float], unknowns: tuple[str, ...]) -> Polynomial:
+    terms: dict[Monomial, float] = {}
+    for monomial, c in coefficients.items():
+        missing = [name for name in monomial if name not in unknowns]
+        if missing:
+            raise InvalidInputError(f"'{missing[0]}' is not an unknown; those are {', '.join(unknowns)}")
+        index = tuple(sorted(unknowns.index(name) for name in monomial))
+        terms[index] = terms.get(index, 0.0) + float(c)
+    return Polynomial({m: c for m, c in terms.items() if c})

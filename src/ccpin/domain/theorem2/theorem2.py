@@ -1,0 +1,285 @@
+"""Theorem 2: a radius about a closed configuration within which σ exists, is unique nearby and nonsingular.
+
+Let F(z; δ) = 0 be the quadratic form of ψ̄(q′, q) = 0 (`ccpin.domain.theorem2.form`): N equations in N unknowns,
+the last n with right side δ, J = F_z affine in z, z₀ the lift of q₀′, δ = 0 there. Write ‖·‖ for the maximum norm
+in the unknowns as scaled, and
+
+    ω = ‖J(z₀)⁻¹ diag(v)‖,  γ = ‖J(z₀)⁻¹ diag(0, …, 0, 1, …, 1)‖ (n ones),  r = 1 / (2ωγ).
+
+**Theorem.** For every δ with ‖δ‖ < r, F(z; δ) = 0 has exactly one solution z*(δ) with ‖z − z₀‖ < 1/ω; it is
+smooth in δ, and J is nonsingular on that whole ball.
+
+*Proof.* Row i of J(x) − J(y) has absolute sum at most vᵢ‖x − y‖, hence ‖J(z₀)⁻¹(J(x) − J(y))‖ ≤ ω‖x − y‖; on the
+ball of radius 1/ω, J(z₀)⁻¹J(z) differs from I by less than 1 and is invertible. The first Newton step has length
+‖J(z₀)⁻¹(0, δ)‖ ≤ γ‖δ‖ =: η, and ωη < ½: Kantorovich's theorem gives a solution within (1 − √(1 − 2ωη))/ω < 1/ω,
+unique within (1 + √(1 − 2ωη))/ω > 1/ω. Smoothness is the implicit function theorem. ∎
+
+**Corollary (in joint coordinates).** Let ϱ be the radius translated coordinate by coordinate: arcsin(min(r, 1))
+if there are angles, r if there are displacements, min(r, π/√3) if there are spherical joints; the least of those
+that occur. On the open cube ‖q − q₀‖∞ < ϱ there is exactly one continuous σ with ψ̄(σ(q), q) = 0 and
+σ(q₀) = q₀′; it is smooth, ψ_q′ is nonsingular on it, and σ(q) is the only closed configuration over q whose lift
+lies within 1/ω of z₀. Hence the cube belongs to Ω.
+
+*Proof.* Take q in the cube and go to it by q(τ), τ ∈ [0, 1], along the straight line (spherical joints: R₀
+exp(τξ)). The right sides are δᵢ(τ) = sin τ(qᵢ − qᵢ⁰), |·| < sin ϱ ≤ r; or τ(qᵢ − qᵢ⁰), |·| < r; or
+2 sin(τ|ξ|/2) ξᵢ/|ξ|, |·| ≤ |ξᵢ| < r. So z*(δ(τ)) exists and is continuous.
+(a) It is a lift: its identities hold exactly, so its circle unknowns are points on circles, its quaternions unit,
+its products what they are named; angles follow continuously from their values at z₀. Its closure rows are those
+of φ, so it comes from a closed q′(τ). (For a coupling, sin(D φ) = 0 with φ continuous and 0 at the start.)
+(b) Its independent coordinates are q(τ): an angle's change Δ from the centre has sin Δ = δᵢ(τ) and is continuous,
+with |δᵢ| < 1 the cosine has no zero and stays positive, so Δ = arcsin δᵢ(τ) = τ(qᵢ − qᵢ⁰), as ϱ ≤ π/2. A
+quaternion's w² = 1 − sin²(τ|ξ|/2) has no zero as |ξ| ≤ √3 ‖ξ‖∞ < π, so w > 0 and the rotation is R₀ exp(τξ).
+(c) ψ_q′ is nonsingular: if ψ_q′ ν = 0, the lift's velocity ż = z_q′ ν satisfies J ż = 0 (identities hold for every
+q′, closure rows are φ's, the last rows are functions of q with q̇ = 0), so ż = 0, and z_q′ is injective on the
+joints that enter: ν = 0. Joints that do not enter (on no loop, in no coupling) are independent coordinates
+themselves, free wherever those are defined.
+(d) Two such σ agree at q₀ and locally everywhere ((c)), so they agree on the cube. ∎
+
+**Hypotheses and rounding.** φ square (no redundant rows), all loop joints revolute, continuous, prismatic or
+spherical; checked when the form is generated. With A a computed inverse of J(z₀) and κ ≥ ‖I − A J(z₀)‖, κ < 1,
+‖J(z₀)⁻¹X‖ ≤ ‖A X‖/(1 − κ); the residual at the centre shortens the step allowed. The coefficients are taken to be
+within 1e-12 of exact relative to the largest row sum of coefficients (the chain products leave some 1e-15, and
+coefficients below 1e-14 are dropped; where placements are rotations to a lesser accuracy, that is added): a
+perturbation e with |e(z₀)|, ‖e_z(z₀)‖ and its v bounded accordingly is added to residual, κ and v. Norms are
+inflated and the radius deflated by 1e-9.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.description.model import frozen
+from ccpin.domain.theorem2.form import FORMS, Form, QuadraticForm, quadratic_form
+from ccpin.domain.theorem2.system import QuadraticSystem
+from ccpin.errors import InvalidInputError, SingularConfigurationError
+from ccpin.mechanism.mechanism import Mechanism
+
+Scaling = Literal["unit", "weighted"]
+
+_CLOSED = 1e-8
+_INFLATE = 1.0 + 1e-9
+_DESCRIPTIONS: dict[str, str] = {
+    "angles": "one (cos, sin) for each joint's own angle from the centre",
+    "absolute": "one (cos, sin) for the sum of the angles of successive joints about parallel axes, from the centre",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Theorem2Result:
+    """What Theorem 2 certifies about a closed configuration.
+
+    Attributes:
+        radius: ϱ in joint coordinates, maximum norm (rad, m): σ is unique and nonsingular on ‖q − q₀‖∞ < ϱ.
+        radius_quadratic: r, the radius in the last n right sides (sines, metres, doubled quaternion vectors).
+        v: Theorem 2's vector of the system used, of shape (N,).
+        c: Max v.
+        form: ``"angles"`` or ``"absolute"``.
+        description: The quadratic form used, in words.
+        system: The system used, in its scaled unknowns z / weights.
+        weights: The unknowns' scales, of shape (N,).
+        centre: The scaled unknowns at the configuration, of shape (N,).
+        uniqueness: 1/ω: no other solution has its scaled unknowns this near to the centre (maximum norm).
+    """
+
+    radius: float
+    radius_quadratic: float
+    v: Array
+    c: float
+    form: Form
+    description: str
+    system: QuadraticSystem
+    weights: Array
+    centre: Array
+    uniqueness: float
+
+
+class Bounds(NamedTuple):
+    """Upper bounds at a centre, rounding included: ω, γ and the length of A F(z₀)."""
+
+    bend: float
+    gain: float
+    residual: float
+
+    @property
+    def radius(self) -> float:
+        """The r up to which ω(γ r + residual) < ½; negative where the residual alone is too large."""
+        if self.gain == 0.0:
+            return np.inf
+        room = 0.5 / self.bend if self.bend else np.inf
+        return (room - self.residual) / self.gain / _INFLATE
+
+
+def theorem2_radius(mechanism: Mechanism, q_free: Array) -> float:
+    """The radius ϱ of Theorem 2 in joint coordinates (rad, m, maximum norm) about a closed q′.
+
+    The better of the quadratic forms offered; see `theorem2` for which, and for what is raised.
+    """
+    return theorem2(mechanism, q_free).radius
+
+
+def theorem2(
+    mechanism: Mechanism,
+    q_free: Array,
+    *,
+    form: Form | Literal["best"] = "best",
+    scaling: Scaling = "weighted",
+) -> Theorem2Result:
+    """Apply Theorem 2 about a closed configuration; the module's text states what is certified.
+
+    Args:
+        mechanism: The mechanism.
+        q_free: A closed, nonsingular configuration q₀′, of shape (nq,).
+        form: The quadratic form: ``"angles"``, ``"absolute"``, or ``"best"`` for the larger radius.
+        scaling: ``"weighted"``: the unknowns scaled so as to make r as large as that can; ``"unit"``: as they are.
+
+    Raises:
+        UnsupportedMechanismError: No quadratic form is available (the message says why).
+        SingularConfigurationError: ψ_q′ is singular there, or too nearly so for any radius.
+        InvalidInputError: The configuration has the wrong size, is not finite or is open; an unknown option.
+    """
+    forms = FORMS if form == "best" else (form,)
+    if scaling not in get_args(Scaling):
+        raise InvalidInputError(f"unknown scaling '{scaling}'; those are {', '.join(get_args(Scaling))}")
+    q_free = _checked(mechanism, q_free)
+    results = [_apply(quadratic_form(mechanism, q_free, one), scaling, q_free) for one in forms]
+    return max(results, key=lambda result: result.radius)
+
+
+def bounds_at(system: QuadraticSystem, centre: Array, weights: Array, relative_error: float) -> Bounds | None:
+    """ω, γ and residual at a centre with rounding margins, or ``None`` where J is numerically singular.
+
+    Args:
+        system: The quadratic system.
+        centre: z₀, of shape (N,).
+        weights: Scales of the unknowns' norm: ‖z‖ = max |zᵢ| / weightsᵢ.
+        relative_error: Of the system's coefficients, relative to their largest row sum.
+    """
+    scaled = system.rescaled(weights)
+    jacobian = scaled.jacobian(centre / weights)
+    try:
+        inverse = np.linalg.inv(jacobian)
+    except np.linalg.LinAlgError:
+        return None
+    size = np.abs(inverse)
+    rows = size.sum(axis=1)
+    reach = max(1.0, float(np.abs(centre).max(initial=0.0)))
+    error = relative_error * float(system.magnitude(np.ones(system.size)).max(initial=0.0))
+    span = float(weights.max(initial=0.0))
+    rounding = 4.0 * system.size * np.finfo(np.float64).eps * (size @ np.abs(jacobian)).sum(axis=1)
+    defect = np.abs(np.eye(system.size) - inverse @ jacobian).sum(axis=1) + rounding + 2.0 * error * reach * span * rows
+    kappa = float(defect.max(initial=0.0))
+    if not kappa < 0.5:
+        return None
+    inflate = _INFLATE / (1.0 - kappa)
+    bend = size @ (scaled.v + 2.0 * error * span**2)
+    gain = size[:, system.size - system.free :].sum(axis=1)
+    residual = np.abs(inverse @ system.value(centre)) + error * reach**2 * rows
+    return Bounds(*(inflate * float(x.max(initial=0.0)) for x in (bend, gain, residual)))
+
+
+def _checked(mechanism: Mechanism, q_free: Array) -> Array:
+    q_free = np.array(q_free, dtype=np.float64)
+    if q_free.shape != (mechanism.nq,) or not np.all(np.isfinite(q_free)):
+        raise InvalidInputError(f"q_free must be {mechanism.nq} finite numbers; it has shape {q_free.shape}")
+    phi = mechanism.constraints().residual(q_free)
+    error = float(np.abs(phi).max(initial=0.0))
+    if error > _CLOSED:
+        raise InvalidInputError(
+            f"the configuration is open by {error:.3g} (m or rad); Theorem 2 is about a closed one (take one from σ)"
+        )
+    return q_free
+
+
+def _apply(form: QuadraticForm, scaling: Scaling, q_free: Array) -> Theorem2Result:
+    system, centre = form.system, form.centre
+    weights = np.ones(system.size)
+    bounds = bounds_at(system, centre, weights, form.error)
+    if bounds is not None and scaling == "weighted":
+        weights = best_weights(system, centre)
+        bounds = bounds_at(system, centre, weights, form.error)
+    if bounds is None or not bounds.radius > 0.0:
+        rcond = 1.0 / float(np.linalg.cond(system.jacobian(centre), 1))
+        raise SingularConfigurationError(
+            "the configuration is singular, or too nearly so for a radius: the quadratic system's Jacobian has a "
+            f"reciprocal condition number of {rcond:.1e}",
+            q_free=q_free,
+            rcond=rcond,
+        )
+    r = bounds.radius
+    scaled = system.rescaled(weights)
+    return Theorem2Result(
+        radius=_in_joint_coordinates(r, form.coordinates),
+        radius_quadratic=r,
+        v=frozen(scaled.v),
+        c=scaled.c,
+        form=form.form,
+        description=f"{form.form}: {_DESCRIPTIONS[form.form]}; {system.size} unknowns, {scaling} scales",
+        system=scaled,
+        weights=frozen(weights),
+        centre=frozen(centre / weights),
+        uniqueness=1.0 / (bounds.bend * _INFLATE) if bounds.bend else np.inf,
+    )
+
+
+def _in_joint_coordinates(r: float, kinds: tuple[str, ...]) -> float:
+    """ϱ of the corollary; infinite where no independent coordinate enters a loop."""
+    translated = {
+        "angle": float(np.arcsin(min(r, 1.0))),
+        "displacement": r,
+        "rotation": min(r, np.pi / np.sqrt(3.0)),
+    }
+    return min((translated[kind] for kind in kinds), default=np.inf) / _INFLATE
+
+
+# Scales of the unknowns that make Theorem 2's radius largest.
+
+
+_BISECTIONS = 24
+_ITERATIONS = 300
+_SETTLED = 1e-5
+_LEAST = 1e-4
+
+
+def best_weights(system: QuadraticSystem, centre: Array) -> Array:
+    """Weights w of shape (N,), largest 1, near those that maximise r(w) at a centre with nonsingular Jacobian.
+
+    No weight is below 1e-4, so that rounding margins, which do not know the scales, stay small.
+    """
+    inverse = np.abs(np.linalg.inv(system.jacobian(centre)))
+    least = inverse[:, system.size - system.free :].sum(axis=1)
+    top = float(least.max(initial=0.0))
+    if top == 0.0 or system.c == 0.0:
+        return np.ones(system.size)
+    least = np.maximum(least / top, _LEAST)
+    best = np.ones(system.size)
+    high = float((inverse @ system.rescaled(best).v).max())
+    low = 0.0
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        weights = _least_fixed_point(system, inverse, least, middle)
+        if weights is None:
+            low = middle
+        else:
+            best, high = weights, middle
+    return np.asarray(best / best.max())
+
+
+def _least_fixed_point(system: QuadraticSystem, inverse: Array, least: Array, omega: float) -> Array | None:
+    """The least w ≥ `least` with B v(w) ≤ ω w, or ``None`` where the iteration does not settle."""
+    doubled = 2.0 * np.abs(system.coefficient)
+    weights = least
+    for _ in range(_ITERATIONS):
+        products = doubled * weights[system.first] * weights[system.second]
+        bend = np.bincount(system.row, weights=products, minlength=system.size)
+        raised = np.maximum(least, inverse @ bend / omega)
+        growth = float((raised / weights).max())
+        if growth < 1.0 + _SETTLED:
+            return np.asarray(raised)
+        if raised.max() > 1.0 / _LEAST:
+            return None
+        weights = raised
+    return None

@@ -1,0 +1,1 @@
+"""Masses: the free system and the reduced model."""

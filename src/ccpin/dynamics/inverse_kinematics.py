@@ -1,0 +1,163 @@
+"""Inverse kinematics of a closed chain: q with a link's point at a target, without leaving the assembly mode."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
+from ccpin.kinematics.parametrization import ClosedPoint
+from ccpin.kinematics.points import LinkPoint, rotation_error
+
+TOLERANCE = 1e-11
+_LARGEST_STEP = 0.3
+_MAX_ITERATIONS = 200
+_LEAST_DAMPING, _MOST_DAMPING = 1e-15, 1e6
+
+
+class Solution(NamedTuple):
+    """A solved inverse kinematics problem.
+
+    Attributes:
+        q: Independent coordinates, of shape (nq_independent,).
+        q_free: q′ = σ(q), of shape (nq,).
+        error: What is left between point and target: the largest entry in metres and radians.
+        iterations: Newton steps tried.
+    """
+
+    q: Array
+    q_free: Array
+    error: float
+    iterations: int
+
+
+class UnreachableTargetError(ConvergenceError):
+    """No configuration was found, on the branch asked for, that brings the point to the target.
+
+    Attributes:
+        q: The q that came nearest, of shape (nq_independent,).
+        q_free: σ(q) there, of shape (nq,).
+        distance: How far from the target the point is there, m. angle: how far its axes are turned, rad.
+    """
+
+    def __init__(self, message: str, *, q: Array, q_free: Array, distance: float, angle: float) -> None:
+        self.q = q
+        self.q_free = q_free
+        self.distance = distance
+        self.angle = angle
+        super().__init__(message)
+
+
+class _Target(NamedTuple):
+    position: Array
+    rotation: Array | None
+
+    def error(self, pose: Array) -> Array:
+        """What leads from the point to the target: metres, then radians, in world axes."""
+        gap = self.position - pose[:3, 3]
+        return gap if self.rotation is None else np.concatenate([gap, rotation_error(pose[:3, :3], self.rotation)])
+
+
+def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: ArrayLike | None = None) -> Solution:
+    """Find q with the point at the target.
+
+    Damped Newton (Levenberg–Marquardt) on q, the residual being the gap to the target at σ(q) and its derivative
+    −J ρ. Every trial goes through σ from the configuration before it, so the assembly mode is that of the guess; a
+    step on which σ is blocked is shortened like one that does not help.
+
+    Args:
+        model: The reduced model.
+        point: The point to bring to the target.
+        target: A position (3,), metres, or a pose (4, 4), in the world.
+        guess: A configuration q′, closed or nearly so; default the mechanism's reference.
+
+    Raises:
+        InvalidInputError: A target that is neither, or a guess that cannot be closed.
+        UnreachableTargetError: The iteration ended away from the target: it is out of reach, beyond a singularity,
+            or asks for more directions than the mechanism has.
+    """
+    wanted = _checked(target)
+    rows = 3 if wanted.rotation is None else 6
+    start = model.mechanism.q_reference if guess is None else model.checked_configuration(guess, "guess")
+    q = model.alpha(start)
+    here = model.closed_point(q, start)
+    error, damping = wanted.error(point.pose(here.q_free)), 1e-3
+    iteration = 0
+    while iteration < _MAX_ITERATIONS and damping < _MOST_DAMPING and np.abs(error).max() > TOLERANCE:
+        iteration += 1
+        step = _damped_step((point.jacobian(here.q_free) @ here.rho)[:rows], error, damping)
+        trial_q = model.coordinates.integrate(q, step)
+        trial = _sigma(model, trial_q, here.q_free)
+        trial_error = None if trial is None else wanted.error(point.pose(trial.q_free))
+        if trial is None or trial_error is None or not trial_error @ trial_error < error @ error:
+            damping *= 8.0
+            continue
+        settled = float(trial_error @ trial_error) > (1 - 1e-9) * float(error @ error)
+        q, here, error = trial_q, trial, trial_error
+        damping = max(0.1 * damping, _LEAST_DAMPING)
+        if settled and float(np.linalg.norm(step)) < 1e-9:
+            break
+    left = float(np.abs(error).max())
+    if left > TOLERANCE:
+        raise _unreachable(model, wanted, q, here, error)
+    return Solution(q, here.q_free, left, iteration)
+
+
+def _checked(target: ArrayLike) -> _Target:
+    """Read a target.
+
+    Raises:
+        InvalidInputError: It is neither a position nor a pose.
+    """
+    array = np.asarray(target, dtype=np.float64)
+    if not np.isfinite(array).all():
+        raise InvalidInputError("the target has entries that are not finite")
+    if array.shape == (3,):
+        return _Target(array, None)
+    if array.shape != (4, 4):
+        raise InvalidInputError(f"the target has shape {array.shape}; it must be a position (3,) or a pose (4, 4)")
+    rotation = array[:3, :3]
+    if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-6 or np.linalg.det(rotation) < 0:
+        raise InvalidInputError("the target's upper left 3×3 block is not a rotation matrix")
+    return _Target(array[:3, 3], rotation)
+
+
+def _sigma(model: ReducedModel, q: Array, near: Array) -> ClosedPoint | None:
+    try:
+        return model.parametrization.sigma(q, near)
+    except (ConvergenceError, SingularConfigurationError):
+        return None
+
+
+def _damped_step(jacobian: Array, error: Array, damping: float) -> Array:
+    """The step of least damped residual ‖J Δ − e‖² + (μ s₁)²‖Δ‖², of length at most 0.3."""
+    u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
+    if s[0] == 0.0:
+        return np.zeros(jacobian.shape[1])
+    keep = s > 1e-10 * s[0]
+    gain = np.where(keep, s / (s**2 + (damping * s[0]) ** 2), 0.0)
+    step = np.asarray(vt.T @ (gain * (u.T @ error)))
+    length = float(np.linalg.norm(step))
+    return step if length <= _LARGEST_STEP else step * (_LARGEST_STEP / length)
+
+
+def _unreachable(
+    model: ReducedModel, target: _Target, q: Array, here: ClosedPoint, error: Array
+) -> UnreachableTargetError:
+    distance = float(np.linalg.norm(error[:3]))
+    angle = float(np.linalg.norm(error[3:]))
+    turned = f" and {np.degrees(angle):.4g}° of turning" if target.rotation is not None else ""
+    return UnreachableTargetError(
+        f"the target at {np.array2string(target.position, precision=6)} m was not reached on this branch: the nearest "
+        f"the iteration came leaves {distance:.4g} m{turned}, at q = {np.array2string(q, precision=6)} (reciprocal "
+        f"condition number of ψ_q′ {here.factor.rcond:.1e}); the mechanism moves in {model.n} directions; pass a guess "
+        "nearer to it, or on the other branch",
+        q=q,
+        q_free=here.q_free,
+        distance=distance,
+        angle=angle,
+    )

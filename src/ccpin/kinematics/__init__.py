@@ -1,0 +1,1 @@
+"""Geometry of the tree cut open and of its closures; no masses."""

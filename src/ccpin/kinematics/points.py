@@ -1,0 +1,155 @@
+"""Where a point of a link is and how it moves with q̇′: pose, twist Jacobian and its rate, in world axes.
+
+Twists are (linear, angular): the velocity of the point and the link's angular velocity, both in world axes
+(Pinocchio's LOCAL_WORLD_ALIGNED), in m/s and rad/s.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array
+from ccpin.errors import InvalidInputError
+from ccpin.kinematics.tree import Tree
+
+
+class Motion(NamedTuple):
+    """A link's point at one state of the free system.
+
+    Attributes:
+        pose: The link's axes at the point, 4×4, in the world.
+        jacobian: J with twist = J q̇′, of shape (6, n′).
+        jacobian_rate: J̇ along q̇′, of shape (6, n′).
+    """
+
+    pose: Array
+    jacobian: Array
+    jacobian_rate: Array
+
+
+class LinkPoint:
+    """A point fixed on a link of the free system.
+
+    Holds scratch memory: one instance a thread.
+
+    Args:
+        tree: The free system.
+        link: The link's name.
+        point: The point in the link's frame, metres, of shape (3,).
+
+    Raises:
+        InvalidInputError: No such link, a link that never moves, or a point that is not three finite numbers.
+    """
+
+    def __init__(self, tree: Tree, link: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> None:
+        if link not in tree.attachments:
+            raise InvalidInputError(f"there is no link '{link}'; the links are {', '.join(tree.attachments)}")
+        offset = np.asarray(point, dtype=np.float64)
+        if offset.shape != (3,) or not np.isfinite(offset).all():
+            raise InvalidInputError(f"the point on link '{link}' must be three finite numbers (metres)")
+        attachment = tree.attachments[link]
+        if attachment.joint == 0:
+            raise InvalidInputError(f"link '{link}' is fixed to the world; the end effector must be on a moving link")
+        self.model = tree.model
+        self._data = tree.model.createData()
+        self._joint = attachment.joint
+        frame = np.eye(4)
+        frame[:3, 3] = offset
+        self._frame = attachment.placement @ frame
+        self._path = _support(tree.model, attachment.joint)
+
+    def pose(self, q_free: Array) -> Array:
+        """The link's axes at the point, 4×4, in the world."""
+        pin.forwardKinematics(self.model, self._data, q_free)
+        return np.asarray(self._data.oMi[self._joint].homogeneous @ self._frame)
+
+    def jacobian(self, q_free: Array) -> Array:
+        """J with twist = J q̇′, of shape (6, n′)."""
+        columns = np.array(pin.computeJointJacobians(self.model, self._data, q_free)) * self._path
+        return _shifted(columns, (self._data.oMi[self._joint].homogeneous @ self._frame)[:3, 3])
+
+    def motion(self, q_free: Array, v_free: Array) -> Motion:
+        """Pose, J and J̇ along q̇′."""
+        pin.computeJointJacobiansTimeVariation(self.model, self._data, q_free, v_free)
+        columns, rates = self._data.J * self._path, self._data.dJ * self._path
+        pose = self._data.oMi[self._joint].homogeneous @ self._frame
+        jacobian = _shifted(columns, pose[:3, 3])
+        rate = _shifted(rates, pose[:3, 3])
+        rate[:3] -= _skew(jacobian[:3] @ v_free) @ columns[3:]
+        return Motion(pose, jacobian, rate)
+
+
+def rotation_error(turned: Array, wanted: Array) -> Array:
+    """The rotation vector, in world axes and radians, that leads from one rotation matrix to another."""
+    return np.asarray(pin.log3(wanted @ turned.T))
+
+
+def joint_poses(model: pin.Model, data: pin.Data, q_free: Array) -> Array:
+    """Where the moving joint frames are in the world, of shape (joints, 4, 4); entry 0 is the world itself."""
+    pin.forwardKinematics(model, data, q_free)
+    return joint_frames(data)
+
+
+def joint_frames(data: pin.Data) -> Array:
+    """The joint frames' world poses after a kinematics call, of shape (joints, 4, 4)."""
+    return np.array([placement.homogeneous for placement in data.oMi])
+
+
+class BodyMotion(NamedTuple):
+    """How the bodies move, in world axes; entry 0 is the world, at rest.
+
+    Attributes:
+        poses: World poses of the moving joint frames, of shape (joints, 4, 4).
+        centres: Centres of mass of what each joint carries up to the next joints, m, of shape (joints, 3).
+        accelerations: The centres' accelerations, m/s², of shape (joints, 3).
+        omega, alpha: Angular velocities and accelerations, rad/s and rad/s², of shape (joints, 3).
+    """
+
+    poses: Array
+    centres: Array
+    accelerations: Array
+    omega: Array
+    alpha: Array
+
+
+def body_motion(model: pin.Model, data: pin.Data, q_free: Array, v_free: Array, a_free: Array) -> BodyMotion:
+    """The bodies' motion at (q′, q̇′, q̈′)."""
+    pin.forwardKinematics(model, data, q_free, v_free, a_free)
+    found = BodyMotion(joint_frames(data), *(np.zeros((model.njoints, 3)) for _ in range(4)))
+    for j in range(1, model.njoints):
+        turn, lever = data.oMi[j].rotation, np.array(model.inertias[j].lever)
+        v, a = data.v[j], data.a[j]
+        swing = np.cross(a.angular, lever) + np.cross(v.angular, v.linear + np.cross(v.angular, lever))
+        found.centres[j] = data.oMi[j].act(lever)
+        found.accelerations[j] = turn @ (a.linear + swing)
+        found.omega[j], found.alpha[j] = turn @ v.angular, turn @ a.angular
+    return found
+
+
+def moved(model: pin.Model, q_free: Array, step: Array) -> Array:
+    """The configuration q′ ⊕ step, of shape (nq,), for a tangent step of shape (n′,)."""
+    return q_free + step if model.nq == model.nv else np.asarray(pin.integrate(model, q_free, step))
+
+
+def _support(model: pin.Model, joint: int) -> Array:
+    """1.0 for the velocity components between the world and a joint, else 0.0."""
+    mask = np.zeros(model.nv)
+    for j in list(model.supports[joint])[1:]:
+        mask[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]] = 1.0
+    return mask
+
+
+def _shifted(columns: Array, point: Array) -> Array:
+    """Spatial velocities at the world's origin, as columns of a 6×n′ matrix, seen at a point."""
+    shifted = np.array(columns)
+    shifted[:3] -= _skew(point) @ columns[3:]
+    return shifted
+
+
+def _skew(p: Array) -> Array:
+    x, y, z = p
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

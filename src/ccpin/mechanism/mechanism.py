@@ -1,0 +1,278 @@
+"""`load` and `Mechanism`: a closed, analysed closed-chain mechanism, immutable and picklable."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+
+from ccpin.arrays import Array
+from ccpin.description import read_description
+from ccpin.description.checks import check
+from ccpin.description.model import Coupling, LoopClosure, MechanismDescription, frozen
+from ccpin.errors import (
+    DescriptionError,
+    IndependentSetError,
+    InvalidInputError,
+    LoopNotClosedError,
+    NoLoopError,
+    SingularConfigurationError,
+    UnsupportedMechanismError,
+)
+from ccpin.kinematics.constraints import Constraints
+from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.parametrization import Parametrization
+from ccpin.kinematics.tree import Tree, build_tree
+from ccpin.mechanism.closing import Closed, find_closed
+from ccpin.mechanism.mobility import Mobility, conditioning, generic_rank, idle_motions, independence, null_space
+from ccpin.mechanism.selection import choose_independent
+
+
+@dataclass(frozen=True, eq=False)
+class Mechanism:
+    """A closed-chain mechanism: the free system, its closures, and which coordinates are independent.
+
+    Attributes:
+        description: What the file says.
+        tree: The free system Σ′ as a Pinocchio model, with where each link sits.
+        independent: Names of the independent joints (or ``joint:axis`` components), in the order of q.
+        actuated: Names of the actuated joints, in the order of u.
+        q_reference: A closed, nonsingular configuration, of shape (nq,); defines the default assembly mode.
+        mobility: The mobility analysis.
+        notes: What readers and analysis had to assume, in sentences.
+    """
+
+    description: MechanismDescription
+    tree: Tree
+    independent: tuple[str, ...]
+    actuated: tuple[str, ...]
+    q_reference: Array
+    mobility: Mobility
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def name(self) -> str:
+        """The mechanism's name in its file."""
+        return self.description.name
+
+    @property
+    def pin_model(self) -> pin.Model:
+        """The Pinocchio model of the free system."""
+        return self.tree.model
+
+    @property
+    def closures(self) -> tuple[LoopClosure, ...]:
+        """The loop closures."""
+        return self.description.closures
+
+    @property
+    def couplings(self) -> tuple[Coupling, ...]:
+        """The joint couplings."""
+        return self.description.couplings
+
+    @property
+    def nq(self) -> int:
+        """Size of a configuration q′."""
+        return int(self.tree.model.nq)
+
+    @property
+    def n_free(self) -> int:
+        """n′, the number of velocity components of the free system."""
+        return int(self.tree.model.nv)
+
+    @property
+    def n(self) -> int:
+        """The number of independent velocities."""
+        return self.mobility.mobility
+
+    @property
+    def actuation(self) -> Array:
+        """S of shape (motors, n′), constant: u enters the free system as Sᵀu.
+
+        Raises:
+            UnsupportedMechanismError: A single component of a joint is actuated, so that S depends on q′
+                (`ReducedModel.joint_efforts` gives Sᵀu then).
+        """
+        coordinates = IndependentCoordinates(self.tree, self.actuated, self.q_reference)
+        if not coordinates.constant:
+            raise UnsupportedMechanismError("S is not constant: a single component of a joint is actuated")
+        return coordinates.jacobian(self.q_reference)
+
+    def constraints(self) -> Constraints:
+        """φ with its own scratch memory."""
+        return Constraints(self.tree, self.closures, self.couplings)
+
+    def parametrization(self) -> Parametrization:
+        """ψ, σ, ρ with their own scratch memory."""
+        coordinates = IndependentCoordinates(self.tree, self.independent, self.q_reference)
+        return Parametrization(self.constraints(), coordinates, self.q_reference)
+
+
+_FROM_SINGULAR = "a step away from a singular closed pose"
+
+
+def load(
+    path: str | Path | MechanismDescription,
+    *,
+    closures: Iterable[LoopClosure] | None = None,
+    couplings: Iterable[Coupling] | None = None,
+    independent: Sequence[str] | None = None,
+    actuated: Sequence[str] | None = None,
+    floating_base: bool = False,
+    format: str | None = None,
+) -> Mechanism:
+    """Load a mechanism from a file, an installed model's name, or a description built in Python.
+
+    Args:
+        path: A file (URDF with loop elements, toolbox-parallel-robots YAML, MJCF), the name of a model that comes
+            with ccpin (``"rpdr"``), or a `MechanismDescription`.
+        closures: Loop closures, in addition to the file's.
+        couplings: Joint couplings, in addition to the file's.
+        independent: The independent joints in the order of q; default what the file marks, completed if it marks
+            only motors (the completion is among the mechanism's notes).
+        actuated: The actuated joints in the order of u; default the file's motors, else the independent joints.
+        floating_base: Free the root link with a 6-dof joint named ``root_joint``.
+        format: ``"urdf"``, ``"mjcf"`` or ``"toolbox"`` to override detection from the content.
+
+    Raises:
+        DescriptionNotFoundError, InvalidXmlError, DescriptionError: The file is absent, malformed or unsound.
+        NoLoopError: It declares no closure and no coupling.
+        LoopNotClosedError: No closed configuration was found.
+        IndependentSetError: The independent or actuated joints named cannot be used.
+    """
+    _check_arguments(path, independent, actuated)
+    description = path if isinstance(path, MechanismDescription) else read_description(path, format)
+    description = check(
+        replace(
+            description,
+            closures=description.closures + tuple(closures or ()),
+            couplings=description.couplings + tuple(couplings or ()),
+        )
+        if closures or couplings
+        else description
+    )
+    if not description.closures and not description.couplings:
+        raise NoLoopError(_no_loop_message(description), source=description.source)
+    try:
+        return _analysed(description, build_tree(description, floating_base), independent, actuated)
+    except (IndependentSetError, LoopNotClosedError, SingularConfigurationError, UnsupportedMechanismError) as error:
+        error.args = (f"{description.source or description.name}: {error}",)
+        raise
+
+
+def _analysed(
+    description: MechanismDescription, tree: Tree, independent: Sequence[str] | None, actuated: Sequence[str] | None
+) -> Mechanism:
+    """Close the loops, count the motions, settle who measures and who drives them."""
+    constraints = Constraints(tree, description.closures, description.couplings)
+    wanted = tuple(independent) if independent is not None else (description.independent or ())
+    closed, rank = _reference(tree, constraints, description, wanted)
+    choice = choose_independent(tree, constraints, description, closed.q_free, rank, independent, actuated)
+    basis = null_space(constraints, closed.q_free, rank)
+    mobility = Mobility(
+        n_free=int(tree.model.nv),
+        rows=constraints.size,
+        rank=rank,
+        mobility=int(tree.model.nv) - rank,
+        idle=tuple(idle_motions(tree, constraints, closed.q_free, basis)),
+        notes=choice.notes,
+    )
+    notes = list(description.notes + choice.notes)
+    if not closed.within_limits:
+        notes.append("the reference configuration lies outside some joint limits: none inside was found")
+    if closed.start != "the stated pose":
+        notes.append(f"the loops were closed from {closed.start}")
+    if closed.start == _FROM_SINGULAR:
+        notes.append(
+            "branches of σ meet at that pose, so which of them the reference lies on is arbitrary; a stated pose "
+            '(<group_state name="reference">) chooses'
+        )
+    mechanism = Mechanism(
+        description,
+        tree,
+        choice.independent,
+        choice.actuated,
+        frozen(closed.q_free),
+        mobility,
+        tuple(dict.fromkeys(notes)),
+    )
+    IndependentCoordinates(tree, mechanism.actuated, closed.q_free)
+    mechanism.parametrization().at(closed.q_free)
+    return mechanism
+
+
+def _check_arguments(path: object, independent: object, actuated: object) -> None:
+    if not isinstance(path, str | Path | MechanismDescription):
+        raise InvalidInputError(f"load takes a path, a model's name or a description, not {type(path).__name__}")
+    for role, names in (("independent", independent), ("actuated", actuated)):
+        if isinstance(names, str) or (names is not None and not all(isinstance(n, str) for n in names)):  # type: ignore[attr-defined]
+            raise InvalidInputError(f"{role} must be a sequence of joint names, e.g. ['joint1', 'joint2']")
+
+
+def _no_loop_message(description: MechanismDescription) -> str:
+    if description.independent is not None and len(description.independent) < len(description.joints):
+        return (
+            'joints are marked dependent (independent="false") but no <loop> or <coupling> says what they depend on; '
+            "add the loops to the file, a robot.yaml beside it, or pass closures="
+        )
+    return (
+        "no loop closure and no coupling is declared, so there is nothing to reduce; add <loop> elements or closures="
+    )
+
+
+def stated_pose(tree: Tree, description: MechanismDescription) -> Array:
+    """The description's reference pose as a configuration (joints it leaves out are neutral).
+
+    Raises:
+        DescriptionError: A value has the wrong number of entries for its joint.
+    """
+    model = tree.model
+    q_free = pin.neutral(model)
+    for name, values in description.reference.items():
+        if name not in tree.kinds:
+            continue
+        joint = model.getJointId(name)
+        window = slice(model.idx_qs[joint], model.idx_qs[joint] + model.nqs[joint])
+        value = np.array(values, dtype=np.float64)
+        kind = tree.kinds[name]
+        if kind == "continuous" and value.size == 1:
+            value = np.array([np.cos(value[0]), np.sin(value[0])])
+        elif kind == "planar" and value.size == 3:
+            value = np.array([value[0], value[1], np.cos(value[2]), np.sin(value[2])])
+        if value.size != window.stop - window.start:
+            raise DescriptionError(
+                f"the reference value has {value.size} numbers; a {kind} joint needs {window.stop - window.start}",
+                source=description.source,
+                element=f"joint '{name}'",
+            )
+        q_free[window] = value
+    return np.asarray(pin.normalize(model, q_free))
+
+
+def _reference(
+    tree: Tree, constraints: Constraints, description: MechanismDescription, wanted: tuple[str, ...]
+) -> tuple[Closed, int]:
+    """A closed, nonsingular configuration, checked against the rows that planarity made superfluous."""
+    closed = find_closed(constraints, stated_pose(tree, description))[0]
+    rank, candidates = generic_rank(constraints, closed.q_free)
+    names = [name for name in wanted if name.partition(":")[0] in tree.kinds]
+    scores = [independence(tree, null_space(constraints, q, rank), names) for q in candidates]
+    if candidates[0] is not closed.q_free or scores[0] < 1e-3:
+        quality = [score * conditioning(constraints, q, rank) for score, q in zip(scores, candidates, strict=True)]
+        best = candidates[int(np.argmax(quality))]
+        closed = closed._replace(q_free=best, start=_FROM_SINGULAR)
+    complete = Constraints(tree, description.closures, description.couplings, reduce_planar=False)
+    residual = complete.residual(closed.q_free)
+    errors = {name: float(np.abs(residual[rows]).max()) for name, rows in complete.row_slices().items()}
+    worst = max(errors, key=lambda name: errors[name])
+    if errors[worst] > 1e-6:
+        raise LoopNotClosedError(
+            f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are {errors[worst]:.4g} "
+            "(m or rad) apart across it",
+            q_free=closed.q_free,
+            errors=errors,
+        )
+    return closed, rank

@@ -1,0 +1,115 @@
+"""Who measures the motion and who drives it: the independent and the actuated joints, settled and explained."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import pinocchio as pin
+
+from ccpin.arrays import Array
+from ccpin.description.model import MechanismDescription
+from ccpin.errors import IndependentSetError
+from ccpin.kinematics.constraints import Constraints
+from ccpin.kinematics.coordinates import IndependentCoordinates, component_names
+from ccpin.kinematics.tree import ROOT_JOINT, Tree
+from ccpin.mechanism.mobility import complete_independent, null_space
+
+
+class Choice(NamedTuple):
+    """The sets settled on, and where the author had not stated them exactly."""
+
+    independent: tuple[str, ...]
+    actuated: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+def choose_independent(
+    tree: Tree,
+    constraints: Constraints,
+    description: MechanismDescription,
+    q_free: Array,
+    rank: int,
+    independent: Sequence[str] | None,
+    actuated: Sequence[str] | None,
+) -> Choice:
+    """Settle the independent and actuated sets, and say where the author did not state them exactly."""
+    basis, n = null_space(constraints, q_free, rank), int(tree.model.nv) - rank
+    motors = tuple(actuated) if actuated is not None else (description.actuated or ())
+    for name in motors:
+        if name.partition(":")[0] not in tree.kinds:
+            raise IndependentSetError(
+                f"actuated joint '{name}' is not a movable joint; those are {', '.join(tree.kinds)}"
+            )
+    base = (ROOT_JOINT,) if ROOT_JOINT in tree.kinds and tree.kinds[ROOT_JOINT] == "floating" else ()
+    notes: list[str] = []
+    if independent is not None:
+        names = tuple(independent)
+        _check_size(tree, names, n, basis)
+        names = complete_independent(tree, basis, names, (), n) if names else names
+    elif description.independent is not None:
+        names = _marked(tree, description, basis, base, n, notes)
+    else:
+        hinted = description.dependent_hint
+        masters = tuple(name for name in tree.kinds if hinted and name not in hinted)
+        names = complete_independent(tree, basis, (), (*base, *(motors or masters)), n)
+        added = [name for name in names if name not in motors]
+        if motors and added:
+            notes.append(
+                f"the file names {len(motors)} motors and the mechanism has {n} independent motions: "
+                f"{', '.join(added)} completed the independent set"
+            )
+        elif not motors:
+            notes.append(f"the file marks no independent joints: {', '.join(names)} were chosen")
+    if independent is not None and set(names) == set(independent):
+        names = tuple(independent)
+    if any(":" in name for name in motors) and motors != names:
+        raise IndependentSetError(
+            "a single component of a joint can be actuated only where the actuated coordinates are the independent ones"
+        )
+    return Choice(names, motors or names, tuple(notes))
+
+
+def _marked(
+    tree: Tree, description: MechanismDescription, basis: Array, base: tuple[str, ...], n: int, notes: list[str]
+) -> tuple[str, ...]:
+    """The set a file marks; the default marks of a coupling's successors are given up where it is too large."""
+    marked = tuple(dict.fromkeys((*base, *(description.independent or ()))))
+    if _count(tree, marked) > n and description.independent_is_default:
+        given_up = tuple(name for name in marked if name in description.dependent_hint)
+        marked = tuple(name for name in marked if name not in given_up)
+        notes.append(
+            f"the file leaves `independent` out on both sides of couplings: {', '.join(given_up)} "
+            "taken as dependent (the successors)"
+        )
+    try:
+        _check_size(tree, marked, n, basis)
+    except IndependentSetError as error:
+        hint = "; a joint without `independent` counts as independent" if description.independent_is_default else ""
+        raise IndependentSetError(f"{error}{hint}") from None
+    return complete_independent(tree, basis, marked, (), n)
+
+
+def _count(tree: Tree, names: tuple[str, ...]) -> int:
+    components = component_names(tree)
+    return sum(1 if name in components else max(1, sum(c.startswith(f"{name}:") for c in components)) for name in names)
+
+
+def _check_size(tree: Tree, names: tuple[str, ...], n: int, basis: Array) -> None:
+    """Raise where the set has the wrong size, saying what to add or take away.
+
+    Raises:
+        IndependentSetError: Always, unless the set has n velocity components.
+    """
+    IndependentCoordinates(tree, names, pin.neutral(tree.model))
+    count = _count(tree, names)
+    if count == n:
+        return
+    given = f"{count} independent velocities are named ({', '.join(names) or 'none'}) but the mobility is {n}"
+    if count < n:
+        whole = complete_independent(tree, basis, names, (), n)
+        raise IndependentSetError(
+            f"{given}: add {', '.join(name for name in whole if name not in names)}, for instance"
+        )
+    suggestion = complete_independent(tree, basis, (), names, n)
+    raise IndependentSetError(f"{given}: {', '.join(suggestion) or 'none'} would do")

@@ -1,0 +1,103 @@
+"""Numbers that summarise a set-point motion."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array
+from ccpin.control.laws import PDFullGravity, PDSimpleGravity
+from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.simulation.trajectory import Trajectory
+
+
+class Metrics(NamedTuple):
+    """A set-point motion in numbers (rad or m, N m or N, s).
+
+    Attributes:
+        band: The band the settling time is about.
+        settling_time: First time after which every |q̃| stays within the band; ``None`` if it does not at the end.
+        overshoot: Largest excursion of each coordinate beyond the goal, seen from the start, of shape (n,).
+        peak_torque: Largest |u| of each motor, of shape (motors,).
+        steady_state_error: |q̃| at the last sample, of shape (n,).
+        largest_closure_error: Largest ‖φ(q′)‖ of all samples.
+    """
+
+    band: float
+    settling_time: float | None
+    overshoot: Array
+    peak_torque: Array
+    steady_state_error: Array
+    largest_closure_error: float
+
+    def as_json(self) -> dict[str, Any]:
+        """The same as plain numbers and lists, SI units and radians."""
+        return {
+            name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in self._asdict().items()
+        }
+
+
+def set_point_metrics(
+    trajectory: Trajectory, coordinates: IndependentCoordinates, goal: ArrayLike, band: float = np.radians(2.0)
+) -> Metrics:
+    """Summarise a motion towards a goal.
+
+    Args:
+        trajectory: The motion.
+        coordinates: The model's independent coordinates.
+        goal: q_d, of shape (nq_independent,).
+        band: Settling band, rad or m.
+    """
+    q_d = np.asarray(goal, dtype=np.float64)
+    error = np.array([coordinates.difference(q, q_d) for q in trajectory.q])
+    outside = np.flatnonzero(np.abs(error).max(axis=1) > band)
+    settled: float | None = 0.0
+    if outside.size:
+        settled = None if outside[-1] + 1 == len(error) else float(trajectory.t[outside[-1] + 1])
+    direction = np.sign(error[0])
+    return Metrics(
+        band=float(band),
+        settling_time=settled,
+        overshoot=np.maximum(0.0, -(error * direction).min(axis=0)),
+        peak_torque=np.abs(trajectory.u).max(axis=0),
+        steady_state_error=np.abs(error[-1]),
+        largest_closure_error=float(trajectory.closure_error.max()),
+    )
+
+
+# The Lyapunov function of a set point along a motion.
+
+
+class LyapunovHistory(NamedTuple):
+    """𝒱 and its rate at the samples of a motion.
+
+    Attributes:
+        V: 𝒱 in joules, of shape (T,).
+        V_dot: 𝒱̇ in watts, from the power of the efforts that acted, of shape (T,).
+        dissipation: −q̇ᵀK_v q̇ in watts, what Theorem 3 says 𝒱̇ is, of shape (T,).
+    """
+
+    V: Array
+    V_dot: Array
+    dissipation: Array
+
+
+def lyapunov_along(law: PDSimpleGravity | PDFullGravity, trajectory: Trajectory) -> LyapunovHistory:
+    """𝒱 of a law along a motion under it.
+
+    The energy balance d/dt(½q̇ᵀDq̇ + V) = q̇ᵀρᵀSᵀu makes 𝒱̇ = q̇ᵀ(ρᵀSᵀu − K_p q̃ − g(q_d)) with simple compensation
+    (28) and q̇ᵀ(ρᵀSᵀu − K_p q̃ − g(q)) with full compensation (30), whatever u was. Under the law itself this is
+    −q̇ᵀK_v q̇; a saturated or sampled controller departs from it.
+    """
+    model, full = law.model, isinstance(law, PDFullGravity)
+    values, rates, losses = [], [], []
+    for q, v, u, q_free in zip(trajectory.q, trajectory.v, trajectory.u, trajectory.q_free, strict=True):
+        point = model.closed_point(q, q_free)
+        gravity = model.gravity(q, point.q_free) if full else law.gravity_d
+        force = model.generalized_force(point, u) - law.K_p @ law.error(q) - gravity
+        values.append(law.lyapunov(q, v, point.q_free))
+        rates.append(float(v @ force))
+        losses.append(-float(v @ law.K_v @ v))
+    return LyapunovHistory(np.array(values), np.array(rates), np.array(losses))

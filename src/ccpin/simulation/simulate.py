@@ -1,0 +1,329 @@
+"""Simulation of the reduced model under a control law, with SciPy's integrators.
+
+The state is (q, q̇); q′ = σ(q) is found by Newton at every evaluation, started from the last accepted step, so
+the loops are closed to solver tolerance at every sample and never drift. The integrator starts afresh where the
+equations of motion change: at every command of a sampled controller, and where a joint with dry friction halts or
+breaks loose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import integrate
+
+from ccpin.arrays import Array
+from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
+from ccpin.control.sampling import ContinuousLoop, Loop, SampledLoop, Sampling
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, SingularConfigurationError
+from ccpin.kinematics.parametrization import ClosedPoint
+from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
+from ccpin.simulation.stick_slip import Contact, Mask, Smooth, StickSlip
+from ccpin.simulation.trajectory import Status, Trajectory
+
+METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
+_CREEPING, _MOST_CREEPING, _CREEPING_RCOND = 1e-7, 200, 1e-3
+_SHORTEST_STEP = 1e-10
+_EVENT_WIDTH = 1e-10
+_MOST_EVENTS = 200
+
+
+class Settling(NamedTuple):
+    """When a motion counts as settled: |q − goal| ≤ band and |v| ≤ speed in every component, for `hold` seconds.
+
+    band in radians (or metres), speed in rad/s (or m/s).
+    """
+
+    goal: Array
+    band: float = 0.0017453292519943296
+    speed: float = 0.01
+    hold: float = 0.05
+
+
+class _Stop(NamedTuple):
+    status: Status
+    message: str
+
+
+def simulate(
+    model: ReducedModel,
+    controller: ControlLaw | Callable[[float, Array, Array], ArrayLike] | None,
+    q0: ArrayLike,
+    v0: ArrayLike | None = None,
+    *,
+    duration: float,
+    guess: ArrayLike | None = None,
+    method: str = "RK45",
+    rtol: float = 1e-9,
+    atol: float = 1e-11,
+    sample_period: float = 1e-3,
+    max_step: float = np.inf,
+    settling: Settling | None = None,
+    region: Callable[[Array], bool] | None = None,
+    singular_rcond: float = 1e-7,
+    friction: FrictionLike | JointFriction | None = None,
+    sampling: Sampling | None = None,
+) -> Trajectory:
+    """Integrate D q̈ + C q̇ + g = ρᵀ(Sᵀu + f) (22), q′ = σ(q) (27) under a control law, with joint friction f or none.
+
+    Args:
+        model: The reduced model.
+        controller: A `ControlLaw`, a function (t, q, v) → u, or ``None`` for no torque.
+        q0: Start, of shape (nq_independent,).
+        v0: Velocity at the start, of shape (n,); default at rest.
+        duration: Longest time in seconds.
+        guess: Chooses the assembly mode of σ(q0); default the mechanism's reference.
+        method: One of SciPy's RK45, DOP853, RK23, Radau, BDF, LSODA.
+        rtol: The integrator's relative tolerance.
+        atol: The integrator's absolute tolerance, in rad, m and per second.
+        sample_period: Time between samples in seconds (dense output of the integrator; q′ by σ at each).
+        max_step: The integrator's longest step in seconds.
+        settling: Stop once settled.
+        region: Stop where it says False of q (a certified domain's ``contains``, say).
+        singular_rcond: Stop where ψ_q′'s reciprocal condition number falls below this.
+        friction: Coulomb and viscous friction: ``{joint: (coulomb, viscous)}`` for any joints, or a pair of arrays
+            (coulomb, viscous) for the independent ones; default none. Whether a joint halts or breaks loose is looked
+            at after every step of the integrator and at every sample.
+        sampling: Run the law as a digital controller does; default continuously.
+
+    Returns:
+        Trajectory: What was computed up to the stop, whatever its cause, with status and message. Its u is what the
+        motors get (at a sampled controller's instants, from there on), without the friction.
+
+    Raises:
+        InvalidInputError: A bad argument.
+        UnreachableError, SingularConfigurationError: σ(q0) does not exist. Nothing is raised once the motion has begun.
+    """
+    law = _law(model, controller)
+    q_start = model.checked_q(q0)
+    v_start = np.zeros(model.n) if v0 is None else model.checked(v0, "v0", model.n)
+    for name, value in (("duration", duration), ("sample_period", sample_period), ("rtol", rtol), ("atol", atol)):
+        if not (np.isfinite(value) and value > 0):
+            raise InvalidInputError(f"{name} = {value} must be a positive number")
+    if method not in METHODS:
+        raise InvalidInputError(f"method '{method}' is not one of {', '.join(METHODS)}")
+    if not max_step > 0:
+        raise InvalidInputError(f"max_step = {max_step} must be a positive number")
+    if settling is not None:
+        settling = settling._replace(goal=model.checked_q(settling.goal))
+    start = model.closed_point(q_start, guess)
+    contact = Smooth(model) if friction is None else StickSlip(model, joint_friction(model.mechanism, friction))
+    loop = ContinuousLoop(law) if sampling is None else SampledLoop(model, law, sampling, q_start, v_start)
+    run = _Run(model, loop, contact, start, settling, region, singular_rcond)
+    count = int(np.floor(duration / sample_period * (1 + 1e-12))) + 1
+    times = np.asarray(np.arange(count) * sample_period, dtype=np.float64)
+    if times[-1] < duration * (1 - 1e-9):
+        times = np.append(times, duration)
+    options = {"rtol": rtol, "atol": atol, "max_step": max_step}
+    return run.integrate(np.concatenate([q_start, v_start]), times, getattr(integrate, method), options)
+
+
+def _law(model: ReducedModel, controller: ControlLaw | Callable[..., ArrayLike] | None) -> ControlLaw:
+    if controller is None:
+        return NoTorque(model)
+    if isinstance(controller, ControlLaw):
+        return controller
+    if callable(controller):
+        return TorqueFunction(controller)
+    raise InvalidInputError("controller must be a ControlLaw, a function (t, q, v) → u, or None")
+
+
+class _Event(NamedTuple):
+    t: float
+    halted: Mask
+
+
+class _Run:
+    """One integration: the right-hand side, the samples taken so far and the stop conditions."""
+
+    def __init__(
+        self,
+        model: ReducedModel,
+        loop: Loop,
+        contact: Contact,
+        start: ClosedPoint,
+        settling: Settling | None,
+        region: Callable[[Array], bool] | None,
+        singular_rcond: float,
+    ) -> None:
+        self.model, self.loop, self.contact = model, loop, contact
+        self.settling, self.region, self.singular_rcond = settling, region, singular_rcond
+        self.near = start
+        self.t, self.state = 0.0, np.empty(0)
+        self.first_step: float | None = None
+        self.recent_events: list[float] = []
+        self.settled_since: float | None = None
+        self.evaluations = 0
+        self.samples: list[tuple[float, Array, Array, Array, Array, float]] = []
+
+    def integrate(self, state: Array, times: Array, solver_class: Any, options: dict[str, float]) -> Trajectory:
+        self.state = state
+        try:
+            stop = self.march(times, solver_class, options)
+        except KeyboardInterrupt:
+            if not self.samples:
+                raise
+            stop = _Stop("interrupted", f"interrupted at t = {self.samples[-1][0]:.6g} s")
+        except CcpinError as error:
+            if not self.samples:
+                raise
+            stop = _Stop("failed", str(error))
+        return self.trajectory(stop)
+
+    def march(self, times: Array, solver_class: Any, options: dict[str, float]) -> _Stop:
+        """From command to command; between them from event to event."""
+        end = float(times[-1])
+        while True:
+            command = self.loop.instant(self.t, *self.split(self.state), self.near.q_free)
+            until = command if command < end - 1e-9 * (command - self.t) else end
+            self.begin()
+            here = self.t + 1e-9 * (until - self.t)
+            while len(self.samples) < len(times) and times[len(self.samples)] <= here:
+                stop = self.sample(times[len(self.samples)], self.state)
+                if stop is not None:
+                    return stop
+            if self.t >= end:
+                return _Stop("finished", f"simulated {end:.6g} s")
+            due = times[len(self.samples) : np.searchsorted(times, until - 1e-9 * (until - self.t))]
+            while self.t < until:
+                stop = self.leg(until, due[due > self.t], solver_class, options)
+                if stop is not None:
+                    return stop
+
+    def begin(self, halted: Mask | None = None) -> None:
+        """Let every joint with friction rest or slide from here on."""
+        if not self.contact.eventful:
+            return
+        q, v = self.split(self.state)
+        point = self.point(self.state)
+        v = self.contact.begin(point, v, self.loop.effort(self.t, q, v, point.q_free), halted)
+        self.state = np.concatenate([self.state[: self.model.nq], v])
+
+    def leg(self, until: float, due: Array, solver_class: Any, options: dict[str, float]) -> _Stop | None:
+        """Integrate smooth equations up to `until` or an event, sampling at the times due.
+
+        Where σ fails inside a trial step, try again with a shorter one. Many steps in a row of less than a hundred
+        nanoseconds where ψ_q′ is badly conditioned are an approach to a singularity, where accelerations grow without
+        bound.
+        """
+        shortened: float | None = None
+        creeping = 0
+        solver = self.solver(until, solver_class, options, self.first_step)
+        while self.t < until:
+            try:
+                message = solver.step()
+            except (ConvergenceError, SingularConfigurationError) as error:
+                shortened = 0.25 * (shortened if shortened is not None else self.trial_step(solver, until - self.t))
+                if shortened < _SHORTEST_STEP:
+                    return _Stop("singular", f"stopped at t = {self.t:.6g} s: {error}")
+                solver = self.solver(until, solver_class, options, shortened)
+                continue
+            if solver.status == "failed":
+                return _Stop("failed", f"the integrator failed at t = {self.t:.6g} s: {message}")
+            shortened, self.first_step = None, getattr(solver, "h_abs", None)
+            dense = solver.dense_output()
+            event = self.event(solver, dense, due[(due > self.t) & (due < solver.t)]) if self.contact.eventful else None
+            reached = solver.t if event is None else event.t
+            for time in due[(due > self.t) & (due <= reached)]:
+                stop = self.sample(time, solver.y if time == solver.t else dense(time))
+                if stop is not None:
+                    return stop
+            short = reached - self.t < _CREEPING
+            self.t, self.state = reached, solver.y if reached == solver.t else dense(reached)
+            point = self.point(self.state)
+            self.near = point
+            creeping = creeping + 1 if short and point.factor.rcond < _CREEPING_RCOND else 0
+            if point.factor.rcond < self.singular_rcond or creeping >= _MOST_CREEPING:
+                return _Stop(
+                    "singular", f"at t = {self.t:.6g} s ψ_q′ is nearly singular (rcond {point.factor.rcond:.1e})"
+                )
+            if event is not None:
+                self.begin(event.halted)
+                return None
+        return None
+
+    def solver(self, until: float, solver_class: Any, options: dict[str, float], first_step: float | None) -> Any:
+        first = None if first_step is None else min(first_step, until - self.t)
+        return solver_class(self.derivative, self.t, self.state, until, first_step=first, **options)
+
+    def event(self, solver: Any, dense: Callable[[float], Array], checks: Array) -> _Event | None:
+        """The first moment of a step at which a joint halts or breaks loose, to 1e-10 s."""
+        before = self.t
+        for check in (*checks.tolist(), solver.t):
+            halted = self.broken(check, dense(check))
+            if halted is None:
+                before = check
+                continue
+            after = check
+            while after - before > _EVENT_WIDTH:
+                middle = 0.5 * (before + after)
+                there = self.broken(middle, dense(middle))
+                before, after, halted = (middle, after, halted) if there is None else (before, middle, there)
+            self.count_event(after)
+            return _Event(after, halted)
+        return None
+
+    def count_event(self, t: float) -> None:
+        self.recent_events = [*self.recent_events[1 - _MOST_EVENTS :], t]
+        if len(self.recent_events) == _MOST_EVENTS and t - self.recent_events[0] < 1e-6:
+            raise ConvergenceError(f"friction: joints halt and break loose without end at t = {t:.6g} s")
+
+    def broken(self, t: float, state: Array) -> Mask | None:
+        q, v = self.split(state)
+        point = self.point(state)
+        return self.contact.broken(point, v, self.loop.effort(t, q, v, point.q_free))
+
+    def trial_step(self, solver: Any, remaining: float) -> float:
+        step = getattr(solver, "h_abs", None)
+        return float(min(step, remaining)) if step else float(remaining)
+
+    def split(self, state: Array) -> tuple[Array, Array]:
+        return self.model.coordinates.normalize(state[: self.model.nq]), state[self.model.nq :]
+
+    def point(self, state: Array) -> ClosedPoint:
+        return self.model.parametrization.sigma(self.split(state)[0], self.near)
+
+    def derivative(self, t: float, state: Array) -> Array:
+        """(q̇, q̈) at a state."""
+        self.evaluations += 1
+        q, v = self.split(state)
+        if not np.isfinite(state).all():
+            raise ConvergenceError("the state is no longer finite")
+        point = self.model.parametrization.sigma(q, self.near)
+        a = self.contact.acceleration(point, v, self.loop.effort(t, q, v, point.q_free))
+        return np.concatenate([self.model.coordinates.rate(q, v), a])
+
+    def sample(self, t: float, state: Array) -> _Stop | None:
+        """Record one sample and judge the stop conditions there."""
+        q, v = self.split(state)
+        point = self.model.parametrization.sigma(q, self.near)
+        self.near = point
+        u = self.loop.effort(t, q, v, point.q_free)
+        phi = self.model.parametrization.constraints.residual(point.q_free)
+        self.samples.append((float(t), q.copy(), v.copy(), u, point.q_free, float(np.linalg.norm(phi))))
+        if point.factor.rcond < self.singular_rcond:
+            return _Stop("singular", f"at t = {t:.6g} s ψ_q′ is nearly singular (rcond {point.factor.rcond:.1e})")
+        if self.region is not None and not self.region(q):
+            return _Stop("outside", f"at t = {t:.6g} s q left the region given")
+        return self.settled(t, q, v)
+
+    def settled(self, t: float, q: Array, v: Array) -> _Stop | None:
+        if self.settling is None:
+            return None
+        error = self.model.coordinates.difference(q, np.asarray(self.settling.goal, dtype=np.float64))
+        if np.abs(error).max() > self.settling.band or np.abs(v).max() > self.settling.speed:
+            self.settled_since = None
+            return None
+        self.settled_since = t if self.settled_since is None else self.settled_since
+        if t - self.settled_since < self.settling.hold * (1 - 1e-12):
+            return None
+        return _Stop("settled", f"settled since t = {self.settled_since:.6g} s")
+
+    def trajectory(self, stop: _Stop) -> Trajectory:
+        columns = [np.array(column) for column in zip(*self.samples, strict=True)]
+        t, q, v, u, q_free, closure = columns
+        return Trajectory(t, q, v, u, q_free, closure, stop.status, stop.message, self.evaluations)

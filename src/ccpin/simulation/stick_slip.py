@@ -1,0 +1,280 @@
+"""Forward dynamics with dry friction: which joints rest, which slide and which way, without smoothing.
+
+Coulomb's law is kept set-valued, in the event-driven form of F. Pfeiffer and Ch. Glocker (Multibody Dynamics with
+Unilateral Contacts, Wiley 1996) that Modelica's friction elements use too. Between events every rubbing joint
+is either sliding in a known direction (a smooth force) or at rest (a constraint q̈′_j = 0 with a multiplier f_j). A
+joint halts where its rate passes through zero; which of the halted joints then stay at rest, which slide and which
+way is decided by the principle of least constraint,
+
+    q̈ = argmin ½(q̈ − a)ᵀD(q̈ − a) + Σ_j c_j |q̈′_j|,   q̈′_j = ρ_j q̈ + (ρ̇q̇)_j,
+
+with a the acceleration without these joints' friction: strictly convex in q̈, hence with one answer, also where more
+joints rest than the mechanism has freedoms and their shares f_j are indeterminate (D. Żardecki, Static friction
+indeterminacy problems and modeling of stick-slip phenomenon in discrete dynamic systems, J. Theor. Appl. Mech. 45,
+2007). Its dual is the bounded least-squares problem solved here.
+
+Why not a smooth law: tanh(q̇/ε) creeps under any load, and bristle models hold only after an elastic deflection, give
+energy back and are stiff. Here a mechanism whose joints rest does not move at all, and friction's power is never
+positive.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import lapack
+from scipy.optimize import lsq_linear
+
+from ccpin.arrays import Array
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.errors import ConvergenceError, UnsupportedMechanismError
+from ccpin.kinematics.parametrization import ClosedPoint
+from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
+
+Mask = NDArray[np.bool_]
+
+REST = 1e-8
+_REVERSED = 1e-14
+_WITHIN = 1e-8
+_RELEASED = 1e-9
+_PULL = 50.0
+
+
+class Contact(Protocol):
+    """What `simulate` asks of the joints.
+
+    Attributes:
+        eventful: Whether there is anything to decide, ever.
+    """
+
+    eventful: bool
+
+    def begin(self, point: ClosedPoint, v: Array, u: Array, halted: Mask | None = None) -> Array:
+        """Decide what each joint does from here on; returns q̇ with resting joints exactly at rest."""
+
+    def acceleration(self, point: ClosedPoint, v: Array, u: Array) -> Array:
+        """Q̈ while every joint does what was decided."""
+
+    def broken(self, point: ClosedPoint, v: Array, u: Array) -> Mask | None:
+        """``None`` while what was decided still holds, else the sliding joints that have come to a halt."""
+
+
+class Smooth:
+    """No friction: nothing to decide."""
+
+    eventful = False
+
+    def __init__(self, model: ReducedModel) -> None:
+        self._model = model
+
+    def begin(self, point: ClosedPoint, v: Array, u: Array, halted: Mask | None = None) -> Array:
+        """Q̇ as it is."""
+        return v
+
+    def acceleration(self, point: ClosedPoint, v: Array, u: Array) -> Array:
+        """Q̈ of (22)."""
+        return self._model.acceleration(point, v, u)
+
+    def broken(self, point: ClosedPoint, v: Array, u: Array) -> Mask | None:
+        """Never."""
+        return None
+
+
+class FrictionForce(NamedTuple):
+    """Friction at one state.
+
+    Attributes:
+        joint: f, the effort on each rubbing joint, N m or N, of shape (k,), in the order of `JointFriction.names`.
+            Where more joints rest than the mechanism has freedoms their shares are indeterminate: these are shares
+            of least norm, or others within the levels where those are not.
+        generalized: ρᵀf, of shape (n,), always unique.
+    """
+
+    joint: Array
+    generalized: Array
+
+
+def friction_force(
+    model: ReducedModel,
+    friction: FrictionLike | JointFriction,
+    q: ArrayLike,
+    v: ArrayLike,
+    u: ArrayLike,
+    guess: ArrayLike | None = None,
+) -> FrictionForce:
+    """Friction at a state under motor efforts u; at rest it balances as much of the load as its level allows.
+
+    Args:
+        model: The reduced model.
+        friction: As for `ccpin.simulation.friction.joint_friction`.
+        q: Independent coordinates, of shape (nq_independent,).
+        v: Their velocities, of shape (n,).
+        u: Efforts of the actuated joints, of shape (motors,).
+        guess: Chooses the assembly mode of σ(q).
+
+    Raises:
+        InvalidInputError: A bad argument.
+        UnreachableError, SingularConfigurationError: σ(q) does not exist.
+    """
+    contact = StickSlip(model, joint_friction(model.mechanism, friction))
+    point, effort = model.closed_point(q, guess), model.checked(u, "u", model.n_actuated)
+    joint = contact.forces(point, contact.begin(point, model.checked(v, "v", model.n), effort), effort)
+    return FrictionForce(joint, contact.rows(point).T @ joint)
+
+
+class _Known(NamedTuple):
+    """The dynamics under every force that is known: motors, gravity, sliding and viscous friction."""
+
+    rows: Array
+    rates: Array
+    force: Array
+    inverse_mass: Array
+    a: Array
+    bias: Array
+
+
+class StickSlip:
+    """One run's joints: their present mode, and the dynamics in it.
+
+    The mode changes in `begin` only. A joint is at rest there if it was so before, has just halted, or has a rate of at
+    most 1e-8 rad/s (or m/s); its rate is then set to zero, and whether it starts to slide is the load's to say.
+
+    Args:
+        model: The reduced model.
+        friction: Which joints rub.
+    """
+
+    def __init__(self, model: ReducedModel, friction: JointFriction) -> None:
+        self._model, self._friction = model, friction
+        self._own = friction.coordinate >= 0
+        self._units = np.eye(model.n)[friction.coordinate[self._own]]
+        self._dry = friction.coulomb > 0
+        self.eventful = bool(self._dry.any())
+        self._signs = np.zeros(len(friction.names))
+        self._rest = np.zeros(len(friction.names), dtype=bool)
+        self._locked = False
+
+    def rows(self, point: ClosedPoint) -> Array:
+        """ρ's rows of the rubbing joints, of shape (k, n)."""
+        rows = point.rho[self._friction.index]
+        rows[self._own] = self._units
+        return rows
+
+    def begin(self, point: ClosedPoint, v: Array, u: Array, halted: Mask | None = None) -> Array:
+        """Decide which joints rest and which way the others slide, from the state, the load and who just halted."""
+        rows = self.rows(point)
+        rates = rows @ v
+        rest = self._rest | (self._dry & (np.abs(rates) <= REST))
+        if halted is not None:
+            rest |= halted
+        self._rest, self._locked = rest, False
+        self._signs = np.where(self._dry & ~rest, np.sign(rates), 0.0)
+        if not rest.any():
+            return v
+        v = self._brought_to_rest(v, rows)
+        starts, _ = self._at_rest(self._known(point, v, u))
+        self._signs[rest] = starts
+        self._rest = rest & (self._signs == 0)
+        self._locked = bool(self._rest.any() and np.linalg.matrix_rank(rows[self._rest], 1e-9) == self._model.n)
+        return v
+
+    def acceleration(self, point: ClosedPoint, v: Array, u: Array) -> Array:
+        """Q̈ with sliding joints' friction as a force and resting joints kept at rest.
+
+        A resting dependent joint's rate would collect the integrator's error; it is pulled back to zero at 50 1/s.
+        """
+        if self._locked:
+            return np.zeros(self._model.n)
+        known = self._known(point, v, u)
+        if not self._rest.any():
+            return known.a
+        rows = known.rows[self._rest]
+        target = -known.bias - _PULL * known.rates[self._rest]
+        a = known.a + known.inverse_mass @ (rows.T @ _multipliers(known, rows, target))
+        a[self._friction.coordinate[self._rest & self._own]] = 0.0
+        return np.asarray(a)
+
+    def broken(self, point: ClosedPoint, v: Array, u: Array) -> Mask | None:
+        """``None`` while no sliding joint has turned back and no resting joint is overloaded."""
+        halted: Mask = self._signs * (self.rows(point) @ v) < -_REVERSED
+        if halted.any():
+            return halted
+        if self._rest.any() and self._at_rest(self._known(point, v, u))[0].any():
+            return halted
+        return None
+
+    def forces(self, point: ClosedPoint, v: Array, u: Array) -> Array:
+        """f of every rubbing joint in the present mode, of shape (k,)."""
+        known = self._known(point, v, u)
+        force = known.force.copy()
+        if self._rest.any():
+            force[self._rest] += self._at_rest(known)[1]
+        return force
+
+    def _known(self, point: ClosedPoint, v: Array, u: Array) -> _Known:
+        friction, model = self._friction, self._model
+        rows = self.rows(point)
+        rates = rows @ v
+        force = -friction.viscous * rates - friction.coulomb * self._signs
+        inverse = _inverse(point.rho.T @ (model.free_system.mass_matrix(point.q_free) @ point.rho))
+        a = model.acceleration(point, v, u) + inverse @ (rows.T @ force)
+        bias = np.zeros(len(rates))
+        if v.any() and (self._rest & ~self._own).any():
+            bias = np.where(self._own, 0.0, model.parametrization.bias(point, point.rho @ v)[friction.index])
+        return _Known(rows, rates, force, inverse, a, bias[self._rest])
+
+    def _brought_to_rest(self, v: Array, rows: Array) -> Array:
+        """Q̇ with the resting joints' rates removed, exactly where they are independent coordinates."""
+        resting = rows[self._rest]
+        if np.linalg.matrix_rank(resting, 1e-9) == self._model.n:
+            return np.zeros(self._model.n)
+        v = v - np.linalg.lstsq(resting, resting @ v, rcond=None)[0]
+        v[self._friction.coordinate[self._rest & self._own]] = 0.0
+        return np.asarray(v)
+
+    def _at_rest(self, known: _Known) -> tuple[Array, Array]:
+        """Which way each resting joint starts to slide (0: it stays), and its force."""
+        rows, level = known.rows[self._rest], self._friction.coulomb[self._rest]
+        pushed = rows @ known.a + known.bias
+        force = _multipliers(known, rows, -known.bias)
+        if np.all(np.abs(force) <= level * (1 + _WITHIN)):
+            return np.zeros(len(level)), force
+        force = np.clip(force, -level, level) if len(level) == 1 else _least_constraint(known, rows, level)
+        a = pushed + rows @ (known.inverse_mass @ (rows.T @ force))
+        return np.where(np.abs(a) > _RELEASED * np.abs(pushed).max(), np.sign(a), 0.0), force
+
+
+def _multipliers(known: _Known, rows: Array, target: Array) -> Array:
+    """f of least norm with ρ_r(a + D⁻¹ρ_rᵀf) = target."""
+    missing = target - rows @ known.a
+    compliance = rows @ known.inverse_mass @ rows.T
+    if len(missing) == 1:
+        return np.asarray(missing / compliance[0])
+    return np.asarray(np.linalg.lstsq(compliance, missing, rcond=1e-12)[0])
+
+
+def _least_constraint(known: _Known, rows: Array, level: Array) -> Array:
+    """argmin over |f| ≤ c of ½‖D^½(a + d) + D^−½ρ_rᵀf‖², ρ_r d = ρ̇_r q̇: the dual of the principle above.
+
+    Raises:
+        ConvergenceError: The bounded least-squares solver gave up.
+    """
+    d = known.a if not known.bias.any() else known.a + np.linalg.lstsq(rows, known.bias, rcond=None)[0]
+    root = np.linalg.cholesky(known.inverse_mass)
+    matrix = (root.T @ rows.T) * level
+    right = -np.linalg.solve(root, d)
+    scale = float(np.linalg.norm(right))
+    found = lsq_linear(matrix / scale, right / scale, bounds=(-1.0, 1.0), method="bvls", tol=1e-13, max_iter=100)
+    if found.status == 0:
+        raise ConvergenceError("friction: the least-constraint problem of the joints at rest was not solved")
+    return np.asarray(found.x * level)
+
+
+def _inverse(mass: Array) -> Array:
+    factor, info = lapack.dpotrf(mass, lower=1)
+    if info != 0:
+        raise UnsupportedMechanismError("the reduced mass matrix D is not positive definite; give the links inertias")
+    inverse = lapack.dpotri(factor, lower=1)[0]
+    return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)

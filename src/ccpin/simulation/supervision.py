@@ -1,0 +1,118 @@
+"""A supervisor that switches the set point: move, wait once settled, move on (Section IV-B, repetitive motion)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array
+from ccpin.control.laws import ControlLaw
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.errors import InvalidInputError
+from ccpin.simulation.simulate import Settling, simulate
+from ccpin.simulation.trajectory import Trajectory
+
+
+class Move(NamedTuple):
+    """One move of a supervised motion.
+
+    Attributes:
+        goal: q_d, of shape (nq_independent,).
+        start: Time at which q_d was set. settled: time at which the motion had settled, ``None`` if it did not.
+        end: Time at which the wait was over.
+        trajectory: The motion from start to end, its time beginning at zero.
+    """
+
+    goal: Array
+    start: float
+    settled: float | None
+    end: float
+    trajectory: Trajectory
+
+
+class SupervisedMotion(NamedTuple):
+    """The whole motion and its moves."""
+
+    trajectory: Trajectory
+    moves: tuple[Move, ...]
+
+
+def supervise(
+    model: ReducedModel,
+    law_to: Callable[[Array, Array], ControlLaw],
+    q0: ArrayLike,
+    goals: Sequence[ArrayLike],
+    *,
+    wait: float,
+    settling: Settling | None = None,
+    timeout: float = 10.0,
+    guess: ArrayLike | None = None,
+    **options: Any,
+) -> SupervisedMotion:
+    """Visit goals one after the other: set q_d, move until settled, wait, set the next.
+
+    Args:
+        model: The reduced model.
+        law_to: Makes the law for a goal: (q_d, a configuration on the current branch) → law.
+        q0: Start at rest, of shape (nq_independent,).
+        goals: The set points in order (repeat them for cycles).
+        wait: Seconds to wait once settled (the settled band's hold time counts as waiting).
+        settling: Band, speed and hold; its goal is replaced by each move's. Default `Settling`'s.
+        timeout: Longest time of a move without the wait, s.
+        guess: Chooses the assembly mode of σ(q0).
+        options: Passed on to `simulate` (method, tolerances, sample_period, friction, sampling, …). A sampled loop
+            starts anew with each move and each wait, with the efforts applied last still at the motors.
+
+    Returns:
+        SupervisedMotion: Up to the last goal, or up to the first move that did not settle (the trajectory's status
+        and message then say why).
+
+    Raises:
+        InvalidInputError: No goals, or as `simulate` does for the first move.
+    """
+    if not len(goals):
+        raise InvalidInputError("goals is empty: at least one set point is needed")
+    rule = settling or Settling(goal=np.zeros(model.nq))
+    q, v = model.checked_q(q0), np.zeros(model.n)
+    q_free = model.sigma(q, guess)
+    moves: list[Move] = []
+    whole: Trajectory | None = None
+    for raw_goal in goals:
+        goal = model.checked_q(raw_goal)
+        law = law_to(goal, q_free)
+        start = 0.0 if whole is None else float(whole.t[-1])
+        motion = simulate(
+            model, law, q, v, duration=timeout, guess=q_free, settling=rule._replace(goal=goal), **options
+        )
+        settled = None
+        if motion.status == "settled":
+            settled = start + float(motion.t[-1]) - rule.hold
+            rest = max(0.0, wait - rule.hold)
+            options = _carried_on(options, motion)
+            if rest > 0:
+                tail = simulate(
+                    model, law, motion.q[-1], motion.v[-1], duration=rest, guess=motion.q_free[-1], **options
+                )
+                motion = motion.then(tail)
+                options = _carried_on(options, motion)
+        whole = motion if whole is None else whole.then(motion)
+        moves.append(Move(goal, start, settled, float(whole.t[-1]), motion))
+        if settled is None:
+            break
+        q, v, q_free = motion.q[-1], motion.v[-1], motion.q_free[-1]
+    assert whole is not None
+    if moves[-1].settled is not None:
+        whole = whole._replace(message=f"{len(moves)} moves, {whole.t[-1]:.6g} s in all")
+    return SupervisedMotion(whole, tuple(moves))
+
+
+def _carried_on(options: dict[str, Any], motion: Trajectory) -> dict[str, Any]:
+    """The options with a sampled loop's motors at the efforts a motion ended with."""
+    sampling = options.get("sampling")
+    if sampling is None:
+        return options
+    return options | {"sampling": replace(sampling, effort_before=tuple(motion.u[-1].tolist()))}

@@ -1,0 +1,110 @@
+"""What a simulation returns: immutable samples with a status, writable as CSV and npz."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.errors import InvalidInputError
+from ccpin.files import write_atomically
+from ccpin.mechanism.mechanism import Mechanism
+
+Status = Literal["finished", "settled", "singular", "outside", "failed", "interrupted"]
+
+
+class Trajectory(NamedTuple):
+    """Samples of a motion.
+
+    Attributes:
+        t: Times in seconds, of shape (T,).
+        q: Independent coordinates, of shape (T, nq_independent). v: velocities, of shape (T, n).
+        u: Efforts of the actuated joints, of shape (T, motors).
+        q_free: Closed configurations σ(q), of shape (T, nq).
+        closure_error: ‖φ(q′)‖ at each sample, metres (and radians), of shape (T,).
+        status: finished (the duration), settled, singular, outside (of the region), failed or interrupted.
+        message: The status in a sentence.
+        evaluations: Number of evaluations of the equations of motion.
+    """
+
+    t: Array
+    q: Array
+    v: Array
+    u: Array
+    q_free: Array
+    closure_error: Array
+    status: Status
+    message: str
+    evaluations: int
+
+    def then(self, other: Trajectory) -> Trajectory:
+        """This trajectory followed by another, whose first sample repeats this one's last and is dropped.
+
+        The other's times are shifted to begin where this one ends.
+        """
+        shifted = other._replace(t=other.t + (self.t[-1] - other.t[0]))
+
+        def joined(name: str) -> Array:
+            return np.concatenate([getattr(self, name), getattr(shifted, name)[1:]])
+
+        return Trajectory(
+            joined("t"),
+            joined("q"),
+            joined("v"),
+            joined("u"),
+            joined("q_free"),
+            joined("closure_error"),
+            other.status,
+            other.message,
+            self.evaluations + other.evaluations,
+        )
+
+    def save_npz(self, path: str | Path) -> None:
+        """Write all arrays (and status, message) to an .npz file, atomically."""
+        arrays = {name: getattr(self, name) for name in self._fields}
+        write_atomically(path, "wb", lambda file: np.savez_compressed(file, **arrays))
+
+    def save_csv(self, path: str | Path, mechanism: Mechanism) -> None:
+        """Write t, q, v, u, q′ and the closure error as CSV with a header line, atomically."""
+        header = ",".join(csv_header(self, mechanism))
+        table = np.column_stack([self.t, self.q, self.v, self.u, self.q_free, self.closure_error])
+        write_atomically(
+            path,
+            "w",
+            lambda file: np.savetxt(file, table, delimiter=",", header=header, comments="", fmt="%.17g"),
+        )
+
+
+def csv_header(trajectory: Trajectory, mechanism: Mechanism) -> list[str]:
+    """Column names, each with its unit: ``q_joint1``, ``v_joint1``, ``u_joint1``, ``qfree_0``."""
+
+    def columns(symbol: str, names: tuple[str, ...], count: int) -> list[str]:
+        return (
+            [f"{symbol}_{name}" for name in names] if len(names) == count else [f"{symbol}_{i}" for i in range(count)]
+        )
+
+    return [
+        "t",
+        *columns("q", mechanism.independent, trajectory.q.shape[1]),
+        *columns("v", mechanism.independent, trajectory.v.shape[1]),
+        *columns("u", mechanism.actuated, trajectory.u.shape[1]),
+        *(f"qfree_{i}" for i in range(trajectory.q_free.shape[1])),
+        "closure_error",
+    ]
+
+
+def load_npz(path: str | Path) -> Trajectory:
+    """Read a trajectory written by `Trajectory.save_npz`.
+
+    Raises:
+        InvalidInputError: The file is not one.
+    """
+    try:
+        with np.load(path) as stored:
+            fields = {name: stored[name] for name in Trajectory._fields}
+    except (OSError, KeyError, ValueError) as error:
+        raise InvalidInputError(f"{path} is not a trajectory: {error}") from None
+    scalars = {"status": str(fields["status"]), "message": str(fields["message"])}
+    return Trajectory(**{**fields, **scalars, "evaluations": int(fields["evaluations"])})

@@ -1,0 +1,375 @@
+"""`enclose`: a trajectory of the closed loop with a proof, and σ certified along it.
+
+Theorem. Let (q₀, q̇₀) be exact doubles and y₀ the one solution of φ(q₀, y₀) = 0 near the computed start.
+With x₀ = (q′₀, q̇₀) and steps proven by `ccpin.validated.step` from box to box, the solution x(t) of the
+closed loop (`ccpin.validated.dynamics`) exists on the whole time and lies in the boxes. Since φ is constant along it,
+φ(q′(t)) = 0; since ∂φ/∂y is proven nonsingular on every box, ψ_q′ is nonsingular along it, and q′(t) is the
+continuation of q′₀ along q(t) on one branch of σ: q′(t) = σ(q(t)).
+
+The mechanism is the one whose placements, masses, inertias, rotor inertias, gravity and closure frames are the doubles
+of `Mechanism.tree` and `Constraints` (see `ccpin.validated.chains` for rotations and axes); the law's gains, set point
+and g(q_d) are the doubles the law object holds. Measured parameters differ; the theorem is about the model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array
+from ccpin.control.laws import ControlLaw
+from ccpin.description.model import frozen
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.errors import ConvergenceError, InvalidInputError
+from ccpin.validated.balls import Ball, around, ball, bounds, determinant, flint, hull, lower, midpoints, upper
+from ccpin.validated.dynamics import ClosedLoop, closed_loop
+from ccpin.validated.series import values
+from ccpin.validated.step import QUANTUM, Field, Options, Step, evaluate, march, start_box, start_of
+
+SHORTEST_STEP = 2.0**-20
+
+
+class Bounds(NamedTuple):
+    """A box of states of doubles, rounded outwards.
+
+    Attributes:
+        q_free: Centre of q′, of shape (n′,).
+        q_free_radius: Half-widths, alike.
+        v: Centre of q̇, of shape (n,).
+        v_radius: Half-widths, alike.
+    """
+
+    q_free: Array
+    q_free_radius: Array
+    v: Array
+    v_radius: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Enclosure:
+    """A proven enclosure of one trajectory of K steps.
+
+    Attributes:
+        times: Ends of the steps, exact, of shape (K + 1,), in seconds.
+        q_free, q_free_radius: A box around q′ at those times, of shape (K + 1, n′), rad or m.
+        v, v_radius: A box around q̇ at those times, of shape (K + 1, n).
+        q_free_lower, q_free_upper: A box around q′ during each step, of shape (K, n′).
+        v_lower, v_upper: A box around q̇ during each step, of shape (K, n).
+        determinant: A lower bound of |det ψ_q′| on each step's box, positive, of shape (K,).
+        status: "enclosed": over the whole time asked for; "stopped": up to ``times[-1]``.
+        message: What that means, with the reason where rigour stopped.
+        precision: Working precision in bits.
+        loop: The programs that were integrated.
+        steps: What was proven of each step, in balls.
+        start: The exact closed start, in balls.
+    """
+
+    times: Array
+    q_free: Array
+    q_free_radius: Array
+    v: Array
+    v_radius: Array
+    q_free_lower: Array
+    q_free_upper: Array
+    v_lower: Array
+    v_upper: Array
+    determinant: Array
+    status: Literal["enclosed", "stopped"]
+    message: str
+    precision: int
+    loop: ClosedLoop
+    steps: tuple[Step, ...]
+    start: tuple[Ball, ...]
+
+    @property
+    def smallest_determinant(self) -> float:
+        """A lower bound of |det ψ_q′| along the whole trajectory (infinite without steps)."""
+        return float(self.determinant.min(initial=np.inf))
+
+    def box(self, t: float) -> list[Ball]:
+        """The state (q′, q̇) at a time as balls, sharp: the Taylor polynomial and its proven error.
+
+        Raises:
+            InvalidInputError: The time is not covered.
+        """
+        if not 0.0 <= t <= self.times[-1]:
+            raise InvalidInputError(f"t = {t} s is not covered: the enclosure reaches from 0 to {self.times[-1]:.9g} s")
+        k = min(int(np.searchsorted(self.times, t, side="right")) - 1, len(self.steps) - 1)
+        if k < 0:
+            return list(self.start)
+        with flint().ctx.workprec(self.precision):
+            step = self.steps[k]
+            path = evaluate(step.polynomial, ball(float(t)) - ball(float(self.times[k])))
+            return [around(x, e) for x, e in zip(path, step.error, strict=True)]
+
+    def at(self, t: float) -> Bounds:
+        """The box of `box` in doubles."""
+        return _bounds(self.box(t), self.loop.n_free)
+
+    def contains(self, t: float, q_free: ArrayLike, v: ArrayLike, tolerance: float = 0.0) -> bool:
+        """Whether (q′, q̇) is in the sharp box at a time, widened by a tolerance (an integrator's, say)."""
+        state = np.concatenate([np.asarray(q_free, dtype=np.float64), np.asarray(v, dtype=np.float64)])
+        with flint().ctx.workprec(self.precision):
+            slack = ball(tolerance)
+            return all(around(x, slack).contains(ball(float(s))) for x, s in zip(self.box(t), state, strict=True))
+
+    def energy(self, t: float) -> Ball:
+        """Kinetic and potential energy at a time, in joules, as a ball."""
+        with flint().ctx.workprec(self.precision):
+            kinetic, potential = values(self.loop.energies, self.box(t))
+            return kinetic + potential
+
+
+def enclose(
+    model: ReducedModel,
+    law: ControlLaw | None,
+    q0: ArrayLike,
+    v0: ArrayLike | None,
+    duration: float,
+    *,
+    guess: ArrayLike | None = None,
+    spread: float = 0.0,
+    precision: int = 128,
+    order: int = 30,
+    tolerance: float = 1e-18,
+    pieces: int = 16,
+    shortest_step: float = SHORTEST_STEP,
+    longest_step: float = np.inf,
+) -> Enclosure:
+    """Enclose the closed loop's exact trajectory, or say where the proof stops.
+
+    Args:
+        model: The reduced model: revolute and prismatic joints, square ψ_q′.
+        law: `PDSimpleGravity`, `PDFullGravity`, `NoTorque` or ``None`` for no torque.
+        q0: Start, of shape (n,): the exact doubles.
+        v0: Velocity at the start, of shape (n,), exact; default at rest.
+        duration: Time in seconds (rounded up to a multiple of 2⁻⁴⁰ s).
+        guess: Chooses the branch of σ(q0); default the mechanism's reference.
+        spread: Enclose the trajectories of all starts that differ by at most this from q0 and v0 in each component.
+        precision: Working precision in bits.
+        order: Order N of the Taylor steps.
+        tolerance: Remainder allowed to one step, in rad, m and per second; keep it well above 2^−precision.
+        pieces: Boxes per step. More are slower and let errors and a spread grow less.
+        shortest_step: Where no step of this length (s) can be proven the enclosure stops.
+        longest_step: Longest step in seconds.
+
+    Raises:
+        CcpinError: python-flint is not installed.
+        InvalidInputError: A bad argument.
+        UnsupportedMechanismError: A mechanism or law outside the scope.
+        ConvergenceError: The exact closed start is not proven to exist.
+    """
+    options = checked_options(duration, precision, order, tolerance, pieces, shortest_step, longest_step)
+    with flint().ctx.workprec(precision):
+        loop = closed_loop(model, law)
+        start = exact_start(model, loop, q0, v0, guess, spread)
+        steps, reason = [], ""
+        for step in march(regular(loop), start, duration, options):
+            if not isinstance(step, Step):
+                reason = step.reason
+                break
+            steps.append(step)
+        return collect(loop, start, steps, reason, precision)
+
+
+def checked_options(
+    duration: float,
+    precision: int,
+    order: int,
+    tolerance: float,
+    pieces: int,
+    shortest_step: float,
+    longest_step: float,
+) -> Options:
+    """The stepping options, checked.
+
+    Raises:
+        InvalidInputError: One is out of its range.
+    """
+    if not (np.isfinite(duration) and duration > 0):
+        raise InvalidInputError(f"duration = {duration} must be a positive number")
+    if not (53 <= precision <= 100_000 and 2 <= order <= 1000):
+        raise InvalidInputError(f"precision = {precision} must be 53 bits or more and order = {order} 2 or more")
+    if not 1 <= pieces <= 10_000:
+        raise InvalidInputError(f"pieces = {pieces} must be 1 or more")
+    if not 2.0**-precision < tolerance < 1:
+        raise InvalidInputError(f"tolerance = {tolerance} must lie between 2^-precision and 1")
+    if not QUANTUM <= shortest_step <= longest_step:
+        raise InvalidInputError(f"the shortest step {shortest_step} must be at least 2⁻⁴⁰ s and at most the longest")
+    return Options(order, tolerance, pieces, shortest_step, longest_step)
+
+
+def exact_start(
+    model: ReducedModel,
+    loop: ClosedLoop,
+    q0: ArrayLike,
+    v0: ArrayLike | None,
+    guess: ArrayLike | None,
+    spread: float = 0.0,
+) -> list[Ball]:
+    """The exact closed start (q′, q̇) as balls, or all closed starts within a spread."""
+    if not (np.isfinite(spread) and spread >= 0):
+        raise InvalidInputError(f"spread = {spread} must be zero or a positive number")
+    q = model.checked_q(q0)
+    v = np.zeros(model.n) if v0 is None else model.checked(v0, "v0", model.n)
+    wide = ball(spread)
+    q_free = closed_start(loop, [around(ball(float(x)), wide) for x in q], model.sigma(q, guess))
+    return [*q_free, *[around(ball(float(x)), wide) for x in v]]
+
+
+def regular(loop: ClosedLoop) -> Field:
+    """The closed loop's equation, |det ψ_q′| watched."""
+    return Field(loop.field, lambda box: determinant_bound(loop, box))
+
+
+def determinant_bound(loop: ClosedLoop, box: Sequence[Ball]) -> float:
+    """A lower bound of |det ψ_q′| on a box of states: up to its sign, ψ_q′'s determinant is that of ∂φ/∂y."""
+    size = len(loop.dependent)
+    if not size:
+        return 1.0
+    return lower(ball(determinant(flint().arb_mat(size, size, values(loop.jacobian, box))).abs_lower()))
+
+
+def collect(loop: ClosedLoop, start: Sequence[Ball], steps: Sequence[Step], reason: str, precision: int) -> Enclosure:
+    """The enclosure that proven steps make; `reason` says why it ended early, if it did."""
+    nodes = [_bounds(start_box(s), loop.n_free) for s in (start_of(start), *(step.end for step in steps))]
+    during = [bounds(hull(step.boxes)) for step in steps]
+    size = loop.n_free + loop.n
+    below = np.array([b[0] for b in during]).reshape(len(steps), size)
+    above = np.array([b[1] for b in during]).reshape(len(steps), size)
+    times = np.concatenate([[0.0], np.cumsum([step.length for step in steps])])
+    message = f"enclosed for {times[-1]:.9g} s in {len(steps)} steps"
+    if reason:
+        message = f"rigour stops at t = {times[-1]:.9g} s after {len(steps)} steps: {reason}"
+    columns: Bounds = Bounds(*(frozen(column) for column in zip(*nodes, strict=True)))
+    split = loop.n_free
+    return Enclosure(
+        times=frozen(times),
+        q_free=columns.q_free,
+        q_free_radius=columns.q_free_radius,
+        v=columns.v,
+        v_radius=columns.v_radius,
+        q_free_lower=frozen(below[:, :split]),
+        q_free_upper=frozen(above[:, :split]),
+        v_lower=frozen(below[:, split:]),
+        v_upper=frozen(above[:, split:]),
+        determinant=frozen([step.quantity for step in steps]),
+        status="stopped" if reason else "enclosed",
+        message=message,
+        precision=precision,
+        loop=loop,
+        steps=tuple(steps),
+        start=tuple(start),
+    )
+
+
+def _bounds(box: Sequence[Ball], n_free: int) -> Bounds:
+    centre = np.array([float(x.mid()) for x in box])
+    radius = np.array([upper(abs(x - ball(c))) for x, c in zip(box, centre.tolist(), strict=True)])
+    return Bounds(centre[:n_free], radius[:n_free], centre[n_free:], radius[n_free:])
+
+
+# The exact closed start: existence and uniqueness of y with φ(q, y) = 0 near a computed one.
+
+_NEWTON_STEPS = 20
+_UNIQUE = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10)
+
+
+def closed_start(loop: ClosedLoop, q: Sequence[Ball], q_free: Array) -> list[Ball]:
+    """The one closed configuration near the computed q′ at every q of a box, as a box as small as the precision gives.
+
+    "Near" is the largest of a few radii (rad or m) for which it is unique, and at most 1e-2.
+
+    Raises:
+        ConvergenceError: It is not proven; most likely q′ is open or nearly singular.
+    """
+    near = [ball(float(q_free[k])) for k in loop.dependent]
+    y = _newton(loop, midpoints(q), near)
+    far = max((abs(a - b).upper() for a, b in zip(y, near, strict=True)), default=ball(0))
+    for radius in _UNIQUE:
+        proven = krawczyk(loop, q, y, [ball(radius)] * len(y))
+        if proven is not None and far < radius:
+            return _assemble(loop, q, _sharpened(loop, q, y, proven))
+    raise ConvergenceError(
+        "no closed configuration is proven to exist near the computed start; pass a q and a guess on a closed, "
+        "nonsingular configuration, or raise the precision"
+    )
+
+
+def unique_there(loop: ClosedLoop, q: Sequence[Ball], box: Sequence[Ball], q_free: Array) -> bool:
+    """Whether a box of closed configurations belongs to the branch of the computed q′: q is one box for both."""
+    near = [ball(float(q_free[k])) for k in loop.dependent]
+    y = _newton(loop, midpoints(q), near)
+    for radius in _UNIQUE:
+        reach = [ball(radius)] * len(y)
+        inside = all(
+            around(centre, ball(radius)).contains(box[k]) and abs(centre - start) < radius
+            for centre, start, k in zip(y, near, loop.dependent, strict=True)
+        )
+        if inside and krawczyk(loop, q, y, reach) is not None:
+            return True
+    return False
+
+
+def krawczyk(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball], radius: Sequence[Ball]) -> list[Ball] | None:
+    """K of the theorem where it lies in the interior of Y = y ± radius, else ``None``."""
+    if not y:
+        return []
+    matrix = flint().arb_mat
+    box = [around(centre, r) for centre, r in zip(y, radius, strict=True)]
+    try:
+        near = _jacobian(loop, q, y).mid().inv().mid()
+    except ZeroDivisionError:
+        return None
+    residual = matrix([[phi] for phi in values(loop.closure, _inputs(loop, q, y))])
+    identity = matrix([[int(i == j) for j in range(len(y))] for i in range(len(y))])
+    spread = matrix([[inside - centre] for inside, centre in zip(box, y, strict=True)])
+    image = matrix([[centre] for centre in y]) - near * residual + (identity - near * _jacobian(loop, q, box)) * spread
+    found = list(image.entries())
+    return found if all(b.contains_interior(k) for b, k in zip(box, found, strict=True)) else None
+
+
+def _sharpened(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball], proven: list[Ball]) -> list[Ball]:
+    """Apply Krawczyk's operator to its own image, inflated, while that shrinks it."""
+    best = proven
+    for _ in range(_NEWTON_STEPS):
+        radius = [(abs(b - c) * 2).upper() for b, c in zip(best, y, strict=True)]
+        image = krawczyk(loop, q, y, [r / 4 for r in radius])
+        if image is None:
+            return best
+        best = image
+    return best
+
+
+def _newton(loop: ClosedLoop, q: Sequence[Ball], start: Sequence[Ball]) -> list[Ball]:
+    """Newton's method on midpoints; a start for the proof, not a proof."""
+    matrix, y = flint().arb_mat, list(start)
+    for _ in range(_NEWTON_STEPS if y else 0):
+        residual = matrix([[phi] for phi in values(loop.closure, _inputs(loop, q, y))])
+        try:
+            step = _jacobian(loop, q, y).mid().inv() * residual
+        except ZeroDivisionError:
+            return y
+        y = [(a - b).mid() for a, b in zip(y, step.entries(), strict=True)]
+    return y
+
+
+def _jacobian(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> Any:
+    return flint().arb_mat(len(y), len(y), values(loop.jacobian, _inputs(loop, q, y)))
+
+
+def _assemble(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> list[Ball]:
+    q_free: list[Ball] = [None] * loop.n_free
+    for places, parts in ((loop.independent, q), (loop.dependent, y)):
+        for k, part in zip(places, parts, strict=True):
+            q_free[k] = part
+    return q_free
+
+
+def _inputs(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> list[Ball]:
+    """A configuration at rest as inputs of the programs."""
+    return [*_assemble(loop, q, y), *[ball(0)] * loop.n]

@@ -1,0 +1,124 @@
+"""The command line: words and JSON, files written, errors with exit codes."""
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin.cli import main
+from ccpin.simulation.trajectory import load_npz
+
+MOVE = ["--start-deg", "-150", "-160", "--goal-deg", "-90", "-100", "--kp", "11", "--kv", "0.65", "0.60"]
+
+
+def test_info_in_words(capsys):
+    """What was loaded is told with its numbers."""
+    assert main(["info", "rpdr"]) == 0
+    text = capsys.readouterr().out
+    for words in ("n′ = 4", "2 rows of rank 2", "mobility        n = n′ − rank = 2", "joint1, joint2", "end_effector"):
+        assert words in text
+
+
+def test_info_as_json(capsys):
+    """The same for machines, and consistent with the package."""
+    assert main(["info", "rpdr", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    mechanism = ccpin.load("rpdr")
+    assert (facts["n_free"], facts["constraint_rank"], facts["mobility"]) == (4, 2, 2)
+    assert facts["independent"] == facts["actuated"] == ["joint1", "joint2"]
+    assert facts["closure_error"] <= 1e-10
+    assert facts["rcond"] == pytest.approx(mechanism.parametrization().rcond(mechanism.q_reference))
+    assert abs(facts["assembly_mode"]["sign_det_psi"]) == 1
+
+
+def test_modes(capsys):
+    """Two modes over a given q, in words and as JSON."""
+    assert main(["modes", "rpdr", "--q-deg", "-100", "-80"]) == 0
+    assert "2 assembly modes" in capsys.readouterr().out
+    assert main(["modes", "rpdr", "--q-deg", "-100", "-80", "--json"]) == 0
+    assert len(json.loads(capsys.readouterr().out)["modes"]) == 2
+
+
+def test_degrees_of_a_length_are_refused(capsys):
+    """A prismatic coordinate is never read as degrees."""
+    assert main(["modes", "stewart", "--q-deg", *["5"] * 6]) == 1
+    assert "all angles" in capsys.readouterr().err
+
+
+def test_modes_at_a_singular_configuration(capsys):
+    """Where every start ends singular, no mode is found, and the words say why."""
+    assert main(["modes", "four_bar", "--independent", "rocker", "--q", repr(_rocker_dead_centre())]) == 0
+    text = capsys.readouterr().out
+    assert "0 assembly modes" in text
+    assert "singular configurations" in text
+
+
+def _rocker_dead_centre():
+    """The rocker's angle with crank 40 and coupler 120 in line, over ground 100 and rocker 80: law of cosines."""
+    return float(np.pi - np.arccos((100.0**2 + 80.0**2 - 160.0**2) / (2 * 100.0 * 80.0)))
+
+
+def test_simulate_point_to_point(capsys, tmp_path):
+    """The paper's motion with all its files."""
+    assert main(["simulate", "rpdr", *MOVE, "--out", str(tmp_path), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["status"] == "finished"
+    assert result["moves"][0]["settling_time"] == pytest.approx(0.3, abs=0.05)
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"motion.csv", "motion.npz", "metrics.json", "motion.png", "configurations.png", "animation.html"}
+    assert load_npz(tmp_path / "motion.npz").closure_error.max() <= 1e-10
+
+
+def test_simulate_cycles(capsys):
+    """Back and forth under the supervisor."""
+    assert main(["simulate", "rpdr", *MOVE, "--cycles", "1", "--wait", "0.2", "--rtol", "1e-7"]) == 0
+    text = capsys.readouterr().out
+    assert "move 1" in text
+    assert "move 2" in text
+
+
+def test_simulate_without_torque(capsys):
+    """A free swing needs no gains."""
+    assert main(["simulate", "rpdr", "--law", "none", "--duration", "0.05", "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["status"] == "finished"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error"),
+    [
+        (["info", "nosuch"], "DescriptionNotFoundError"),
+        (["info", "rpdr", "--independent", "joint1"], "IndependentSetError"),
+        (["simulate", "rpdr", "--start", "0", "1", "2"], "InvalidInputError"),
+        (["simulate", "rpdr", "--goal-deg", "86", "-86", "--kp", "1", "--kv", "1"], "UnreachableError"),
+        (["simulate", "rpdr", "--law", "simple"], "InvalidInputError"),
+        (["modes", "rpdr", "--q", "1"], "InvalidInputError"),
+    ],
+)
+def test_errors_are_sentences_with_exit_code_1(arguments, error, capsys):
+    """An error names its class and says what is wrong; with --json it is an object."""
+    assert main(arguments) == 1
+    assert error in capsys.readouterr().err
+    assert main([*arguments, "--json"]) == 1
+    assert json.loads(capsys.readouterr().out)["error"] == error
+
+
+def test_view_writes_a_page(tmp_path, capsys):
+    """`ccpin view --html` writes the reference pose, or a trajectory."""
+    assert main(["view", "rpdr", "--html", str(tmp_path / "pose.html")]) == 0
+    assert (tmp_path / "pose.html").stat().st_size > 100_000
+    model = ccpin.ReducedModel(ccpin.load("rpdr"))
+    motion = ccpin.simulate(model, None, np.radians([-90.0, -95.0]), duration=0.1, sample_period=0.01)
+    motion.save_npz(tmp_path / "motion.npz")
+    page = tmp_path / "motion.html"
+    assert main(["view", "rpdr", "--trajectory", str(tmp_path / "motion.npz"), "--html", str(page)]) == 0
+    assert page.stat().st_size > 100_000
+
+
+def test_module_runs_as_a_program():
+    """`python -m ccpin` is the command line, with usage errors as exit code 2."""
+    done = subprocess.run([sys.executable, "-m", "ccpin", "--version"], capture_output=True, text=True, check=True)
+    assert ccpin.__version__ in done.stdout
+    assert subprocess.run([sys.executable, "-m", "ccpin", "dance"], capture_output=True, check=False).returncode == 2

@@ -1,0 +1,62 @@
+"""The experiments' scripts run and write what they promise."""
+
+import json
+
+import numpy as np
+import pytest
+
+from tests.support.loading import script
+
+
+def _is_picture(path):
+    return path.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_point_to_point(tmp_path, capsys):
+    """Figs. 8 and 9, data, metrics and animation."""
+    script("point_to_point").main(tmp_path)
+    assert "within ±2° of the goal" in capsys.readouterr().out
+    assert _is_picture(tmp_path / "fig8.png")
+    assert _is_picture(tmp_path / "fig9.png")
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert metrics["settling_time"] == pytest.approx(0.3, abs=0.05)
+    assert metrics["largest_closure_error"] <= 1e-10
+    assert (tmp_path / "animation.html").stat().st_size > 100_000
+
+
+def test_repetitive(tmp_path, capsys):
+    """Fig. 10 with its four moves, each settled before the next begins."""
+    script("repetitive").main(tmp_path)
+    assert "4 moves" in capsys.readouterr().out
+    assert _is_picture(tmp_path / "fig10.png")
+    moves = json.loads((tmp_path / "metrics.json").read_text())
+    assert [move["settling_time"] is not None for move in moves] == [True] * 4
+    assert np.max([move["steady_state_error"] for move in moves]) < 1e-4
+
+
+def test_fig6(tmp_path, capsys):
+    """The singular curves of both kinds, drawn."""
+    script("fig6").main(tmp_path)
+    said = capsys.readouterr().out
+    assert said.count("self-motion: at q") == 2
+    assert "fold" in said
+    assert "serial" in said
+    assert _is_picture(tmp_path / "fig6.png")
+
+
+def test_fig7(tmp_path, capsys):
+    """The corners of the certified squares at the four centres, drawn."""
+    script("fig7").main(tmp_path)
+    assert capsys.readouterr().out.count("r = ") == 4
+    assert _is_picture(tmp_path / "fig7.png")
+
+
+def test_table1(tmp_path):
+    """No certificate claims more than the exact radius; the atlas reaches 99.9 % of it."""
+    script("table1").main(tmp_path)
+    rows = json.loads((tmp_path / "table1.json").read_text())
+    assert [row["exact"] for row in rows] == pytest.approx([15.056, 3.467, 40.737, 13.056], abs=1e-3)
+    for row in rows:
+        for name in ("theorem2", "one_box_reach", "one_box_planar", "atlas"):
+            assert 0 < row[name] <= row["exact"]
+        assert row["atlas"] >= 0.999 * row["exact"]

@@ -1,0 +1,164 @@
+"""Geometry of pictures: shapes, meshes, tubes, the skeleton and the camera."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import ccpin
+from ccpin import visualization
+from ccpin.visualization.scene import ASPECT, FIELD_OF_VIEW, FILL, frame_points, plane_normal
+from ccpin.visualization.shapes import corners, parts, read_mesh, tube
+from tests.support.pages import bare, five_bar
+
+
+@pytest.fixture(scope="module")
+def rpdr():
+    return five_bar()
+
+
+def test_tube_is_as_thick_as_asked_for():
+    """Around a circle, each vertex is `radius` from the circle and each ring lies across it."""
+    angles = np.linspace(0, 1.5 * np.pi, 200)
+    circle = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+    vertices = tube(circle, 0.01).vertices
+    across = np.hypot(np.hypot(vertices[:, 0], vertices[:, 1]) - 1, vertices[:, 2])
+    assert across == pytest.approx(0.01, rel=1e-3)
+    assert tube(np.zeros((5, 3)), 0.01) is None
+
+
+SHAPES = {
+    "box": (ccpin.Shape("box", (1.0, 2.0, 3.0)), [0.5, 1.0, 1.5]),
+    "cylinder": (ccpin.Shape("cylinder", (0.5, 3.0)), [0.5, 0.5, 1.5]),
+    "capsule": (ccpin.Shape("capsule", (0.5, 3.0)), [0.5, 0.5, 2.0]),
+    "sphere": (ccpin.Shape("sphere", (0.7,)), [0.7, 0.7, 0.7]),
+    "ellipsoid": (ccpin.Shape("ellipsoid", (0.1, 0.2, 0.3)), [0.1, 0.2, 0.3]),
+}
+
+
+@pytest.mark.parametrize("kind", SHAPES)
+def test_parts_of_a_shape_span_its_corners(kind):
+    """The drawn parts, measured as three.js builds them, just fill the box that the camera frames."""
+    shape, half = SHAPES[kind]
+    lows, highs = [], []
+    for part in parts(shape):
+        data = part.geometry.lower({})
+        size = {
+            "BoxGeometry": lambda d: [d["width"] / 2, d["height"] / 2, d["depth"] / 2],
+            "CylinderGeometry": lambda d: [d["radiusTop"], d["height"] / 2, d["radiusTop"]],
+            "SphereGeometry": lambda d: [d["radius"]] * 3,
+        }[data["type"]](data)
+        frame = part.placement @ part.geometry.intrinsic_transform()
+        extent = np.abs(frame[:3, :3]) @ size
+        lows.append(frame[:3, 3] - extent)
+        highs.append(frame[:3, 3] + extent)
+    assert np.max(highs, axis=0) == pytest.approx(half)
+    assert np.min(lows, axis=0) == pytest.approx(-np.array(half))
+    assert corners(shape).max(axis=0) == pytest.approx(half)
+    assert corners(shape).min(axis=0) == pytest.approx(-np.array(half))
+
+
+@pytest.mark.parametrize("suffix", ["obj", "stl", "dae"])
+def test_meshes_are_read(tmp_path, suffix):
+    """A box written in each format comes back with its corners, scaled; its sharp edges keep their own normals."""
+    trimesh = pytest.importorskip("trimesh")
+    path = tmp_path / f"box.{suffix}"
+    trimesh.creation.box((1.0, 2.0, 3.0)).export(path)
+    shape = ccpin.Shape("mesh", (2.0, 1.0, 1.0), mesh=str(path))
+    assert np.abs(corners(shape)) == pytest.approx(np.tile([1.0, 1.0, 1.5], (8, 1)))
+    assert len(read_mesh(str(path)).vertices) == 24
+
+
+def test_missing_or_broken_mesh_is_left_out_with_a_note(rpdr, tmp_path):
+    """The rest of the mechanism is drawn, and the notes say what is not."""
+    broken = tmp_path / "broken.stl"
+    broken.write_bytes(b"solid nothing")
+    meshes = tuple(ccpin.Visual(ccpin.Shape("mesh", (1.0, 1.0, 1.0), mesh=str(m))) for m in ("absent.obj", broken))
+    links = tuple(
+        replace(link, visuals=link.visuals + meshes * (link.name == "link1")) for link in rpdr.description.links
+    )
+    mechanism = replace(rpdr, description=replace(rpdr.description, links=links))
+    scene = visualization.view(mechanism, open_browser=False)
+    scene.close()
+    assert len(scene.notes) == 2
+    assert "link 'link1': mesh 'absent.obj' is not there" in scene.notes[0]
+    assert "broken.stl" in scene.notes[1]
+
+
+@pytest.mark.parametrize("name", ["rpdr", "stewart", "delta", "slider_crank"])
+def test_skeleton_marks_every_joint_and_loop(name):
+    """Without visuals, a ball sits at both ends of each closure, and something at each joint's origin."""
+    mechanism = bare(ccpin.load(name))
+    with visualization.view(mechanism, open_browser=False) as viewer:
+        assert "skeleton" in viewer.notes[0]
+        frames = viewer.scene.frames(mechanism.q_reference)
+        bodies = viewer.scene.bodies
+    marks = [
+        f @ v.placement for f, b in zip(frames, bodies, strict=True) for v in b.visuals if v.shape.kind != "capsule"
+    ]
+    marked = np.array([mark[:3, 3] for mark in marks])
+    data = mechanism.pin_model.createData()
+    pin.forwardKinematics(mechanism.pin_model, data, mechanism.q_reference)
+    expected = [data.oMi[j].translation for j in range(1, mechanism.pin_model.njoints)]
+    for closure in mechanism.closures:
+        for link, placement in ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b)):
+            carrier = mechanism.tree.attachments[link]
+            expected.append((data.oMi[carrier.joint].homogeneous @ carrier.placement @ placement)[:3, 3])
+    for point in expected:
+        assert np.linalg.norm(marked - point, axis=1).min() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "normal"),
+    [
+        ("rpdr", [0, 1, 0]),
+        ("planar_3rrr", [0, 1, 0]),
+        ("delta", None),
+        ("stewart", None),
+        ("bennett", None),
+        ("sarrus", None),
+    ],
+)
+def test_plane_of_motion(name, normal):
+    """Planar mechanisms know their plane; Bennett's and Sarrus' linkages have none."""
+    found = plane_normal(ccpin.load(name))
+    if normal is None:
+        assert found is None
+    else:
+        assert np.abs(found) == pytest.approx(normal, abs=1e-12)
+
+
+coordinate = st.floats(-3, 3).map(lambda x: round(x, 3))
+point = st.tuples(coordinate, coordinate, coordinate)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    points=st.lists(point, min_size=2, max_size=12, unique=True),
+    azimuth=st.floats(-3, 3),
+    elevation=st.floats(-1.5, 1.5),
+)
+def test_camera_sees_all_points_as_large_as_it_can(points, azimuth, elevation):
+    """Projected through a look-at camera, all points are inside the share of the frame, and one touches its edge."""
+    points = np.array(points)
+    direction = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+    framing = frame_points(points, direction, np.eye(3))
+    seen = points @ framing.origin[:3, :3].T + framing.origin[:3, 3] - framing.distance * direction
+    right = np.cross(-direction, [0, 0, 1])
+    right /= np.linalg.norm(right)
+    depth = -seen @ direction
+    assert np.all(depth > 0)
+    edge = FILL * np.tan(np.deg2rad(FIELD_OF_VIEW) / 2)
+    wide = np.abs(seen @ right / depth).max()
+    high = np.abs(seen @ np.cross(direction, right) / depth).max()
+    assert (wide, high) == pytest.approx((framing.half_width, framing.half_height), rel=1e-9, abs=1e-12)
+    largest = max(wide / (ASPECT * edge), high / edge)
+    assert largest <= 1 + 1e-9
+    nearest_allowed = 0.05 * (np.ptp(depth) + 1e-3)  # the camera keeps this far from the nearest point
+    if depth.min() > nearest_allowed * (1 + 1e-9):
+        assert largest == pytest.approx(1, rel=1e-9)
