@@ -1,0 +1,36 @@
+"""Pinocchio's scratch memory, lent to one caller at a time, so that threads never meet in it."""
+
+from __future__ import annotations
+
+import pinocchio as pin
+
+
+class Scratch:
+    """A pool of `pin.Data` of one model: as many as were ever in use at the same time.
+
+    `take` one, read what Pinocchio wrote into it, and `give` it back. Both are single operations on a list and so safe
+    among threads; results must be copied out before giving back.
+
+    Args:
+        model: The Pinocchio model; not to be changed afterwards.
+    """
+
+    __slots__ = ("_free", "model")
+
+    def __init__(self, model: pin.Model) -> None:
+        self.model = model
+        self._free: list[pin.Data] = []
+
+    def take(self) -> pin.Data:
+        """A `pin.Data` nobody else holds."""
+        try:
+            return self._free.pop()
+        except IndexError:
+            return self.model.createData()
+
+    def give(self, data: pin.Data) -> None:
+        """Return what `take` gave."""
+        self._free.append(data)
+
+    def __reduce__(self) -> tuple[type[Scratch], tuple[pin.Model]]:
+        return Scratch, (self.model,)
