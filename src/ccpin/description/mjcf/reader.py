@@ -18,7 +18,7 @@ from ccpin.description.mjcf.inertia import scaled_to_total
 from ccpin.description.mjcf.joints import Tree
 from ccpin.description.mjcf.schema import ATTRIBUTES, SECTIONS, WORLD
 from ccpin.description.model import MechanismDescription
-from ccpin.description.xml import parse_xml
+from ccpin.description.xml import parse_xml, source_of
 from ccpin.errors import DescriptionError
 
 _UNMODELLED = {
@@ -45,7 +45,12 @@ def read_mjcf(text: bytes, source: str | None) -> MechanismDescription:
         InvalidXmlError: Not well-formed, or refused for safety.
         DescriptionError: An element is unknown, unsupported, incomplete or contradictory.
     """
-    root = parse_xml(text, source)
+    return mjcf_description(parse_xml(text, source))
+
+
+def mjcf_description(root: XmlElement) -> MechanismDescription:
+    """The description that a parsed MJCF file states (see `read_mjcf`)."""
+    source = source_of(root)
     if root.tag != "mujoco":
         raise DescriptionError("an MJCF file has the root element <mujoco>", source=source, element=label_of(root))
     expand_includes(root, source)
