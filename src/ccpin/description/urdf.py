@@ -136,11 +136,14 @@ class _TreeReader:
             if material.get("name") and colour is not None:
                 self.colours[material.get("name")] = colour
 
-    def needed(self, element: Element, attribute: str) -> tuple[float, ...]:
-        """A numeric attribute that must be there."""
-        if attribute not in self.values[element]:
-            raise fail(element, f"attribute '{attribute}' is missing")
-        return self.values[element][attribute]
+    def needed(self, element: Element, *attributes: str) -> tuple[float, ...]:
+        """The numbers of attributes that must be there, in one tuple."""
+        values, found = self.values[element], ()
+        for attribute in attributes:
+            if attribute not in values:
+                raise fail(element, f"attribute '{attribute}' is missing")
+            found += values[attribute]
+        return found
 
     def placement(self, element: Element) -> Array:
         """The 4×4 transform of an element's <origin>."""
@@ -156,7 +159,6 @@ class _TreeReader:
         if written not in JOINT_TYPES:
             raise fail(element, f"type '{written}' is not one of {', '.join(JOINT_TYPES)}")
         kind = JOINT_TYPES[written]
-        parent, child_ = (text_attribute(child(element, role), "link") for role in ("parent", "child"))
         axis = element.find("axis")
         direction = np.array([1.0, 0.0, 0.0] if axis is None else self.values[axis].get("xyz", (1.0, 0.0, 0.0)))
         norm = np.linalg.norm(direction)
@@ -173,8 +175,8 @@ class _TreeReader:
         return Joint(
             name=name,
             kind=kind,
-            parent=parent,
-            child=child_,
+            parent=text_attribute(child(element, "parent"), "link"),
+            child=text_attribute(child(element, "child"), "link"),
             placement=self.placement(element),
             axis=frozen(direction / norm if norm > 0 else [1.0, 0.0, 0.0]),
             lower=lower,
@@ -198,14 +200,16 @@ class _TreeReader:
         """A <link> with its first inertial and the visuals that can be drawn."""
         name = text_attribute(element, "name")
         inertias = [self.inertia(inertial) for inertial in element.iterfind("inertial")]
-        visuals = (self.visual(visual, name) for visual in element.iterfind("visual"))
-        return Link(name, inertias[0] if inertias else None, tuple(v for v in visuals if v is not None))
+        visuals = [self.visual(visual, name) for visual in element.iterfind("visual")]
+        return Link(name, inertias[0] if inertias else None, tuple(filter(None, visuals)))
 
     def inertia(self, inertial: Element) -> Inertia:
         """Mass, centre and inertia matrix of an <inertial>, turned into the link's axes."""
-        (mass,), matrix = self.needed(child(inertial, "mass"), "value"), child(inertial, "inertia")
-        (ixx,), (iyy,), (izz,) = (self.needed(matrix, name) for name in ("ixx", "iyy", "izz"))
-        (ixy,), (ixz,), (iyz,) = (self.values[matrix].get(name, (0.0,)) for name in ("ixy", "ixz", "iyz"))
+        (mass,) = self.needed(child(inertial, "mass"), "value")
+        matrix = child(inertial, "inertia")
+        ixx, iyy, izz = self.needed(matrix, "ixx", "iyy", "izz")
+        products = {"ixy": (0.0,), "ixz": (0.0,), "iyz": (0.0,), **self.values[matrix]}
+        (ixy,), (ixz,), (iyz,) = products["ixy"], products["ixz"], products["iyz"]
         placement = self.placement(inertial)
         rotation = placement[:3, :3]
         rotational = rotation @ np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]) @ rotation.T
@@ -239,7 +243,7 @@ class _TreeReader:
             return f"a visual is none of {', '.join(SHAPES)}"
         if shape.tag == "mesh":
             return self.mesh(shape, link)
-        size = tuple(x for name in NUMERIC[shape.tag] for x in self.needed(shape, name))
+        size = self.needed(shape, *NUMERIC[shape.tag])
         return Shape(shape.tag, size) if min(size) > 0 else f"a visual's {shape.tag} has no extent"
 
     def mesh(self, shape: Element, link: str) -> Shape | str:

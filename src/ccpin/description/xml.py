@@ -106,7 +106,7 @@ def tag(element: Element) -> str:
 
 def children(element: Element, *names: str) -> Iterator[Element]:
     """Child elements with one of those local names, whatever their namespace."""
-    found: Iterator[Element] = element.iterchildren(*["{*}" + name for name in names])
+    found: Iterator[Element] = element.iterchildren(*map("{{*}}{}".format, names))
     return found
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from ccpin.description.checks import check
 from ccpin.description.mjcf.bodies import TreeReader
 from ccpin.description.mjcf.defaults import Defaults, read_compiler
 from ccpin.description.mjcf.element import Element, XmlElement, label_of
@@ -66,19 +67,21 @@ def mjcf_description(root: XmlElement) -> MechanismDescription:
     actuated, actuator_notes = _actuated(sections["actuator"], tree, source)
     passive = [f"Left out: {word} of {', '.join(who)}." for word, who in tree.passive_forces.items()]
     notes = [note for name, note in _UNMODELLED.items() if any(len(section) for section in sections[name])]
-    return MechanismDescription(
-        name=root.get("model") or (Path(source).stem if source else "mechanism"),
-        root=WORLD,
-        links=scaled_to_total(tree.links, compiler.total_mass),
-        joints=tuple(tree.joints),
-        closures=tuple(equalities.closures),
-        couplings=tuple(equalities.couplings),
-        dependent_hint=tuple(dict.fromkeys(equalities.dependent)),
-        actuated=actuated,
-        reference=tree.reference,
-        gravity=gravity,
-        source=source,
-        notes=(*tree.notes, *passive, *equalities.notes, *actuator_notes, *notes),
+    return check(
+        MechanismDescription(
+            name=root.get("model") or (Path(source).stem if source else "mechanism"),
+            root=WORLD,
+            links=scaled_to_total(tree.links, compiler.total_mass),
+            joints=tuple(tree.joints),
+            closures=tuple(equalities.closures),
+            couplings=tuple(equalities.couplings),
+            dependent_hint=tuple(dict.fromkeys(equalities.dependent)),
+            actuated=actuated,
+            reference=tree.reference,
+            gravity=gravity,
+            source=source,
+            notes=(*tree.notes, *passive, *equalities.notes, *actuator_notes, *notes),
+        )
     )
 
 
