@@ -26,7 +26,8 @@ from ccpin.description.model import (
 from ccpin.description.urdf_loops import read_marks
 from ccpin.description.xml import (
     ZERO,
-    Element,
+    Colour,
+    XmlElement,
     child,
     fail,
     numeric_attributes,
@@ -62,7 +63,6 @@ NUMERIC: dict[str, dict[str, int]] = {
 }
 AXIAL = ("revolute", "continuous", "prismatic", "planar")
 SHAPES = ("box", "cylinder", "sphere", "mesh")
-Colour = tuple[float, float, float, float]
 WHITE: Colour = (1.0, 1.0, 1.0, 1.0)
 
 
@@ -79,7 +79,7 @@ def read_urdf(text: bytes, source: str | None) -> MechanismDescription:
     return urdf_description(parse_xml(text, source))
 
 
-def urdf_description(root: Element) -> MechanismDescription:
+def urdf_description(root: XmlElement) -> MechanismDescription:
     """The description that a parsed URDF states (see `read_urdf`)."""
     source = source_of(root)
     if root.tag != "robot":
@@ -123,10 +123,10 @@ class _TreeReader:
         DescriptionError: A number is malformed; the methods raise it where something needed is missing.
     """
 
-    def __init__(self, root: Element) -> None:
+    def __init__(self, root: XmlElement) -> None:
         self.source = source_of(root)
         self.notes: list[str] = []
-        self.values: dict[Element, dict[str, tuple[float, ...]]] = {}
+        self.values: dict[XmlElement, dict[str, tuple[float, ...]]] = {}
         for name, counts in NUMERIC.items():
             for element in root.iter("{*}" + name):
                 self.values[element] = numeric_attributes(element, counts)
@@ -136,16 +136,17 @@ class _TreeReader:
             if material.get("name") and colour is not None:
                 self.colours[material.get("name")] = colour
 
-    def needed(self, element: Element, *attributes: str) -> tuple[float, ...]:
+    def needed(self, element: XmlElement, *attributes: str) -> tuple[float, ...]:
         """The numbers of attributes that must be there, in one tuple."""
-        values, found = self.values[element], ()
+        values = self.values[element]
+        found: tuple[float, ...] = ()
         for attribute in attributes:
             if attribute not in values:
                 raise fail(element, f"attribute '{attribute}' is missing")
             found += values[attribute]
         return found
 
-    def placement(self, element: Element) -> Array:
+    def placement(self, element: XmlElement) -> Array:
         """The 4×4 transform of an element's <origin>."""
         origin = element.find("origin")
         if origin is None:
@@ -153,7 +154,7 @@ class _TreeReader:
         values = self.values[origin]
         return transform(values.get("xyz", ZERO), values.get("rpy", ZERO))
 
-    def joint(self, element: Element) -> Joint:
+    def joint(self, element: XmlElement) -> Joint:
         """A <joint>; its rotor inertia stands elsewhere."""
         name, written = text_attribute(element, "name"), text_attribute(element, "type")
         if written not in JOINT_TYPES:
@@ -185,7 +186,7 @@ class _TreeReader:
             velocity=stated.get("velocity", np.inf),
         )
 
-    def mimics(self, element: Element) -> list[Coupling]:
+    def mimics(self, element: XmlElement) -> list[Coupling]:
         """What a joint mimics, as couplings θ − multiplier·θ_master − offset = 0."""
         name, couplings = element.get("name"), []
         for mimic in element.iterfind("mimic"):
@@ -196,14 +197,14 @@ class _TreeReader:
             couplings.append(Coupling(f"mimic_{name}", (CouplingTerm(name, (0.0, 1.0)), CouplingTerm(master, line))))
         return couplings
 
-    def link(self, element: Element) -> Link:
+    def link(self, element: XmlElement) -> Link:
         """A <link> with its first inertial and the visuals that can be drawn."""
         name = text_attribute(element, "name")
         inertias = [self.inertia(inertial) for inertial in element.iterfind("inertial")]
         visuals = [self.visual(visual, name) for visual in element.iterfind("visual")]
         return Link(name, inertias[0] if inertias else None, tuple(filter(None, visuals)))
 
-    def inertia(self, inertial: Element) -> Inertia:
+    def inertia(self, inertial: XmlElement) -> Inertia:
         """Mass, centre and inertia matrix of an <inertial>, turned into the link's axes."""
         (mass,) = self.needed(child(inertial, "mass"), "value")
         matrix = child(inertial, "inertia")
@@ -215,7 +216,7 @@ class _TreeReader:
         rotational = rotation @ np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]) @ rotation.T
         return Inertia(mass, frozen(placement[:3, 3]), frozen(rotational))
 
-    def visual(self, visual: Element, link: str) -> Visual | None:
+    def visual(self, visual: XmlElement, link: str) -> Visual | None:
         """A <visual>, or a note where it cannot be drawn: a picture never costs the dynamics."""
         shape = self.shape(child(visual, "geometry"), link)
         if isinstance(shape, str):
@@ -227,12 +228,12 @@ class _TreeReader:
             colour = self.colour(material) or self.colours.get(material.get("name"))
         return Visual(shape, self.placement(visual), colour or Visual.rgba)
 
-    def colour(self, material: Element) -> Colour | None:
+    def colour(self, material: XmlElement) -> Colour | None:
         """The colour a <material> states itself."""
         colour = material.find("color")
         return None if colour is None else cast(Colour, self.values[colour].get("rgba", WHITE))
 
-    def shape(self, geometry: Element, link: str) -> Shape | str:
+    def shape(self, geometry: XmlElement, link: str) -> Shape | str:
         """The first shape of a <geometry>, or why it cannot be drawn.
 
         Raises:
@@ -246,7 +247,7 @@ class _TreeReader:
         size = self.needed(shape, *NUMERIC[shape.tag])
         return Shape(shape.tag, size) if min(size) > 0 else f"a visual's {shape.tag} has no extent"
 
-    def mesh(self, shape: Element, link: str) -> Shape | str:
+    def mesh(self, shape: XmlElement, link: str) -> Shape | str:
         """A <mesh>; one whose file is absent stays in the description, with a note."""
         name = shape.get("filename")
         if not name:

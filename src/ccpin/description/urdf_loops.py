@@ -20,7 +20,7 @@ from ccpin.description.model import (
 )
 from ccpin.description.xml import (
     ZERO,
-    Element,
+    XmlElement,
     child,
     children,
     fail,
@@ -66,7 +66,7 @@ class Marks(NamedTuple):
     reference: dict[str, tuple[float, ...]]
 
 
-def read_marks(root: Element, joints: list[Joint]) -> Marks:
+def read_marks(root: XmlElement, joints: list[Joint]) -> Marks:
     """Read every extension element under the <robot> root.
 
     Raises:
@@ -96,7 +96,7 @@ def read_marks(root: Element, joints: list[Joint]) -> Marks:
     )
 
 
-def _named_loop(element: Element, _: int) -> LoopClosure:
+def _named_loop(element: XmlElement, _: int) -> LoopClosure:
     """A loop of URDF+ or of Isaac Sim: name, type, two ends, axis, axis2, length.
 
     URDF+ writes ``<predecessor link><origin xyz rpy/></predecessor>`` and a successor likewise, Isaac Sim
@@ -127,7 +127,7 @@ def _turned(placement: Array, rotation: Array) -> Array:
     return frozen(turned)
 
 
-def _drake_constraint(element: Element, position: int) -> LoopClosure:
+def _drake_constraint(element: XmlElement, position: int) -> LoopClosure:
     """Drake's ball and distance constraints, with or without their prefix; one without a name is numbered."""
     own = tag(element)
     (link_a, a), (link_b, b) = (_drake_end(element, own, *end) for end in (("A", "p_AP"), ("B", "p_BQ")))
@@ -139,14 +139,14 @@ def _drake_constraint(element: Element, position: int) -> LoopClosure:
     return LoopClosure(f"{name}_{position}" if name == own else name, kind, link_a, link_b, a, b, length)
 
 
-def _drake_end(element: Element, own: str, side: str, point: str) -> tuple[str, Array]:
+def _drake_end(element: XmlElement, own: str, side: str, point: str) -> tuple[str, Array]:
     """The body of one side and the frame at the point fixed to it."""
     link = text_attribute(child(element, f"{own}_body_{side}"), "name")
     found = next(children(element, f"{own}_{point}"), None)
     return link, IDENTITY if found is None else transform(numbers(found, "value", 3), ZERO)
 
 
-READERS: dict[str, Callable[[Element, int], LoopClosure]] = {
+READERS: dict[str, Callable[[XmlElement, int], LoopClosure]] = {
     "loop": _named_loop,
     "loop_joint": _named_loop,
     "ball_constraint": _drake_constraint,
@@ -154,7 +154,7 @@ READERS: dict[str, Callable[[Element, int], LoopClosure]] = {
 }
 
 
-def _couplings(root: Element, joints: list[Joint]) -> tuple[list[Coupling], list[str]]:
+def _couplings(root: XmlElement, joints: list[Joint]) -> tuple[list[Coupling], list[str]]:
     """``<coupling>``: ratio·Σ(joints of the predecessor chain) − Σ(joints of the successor chain) = 0.
 
     Chains are counted from the nearest common ancestor. Also returns the successors' joints: where a file
@@ -176,7 +176,7 @@ def _couplings(root: Element, joints: list[Joint]) -> tuple[list[Coupling], list
     return couplings, hints
 
 
-def _chain(coupling: Element, role: str, by_child: dict[str, Joint]) -> list[Joint]:
+def _chain(coupling: XmlElement, role: str, by_child: dict[str, Joint]) -> list[Joint]:
     """The joints between a coupling's link and the root."""
     link = text_attribute(child(coupling, role), "link")
     if link not in by_child and all(link != joint.parent for joint in by_child.values()):
@@ -191,7 +191,7 @@ def _chain(coupling: Element, role: str, by_child: dict[str, Joint]) -> list[Joi
     return chain
 
 
-def _motors(root: Element, known: set[str]) -> tuple[tuple[str, ...] | None, dict[str, float]]:
+def _motors(root: XmlElement, known: set[str]) -> tuple[tuple[str, ...] | None, dict[str, float]]:
     """Motors are the joints of <transmission>s; Drake's rotor inertia is reflected by its gear ratio squared."""
     actuated: dict[str, None] = {}
     armature: dict[str, float] = {}
@@ -210,7 +210,7 @@ def _motors(root: Element, known: set[str]) -> tuple[tuple[str, ...] | None, dic
     return tuple(actuated) or None, armature
 
 
-def _reference(root: Element) -> dict[str, tuple[float, ...]]:
+def _reference(root: XmlElement) -> dict[str, tuple[float, ...]]:
     """``<group_state name="reference">`` (SRDF's element) with ``<joint name value>`` children."""
     return {
         text_attribute(joint, "name"): numbers(joint, "value", None)
@@ -220,7 +220,7 @@ def _reference(root: Element) -> dict[str, tuple[float, ...]]:
     }
 
 
-def closure_kind(name: str, element: Element | None = None) -> ClosureKind:
+def closure_kind(name: str, element: XmlElement | None = None) -> ClosureKind:
     """The closure kind a type names, with its synonyms (ball, weld, hinge).
 
     Raises:

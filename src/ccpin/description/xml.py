@@ -14,12 +14,13 @@ from ccpin.arrays import Array
 from ccpin.description.model import IDENTITY, frozen
 from ccpin.errors import DescriptionError, InvalidXmlError
 
-Element: TypeAlias = Any  # lxml's etree._Element, which has no type stubs
+XmlElement: TypeAlias = Any  # lxml's etree._Element, which has no type stubs
+Colour: TypeAlias = tuple[float, float, float, float]
 ZERO = (0.0, 0.0, 0.0)
 MAX_BYTES = 32 * 1024 * 1024
 
 
-def parse_xml(text: bytes, source: str | None) -> Element:
+def parse_xml(text: bytes, source: str | None) -> XmlElement:
     """Parse bytes into an element tree without expanding entities, reading files or using the network.
 
     Prefixes that the root does not declare (often ``drake:``) are declared on the fly. The tree remembers its
@@ -42,7 +43,7 @@ def parse_xml(text: bytes, source: str | None) -> Element:
         raise InvalidXmlError(f"not well-formed XML: {error.msg}", source=source) from None
 
 
-def _parse(text: bytes, source: str | None) -> Element:
+def _parse(text: bytes, source: str | None) -> XmlElement:
     parser = etree.XMLParser(
         resolve_entities=False,
         no_network=True,
@@ -74,18 +75,18 @@ def _declare_prefixes(text: bytes) -> bytes | None:
     return re.sub(rb"<([A-Za-z_][\w.-]*)", lambda m: m.group(0) + declarations, text, count=1)
 
 
-def source_of(element: Element) -> str | None:
+def source_of(element: XmlElement) -> str | None:
     """The file an element was read from, as given to `parse_xml`."""
     source: str | None = element.getroottree().docinfo.URL
     return source
 
 
-def fail(element: Element, message: str) -> DescriptionError:
+def fail(element: XmlElement, message: str) -> DescriptionError:
     """The error that blames an element of a file."""
     return DescriptionError(message, source=source_of(element), element=label(element))
 
 
-def label(element: Element) -> str:
+def label(element: XmlElement) -> str:
     """Name an element as a reader would look for it: ``mass of link 'arm'``, with its line if it has twins."""
     own = tag(element)
     name = element.get("name")
@@ -99,18 +100,18 @@ def label(element: Element) -> str:
     return own + line
 
 
-def tag(element: Element) -> str:
+def tag(element: XmlElement) -> str:
     """The element's tag without its namespace."""
     return str(etree.QName(element).localname)
 
 
-def children(element: Element, *names: str) -> Iterator[Element]:
+def children(element: XmlElement, *names: str) -> Iterator[XmlElement]:
     """Child elements with one of those local names, whatever their namespace."""
-    found: Iterator[Element] = element.iterchildren(*map("{{*}}{}".format, names))
+    found: Iterator[XmlElement] = element.iterchildren(*map("{{*}}{}".format, names))
     return found
 
 
-def child(element: Element, name: str) -> Element:
+def child(element: XmlElement, name: str) -> XmlElement:
     """The first child of that local name.
 
     Raises:
@@ -122,7 +123,7 @@ def child(element: Element, name: str) -> Element:
     return found
 
 
-def text_attribute(element: Element, attribute: str) -> str:
+def text_attribute(element: XmlElement, attribute: str) -> str:
     """A required, non-empty text attribute."""
     value = element.get(attribute)
     if value is None or not value.strip():
@@ -130,7 +131,7 @@ def text_attribute(element: Element, attribute: str) -> str:
     return str(value)
 
 
-def numeric_attributes(element: Element, counts: Mapping[str, int | None]) -> dict[str, tuple[float, ...]]:
+def numeric_attributes(element: XmlElement, counts: Mapping[str, int | None]) -> dict[str, tuple[float, ...]]:
     """Those of the attributes in `counts` that the element has, each of so many finite numbers (``None``: of any).
 
     Raises:
@@ -153,7 +154,7 @@ def numeric_attributes(element: Element, counts: Mapping[str, int | None]) -> di
     return found
 
 
-def numbers(element: Element, attribute: str, count: int | None) -> tuple[float, ...]:
+def numbers(element: XmlElement, attribute: str, count: int | None) -> tuple[float, ...]:
     """A required attribute of `count` finite numbers (``None``: of any number of them).
 
     Raises:
@@ -165,7 +166,7 @@ def numbers(element: Element, attribute: str, count: int | None) -> tuple[float,
     return found[attribute]
 
 
-def number(element: Element, attribute: str) -> float:
+def number(element: XmlElement, attribute: str) -> float:
     """A required finite number."""
     return numbers(element, attribute, 1)[0]
 
@@ -173,7 +174,7 @@ def number(element: Element, attribute: str) -> float:
 def transform(xyz: tuple[float, ...], rpy: tuple[float, ...]) -> Array:
     """The 4×4 transform of URDF's ``xyz`` (m) and ``rpy`` (rad, fixed axes): R = R_z(yaw) R_y(pitch) R_x(roll)."""
     (sr, sp, sy), (cr, cp, cy) = map(math.sin, rpy), map(math.cos, rpy)
-    rows = [
+    rows: list[list[float]] = [
         [cp * cy, sp * (sr * cy) - cr * sy, sp * (cr * cy) + sr * sy, xyz[0]],
         [cp * sy, sp * (sr * sy) + cr * cy, sp * (cr * sy) - sr * cy, xyz[1]],
         [-sp, cp * sr, cp * cr, xyz[2]],
@@ -182,7 +183,7 @@ def transform(xyz: tuple[float, ...], rpy: tuple[float, ...]) -> Array:
     return frozen(np.add(rows, 0.0))  # no negative zeros
 
 
-def origin(element: Element | None) -> Array:
+def origin(element: XmlElement | None) -> Array:
     """The 4×4 transform of an element's ``xyz`` and ``rpy`` attributes; the identity where there is none."""
     if element is None:
         return IDENTITY
@@ -190,7 +191,7 @@ def origin(element: Element | None) -> Array:
     return transform(values.get("xyz", ZERO), values.get("rpy", ZERO))
 
 
-def unit_vector(element: Element, attribute: str) -> Array:
+def unit_vector(element: XmlElement, attribute: str) -> Array:
     """A non-zero 3-vector attribute, normalised."""
     vector = np.array(numbers(element, attribute, 3))
     length = float(np.linalg.norm(vector))

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import MAIN, Compiler, Defaults
-from ccpin.description.mjcf.element import Element, XmlElement, label_of
+from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.geoms import Assets, Geom, geom_visual, read_geom
 from ccpin.description.mjcf.inertia import body_inertia
 from ccpin.description.mjcf.joints import JointReader, Names, Site, Tree
 from ccpin.description.mjcf.schema import BODY_IGNORED, BODY_UNSUPPORTED, WORLD
 from ccpin.description.model import IDENTITY, Link, Visual
-from ccpin.errors import DescriptionError
+from ccpin.description.xml import XmlElement, fail
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,27 +33,17 @@ class TreeReader:
         defaults: The default classes.
         compiler: The compiler settings.
         assets: Meshes and materials.
-        source: The file, for error messages.
 
     Raises:
         DescriptionError: Two bodies or two joints have the same name.
     """
 
-    def __init__(
-        self,
-        worlds: Sequence[XmlElement],
-        defaults: Defaults,
-        compiler: Compiler,
-        assets: Assets,
-        source: str | None,
-    ) -> None:
+    def __init__(self, worlds: Sequence[XmlElement], defaults: Defaults, compiler: Compiler, assets: Assets) -> None:
         bodies = [xml for world in worlds for xml in world.iter("body")]
         joints = [xml for world in worlds for xml in world.iter("joint", "freejoint")]
-        self.tree = Tree()
-        self._worlds, self._source = worlds, source
-        self._defaults, self._compiler, self._assets = defaults, compiler, assets
-        self._bodies = Names("body", bodies, source)
-        self._chains = JointReader(compiler, self.tree, self._bodies.fresh, Names("joint", joints, source).fresh)
+        self.tree = Tree(Names("body", bodies), Names("joint", joints))
+        self._worlds, self._defaults, self._compiler, self._assets = worlds, defaults, compiler, assets
+        self._chains = JointReader(compiler, self.tree)
         self._count = 0
 
     def read(self) -> Tree:
@@ -68,41 +58,36 @@ class TreeReader:
         self.tree.links.append(Link(WORLD, None, self._visuals(geoms)))
         for item in items:
             if item.xml.tag in ("joint", "freejoint", "inertial"):
-                raise self._fail(item.xml, "the world can have neither joints nor an inertia")
+                raise fail(item.xml, "the world can have neither joints nor an inertia")
             if item.xml.tag == "body":
                 self._read_body(item, WORLD, moves=False)
         return self.tree
-
-    def _fail(self, xml: XmlElement, message: str) -> DescriptionError:
-        return DescriptionError(message, source=self._source, element=label_of(xml))
 
     def _items(self, parent: XmlElement, offset: Array, childclass: str) -> Iterator[_Item]:
         """Yield a body's children, with those of ``<frame>`` elements in the frames' places."""
         for xml in parent.iterchildren("*"):
             if xml.tag in BODY_UNSUPPORTED:
-                raise self._fail(xml, f"<{xml.tag}> is not supported; save the compiled model as MJCF")
+                raise fail(xml, f"<{xml.tag}> is not supported; save the compiled model as MJCF")
             if xml.tag == "frame":
-                said = Element.of(xml, self._source)
+                said = Element.of(xml)
                 inner = self._defaults.check(said.text("childclass") or childclass, said)
                 yield from self._items(xml, offset @ said.pose(self._compiler.angles), inner)
             elif xml.tag in ("joint", "freejoint", "inertial") and parent.tag == "frame":
-                raise self._fail(xml, "this element inside a <frame> is not supported; put it into the body")
+                raise fail(xml, "this element inside a <frame> is not supported; put it into the body")
             elif xml.tag in ("body", "joint", "freejoint", "inertial", "geom", "site"):
                 yield _Item(xml, offset, childclass)
             elif xml.tag not in BODY_IGNORED:
-                raise self._fail(xml, f"<{xml.tag}> is no element of a body")
+                raise fail(xml, f"<{xml.tag}> is no element of a body")
 
     def _read_body(self, item: _Item, parent: str, *, moves: bool) -> None:
-        said = Element.of(item.xml, self._source)
+        said = Element.of(item.xml)
         self._count += 1
-        name = said.text("name") or self._bodies.fresh(f"body_{self._count}")
+        name = said.text("name") or self.tree.body_names.fresh(f"body_{self._count}")
         childclass = self._defaults.check(said.text("childclass") or item.childclass, said)
         placement = item.offset @ said.pose(self._compiler.angles)
         items = list(self._items(item.xml, IDENTITY, childclass))
         joints = [
-            Element.of(part.xml, self._source)
-            if part.xml.tag == "freejoint"
-            else self._defaults.resolve(part.xml, part.childclass)
+            Element.of(part.xml) if part.xml.tag == "freejoint" else self._defaults.resolve(part.xml, part.childclass)
             for part in items
             if part.xml.tag in ("joint", "freejoint")
         ]
@@ -120,8 +105,8 @@ class TreeReader:
     def _inertial(self, items: Sequence[_Item]) -> Element | None:
         found = [item.xml for item in items if item.xml.tag == "inertial"]
         if len(found) > 1:
-            raise self._fail(found[1], "a body can have one <inertial> only")
-        return Element.of(found[0], self._source) if found else None
+            raise fail(found[1], "a body can have one <inertial> only")
+        return Element.of(found[0]) if found else None
 
     def _read_parts(self, body: str, items: Sequence[_Item]) -> list[Geom]:
         """Record the sites among the items and return the geoms."""
