@@ -21,6 +21,10 @@ UNIVERSAL = tuple(f"UJOINT_{a}{b}" for a in AXES for b in AXES if a != b)
 JOINT_TYPES = ("SPHERICAL", "FIXED", *UNIVERSAL)
 
 
+def _fail(source: str, element: str, message: str) -> DescriptionError:
+    return DescriptionError(message, source=source, element=element)
+
+
 class ToolboxDocument(NamedTuple):
     """What a robot.yaml states.
 
@@ -69,8 +73,8 @@ def toolbox_description(text: bytes, file: Path) -> MechanismDescription:
     movable = [joint.name for joint in description.joints if joint.kind != "fixed"]
     missing = [name for name in document.motors if name not in movable]
     if missing:
-        message = f"{', '.join(missing)}: not among the movable joints, which are {', '.join(movable)}"
-        raise DescriptionError(message, source=source, element="name_mot")
+        listed = f"not among the movable joints, which are {', '.join(movable)}"
+        raise _fail(source, "name_mot", f"{', '.join(missing)}: {listed}")
     return check(
         replace(
             description,
@@ -104,10 +108,11 @@ def _closures(document: ToolboxDocument, description: MechanismDescription, sour
         """The link whose frame that name stands for."""
         element = f"closed_loop frame '{name}'"
         if name not in links and name not in carriers:
-            raise DescriptionError("is neither a link nor a joint of the URDF", source=source, element=element)
+            raise _fail(source, element, "is neither a link nor a joint of the URDF")
         if name in links and carriers.get(name, name) != name:
-            message = f"is a link and a joint with another child ('{carriers[name]}'): rename one of them"
-            raise DescriptionError(message, source=source, element=element)
+            raise _fail(
+                source, element, f"is a link and a joint with another child ('{carriers[name]}'): rename one of them"
+            )
         return name if name in links else carriers[name]
 
     return tuple(
@@ -158,13 +163,11 @@ def _check_overrides(description: MechanismDescription, overrides: dict[str, str
     for name, kind in overrides.items():
         element = f"joint_name '{name}'"
         if name not in kinds:
-            raise DescriptionError("is not a joint of the URDF", source=source, element=element)
+            raise _fail(source, element, "is not a joint of the URDF")
         if kind not in JOINT_TYPES:
-            message = f"joint_type '{kind}' is not one of {', '.join(JOINT_TYPES)}"
-            raise DescriptionError(message, source=source, element=element)
+            raise _fail(source, element, f"joint_type '{kind}' is not one of {', '.join(JOINT_TYPES)}")
         if kinds[name] == "fixed" and kind != "FIXED":
-            message = f"is fixed in the URDF, and joint_type {kind} changes movable joints only"
-            raise DescriptionError(message, source=source, element=element)
+            raise _fail(source, element, f"is fixed in the URDF, and joint_type {kind} changes movable joints only")
 
 
 def _universal(joint: Joint, kind: str) -> tuple[Joint, Link, Joint]:
@@ -184,10 +187,10 @@ def parse_document(text: bytes, source: str) -> ToolboxDocument:
     """
     content = _parse_yaml(text, source)
     if not isinstance(content, dict) or "closed_loop" not in content:
-        raise DescriptionError(f"not a mapping with the keys {', '.join(KEYS)}", source=source, element="closed_loop")
+        raise _fail(source, "closed_loop", f"not a mapping with the keys {', '.join(KEYS)}")
     pairs = content["closed_loop"]
     if not isinstance(pairs, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
-        raise DescriptionError("not a list of pairs [frameA, frameB]", source=source, element="closed_loop")
+        raise _fail(source, "closed_loop", "not a list of pairs [frameA, frameB]")
     named = [_names(pair, "closed_loop", source) for pair in pairs]
     notes = [f"{source}: the key '{key}' is not read" for key in content if key not in KEYS]
     if "type" not in content:
@@ -201,12 +204,11 @@ def parse_document(text: bytes, source: str) -> ToolboxDocument:
         ("joint_type", types, "joint_name", joints),
     ):
         if len(values) != len(others):
-            message = f"has {len(values)} entries where {other} has {len(others)}"
-            raise DescriptionError(message, source=source, element=key)
+            raise _fail(source, key, f"has {len(values)} entries where {other} has {len(others)}")
     for key, names in (("joint_name", joints), ("name_mot", motors)):
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise DescriptionError(f"{', '.join(twice)} named more than once", source=source, element=key)
+            raise _fail(source, key, f"{', '.join(twice)} named more than once")
     return ToolboxDocument(
         pairs=tuple((a, b) for a, b in named),
         kinds=tuple("3d" if kind.lower() == "3d" else "6d" for kind in kinds),
@@ -249,5 +251,5 @@ def _refuse_constructs(text: bytes, source: str) -> None:
 
 def _names(value: Any, key: str, source: str) -> list[str]:
     if not isinstance(value, list) or not all(isinstance(name, str) and name.strip() for name in value):
-        raise DescriptionError("not a list of names", source=source, element=key)
+        raise _fail(source, key, "not a list of names")
     return value
