@@ -6,7 +6,6 @@ from importlib.resources import files
 from pathlib import Path
 
 from ccpin.description.model import MechanismDescription
-from ccpin.description.xml import parse_xml, tag
 from ccpin.errors import AmbiguousFormatError, DescriptionError, DescriptionNotFoundError
 
 FORMATS = ("urdf", "mjcf", "toolbox")
@@ -65,6 +64,8 @@ def read_description(path: str | Path, format: str | None = None) -> MechanismDe
         from ccpin.description.toolbox import toolbox_description
 
         return toolbox_description(text, file)
+    from ccpin.description.xml import parse_xml, tag
+
     root = parse_xml(text, str(file))
     kind = format or {"robot": "urdf", "mujoco": "mjcf"}.get(tag(root))
     if kind == "mjcf":
