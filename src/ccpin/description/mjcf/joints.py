@@ -152,14 +152,15 @@ class JointReader:
             self._tree.reference[name] = (0.0, 0.0, 0.0, 1.0)
         else:
             self._tree.reference[name] = (ref,)
-        undo = _motion(kind, axis, -ref)
-        self._note_forces(said, name)
+        for attribute, word in _FORCES.items():
+            if any(said.some_numbers(attribute, 3)):
+                self._tree.passive_forces.setdefault(word, []).append(name)
         return Joint(
             name=name,
             kind=_KINDS[kind],
             parent=ends[0],
             child=ends[1],
-            placement=frozen(placement @ undo),
+            placement=frozen(placement @ _motion(kind, axis, -ref)),
             axis=frozen(axis),
             lower=lower,
             upper=upper,
@@ -177,9 +178,10 @@ class JointReader:
 
     def _range(self, said: Element, kind: str, name: str) -> tuple[float, float]:
         """Return the limits; a ball joint's cone cannot be expressed and is noted."""
-        low, high = said.vector("range", 2, (0.0, 0.0))
-        if not self._limited(said, "limited", "range"):
+        bounds = self._bounds(said, "limited", "range")
+        if bounds is None:
             return -np.inf, np.inf
+        low, high = bounds
         if low >= high:
             raise said.fail(f"range should ascend, not run from {low:g} to {high:g}")
         if kind in ("ball", "free"):
@@ -188,29 +190,25 @@ class JointReader:
         unit = self._compiler.angles.unit if kind == "hinge" else 1.0
         return float(low * unit), float(high * unit)
 
-    def _limited(self, said: Element, switch: str, range_name: str) -> bool:
+    def _bounds(self, said: Element, switch: str, range_name: str) -> Array | None:
+        """Return the two numbers of a range that is in force, or ``None``."""
         word = said.choice(switch, ("true", "false", "auto"), "auto")
-        given = bool(np.any(said.vector(range_name, 2, (0.0, 0.0))))
+        bounds = said.vector(range_name, 2, (0.0, 0.0))
+        given = bool(np.any(bounds))
         if word == "auto" and given and not self._compiler.autolimits:
             raise said.fail(f"{range_name} without {switch} is ambiguous when autolimits is off")
-        return word == "true" or (word == "auto" and given)
+        return bounds if word == "true" or (word == "auto" and given) else None
 
     def _effort(self, said: Element) -> float:
         """Return the largest force the actuators may exert together on the joint."""
-        bounds = said.vector("actuatorfrcrange", 2, (0.0, 0.0))
-        limited = self._limited(said, "actuatorfrclimited", "actuatorfrcrange")
-        return float(np.abs(bounds).max()) if limited else np.inf
+        bounds = self._bounds(said, "actuatorfrclimited", "actuatorfrcrange")
+        return np.inf if bounds is None else float(np.abs(bounds).max())
 
     def _armature(self, said: Element) -> float:
         value = said.number("armature", 0.0)
         if value < 0.0:
             raise said.fail("armature should not be negative")
         return value
-
-    def _note_forces(self, said: Element, name: str) -> None:
-        for attribute, word in _FORCES.items():
-            if any(said.some_numbers(attribute, 3)):
-                self._tree.passive_forces.setdefault(word, []).append(name)
 
 
 def _type_of(said: Element) -> str:
