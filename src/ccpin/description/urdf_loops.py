@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.model import ClosureKind, Coupling, CouplingTerm, Joint, LoopClosure, frozen, rotation_to
+from ccpin.description.model import Coupling, CouplingTerm, Joint, LoopClosure, frozen, rotation_to
 from ccpin.description.xml import (
     Element,
     child,
@@ -24,7 +24,7 @@ from ccpin.description.xml import (
 from ccpin.errors import DescriptionError
 
 # Loop types of URDF+ and Isaac Sim by the motion they leave free.
-LOOP_TYPES: dict[str, ClosureKind] = {
+LOOP_TYPES: dict[str, str] = {
     "spherical": "spherical",
     "ball": "spherical",
     "revolute": "revolute",
@@ -102,7 +102,7 @@ def _turned(placement: Array, rotation: Array) -> Array:
     return frozen(turned)
 
 
-def _loop_kind(element: Element, source: str | None) -> ClosureKind:
+def _loop_kind(element: Element, source: str | None) -> str:
     return closure_kind(text_attribute(element, "type", source), source, label(element))
 
 
@@ -271,7 +271,7 @@ def _reference(root: Element, source: str | None) -> dict[str, tuple[float, ...]
     return reference
 
 
-def closure_kind(name: str, source: str | None = None, element: str | None = None) -> ClosureKind:
+def closure_kind(name: str, source: str | None = None, element: str | None = None) -> str:
     """The closure kind a type names, with its synonyms (ball, weld, hinge).
 
     Raises:
