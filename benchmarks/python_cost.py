@@ -43,14 +43,14 @@ def peer(mechanism, q_free, v_free, tau):
 
 
 def cost(calls):
-    """Median seconds of each call, measured in turn so that drift of the machine's speed meets all alike."""
+    """Median processor seconds of each call, measured in turn so that drift of the machine's speed meets all alike."""
     samples = [[] for _ in calls]
     for _ in range(ROUNDS):
         for k, call in enumerate(calls):
-            start = time.perf_counter()
+            start = time.process_time()
             for _ in range(REPEATS):
                 call()
-            samples[k].append((time.perf_counter() - start) / REPEATS)
+            samples[k].append((time.process_time() - start) / REPEATS)
     return [statistics.median(sample) for sample in samples]
 
 

@@ -8,7 +8,6 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 import pytest
-from ccpin.kinematics.row_derivatives import Directions
 from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
 
@@ -24,6 +23,7 @@ from ccpin.errors import (
 )
 from ccpin.kinematics.coordinate_derivatives import alpha_bias_derivative
 from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.row_derivatives import Directions
 from tests.oracles.finite_differences import along, assert_close, derivative
 from tests.support.places import MODELS, SCRIPTS, SHARED
 from tests.support.strategies import mechanisms

@@ -78,7 +78,7 @@ class Constraints:
         phi, jacobian = np.empty(self.size), np.empty((self.size, self.model.nv))
         placed = self._place(q_free)
         rows = slice(0, self._rows.size)
-        phi[rows], jacobian[rows] = self._rows.value(placed), self._rows.jacobian(placed)
+        phi[rows], jacobian[rows] = placed.value, self._rows.jacobian(placed)
         for k, coupling in enumerate(self.couplings, start=rows.stop):
             phi[k], jacobian[k] = coupling.value(q_free), 0.0
             for term in coupling.terms:

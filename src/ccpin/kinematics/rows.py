@@ -35,11 +35,13 @@ class Placed(NamedTuple):
     Attributes:
         spatial: S, of shape (6, n′).
         vectors: The carried vectors, of shape (N, 3).
+        value: φ, of shape (R,).
         wrenches: f_A of every row, then f_B: (force, moment about the world's origin), of shape (2 R, 6).
     """
 
     spatial: Array
     vectors: Array
+    value: Array
     wrenches: Array
 
 
@@ -97,7 +99,8 @@ class RowStack:
         left, right = frames[self._left], frames[self._right]
         # (δ × x)·y = δ·(x × y) for x fixed in a body that turns by δ, and the other way round for y
         turning = [self._weights * (1.0 * (left == body) - (right == body)) for body in ("A", "B")]
-        self._turning_a, self._turning_b = (each[:, None] for each in turning)
+        self._turning = np.array(turning).T[..., None]
+        self._turns = bool(self._turning.any())
         self._left_pulls = (self._weights * (right == "gap"))[:, None]
         self._right_pulls = (self._weights * (left == "gap"))[:, None]
 
@@ -105,19 +108,15 @@ class RowStack:
         """The closures where the joints' world poses (K, 4, 4) and the spatial Jacobian (6, n′) are as given."""
         vectors = (poses[self._carrier] @ self._local)[:, :3, 0]
         x, y = self.sides(vectors)
-        wrenches = self._wrenches(vectors, cross(x, y), self._left_pulls * x + self._right_pulls * y)
-        return Placed(spatial, vectors, wrenches)
+        turning = cross(x, y) if self._turns else None
+        wrenches = self._wrenches(vectors, turning, self._left_pulls * x + self._right_pulls * y)
+        return Placed(spatial, vectors, self.summed(self._weights * (x * y).sum(axis=1)), wrenches)
 
     def wrenches_on_a(self, placed: Placed) -> Array:
         """f_A of every row as (force, moment about its loop's p_A), of shape (R, 6)."""
         wrenches = placed.wrenches[: self.size].copy()
         wrenches[:, 3:] -= cross(placed.vectors[self._fixed :][self._pulled[: self.size]], wrenches[:, :3])
         return wrenches
-
-    def value(self, placed: Placed) -> Array:
-        """φ, of shape (R,)."""
-        x, y = self.sides(placed.vectors)
-        return self.summed(self._weights * (x * y).sum(axis=1))
 
     def jacobian(self, placed: Placed) -> Array:
         """φ_q′, of shape (R, n′)."""
@@ -127,8 +126,8 @@ class RowStack:
         """d/dt φ_q′ along q̇′, of shape (R, n′); `spatial_rate` is Ṡ (6, n′)."""
         rates = self.moved(placed.vectors, self.twists(placed.spatial, v_free))
         (x, y), (x_1, y_1) = self.sides(placed.vectors), self.sides(rates)
-        turning, pull = cross(x_1, y) + cross(x, y_1), self._left_pulls * x_1 + self._right_pulls * y_1
-        change = self._wrenches(placed.vectors, turning, pull)
+        turning = cross(x_1, y) + cross(x, y_1) if self._turns else None
+        change = self._wrenches(placed.vectors, turning, self._left_pulls * x_1 + self._right_pulls * y_1)
         change[:, 3:] += cross(rates[self._fixed :][self._pulled], placed.wrenches[:, :3])
         return self._on_paths(change @ placed.spatial + placed.wrenches @ spatial_rate)
 
@@ -169,13 +168,17 @@ class RowStack:
         """Σ w (…) of products (T, …), by row."""
         return self.summed(products * self._weights.reshape(-1, *(1,) * (products.ndim - 1)))
 
-    def _wrenches(self, vectors: Array, turning: Array, pull: Array) -> Array:
-        """f_A, then f_B, of rows whose products turn by w x × y and pull at the gap."""
+    def _wrenches(self, vectors: Array, turning: Array | None, pull: Array) -> Array:
+        """f_A, then f_B, of rows whose products turn by w x × y (``None``: none does) and pull at the gap."""
         wrenches, pull = np.empty((2 * self.size, 6)), self.summed(pull)
-        wrenches[: self.size, :3], wrenches[self.size :, :3] = -pull, pull
-        wrenches[: self.size, 3:] = self.summed(self._turning_a * turning)
-        wrenches[self.size :, 3:] = self.summed(self._turning_b * turning)
-        wrenches[:, 3:] += cross(vectors[self._fixed :][self._pulled], wrenches[:, :3])
+        forces, moments = wrenches[:, :3], wrenches[:, 3:]
+        np.negative(pull, out=forces[: self.size])
+        forces[self.size :] = pull
+        moments[:] = cross(vectors[self._fixed :][self._pulled], forces)
+        if turning is not None:
+            turned = self.summed(self._turning * turning[:, None])
+            moments[: self.size] += turned[:, 0]
+            moments[self.size :] += turned[:, 1]
         return wrenches
 
     def _on_paths(self, columns: Array) -> Array:
