@@ -14,7 +14,7 @@ import pytest
 import ccpin
 from ccpin.domain.atlas import run as atlas_run
 from ccpin.domain.atlas.atlas import Atlas, certify
-from ccpin.domain.atlas.cells import Status
+from ccpin.domain.atlas.cells import CellStatus
 from ccpin.domain.newton import solve_in_boxes
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 from tests.oracles import cusped_3rpr as cusped
@@ -134,9 +134,9 @@ def test_nothing_outside_of_the_branch_is_certified(torus):
     points = np.random.default_rng(0).uniform(-np.pi, np.pi, (200_000, 2))
     certified, status = atlas.contains(points), atlas.status(points)
     assert elongation(points[certified]).max() < 1.0
-    assert elongation(points[status == Status.EMPTY]).min() > 1.0
+    assert elongation(points[status == CellStatus.EMPTY]).min() > 1.0
     assert not np.any(atlas.contains(np.array([oracle.coincident_elbows(), -oracle.coincident_elbows()])))
-    assert np.array_equal(certified, status == Status.CERTIFIED)
+    assert np.array_equal(certified, status == CellStatus.CERTIFIED)
 
 
 @pytest.mark.parametrize("count", [20_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
@@ -321,7 +321,7 @@ def test_empty_is_proved_beyond_reach(rpdr):
     beyond = elongation(points) > 1.0
     assert 0.05 < beyond.mean() < 0.95
     assert atlas.empty_fraction > 0.97 * beyond.mean()
-    assert not np.any((atlas.status(points) == Status.EMPTY) & ~beyond)
+    assert not np.any((atlas.status(points) == CellStatus.EMPTY) & ~beyond)
     assert not np.any(atlas.contains(points) & beyond)
 
 

@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, apply
 from ccpin.domain.bounds import Frame, Image, LinearPart, Rows, linear_part
 from ccpin.domain.phasors import Phasors, PhasorValues
 
 
-class _Terms(NamedTuple):
+class _PlanarTerms(NamedTuple):
     """Per-box arrays.
 
     Attributes:
@@ -37,7 +37,7 @@ class _Terms(NamedTuple):
 class PlanarBounds:
     """Planar bounds of B boxes."""
 
-    terms: _Terms
+    terms: _PlanarTerms
 
     @property
     def y(self) -> Array:
@@ -47,7 +47,7 @@ class PlanarBounds:
     def take(self, rows: Rows) -> PlanarBounds:
         """See `Bounds`."""
         linear = LinearPart(*(array[rows] for array in self.terms.linear))
-        return PlanarBounds(_Terms(linear, *(array[rows] for array in self.terms[1:])))
+        return PlanarBounds(_PlanarTerms(linear, *(array[rows] for array in self.terms[1:])))
 
     def mean(self, radius: Array) -> Image:
         """See `Bounds`."""
@@ -67,11 +67,11 @@ class PlanarBounds:
         """See `Bounds`."""
         angle, turn = self.terms.angle + self._widths(radius), self._widths(weight)
         gain = np.abs(self.terms.alpha) + np.abs(self.terms.kappa) * np.minimum(angle, 1.0)[:, None]
-        return np.asarray((gain @ (turn * turn)[..., None])[..., 0] + self.terms.linear.curvature_margin(weight))
+        return np.asarray(apply(gain, turn * turn) + self.terms.linear.curvature_margin(weight))
 
     def _widths(self, radius: Array) -> Array:
         """|CE|R, of shape (B, K)."""
-        return np.asarray((np.abs(self.terms.modes) @ radius[..., None])[..., 0])
+        return apply(np.abs(self.terms.modes), radius)
 
     def _image(self, radius: Array, linear: Array, versine: Array, sine: Array, cube: Array) -> Image:
         """|I − Ãφ_θE| + the smaller bound of |Σ α sin u (CE)| + |Σ κ (1 − cos u)(CE)|; `linear` is R in |N|(h, R)."""
@@ -91,13 +91,13 @@ def planar_bounds(phasors: Phasors, values: PhasorValues, frame: Frame) -> Plana
     linear = linear_part(frame, values.phi, values.jacobian)
     alpha, kappa = frame.preconditioner @ values.along, frame.preconditioner @ values.across
     along, modes = phasors.signs @ frame.directions, phasors.signs @ frame.modes
-    angle = (np.abs(along) @ frame.half[..., None])[..., 0]
+    angle = apply(np.abs(along), frame.half)
     mixed = alpha[:, :, None] * np.swapaxes(modes, 1, 2)[:, None]
     mixed = np.abs(mixed @ np.concatenate([along, modes], axis=2)[:, None])
     curved = _one_signed(alpha, _versine(angle)[:, None])
-    cubic = (np.abs(kappa) @ (angle**3 / 6.0)[..., None])[..., 0]
+    cubic = apply(np.abs(kappa), angle**3 / 6.0)
     y = linear.constant + np.minimum(curved, _expanded(alpha, along, angle, frame.half)) + cubic
-    return PlanarBounds(_Terms(linear, y, alpha, kappa, modes, angle, mixed))
+    return PlanarBounds(_PlanarTerms(linear, y, alpha, kappa, modes, angle, mixed))
 
 
 def _expanded(alpha: Array, along: Array, angle: Array, half: Array) -> Array:
@@ -105,7 +105,7 @@ def _expanded(alpha: Array, along: Array, angle: Array, half: Array) -> Array:
     widths = half[:, None]
     quadratic = np.swapaxes(along, 1, 2)[:, None] @ (alpha[..., None] * along[:, None])
     square = (widths[..., None, :] @ np.abs(quadratic) @ widths[..., None])[..., 0, 0]
-    return np.asarray(0.5 * square + (np.abs(alpha) @ (angle**4 / 24.0)[..., None])[..., 0])
+    return np.asarray(0.5 * square + apply(np.abs(alpha), angle**4 / 24.0))
 
 
 def _versine(angle: Array) -> Array:

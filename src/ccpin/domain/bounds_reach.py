@@ -7,12 +7,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, apply
 from ccpin.domain.bounds import Frame, Image, LinearPart, Rows, linear_part
 from ccpin.domain.chain_stack import ChainStack, Derivatives, gather
 
 
-class _Terms(NamedTuple):
+class _ReachTerms(NamedTuple):
     """Per-box arrays: Y (B, m), |N| (B, m, m, p + m), g (B, m, C), |θ| (B, C, k), |b| (B, C, k)."""
 
     linear: LinearPart
@@ -28,7 +28,7 @@ class ReachBounds:
     """Reach bounds of B boxes."""
 
     stack: ChainStack
-    terms: _Terms
+    terms: _ReachTerms
 
     @property
     def y(self) -> Array:
@@ -38,7 +38,7 @@ class ReachBounds:
     def take(self, rows: Rows) -> ReachBounds:
         """See `Bounds`."""
         linear = LinearPart(*(array[rows] for array in self.terms.linear))
-        return ReachBounds(self.stack, _Terms(linear, *(array[rows] for array in self.terms[1:])))
+        return ReachBounds(self.stack, _ReachTerms(linear, *(array[rows] for array in self.terms[1:])))
 
     def mean(self, radius: Array) -> Image:
         """See `Bounds`."""
@@ -64,7 +64,7 @@ class ReachBounds:
         """See `Bounds`."""
         linear = self.terms.linear
         second = (self.terms.mixed[..., -weight.shape[1] :] @ weight[:, None, :, None])[..., 0]
-        centre = (second @ weight[..., None])[..., 0]
+        centre = apply(second, weight)
         box, turn = linear.moves + linear.widths(radius), self._gather(linear.widths(weight))
         third = _trilinear(self.stack, self._reach(box), self._gather(box), turn, turn)
         return np.asarray(centre + self._weighted(third) + linear.curvature_margin(weight))
@@ -75,7 +75,7 @@ class ReachBounds:
 
     def _weighted(self, third: Array) -> Array:
         """Σ_c g_c T_c, of shape (B, m)."""
-        return np.asarray((self.terms.gains @ third[..., None])[..., 0])
+        return apply(self.terms.gains, third)
 
     def _gather(self, moves: Array) -> Array:
         return gather(self.stack, moves)
@@ -101,8 +101,8 @@ def reach_bounds(stack: ChainStack, theta: Array, values: Derivatives, frame: Fr
     gains = np.swapaxes(np.linalg.norm(frame.preconditioner[:, None] @ stack.weights, axis=3), 1, 2)
     position, moves = gather(stack, np.abs(theta)), gather(stack, linear.moves)
     third = _trilinear(stack, chain_reach(stack, values.arms, position, moves, frame.rounding), moves, moves, moves)
-    y = linear.constant + 0.5 * square + (gains @ third[..., None])[..., 0] / 6.0
-    return ReachBounds(stack, _Terms(linear, y, mixed, gains, position, values.arms))
+    y = linear.constant + 0.5 * square + apply(gains, third) / 6.0
+    return ReachBounds(stack, _ReachTerms(linear, y, mixed, gains, position, values.arms))
 
 
 def chain_reach(stack: ChainStack, arms: Array, position: Array, box: Array, rounding: Array) -> Array:

@@ -24,9 +24,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, Mask
 from ccpin.domain.chart import Chart, Elementary, chart_at, elementary_joints, independent_indices
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
@@ -34,7 +33,6 @@ from ccpin.kinematics.loops import Loop
 from ccpin.kinematics.rows import KindRows
 from ccpin.mechanism.mechanism import Mechanism
 
-Indices = NDArray[np.intp]
 UNIT_ROUNDOFF = 2.0**-53
 
 
@@ -56,7 +54,7 @@ class Chain(NamedTuple):
     rotations: Array
     translations: Array
     axes: Array
-    prismatic: NDArray[np.bool_]
+    prismatic: Mask
     tip: Array
     direction: bool
     weights: Array
@@ -68,7 +66,7 @@ class ClosureSystem:
 
     Attributes:
         chains: The chains c.
-        gears: G, of shape (m, n′): linear couplings.
+        couplings: G, of shape (m, n′): linear couplings.
         offset: d, of shape (m,).
         moduli: Of shape (m,): a coupling of continuous joints holds modulo this angle (0: exactly).
         independent, dependent: Indices in θ, of shapes (n,) and (m,).
@@ -79,12 +77,12 @@ class ClosureSystem:
     """
 
     chains: tuple[Chain, ...]
-    gears: Array
+    couplings: Array
     offset: Array
     moduli: Array
     independent: Indices
     dependent: Indices
-    periodic: NDArray[np.bool_]
+    periodic: Mask
     scale: float
     depth: int
     chart: Chart
@@ -134,21 +132,21 @@ def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
     constraints, chart = mechanism.constraints(), chart_at(mechanism, q_free)
     independent = independent_indices(mechanism, chart)
     _refuse_redundant(mechanism, constraints)
-    builder = _Builder(mechanism, chart, constraints.size)
+    builder = _ChainCollector(mechanism, chart, constraints.size)
     row = 0
     for loop in constraints.loops:
         builder.add_loop(loop, row)
         row += loop.size
-    builder.add_gears(constraints, row)
+    builder.add_couplings(constraints, row)
     dependent = np.setdiff1d(np.arange(chart.n_free), independent)
     return ClosureSystem(
         chains=tuple(builder.chains),
-        gears=builder.gears,
+        couplings=builder.couplings,
         offset=builder.offset,
         moduli=builder.moduli,
         independent=independent,
         dependent=dependent.astype(np.intp),
-        periodic=_periodic(chart, builder.gears),
+        periodic=_periodic(chart, builder.couplings),
         scale=_scale(builder),
         depth=max((len(chain.joints) for chain in builder.chains), default=0),
         chart=chart,
@@ -167,24 +165,24 @@ def _refuse_redundant(mechanism: Mechanism, constraints: Constraints) -> None:
         )
 
 
-def _periodic(chart: Chart, gears: Array) -> NDArray[np.bool_]:
+def _periodic(chart: Chart, couplings: Array) -> Mask:
     periodic = np.zeros(chart.n_free, dtype=np.bool_)
     for joint in chart.joints:
         turns = {"revolute": 1, "continuous": 1, "planar": 1, "spherical": 3, "floating": 3}.get(joint.kind, 0)
         periodic[joint.v.stop - turns : joint.v.stop] = True
-    return np.asarray(periodic & ~np.any(gears != 0.0, axis=0))
+    return np.asarray(periodic & ~np.any(couplings != 0.0, axis=0))
 
 
-def _scale(builder: _Builder) -> float:
+def _scale(builder: _ChainCollector) -> float:
     """Sum of all link lengths, directions and offsets with their weights, and at least 1."""
-    scale = 1.0 + float(np.abs(builder.offset).sum() + np.abs(builder.gears).sum())
+    scale = 1.0 + float(np.abs(builder.offset).sum() + np.abs(builder.couplings).sum())
     for chain in builder.chains:
         length = np.linalg.norm(chain.translations, axis=1).sum() + np.linalg.norm(chain.tip)
         scale += float(length) * max(1.0, float(np.abs(chain.weights).max()))
     return scale
 
 
-class _Builder:
+class _ChainCollector:
     """Collects chains and rows in the order of `Constraints`."""
 
     def __init__(self, mechanism: Mechanism, chart: Chart, rows: int) -> None:
@@ -192,7 +190,7 @@ class _Builder:
         self.elementary = elementary_joints(mechanism, chart)
         self.rows = rows
         self.chains: list[Chain] = []
-        self.gears = np.zeros((rows, chart.n_free))
+        self.couplings = np.zeros((rows, chart.n_free))
         self.offset, self.moduli = np.zeros(rows), np.zeros(rows)
 
     def add_loop(self, loop: Loop, row: int) -> None:
@@ -228,7 +226,7 @@ class _Builder:
             weights[row + len(rows.directions) : row + len(rows.directions) + len(rows.offsets)] = rows.offsets
             self.add_chain(path, origin, False, weights)
 
-    def add_gears(self, constraints: Constraints, row: int) -> None:
+    def add_couplings(self, constraints: Constraints, row: int) -> None:
         for k, gear in enumerate(constraints.gears, start=row):
             self.moduli[k] = gear.modulus
             for term in gear.terms:
@@ -238,7 +236,7 @@ class _Builder:
                         "only linear couplings are certified"
                     )
                 constant, ratio = [*term.coefficients, 0.0, 0.0][:2]
-                self.gears[k, term.idx_v] += ratio
+                self.couplings[k, term.idx_v] += ratio
                 self.offset[k] += constant - ratio * term.reference
 
     def descend(self, ancestor: int, joint: int) -> list[Elementary]:
@@ -298,7 +296,7 @@ class Seed(NamedTuple):
     theta: Array
 
 
-def seed_at(mechanism: Mechanism, q_free: Array) -> Seed:
+def seed_at_configuration(mechanism: Mechanism, q_free: Array) -> Seed:
     """Close a configuration of shape (nq,) at its own independent coordinates, and centre the chart there.
 
     Raises:
@@ -322,13 +320,13 @@ def scalar_coordinates_at(mechanism: Mechanism, q_free: Array) -> Array:
     """q in the scalar coordinates of certificates, of shape (n,): a continuous joint's is its angle.
 
     Raises:
-        InvalidInputError, SingularConfigurationError, UnsupportedMechanismError: As for `seed_at`.
+        InvalidInputError, SingularConfigurationError, UnsupportedMechanismError: As for `seed_at_configuration`.
     """
-    seed = seed_at(mechanism, q_free)
+    seed = seed_at_configuration(mechanism, q_free)
     return np.array(seed.theta[seed.system.independent])
 
 
-def seed_of(mechanism: Mechanism, q0: Array, guess: Array | None = None) -> Seed:
+def seed_at_coordinates(mechanism: Mechanism, q0: Array, guess: Array | None = None) -> Seed:
     """σ(q₀) on the branch of `guess` (default the reference), q₀ (n,) in scalar coordinates.
 
     A continuous joint's coordinate is its angle here, a planar joint's are x, y and the angle.

@@ -17,9 +17,9 @@ import math
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.domain.boxes import SLACK, Attempt, BoundsName, Boxes, Problem, bounds_of, certify_boxes, problem_of
-from ccpin.domain.chains import Seed, seed_at
+from ccpin.arrays import Array, apply
+from ccpin.domain.boxes import SLACK, BoundsName, Boxes, Problem, Tried, bounds_of, certify_boxes, problem_of
+from ccpin.domain.chains import Seed, seed_at_configuration
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -46,7 +46,7 @@ def kantorovich_radius(mechanism: Mechanism, q_free: Array, bounds: BoundsName =
         InvalidInputError, SingularConfigurationError: The configuration cannot be closed, or is singular.
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
-    seed = seed_at(mechanism, q_free)
+    seed = seed_at_configuration(mechanism, q_free)
     problem = problem_of(seed.system, bounds)
     return largest_square(problem, seed.theta)
 
@@ -67,7 +67,7 @@ def largest_square(problem: Problem, theta: Array) -> float:
     return best
 
 
-def _squares(problem: Problem, theta: Array, widths: Array) -> Attempt:
+def _squares(problem: Problem, theta: Array, widths: Array) -> Tried:
     n = problem.system.n
     centre = np.tile(theta, (len(widths), 1))
     return certify_boxes(problem, centre, np.repeat(widths[:, None], n, axis=1), np.eye(n))
@@ -94,7 +94,7 @@ def newton_steps(
     """
     if not (math.isfinite(radius) and radius > 0.0 and math.isfinite(accuracy) and accuracy > 0.0):
         raise InvalidInputError(f"radius and accuracy must be positive numbers; they are {radius} and {accuracy}")
-    seed: Seed = seed_at(mechanism, q_free)
+    seed: Seed = seed_at_configuration(mechanism, q_free)
     problem = problem_of(seed.system, bounds)
     attempt = _squares(problem, seed.theta, np.array([radius]))
     steps = newton_bound(problem, attempt.boxes, accuracy) if attempt.proved[0] else np.array([np.inf])
@@ -115,7 +115,7 @@ def newton_bound(problem: Problem, boxes: Boxes, accuracy: float) -> Array:
         kappa = np.max(bounds.contraction(reach, weight).of(weight) / weight, axis=1) * SLACK
         omega = np.max(bounds.curvature(reach, weight) / weight, axis=1) * SLACK
         c = omega / (2.0 * (1.0 - kappa))
-        unit = np.max((np.abs(boxes.modes) @ weight[..., None])[..., 0], axis=1)
+        unit = np.max(apply(np.abs(boxes.modes), weight), axis=1)
         target = np.minimum(accuracy / unit, start)
         steps = np.ceil(np.log2(np.log(c * target) / np.log(c * start)))
     sure = (kappa < 1.0) & (c * start * SLACK < 1.0)

@@ -23,7 +23,7 @@ from scipy.special import comb
 
 from ccpin.arrays import Array
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, certify_boxes, certify_points, closure_values, problem_of
-from ccpin.domain.chains import seed_of
+from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import encloses, extrapolate, glued, newton, solve_in_boxes
 from ccpin.errors import InvalidInputError, SingularConfigurationError
 from ccpin.mechanism.mechanism import Mechanism
@@ -117,11 +117,11 @@ def certify_path(
         widths = np.array([np.nan])
     if not (np.all(np.isfinite(widths)) and np.all(widths >= 0.0)):
         raise InvalidInputError(f"tube must be a nonnegative number or {mechanism.n} of them; it is {tube!r}")
-    seed = seed_of(mechanism, pieces.coefficients[0, 0], guess)
+    seed = seed_at_coordinates(mechanism, pieces.coefficients[0, 0], guess)
     return _Walker(problem_of(seed.system, bounds), pieces, widths, seed.theta).walk()
 
 
-class _Step(NamedTuple):
+class _Stretch(NamedTuple):
     """A box tried from the walker's place, and the parameter it leads to."""
 
     box: Boxes
@@ -160,7 +160,7 @@ class _Walker:
                 break
         return self.result(reason)
 
-    def step(self, piece: int, strides: Array, tube: Array) -> _Step | None:
+    def step(self, piece: int, strides: Array, tube: Array) -> _Stretch | None:
         """The longest stretch from here that can be proved and glued to what came before."""
         system, here = self.problem.system, self.times[-1]
         ends = np.unique(np.minimum(here + strides, self.pieces.knots[piece + 1]))
@@ -178,7 +178,7 @@ class _Walker:
         for k in proved[::-1]:
             box = attempt.boxes.take(np.array([k]))
             if self.continues(box, chords[k]):
-                return _Step(box, float(ends[k]))
+                return _Stretch(box, float(ends[k]))
         return None
 
     def predict(self, q: Array) -> Array:
@@ -198,7 +198,7 @@ class _Walker:
         end[0, 0] = 1.0
         return bool(glued(self.problem, last, end, box, delta)[0])
 
-    def accept(self, step: _Step) -> None:
+    def accept(self, step: _Stretch) -> None:
         """Go to the end of a proved stretch."""
         self.boxes.append(step.box)
         self.times.append(step.end)

@@ -33,11 +33,11 @@ from ccpin.kinematics.points import LinkPoint
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.outline import plane_of_motion
 
-Rows = Callable[[Array, Array], tuple[Array, Array]]
+RowFunction = Callable[[Array, Array], tuple[Array, Array]]
 _SOLVED = 1e-11
 
 
-Kind = Literal["fold", "self-motion", "serial"]
+CurveKind = Literal["fold", "self-motion", "serial"]
 
 
 class SingularCurve(NamedTuple):
@@ -51,7 +51,7 @@ class SingularCurve(NamedTuple):
         closed: Whether the curve returns to its start (turns of 2π of a joint not counted).
     """
 
-    kind: Kind
+    kind: CurveKind
     q: Array
     q_free: Array
     closed: bool
@@ -127,7 +127,7 @@ def serial_singularities(
     return _all_curves(_SingularEquations(mechanism, rows, "serial"), starts, step, limit)
 
 
-def _parallel_rows(mechanism: Mechanism) -> Rows:
+def _parallel_rows(mechanism: Mechanism) -> RowFunction:
     selection = mechanism.parametrization().coordinates.jacobian(mechanism.q_reference)
     return lambda q_free, w: (selection, np.zeros_like(selection))
 
@@ -193,7 +193,7 @@ class _SingularEquations:
         kind: What the curves are called; by default told from their image in q.
     """
 
-    def __init__(self, mechanism: Mechanism, rows: Rows, kind: Kind | None = None) -> None:
+    def __init__(self, mechanism: Mechanism, rows: RowFunction, kind: CurveKind | None = None) -> None:
         self.mechanism, self.rows, self.kind = mechanism, rows, kind
         self.constraints = mechanism.constraints()
         coordinates = mechanism.parametrization().coordinates

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import Status
+from ccpin.domain.atlas.cells import CellStatus
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.singularities import SingularCurve
 from ccpin.errors import InvalidInputError
@@ -125,10 +125,10 @@ def plot_radius_map(
 
 
 _STATUS_COLOURS = (
-    ("certified", (Status.CERTIFIED,), "#9ccb9f"),
-    ("undecided", (Status.UNDECIDED, Status.CANDIDATE), "#d1541f"),
-    ("unreached", (Status.UNREACHED,), "#f2d16b"),
-    ("empty", (Status.EMPTY,), "#e4e7eb"),
+    ("certified", (CellStatus.CERTIFIED,), "#9ccb9f"),
+    ("undecided", (CellStatus.UNDECIDED, CellStatus.CANDIDATE), "#d1541f"),
+    ("unreached", (CellStatus.UNREACHED,), "#f2d16b"),
+    ("empty", (CellStatus.EMPTY,), "#e4e7eb"),
 )
 
 

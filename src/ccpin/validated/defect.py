@@ -59,7 +59,7 @@ def defect(program: Program, series: Sequence[Any], length: Ball) -> list[Ball]:
     powers = [ball(1)]
     for _ in range(order):
         powers.append((powers[-1] * length).upper())
-    run = _Run(series, powers, length)
+    run = _AlongPolynomial(series, powers, length)
     for k in range(program.inputs):
         run.bounds[k] = run.bound(series[k][:order], magnitude(series[k][order]) * powers[order])
     for item in program.instructions:
@@ -67,7 +67,7 @@ def defect(program: Program, series: Sequence[Any], length: Ball) -> list[Ball]:
     return [run.bounds[number].rest for number in program.outputs]
 
 
-class _Run:
+class _AlongPolynomial:
     def __init__(self, series: Sequence[Any], powers: list[Ball], length: Ball) -> None:
         self.series, self.powers, self.length = series, powers, length
         self.bounds: list[Any] = [None] * len(series)

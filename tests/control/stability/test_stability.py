@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 import ccpin
 from ccpin import plotting
 from ccpin.control import PDFullGravity, PDSimpleGravity
-from ccpin.control.stability.flood import Effort
+from ccpin.control.stability.flood import Budget
 from ccpin.control.stability.gains import gravity_slope_over, suggest_gains
 from ccpin.control.stability.set_point_cells import cells_of_atlas
 from ccpin.control.stability.theorem3 import certify_law, certify_set_point
@@ -32,14 +32,14 @@ UPRIGHT, UPRIGHT_MODE = np.radians([90.0, 90.0]), np.radians([90.0, -30.0, 90.0,
 def _case(name):
     """A law, its certificate and how long its motions take to settle."""
     model = ccpin.ReducedModel(ccpin.load(name))
-    q_d, k_p, k_v, effort, duration = {
-        "rpdr": (Q_GOAL, K_P, K_V, Effort(11, 700), 1.0),
-        "delta": (np.zeros(3), np.full(3, 30.0), np.full(3, 4.0), Effort(9, 150), 2.0),
+    q_d, k_p, k_v, budget, duration = {
+        "rpdr": (Q_GOAL, K_P, K_V, Budget(11, 700), 1.0),
+        "delta": (np.zeros(3), np.full(3, 30.0), np.full(3, 4.0), Budget(9, 150), 2.0),
         "stewart": (model.alpha(model.mechanism.q_reference), np.full(6, 4e3), np.full(6, 300.0), None, 0.8),
         "hexa": (model.alpha(model.mechanism.q_reference), np.full(6, 100.0), np.full(6, 5.0), None, 1.0),
     }[name]
     law = PDSimpleGravity(model, q_d, k_p, k_v)
-    return law, certify_law(law, effort=effort), duration
+    return law, certify_law(law, budget=budget), duration
 
 
 def _closed_form_potential(paper):
@@ -292,7 +292,7 @@ def test_gain_below_the_slope_is_refused_and_runs_away(rpdr_model):
     gone = ccpin.simulate(rpdr_model, weak, off, duration=4.0, guess=UPRIGHT_MODE)
     assert np.abs(gone.q[-1] - UPRIGHT).max() > 0.3
     strong = PDSimpleGravity(rpdr_model, UPRIGHT, K_P, K_V, UPRIGHT_MODE)
-    certificate = certify_law(strong, effort=Effort(8, 120))
+    certificate = certify_law(strong, budget=Budget(8, 120))
     assert certificate.holds
     assert certificate.contains(off)
     back = ccpin.simulate(rpdr_model, strong, off, duration=4.0, guess=UPRIGHT_MODE)
@@ -311,7 +311,7 @@ def test_gain_condition_is_sufficient_only(rpdr_model):
 def test_full_matrix_gains(rpdr_model):
     """k is the least eigenvalue of a K_p that is not diagonal."""
     matrix = np.array([[14.0, 4.0], [4.0, 9.0]])
-    certificate = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, matrix, K_V), effort=Effort(8, 100))
+    certificate = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, matrix, K_V), budget=Budget(8, 100))
     assert certificate.gain == pytest.approx(11.5 - np.sqrt(2.5**2 + 16.0))
     assert certificate.holds
 
@@ -477,8 +477,8 @@ def test_pictures(tmp_path, rpdr_model):
 
 def test_the_call_by_set_point_is_that_of_its_law(rpdr_model):
     """certify_set_point(model, q_d, K_p, K_v) makes the law (28) and certifies it."""
-    effort = Effort(8, 100)
-    by_gains = certify_set_point(rpdr_model, Q_GOAL, K_P, K_V, effort=effort)
-    by_law = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V), effort=effort)
+    budget = Budget(8, 100)
+    by_gains = certify_set_point(rpdr_model, Q_GOAL, K_P, K_V, budget=budget)
+    by_law = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V), budget=budget)
     assert by_gains.level == by_law.level > 0.0
     assert by_gains.rigorous

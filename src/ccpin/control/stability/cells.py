@@ -12,25 +12,23 @@ from dataclasses import dataclass, field
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.well import Well, wells
-from ccpin.domain.atlas.tasks import Cells as Trial
-from ccpin.domain.atlas.tasks import prove
+from ccpin.domain.atlas.tasks import CellsToProve, prove
 from ccpin.domain.boxes import Boxes, Problem, verify
 from ccpin.domain.gravity_bounds import Potential, gravity_bounds
 from ccpin.domain.newton import glued, predict
 
-State = Literal["untried", "proved", "failed"]
+Proof = Literal["untried", "proved", "failed"]
 _SHARED = 1e-9
 _COVERED = 1e-11
 _WIDER = 1e-14
 _ROOM, _ROOM_AT_LEAST = 0.01, 1e-11
 
 
-def holding(lower: Array, upper: Array, q: Array) -> NDArray[np.intp]:
+def holding(lower: Array, upper: Array, q: Array) -> Indices:
     """Which boxes (K, n) hold a point, to the 1e-14 by which Theorem K's boxes are wider than their corners say."""
     return np.flatnonzero(np.all((lower <= q + _WIDER) & (q - _WIDER <= upper), axis=1))
 
@@ -67,7 +65,7 @@ class Cell:
     depth: int
     lattice: tuple[int, ...] | None
     neighbours: set[int] = field(default_factory=set)
-    state: State = "untried"
+    state: Proof = "untried"
     box: Boxes | None = None
     well: Well | None = None
     live: bool = True
@@ -196,7 +194,7 @@ class CellStore:
         start[:, self.problem.system.independent] = points
         centre = np.array([0.5 * (cell.lower + cell.upper) for cell in targets])
         half = np.array([0.5 * (cell.upper - cell.lower) for cell in targets])
-        found = prove(self.problem, Trial(centre, half, start, parents.centre))
+        found = prove(self.problem, CellsToProve(centre, half, start, parents.centre))
         rows = np.flatnonzero(found.proved)
         for cell in targets:
             cell.state = "failed"

@@ -30,7 +30,7 @@ from ccpin.control.stability.well import Range, Well
 _AHEAD = 16
 
 
-class Effort(NamedTuple):
+class Budget(NamedTuple):
     """How much work a flood may do.
 
     Attributes:
@@ -51,7 +51,7 @@ class Sublevel(NamedTuple):
         level: c in joules; {U < c} around q_d lies in the members (0: nothing proved).
         members: Numbers of the cells.
         beta: Largest bound of ‖∂g/∂q‖ over the members that meet {U < c}; NaN without members.
-        limit: What ended the flood: "domain", "gain" or "effort".
+        limit: What ended the flood: "domain", "gain" or "budget".
         point: Where, of shape (n,).
     """
 
@@ -80,11 +80,11 @@ class Flood:
     Args:
         store: The cells.
         good: Which wells may be members.
-        effort: When to give up.
+        budget: When to give up.
     """
 
-    def __init__(self, store: CellStore, good: Callable[[Well], bool], effort: Effort) -> None:
-        self._store, self._good, self._effort = store, good, effort
+    def __init__(self, store: CellStore, good: Callable[[Well], bool], budget: Budget) -> None:
+        self._store, self._good, self._budget = store, good, budget
         self._members: dict[int, int] = {}
         self._heap: list[_Entry] = []
         self._serial = 0
@@ -114,7 +114,7 @@ class Flood:
             if cell.well is not None and self._good(cell.well):
                 found.append(number)
                 continue
-            if cell.well is None or cell.depth >= self._effort.depth or self._spent():
+            if cell.well is None or cell.depth >= self._budget.depth or self._spent():
                 return None
             children = self._store.halve_proved(number)
             if children is None:
@@ -130,7 +130,7 @@ class Flood:
             if entry.level > self._level:
                 self._level, self._at_level = entry.level, self._added
             if self._spent():
-                return "effort", entry.point
+                return "budget", entry.point
             limit = self._cross(entry)
             if limit is not None and not self._tighten(entry):
                 return limit, entry.point
@@ -146,7 +146,7 @@ class Flood:
         if cell.well is not None and self._good(cell.well):
             self._add(entry.beyond, entry.inside)
             return None
-        if cell.depth >= self._effort.depth or self._rise(entry) <= 0.1 * self._effort.tolerance * self._level:
+        if cell.depth >= self._budget.depth or self._rise(entry) <= 0.1 * self._budget.tolerance * self._level:
             return "gain" if cell.well is not None else "domain"
         number = entry.beyond if cell.well is not None else entry.inside
         for child in self._store.split(entry.beyond, self._store.stretch(number)):
@@ -174,7 +174,7 @@ class Flood:
     def _tighten(self, entry: _Entry) -> bool:
         """Halve the member before a face whose level is not sharp; False where it is, or may not be halved."""
         cell = self._store[entry.inside]
-        if entry.slack <= self._effort.tolerance * max(entry.level, 0.0) or cell.depth >= self._effort.depth:
+        if entry.slack <= self._budget.tolerance * max(entry.level, 0.0) or cell.depth >= self._budget.depth:
             return False
         order = self._members[entry.inside]
         children = self._store.halve_proved(entry.inside)
@@ -223,7 +223,7 @@ class Flood:
         return entry.beyond < 0 or (self._store[entry.beyond].live and entry.beyond not in self._members)
 
     def _spent(self) -> bool:
-        return self._store.proved >= self._effort.cells
+        return self._store.proved >= self._budget.cells
 
     def _beta(self, members: tuple[int, ...]) -> float:
         low = [self._whole(number).lower < self._level for number in members]

@@ -10,9 +10,9 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, Mask
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.domain.gravity_bounds import GravityBounds
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -78,7 +78,7 @@ class Well(NamedTuple):
     def _range(self, least: float, point: Array) -> Range:
         return Range(least - self.remainder, self.quadratic(point) + self.remainder, self.centre + point)
 
-    def _descend(self, point: Array, low: Array, high: Array, free: NDArray[np.intp]) -> Array:
+    def _descend(self, point: Array, low: Array, high: Array, free: Indices) -> Array:
         """Minimise the quadratic over the box one coordinate after the other."""
         point = point.copy()
         for _ in range(_SWEEPS if free.size > 1 else 1):
@@ -130,7 +130,7 @@ class RegionSamples(NamedTuple):
     q: Array
     potential: Array
     norm: Array
-    edge: NDArray[np.bool_]
+    edge: Mask
 
 
 def checked_region(model: ReducedModel, region: tuple[ArrayLike, ArrayLike], q_d: Array) -> tuple[Array, Array]:

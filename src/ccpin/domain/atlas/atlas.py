@@ -23,20 +23,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Mask
 from ccpin.domain.atlas import store as atlas_store
-from ccpin.domain.atlas.build import Builder
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region, Status
+from ccpin.domain.atlas.build import AtlasBuilder
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Region
 from ccpin.domain.atlas.empty import prove_empty
 from ccpin.domain.atlas.region import region_of
 from ccpin.domain.atlas.run import Runner, Stopped, stoppable
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
-from ccpin.domain.chains import seed_of
+from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
-
-Mask = NDArray[np.bool_]
 
 _DEPTHS = {1: 14, 2: 12, 3: 6}
 _TOLERANCES = {1: 1e-5, 2: 1e-4, 3: 2e-3}
@@ -96,29 +94,29 @@ class Atlas:
     @property
     def area(self) -> float:
         """Length, area or volume of the certified set, in radⁿ (metres for sliding coordinates)."""
-        return self.fraction(Status.CERTIFIED) * float(np.prod(self.region.width))
+        return self.fraction(CellStatus.CERTIFIED) * float(np.prod(self.region.width))
 
     @property
     def certified_fraction(self) -> float:
         """The certified share of the region."""
-        return self.fraction(Status.CERTIFIED)
+        return self.fraction(CellStatus.CERTIFIED)
 
     @property
     def undecided_fraction(self) -> float:
         """The share of the region tried without a proof."""
-        return self.fraction(Status.UNDECIDED, Status.CANDIDATE)
+        return self.fraction(CellStatus.UNDECIDED, CellStatus.CANDIDATE)
 
     @property
     def unreached_fraction(self) -> float:
         """The share of the region with no certified neighbour to start from."""
-        return self.fraction(Status.UNREACHED)
+        return self.fraction(CellStatus.UNREACHED)
 
     @property
     def empty_fraction(self) -> float:
         """The share of the region proved to hold no closed configuration."""
-        return self.fraction(Status.EMPTY)
+        return self.fraction(CellStatus.EMPTY)
 
-    def fraction(self, *statuses: Status) -> float:
+    def fraction(self, *statuses: CellStatus) -> float:
         """The share of the region in cells of the given statuses."""
         leaves = self.tree.leaves()
         chosen = leaves[np.isin(self.tree.status[leaves], statuses)]
@@ -131,7 +129,7 @@ class Atlas:
         return bool(certified[0]) if np.ndim(q) == 1 else certified
 
     def status(self, q: ArrayLike) -> NDArray[np.int8]:
-        """The `Status` of the cells that hold points (K, n); −1 outside of the region."""
+        """The `CellStatus` of the cells that hold points (K, n); −1 outside of the region."""
         cells = self.tree.locate(self.region.cell_coordinates(self._points(q)))
         return np.where(cells >= 0, self.tree.status[cells], -1).astype(np.int8)
 
@@ -250,7 +248,7 @@ def certify(
             f"{mechanism.name} has {mechanism.n} independent coordinates; maps are drawn for up to {max(_DEPTHS)}. Use "
             "kantorovich_radius for a ball or certify_path for a path"
         )
-    seed = seed_of(mechanism, start, guess)
+    seed = seed_at_coordinates(mechanism, start, guess)
     depth = _DEPTHS[mechanism.n] if max_depth is None else max_depth
     if not 0 <= depth < LEVELS:
         raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
@@ -258,7 +256,7 @@ def certify(
     area = region_of(mechanism, seed, region)
     complete = True
     with stoppable() as flag, Runner(problem, executor, checkpoint, flag) as runner:
-        builder = Builder(problem, seed.theta, area, runner, progress and _reporter(progress))
+        builder = AtlasBuilder(problem, seed.theta, area, runner, progress and _reporter(progress))
         try:
             _build(builder, depth)
         except Stopped:
@@ -266,7 +264,7 @@ def certify(
     return _atlas(mechanism, builder, complete)
 
 
-def _build(builder: Builder, depth: int) -> None:
+def _build(builder: AtlasBuilder, depth: int) -> None:
     system, region = builder.problem.system, builder.region
     builder.certify_square(_TOLERANCES[system.n])
     if depth:
@@ -274,7 +272,7 @@ def _build(builder: Builder, depth: int) -> None:
         prove_empty(system, builder.tree, region, depth)
 
 
-def _atlas(mechanism: Mechanism, builder: Builder, complete: bool) -> Atlas:
+def _atlas(mechanism: Mechanism, builder: AtlasBuilder, complete: bool) -> Atlas:
     return Atlas(
         names=tuple(mechanism.independent),
         q0=builder.q0,
@@ -292,9 +290,9 @@ def _atlas(mechanism: Mechanism, builder: Builder, complete: bool) -> Atlas:
 def _reporter(progress: Callable[[Progress], None]) -> Callable[[CellTree], None]:
     def report(tree: CellTree) -> None:
         status = tree.status[: tree.count]
-        certified = status == Status.CERTIFIED
+        certified = status == CellStatus.CERTIFIED
         share = float(np.prod(tree.size[: tree.count][certified] / WHOLE, axis=1).sum())
-        waiting = int(np.count_nonzero(status == Status.CANDIDATE))
+        waiting = int(np.count_nonzero(status == CellStatus.CANDIDATE))
         progress(Progress(int(np.count_nonzero(certified)), waiting, share))
 
     return report

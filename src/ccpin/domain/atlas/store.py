@@ -18,7 +18,7 @@ from ccpin.errors import InvalidInputError
 
 FORMAT = "ccpin-atlas-1"
 Arrays = dict[str, NDArray[np.generic]]
-_SYSTEM_ARRAYS = ("gears", "offset", "moduli", "independent", "dependent", "periodic")
+_SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 
 
 def write(path: str | Path, header: dict[str, Any], arrays: Arrays) -> None:

@@ -7,13 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices
 from ccpin.domain.theorem2.polynomial import Monomial, Polynomial, parse_polynomial
 from ccpin.errors import InvalidInputError, SingularConfigurationError
-
-Indices = NDArray[np.intp]
 
 
 class Printable(Protocol):

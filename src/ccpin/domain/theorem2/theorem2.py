@@ -97,7 +97,7 @@ class Theorem2Result:
     uniqueness: float
 
 
-class Bounds(NamedTuple):
+class CentreBounds(NamedTuple):
     """Upper bounds at a centre, rounding included: ω, γ and the length of A F(z₀)."""
 
     bend: float
@@ -149,7 +149,7 @@ def theorem2(
     return max(results, key=lambda result: result.radius)
 
 
-def bounds_at(system: QuadraticSystem, centre: Array, weights: Array, relative_error: float) -> Bounds | None:
+def bounds_at(system: QuadraticSystem, centre: Array, weights: Array, relative_error: float) -> CentreBounds | None:
     """ω, γ and residual at a centre with rounding margins, or ``None`` where J is numerically singular.
 
     Args:
@@ -178,7 +178,7 @@ def bounds_at(system: QuadraticSystem, centre: Array, weights: Array, relative_e
     bend = size @ (scaled.v + 2.0 * error * span**2)
     gain = size[:, system.size - system.free :].sum(axis=1)
     residual = np.abs(inverse @ system.value(centre)) + error * reach**2 * rows
-    return Bounds(*(inflate * float(x.max(initial=0.0)) for x in (bend, gain, residual)))
+    return CentreBounds(*(inflate * float(x.max(initial=0.0)) for x in (bend, gain, residual)))
 
 
 def _checked(mechanism: Mechanism, q_free: Array) -> Array:
