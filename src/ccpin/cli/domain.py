@@ -68,11 +68,11 @@ def _domain(options: argparse.Namespace) -> int:
     return 0 if atlas is None or atlas.complete else 130
 
 
-def _region(options: argparse.Namespace, mechanism: Mechanism) -> Array | None:
+def _region(options: argparse.Namespace, mechanism: Mechanism) -> tuple[Array, Array] | None:
     lower, upper = vector(options, "lower", mechanism), vector(options, "upper", mechanism)
     if (lower is None) != (upper is None):
         raise InvalidInputError("a region needs both its lower and its upper corner")
-    return None if lower is None or upper is None else np.column_stack([lower, upper])
+    return None if lower is None or upper is None else (lower, upper)
 
 
 def _radii(mechanism: Mechanism, q_free: Array) -> dict[str, Any]:

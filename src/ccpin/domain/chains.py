@@ -31,7 +31,7 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.loops import Loop
 from ccpin.kinematics.rows import KindRows
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 UNIT_ROUNDOFF = 2.0**-53
 
@@ -296,7 +296,7 @@ class Seed(NamedTuple):
     theta: Array
 
 
-def seed_at_configuration(mechanism: Mechanism, q_free: Array) -> Seed:
+def seed_at_configuration(mechanism: Mechanism | HasMechanism, q_free: Array) -> Seed:
     """Close a configuration of shape (nq,) at its own independent coordinates, and centre the chart there.
 
     Raises:
@@ -304,7 +304,7 @@ def seed_at_configuration(mechanism: Mechanism, q_free: Array) -> Seed:
         SingularConfigurationError: It is singular.
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
-    q_free = np.asarray(q_free, dtype=np.float64)
+    mechanism, q_free = mechanism_of(mechanism), np.asarray(q_free, dtype=np.float64)
     if q_free.shape != (mechanism.nq,) or not np.all(np.isfinite(q_free)):
         raise InvalidInputError(
             f"q_free must be {mechanism.nq} finite numbers, a configuration of {mechanism.name}; "
@@ -316,7 +316,7 @@ def seed_at_configuration(mechanism: Mechanism, q_free: Array) -> Seed:
     return Seed(system, system.chart.theta(closed))
 
 
-def scalar_coordinates_at(mechanism: Mechanism, q_free: Array) -> Array:
+def scalar_coordinates_at(mechanism: Mechanism | HasMechanism, q_free: Array) -> Array:
     """q in the scalar coordinates of certificates, of shape (n,): a continuous joint's is its angle.
 
     Raises:

@@ -21,13 +21,13 @@ from ccpin.arrays import Array, apply
 from ccpin.domain.boxes import SLACK, BoundsName, Boxes, Problem, Tried, bounds_of, certify_boxes, problem_of
 from ccpin.domain.chains import Seed, seed_at_configuration
 from ccpin.errors import ConvergenceError, InvalidInputError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism
 
 _TRIES = 64
 _SMALLEST, _LARGEST = 1e-9, 10.0
 
 
-def kantorovich_radius(mechanism: Mechanism, q_free: Array, bounds: BoundsName = "reach") -> float:
+def kantorovich_radius(mechanism: Mechanism | HasMechanism, q_free: Array, bounds: BoundsName = "reach") -> float:
     """The half width of the largest square about α(q′) on which one box proves σ.
 
     For every q with max |q − α(q′)| ≤ r there is exactly one solution in a tube about the linear predictor, ψ_q′ is
@@ -35,7 +35,7 @@ def kantorovich_radius(mechanism: Mechanism, q_free: Array, bounds: BoundsName =
     for its whole square, so the search need not be complete to be sound.
 
     Args:
-        mechanism: The mechanism.
+        mechanism: The mechanism, or its model.
         q_free: A closed configuration, of shape (nq,).
         bounds: ``"reach"`` (any tree), ``"planar"`` (sharper, planar loops only) or ``"auto"``.
 
@@ -74,14 +74,18 @@ def _squares(problem: Problem, theta: Array, widths: Array) -> Tried:
 
 
 def newton_steps(
-    mechanism: Mechanism, q_free: Array, radius: float, accuracy: float = 1e-12, bounds: BoundsName = "auto"
+    mechanism: Mechanism | HasMechanism,
+    q_free: Array,
+    radius: float,
+    accuracy: float = 1e-12,
+    bounds: BoundsName = "auto",
 ) -> int:
     """How many Newton steps suffice for σ(q) from the predictor, for every q with max |q − α(q′)| ≤ radius.
 
     After that many steps in exact arithmetic every dependent coordinate is within `accuracy` of σ(q).
 
     Args:
-        mechanism: The mechanism.
+        mechanism: The mechanism, or its model.
         q_free: A closed configuration, of shape (nq,), centre of the square.
         radius: Half width of the square (rad, or m for sliding joints).
         accuracy: The error allowed (rad or m).

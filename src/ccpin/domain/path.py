@@ -26,7 +26,7 @@ from ccpin.domain.boxes import BoundsName, Boxes, Problem, certify_boxes, certif
 from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import encloses, extrapolate, glued, newton, solve_in_boxes
 from ccpin.errors import InvalidInputError, SingularConfigurationError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 _TRIES = np.array([4.0, 2.0, 1.0, 0.5, 0.25])
 _SHORTEST = 1e-7
@@ -84,7 +84,7 @@ class CertifiedPath:
 
 
 def certify_path(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     path: ArrayLike | PPoly | BSpline,
     tube: ArrayLike = 1e-3,
     guess: Array | None = None,
@@ -94,7 +94,7 @@ def certify_path(
     """Prove that σ stays on its branch along a tube about a path.
 
     Args:
-        mechanism: A mechanism with scalar independent coordinates, any number of them.
+        mechanism: A mechanism (or its model) with scalar independent coordinates, any number of them.
         path: Waypoints of shape (K, n), parameter 0 … K − 1, or a SciPy `PPoly` (`CubicSpline` …) or `BSpline` with
             values of shape (n,); rad and m.
         tube: Half width of the tube in each coordinate: a number or shape (n,).
@@ -110,6 +110,7 @@ def certify_path(
         UnreachableError, SingularConfigurationError: σ at the path's start does not exist, or is singular.
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
+    mechanism = mechanism_of(mechanism)
     pieces = pieces_of(path, mechanism.n)
     try:
         widths = np.broadcast_to(np.asarray(tube, dtype=np.float64), (mechanism.n,)).copy()

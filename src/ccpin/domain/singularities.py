@@ -30,7 +30,7 @@ from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.points import LinkPoint
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.mechanism.outline import plane_of_motion
 
 RowFunction = Callable[[Array, Array], tuple[Array, Array]]
@@ -70,7 +70,7 @@ class SingularityDistance(NamedTuple):
 
 
 def singularities(
-    mechanism: Mechanism, *, starts: int = 120, step: float = 0.02, limit: int = 4000
+    mechanism: Mechanism | HasMechanism, *, starts: int = 120, step: float = 0.02, limit: int = 4000
 ) -> tuple[SingularCurve, ...]:
     """All singular curves met from deterministic starts, folds first.
 
@@ -86,12 +86,13 @@ def singularities(
     Raises:
         UnsupportedMechanismError: n ≠ 2, joints with nq ≠ nv, components as coordinates, or redundant rows.
     """
+    mechanism = mechanism_of(mechanism)
     selection = _parallel_rows(mechanism)
     return _all_curves(_SingularEquations(mechanism, selection), starts, step, limit)
 
 
 def serial_singularities(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     link: str,
     point: ArrayLike = (0.0, 0.0, 0.0),
     *,
@@ -115,6 +116,7 @@ def serial_singularities(
         UnsupportedMechanismError: As for `singularities`, or the mechanism is not planar.
         InvalidInputError: No such moving link, or a point that is not three numbers.
     """
+    mechanism = mechanism_of(mechanism)
     plane = plane_of_motion(mechanism)
     if plane is None:
         raise UnsupportedMechanismError(f"'{mechanism.name}' is not planar: its serial singularities are not curves")

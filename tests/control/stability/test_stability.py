@@ -337,7 +337,7 @@ def test_bad_input_is_refused(rpdr_model):
 @pytest.fixture(scope="module")
 def atlas(rpdr):
     """A square of ±30° about the goal."""
-    region = np.column_stack([Q_GOAL - np.radians(30.0), Q_GOAL + np.radians(30.0)])
+    region = Q_GOAL - np.radians(30.0), Q_GOAL + np.radians(30.0)
     return certify(rpdr, Q_GOAL, region, max_depth=8)
 
 
@@ -360,7 +360,7 @@ def test_atlas_in_space():
     """Delta, a cube of ±10°: the proved level is just below the least U of samples on its faces; β bounds samples."""
     law = _case("delta")[0]
     half, model = np.radians(10.0), law.model
-    region = np.tile([-half, half], (3, 1))
+    region = np.full(3, -half), np.full(3, half)
     cube = certify(model.mechanism, np.zeros(3), region, max_depth=4)
     certificate = certify_law(law, cube)
     rng = np.random.default_rng(2)
@@ -417,7 +417,7 @@ def test_region_with_the_goal_at_its_corner(rpdr_model):
 def test_suggested_gains_damp_every_mode(rpdr, rpdr_model):
     """K_p is the margin over a proved β, and the linearised loop's poles all have the damping asked for."""
     half = np.radians(16.0)
-    atlas = certify(rpdr, Q_GOAL, np.column_stack([Q_GOAL - half, Q_GOAL + half]), max_depth=8)
+    atlas = certify(rpdr, Q_GOAL, (Q_GOAL - half, Q_GOAL + half), max_depth=8)
     gains = suggest_gains(rpdr_model, Q_GOAL, atlas, margin=1.3, damping=0.6)
     points, _, slope = _grid()
     inside = np.all(np.abs(points - Q_GOAL) <= half + 1e-9, axis=1)

@@ -23,6 +23,7 @@ from ccpin.control.stability.cells import CellStore
 from ccpin.control.stability.set_point_cells import cells_of_atlas
 from ccpin.control.stability.well import checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.region import Corners
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError, SingularConfigurationError
 
@@ -53,7 +54,7 @@ class Gains(NamedTuple):
 def suggest_gains(
     model: ReducedModel,
     q_d: ArrayLike,
-    domain: Atlas | tuple[ArrayLike, ArrayLike],
+    domain: Atlas | Corners,
     *,
     margin: float = 1.5,
     damping: float = 0.7,
@@ -79,7 +80,8 @@ def suggest_gains(
         raise InvalidInputError(f"margin = {margin} must be above 1 and damping = {damping} above 0")
     ones = np.ones(model.n)
     law = PDSimpleGravity(model, q_d, ones, ones, guess)
-    if isinstance(domain, tuple):
+    proved = isinstance(domain, Atlas)
+    if not isinstance(domain, Atlas):
         lower, upper = checked_region(model, domain, law.q_d)
         largest = float(sample_region(model, lower, upper, law.q_free_d).norm.max())
         slope = SlopeBound(largest, largest)
@@ -100,7 +102,7 @@ def suggest_gains(
         beta=beta,
         beta_seen=slope.seen,
         frequencies=frequencies,
-        rigorous=not isinstance(domain, tuple),
+        rigorous=proved,
     )
 
 

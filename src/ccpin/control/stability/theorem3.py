@@ -46,12 +46,12 @@ from ccpin.control.stability.flood import Budget, Flood, Sublevel, connected
 from ccpin.control.stability.set_point_cells import cells_around, cells_of_atlas
 from ccpin.control.stability.well import checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.region import Corners
 from ccpin.domain.newton import predict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 
 Limit = Literal["domain", "gain", "budget"]
-Region = tuple[ArrayLike, ArrayLike]
 
 _BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
 _ONE_BOX = Budget(0, 1)
@@ -167,7 +167,7 @@ def certify_set_point(
     q_d: ArrayLike,
     K_p: ArrayLike,
     K_v: ArrayLike,
-    domain: Atlas | Region | None = None,
+    domain: Atlas | Corners | None = None,
     *,
     guess: ArrayLike | None = None,
     budget: Budget | None = None,
@@ -191,7 +191,7 @@ def certify_set_point(
 
 
 def certify_law(
-    law: PDSimpleGravity, domain: Atlas | Region | None = None, *, budget: Budget | None = None
+    law: PDSimpleGravity, domain: Atlas | Corners | None = None, *, budget: Budget | None = None
 ) -> SetPointCertificate:
     """Theorem 3 for a law: β, the gain condition, and the largest c found with B₂ in the domain.
 
@@ -213,7 +213,7 @@ def certify_law(
     gain = float(np.linalg.eigvalsh(law.K_p)[0])
     least = float(np.linalg.eigvalsh(law.K_p + stiffness)[0])
     norm_d = float(np.linalg.norm(stiffness, 2))
-    if isinstance(domain, tuple):
+    if domain is not None and not isinstance(domain, Atlas):
         return _sampled(law, domain, gain, least, norm_d)
     budget = budget or _BUDGETS.get(law.model.n, _ONE_BOX)
     if domain is None:
@@ -256,7 +256,7 @@ def _members(store: CellStore, found: Sublevel, q_d: Array) -> _MemberCells | No
     )
 
 
-def _sampled(law: PDSimpleGravity, region: Region, gain: float, least: float, norm_d: float) -> SetPointCertificate:
+def _sampled(law: PDSimpleGravity, region: Corners, gain: float, least: float, norm_d: float) -> SetPointCertificate:
     """The same figures from a grid: the least U on the edge, and among samples where the gain condition fails."""
     lower, upper = checked_region(law.model, region, law.q_d)
     samples = sample_region(law.model, lower, upper, law.q_free_d)

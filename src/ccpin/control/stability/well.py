@@ -10,10 +10,10 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Indices, Mask
 from ccpin.control.laws import PDSimpleGravity
+from ccpin.domain.atlas.region import Corners, corners_of
 from ccpin.domain.gravity_bounds import GravityBounds
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
@@ -133,17 +133,13 @@ class RegionSamples(NamedTuple):
     edge: Mask
 
 
-def checked_region(model: ReducedModel, region: tuple[ArrayLike, ArrayLike], q_d: Array) -> tuple[Array, Array]:
+def checked_region(model: ReducedModel, region: Corners, q_d: Array) -> tuple[Array, Array]:
     """The corners of a region that holds q_d.
 
     Raises:
         InvalidInputError: Corners of the wrong shape or order, or q_d outside.
     """
-    lower, upper = (
-        model.checked(corner, name, model.n) for corner, name in zip(region, ("lower", "upper"), strict=True)
-    )
-    if not np.all(lower < upper):
-        raise InvalidInputError(f"the region's lower corner {lower} must be below its upper corner {upper}")
+    lower, upper = corners_of(region, model.mechanism.independent)
     if not np.all((lower <= q_d) & (q_d <= upper)):
         raise InvalidInputError(f"the set point {q_d} lies outside of the region from {lower} to {upper}")
     return lower, upper

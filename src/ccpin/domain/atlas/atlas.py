@@ -28,13 +28,13 @@ from ccpin.domain.atlas import store as atlas_store
 from ccpin.domain.atlas.build import AtlasBuilder
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Region
 from ccpin.domain.atlas.empty import prove_empty
-from ccpin.domain.atlas.region import region_of
-from ccpin.domain.atlas.run import Runner, Stopped, stoppable
+from ccpin.domain.atlas.region import Corners, region_of
+from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
 from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 _DEPTHS = {1: 14, 2: 12, 3: 6}
 _TOLERANCES = {1: 1e-5, 2: 1e-4, 3: 2e-3}
@@ -205,13 +205,14 @@ class Atlas:
 
 
 def certify(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     q0: ArrayLike,
-    region: ArrayLike | None = None,
+    region: Corners | None = None,
     guess: Array | None = None,
     *,
     max_depth: int | None = None,
     bounds: BoundsName = "auto",
+    workers: int | None = None,
     executor: Executor | None = None,
     checkpoint: str | Path | None = None,
     progress: Callable[[Progress], None] | None = None,
@@ -221,16 +222,18 @@ def certify(
     First the largest square about q₀ is certified (to 0.1 % or better for n ≤ 2), then the rest of the region.
 
     Args:
-        mechanism: A mechanism with up to three scalar independent coordinates.
+        mechanism: A mechanism (or its model) with up to three scalar independent coordinates.
         q0: The seed, of shape (n,) (rad, m).
-        region: Lower and upper bound of each coordinate, of shape (n, 2); default a full turn for a joint whose
+        region: (lower, upper), the bounds of the coordinates, each of shape (n,); default a full turn for a joint whose
             limits allow it, the limits otherwise. A full turn closes on itself.
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         max_depth: How often an edge of the region may be halved (0: the square only); default 14, 12, 6 for n = 1,
             2, 3.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
-        executor: Anything with ``submit``: a process pool, Dask's ``client.get_executor()``; default this process,
-            with worker processes of its own for long work. The result does not depend on it.
+        workers: How many processes to start for the work; default none: all is done in this one. A script that asks
+            for more than one needs the guard ``if __name__ == "__main__":``.
+        executor: In place of `workers` anything with ``submit``: a process pool, Dask's ``client.get_executor()``.
+            The result depends on neither.
         checkpoint: A folder in which finished chunks are kept; the same call finds them again after a crash.
         progress: Called after every wave.
 
@@ -239,10 +242,10 @@ def certify(
 
     Raises:
         UnsupportedMechanismError: More than three coordinates, redundant rows, or closures that cannot be bounded.
-        InvalidInputError: q₀, region or max_depth is malformed.
+        InvalidInputError: q₀, region, max_depth or workers is malformed.
         UnreachableError, SingularConfigurationError: σ(q₀) does not exist on the branch, or is singular.
     """
-    start = np.asarray(q0, dtype=np.float64)
+    mechanism, start = mechanism_of(mechanism), np.asarray(q0, dtype=np.float64)
     if mechanism.n > max(_DEPTHS):
         raise UnsupportedMechanismError(
             f"{mechanism.name} has {mechanism.n} independent coordinates; maps are drawn for up to {max(_DEPTHS)}. Use "
@@ -255,7 +258,8 @@ def certify(
     problem = problem_of(seed.system, bounds)
     area = region_of(mechanism, seed, region)
     complete = True
-    with stoppable() as flag, Runner(problem, executor, checkpoint, flag) as runner:
+    with stoppable() as flag, executor_for(executor, workers) as chosen:
+        runner = Runner(problem, chosen, checkpoint, flag)
         builder = AtlasBuilder(problem, seed.theta, area, runner, progress and _reporter(progress))
         try:
             _build(builder, depth)

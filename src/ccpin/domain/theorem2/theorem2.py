@@ -56,7 +56,7 @@ from ccpin.description.model import frozen
 from ccpin.domain.theorem2.form import FORMS, Form, QuadraticForm, quadratic_form
 from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.errors import InvalidInputError, SingularConfigurationError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 Scaling = Literal["unit", "weighted"]
 
@@ -113,7 +113,7 @@ class CentreBounds(NamedTuple):
         return (room - self.residual) / self.gain / _INFLATE
 
 
-def theorem2_radius(mechanism: Mechanism, q_free: Array) -> float:
+def theorem2_radius(mechanism: Mechanism | HasMechanism, q_free: Array) -> float:
     """The radius ϱ of Theorem 2 in joint coordinates (rad, m, maximum norm) about a closed q′.
 
     The better of the quadratic forms offered; see `theorem2` for which, and for what is raised.
@@ -122,7 +122,7 @@ def theorem2_radius(mechanism: Mechanism, q_free: Array) -> float:
 
 
 def theorem2(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     q_free: Array,
     *,
     form: Form | Literal["best"] = "best",
@@ -131,7 +131,7 @@ def theorem2(
     """Apply Theorem 2 about a closed configuration; the module's text states what is certified.
 
     Args:
-        mechanism: The mechanism.
+        mechanism: The mechanism, or its model.
         q_free: A closed, nonsingular configuration q₀′, of shape (nq,).
         form: The quadratic form: ``"angles"``, ``"absolute"``, or ``"best"`` for the larger radius.
         scaling: ``"weighted"``: the unknowns scaled so as to make r as large as that can; ``"unit"``: as they are.
@@ -144,6 +144,7 @@ def theorem2(
     forms = FORMS if form == "best" else (form,)
     if scaling not in get_args(Scaling):
         raise InvalidInputError(f"unknown scaling '{scaling}'; those are {', '.join(get_args(Scaling))}")
+    mechanism = mechanism_of(mechanism)
     q_free = _checked(mechanism, q_free)
     results = [_apply(quadratic_form(mechanism, q_free, one), scaling, q_free) for one in forms]
     return max(results, key=lambda result: result.radius)
