@@ -2,12 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from typing import Any, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
+Record = TypeVar("Record", bound=tuple[Any, ...])  # a named tuple of arrays with a common leading axis
+
+
+def rows_of(record: Record, rows: Indices | Mask | slice) -> Record:
+    """The chosen rows of every array of a named tuple (and of the named tuples in it)."""
+    return type(record)(*(rows_of(part, rows) if isinstance(part, tuple) else part[rows] for part in record))
+
+
+def joined(records: Iterable[Record]) -> Record:
+    """Named tuples of arrays (and of named tuples of them) one below the other."""
+    first, *others = records
+    columns = zip(first, *others, strict=True)
+    return type(first)(*(joined(parts) if isinstance(parts[0], tuple) else np.concatenate(parts) for parts in columns))
 
 
 def apply(matrices: Array, vectors: Array) -> Array:

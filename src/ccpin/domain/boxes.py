@@ -46,7 +46,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, apply
+from ccpin.arrays import Array, Indices, Mask, apply, rows_of
 from ccpin.domain.bounds import Bounds, Frame
 from ccpin.domain.bounds_planar import planar_bounds
 from ccpin.domain.bounds_reach import reach_bounds
@@ -100,7 +100,7 @@ class Boxes(NamedTuple):
 
     def take(self, index: Indices | Mask) -> Boxes:
         """The boxes chosen by an index or a mask."""
-        return Boxes(*(array[index] for array in self))
+        return rows_of(self, index)
 
 
 class Tried(NamedTuple):

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask, apply
+from ccpin.arrays import Array, Mask, apply, rows_of
 from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_points, closure_values, inverses, solve_many
 from ccpin.errors import ConvergenceError
 
@@ -86,7 +86,7 @@ def solve_in_boxes(problem: Problem, boxes: Boxes, delta: Array) -> EnclosedSolu
         if not np.any(going):
             return EnclosedSolution(predict(problem, boxes, delta, zeta), zeta, _error(boxes, size + margin))
         active, here, at = active[going], here.take(going), at[going]
-        now = _Evaluation(*(array[going] for array in now))
+        now = rows_of(now, going)
         at, now = _step(problem, here, delta[active], at, now)
     raise ConvergenceError("the certified iteration did not reach rounding: a box was altered since it was proved")
 

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, PPoly
 from scipy.special import comb
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, joined
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, certify_boxes, certify_points, closure_values, problem_of
 from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import encloses, extrapolate, glued, newton, solve_in_boxes
@@ -228,7 +228,7 @@ class _Walker:
         """What was proved."""
         n, system = self.problem.system.n, self.problem.system
         if self.boxes:
-            boxes = Boxes(*(np.concatenate(arrays) for arrays in zip(*self.boxes, strict=True)))
+            boxes = joined(self.boxes)
         else:
             none = self.point.take(np.zeros(0, dtype=np.intp))
             boxes = none._replace(half=np.zeros((0, 1 + n)), directions=np.zeros((0, system.n_free, 1 + n)))

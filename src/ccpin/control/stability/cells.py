@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices
+from ccpin.arrays import Array, Indices, joined
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.well import Well, wells
 from ccpin.domain.atlas.tasks import CellsToProve, prove
@@ -187,7 +187,7 @@ class CellStore:
     def prove_from(self, origins: Sequence[tuple[int, Array, int]]) -> None:
         """Prove untried cells: (proved cell, a point of q-space common to both, untried cell)."""
         targets = [self.cells[j] for _, _, j in origins]
-        parents = _stacked([self.cells[i] for i, _, _ in origins])
+        parents = self._boxes(i for i, _, _ in origins)
         points = np.array([point for _, point, _ in origins])
         at_parent = points - parents.centre[:, self.problem.system.independent]
         start = predict(self.problem, parents, at_parent)
@@ -217,7 +217,7 @@ class CellStore:
         """Whether a proved cell carries the same σ as its proved neighbours (at the middle of the common faces)."""
         if not others:
             return []
-        own, boxes = self.cells[number].box, _stacked([self.cells[j] for j in others])
+        own, boxes = self.cells[number].box, self._boxes(others)
         assert own is not None
         faces = [self.face(number, j) for j in others]
         points = np.array([face.middle for face in faces if face is not None])
@@ -231,6 +231,10 @@ class CellStore:
             points - repeated.centre[:, independent],
         )
         return [bool(value) for value in same]
+
+    def _boxes(self, numbers: Iterable[int]) -> Boxes:
+        """The boxes of proved cells, one row each."""
+        return joined(box for box in (self.cells[k].box for k in numbers) if box is not None)
 
     def _append(self, cell: Cell) -> int:
         self.cells.append(cell)
@@ -276,9 +280,3 @@ def _roomier(problem: Problem, boxes: Boxes) -> Boxes:
             for new, old in zip(larger, boxes, strict=True)
         )
     )
-
-
-def _stacked(cells: Sequence[Cell]) -> Boxes:
-    """The boxes of proved cells, one row each."""
-    rows = [cell.box for cell in cells if cell.box is not None]
-    return Boxes(*(np.concatenate(arrays) for arrays in zip(*rows, strict=True)))

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask
+from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Contacts, Region, contacts_of
 from ccpin.domain.atlas.run import Runner, Stopped
 from ccpin.domain.atlas.tasks import BoxBuffer, CellsToProve, Faces, Proved, glue_task, prove_task
@@ -167,8 +167,8 @@ class AtlasBuilder:
         centre = self.region.position(self.tree.lower[cells] + 0.5 * self.tree.size[cells])
         half = 0.5 * self.region.width * (self.tree.size[cells] / WHOLE)
         data = CellsToProve(centre, half, start, np.tile(self.seed, (len(cells), 1)))
-        results = self.runner.map(prove_task, [data_slice(data, part) for part in self._parts(len(cells))])
-        return Proved.unpack(tuple(np.concatenate(arrays) for arrays in zip(*results, strict=True)))
+        results = self.runner.map(prove_task, [rows_of(data, part) for part in self._parts(len(cells))])
+        return joined(Proved.unpack(result) for result in results)
 
     def _parts(self, count: int) -> list[slice]:
         return [slice(k, k + self._chunk) for k in range(0, count, self._chunk)]
@@ -230,7 +230,7 @@ class AtlasBuilder:
         first, second = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]
         newest = self.boxes.count - len(done)
         once = (second < newest) | (first < second) | ((first == second) & contacts.upper)
-        self._check(Contacts(*(array[both & once] for array in contacts)))
+        self._check(rows_of(contacts, both & once))
 
     def _propose(self, cells: Indices, boxes: Indices, at_box: Array, at_cell: Array, area: Array) -> None:
         """Make cells candidates, each reached from the box with the largest common face (the oldest of equals)."""
@@ -253,8 +253,3 @@ class AtlasBuilder:
             self.unglued += pairs
             raise
         self.unglued += [pair for pair, agree in zip(pairs, same, strict=True) if not agree]
-
-
-def data_slice(data: CellsToProve, part: slice) -> CellsToProve:
-    """Some of the cells."""
-    return CellsToProve(*(array[part] for array in data))

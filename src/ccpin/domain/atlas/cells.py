@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.arrays import Array, Indices, Mask
+from ccpin.arrays import Array, Indices, Mask, joined
 
 Integers = NDArray[np.int64]
 
@@ -195,7 +195,7 @@ class Contacts(NamedTuple):
 def contacts_of(tree: CellTree, region: Region, cells: Indices) -> Contacts:
     """The faces that cells share with leaves, across the seam of periodic coordinates too."""
     found = [_across(tree, region, cells, k, upper) for k in range(len(region.lower)) for upper in (False, True)]
-    return Contacts(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
+    return joined(found)
 
 
 def _across(tree: CellTree, region: Region, cells: Indices, k: int, upper: bool) -> Contacts:
