@@ -42,6 +42,7 @@ and 1e-14 absolute so that boxes given by rounded corners overlap, and the inequ
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -304,15 +305,9 @@ def inverses(matrices: Array) -> Array:
         result[usable] = np.linalg.inv(matrices[usable])
     except np.linalg.LinAlgError:
         for k in np.flatnonzero(usable):
-            result[k] = _single_inverse(matrices[k])
+            with suppress(np.linalg.LinAlgError):
+                result[k] = np.linalg.inv(matrices[k])
     return result
-
-
-def _single_inverse(matrix: Array) -> Array:
-    try:
-        return np.asarray(np.linalg.inv(matrix))
-    except np.linalg.LinAlgError:
-        return np.full_like(matrix, np.nan)
 
 
 def solve_many(matrices: Array, right: Array) -> Array:

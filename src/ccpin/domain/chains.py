@@ -20,10 +20,12 @@ Nothing here refers to Pinocchio: a `ClosureSystem` is picklable and is what wor
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Indices, Mask
 from ccpin.domain.chart import Chart, Elementary, chart_at, elementary_joints, independent_indices
@@ -241,11 +243,7 @@ class _ChainCollector:
 
     def descend(self, ancestor: int, joint: int) -> list[Elementary]:
         """Elementary joints from below the ancestor down to a joint."""
-        path: list[Elementary] = []
-        while joint != ancestor:
-            path = [*self.elementary[joint - 1], *path]
-            joint = int(self.model.parents[joint])
-        return path
+        return path_between(self.model.parents, self.elementary, ancestor, joint)
 
     def add_chain(
         self, path: list[Elementary] | list[Elementary | Array], tip: Array, direction: bool, weights: Array
@@ -262,19 +260,33 @@ class _ChainCollector:
         if not joints:
             self.offset += weights @ tip
             return
-        placements = np.array([joint.placement for joint in joints])
-        self.chains.append(
-            Chain(
-                joints=np.array([joint.position for joint in joints], dtype=np.intp),
-                rotations=placements[:, :3, :3],
-                translations=placements[:, :3, 3],
-                axes=np.array([joint.axis for joint in joints]),
-                prismatic=np.array([joint.prismatic for joint in joints]),
-                tip=tip,
-                direction=direction,
-                weights=weights,
-            )
-        )
+        self.chains.append(chain_of(joints, tip, direction, weights))
+
+
+def chain_of(path: list[Elementary], tip: Array, direction: bool, weights: Array) -> Chain:
+    """A chain of elementary joints, root side first."""
+    placements = np.array([joint.placement for joint in path])
+    return Chain(
+        joints=np.array([joint.position for joint in path], dtype=np.intp),
+        rotations=placements[:, :3, :3],
+        translations=placements[:, :3, 3],
+        axes=np.array([joint.axis for joint in path]),
+        prismatic=np.array([joint.prismatic for joint in path]),
+        tip=tip,
+        direction=direction,
+        weights=weights,
+    )
+
+
+def path_between(
+    parents: Sequence[int], elementary: list[list[Elementary]], ancestor: int, joint: int
+) -> list[Elementary]:
+    """Elementary joints from below an ancestor (0: the world) down to a joint."""
+    path: list[Elementary] = []
+    while joint != ancestor:
+        path = [*elementary[joint - 1], *path]
+        joint = int(parents[joint])
+    return path
 
 
 def _reversed(frame: Array, path: list[Elementary]) -> list[Elementary | Array]:
@@ -296,6 +308,21 @@ class Seed(NamedTuple):
     theta: Array
 
 
+def checked_configuration(mechanism: Mechanism, q_free: ArrayLike) -> Array:
+    """A copy of q′ as a vector of shape (nq,).
+
+    Raises:
+        InvalidInputError: It is not that many finite numbers.
+    """
+    vector = np.array(q_free, dtype=np.float64)
+    if vector.shape != (mechanism.nq,) or not np.all(np.isfinite(vector)):
+        raise InvalidInputError(
+            f"q_free must be {mechanism.nq} finite numbers, a configuration of {mechanism.name}; "
+            f"it has shape {vector.shape}"
+        )
+    return vector
+
+
 def seed_at_configuration(mechanism: Mechanism | HasMechanism, q_free: Array) -> Seed:
     """Close a configuration of shape (nq,) at its own independent coordinates, and centre the chart there.
 
@@ -304,12 +331,8 @@ def seed_at_configuration(mechanism: Mechanism | HasMechanism, q_free: Array) ->
         SingularConfigurationError: It is singular.
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
-    mechanism, q_free = mechanism_of(mechanism), np.asarray(q_free, dtype=np.float64)
-    if q_free.shape != (mechanism.nq,) or not np.all(np.isfinite(q_free)):
-        raise InvalidInputError(
-            f"q_free must be {mechanism.nq} finite numbers, a configuration of {mechanism.name}; "
-            f"it has shape {q_free.shape}"
-        )
+    mechanism = mechanism_of(mechanism)
+    q_free = checked_configuration(mechanism, q_free)
     parametrization = mechanism.parametrization()
     closed = parametrization.sigma(parametrization.coordinates.alpha(q_free), guess=q_free).q_free
     system = closure_system(mechanism, closed)

@@ -35,8 +35,8 @@ from ccpin.arrays import Array, apply, cross
 from ccpin.domain.bounds_reach import chain_reach
 from ccpin.domain.boxes import SLACK, Boxes, Problem
 from ccpin.domain.chain_stack import ChainStack, derivatives, gather, move, stack_chains
-from ccpin.domain.chains import UNIT_ROUNDOFF, Chain, ClosureSystem
-from ccpin.domain.chart import Elementary, elementary_joints
+from ccpin.domain.chains import UNIT_ROUNDOFF, ClosureSystem, chain_of, path_between
+from ccpin.domain.chart import elementary_joints
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -297,11 +297,8 @@ def potential_of(mechanism: Mechanism, system: ClosureSystem) -> Potential:
     for number, inertia in enumerate(model.inertias):
         if number == 0 or inertia.mass == 0.0:
             continue
-        path, joint = list[Elementary](), number
-        while joint:
-            path = [*elementary[joint - 1], *path]
-            joint = int(model.parents[joint])
-        chains.append(_chain(path, np.asarray(inertia.lever), -inertia.mass * gravity))
+        path = path_between(model.parents, elementary, 0, number)
+        chains.append(chain_of(path, np.asarray(inertia.lever), False, -inertia.mass * gravity[None]))
     if not chains:
         raise UnsupportedMechanismError(
             f"{mechanism.name}: no movable link has mass, so there is no potential to bound"
@@ -313,20 +310,6 @@ def potential_of(mechanism: Mechanism, system: ClosureSystem) -> Potential:
         forces=np.array([np.linalg.norm(chain.weights) for chain in chains]),
         lengths=np.array(lengths),
         rounding=(128.0 * (depth + 2) + 4.0 * system.n_free) * UNIT_ROUNDOFF,
-    )
-
-
-def _chain(path: list[Elementary], tip: Array, weight: Array) -> Chain:
-    placements = np.array([step.placement for step in path])
-    return Chain(
-        joints=np.array([step.position for step in path], dtype=np.intp),
-        rotations=placements[:, :3, :3],
-        translations=placements[:, :3, 3],
-        axes=np.array([step.axis for step in path]),
-        prismatic=np.array([step.prismatic for step in path]),
-        tip=tip,
-        direction=False,
-        weights=weight[None],
     )
 
 

@@ -147,17 +147,20 @@ def _all_curves(equations: _SingularEquations, starts: int, step: float, limit: 
     return tuple(sorted(curves, key=lambda curve: curve.kind))
 
 
-def singularity_distance(model: ReducedModel, path: ArrayLike, guess: ArrayLike | None = None) -> SingularityDistance:
+def singularity_distance(
+    mechanism: Mechanism | HasMechanism, path: ArrayLike, guess: ArrayLike | None = None
+) -> SingularityDistance:
     """The smallest singular value of the scaled φ_y along a path in q, any n; zero means singular.
 
     Args:
-        model: The reduced model.
+        mechanism: The mechanism, or its model.
         path: Points of shape (k, nq_independent), followed in order on one branch.
         guess: Chooses the branch at the first point.
 
     Raises:
         UnreachableError, SingularConfigurationError: The path cannot be followed.
     """
+    model = ReducedModel(mechanism_of(mechanism))
     points = np.atleast_2d(np.asarray(path, dtype=np.float64))
     if points.ndim != 2 or points.shape[1] != model.nq:
         raise InvalidInputError(f"path has shape {np.shape(path)}; it must be (k, {model.nq})")

@@ -21,7 +21,7 @@ from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore
 from ccpin.control.stability.set_point_cells import cells_of_atlas
-from ccpin.control.stability.well import checked_region, sample_region
+from ccpin.control.stability.well import checked_model, checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.region import Corners
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -78,9 +78,8 @@ def suggest_gains(
     """
     if not (np.isfinite(margin) and margin > 1.0 and np.isfinite(damping) and damping > 0.0):
         raise InvalidInputError(f"margin = {margin} must be above 1 and damping = {damping} above 0")
-    ones = np.ones(model.n)
+    ones = np.ones(checked_model(model).n)
     law = PDSimpleGravity(model, q_d, ones, ones, guess)
-    proved = isinstance(domain, Atlas)
     if not isinstance(domain, Atlas):
         lower, upper = checked_region(model, domain, law.q_d)
         largest = float(sample_region(model, lower, upper, law.q_free_d).norm.max())
@@ -102,7 +101,7 @@ def suggest_gains(
         beta=beta,
         beta_seen=slope.seen,
         frequencies=frequencies,
-        rigorous=proved,
+        rigorous=isinstance(domain, Atlas),
     )
 
 

@@ -44,7 +44,7 @@ from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore, holding
 from ccpin.control.stability.flood import Budget, Flood, Sublevel, connected
 from ccpin.control.stability.set_point_cells import cells_around, cells_of_atlas
-from ccpin.control.stability.well import checked_region, sample_region
+from ccpin.control.stability.well import checked_model, checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.region import Corners
 from ccpin.domain.newton import predict
@@ -187,7 +187,7 @@ def certify_set_point(
         InvalidInputError, UnsupportedMechanismError, UnreachableError, SingularConfigurationError: As `certify_law`
             and `PDSimpleGravity` do.
     """
-    return certify_law(PDSimpleGravity(model, q_d, K_p, K_v, guess), domain, budget=budget)
+    return certify_law(PDSimpleGravity(checked_model(model), q_d, K_p, K_v, guess), domain, budget=budget)
 
 
 def certify_law(

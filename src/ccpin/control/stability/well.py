@@ -133,6 +133,17 @@ class RegionSamples(NamedTuple):
     edge: Mask
 
 
+def checked_model(model: object) -> ReducedModel:
+    """The model itself.
+
+    Raises:
+        InvalidInputError: It is a mechanism or something else: masses are needed here.
+    """
+    if not isinstance(model, ReducedModel):
+        raise InvalidInputError(f"masses are needed here: pass a ReducedModel(mechanism), not a {type(model).__name__}")
+    return model
+
+
 def checked_region(model: ReducedModel, region: Corners, q_d: Array) -> tuple[Array, Array]:
     """The corners of a region that holds q_d.
 

@@ -65,16 +65,8 @@ def _anchor(system: ClosureSystem, chain: Chain) -> _Anchor | None:
         return None
     lengths = np.linalg.norm(chain.translations[k + 1 :], axis=1).sum() + np.linalg.norm(chain.tip)
     tip, length = (chain.translations[k], float(lengths)) if k < len(chain.joints) else (chain.tip, 0.0)
-    head = Chain(
-        chain.joints[:k],
-        chain.rotations[:k],
-        chain.translations[:k],
-        chain.axes[:k],
-        chain.prismatic[:k],
-        tip,
-        False,
-        chain.weights,
-    )
+    above = {name: getattr(chain, name)[:k] for name in ("joints", "rotations", "translations", "axes", "prismatic")}
+    head = chain._replace(tip=tip, **above)
     return _Anchor(head, length, rest[chain.prismatic[k:]])
 
 

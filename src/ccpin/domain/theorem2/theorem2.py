@@ -53,6 +53,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.description.model import frozen
+from ccpin.domain.chains import checked_configuration
 from ccpin.domain.theorem2.form import FORMS, Form, QuadraticForm, quadratic_form
 from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.errors import InvalidInputError, SingularConfigurationError
@@ -183,9 +184,7 @@ def bounds_at(system: QuadraticSystem, centre: Array, weights: Array, relative_e
 
 
 def _checked(mechanism: Mechanism, q_free: Array) -> Array:
-    q_free = np.array(q_free, dtype=np.float64)
-    if q_free.shape != (mechanism.nq,) or not np.all(np.isfinite(q_free)):
-        raise InvalidInputError(f"q_free must be {mechanism.nq} finite numbers; it has shape {q_free.shape}")
+    q_free = checked_configuration(mechanism, q_free)
     phi = mechanism.constraints().residual(q_free)
     error = float(np.abs(phi).max(initial=0.0))
     if error > _CLOSED:
