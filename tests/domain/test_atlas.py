@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin import domain
 from ccpin.domain.atlas import run as atlas_run
 from ccpin.domain.atlas.atlas import Atlas, certify
 from ccpin.domain.atlas.cells import CellStatus
@@ -499,6 +500,22 @@ def test_interrupted_run_keeps_what_is_done(rpdr, tmp_path):
     assert np.all(atlas.verify())
     points = np.random.default_rng(0).uniform(-np.pi, np.pi, (20_000, 2))
     assert elongation(points[atlas.contains(points)]).max() < 1.0
+
+
+def test_a_model_stands_for_its_mechanism(rpdr, rpdr_model):
+    """What needs geometry only takes a mechanism or its model; anything else is refused in words."""
+    q_free = rpdr_model.sigma(SEED)
+    assert same(certify(rpdr, SEED, max_depth=0), certify(rpdr_model, SEED, max_depth=0))
+    assert domain.kantorovich_radius(rpdr, q_free) == domain.kantorovich_radius(rpdr_model, q_free)
+    assert domain.theorem2_radius(rpdr, q_free) == domain.theorem2_radius(rpdr_model, q_free)
+    path = [SEED, SEED + 0.01]
+    assert domain.certify_path(rpdr_model, path).complete
+    assert np.array_equal(
+        domain.singularity_distance(rpdr, path).measure, domain.singularity_distance(rpdr_model, path).measure
+    )
+    for function, arguments in ((certify, (SEED,)), (domain.theorem2, (q_free,)), (domain.singularities, ())):
+        with pytest.raises(InvalidInputError, match="ReducedModel is needed, not str"):
+            function("rpdr", *arguments)
 
 
 def test_bad_input(rpdr):

@@ -1,4 +1,4 @@
-"""Bounds of φ and its Jacobian over boxes: what Theorem K of `krawczyk` needs, from link lengths alone.
+"""Bounds of φ and its Jacobian over boxes: what Theorem K of `boxes` needs, from link lengths alone.
 
 Notation. A box is θ = θ_c + Dδ + Eζ, |δ| ≤ h, |ζ| ≤ R, with D (n′×p) and E (n′×m), zero in the independent rows;
 f = Ãφ. L = |D|h and W = L + |E|R bound the moves of the joints. Wanted, componentwise,
@@ -31,7 +31,7 @@ inequality for the concave s and the integrals of the powers.
 
 Rounding: γ · magnitude bounds the error of every entry of φ, φ_θ, φ_θθ (`ClosureSystem.rounding`); Y and Z carry it
 through |Ã|, |D|, |E|. Errors of the bounds' own arithmetic, on nonnegative terms, are below 1e-12 relative and
-are covered by the factor 1 + 1e-10 with which `krawczyk` compares.
+are covered by the factor 1 + 1e-10 with which `boxes` compares.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Rigorous bounds of the potential V∘σ and of its Hessian ∂g/∂q over certified boxes.
 
-Setting: a box of `krawczyk`, θ = θ_c + Dδ + Eζ with |δ| ≤ h, and its solution ζ*(δ), |ζ*| ≤ R, of f = Ãφ = 0. For any
+Setting: a box of `boxes`, θ = θ_c + Dδ + Eζ with |δ| ≤ h, and its solution ζ*(δ), |ζ*| ≤ R, of f = Ãφ = 0. For any
 constant row μ the Lagrangian
 
     L(θ) = V′(θ) + μ f(θ)        has        L(θ_c + Dδ + Eζ*(δ)) = V(σ(q_c + δ)),

@@ -1,6 +1,6 @@
 """Certified paths: σ stays on its branch along a tube about a path, or where that cannot be proved and why.
 
-A stretch of the path between two parameters is covered by one box of Theorem K (`krawczyk`) with p = 1 + n parameters,
+A stretch of the path between two parameters is covered by one box of Theorem K (`boxes`) with p = 1 + n parameters,
 
     q = q_c + s d + w,  |s| ≤ 1,  |w| ≤ tube + deviation of the path from its chord,
 

@@ -154,7 +154,7 @@ def singularity_distance(
 
     Args:
         mechanism: The mechanism, or its model.
-        path: Points of shape (k, nq_independent), followed in order on one branch.
+        path: Points of shape (k, size of q), followed in order on one branch.
         guess: Chooses the branch at the first point.
 
     Raises:

@@ -325,6 +325,10 @@ def test_bad_input_is_refused(rpdr_model):
         certify_law(law, (Q_GOAL + 0.1, Q_GOAL + 0.2))
     with pytest.raises(InvalidInputError, match="below its upper corner"):
         certify_law(law, (Q_GOAL + 0.1, Q_GOAL - 0.2))
+    with pytest.raises(InvalidInputError, match=r"\(lower, upper\), each of shape"):
+        certify_law(law, np.zeros((3, 2)))
+    with pytest.raises(InvalidInputError, match="masses are needed"):
+        certify_set_point(rpdr_model.mechanism, Q_GOAL, K_P, K_V)
     other = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint3"], actuated=["joint1", "joint2"]))
     q_d = other.alpha(other.mechanism.q_reference)
     with pytest.raises(UnsupportedMechanismError, match="motors on the independent"):

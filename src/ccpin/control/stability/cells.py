@@ -112,6 +112,16 @@ class CellStore:
         self._settle([number], box)
         return number
 
+    def boxes(self, numbers: Iterable[int]) -> Boxes:
+        """The boxes of proved cells, one row each."""
+        return joined(box for box in (self.cells[k].box for k in numbers) if box is not None)
+
+    def well(self, number: int) -> Well:
+        """U over a proved cell."""
+        well = self.cells[number].well
+        assert well is not None
+        return well
+
     def face(self, i: int, j: int) -> Face | None:
         """What two cells share: a face of positive area, or ``None``."""
         a, b = self.cells[i], self.cells[j]
@@ -180,14 +190,12 @@ class CellStore:
 
     def stretch(self, number: int) -> Array:
         """‖D_k‖ of a proved cell: how far σ moves the joints for each coordinate, of shape (n,)."""
-        box = self.cells[number].box
-        assert box is not None
-        return np.asarray(np.linalg.norm(box.directions[0], axis=0))
+        return np.asarray(np.linalg.norm(self.boxes([number]).directions[0], axis=0))
 
     def prove_from(self, origins: Sequence[tuple[int, Array, int]]) -> None:
         """Prove untried cells: (proved cell, a point of q-space common to both, untried cell)."""
         targets = [self.cells[j] for _, _, j in origins]
-        parents = self._boxes(i for i, _, _ in origins)
+        parents = self.boxes(i for i, _, _ in origins)
         points = np.array([point for _, point, _ in origins])
         at_parent = points - parents.centre[:, self.problem.system.independent]
         start = predict(self.problem, parents, at_parent)
@@ -217,11 +225,9 @@ class CellStore:
         """Whether a proved cell carries the same σ as its proved neighbours (at the middle of the common faces)."""
         if not others:
             return []
-        own, boxes = self.cells[number].box, self._boxes(others)
-        assert own is not None
+        repeated, boxes = self.boxes([number] * len(others)), self.boxes(others)
         faces = [self.face(number, j) for j in others]
         points = np.array([face.middle for face in faces if face is not None])
-        repeated = own.take(np.zeros(len(others), dtype=np.intp))
         independent = self.problem.system.independent
         same = glued(
             self.problem,
@@ -231,10 +237,6 @@ class CellStore:
             points - repeated.centre[:, independent],
         )
         return [bool(value) for value in same]
-
-    def _boxes(self, numbers: Iterable[int]) -> Boxes:
-        """The boxes of proved cells, one row each."""
-        return joined(box for box in (self.cells[k].box for k in numbers) if box is not None)
 
     def _append(self, cell: Cell) -> int:
         self.cells.append(cell)
@@ -272,11 +274,8 @@ def _roomier(problem: Problem, boxes: Boxes) -> Boxes:
     allows for.
     """
     radius = boxes.radius * (1.0 + _ROOM) + _ROOM_AT_LEAST
-    larger = boxes._replace(radius=radius, kappa=np.minimum(boxes.kappa * (1.0 + _ROOM) + _ROOM, 0.999))
-    usable = verify(problem, larger)
-    return Boxes(
-        *(
-            np.where(usable.reshape(-1, *([1] * (new.ndim - 1))), new, old)
-            for new, old in zip(larger, boxes, strict=True)
-        )
+    kappa = np.minimum(boxes.kappa * (1.0 + _ROOM) + _ROOM, 0.999)
+    usable = verify(problem, boxes._replace(radius=radius, kappa=kappa))
+    return boxes._replace(
+        radius=np.where(usable[:, None], radius, boxes.radius), kappa=np.where(usable, kappa, boxes.kappa)
     )

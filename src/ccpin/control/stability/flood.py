@@ -157,7 +157,7 @@ class Flood:
     def _rise(self, entry: _Entry) -> float:
         """About how much U rises from a face across the cell behind it: what halving that cell could gain."""
         cell = self._store[entry.beyond]
-        well = cell.well or _well(self._store, entry.inside)
+        well = cell.well or self._store.well(entry.inside)
         slope = well.gradient + well.hessian @ (entry.point - well.centre)
         return float(np.abs(slope) @ (cell.upper - cell.lower))
 
@@ -212,7 +212,7 @@ class Flood:
             self._push_face(inside, beyond, face)
 
     def _push_face(self, inside: int, beyond: int, face: Face) -> None:
-        found = _well(self._store, inside).range_over(face.lower, face.upper)
+        found = self._store.well(inside).range_over(face.lower, face.upper)
         self._serial += 1
         slack = found.upper - found.lower
         heapq.heappush(self._heap, _Entry(found.lower, self._serial, inside, beyond, face, found.point, slack))
@@ -227,11 +227,11 @@ class Flood:
 
     def _beta(self, members: tuple[int, ...]) -> float:
         low = [self._whole(number).lower < self._level for number in members]
-        return max(_well(self._store, k).beta for k, meets in zip(members, low, strict=True) if meets)
+        return max(self._store.well(k).beta for k, meets in zip(members, low, strict=True) if meets)
 
     def _whole(self, number: int) -> Range:
         cell = self._store[number]
-        return _well(self._store, number).range_over(cell.lower, cell.upper)
+        return self._store.well(number).range_over(cell.lower, cell.upper)
 
 
 def connected(store: CellStore, found: Sublevel, q_d: Array) -> tuple[int, ...]:
@@ -243,16 +243,10 @@ def connected(store: CellStore, found: Sublevel, q_d: Array) -> tuple[int, ...]:
         number = pending.pop()
         for other in (store[number].neighbours & members) - reached:
             face = store.face(number, other)
-            if face is not None and _well(store, number).range_over(face.lower, face.upper).upper < found.level:
+            if face is not None and store.well(number).range_over(face.lower, face.upper).upper < found.level:
                 reached.add(other)
                 pending.append(other)
     return tuple(sorted(reached))
-
-
-def _well(store: CellStore, number: int) -> Well:
-    well = store[number].well
-    assert well is not None
-    return well
 
 
 def _holds(cell: Cell, q: Array) -> bool:

@@ -113,7 +113,7 @@ class SlopeBound(NamedTuple):
 
 
 def gravity_slope_over(store: CellStore, cells: int = _CELLS) -> SlopeBound:
-    """Sup ‖∂g/∂q‖₂ over proved cells: the cell with the largest bound is halved until its centre bears the bound out.
+    """A bound of sup ‖∂g/∂q‖₂ over proved cells: the one with the largest is halved until its centre bears it out.
 
     Raises:
         SingularConfigurationError: With the number of cells allowed the bound is still more than twice what was seen.
@@ -123,9 +123,7 @@ def gravity_slope_over(store: CellStore, cells: int = _CELLS) -> SlopeBound:
     seen, bound = 0.0, 0.0
     while heap:
         bound, number = -heap[0][0], heap[0][1]
-        well = store[number].well
-        assert well is not None
-        seen = max(seen, float(np.linalg.norm(well.hessian - store.law.K_p, 2)))
+        seen = max(seen, float(np.linalg.norm(store.well(number).hessian - store.law.K_p, 2)))
         if bound <= (1.0 + _ACCURACY) * seen + 1e-12 or store.proved >= cells:
             break
         children = store.halve_proved(number)
@@ -133,9 +131,7 @@ def gravity_slope_over(store: CellStore, cells: int = _CELLS) -> SlopeBound:
             break
         heapq.heappop(heap)
         for child in children:
-            found = store[child].well
-            assert found is not None
-            heapq.heappush(heap, (-found.beta, child))
+            heapq.heappush(heap, (-store.well(child).beta, child))
     if bound > 2.0 * seen + 1e-12:
         raise SingularConfigurationError(
             f"‖∂g/∂q‖ could not be bounded usefully with {cells} cells (it is between {seen:.4g} and {bound:.4g}); the "

@@ -6,7 +6,7 @@ positive definite, D positive definite and q̃ = q_d − q in plain (scalar) coo
     𝒱(q, q̇) = ½ q̇ᵀDq̇ + U(q),        U(q) = V(σ(q)) − V(q_d) + q̃ᵀg(q_d) + ½ q̃ᵀK_p q̃.
 
 Let G be compact, σ smooth and nonsingular on a neighbourhood of it (G ⊂ Ω), q_d in its interior, c > 0 with U ≥ c on
-G's boundary, and 𝒬 the connected component of {U < c} that holds q_d, so that 𝒬 ⊂ G (`sublevel`). Suppose
+G's boundary, and 𝒬 the connected component of {U < c} that holds q_d, so that 𝒬 ⊂ G (`flood`). Suppose
 
     ‖∂g/∂q‖₂ ≤ β on 𝒬        and        β < k,    k the least eigenvalue of K_p (the least k_pi where K_p is diagonal).
 
@@ -137,8 +137,7 @@ class _MemberCells:
         inside = holding(self.lower, self.upper, q)
         if not inside.size:
             return None
-        box = self.store[self.members[int(inside[0])]].box
-        assert box is not None
+        box = self.store.boxes([self.members[int(inside[0])]])
         system = self.store.problem.system
         theta = predict(self.store.problem, box, q[None] - box.centre[:, system.independent])
         return np.asarray(system.chart.configuration(theta[0]))

@@ -72,7 +72,7 @@ class Well(NamedTuple):
         return self._range(self.quadratic(point) - float(drop), point)
 
     def quadratic(self, delta: Array) -> float:
-        """Value + gradient·δ + ½ δᵀ hessian δ."""
+        """The value + gradient·δ + ½ δᵀ hessian δ."""
         return float(self.value + self.gradient @ delta + 0.5 * delta @ self.hessian @ delta)
 
     def _range(self, least: float, point: Array) -> Range:

@@ -1,6 +1,6 @@
 """The atlas: a region of q-space in boxes on each of which σ is proved to exist, be unique and be smooth.
 
-What is claimed. Each box satisfies Theorem K of `krawczyk`; each was glued to an earlier one at a common face, the
+What is claimed. Each box satisfies Theorem K of `boxes`; each was glued to an earlier one at a common face, the
 first to the closed configuration at q₀. So through every certified q runs a chain of boxes along which σ(q₀) continues
 to σ(q) without meeting a singularity, and `Atlas.sigma` returns that continuation. Where, moreover, `single_valued` is
 true, the boxes on the two sides of every shared face carry the same σ: it is one continuous function on the union of
@@ -9,7 +9,7 @@ change assembly mode without meeting a singularity, and the faces where that sho
 
 What is not claimed. Undecided cells are those not proved at the depth allowed; unreached cells were not tried, as
 no neighbour is certified (σ may exist there, on this branch or another). Empty cells are proved to hold no closed
-configuration at all (`atlas_empty`). Limits of dependent joints are not looked at.
+configuration at all (`atlas.empty`). Limits of dependent joints are not looked at.
 """
 
 from __future__ import annotations

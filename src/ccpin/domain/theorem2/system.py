@@ -128,7 +128,7 @@ class QuadraticSystem:
 
     @property
     def c(self) -> float:
-        """Max v, a Lipschitz constant of P_z in the maximum norm."""
+        """The largest of v, a Lipschitz constant of P_z in the maximum norm."""
         return float(self.v.max(initial=0.0))
 
     def rescaled(self, weights: Array) -> QuadraticSystem:

@@ -77,7 +77,7 @@ class Theorem2Result:
         radius: ϱ in joint coordinates, maximum norm (rad, m): σ is unique and nonsingular on ‖q − q₀‖∞ < ϱ.
         radius_quadratic: r, the radius in the last n right sides (sines, metres, doubled quaternion vectors).
         v: Theorem 2's vector of the system used, of shape (N,).
-        c: Max v.
+        c: The largest of v.
         form: ``"angles"`` or ``"absolute"``.
         description: The quadratic form used, in words.
         system: The system used, in its scaled unknowns z / weights.

@@ -192,7 +192,7 @@ def turned(matrix: Array, vector: Vector) -> Vector:
 
 
 def plus(left: Vector, right: Vector, factor: float = 1.0) -> Vector:
-    """Left + factor · right."""
+    """The sum left + factor · right."""
     x, y, z = (combine([(1.0, a), (factor, b)]) for a, b in zip(left, right, strict=True))
     return x, y, z
 
