@@ -51,7 +51,7 @@ def region_of(mechanism: Mechanism, seed: Seed, region: Corners | None) -> Regio
     system = seed.system
     periodic, q0 = system.periodic[system.independent], seed.theta[system.independent]
     names = mechanism.independent
-    lower, upper = _limits(mechanism, seed) if region is None else corners_of(region, names)
+    lower, upper = corners_of(_limits(mechanism, seed) if region is None else region, names)
     wrapped = periodic & (upper - lower >= TURN - _SLACK)
     if np.any(upper - lower > TURN + _SLACK, where=periodic):
         raise InvalidInputError("a region may not exceed a full turn of a revolute joint")
