@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccpin.description.model import CLOSURE_KINDS, JOINT_KINDS, Inertia, MechanismDescription
+from ccpin.description.closure_kinds import CLOSURE_KINDS
+from ccpin.description.model import JOINT_KINDS, Inertia, MechanismDescription
 from ccpin.errors import DescriptionError
 
 ONE_DOF = ("revolute", "continuous", "prismatic")

@@ -11,12 +11,10 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, cross, skew
 
 JointKind = Literal["revolute", "continuous", "prismatic", "spherical", "planar", "floating", "fixed"]
-ClosureKind = Literal["spherical", "revolute", "fixed", "prismatic", "cylindrical", "universal", "planar", "distance"]
 JOINT_KINDS: tuple[str, ...] = get_args(JointKind)
-CLOSURE_KINDS: tuple[str, ...] = get_args(ClosureKind)
 
 IDENTITY: Array = np.eye(4)
 IDENTITY.flags.writeable = False
@@ -32,12 +30,11 @@ def frozen(value: object) -> Array:
 def rotation_to(axis: Array) -> Array:
     """The smallest rotation whose z column is the unit vector `axis` (a half turn about x for −z)."""
     z = np.array([0.0, 0.0, 1.0])
-    cosine, v = float(axis @ z), np.cross(z, axis)
+    cosine, v = float(axis @ z), cross(z, axis)
     if cosine < 0 and v @ v < 1e-30:
         return np.diag([1.0, -1.0, -1.0])
-    skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
     gain = 1 / (1 + cosine) if cosine >= 0 else (1 - cosine) / (v @ v)
-    return np.asarray(np.eye(3) + skew + gain * skew @ skew)
+    return np.asarray(np.eye(3) + skew(v) + gain * skew(v) @ skew(v))
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,11 +107,11 @@ class LoopClosure:
     The kind names the relative motion left free (number of constraint rows): spherical (3), revolute about
     the common z axes (5), fixed (6), prismatic along z (5), cylindrical about and along z (4), universal with
     the x axis of A perpendicular to the y axis of B (4), planar with common normal z (3), distance: the
-    origins stay `length` metres apart (1).
+    origins stay `length` metres apart (1). `ccpin.description.closure_kinds` says exactly what each asks for.
     """
 
     name: str
-    kind: ClosureKind
+    kind: str
     link_a: str
     link_b: str
     placement_a: Array = field(default_factory=lambda: IDENTITY)

@@ -8,16 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.model import (
-    IDENTITY,
-    ClosureKind,
-    Coupling,
-    CouplingTerm,
-    Joint,
-    LoopClosure,
-    frozen,
-    rotation_to,
-)
+from ccpin.description.closure_kinds import CLOSURE_KINDS
+from ccpin.description.model import IDENTITY, Coupling, CouplingTerm, Joint, LoopClosure, frozen, rotation_to
 from ccpin.description.xml import (
     ZERO,
     XmlElement,
@@ -34,21 +26,8 @@ from ccpin.description.xml import (
 )
 from ccpin.errors import DescriptionError
 
-# Loop types of URDF+ and Isaac Sim by the motion they leave free.
-LOOP_TYPES: dict[str, ClosureKind] = {
-    "spherical": "spherical",
-    "ball": "spherical",
-    "revolute": "revolute",
-    "continuous": "revolute",
-    "hinge": "revolute",
-    "fixed": "fixed",
-    "weld": "fixed",
-    "prismatic": "prismatic",
-    "cylindrical": "cylindrical",
-    "universal": "universal",
-    "planar": "planar",
-    "distance": "distance",
-}
+# What URDF+ and Isaac Sim call closure kinds beside ccpin's own names.
+SYNONYMS = {"ball": "spherical", "continuous": "revolute", "hinge": "revolute", "weld": "fixed"}
 Z_TO_X: Array = frozen([[0, 0, -1], [0, 1, 0], [1, 0, 0]])
 Z_TO_Y: Array = frozen([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
 
@@ -135,7 +114,7 @@ def _drake_constraint(element: XmlElement, position: int) -> LoopClosure:
     length = None
     if own == "distance_constraint":
         length = number(child(element, "distance_constraint_distance"), "value")
-    kind: ClosureKind = "spherical" if length is None else "distance"
+    kind = "spherical" if length is None else "distance"
     return LoopClosure(f"{name}_{position}" if name == own else name, kind, link_a, link_b, a, b, length)
 
 
@@ -220,13 +199,14 @@ def _reference(root: XmlElement) -> dict[str, tuple[float, ...]]:
     }
 
 
-def closure_kind(name: str, element: XmlElement | None = None) -> ClosureKind:
+def closure_kind(name: str, element: XmlElement | None = None) -> str:
     """The closure kind a type names, with its synonyms (ball, weld, hinge).
 
     Raises:
         DescriptionError: It is none of them; the error blames `element`.
     """
-    if name in LOOP_TYPES:
-        return LOOP_TYPES[name]
-    message = f"type '{name}' is not one of {', '.join(LOOP_TYPES)}"
+    kind = SYNONYMS.get(name, name)
+    if kind in CLOSURE_KINDS:
+        return kind
+    message = f"type '{name}' is not one of {', '.join((*CLOSURE_KINDS, *SYNONYMS))}"
     raise DescriptionError(message) if element is None else fail(element, message)

@@ -13,8 +13,8 @@ import numpy as np
 import pinocchio as pin
 
 from ccpin.arrays import Array
-from ccpin.kinematics.acceleration_derivatives import Directions
 from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.row_derivatives import Directions
 
 # |B₂ₖ|/(2k)! for k = 1, 2, …: c(t) = Σ of these times tᵏ⁻¹, convergent for t < 4π².
 _SERIES = np.array([

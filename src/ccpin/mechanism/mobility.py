@@ -154,11 +154,7 @@ def _support_mask(model: pin.Model, joint: int) -> Array:
 
 
 def _loop_joints(constraints: Constraints) -> set[int]:
-    model, joints = constraints.model, set[int]()
-    for loop in constraints.loops:
-        on_path = loop.path_a + loop.path_b
-        joints |= {j for j in range(1, model.njoints) if on_path[model.idx_vs[j]] > 0}
-    return joints
+    return {joint for loop in constraints.loops for joint in (*loop.path_a, *loop.path_b)}
 
 
 def _welded_groups(constraints: Constraints, heavy: list[int]) -> list[set[int]]:

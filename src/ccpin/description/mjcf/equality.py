@@ -13,10 +13,10 @@ from ccpin.description.mjcf.defaults import MAIN, Defaults
 from ccpin.description.mjcf.element import Element, frame
 from ccpin.description.mjcf.joints import Names, Tree
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import ClosureKind, Coupling, CouplingTerm, LoopClosure, frozen
+from ccpin.description.model import Coupling, CouplingTerm, LoopClosure, frozen
 from ccpin.description.xml import ZERO, XmlElement, fail
 
-_KINDS: dict[str, ClosureKind] = {"connect": "spherical", "weld": "fixed"}
+_KINDS: dict[str, str] = {"connect": "spherical", "weld": "fixed"}
 _LEFT_OUT = ("tendon", "flex", "flexvert", "flexstrain", "distance")
 _POLYNOMIAL = (0.0, 1.0, 0.0, 0.0, 0.0)
 

@@ -81,15 +81,6 @@ def joint_data(mechanism: Mechanism) -> dict[int, JointData]:
     return joints
 
 
-def path(joints: dict[int, JointData], ancestor: int, tip: int) -> list[int]:
-    """The joints between an ancestor's body and a tip's, root first."""
-    chain = []
-    while tip != ancestor:
-        chain.append(tip)
-        tip = joints[tip].parent
-    return chain[::-1]
-
-
 def find_runs(joints: dict[int, JointData], on_loops: set[int], ancestors: set[int], merge: bool) -> dict[int, Run]:
     """The run each revolute joint belongs to.
 
