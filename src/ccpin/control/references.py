@@ -196,9 +196,9 @@ def require_commuting(coordinates: IndependentCoordinates, purpose: str) -> None
         UnsupportedMechanismError: A joint with rotations in space or motions in a plane is independent as a whole.
     """
     for part in coordinates.parts:
-        if part.component is None and part.kind in ("spherical", "planar", "floating"):
+        if part.whole is not None and part.kind.nv > 1:
             raise UnsupportedMechanismError(
-                f"{purpose} needs plain coordinates; the independent {part.kind} joint '{part.name}' has none: name "
+                f"{purpose} needs plain coordinates; the independent {part.kind.name} joint '{part.name}' has none: name "
                 f"its components ('{part.name}:rx', …) as independent instead"
             )
 

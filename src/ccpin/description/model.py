@@ -13,9 +13,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 
-JointKind = Literal["revolute", "continuous", "prismatic", "spherical", "planar", "floating", "fixed"]
 ClosureKind = Literal["spherical", "revolute", "fixed", "prismatic", "cylindrical", "universal", "planar", "distance"]
-JOINT_KINDS: tuple[str, ...] = get_args(JointKind)
 CLOSURE_KINDS: tuple[str, ...] = get_args(ClosureKind)
 
 IDENTITY: Array = np.eye(4)
@@ -85,13 +83,14 @@ class Link:
 class Joint:
     """A tree joint.
 
+    `kind` is one of `ccpin.description.joint_kinds.JOINT_KINDS`, or ``fixed``.
     `placement` is the joint frame in the parent link's frame at zero displacement; the child link's frame
     coincides with the moving joint frame. `axis` is a unit vector in that frame (the normal for planar).
     `armature` is the reflected rotor inertia (gear ratio squared times rotor inertia), kg m² or kg.
     """
 
     name: str
-    kind: JointKind
+    kind: str
     parent: str
     child: str
     placement: Array = field(default_factory=lambda: IDENTITY)

@@ -11,12 +11,12 @@ import numpy as np
 from lxml import etree
 
 from ccpin.description.checks import check
+from ccpin.description.joint_kinds import FIXED, JOINT_KINDS
 from ccpin.description.model import (
     Coupling,
     CouplingTerm,
     Inertia,
     Joint,
-    JointKind,
     Link,
     MechanismDescription,
     Shape,
@@ -80,7 +80,7 @@ def _joint(joint: Any, source: str | None, notes: list[str]) -> Joint:
     if joint.limit is not None:
         effort = np.inf if joint.limit.effort is None else float(joint.limit.effort)
         velocity = np.inf if joint.limit.velocity is None else float(joint.limit.velocity)
-        if kind in ("revolute", "prismatic"):
+        if kind in JOINT_KINDS and JOINT_KINDS[kind].nq == 1:
             if joint.limit.lower is None and joint.limit.upper is None:
                 notes.append(f"joint '{joint.name}' states no lower and upper limit: taken as unlimited")
             else:
@@ -182,16 +182,7 @@ def _mimics(joints: list[Any]) -> list[Coupling]:
 if TYPE_CHECKING:
     import yourdfpy
 
-JOINT_TYPES: dict[str, JointKind] = {
-    "revolute": "revolute",
-    "continuous": "continuous",
-    "prismatic": "prismatic",
-    "fixed": "fixed",
-    "floating": "floating",
-    "planar": "planar",
-    "spherical": "spherical",
-    "ball": "spherical",
-}
+JOINT_TYPES = {kind: kind for kind in (*JOINT_KINDS, FIXED)} | {"ball": "spherical"}
 # The elements ccpin uses, by their parent: yourdfpy stumbles over some of the others.
 USED = {
     "robot": ("link", "joint", "material"),
@@ -310,7 +301,7 @@ def _check_document(root: Element, source: str | None) -> None:
 
 def _check_axis(joint: Element, kind: str, source: str | None) -> None:
     axis = joint.find("axis")
-    if kind in ("revolute", "continuous", "prismatic", "planar") and axis is not None:
+    if kind in JOINT_KINDS and JOINT_KINDS[kind].axial and axis is not None:
         length = np.linalg.norm(numbers(axis, "xyz", 3, source, default="1 0 0"))
         if not 1e-9 < length < 1e9:
             raise DescriptionError("the axis is the zero vector", source=source, element=label(joint))

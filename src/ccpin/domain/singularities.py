@@ -210,8 +210,7 @@ class _SingularEquations:
             )
         selection = coordinates.jacobian(mechanism.q_reference)
         self.independent = np.array([int(np.argmax(row)) for row in selection])
-        kinds = [mechanism.tree.kinds[name] for name in list(mechanism.pin_model.names)[1:]]
-        self.angular = np.array([kind == "revolute" for kind in kinds])
+        self.angular = np.array([not slides for joint in mechanism.tree.joints for slides in joint.kind.slides])
         self.n_free = n_free
 
     def residual(self, x: Array) -> Array:

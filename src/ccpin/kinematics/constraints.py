@@ -325,7 +325,7 @@ def _resolve_gear(tree: Tree, coupling: Coupling) -> _Gear:
     model, terms, ratios = tree.model, [], []
     for term in coupling.terms:
         joint = model.getJointId(term.joint)
-        wrapped = tree.kinds[term.joint] == "continuous"
+        wrapped = tree.joint(term.joint).kind.unit == 2
         if wrapped:
             slope = term.coefficients[1] if len(term.coefficients) > 1 else 0.0
             ratio = Fraction(slope).limit_denominator(1000)

@@ -113,20 +113,15 @@ def plane_normal(tree: Tree, data: pin.Data, joints: list[int]) -> Array | None:
         data: After Pinocchio's `computeJointJacobians` at any configuration.
         joints: Indices of the joints on the loop, or of all joints.
     """
-    model = tree.model
     jacobian = data.J
     rotations, translations = [], []
     for joint in joints:
-        kind = tree.kinds[model.names[joint]]
-        column = model.idx_vs[joint]
-        if kind in ("revolute", "continuous"):
-            rotations.append(jacobian[3:, column])
-        elif kind == "prismatic":
-            translations.append(jacobian[:3, column])
-        elif kind == "planar":
-            rotations.append(data.oMi[joint].rotation[:, 2])
-        else:
-            return None
+        placed = tree.joints[joint - 1]
+        for column, slides in enumerate(placed.kind.slides, placed.v.start):
+            if slides:
+                translations.append(jacobian[:3, column])
+            else:
+                rotations.append(jacobian[3:, column])
     if not rotations:
         return None
     normal = rotations[0]

@@ -21,7 +21,6 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.kinematics.acceleration_derivatives import Directions
-from ccpin.kinematics.coordinate_derivatives import alpha_bias_derivative
 from ccpin.kinematics.parametrization import ClosedPoint, Parametrization
 
 
@@ -63,7 +62,7 @@ class SigmaDerivatives:
         directions = Directions(np.hstack([point.rho, np.zeros_like(point.rho)]), np.hstack([spread, point.rho]))
         constraints, coordinates, q_free = parametrization.constraints, parametrization.coordinates, point.q_free
         rows = constraints.acceleration_derivative(q_free, v_free, gamma, directions)
-        alpha = alpha_bias_derivative(coordinates, q_free, v_free, directions)
+        alpha = coordinates.bias_derivative(q_free, v_free, directions.dq, directions.dv)
         alpha[:, :n] += self._alpha_second(gamma[:, None])[:, 0]
         change = -point.factor.solve(np.vstack([rows, alpha]))
         return BiasDerivatives(gamma, change[:, :n], change[:, n:])

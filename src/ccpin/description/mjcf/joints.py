@@ -13,11 +13,11 @@ from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element, XmlElement, inverse, label_of, rotation, translation
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import IDENTITY, Joint, JointKind, Link, frozen
+from ccpin.description.model import IDENTITY, Joint, Link, frozen
 from ccpin.errors import DescriptionError
 
 _TYPES = ("free", "ball", "slide", "hinge")
-_KINDS: dict[str, JointKind] = {
+_KINDS: dict[str, str] = {
     "free": "floating",
     "ball": "spherical",
     "slide": "prismatic",

@@ -1,0 +1,125 @@
+"""Rotations by their rotation vector r (axis times angle θ), unit quaternions (x, y, z, w), and the logarithm's rate.
+
+With ω the angular velocity in the turning frame, ṙ = J(r) ω, J = I + ½[r]× + c [r]ײ, where c = 1/t − cot(θ/2)/(2θ)
+is a function of t = θ² = |r|² alone.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array
+
+# |B₂ₖ|/(2k)! for k = 1, 2, …: c(t) = Σ of these times tᵏ⁻¹, convergent for t < 4π².
+_SERIES = np.polynomial.Polynomial([
+    1 / 12,
+    1 / 720,
+    1 / 30240,
+    1 / 1209600,
+    1 / 47900160,
+    691 / 1307674368000,
+    1 / 74724249600,
+    3617 / 10670622842880000,
+    43867 / 5109094217170944000,
+    174611 / 802857662698291200000,
+])  # fmt: skip
+_SERIES_BELOW = 1.0
+
+
+def skew(p: Array) -> Array:
+    """[p]×, of shape (3, 3)."""
+    x, y, z = p
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def quaternion_matrix(quaternion: Array) -> Array:
+    """The rotation of a unit quaternion, of shape (3, 3)."""
+    x, y, z, w = (float(entry) for entry in quaternion)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+def quaternion_difference(quaternion_from: Array, quaternion_to: Array) -> Array:
+    """log(R_fromᵀ R_to), of shape (3,), |r| ≤ π, without forming the matrices."""
+    a, s = quaternion_from[:3], float(quaternion_from[3])
+    b, w = quaternion_to[:3], float(quaternion_to[3])
+    vector = s * b - w * a - skew(a) @ b
+    sine, cosine = math.sqrt(float(vector @ vector)), s * w + float(a @ b)
+    if sine < 1e-150:
+        return np.asarray(2.0 * math.copysign(1.0, cosine) * vector)
+    return np.asarray(2.0 * math.atan2(math.copysign(sine, cosine), abs(cosine)) / sine * vector)
+
+
+def quaternion_rate(quaternion: Array, omega: Array) -> Array:
+    """½ q ⊗ ω, of shape (4,)."""
+    x, y, z, w = quaternion
+    return np.asarray(0.5 * np.array([[w, -z, y], [z, w, -x], [-y, x, w], [-x, -y, -z]]) @ omega)
+
+
+def log_jacobian(r: Array) -> Array:
+    """J(r), of shape (3, 3); J(−r) is the inverse of the left Jacobian that the logarithm on SE(3) applies to p."""
+    cross = skew(r)
+    return np.asarray(np.eye(3) + 0.5 * cross + _coefficients(float(r @ r))[0] * cross @ cross)
+
+
+def log_jacobian_rate(r: Array, omega: Array) -> Array:
+    """d/dt J(r) for ṙ = J(r) ω, of shape (3, 3)."""
+    r_1 = log_jacobian(r) @ omega
+    cross, cross_1 = skew(r), skew(r_1)
+    c, c_t, _ = _coefficients(float(r @ r))
+    turning = 2.0 * c_t * float(r @ r_1)
+    return np.asarray(0.5 * cross_1 + turning * cross @ cross + c * (cross_1 @ cross + cross @ cross_1))
+
+
+def log_bias_derivative(r: Array, omega: Array, step: Array, domega: Array) -> Array:
+    """D(J̇ ω), of shape (3,), where the frame turns by `step` (3,) and ω changes by `domega` (3,).
+
+    With b = [r]ײ ω = r (r·ω) − t ω, ṙ = ω + ½ r × ω + c b.
+    """
+    t = float(r @ r)
+    c, c_t, c_tt = _coefficients(t)
+    b = r * (r @ omega) - t * omega
+    r_1 = omega + 0.5 * np.cross(r, omega) + c * b
+    t_1 = 2.0 * float(r @ r_1)
+    b_1 = r_1 * (r @ omega) + r * (r_1 @ omega) - t_1 * omega
+    dr = step + 0.5 * np.cross(r, step) + c * (r * (r @ step) - t * step)
+    dt = 2.0 * float(r @ dr)
+    db = dr * (r @ omega) + r * (dr @ omega + r @ domega) - dt * omega - t * domega
+    dr_1 = domega + 0.5 * (np.cross(dr, omega) + np.cross(r, domega)) + c_t * dt * b + c * db
+    dt_1 = 2.0 * float(dr @ r_1 + r @ dr_1)
+    db_1 = dr_1 * (r @ omega) + r_1 * (dr @ omega + r @ domega) - dt_1 * omega - t_1 * domega
+    db_1 += dr * (r_1 @ omega) + r * (dr_1 @ omega + r_1 @ domega)
+    dc_1 = c_tt * dt * t_1 + c_t * dt_1
+    turning = 0.5 * (np.cross(dr_1, omega) + np.cross(r_1, domega))
+    return np.asarray(turning + dc_1 * b + c_t * t_1 * db + c_t * dt * b_1 + c * db_1)
+
+
+class _Coefficients(NamedTuple):
+    c: float
+    c_t: float
+    c_tt: float
+
+
+def _coefficients(t: float) -> _Coefficients:
+    """c(t), c′(t) and c″(t)."""
+    if t < _SERIES_BELOW:
+        return _Coefficients(float(_SERIES(t)), float(_SERIES.deriv()(t)), float(_SERIES.deriv(2)(t)))
+    theta = math.sqrt(t)
+    cot = 1.0 / math.tan(0.5 * theta)
+    square = 1.0 + cot * cot
+    return _Coefficients(
+        c=1.0 / t - cot / (2.0 * theta),
+        c_t=-1.0 / t**2 + cot / (4.0 * theta**3) + square / (8.0 * t),
+        c_tt=2.0 / t**3
+        - 3.0 * cot / (8.0 * theta**5)
+        - 3.0 * square / (16.0 * t**2)
+        - cot * square / (16.0 * theta**3),
+    )
