@@ -52,7 +52,7 @@ def capped_sigma(
 
     Args:
         parametrization: ψ.
-        q: Independent coordinates, of shape (nq_independent,).
+        q: Independent coordinates, of shape (model.nq,).
         start: q′ to start from, of shape (nq,).
         max_newton_steps: The cap.
         tolerance: Largest |ψ̄| accepted, metres and radians.

@@ -150,7 +150,7 @@ def singularity_distance(model: ReducedModel, path: ArrayLike, guess: ArrayLike 
 
     Args:
         model: The reduced model.
-        path: Points of shape (k, nq_independent), followed in order on one branch.
+        path: Points of shape (k, model.nq), followed in order on one branch.
         guess: Chooses the branch at the first point.
 
     Raises:

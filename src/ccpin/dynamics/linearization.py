@@ -37,7 +37,7 @@ def linearize(
 
     Args:
         model: The reduced model.
-        q: Independent coordinates, of shape (nq_independent,).
+        q: Independent coordinates, of shape (model.nq,).
         u: Actuated joints' efforts, of shape (motors,).
         v: Velocity, of shape (n,); default at rest.
         guess: As for `ReducedModel.sigma`.

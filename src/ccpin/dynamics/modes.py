@@ -56,7 +56,7 @@ def assembly_modes(model: ReducedModel, q: ArrayLike, *, patience: int = 60, lim
 
     Args:
         model: The reduced model.
-        q: Independent coordinates, of shape (nq_independent,).
+        q: Independent coordinates, of shape (model.nq,).
         patience: End after this many starts in a row that find nothing new.
         limit: Largest number of starts.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -181,14 +182,11 @@ class _Builder:
         kind, axis = JOINT_KINDS[joint.kind], np.array(joint.axis)
         if kind.models:
             return _pin_joint(kind, axis)
-        directions = kind.directions(axis)
-        for k, (a, slides) in enumerate(zip(directions, kind.slides, strict=True)):
-            if any(np.any(np.cross(a, b)) and not (slides and also) for b, also in zip(directions[:k], kind.slides)):
-                raise self.fail(
-                    joint, f"the steps of a {kind.name} joint do not commute; describe it as several joints"
-                )
+        steps = list(zip(kind.directions(axis), kind.slides, strict=True))
+        if any(np.any(np.cross(a, b)) and not (s and t) for (a, s), (b, t) in combinations(steps, 2)):
+            raise self.fail(joint, f"the steps of a {kind.name} joint do not commute; describe it as several joints")
         composed = pin.JointModelComposite()
-        for direction, slides in zip(directions, kind.slides, strict=True):
+        for direction, slides in steps:
             composed.addJoint(_pin_joint(JOINT_KINDS["prismatic" if slides else "revolute"], direction))
         return composed
 

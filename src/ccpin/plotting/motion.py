@@ -28,7 +28,7 @@ def plot_motion(
     Args:
         trajectory: The motion.
         mechanism: What moves.
-        goal: q_d to draw dashed: (nq_independent,), or (T, nq_independent) where it changes.
+        goal: q_d to draw dashed: (model.nq,), or (T, model.nq) where it changes.
         title: The figure's title.
     """
     from matplotlib import rc_context
