@@ -149,19 +149,22 @@ class JointKind:
         """The velocity, of shape (nv,), that leads from one configuration to another in unit time."""
         if not self.unit:
             return np.asarray(q_to - q_from)
-        turn, gap, slides = self.rotation_vector(q_to, q_from), np.zeros(3), self.nq - self.unit
+        turn, slides = self.rotation_vector(q_to, q_from), self.nq - self.unit
+        if not slides:
+            return turn[-self.nv :]
+        gap = np.zeros(3)
         gap[self.entries[:slides]] = q_to[:slides] - q_from[:slides]
-        along = log_jacobian(-turn) @ self.rotation(q_from).T @ gap
-        return np.concatenate([along, turn])[self.entries]
+        return np.concatenate([log_jacobian(-turn) @ self.rotation(q_from).T @ gap, turn])[self.entries]
 
     def rate(self, q: Array, v: Array) -> Array:
         """d/dt q, of shape (nq,), for a velocity v of shape (nv,)."""
         if not self.unit:
             return v
-        linear, angular = self.twist(v).reshape(2, 3)
-        slides = (self.rotation(q) @ linear)[self.entries[: self.nq - self.unit]]
-        turns = quaternion_rate(q[-4:], angular) if self.unit == 4 else angular[2] * np.array([-q[-1], q[-2]])
-        return np.concatenate([slides, turns])
+        turns = quaternion_rate(q[-4:], v[-3:]) if self.unit == 4 else v[-1] * np.array([-q[-1], q[-2]])
+        if self.nq == self.unit:
+            return np.asarray(turns)
+        linear = self.rotation(q) @ self.twist(v)[:3]
+        return np.concatenate([linear[self.entries[: self.nq - self.unit]], turns])
 
 
 JOINT_KINDS: dict[str, JointKind] = {

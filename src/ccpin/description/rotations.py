@@ -7,14 +7,13 @@ is a function of t = θ² = |r|² alone.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array
 
-# |B₂ₖ|/(2k)! for k = 1, 2, …: c(t) = Σ of these times tᵏ⁻¹, convergent for t < 4π².
-_SERIES = np.polynomial.Polynomial([
+# c = Σ cₖ tᵏ with cₖ = |B₂ₖ₊₂|/(2k + 2)!, convergent for t < 4π²; the columns are the series of c, c′ and c″.
+_C = np.polynomial.Polynomial([
     1 / 12,
     1 / 720,
     1 / 30240,
@@ -26,6 +25,7 @@ _SERIES = np.polynomial.Polynomial([
     43867 / 5109094217170944000,
     174611 / 802857662698291200000,
 ])  # fmt: skip
+_SERIES: Array = np.column_stack([np.pad(_C.deriv(k).coef, (0, k)) for k in range(3)])
 _SERIES_BELOW = 1.0
 
 
@@ -49,13 +49,12 @@ def quaternion_matrix(quaternion: Array) -> Array:
 
 def quaternion_difference(quaternion_from: Array, quaternion_to: Array) -> Array:
     """log(R_fromᵀ R_to), of shape (3,), |r| ≤ π, without forming the matrices."""
-    a, s = quaternion_from[:3], float(quaternion_from[3])
-    b, w = quaternion_to[:3], float(quaternion_to[3])
-    vector = s * b - w * a - skew(a) @ b
-    sine, cosine = math.sqrt(float(vector @ vector)), s * w + float(a @ b)
-    if sine < 1e-150:
-        return np.asarray(2.0 * math.copysign(1.0, cosine) * vector)
-    return np.asarray(2.0 * math.atan2(math.copysign(sine, cosine), abs(cosine)) / sine * vector)
+    a, b, c, s = quaternion_from.tolist()
+    x, y, z, w = quaternion_to.tolist()
+    vector = (s * x - w * a + c * y - b * z, s * y - w * b + a * z - c * x, s * z - w * c + b * x - a * y)
+    sine, cosine = math.hypot(*vector), a * x + b * y + c * z + s * w
+    gain = math.atan2(math.copysign(sine, cosine), abs(cosine)) / sine if sine else math.copysign(1.0, cosine)
+    return 2.0 * gain * np.array(vector)
 
 
 def quaternion_rate(quaternion: Array, omega: Array) -> Array:
@@ -102,24 +101,15 @@ def log_bias_derivative(r: Array, omega: Array, step: Array, domega: Array) -> A
     return np.asarray(turning + dc_1 * b + c_t * t_1 * db + c_t * dt * b_1 + c * db_1)
 
 
-class _Coefficients(NamedTuple):
-    c: float
-    c_t: float
-    c_tt: float
-
-
-def _coefficients(t: float) -> _Coefficients:
-    """c(t), c′(t) and c″(t)."""
+def _coefficients(t: float) -> tuple[float, float, float]:
+    """c(t), c′(t) and c″(t); h = 1 − t c = (θ/2) cot(θ/2) has h′ = (h − h² − t/4)/(2t)."""
     if t < _SERIES_BELOW:
-        return _Coefficients(float(_SERIES(t)), float(_SERIES.deriv()(t)), float(_SERIES.deriv(2)(t)))
-    theta = math.sqrt(t)
-    cot = 1.0 / math.tan(0.5 * theta)
-    square = 1.0 + cot * cot
-    return _Coefficients(
-        c=1.0 / t - cot / (2.0 * theta),
-        c_t=-1.0 / t**2 + cot / (4.0 * theta**3) + square / (8.0 * t),
-        c_tt=2.0 / t**3
-        - 3.0 * cot / (8.0 * theta**5)
-        - 3.0 * square / (16.0 * t**2)
-        - cot * square / (16.0 * theta**3),
-    )
+        c, c_t, c_tt = (t ** np.arange(len(_SERIES)) @ _SERIES).tolist()
+        return c, c_t, c_tt
+    half = 0.5 * math.sqrt(t)
+    h = half / math.tan(half)
+    h_t = (h - h * h - 0.25 * t) / (2.0 * t)
+    h_tt = (h_t * (1.0 - 2.0 * h) - 0.25 - 2.0 * h_t) / (2.0 * t)
+    c = (1.0 - h) / t
+    c_t = -(h_t + c) / t
+    return c, c_t, -(h_tt + 2.0 * c_t) / t

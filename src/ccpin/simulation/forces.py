@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ccpin.arrays import Array
+from ccpin.description.rotations import skew
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.constraints import Constraints
@@ -249,9 +250,8 @@ def _determined(freedom: Array) -> NDArray[np.bool_]:
 
 def _shift(arm: Array) -> Array:
     """The 6×6 matrix that takes a wrench about origin + arm to the same wrench about the origin."""
-    x, y, z = arm
     shift = np.eye(6)
-    shift[3:, :3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    shift[3:, :3] = skew(arm)
     return shift
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.description.joint_kinds import JOINT_KINDS, JointKind
-from ccpin.description.rotations import quaternion_matrix
+from ccpin.description.rotations import quaternion_matrix, skew
 from ccpin.domain.theorem2.polynomial import Polynomial, combine
 from ccpin.domain.theorem2.unknowns import (
     AngleTerm,
@@ -228,8 +228,7 @@ class Kinematics:
 
 def _circle_rotation(variables: tuple[Polynomial, ...], axis: Array, centre: float) -> _Rotation:
     """Rot(a, θ₀ + Δ) = aaᵀ + cos Δ (I − aaᵀ) R₀ + sin Δ [a]× R₀, R₀ = Rot(a, θ₀)."""
-    x, y, z = axis
-    along, cross = np.outer(axis, axis), np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    along, cross = np.outer(axis, axis), skew(axis)
     across = np.eye(3) - along
     base = along + np.cos(centre) * across + np.sin(centre) * cross
     return _Rotation(
