@@ -32,3 +32,26 @@ class FrozenMapping(Mapping[Key, Value]):
 
     def __repr__(self) -> str:
         return f"FrozenMapping({self._items!r})"
+
+
+_YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
+_FEW = 1500
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a × b over the last axis of arrays (…, 3), with broadcasting."""
+    if a.size < _FEW and b.size < _FEW:  # four calls where the views below take fifteen
+        return np.asarray(a.take(_YZX, -1) * b.take(_ZXY, -1) - a.take(_ZXY, -1) * b.take(_YZX, -1))
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    product[..., 0], product[..., 1], product[..., 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return product
+
+
+def skew(vectors: Array) -> Array:
+    """The matrices [v]× of vectors (…, 3), of shape (…, 3, 3): [v]× x = v × x."""
+    matrix = np.zeros((*vectors.shape, 3))
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -z, y, -x
+    matrix[..., 1, 0], matrix[..., 2, 0], matrix[..., 2, 1] = z, -y, x
+    return matrix

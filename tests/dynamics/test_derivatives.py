@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import ccpin
 from ccpin import Coupling, CouplingTerm, Inertia, Joint, Link, LoopClosure, MechanismDescription
-from ccpin.description.model import CLOSURE_KINDS
+from ccpin.description.closure_kinds import CLOSURE_KINDS
 from ccpin.dynamics.linearization import closed_loop_derivative, linearize
 from ccpin.errors import (
     InvalidInputError,
@@ -21,8 +21,8 @@ from ccpin.errors import (
     UnderactuatedError,
     UnreachableError,
 )
-from ccpin.kinematics.acceleration_derivatives import Directions
 from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.row_derivatives import Directions
 from tests.oracles.finite_differences import along, assert_close, derivative
 from tests.support.places import MODELS, SCRIPTS, SHARED
 from tests.support.strategies import mechanisms
@@ -186,16 +186,19 @@ def test_constraint_derivatives(drawn, seed):
     v_free, a_free, dq, dv = rng.normal(size=(4, model.nv))
     q_free = pin.integrate(model, mechanism.q_reference, rng.normal(size=model.nv))
     directions = Directions(dq[:, None], dv[:, None])
-    exact = constraints.acceleration_derivative(q_free, v_free, a_free, directions)[:, 0]
+    value = constraints.value(q_free)
+    exact = constraints.acceleration_derivative(value, v_free, a_free, directions)[:, 0]
 
     def acceleration(s):
         v = v_free + s * dv
-        rate = constraints.rate(pin.integrate(model, q_free, s * dq), v)
-        return rate.jacobian @ a_free + rate.jacobian_rate @ v
+        moved = constraints.value(pin.integrate(model, q_free, s * dq))
+        bias = constraints.rate(moved, v) @ v
+        assert_close(constraints.bias(moved, v), bias, 1e-12)
+        return moved.jacobian @ a_free + bias
 
     assert_close(exact, derivative(acceleration), 1e-8)
     w, steps = rng.normal(size=(2, model.nv, 2))
-    exact = constraints.second_derivative(q_free, w, steps)
+    exact = constraints.second_derivative(value, w, steps)
     for k in range(2):
         expected = along(model, q_free, steps[:, k], lambda q: constraints.value(q).jacobian @ w)
         assert_close(exact[:, :, k], expected, 1e-8)

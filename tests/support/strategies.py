@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from ccpin import Inertia, Joint, Link, LoopClosure, MechanismDescription
-from ccpin.description.model import CLOSURE_KINDS
+from ccpin.description.closure_kinds import CLOSURE_KINDS
 
 DOF = {"revolute": 1, "continuous": 1, "prismatic": 1, "spherical": 3, "planar": 3, "floating": 6}
 ROWS = {
@@ -214,7 +214,7 @@ def _joint_kinds(draw, planar, least):
 
 
 @st.composite
-def mechanisms(draw, planar=None, kinds=CLOSURE_KINDS, max_loops=2):
+def mechanisms(draw, planar=None, kinds=tuple(CLOSURE_KINDS), max_loops=2):
     """A random mechanism with one or two loops, each with at least one freedom more than its closure takes.
 
     Args:

@@ -18,72 +18,31 @@ from ccpin.control.laws import ControlLaw
 from ccpin.control.tracking import TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
-from ccpin.kinematics.linear import Factor, factorize
-from ccpin.kinematics.parametrization import SINGULAR_RCOND, ClosedPoint, Parametrization
-from ccpin.kinematics.points import moved
+from ccpin.kinematics.parametrization import ClosedPoint, NewtonRules, NewtonSolve, Parametrization
 
 State = Literal["solved", "held", "lost"]
-_CONTRACTION = 0.125
-_LARGEST_MOVE = 1.0
-
-
-class CappedSolve(NamedTuple):
-    """A Newton solve that was given so many steps and no more.
-
-    Attributes:
-        point: σ(q) with ρ, or ``None`` where the solve did not converge, was not trusted or met a singularity.
-        steps: Newton steps taken.
-        residual: Largest |ψ̄| at the last iterate, metres and radians.
-    """
-
-    point: ClosedPoint | None
-    steps: int
-    residual: float
 
 
 def capped_sigma(
-    parametrization: Parametrization, q: Array, start: Array, max_newton_steps: int, tolerance: float
-) -> CappedSolve:
+    parametrization: Parametrization,
+    q: Array,
+    start: Array | ClosedPoint,
+    max_newton_steps: int,
+    tolerance: float,
+) -> NewtonSolve:
     """Solve ψ̄(q′, q) = 0 (11) from a start with at most `max_newton_steps` linear solves.
 
     As in `Parametrization.sigma` an iteration is trusted only if each correction is at most an eighth of the one
-    before and det ψ_q′ keeps its sign; there is no walk when it is not. Pure: the same arguments give the same
-    answer. The time it takes is bounded by max_newton_steps + 1 evaluations and factorisations of ψ_q′.
+    before and det ψ_q′ keeps its sign; there is no walk when it is not.
 
     Args:
         parametrization: ψ.
         q: Independent coordinates, of shape (model.nq,).
-        start: q′ to start from, of shape (nq,).
+        start: q′ to start from, of shape (nq,), or a closed point, which spares the first evaluation.
         max_newton_steps: The cap.
         tolerance: Largest |ψ̄| accepted, metres and radians.
     """
-    q_free, sign, last, residual = start, 0, np.inf, np.inf
-    for steps in range(max_newton_steps + 1):
-        gap, factor = _linearized(parametrization, q_free, q)
-        residual = float(np.abs(gap).max(initial=0.0))
-        if factor.rcond < SINGULAR_RCOND or (steps and factor.sign != sign):
-            return CappedSolve(None, steps, residual)
-        if residual <= tolerance:
-            return CappedSolve(_closed_point(parametrization, q_free, factor), steps, residual)
-        if steps == max_newton_steps:
-            break
-        step = factor.solve(gap)
-        length = float(np.linalg.norm(step))
-        if not length <= _LARGEST_MOVE or length > max(_CONTRACTION * last, tolerance):
-            return CappedSolve(None, steps + 1, residual)
-        q_free, sign, last = moved(parametrization.model, q_free, step), factor.sign, length
-    return CappedSolve(None, max_newton_steps, residual)
-
-
-def _linearized(parametrization: Parametrization, q_free: Array, q: Array) -> tuple[Array, Factor]:
-    value, coordinates = parametrization.constraints.value(q_free), parametrization.coordinates
-    gap = np.concatenate([-value.phi, coordinates.difference(coordinates.alpha(q_free), q)])
-    return gap, factorize(np.vstack([value.jacobian, coordinates.jacobian(q_free)]))
-
-
-def _closed_point(parametrization: Parametrization, q_free: Array, factor: Factor) -> ClosedPoint:
-    n, m = parametrization.coordinates.n, parametrization.constraints.size
-    return ClosedPoint(q_free, factor, factor.solve(np.vstack([np.zeros((m, n)), np.eye(n)])))
+    return parametrization.newton(start, q, NewtonRules(tolerance, max_newton_steps, noise=tolerance))
 
 
 class OnlineSample(NamedTuple):
@@ -204,7 +163,7 @@ class OnlineSigma:
         """How it went so far."""
         return self._report
 
-    def _counted(self, t: float, solve: CappedSolve, state: State) -> OnlineReport:
+    def _counted(self, t: float, solve: NewtonSolve, state: State) -> OnlineReport:
         before, missed = self._report, state != "solved"
         return OnlineReport(
             samples=before.samples + 1,

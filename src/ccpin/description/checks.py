@@ -8,8 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ccpin.description.closure_kinds import CLOSURE_KINDS
 from ccpin.description.joint_kinds import FIXED, JOINT_KINDS
-from ccpin.description.model import CLOSURE_KINDS, Inertia, MechanismDescription
+from ccpin.description.model import Inertia, MechanismDescription
 from ccpin.errors import DescriptionError
 
 MAGNITUDE_LIMIT = 1e9

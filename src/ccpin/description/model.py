@@ -7,14 +7,11 @@ array is read-only.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
 from ccpin.arrays import Array
-
-ClosureKind = Literal["spherical", "revolute", "fixed", "prismatic", "cylindrical", "universal", "planar", "distance"]
-CLOSURE_KINDS: tuple[str, ...] = get_args(ClosureKind)
 
 IDENTITY: Array = np.eye(4)
 IDENTITY.flags.writeable = False
@@ -109,11 +106,11 @@ class LoopClosure:
     The kind names the relative motion left free (number of constraint rows): spherical (3), revolute about
     the common z axes (5), fixed (6), prismatic along z (5), cylindrical about and along z (4), universal with
     the x axis of A perpendicular to the y axis of B (4), planar with common normal z (3), distance: the
-    origins stay `length` metres apart (1).
+    origins stay `length` metres apart (1). `ccpin.description.closure_kinds` says exactly what each asks for.
     """
 
     name: str
-    kind: ClosureKind
+    kind: str
     link_a: str
     link_b: str
     placement_a: Array = field(default_factory=lambda: IDENTITY)

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, cross, skew
 
 # c = Σ cₖ tᵏ with cₖ = |B₂ₖ₊₂|/(2k + 2)!, convergent for t < 4π²; the columns are the series of c, c′ and c″.
 _C = np.polynomial.Polynomial([
@@ -27,12 +27,6 @@ _C = np.polynomial.Polynomial([
 ])  # fmt: skip
 _SERIES: Array = np.column_stack([np.pad(_C.deriv(k).coef, (0, k)) for k in range(3)])
 _SERIES_BELOW = 1.0
-
-
-def skew(p: Array) -> Array:
-    """[p]×, of shape (3, 3)."""
-    x, y, z = p
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def quaternion_matrix(quaternion: Array) -> Array:
@@ -65,17 +59,17 @@ def quaternion_rate(quaternion: Array, omega: Array) -> Array:
 
 def log_jacobian(r: Array) -> Array:
     """J(r), of shape (3, 3); J(−r) is the inverse of the left Jacobian that the logarithm on SE(3) applies to p."""
-    cross = skew(r)
-    return np.asarray(np.eye(3) + 0.5 * cross + _coefficients(float(r @ r))[0] * cross @ cross)
+    turned = skew(r)
+    return np.asarray(np.eye(3) + 0.5 * turned + _coefficients(float(r @ r))[0] * turned @ turned)
 
 
 def log_jacobian_rate(r: Array, omega: Array) -> Array:
     """d/dt J(r) for ṙ = J(r) ω, of shape (3, 3)."""
     r_1 = log_jacobian(r) @ omega
-    cross, cross_1 = skew(r), skew(r_1)
+    turned, turned_1 = skew(r), skew(r_1)
     c, c_t, _ = _coefficients(float(r @ r))
     turning = 2.0 * c_t * float(r @ r_1)
-    return np.asarray(0.5 * cross_1 + turning * cross @ cross + c * (cross_1 @ cross + cross @ cross_1))
+    return np.asarray(0.5 * turned_1 + turning * turned @ turned + c * (turned_1 @ turned + turned @ turned_1))
 
 
 def log_bias_derivative(r: Array, omega: Array, step: Array, domega: Array) -> Array:
@@ -86,18 +80,18 @@ def log_bias_derivative(r: Array, omega: Array, step: Array, domega: Array) -> A
     t = float(r @ r)
     c, c_t, c_tt = _coefficients(t)
     b = r * (r @ omega) - t * omega
-    r_1 = omega + 0.5 * np.cross(r, omega) + c * b
+    r_1 = omega + 0.5 * cross(r, omega) + c * b
     t_1 = 2.0 * float(r @ r_1)
     b_1 = r_1 * (r @ omega) + r * (r_1 @ omega) - t_1 * omega
-    dr = step + 0.5 * np.cross(r, step) + c * (r * (r @ step) - t * step)
+    dr = step + 0.5 * cross(r, step) + c * (r * (r @ step) - t * step)
     dt = 2.0 * float(r @ dr)
     db = dr * (r @ omega) + r * (dr @ omega + r @ domega) - dt * omega - t * domega
-    dr_1 = domega + 0.5 * (np.cross(dr, omega) + np.cross(r, domega)) + c_t * dt * b + c * db
+    dr_1 = domega + 0.5 * (cross(dr, omega) + cross(r, domega)) + c_t * dt * b + c * db
     dt_1 = 2.0 * float(dr @ r_1 + r @ dr_1)
     db_1 = dr_1 * (r @ omega) + r_1 * (dr @ omega + r @ domega) - dt_1 * omega - t_1 * domega
     db_1 += dr * (r_1 @ omega) + r * (dr_1 @ omega + r_1 @ domega)
     dc_1 = c_tt * dt * t_1 + c_t * dt_1
-    turning = 0.5 * (np.cross(dr_1, omega) + np.cross(r_1, domega))
+    turning = 0.5 * (cross(dr_1, omega) + cross(r_1, domega))
     return np.asarray(turning + dc_1 * b + c_t * t_1 * db + c_t * dt * b_1 + c * db_1)
 
 

@@ -8,7 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.model import ClosureKind, Coupling, CouplingTerm, Joint, LoopClosure, frozen, rotation_to
+from ccpin.description.closure_kinds import CLOSURE_KINDS
+from ccpin.description.model import Coupling, CouplingTerm, Joint, LoopClosure, frozen, rotation_to
 from ccpin.description.xml import (
     Element,
     child,
@@ -23,21 +24,8 @@ from ccpin.description.xml import (
 )
 from ccpin.errors import DescriptionError
 
-# Loop types of URDF+ and Isaac Sim by the motion they leave free.
-LOOP_TYPES: dict[str, ClosureKind] = {
-    "spherical": "spherical",
-    "ball": "spherical",
-    "revolute": "revolute",
-    "continuous": "revolute",
-    "hinge": "revolute",
-    "fixed": "fixed",
-    "weld": "fixed",
-    "prismatic": "prismatic",
-    "cylindrical": "cylindrical",
-    "universal": "universal",
-    "planar": "planar",
-    "distance": "distance",
-}
+# What URDF+ and Isaac Sim call closure kinds beside ccpin's own names.
+SYNONYMS = {"ball": "spherical", "continuous": "revolute", "hinge": "revolute", "weld": "fixed"}
 
 
 class Marks(NamedTuple):
@@ -102,7 +90,7 @@ def _turned(placement: Array, rotation: Array) -> Array:
     return frozen(turned)
 
 
-def _loop_kind(element: Element, source: str | None) -> ClosureKind:
+def _loop_kind(element: Element, source: str | None) -> str:
     return closure_kind(text_attribute(element, "type", source), source, label(element))
 
 
@@ -271,12 +259,14 @@ def _reference(root: Element, source: str | None) -> dict[str, tuple[float, ...]
     return reference
 
 
-def closure_kind(name: str, source: str | None = None, element: str | None = None) -> ClosureKind:
+def closure_kind(name: str, source: str | None = None, element: str | None = None) -> str:
     """The closure kind a type names, with its synonyms (ball, weld, hinge).
 
     Raises:
         DescriptionError: It is none of them; `source` and `element` say where it stands.
     """
-    if name not in LOOP_TYPES:
-        raise DescriptionError(f"type '{name}' is not one of {', '.join(LOOP_TYPES)}", source=source, element=element)
-    return LOOP_TYPES[name]
+    kind = SYNONYMS.get(name, name)
+    if kind not in CLOSURE_KINDS:
+        known = ", ".join((*CLOSURE_KINDS, *SYNONYMS))
+        raise DescriptionError(f"type '{name}' is not one of {known}", source=source, element=element)
+    return kind

@@ -2,9 +2,9 @@
 
 x_c is the tip of a serial chain: a point, or a fixed direction. Every closure row of ccpin is linear in such tips:
 
-- point rows E(p_A − p_B) are two chains rooted at the ancestor C, with weights E and −E;
-- direction rows Σ w a·R_AᵀR_B b and offset rows a·(p_B − p_A) are one chain rooted at closure frame A, which runs
-  up to C through the joints of A reversed and down to frame B, with weights w a and a.
+- a product w e·(p_B − p_A) with e fixed in the ancestor C is two chains rooted at C, with weights w e and −w e;
+- a product of a vector a fixed in frame A with one of frame B or with the gap is one chain rooted at frame A, which
+  runs up to C through the joints of A reversed and down to frame B, with weight w a; likewise with A and B changed.
 
 The derivatives of a tip follow from its joints in the order root to tip, with axes a, origins o and
 b = a × (x − o) for a revolute joint of a point chain, a × x of a direction chain, a for a prismatic joint of a
@@ -27,11 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.arrays import Array
+from ccpin.description.closure_kinds import Fixed, Gap, Vector
 from ccpin.domain.chart import Chart, Elementary, chart_at, elementary_joints, independent_indices
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
-from ccpin.kinematics.loops import Loop
-from ccpin.kinematics.rows import KindRows
+from ccpin.kinematics.loops import ResolvedClosure
 from ccpin.mechanism.mechanism import Mechanism
 
 Indices = NDArray[np.intp]
@@ -139,7 +139,7 @@ def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
     for loop in constraints.loops:
         builder.add_loop(loop, row)
         row += loop.size
-    builder.add_gears(constraints, row)
+    builder.add_couplings(constraints, row)
     dependent = np.setdiff1d(np.arange(chart.n_free), independent)
     return ClosureSystem(
         chains=tuple(builder.chains),
@@ -194,59 +194,44 @@ class _Builder:
         self.gears = np.zeros((rows, chart.n_free))
         self.offset, self.moduli = np.zeros(rows), np.zeros(rows)
 
-    def add_loop(self, loop: Loop, row: int) -> None:
-        rows = loop.rows
-        if rows.distance is not None:
-            raise UnsupportedMechanismError(
-                f"closure '{loop.closure.name}' keeps a distance: its row is quadratic in the chain, which the "
-                "certificate does not bound; describe the rod as a link on a universal joint, closed by a spherical one"
-            )
-        down_a = self.descend(loop.ancestor, loop.joint_a)
-        down_b = self.descend(loop.ancestor, loop.joint_b)
-        k = len(loop.basis)
-        if k:
-            for sign, path, frame in ((1.0, down_a, loop.frame_a), (-1.0, down_b, loop.frame_b)):
-                weights = np.zeros((self.rows, 3))
-                weights[row : row + k] = sign * loop.basis
-                self.add_chain(path, frame[:3, 3], False, weights)
-        if rows.directions or rows.offsets:
-            self.add_oriented(loop, rows, [*_reversed(loop.frame_a, down_a), *down_b], row + k)
+    def add_loop(self, loop: ResolvedClosure, first: int) -> None:
+        """One loop's rows, chain by chain: products that share a root and a tip share a chain.
 
-    def add_oriented(self, loop: Loop, rows: KindRows, path: list[Elementary | Array], row: int) -> None:
-        """Direction and offset rows: one chain from closure frame A to closure frame B."""
-        turn, origin = loop.frame_b[:3, :3], loop.frame_b[:3, 3]
-        tips: dict[bytes, tuple[Array, Array]] = {}
-        for k, direction in enumerate(rows.directions):
-            for weight, a, b in direction.products:
-                tip, weights = tips.setdefault(np.asarray(b).tobytes(), (turn @ b, np.zeros((self.rows, 3))))
-                weights[row + k] += weight * a
-        for tip, weights in tips.values():
-            self.add_chain(path, tip, True, weights)
-        if rows.offsets:
-            weights = np.zeros((self.rows, 3))
-            weights[row + len(rows.directions) : row + len(rows.directions) + len(rows.offsets)] = rows.offsets
-            self.add_chain(path, origin, False, weights)
+        Raises:
+            UnsupportedMechanismError: A row is quadratic in the chain.
+        """
+        tips: dict[tuple[str, str, bytes], tuple[Array, Array]] = {}
+        for k, row in enumerate(loop.rows.rows, start=first):
+            for weight, left, right in row:
+                root, other = (right, left) if isinstance(left, Gap) else (left, right)
+                if isinstance(root, Gap):
+                    raise UnsupportedMechanismError(_quadratic(loop))
+                for sign, end, tip in _ends(loop, root, other):
+                    key = (root.frame, end, tip.tobytes())
+                    weights = tips.setdefault(key, (tip, np.zeros((self.rows, 3))))[1]
+                    weights[k] += sign * weight * root.local
+        down = {"A": self.descend(loop.path_a), "B": self.descend(loop.path_b), "C": []}
+        frames = {"A": loop.frame_a, "B": loop.frame_b, "C": np.eye(4)}
+        for (start, end, _), (tip, weights) in tips.items():
+            path = [] if start == end else [*_reversed(frames[start], down[start]), *down[end]]
+            self.add_chain(path, tip[:3], not tip[3], weights)
 
-    def add_gears(self, constraints: Constraints, row: int) -> None:
-        for k, gear in enumerate(constraints.gears, start=row):
-            self.moduli[k] = gear.modulus
-            for term in gear.terms:
+    def add_couplings(self, constraints: Constraints, row: int) -> None:
+        for k, coupling in enumerate(constraints.couplings, start=row):
+            self.moduli[k] = coupling.modulus
+            for term in coupling.terms:
                 if np.any(term.coefficients[2:]):
                     raise UnsupportedMechanismError(
-                        f"coupling '{gear.coupling.name}' is a polynomial of degree {len(term.coefficients) - 1}; "
+                        f"coupling '{coupling.coupling.name}' is a polynomial of degree {len(term.coefficients) - 1}; "
                         "only linear couplings are certified"
                     )
                 constant, ratio = [*term.coefficients, 0.0, 0.0][:2]
                 self.gears[k, term.idx_v] += ratio
                 self.offset[k] += constant - ratio * term.reference
 
-    def descend(self, ancestor: int, joint: int) -> list[Elementary]:
-        """Elementary joints from below the ancestor down to a joint."""
-        path: list[Elementary] = []
-        while joint != ancestor:
-            path = [*self.elementary[joint - 1], *path]
-            joint = int(self.model.parents[joint])
-        return path
+    def descend(self, path: tuple[int, ...]) -> list[Elementary]:
+        """Elementary joints of the joints on a path, root first."""
+        return [step for joint in path for step in self.elementary[joint - 1]]
 
     def add_chain(
         self, path: list[Elementary] | list[Elementary | Array], tip: Array, direction: bool, weights: Array
@@ -276,6 +261,21 @@ class _Builder:
                 weights=weights,
             )
         )
+
+
+def _quadratic(loop: ResolvedClosure) -> str:
+    return (
+        f"closure '{loop.closure.name}' keeps a distance: its row is quadratic in the chain, which the "
+        "certificate does not bound; describe the rod as a link on a universal joint, closed by a spherical one"
+    )
+
+
+def _ends(loop: ResolvedClosure, root: Fixed, other: Vector) -> list[tuple[float, str, Array]]:
+    """A vector seen from the frame of `root`: (sign, frame of the tip's carrier, homogeneous tip there) to be added."""
+    frames = {"A": loop.frame_a, "B": loop.frame_b, "C": np.eye(4)}
+    if isinstance(other, Fixed):
+        return [(1.0, other.frame, np.append(frames[other.frame][:3, :3] @ other.local, 0.0))]
+    return [(s, end, frames[end][:, 3]) for s, end in ((1.0, "B"), (-1.0, "A")) if end != root.frame]
 
 
 def _reversed(frame: Array, path: list[Elementary]) -> list[Elementary | Array]:

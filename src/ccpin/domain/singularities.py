@@ -220,12 +220,12 @@ class _SingularEquations:
 
     def jacobian(self, x: Array) -> Array:
         q_free, w = x[: self.n_free], x[self.n_free :]
-        rate, (rows, rows_rate) = self.constraints.rate(q_free, w), self.rows(q_free, w)
-        zero = np.zeros_like(rate.jacobian)
+        value, (rows, rows_rate) = self.constraints.value(q_free), self.rows(q_free, w)
+        zero = np.zeros_like(value.jacobian)
         return np.block(
             [
-                [rate.jacobian, zero],
-                [rate.jacobian_rate, rate.jacobian],
+                [value.jacobian, zero],
+                [self.constraints.rate(value, w), value.jacobian],
                 [rows_rate, rows],
                 [np.zeros((1, self.n_free)), w[None]],
             ]

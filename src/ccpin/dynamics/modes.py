@@ -12,9 +12,10 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError
+from ccpin.kinematics.levenberg_marquardt import Linearized
 from ccpin.kinematics.linear import factorize
 from ccpin.kinematics.parametrization import SINGULAR_RCOND, Parametrization
-from ccpin.mechanism.closing import descend
+from ccpin.mechanism.closing import solve
 
 _SAME = 1e-6
 
@@ -72,7 +73,7 @@ def assembly_modes(model: ReducedModel, q: ArrayLike, *, patience: int = 60, lim
     while idle < patience and starts < limit:
         start = _start(model, target, starts, generator)
         starts, idle = starts + 1, idle + 1
-        attempt = descend(model.mechanism.pin_model, _equations(parametrization, target), start)
+        attempt = solve(model.mechanism.pin_model, _equations(parametrization, target), start)
         if not attempt.closed or not parametrization.constraints.aligned(attempt.q_free):
             continue
         factor = factorize(parametrization.psi_jacobian(attempt.q_free))
@@ -94,14 +95,15 @@ def _on_reference_branch(model: ReducedModel, q: Array) -> Array | None:
         return None
 
 
-def _equations(parametrization: Parametrization, q: Array) -> Callable[[Array], tuple[Array, Array]]:
+def _equations(parametrization: Parametrization, q: Array) -> Callable[[Array], Linearized]:
     """ψ̄(q′, q) = ψ(q′) − [0; q] (11) and ψ_q′."""
     constraints, coordinates = parametrization.constraints, parametrization.coordinates
 
-    def equations(q_free: Array) -> tuple[Array, Array]:
+    def equations(q_free: Array) -> Linearized:
         value = constraints.value(q_free)
         gap = -coordinates.difference(coordinates.alpha(q_free), q)
-        return np.concatenate([value.phi, gap]), np.vstack([value.jacobian, coordinates.jacobian(q_free)])
+        jacobian = np.vstack([value.jacobian, coordinates.jacobian(q_free)])
+        return Linearized(np.concatenate([value.phi, gap]), jacobian)
 
     return equations
 

@@ -17,9 +17,9 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, skew
 from ccpin.description.joint_kinds import JointKind
-from ccpin.description.rotations import log_bias_derivative, log_jacobian, log_jacobian_rate, skew
+from ccpin.description.rotations import log_bias_derivative, log_jacobian, log_jacobian_rate
 from ccpin.errors import IndependentSetError
 from ccpin.kinematics.tree import Tree, TreeJoint
 

@@ -12,8 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
-from ccpin.description.rotations import skew
+from ccpin.arrays import Array, skew
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.tree import Tree
 

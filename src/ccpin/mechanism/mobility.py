@@ -103,7 +103,7 @@ def idle_motions(tree: Tree, constraints: Constraints, q_free: Array, basis: Arr
     model, data = tree.model, tree.model.createData()
     pin.computeJointJacobians(model, data, q_free)
     spatial = np.array(data.J)
-    on_loop = _loop_joints(tree, constraints)
+    on_loop = _loop_joints(constraints)
     masses = {j: float(model.inertias[j].mass) for j in range(1, model.njoints)}
     heaviest = max([0.0, *masses.values()])
     heavy = [j for j, mass in masses.items() if mass > 1e-6 * heaviest]
@@ -146,9 +146,8 @@ def _vector(v: Array) -> str:
     return "(" + ", ".join(f"{x:.4g}" for x in np.where(np.abs(v) < 5e-7, 0.0, v)) + ")"
 
 
-def _loop_joints(tree: Tree, constraints: Constraints) -> set[int]:
-    on_loop = sum((loop.path_a + loop.path_b for loop in constraints.loops), np.zeros(tree.model.nv))
-    return {joint.number for joint in tree.joints if np.any(on_loop[joint.v])}
+def _loop_joints(constraints: Constraints) -> set[int]:
+    return {joint for loop in constraints.loops for joint in (*loop.path_a, *loop.path_b)}
 
 
 def _welded_groups(constraints: Constraints, heavy: list[int]) -> list[set[int]]:

@@ -14,12 +14,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array
-from ccpin.description.rotations import skew
+from ccpin.arrays import Array, skew
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.constraints import Constraints
-from ccpin.kinematics.loops import Loop
 from ccpin.kinematics.points import BodyMotion, body_motion, joint_poses
 from ccpin.simulation.trajectory import Trajectory
 
@@ -184,12 +182,15 @@ class _Wrenches:
         """The wrenches on the closures' ends A at one state."""
         multipliers = self.model.constraint_forces(q, v, u, q_free)
         poses = joint_poses(self.pin_model, self.data, q_free)
-        loose = _left_null_space(self.complete.value(q_free).jacobian)
+        constraints, complete = self.model.parametrization.constraints, self.complete.value(q_free)
+        loose = _left_null_space(complete.jacobian)
+        wrenches, all_wrenches = constraints.wrenches(constraints.value(q_free)), self.complete.wrenches(complete)
         loads, freedoms = [], []
-        for loop, whole in zip(self.loops, self.complete.loops, strict=True):
+        for loop in self.loops:
             name, frame = loop.closure.name, poses[loop.joint_a] @ loop.frame_a
-            wrench = wrench_map(loop, poses) @ multipliers[self.slices[name]]
-            freedoms.append(wrench_map(whole, poses) @ loose[self.complete_slices[name]])
+            rows, all_rows = self.slices[name], self.complete_slices[name]
+            freedoms.append(all_wrenches[all_rows].T @ loose[all_rows])
+            wrench = wrenches[rows].T @ multipliers[rows]
             loads.append(_Load(name, frame[:3, 3], frame[:3, 2], wrench, _determined(freedoms[-1])))
         return _Closures(loads, freedoms)
 
@@ -253,36 +254,6 @@ def _shift(arm: Array) -> Array:
     shift = np.eye(6)
     shift[3:, :3] = skew(arm)
     return shift
-
-
-def wrench_map(loop: Loop, poses: Array) -> Array:
-    """W with (force, moment) on end A = W λ, λ being the loop's rows of λ; world axes, about A's closure point.
-
-    The columns follow from the rows' rates (`ccpin.kinematics.rows`) by equal power: a point row e pushes A along e; a
-    direction row Σ w (a·b) turns A about Σ w a × b; an offset row a pushes A along −a at B's closure point; a
-    distance row pushes A along −(p_B − p_A)/L.
-
-    Args:
-        loop: The loop.
-        poses: World poses of the joint frames, of shape (joints, 4, 4).
-
-    Returns:
-        Array: Of shape (6, loop.size).
-    """
-    frame_a, frame_b = poses[loop.joint_a] @ loop.frame_a, poses[loop.joint_b] @ loop.frame_b
-    gap = frame_b[:3, 3] - frame_a[:3, 3]
-    turn_a, turn_b = frame_a[:3, :3], frame_b[:3, :3]
-    axes = poses[loop.ancestor][:3, :3] @ loop.basis.T
-    columns = [np.concatenate([axis, np.zeros(3)]) for axis in axes.T]
-    for row in loop.rows.directions:
-        normal = sum((w * np.cross(turn_a @ a, turn_b @ b) for w, a, b in row.products), np.zeros(3))
-        columns.append(np.concatenate([np.zeros(3), normal]))
-    for a in loop.rows.offsets:
-        along = turn_a @ a
-        columns.append(np.concatenate([-along, np.cross(along, gap)]))
-    if loop.rows.distance is not None:
-        columns.append(np.concatenate([-gap / loop.rows.distance, np.zeros(3)]))
-    return np.array(columns).reshape(-1, 6).T
 
 
 def _left_null_space(jacobian: Array) -> Array:

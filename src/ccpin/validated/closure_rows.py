@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
+from ccpin.description.closure_kinds import Gap
+from ccpin.description.closure_kinds import Vector as ClosureVector
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
-from ccpin.kinematics.loops import Loop
+from ccpin.kinematics.loops import ResolvedClosure
 from ccpin.validated.balls import rational
 from ccpin.validated.chains import (
     ExactJoint,
     Pose,
+    Vector,
     add,
     apply,
     dot,
@@ -38,12 +41,12 @@ def closure_rows(
         if loop.ancestor not in frames:
             frames[loop.ancestor] = poses(tape, joints, q_free, loop.ancestor)
         rows += _loop_rows(loop, frames[loop.ancestor])
-    for gear in constraints.gears:
+    for coupling in constraints.couplings:
         total: Any = 0
-        for term in gear.terms:
+        for term in coupling.terms:
             if term.wrapped:
                 raise UnsupportedMechanismError(
-                    f"validated integration does not cover coupling '{gear.coupling.name}' of a continuous joint"
+                    f"validated integration does not cover coupling '{coupling.coupling.name}' of a continuous joint"
                 )
             displacement, power = q_free[term.idx_q] - rational(term.reference), rational(1.0)
             for coefficient in term.coefficients:
@@ -53,22 +56,24 @@ def closure_rows(
     return rows
 
 
-def _loop_rows(loop: Loop, frames: dict[int, Pose]) -> list[Expression]:
-    """Point, direction, offset and distance rows of one loop."""
-    turn_a, p_a = _end(frames[loop.joint_a], loop.frame_a)
-    turn_b, p_b = _end(frames[loop.joint_b], loop.frame_b)
-    gap = subtract(p_b, p_a)
-    rows = [-1 * dot(exact_vector(direction), gap) for direction in loop.basis]
-    for row in loop.rows.directions:
+def _loop_rows(loop: ResolvedClosure, frames: dict[int, Pose]) -> list[Expression]:
+    """The rows of one loop."""
+    ends = {"A": _end(frames[loop.joint_a], loop.frame_a), "B": _end(frames[loop.joint_b], loop.frame_b)}
+    gap = subtract(ends["B"].position, ends["A"].position)
+
+    def value(vector: ClosureVector) -> Vector:
+        if isinstance(vector, Gap):
+            return gap
+        local = exact_vector(vector.local)
+        return local if vector.frame == "C" else apply(ends[vector.frame].rotation, local)
+
+    def combine(parts: Iterable[tuple[float, Expression]]) -> Expression:
         total: Any = 0
-        for weight, a, b in row.products:
-            total = total + rational(weight) * dot(apply(turn_a, exact_vector(a)), apply(turn_b, exact_vector(b)))
-        rows.append(total)
-    rows += [dot(apply(turn_a, exact_vector(a)), gap) for a in loop.rows.offsets]
-    if loop.rows.distance is not None:
-        length = rational(loop.rows.distance)
-        rows.append((dot(gap, gap) - length * length) * (1 / (2 * length)))
-    return rows
+        for weight, product in parts:
+            total = total + rational(weight) * product
+        return total
+
+    return loop.rows.evaluate(value, dot, combine)
 
 
 def _end(body: Pose, frame: Any) -> Pose:

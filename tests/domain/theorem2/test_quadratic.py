@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 import ccpin
 from ccpin import Coupling, CouplingTerm, Joint, Link
-from ccpin.description.model import CLOSURE_KINDS, MechanismDescription
+from ccpin.description.closure_kinds import CLOSURE_KINDS
+from ccpin.description.model import MechanismDescription
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
 from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError

@@ -13,7 +13,6 @@ from ccpin.description.mjcf.element import Element, XmlElement, label_of, rotati
 from ccpin.description.mjcf.joints import Tree
 from ccpin.description.mjcf.schema import WORLD
 from ccpin.description.model import (
-    ClosureKind,
     Coupling,
     CouplingTerm,
     LoopClosure,
@@ -21,7 +20,7 @@ from ccpin.description.model import (
 )
 from ccpin.errors import DescriptionError
 
-_KINDS: dict[str, ClosureKind] = {"connect": "spherical", "weld": "fixed"}
+_KINDS: dict[str, str] = {"connect": "spherical", "weld": "fixed"}
 _LEFT_OUT = ("tendon", "flex", "flexvert", "flexstrain", "distance")
 _POLYNOMIAL = (0.0, 1.0, 0.0, 0.0, 0.0)
 

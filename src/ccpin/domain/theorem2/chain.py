@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, skew
 from ccpin.description.joint_kinds import JOINT_KINDS, JointKind
-from ccpin.description.rotations import quaternion_matrix, skew
+from ccpin.description.rotations import quaternion_matrix
 from ccpin.domain.theorem2.polynomial import Polynomial, combine
 from ccpin.domain.theorem2.unknowns import (
     AngleTerm,
@@ -66,15 +66,6 @@ def _angular(joint: TreeJoint) -> bool:
 
 def _covered(kind: JointKind) -> bool:
     return kind.nv == 1 or kind.steps == ("rx", "ry", "rz")
-
-
-def path(joints: dict[int, TreeJoint], ancestor: int, tip: int) -> list[int]:
-    """The joints between an ancestor's body and a tip's, root first."""
-    chain = []
-    while tip != ancestor:
-        chain.append(tip)
-        tip = joints[tip].parent
-    return chain[::-1]
 
 
 def find_runs(joints: dict[int, TreeJoint], on_loops: set[int], ancestors: set[int], merge: bool) -> dict[int, Run]:
