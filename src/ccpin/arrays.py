@@ -1,14 +1,17 @@
-"""Small arrays: the one alias for them, and what every room does with them."""
+"""Small arrays: the aliases for them, and what every room does with them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TypeVar
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+Record = TypeVar("Record", bound=tuple[Any, ...])  # a named tuple of arrays with a common leading axis
 Key = TypeVar("Key")
 Value = TypeVar("Value", covariant=True)
 
@@ -36,6 +39,23 @@ class FrozenMapping(Mapping[Key, Value]):
 
 _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 _FEW = 1500
+
+
+def rows_of(record: Record, rows: Indices | Mask | slice) -> Record:
+    """The chosen rows of every array of a named tuple (and of the named tuples in it)."""
+    return type(record)(*(rows_of(part, rows) if isinstance(part, tuple) else part[rows] for part in record))
+
+
+def joined(records: Iterable[Record]) -> Record:
+    """Named tuples of arrays (and of named tuples of them) one below the other."""
+    first, *others = records
+    columns = zip(first, *others, strict=True)
+    return type(first)(*(joined(parts) if isinstance(parts[0], tuple) else np.concatenate(parts) for parts in columns))
+
+
+def apply(matrices: Array, vectors: Array) -> Array:
+    """Matrices (…, m, n) times vectors (…, n), of shape (…, m)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -29,6 +29,7 @@ def add_domain(commands: Any) -> None:
     parser.add_argument("--atlas", action="store_true", help="map the whole q-space (or --lower … --upper …), n ≤ 3")
     parser.add_argument("--depth", type=int, metavar="N", help="how often an edge of the region may be halved")
     parser.add_argument("--checkpoint", type=Path, metavar="DIR", help="keep finished chunks there; a rerun resumes")
+    parser.add_argument("--workers", type=int, metavar="N", help="share the work among N processes (default: this one)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="run on a Dask cluster, e.g. tcp://127.0.0.1:8786")
     parser.add_argument("--save", type=Path, metavar="NPZ", help="write the atlas")
     parser.add_argument("--plot", type=Path, metavar="DIR", help="write figures there (n = 2)")
@@ -55,6 +56,7 @@ def _domain(options: argparse.Namespace) -> int:
                 region,
                 q_free,
                 max_depth=depth,
+                workers=options.workers,
                 executor=executor,
                 checkpoint=options.checkpoint,
                 progress=progress,
@@ -68,11 +70,11 @@ def _domain(options: argparse.Namespace) -> int:
     return 0 if atlas is None or atlas.complete else 130
 
 
-def _region(options: argparse.Namespace, mechanism: Mechanism) -> Array | None:
+def _region(options: argparse.Namespace, mechanism: Mechanism) -> tuple[Array, Array] | None:
     lower, upper = vector(options, "lower", mechanism), vector(options, "upper", mechanism)
     if (lower is None) != (upper is None):
         raise InvalidInputError("a region needs both its lower and its upper corner")
-    return None if lower is None or upper is None else np.column_stack([lower, upper])
+    return None if lower is None or upper is None else (lower, upper)
 
 
 def _radii(mechanism: Mechanism, q_free: Array) -> dict[str, Any]:
@@ -101,7 +103,7 @@ def _atlas_facts(atlas: Any) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def _executor(scheduler: str | None) -> Iterator[Any]:
-    """A Dask cluster's executor, or ``None`` for ccpin's own choice."""
+    """A Dask cluster's executor, or ``None``."""
     if scheduler is None:
         yield None
         return

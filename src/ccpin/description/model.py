@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, cross, skew
 
 IDENTITY: Array = np.eye(4)
 IDENTITY.flags.writeable = False
@@ -27,12 +27,11 @@ def frozen(value: object) -> Array:
 def rotation_to(axis: Array) -> Array:
     """The smallest rotation whose z column is the unit vector `axis` (a half turn about x for −z)."""
     z = np.array([0.0, 0.0, 1.0])
-    cosine, v = float(axis @ z), np.cross(z, axis)
+    cosine, v = float(axis @ z), cross(z, axis)
     if cosine < 0 and v @ v < 1e-30:
         return np.diag([1.0, -1.0, -1.0])
-    skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
     gain = 1 / (1 + cosine) if cosine >= 0 else (1 - cosine) / (v @ v)
-    return np.asarray(np.eye(3) + skew + gain * skew @ skew)
+    return np.asarray(np.eye(3) + skew(v) + gain * skew(v) @ skew(v))
 
 
 @dataclass(frozen=True, eq=False)

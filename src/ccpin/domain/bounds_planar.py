@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, apply, rows_of
 from ccpin.domain.bounds import Frame, Image, LinearPart, Rows, linear_part
 from ccpin.domain.phasors import Phasors, PhasorValues
 
 
-class _Terms(NamedTuple):
-    """Per-box arrays.
+class PlanarBounds(NamedTuple):
+    """Planar bounds of B boxes (`Bounds`).
 
     Attributes:
         linear: The shared part.
@@ -32,26 +31,13 @@ class _Terms(NamedTuple):
     angle: Array
     mixed: Array
 
-
-@dataclass(frozen=True, eq=False)
-class PlanarBounds:
-    """Planar bounds of B boxes."""
-
-    terms: _Terms
-
-    @property
-    def y(self) -> Array:
-        """See `Bounds`."""
-        return self.terms.y
-
     def take(self, rows: Rows) -> PlanarBounds:
         """See `Bounds`."""
-        linear = LinearPart(*(array[rows] for array in self.terms.linear))
-        return PlanarBounds(_Terms(linear, *(array[rows] for array in self.terms[1:])))
+        return rows_of(self, rows)
 
     def mean(self, radius: Array) -> Image:
         """See `Bounds`."""
-        a, b = self.terms.angle, self._widths(radius)
+        a, b = self.angle, self._widths(radius)
         versine = 0.5 * (a * a + a * b + b * b / 3.0)
         sine = np.sin(np.minimum(a + 0.5 * b, 0.5 * np.pi))
         cube = (4.0 * a**3 + 6.0 * a * a * b + 4.0 * a * b * b + b**3) / 24.0
@@ -59,30 +45,29 @@ class PlanarBounds:
 
     def contraction(self, radius: Array, weight: Array) -> Image:
         """See `Bounds`."""
-        angle = self.terms.angle + self._widths(radius)
+        angle = self.angle + self._widths(radius)
         sine = np.sin(np.minimum(angle, 0.5 * np.pi))
         return self._image(radius, radius, _versine(angle), sine, angle**3 / 6.0)
 
     def curvature(self, radius: Array, weight: Array) -> Array:
         """See `Bounds`."""
-        angle, turn = self.terms.angle + self._widths(radius), self._widths(weight)
-        gain = np.abs(self.terms.alpha) + np.abs(self.terms.kappa) * np.minimum(angle, 1.0)[:, None]
-        return np.asarray((gain @ (turn * turn)[..., None])[..., 0] + self.terms.linear.curvature_margin(weight))
+        angle, turn = self.angle + self._widths(radius), self._widths(weight)
+        gain = np.abs(self.alpha) + np.abs(self.kappa) * np.minimum(angle, 1.0)[:, None]
+        return np.asarray(apply(gain, turn * turn) + self.linear.curvature_margin(weight))
 
     def _widths(self, radius: Array) -> Array:
         """|CE|R, of shape (B, K)."""
-        return np.asarray((np.abs(self.terms.modes) @ radius[..., None])[..., 0])
+        return apply(np.abs(self.modes), radius)
 
     def _image(self, radius: Array, linear: Array, versine: Array, sine: Array, cube: Array) -> Image:
         """|I − Ãφ_θE| + the smaller bound of |Σ α sin u (CE)| + |Σ κ (1 − cos u)(CE)|; `linear` is R in |N|(h, R)."""
-        terms = self.terms
-        width = np.concatenate([terms.linear.half, linear], axis=1)[:, None, :, None]
-        modes = np.swapaxes(terms.modes, 1, 2)[:, None]
-        alpha = np.abs(terms.alpha[:, :, None] * modes)
-        expanded = (terms.mixed @ width)[..., 0] + (alpha @ cube[:, None, :, None])[..., 0]
+        width = np.concatenate([self.linear.half, linear], axis=1)[:, None, :, None]
+        modes = np.swapaxes(self.modes, 1, 2)[:, None]
+        alpha = np.abs(self.alpha[:, :, None] * modes)
+        expanded = (self.mixed @ width)[..., 0] + (alpha @ cube[:, None, :, None])[..., 0]
         first = np.minimum(expanded, (alpha @ sine[:, None, :, None])[..., 0])
-        second = _one_signed(terms.kappa[:, :, None] * modes, versine[:, None, None])
-        matrix = terms.linear.affine(terms.linear.widths(radius)) + first + second
+        second = _one_signed(self.kappa[:, :, None] * modes, versine[:, None, None])
+        matrix = self.linear.affine(self.linear.widths(radius)) + first + second
         return Image(matrix, np.zeros_like(radius))
 
 
@@ -91,13 +76,13 @@ def planar_bounds(phasors: Phasors, values: PhasorValues, frame: Frame) -> Plana
     linear = linear_part(frame, values.phi, values.jacobian)
     alpha, kappa = frame.preconditioner @ values.along, frame.preconditioner @ values.across
     along, modes = phasors.signs @ frame.directions, phasors.signs @ frame.modes
-    angle = (np.abs(along) @ frame.half[..., None])[..., 0]
+    angle = apply(np.abs(along), frame.half)
     mixed = alpha[:, :, None] * np.swapaxes(modes, 1, 2)[:, None]
     mixed = np.abs(mixed @ np.concatenate([along, modes], axis=2)[:, None])
     curved = _one_signed(alpha, _versine(angle)[:, None])
-    cubic = (np.abs(kappa) @ (angle**3 / 6.0)[..., None])[..., 0]
+    cubic = apply(np.abs(kappa), angle**3 / 6.0)
     y = linear.constant + np.minimum(curved, _expanded(alpha, along, angle, frame.half)) + cubic
-    return PlanarBounds(_Terms(linear, y, alpha, kappa, modes, angle, mixed))
+    return PlanarBounds(linear, y, alpha, kappa, modes, angle, mixed)
 
 
 def _expanded(alpha: Array, along: Array, angle: Array, half: Array) -> Array:
@@ -105,7 +90,7 @@ def _expanded(alpha: Array, along: Array, angle: Array, half: Array) -> Array:
     widths = half[:, None]
     quadratic = np.swapaxes(along, 1, 2)[:, None] @ (alpha[..., None] * along[:, None])
     square = (widths[..., None, :] @ np.abs(quadratic) @ widths[..., None])[..., 0, 0]
-    return np.asarray(0.5 * square + (np.abs(alpha) @ (angle**4 / 24.0)[..., None])[..., 0])
+    return np.asarray(0.5 * square + apply(np.abs(alpha), angle**4 / 24.0))
 
 
 def _versine(angle: Array) -> Array:

@@ -20,21 +20,21 @@ Nothing here refers to Pinocchio: a `ClosureSystem` is picklable and is what wor
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, Mask
 from ccpin.description.closure_kinds import Fixed, Gap, Vector
 from ccpin.domain.chart import Chart, Elementary, chart_at, elementary_joints, independent_indices
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.loops import ResolvedClosure
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
-Indices = NDArray[np.intp]
 UNIT_ROUNDOFF = 2.0**-53
 
 
@@ -56,7 +56,7 @@ class Chain(NamedTuple):
     rotations: Array
     translations: Array
     axes: Array
-    prismatic: NDArray[np.bool_]
+    prismatic: Mask
     tip: Array
     direction: bool
     weights: Array
@@ -68,7 +68,7 @@ class ClosureSystem:
 
     Attributes:
         chains: The chains c.
-        gears: G, of shape (m, n′): linear couplings.
+        couplings: G, of shape (m, n′): linear couplings.
         offset: d, of shape (m,).
         moduli: Of shape (m,): a coupling of continuous joints holds modulo this angle (0: exactly).
         independent, dependent: Indices in θ, of shapes (n,) and (m,).
@@ -79,12 +79,12 @@ class ClosureSystem:
     """
 
     chains: tuple[Chain, ...]
-    gears: Array
+    couplings: Array
     offset: Array
     moduli: Array
     independent: Indices
     dependent: Indices
-    periodic: NDArray[np.bool_]
+    periodic: Mask
     scale: float
     depth: int
     chart: Chart
@@ -134,7 +134,7 @@ def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
     constraints, chart = mechanism.constraints(), chart_at(mechanism, q_free)
     independent = independent_indices(mechanism, chart)
     _refuse_redundant(mechanism, constraints)
-    builder = _Builder(mechanism, chart, constraints.size)
+    builder = _ChainCollector(mechanism, chart, constraints.size)
     row = 0
     for loop in constraints.loops:
         builder.add_loop(loop, row)
@@ -143,12 +143,12 @@ def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
     dependent = np.setdiff1d(np.arange(chart.n_free), independent)
     return ClosureSystem(
         chains=tuple(builder.chains),
-        gears=builder.gears,
+        couplings=builder.couplings,
         offset=builder.offset,
         moduli=builder.moduli,
         independent=independent,
         dependent=dependent.astype(np.intp),
-        periodic=_periodic(chart, builder.gears),
+        periodic=_periodic(chart, builder.couplings),
         scale=_scale(builder),
         depth=max((len(chain.joints) for chain in builder.chains), default=0),
         chart=chart,
@@ -167,31 +167,30 @@ def _refuse_redundant(mechanism: Mechanism, constraints: Constraints) -> None:
         )
 
 
-def _periodic(chart: Chart, gears: Array) -> NDArray[np.bool_]:
+def _periodic(chart: Chart, couplings: Array) -> Mask:
     periodic = np.zeros(chart.n_free, dtype=np.bool_)
     for joint in chart.joints:
         periodic[joint.v] = np.logical_not(joint.kind.slides)
-    return np.asarray(periodic & ~np.any(gears != 0.0, axis=0))
+    return np.asarray(periodic & ~np.any(couplings != 0.0, axis=0))
 
 
-def _scale(builder: _Builder) -> float:
+def _scale(builder: _ChainCollector) -> float:
     """Sum of all link lengths, directions and offsets with their weights, and at least 1."""
-    scale = 1.0 + float(np.abs(builder.offset).sum() + np.abs(builder.gears).sum())
+    scale = 1.0 + float(np.abs(builder.offset).sum() + np.abs(builder.couplings).sum())
     for chain in builder.chains:
         length = np.linalg.norm(chain.translations, axis=1).sum() + np.linalg.norm(chain.tip)
         scale += float(length) * max(1.0, float(np.abs(chain.weights).max()))
     return scale
 
 
-class _Builder:
+class _ChainCollector:
     """Collects chains and rows in the order of `Constraints`."""
 
     def __init__(self, mechanism: Mechanism, chart: Chart, rows: int) -> None:
-        self.model = mechanism.tree.model
         self.elementary = elementary_joints(mechanism, chart)
         self.rows = rows
         self.chains: list[Chain] = []
-        self.gears = np.zeros((rows, chart.n_free))
+        self.couplings = np.zeros((rows, chart.n_free))
         self.offset, self.moduli = np.zeros(rows), np.zeros(rows)
 
     def add_loop(self, loop: ResolvedClosure, first: int) -> None:
@@ -210,7 +209,9 @@ class _Builder:
                     key = (root.frame, end, tip.tobytes())
                     weights = tips.setdefault(key, (tip, np.zeros((self.rows, 3))))[1]
                     weights[k] += sign * weight * root.local
-        down = {"A": self.descend(loop.path_a), "B": self.descend(loop.path_b), "C": []}
+        down = {
+            end: steps_along(self.elementary, path) for end, path in (("A", loop.path_a), ("B", loop.path_b), ("C", ()))
+        }
         frames = {"A": loop.frame_a, "B": loop.frame_b, "C": np.eye(4)}
         for (start, end, _), (tip, weights) in tips.items():
             path = [] if start == end else [*_reversed(frames[start], down[start]), *down[end]]
@@ -226,12 +227,8 @@ class _Builder:
                         "only linear couplings are certified"
                     )
                 constant, ratio = [*term.coefficients, 0.0, 0.0][:2]
-                self.gears[k, term.idx_v] += ratio
+                self.couplings[k, term.idx_v] += ratio
                 self.offset[k] += constant - ratio * term.reference
-
-    def descend(self, path: tuple[int, ...]) -> list[Elementary]:
-        """Elementary joints of the joints on a path, root first."""
-        return [step for joint in path for step in self.elementary[joint - 1]]
 
     def add_chain(
         self, path: list[Elementary] | list[Elementary | Array], tip: Array, direction: bool, weights: Array
@@ -248,19 +245,27 @@ class _Builder:
         if not joints:
             self.offset += weights @ tip
             return
-        placements = np.array([joint.placement for joint in joints])
-        self.chains.append(
-            Chain(
-                joints=np.array([joint.position for joint in joints], dtype=np.intp),
-                rotations=placements[:, :3, :3],
-                translations=placements[:, :3, 3],
-                axes=np.array([joint.axis for joint in joints]),
-                prismatic=np.array([joint.prismatic for joint in joints]),
-                tip=tip,
-                direction=direction,
-                weights=weights,
-            )
-        )
+        self.chains.append(chain_of(joints, tip, direction, weights))
+
+
+def chain_of(path: list[Elementary], tip: Array, direction: bool, weights: Array) -> Chain:
+    """A chain of elementary joints, root side first."""
+    placements = np.array([joint.placement for joint in path])
+    return Chain(
+        joints=np.array([joint.position for joint in path], dtype=np.intp),
+        rotations=placements[:, :3, :3],
+        translations=placements[:, :3, 3],
+        axes=np.array([joint.axis for joint in path]),
+        prismatic=np.array([joint.prismatic for joint in path]),
+        tip=tip,
+        direction=direction,
+        weights=weights,
+    )
+
+
+def steps_along(elementary: list[list[Elementary]], joints: Iterable[int]) -> list[Elementary]:
+    """The elementary joints of joints one behind the other."""
+    return [step for joint in joints for step in elementary[joint - 1]]
 
 
 def _quadratic(loop: ResolvedClosure) -> str:
@@ -297,7 +302,22 @@ class Seed(NamedTuple):
     theta: Array
 
 
-def seed_at(mechanism: Mechanism, q_free: Array) -> Seed:
+def checked_configuration(mechanism: Mechanism, q_free: ArrayLike) -> Array:
+    """A copy of q′ as a vector of shape (nq,).
+
+    Raises:
+        InvalidInputError: It is not that many finite numbers.
+    """
+    vector = np.array(q_free, dtype=np.float64)
+    if vector.shape != (mechanism.nq,) or not np.all(np.isfinite(vector)):
+        raise InvalidInputError(
+            f"q_free must be {mechanism.nq} finite numbers, a configuration of {mechanism.name}; "
+            f"it has shape {vector.shape}"
+        )
+    return vector
+
+
+def seed_at_configuration(mechanism: Mechanism | HasMechanism, q_free: Array) -> Seed:
     """Close a configuration of shape (nq,) at its own independent coordinates, and centre the chart there.
 
     Raises:
@@ -305,29 +325,25 @@ def seed_at(mechanism: Mechanism, q_free: Array) -> Seed:
         SingularConfigurationError: It is singular.
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
-    q_free = np.asarray(q_free, dtype=np.float64)
-    if q_free.shape != (mechanism.nq,) or not np.all(np.isfinite(q_free)):
-        raise InvalidInputError(
-            f"q_free must be {mechanism.nq} finite numbers, a configuration of {mechanism.name}; "
-            f"it has shape {q_free.shape}"
-        )
+    mechanism = mechanism_of(mechanism)
+    q_free = checked_configuration(mechanism, q_free)
     parametrization = mechanism.parametrization()
     closed = parametrization.sigma(parametrization.coordinates.alpha(q_free), guess=q_free).q_free
     system = closure_system(mechanism, closed)
     return Seed(system, system.chart.theta(closed))
 
 
-def scalar_coordinates_at(mechanism: Mechanism, q_free: Array) -> Array:
+def scalar_coordinates_at(mechanism: Mechanism | HasMechanism, q_free: Array) -> Array:
     """q in the scalar coordinates of certificates, of shape (n,): a continuous joint's is its angle.
 
     Raises:
-        InvalidInputError, SingularConfigurationError, UnsupportedMechanismError: As for `seed_at`.
+        InvalidInputError, SingularConfigurationError, UnsupportedMechanismError: As for `seed_at_configuration`.
     """
-    seed = seed_at(mechanism, q_free)
+    seed = seed_at_configuration(mechanism, q_free)
     return np.array(seed.theta[seed.system.independent])
 
 
-def seed_of(mechanism: Mechanism, q0: Array, guess: Array | None = None) -> Seed:
+def seed_at_coordinates(mechanism: Mechanism, q0: Array, guess: Array | None = None) -> Seed:
     """σ(q₀) on the branch of `guess` (default the reference), q₀ (n,) in scalar coordinates.
 
     A continuous joint's coordinate is its angle here, a planar joint's are x, y and the angle.

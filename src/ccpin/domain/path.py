@@ -1,6 +1,6 @@
 """Certified paths: σ stays on its branch along a tube about a path, or where that cannot be proved and why.
 
-A stretch of the path between two parameters is covered by one box of Theorem K (`krawczyk`) with p = 1 + n parameters,
+A stretch of the path between two parameters is covered by one box of Theorem K (`boxes`) with p = 1 + n parameters,
 
     q = q_c + s d + w,  |s| ≤ 1,  |w| ≤ tube + deviation of the path from its chord,
 
@@ -21,12 +21,12 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, PPoly
 from scipy.special import comb
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, joined
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, certify_boxes, certify_points, closure_values, problem_of
-from ccpin.domain.chains import seed_of
+from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import encloses, extrapolate, glued, newton, solve_in_boxes
 from ccpin.errors import InvalidInputError, SingularConfigurationError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 _TRIES = np.array([4.0, 2.0, 1.0, 0.5, 0.25])
 _SHORTEST = 1e-7
@@ -84,7 +84,7 @@ class CertifiedPath:
 
 
 def certify_path(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     path: ArrayLike | PPoly | BSpline,
     tube: ArrayLike = 1e-3,
     guess: Array | None = None,
@@ -94,7 +94,7 @@ def certify_path(
     """Prove that σ stays on its branch along a tube about a path.
 
     Args:
-        mechanism: A mechanism with scalar independent coordinates, any number of them.
+        mechanism: A mechanism (or its model) with scalar independent coordinates, any number of them.
         path: Waypoints of shape (K, n), parameter 0 … K − 1, or a SciPy `PPoly` (`CubicSpline` …) or `BSpline` with
             values of shape (n,); rad and m.
         tube: Half width of the tube in each coordinate: a number or shape (n,).
@@ -110,6 +110,7 @@ def certify_path(
         UnreachableError, SingularConfigurationError: σ at the path's start does not exist, or is singular.
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
+    mechanism = mechanism_of(mechanism)
     pieces = pieces_of(path, mechanism.n)
     try:
         widths = np.broadcast_to(np.asarray(tube, dtype=np.float64), (mechanism.n,)).copy()
@@ -117,11 +118,11 @@ def certify_path(
         widths = np.array([np.nan])
     if not (np.all(np.isfinite(widths)) and np.all(widths >= 0.0)):
         raise InvalidInputError(f"tube must be a nonnegative number or {mechanism.n} of them; it is {tube!r}")
-    seed = seed_of(mechanism, pieces.coefficients[0, 0], guess)
+    seed = seed_at_coordinates(mechanism, pieces.coefficients[0, 0], guess)
     return _Walker(problem_of(seed.system, bounds), pieces, widths, seed.theta).walk()
 
 
-class _Step(NamedTuple):
+class _Stretch(NamedTuple):
     """A box tried from the walker's place, and the parameter it leads to."""
 
     box: Boxes
@@ -160,7 +161,7 @@ class _Walker:
                 break
         return self.result(reason)
 
-    def step(self, piece: int, strides: Array, tube: Array) -> _Step | None:
+    def step(self, piece: int, strides: Array, tube: Array) -> _Stretch | None:
         """The longest stretch from here that can be proved and glued to what came before."""
         system, here = self.problem.system, self.times[-1]
         ends = np.unique(np.minimum(here + strides, self.pieces.knots[piece + 1]))
@@ -178,7 +179,7 @@ class _Walker:
         for k in proved[::-1]:
             box = attempt.boxes.take(np.array([k]))
             if self.continues(box, chords[k]):
-                return _Step(box, float(ends[k]))
+                return _Stretch(box, float(ends[k]))
         return None
 
     def predict(self, q: Array) -> Array:
@@ -198,7 +199,7 @@ class _Walker:
         end[0, 0] = 1.0
         return bool(glued(self.problem, last, end, box, delta)[0])
 
-    def accept(self, step: _Step) -> None:
+    def accept(self, step: _Stretch) -> None:
         """Go to the end of a proved stretch."""
         self.boxes.append(step.box)
         self.times.append(step.end)
@@ -227,7 +228,7 @@ class _Walker:
         """What was proved."""
         n, system = self.problem.system.n, self.problem.system
         if self.boxes:
-            boxes = Boxes(*(np.concatenate(arrays) for arrays in zip(*self.boxes, strict=True)))
+            boxes = joined(self.boxes)
         else:
             none = self.point.take(np.zeros(0, dtype=np.intp))
             boxes = none._replace(half=np.zeros((0, 1 + n)), directions=np.zeros((0, system.n_free, 1 + n)))

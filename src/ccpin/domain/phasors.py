@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, cross
 from ccpin.domain.chains import UNIT_ROUNDOFF, Chain, ClosureSystem
 
 _PARALLEL = 64.0 * UNIT_ROUNDOFF
@@ -46,7 +46,7 @@ class PhasorValues(NamedTuple):
     across: Array
 
 
-class _Link(NamedTuple):
+class _Phasor(NamedTuple):
     sign: Array
     length: float
     cosine: Array
@@ -55,8 +55,8 @@ class _Link(NamedTuple):
 
 def phasors_of(system: ClosureSystem) -> Phasors | None:
     """The phasor form of a system, or ``None`` where a chain is not planar (to rounding) or slides after a turn."""
-    linear, offset = system.gears.copy(), system.offset.copy()
-    links: list[_Link] = []
+    linear, offset = system.couplings.copy(), system.offset.copy()
+    links: list[_Phasor] = []
     for chain in system.chains:
         if not _resolve(chain, links, linear, offset):
             return None
@@ -72,7 +72,7 @@ def phasors_of(system: ClosureSystem) -> Phasors | None:
     )
 
 
-def _resolve(chain: Chain, links: list[_Link], linear: Array, offset: Array) -> bool:
+def _resolve(chain: Chain, links: list[_Phasor], linear: Array, offset: Array) -> bool:
     """Add a chain's links; False (and nothing promised about the arguments) where it has no phasor form.
 
     At θ = 0 frame j is turned by Γ_j = Γ_{j−1} R_j against the root. With every axis ± the unit vector e along
@@ -93,7 +93,7 @@ def _resolve(chain: Chain, links: list[_Link], linear: Array, offset: Array) -> 
                 linear[:, joint] += chain.weights @ axis
             continue
         normal = axis if normal is None else normal
-        if np.linalg.norm(np.cross(normal, axis)) > _PARALLEL:
+        if np.linalg.norm(cross(normal, axis)) > _PARALLEL:
             return False
         sign[joint] = np.copysign(1.0, normal @ axis)
     vectors.append((sign.copy(), turn @ chain.tip))
@@ -104,7 +104,7 @@ def _resolve(chain: Chain, links: list[_Link], linear: Array, offset: Array) -> 
 
 
 def _add_link(
-    signs: Array, vector: Array, normal: Array | None, weights: Array, links: list[_Link], offset: Array
+    signs: Array, vector: Array, normal: Array | None, weights: Array, links: list[_Phasor], offset: Array
 ) -> None:
     """The part of a vector in the plane becomes a phasor, the rest (and all, before the first turn) a constant."""
     if normal is None or not np.any(signs):
@@ -116,7 +116,7 @@ def _add_link(
     length = float(np.linalg.norm(planar))
     if length > 0.0:
         first = planar / length
-        links.append(_Link(signs, length, weights @ first, weights @ np.cross(normal, first)))
+        links.append(_Phasor(signs, length, weights @ first, weights @ cross(normal, first)))
 
 
 def phasor_values(phasors: Phasors, theta: Array) -> PhasorValues:

@@ -30,14 +30,14 @@ from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.points import LinkPoint
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.mechanism.outline import plane_of_motion
 
-Rows = Callable[[Array, Array], tuple[Array, Array]]
+RowFunction = Callable[[Array, Array], tuple[Array, Array]]
 _SOLVED = 1e-11
 
 
-Kind = Literal["fold", "self-motion", "serial"]
+CurveKind = Literal["fold", "self-motion", "serial"]
 
 
 class SingularCurve(NamedTuple):
@@ -51,7 +51,7 @@ class SingularCurve(NamedTuple):
         closed: Whether the curve returns to its start (turns of 2π of a joint not counted).
     """
 
-    kind: Kind
+    kind: CurveKind
     q: Array
     q_free: Array
     closed: bool
@@ -70,7 +70,7 @@ class SingularityDistance(NamedTuple):
 
 
 def singularities(
-    mechanism: Mechanism, *, starts: int = 120, step: float = 0.02, limit: int = 4000
+    mechanism: Mechanism | HasMechanism, *, starts: int = 120, step: float = 0.02, limit: int = 4000
 ) -> tuple[SingularCurve, ...]:
     """All singular curves met from deterministic starts, folds first.
 
@@ -86,12 +86,13 @@ def singularities(
     Raises:
         UnsupportedMechanismError: n ≠ 2, joints with nq ≠ nv, components as coordinates, or redundant rows.
     """
+    mechanism = mechanism_of(mechanism)
     selection = _parallel_rows(mechanism)
     return _all_curves(_SingularEquations(mechanism, selection), starts, step, limit)
 
 
 def serial_singularities(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     link: str,
     point: ArrayLike = (0.0, 0.0, 0.0),
     *,
@@ -115,6 +116,7 @@ def serial_singularities(
         UnsupportedMechanismError: As for `singularities`, or the mechanism is not planar.
         InvalidInputError: No such moving link, or a point that is not three numbers.
     """
+    mechanism = mechanism_of(mechanism)
     plane = plane_of_motion(mechanism)
     if plane is None:
         raise UnsupportedMechanismError(f"'{mechanism.name}' is not planar: its serial singularities are not curves")
@@ -127,7 +129,7 @@ def serial_singularities(
     return _all_curves(_SingularEquations(mechanism, rows, "serial"), starts, step, limit)
 
 
-def _parallel_rows(mechanism: Mechanism) -> Rows:
+def _parallel_rows(mechanism: Mechanism) -> RowFunction:
     selection = mechanism.parametrization().coordinates.jacobian(mechanism.q_reference)
     return lambda q_free, w: (selection, np.zeros_like(selection))
 
@@ -145,17 +147,20 @@ def _all_curves(equations: _SingularEquations, starts: int, step: float, limit: 
     return tuple(sorted(curves, key=lambda curve: curve.kind))
 
 
-def singularity_distance(model: ReducedModel, path: ArrayLike, guess: ArrayLike | None = None) -> SingularityDistance:
+def singularity_distance(
+    mechanism: Mechanism | HasMechanism, path: ArrayLike, guess: ArrayLike | None = None
+) -> SingularityDistance:
     """The smallest singular value of the scaled φ_y along a path in q, any n; zero means singular.
 
     Args:
-        model: The reduced model.
-        path: Points of shape (k, model.nq), followed in order on one branch.
-        guess: Chooses the branch at the first point.
+            mechanism: The mechanism, or its model.
+        path: Points of shape (k, size of q), followed in order on one branch.
+            guess: Chooses the branch at the first point.
 
     Raises:
         UnreachableError, SingularConfigurationError: The path cannot be followed.
     """
+    model = ReducedModel(mechanism_of(mechanism))
     points = np.atleast_2d(np.asarray(path, dtype=np.float64))
     if points.ndim != 2 or points.shape[1] != model.nq:
         raise InvalidInputError(f"path has shape {np.shape(path)}; it must be (k, {model.nq})")
@@ -193,7 +198,7 @@ class _SingularEquations:
         kind: What the curves are called; by default told from their image in q.
     """
 
-    def __init__(self, mechanism: Mechanism, rows: Rows, kind: Kind | None = None) -> None:
+    def __init__(self, mechanism: Mechanism, rows: RowFunction, kind: CurveKind | None = None) -> None:
         self.mechanism, self.rows, self.kind = mechanism, rows, kind
         self.constraints = mechanism.constraints()
         coordinates = mechanism.parametrization().coordinates

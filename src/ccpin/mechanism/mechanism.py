@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -109,6 +110,26 @@ class Mechanism:
         """ψ, σ, ρ with their own scratch memory."""
         coordinates = IndependentCoordinates(self.tree, self.independent, self.q_reference)
         return Parametrization(self.constraints(), coordinates, self.q_reference)
+
+
+class HasMechanism(Protocol):
+    """What a mechanism can be read off: a `ReducedModel`, say."""
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism."""
+
+
+def mechanism_of(thing: Mechanism | HasMechanism) -> Mechanism:
+    """The mechanism itself, or that of a model.
+
+    Raises:
+        InvalidInputError: It is neither.
+    """
+    found = getattr(thing, "mechanism", thing)
+    if not isinstance(found, Mechanism):
+        raise InvalidInputError(f"a mechanism (`ccpin.load`) or a ReducedModel is needed, not {type(thing).__name__}")
+    return found
 
 
 _FROM_SINGULAR = "a step away from a singular closed pose"

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import Status
+from ccpin.domain.atlas.cells import CellStatus
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.singularities import SingularCurve
 from ccpin.errors import InvalidInputError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.plotting.style import COLOURS, STYLE
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ KINDS = {
 
 
 def plot_singularities(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     curves: Sequence[SingularCurve],
     regions: Sequence[tuple[ArrayLike, ArrayLike, str]] = (),
     title: str | None = None,
@@ -44,6 +44,7 @@ def plot_singularities(
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
+    mechanism = mechanism_of(mechanism)
     with rc_context(STYLE):
         figure = Figure(figsize=(6.8, 6.6), layout="constrained")
         axes = figure.add_subplot()
@@ -62,7 +63,7 @@ def plot_singularities(
 
 
 def plot_atlas(
-    mechanism: Mechanism, atlas: Atlas, curves: Sequence[SingularCurve] = (), title: str | None = None
+    mechanism: Mechanism | HasMechanism, atlas: Atlas, curves: Sequence[SingularCurve] = (), title: str | None = None
 ) -> Figure:
     """The certified boxes of an atlas for n = 2 with what is undecided, unreached and empty, under singular curves."""
     from matplotlib import rc_context
@@ -91,12 +92,12 @@ def plot_atlas(
         axes.plot(*np.degrees(atlas.region.reduce(atlas.q0[None])[0]), "+", color="black", markersize=10)
         _window(axes, atlas)
         axes.legend(handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.09), ncols=2, frameon=False)
-        figure.suptitle(title or f"{mechanism.name}: {len(atlas.lower)} certified boxes")
+        figure.suptitle(title or f"{mechanism_of(mechanism).name}: {len(atlas.lower)} certified boxes")
     return figure
 
 
 def plot_radius_map(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     atlas: Atlas,
     curves: Sequence[SingularCurve] = (),
     resolution: int = 160,
@@ -120,15 +121,15 @@ def plot_radius_map(
         figure.colorbar(image, ax=axes, label="certified radius [°]", shrink=0.85)
         _overlay(axes, curves)
         _window(axes, atlas)
-        figure.suptitle(title or f"{mechanism.name}: radius of the certified square about each q")
+        figure.suptitle(title or f"{mechanism_of(mechanism).name}: radius of the certified square about each q")
     return figure
 
 
 _STATUS_COLOURS = (
-    ("certified", (Status.CERTIFIED,), "#9ccb9f"),
-    ("undecided", (Status.UNDECIDED, Status.CANDIDATE), "#d1541f"),
-    ("unreached", (Status.UNREACHED,), "#f2d16b"),
-    ("empty", (Status.EMPTY,), "#e4e7eb"),
+    ("certified", (CellStatus.CERTIFIED,), "#9ccb9f"),
+    ("undecided", (CellStatus.UNDECIDED, CellStatus.CANDIDATE), "#d1541f"),
+    ("unreached", (CellStatus.UNREACHED,), "#f2d16b"),
+    ("empty", (CellStatus.EMPTY,), "#e4e7eb"),
 )
 
 

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.theorem3 import SetPointCertificate
+from ccpin.domain.atlas.region import Corners, corners_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
 from ccpin.plotting.style import COLOURS, STYLE
 from ccpin.simulation.metrics import LyapunovHistory
@@ -57,7 +58,7 @@ def plot_lyapunov(
 def plot_sublevel(
     certificate: SetPointCertificate,
     starts: Sequence[ArrayLike] = (),
-    window: tuple[ArrayLike, ArrayLike] | None = None,
+    window: Corners | None = None,
     title: str | None = None,
 ) -> Figure:
     """U over the plane of two coordinates: the certified cells and {U < c}, the set point and starts.
@@ -65,7 +66,7 @@ def plot_sublevel(
     Args:
         certificate: Of a mechanism with two independent coordinates.
         starts: Initial positions to mark, each of shape (2,).
-        window: Lower and upper corner of the picture; default about the certified cells and the starts.
+        window: (lower, upper) corners of the picture; default about the certified cells and the starts.
         title: The figure's title.
 
     Raises:
@@ -78,7 +79,7 @@ def plot_sublevel(
     if mechanism.n != 2:
         raise UnsupportedMechanismError(f"{mechanism.name} has {mechanism.n} coordinates; the picture is of two")
     points = [np.asarray(start, dtype=np.float64) for start in starts]
-    lower, upper = _window(certificate, points) if window is None else (np.asarray(w, np.float64) for w in window)
+    lower, upper = corners_of(_window(certificate, points) if window is None else window, mechanism.independent)
     scale = np.where([mechanism.tree.joint(name).kind.sliding for name in mechanism.independent], 1.0, np.degrees(1.0))
     with rc_context(STYLE):
         figure = Figure(figsize=(7.2, 6.4), layout="constrained")

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array, skew
+from ccpin.arrays import Array, cross, skew
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.constraints import Constraints
@@ -201,7 +201,7 @@ class _Wrenches:
         loads = []
         for joint in self.model.mechanism.tree.joints:
             carried, origin = list(self.pin_model.subtrees[joint.number]), motion.poses[joint.number, :3, 3]
-            turning = moments[carried] + np.cross(motion.centres[carried] - origin, forces[carried])
+            turning = moments[carried] + cross(motion.centres[carried] - origin, forces[carried])
             wrench = np.concatenate([forces[carried].sum(axis=0), turning.sum(axis=0)])
             freedom = np.zeros((6, closures.freedoms[0].shape[1] if closures.freedoms else 0))
             for loop, load, loose in zip(self.loops, *closures, strict=True):
@@ -223,7 +223,7 @@ class _Wrenches:
         inertias = turns @ self.inertias @ turns.transpose(0, 2, 1)
         forces = self.masses[:, None] * (motion.accelerations - np.array(self.pin_model.gravity.linear))
         spins = np.einsum("bij,bj->bi", inertias, motion.omega)
-        moments = np.einsum("bij,bj->bi", inertias, motion.alpha) + np.cross(motion.omega, spins)
+        moments = np.einsum("bij,bj->bi", inertias, motion.alpha) + cross(motion.omega, spins)
         return motion, forces, moments
 
 

@@ -61,7 +61,7 @@ class Certificate(Protocol):
 
     @property
     def level(self) -> float:
-        """C in joules."""
+        """The level c in joules."""
 
     @property
     def rigorous(self) -> bool:

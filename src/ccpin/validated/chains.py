@@ -143,22 +143,22 @@ def _turn(tape: Tape, axis: Vector, angle: Node) -> Matrix:
 
 
 def add(a: Vector, b: Vector) -> Vector:
-    """a + b."""
+    """The sum a + b."""
     return [x + y for x, y in zip(a, b, strict=True)]
 
 
 def subtract(a: Vector, b: Vector) -> Vector:
-    """a − b."""
+    """The difference a − b."""
     return [x - y for x, y in zip(a, b, strict=True)]
 
 
 def scale(factor: Expression, a: Vector) -> Vector:
-    """factor · a."""
+    """The product factor · a."""
     return [factor * x for x in a]
 
 
 def dot(a: Vector, b: Vector) -> Expression:
-    """a·b."""
+    """The inner product a·b."""
     total: Any = 0
     for x, y in zip(a, b, strict=True):
         total = total + x * y
@@ -166,12 +166,12 @@ def dot(a: Vector, b: Vector) -> Expression:
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """a × b."""
+    """The vector product a × b."""
     return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 
 
 def apply(matrix: Matrix, vector: Vector) -> Vector:
-    """matrix · vector."""
+    """The product matrix · vector."""
     return [dot(row, vector) for row in matrix]
 
 

@@ -1,7 +1,7 @@
 """How far a solution's Taylor polynomial p is from solving x′ = f(x): a bound of |p′(t) − f(p(t))| on [0, h].
 
 Let p be the Taylor polynomial of degree N of the exact solution from a point. Every value of f's program, taken along
-p, is a function w(t) whose Taylor coefficients w₀, …, w_{N−1} at 0 are those along the solution: `taylor` encloses
+p, is a function w(t) whose Taylor coefficients w₀, …, w_{N−1} at 0 are those along the solution: `all_series` encloses
 them. Beside them goes a bound ω ≥ |w(t) − Σ_{k<N} w_k tᵏ| on [0, h], from value to value, with |·| the bound
 ‖w‖ = Σ |w_k| hᵏ, and the tail of a truncated product T(u, w) = Σ_{i+j≥N} |u_i| |w_j| hⁱ⁺ʲ:
 
@@ -59,7 +59,7 @@ def defect(program: Program, series: Sequence[Any], length: Ball) -> list[Ball]:
     powers = [ball(1)]
     for _ in range(order):
         powers.append((powers[-1] * length).upper())
-    run = _Run(series, powers, length)
+    run = _AlongPolynomial(series, powers, length)
     for k in range(program.inputs):
         run.bounds[k] = run.bound(series[k][:order], magnitude(series[k][order]) * powers[order])
     for item in program.instructions:
@@ -67,7 +67,7 @@ def defect(program: Program, series: Sequence[Any], length: Ball) -> list[Ball]:
     return [run.bounds[number].rest for number in program.outputs]
 
 
-class _Run:
+class _AlongPolynomial:
     def __init__(self, series: Sequence[Any], powers: list[Ball], length: Ball) -> None:
         self.series, self.powers, self.length = series, powers, length
         self.bounds: list[Any] = [None] * len(series)

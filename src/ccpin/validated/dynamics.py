@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.control.stability.well import checked_model
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.validated.balls import rational
@@ -72,10 +73,11 @@ def closed_loop(model: ReducedModel, law: ControlLaw | None) -> ClosedLoop:
     """Record a mechanism and its law at the current precision.
 
     Raises:
+        InvalidInputError: `model` is no reduced model.
         UnsupportedMechanismError: Joints other than revolute and prismatic, rows of φ that are redundant, independent
             coordinates that are not whole joints, or a law other than none and the two PD laws.
     """
-    mechanism, coordinates = model.mechanism, model.coordinates
+    mechanism, coordinates = checked_model(model).mechanism, model.coordinates
     if not (coordinates.scalar and coordinates.constant):
         raise UnsupportedMechanismError("validated integration covers whole 1-dof joints as independent coordinates")
     constraints = model.parametrization.constraints
@@ -89,7 +91,7 @@ def closed_loop(model: ReducedModel, law: ControlLaw | None) -> ClosedLoop:
     independent = tuple(part.q_free.start for part in coordinates.parts)
     dependent = tuple(k for k in range(n_free) if k not in independent)
     tape = Tape(n_free + n)
-    recorder = _Recorder(tape, joints, tape.inputs[:n_free], tape.inputs[n_free:], independent, dependent)
+    recorder = _LoopRecorder(tape, joints, tape.inputs[:n_free], tape.inputs[n_free:], independent, dependent)
     phi = closure_rows(tape, constraints, joints, recorder.q_free)
     jacobian = recorder.close(phi)
     masses = _masses(mechanism.tree.model)
@@ -119,7 +121,7 @@ class _Masses(NamedTuple):
     rotor: list[Expression]
 
 
-class _Terms(NamedTuple):
+class _DynamicTerms(NamedTuple):
     """D, ρᵀ(D′b + C′q̇′ + g′), g, and the energies."""
 
     mass: list[list[Expression]]
@@ -139,7 +141,7 @@ def _masses(model: object) -> _Masses:
     )
 
 
-class _Recorder:
+class _LoopRecorder:
     """What the recording shares: the tree, q′, q̇, and ρ, q̇′ and b once the closures are known."""
 
     def __init__(
@@ -176,7 +178,7 @@ class _Recorder:
             self.bias[k] = solution[0]
         return matrix
 
-    def dynamics(self, masses: _Masses, gravity: Vector) -> _Terms:
+    def dynamics(self, masses: _Masses, gravity: Vector) -> _DynamicTerms:
         """D, bias force, gravity force and energies, body by body."""
         n, frames = len(self.v), poses(self.tape, self.joints, self.q_free)
         twists = [self.twists(frames, [row[k] for row in self.rho]) for k in range(n)]
@@ -206,7 +208,7 @@ class _Recorder:
                     mass[i][j] = mass[i][j] + entry + rotor * self.rho[place][i] * self.rho[place][j]
                     mass[j][i] = mass[i][j]
         kinetic = rational(0.5) * dot(list(self.v), [dot(row, list(self.v)) for row in mass])
-        return _Terms(mass, add(bias, weight), weight, kinetic, potential)
+        return _DynamicTerms(mass, add(bias, weight), weight, kinetic, potential)
 
     def twists(self, frames: dict[int, Pose], rates: list[Expression]) -> dict[int, tuple[Vector, Vector]]:
         """Angular velocity and the origin's velocity of every body for joint rates."""
@@ -243,13 +245,15 @@ class _Recorder:
         """A joint's axis in the world: it is the same before and after the joint turns."""
         return apply(multiply(frames[joint.parent].rotation, joint.rotation), joint.axis)
 
-    def accelerate(self, terms: _Terms, force: list[Expression]) -> list[Expression]:
+    def accelerate(self, terms: _DynamicTerms, force: list[Expression]) -> list[Expression]:
         """q̈ = D⁻¹(τ − bias)."""
         right = [[tau - bias] for tau, bias in zip(force, terms.bias, strict=True)]
         return [row[0] for row in self.tape.solve(terms.mass, right)]
 
 
-def _law(law: ControlLaw | None, recorder: _Recorder, terms: _Terms) -> tuple[list[Expression], Expression | None]:
+def _law(
+    law: ControlLaw | None, recorder: _LoopRecorder, terms: _DynamicTerms
+) -> tuple[list[Expression], Expression | None]:
     """The generalized force ρᵀSᵀu of a law, and 𝒱 + V(q_d) with the law's own g(q_d).
 
     Where motors do not sit on the independent joints, the laws' u has ρᵀSᵀu = this force wherever ρᵀSᵀ has full rank.

@@ -33,7 +33,7 @@ from ccpin.validated.step import QUANTUM, Field, Options, Step, evaluate, march,
 SHORTEST_STEP = 2.0**-20
 
 
-class Bounds(NamedTuple):
+class StateBox(NamedTuple):
     """A box of states of doubles, rounded outwards.
 
     Attributes:
@@ -106,7 +106,7 @@ class Enclosure:
             path = evaluate(step.polynomial, ball(float(t)) - ball(float(self.times[k])))
             return [around(x, e) for x, e in zip(path, step.error, strict=True)]
 
-    def at(self, t: float) -> Bounds:
+    def at(self, t: float) -> StateBox:
         """The box of `box` in doubles."""
         return _bounds(self.box(t), self.loop.n_free)
 
@@ -245,7 +245,7 @@ def collect(loop: ClosedLoop, start: Sequence[Ball], steps: Sequence[Step], reas
     message = f"enclosed for {times[-1]:.9g} s in {len(steps)} steps"
     if reason:
         message = f"rigour stops at t = {times[-1]:.9g} s after {len(steps)} steps: {reason}"
-    columns: Bounds = Bounds(*(frozen(column) for column in zip(*nodes, strict=True)))
+    columns: StateBox = StateBox(*(frozen(column) for column in zip(*nodes, strict=True)))
     split = loop.n_free
     return Enclosure(
         times=frozen(times),
@@ -267,10 +267,10 @@ def collect(loop: ClosedLoop, start: Sequence[Ball], steps: Sequence[Step], reas
     )
 
 
-def _bounds(box: Sequence[Ball], n_free: int) -> Bounds:
+def _bounds(box: Sequence[Ball], n_free: int) -> StateBox:
     centre = np.array([float(x.mid()) for x in box])
     radius = np.array([upper(abs(x - ball(c))) for x, c in zip(box, centre.tolist(), strict=True)])
-    return Bounds(centre[:n_free], radius[:n_free], centre[n_free:], radius[n_free:])
+    return StateBox(centre[:n_free], radius[:n_free], centre[n_free:], radius[n_free:])
 
 
 # The exact closed start: existence and uniqueness of y with φ(q, y) = 0 near a computed one.

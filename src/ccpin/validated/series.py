@@ -156,11 +156,6 @@ def all_series(program: Program, start: Sequence[Ball], order: int) -> list[Any]
     return series
 
 
-def taylor(program: Program, start: Sequence[Ball], order: int) -> list[list[Ball]]:
-    """Coefficients x₀, …, x_order of the solution of x′ = f(x) alone, one list a component; see `all_series`."""
-    return all_series(program, start, order)[: program.inputs]
-
-
 def _advance(item: Instruction, degree: int, series: list[Any], inverses: Inverses) -> None:
     """Append the coefficient of one degree to one value."""
     a, b = item.a, item.b

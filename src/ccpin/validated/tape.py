@@ -99,7 +99,7 @@ class Tape:
         return value if isinstance(value, Node) else self._record(CONSTANT, constant=_number(value))
 
     def add(self, a: Expression, b: Expression) -> Expression:
-        """A + b."""
+        """The sum a + b."""
         if is_zero(a):
             return b
         if is_zero(b):
@@ -108,7 +108,7 @@ class Tape:
         return self._record(ADD, first, second)
 
     def subtract(self, a: Expression, b: Expression) -> Expression:
-        """A − b."""
+        """The difference a − b."""
         if is_zero(b):
             return a
         if is_zero(a):
@@ -116,7 +116,7 @@ class Tape:
         return self._record(SUBTRACT, self.node(a).index, self.node(b).index)
 
     def multiply(self, a: Expression, b: Expression) -> Expression:
-        """A · b."""
+        """The product a b."""
         if not isinstance(a, Node):
             a, b = b, a
         if isinstance(b, Node):

@@ -23,7 +23,7 @@ class Triangles(NamedTuple):
     faces: NDArray[np.int64]
 
 
-class Part(NamedTuple):
+class ShapePart(NamedTuple):
     """A MeshCat geometry and the 4×4 frame of its own axes in the shape's frame."""
 
     geometry: Any
@@ -86,26 +86,26 @@ def corners(shape: Shape) -> Array:
     return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
 
 
-def parts(shape: Shape) -> list[Part]:
+def parts(shape: Shape) -> list[ShapePart]:
     """The MeshCat geometries a shape is made of (MeshCat's cylinders lie along y, a description's along z)."""
     import meshcat.geometry as g
 
     size = shape.size
     if shape.kind == "box":
-        return [Part(g.Box(list(size)), np.eye(4))]
+        return [ShapePart(g.Box(list(size)), np.eye(4))]
     if shape.kind == "cylinder":
-        return [Part(g.Cylinder(size[1], size[0]), Z_TO_Y)]
+        return [ShapePart(g.Cylinder(size[1], size[0]), Z_TO_Y)]
     if shape.kind == "capsule":
-        ends = [Part(g.Sphere(size[0]), _shift(sign * size[1] / 2)) for sign in (-1.0, 1.0)]
-        return [Part(g.Cylinder(size[1], size[0]), Z_TO_Y), *ends]
+        ends = [ShapePart(g.Sphere(size[0]), _shift(sign * size[1] / 2)) for sign in (-1.0, 1.0)]
+        return [ShapePart(g.Cylinder(size[1], size[0]), Z_TO_Y), *ends]
     if shape.kind == "sphere":
-        return [Part(g.Sphere(size[0]), np.eye(4))]
+        return [ShapePart(g.Sphere(size[0]), np.eye(4))]
     if shape.kind == "ellipsoid":
-        return [Part(g.Ellipsoid(list(size)), np.eye(4))]
+        return [ShapePart(g.Ellipsoid(list(size)), np.eye(4))]
     mesh = read_mesh(shape.mesh or "")
     if isinstance(mesh, str):
         return []
-    return [Part(triangles(Triangles(mesh.vertices * np.array(size), mesh.faces)), np.eye(4))]
+    return [ShapePart(triangles(Triangles(mesh.vertices * np.array(size), mesh.faces)), np.eye(4))]
 
 
 def triangles(mesh: Triangles) -> Any:

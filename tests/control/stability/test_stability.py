@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 import ccpin
 from ccpin import plotting
 from ccpin.control import PDFullGravity, PDSimpleGravity
-from ccpin.control.stability.flood import Effort
+from ccpin.control.stability.flood import Budget
 from ccpin.control.stability.gains import gravity_slope_over, suggest_gains
 from ccpin.control.stability.set_point_cells import cells_of_atlas
 from ccpin.control.stability.theorem3 import certify_law, certify_set_point
@@ -32,14 +32,14 @@ UPRIGHT, UPRIGHT_MODE = np.radians([90.0, 90.0]), np.radians([90.0, -30.0, 90.0,
 def _case(name):
     """A law, its certificate and how long its motions take to settle."""
     model = ccpin.ReducedModel(ccpin.load(name))
-    q_d, k_p, k_v, effort, duration = {
-        "rpdr": (Q_GOAL, K_P, K_V, Effort(11, 700), 1.0),
-        "delta": (np.zeros(3), np.full(3, 30.0), np.full(3, 4.0), Effort(9, 150), 2.0),
+    q_d, k_p, k_v, budget, duration = {
+        "rpdr": (Q_GOAL, K_P, K_V, Budget(11, 700), 1.0),
+        "delta": (np.zeros(3), np.full(3, 30.0), np.full(3, 4.0), Budget(9, 150), 2.0),
         "stewart": (model.alpha(model.mechanism.q_reference), np.full(6, 4e3), np.full(6, 300.0), None, 0.8),
         "hexa": (model.alpha(model.mechanism.q_reference), np.full(6, 100.0), np.full(6, 5.0), None, 1.0),
     }[name]
     law = PDSimpleGravity(model, q_d, k_p, k_v)
-    return law, certify_law(law, effort=effort), duration
+    return law, certify_law(law, budget=budget), duration
 
 
 def _closed_form_potential(paper):
@@ -292,7 +292,7 @@ def test_gain_below_the_slope_is_refused_and_runs_away(rpdr_model):
     gone = ccpin.simulate(rpdr_model, weak, off, duration=4.0, guess=UPRIGHT_MODE)
     assert np.abs(gone.q[-1] - UPRIGHT).max() > 0.3
     strong = PDSimpleGravity(rpdr_model, UPRIGHT, K_P, K_V, UPRIGHT_MODE)
-    certificate = certify_law(strong, effort=Effort(8, 120))
+    certificate = certify_law(strong, budget=Budget(8, 120))
     assert certificate.holds
     assert certificate.contains(off)
     back = ccpin.simulate(rpdr_model, strong, off, duration=4.0, guess=UPRIGHT_MODE)
@@ -311,7 +311,7 @@ def test_gain_condition_is_sufficient_only(rpdr_model):
 def test_full_matrix_gains(rpdr_model):
     """k is the least eigenvalue of a K_p that is not diagonal."""
     matrix = np.array([[14.0, 4.0], [4.0, 9.0]])
-    certificate = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, matrix, K_V), effort=Effort(8, 100))
+    certificate = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, matrix, K_V), budget=Budget(8, 100))
     assert certificate.gain == pytest.approx(11.5 - np.sqrt(2.5**2 + 16.0))
     assert certificate.holds
 
@@ -325,6 +325,10 @@ def test_bad_input_is_refused(rpdr_model):
         certify_law(law, (Q_GOAL + 0.1, Q_GOAL + 0.2))
     with pytest.raises(InvalidInputError, match="below its upper corner"):
         certify_law(law, (Q_GOAL + 0.1, Q_GOAL - 0.2))
+    with pytest.raises(InvalidInputError, match=r"\(lower, upper\), each of shape"):
+        certify_law(law, np.zeros((3, 2)))
+    with pytest.raises(InvalidInputError, match="masses are needed"):
+        certify_set_point(rpdr_model.mechanism, Q_GOAL, K_P, K_V)
     other = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint3"], actuated=["joint1", "joint2"]))
     q_d = other.alpha(other.mechanism.q_reference)
     with pytest.raises(UnsupportedMechanismError, match="motors on the independent"):
@@ -337,7 +341,7 @@ def test_bad_input_is_refused(rpdr_model):
 @pytest.fixture(scope="module")
 def atlas(rpdr):
     """A square of ±30° about the goal."""
-    region = np.column_stack([Q_GOAL - np.radians(30.0), Q_GOAL + np.radians(30.0)])
+    region = Q_GOAL - np.radians(30.0), Q_GOAL + np.radians(30.0)
     return certify(rpdr, Q_GOAL, region, max_depth=8)
 
 
@@ -360,7 +364,7 @@ def test_atlas_in_space():
     """Delta, a cube of ±10°: the proved level is just below the least U of samples on its faces; β bounds samples."""
     law = _case("delta")[0]
     half, model = np.radians(10.0), law.model
-    region = np.tile([-half, half], (3, 1))
+    region = np.full(3, -half), np.full(3, half)
     cube = certify(model.mechanism, np.zeros(3), region, max_depth=4)
     certificate = certify_law(law, cube)
     rng = np.random.default_rng(2)
@@ -417,7 +421,7 @@ def test_region_with_the_goal_at_its_corner(rpdr_model):
 def test_suggested_gains_damp_every_mode(rpdr, rpdr_model):
     """K_p is the margin over a proved β, and the linearised loop's poles all have the damping asked for."""
     half = np.radians(16.0)
-    atlas = certify(rpdr, Q_GOAL, np.column_stack([Q_GOAL - half, Q_GOAL + half]), max_depth=8)
+    atlas = certify(rpdr, Q_GOAL, (Q_GOAL - half, Q_GOAL + half), max_depth=8)
     gains = suggest_gains(rpdr_model, Q_GOAL, atlas, margin=1.3, damping=0.6)
     points, _, slope = _grid()
     inside = np.all(np.abs(points - Q_GOAL) <= half + 1e-9, axis=1)
@@ -477,8 +481,8 @@ def test_pictures(tmp_path, rpdr_model):
 
 def test_the_call_by_set_point_is_that_of_its_law(rpdr_model):
     """certify_set_point(model, q_d, K_p, K_v) makes the law (28) and certifies it."""
-    effort = Effort(8, 100)
-    by_gains = certify_set_point(rpdr_model, Q_GOAL, K_P, K_V, effort=effort)
-    by_law = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V), effort=effort)
+    budget = Budget(8, 100)
+    by_gains = certify_set_point(rpdr_model, Q_GOAL, K_P, K_V, budget=budget)
+    by_law = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V), budget=budget)
     assert by_gains.level == by_law.level > 0.0
     assert by_gains.rigorous

@@ -30,7 +30,7 @@ from ccpin.control.stability.well import Range, Well
 _AHEAD = 16
 
 
-class Effort(NamedTuple):
+class Budget(NamedTuple):
     """How much work a flood may do.
 
     Attributes:
@@ -51,7 +51,7 @@ class Sublevel(NamedTuple):
         level: c in joules; {U < c} around q_d lies in the members (0: nothing proved).
         members: Numbers of the cells.
         beta: Largest bound of ‖∂g/∂q‖ over the members that meet {U < c}; NaN without members.
-        limit: What ended the flood: "domain", "gain" or "effort".
+        limit: What ended the flood: "domain", "gain" or "budget".
         point: Where, of shape (n,).
     """
 
@@ -80,11 +80,11 @@ class Flood:
     Args:
         store: The cells.
         good: Which wells may be members.
-        effort: When to give up.
+        budget: When to give up.
     """
 
-    def __init__(self, store: CellStore, good: Callable[[Well], bool], effort: Effort) -> None:
-        self._store, self._good, self._effort = store, good, effort
+    def __init__(self, store: CellStore, good: Callable[[Well], bool], budget: Budget) -> None:
+        self._store, self._good, self._budget = store, good, budget
         self._members: dict[int, int] = {}
         self._heap: list[_Entry] = []
         self._serial = 0
@@ -114,7 +114,7 @@ class Flood:
             if cell.well is not None and self._good(cell.well):
                 found.append(number)
                 continue
-            if cell.well is None or cell.depth >= self._effort.depth or self._spent():
+            if cell.well is None or cell.depth >= self._budget.depth or self._spent():
                 return None
             children = self._store.halve_proved(number)
             if children is None:
@@ -130,7 +130,7 @@ class Flood:
             if entry.level > self._level:
                 self._level, self._at_level = entry.level, self._added
             if self._spent():
-                return "effort", entry.point
+                return "budget", entry.point
             limit = self._cross(entry)
             if limit is not None and not self._tighten(entry):
                 return limit, entry.point
@@ -146,7 +146,7 @@ class Flood:
         if cell.well is not None and self._good(cell.well):
             self._add(entry.beyond, entry.inside)
             return None
-        if cell.depth >= self._effort.depth or self._rise(entry) <= 0.1 * self._effort.tolerance * self._level:
+        if cell.depth >= self._budget.depth or self._rise(entry) <= 0.1 * self._budget.tolerance * self._level:
             return "gain" if cell.well is not None else "domain"
         number = entry.beyond if cell.well is not None else entry.inside
         for child in self._store.split(entry.beyond, self._store.stretch(number)):
@@ -157,7 +157,7 @@ class Flood:
     def _rise(self, entry: _Entry) -> float:
         """About how much U rises from a face across the cell behind it: what halving that cell could gain."""
         cell = self._store[entry.beyond]
-        well = cell.well or _well(self._store, entry.inside)
+        well = cell.well or self._store.well(entry.inside)
         slope = well.gradient + well.hessian @ (entry.point - well.centre)
         return float(np.abs(slope) @ (cell.upper - cell.lower))
 
@@ -174,7 +174,7 @@ class Flood:
     def _tighten(self, entry: _Entry) -> bool:
         """Halve the member before a face whose level is not sharp; False where it is, or may not be halved."""
         cell = self._store[entry.inside]
-        if entry.slack <= self._effort.tolerance * max(entry.level, 0.0) or cell.depth >= self._effort.depth:
+        if entry.slack <= self._budget.tolerance * max(entry.level, 0.0) or cell.depth >= self._budget.depth:
             return False
         order = self._members[entry.inside]
         children = self._store.halve_proved(entry.inside)
@@ -212,7 +212,7 @@ class Flood:
             self._push_face(inside, beyond, face)
 
     def _push_face(self, inside: int, beyond: int, face: Face) -> None:
-        found = _well(self._store, inside).range_over(face.lower, face.upper)
+        found = self._store.well(inside).range_over(face.lower, face.upper)
         self._serial += 1
         slack = found.upper - found.lower
         heapq.heappush(self._heap, _Entry(found.lower, self._serial, inside, beyond, face, found.point, slack))
@@ -223,15 +223,15 @@ class Flood:
         return entry.beyond < 0 or (self._store[entry.beyond].live and entry.beyond not in self._members)
 
     def _spent(self) -> bool:
-        return self._store.proved >= self._effort.cells
+        return self._store.proved >= self._budget.cells
 
     def _beta(self, members: tuple[int, ...]) -> float:
         low = [self._whole(number).lower < self._level for number in members]
-        return max(_well(self._store, k).beta for k, meets in zip(members, low, strict=True) if meets)
+        return max(self._store.well(k).beta for k, meets in zip(members, low, strict=True) if meets)
 
     def _whole(self, number: int) -> Range:
         cell = self._store[number]
-        return _well(self._store, number).range_over(cell.lower, cell.upper)
+        return self._store.well(number).range_over(cell.lower, cell.upper)
 
 
 def connected(store: CellStore, found: Sublevel, q_d: Array) -> tuple[int, ...]:
@@ -243,16 +243,10 @@ def connected(store: CellStore, found: Sublevel, q_d: Array) -> tuple[int, ...]:
         number = pending.pop()
         for other in (store[number].neighbours & members) - reached:
             face = store.face(number, other)
-            if face is not None and _well(store, number).range_over(face.lower, face.upper).upper < found.level:
+            if face is not None and store.well(number).range_over(face.lower, face.upper).upper < found.level:
                 reached.add(other)
                 pending.append(other)
     return tuple(sorted(reached))
-
-
-def _well(store: CellStore, number: int) -> Well:
-    well = store[number].well
-    assert well is not None
-    return well
 
 
 def _holds(cell: Cell, q: Array) -> bool:

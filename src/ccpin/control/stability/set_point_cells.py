@@ -7,11 +7,11 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore, holding
-from ccpin.control.stability.flood import Effort
+from ccpin.control.stability.flood import Budget
 from ccpin.control.stability.well import Well, wells
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.boxes import Boxes, Problem, certify_boxes, problem_of
-from ccpin.domain.chains import Seed, seed_of
+from ccpin.domain.chains import Seed, seed_at_coordinates
 from ccpin.domain.gravity_bounds import Potential, gravity_bounds, potential_of
 from ccpin.domain.newton import encloses
 from ccpin.errors import InvalidInputError, SingularConfigurationError
@@ -48,7 +48,7 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
     return store
 
 
-def cells_around(law: PDSimpleGravity, gain: float, effort: Effort) -> CellStore:
+def cells_around(law: PDSimpleGravity, gain: float, budget: Budget) -> CellStore:
     """One cell centred at q_d, beside which others can be laid.
 
     Its edges are in the proportions of the ellipsoid q̃ᵀ(K_p + ∂g/∂q)q̃ ≤ 1, so that the well rises equally to all
@@ -59,11 +59,11 @@ def cells_around(law: PDSimpleGravity, gain: float, effort: Effort) -> CellStore
         SingularConfigurationError: No cell around q_d can be proved.
     """
     model = law.model
-    seed = seed_of(model.mechanism, law.q_d, law.q_free_d)
+    seed = seed_at_coordinates(model.mechanism, law.q_d, law.q_free_d)
     problem = problem_of(seed.system)
     potential = potential_of(model.mechanism, seed.system)
     trials = _Trials(law, seed, problem, potential)
-    single = effort.cells <= 1
+    single = budget.cells <= 1
     best, level, factor = None, -np.inf, _LARGEST
     for _ in range(_TRIES):
         boxes = trials.box(factor)

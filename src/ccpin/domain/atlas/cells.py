@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, Mask, joined
 
 Integers = NDArray[np.int64]
 
@@ -17,7 +17,7 @@ LEVELS = 32
 WHOLE = 1 << LEVELS
 
 
-class Status(IntEnum):
+class CellStatus(IntEnum):
     """What is known of a cell."""
 
     UNREACHED = 0
@@ -39,7 +39,7 @@ class Region:
 
     lower: Array
     upper: Array
-    wrapped: NDArray[np.bool_]
+    wrapped: Mask
 
     @property
     def width(self) -> Array:
@@ -72,19 +72,19 @@ class Region:
 class Touching(NamedTuple):
     """Pairs (query, leaf), sorted: which leaves overlap which query boxes."""
 
-    query: NDArray[np.intp]
-    leaf: NDArray[np.intp]
+    query: Indices
+    leaf: Indices
 
 
 class CellTree:
-    """Cells by number: leaves carry a `Status`, split cells their two children.
+    """Cells by number: leaves carry a `CellStatus`, split cells their two children.
 
     Attributes:
         lower: Lower corners, of shape (N, n), in units of 2⁻³² of the region.
         size: Edge lengths in the same units, of shape (N, n).
         cut: The coordinate a split cell is halved along, of shape (N,).
         child: The lower half's number (the upper half's is one more), or −1, of shape (N,).
-        status: `Status`, of shape (N,).
+        status: `CellStatus`, of shape (N,).
         box: The number of a certified cell's box, or −1, of shape (N,).
     """
 
@@ -111,22 +111,22 @@ class CellTree:
         names = ("lower", "size", "cut", "child", "status", "box")
         return {name: getattr(self, name)[: self.count].copy() for name in names}
 
-    def split(self, cells: NDArray[np.intp], cut: NDArray[np.intp]) -> NDArray[np.intp]:
+    def split(self, cells: Indices, cut: Indices) -> Indices:
         """Halve leaves along a coordinate each; the new cells' numbers, of shape (2 · len(cells),)."""
         first = self.count
         self._reserve(first + 2 * len(cells))
         self.count += 2 * len(cells)
         children = np.arange(first, self.count)
-        self.child[cells], self.cut[cells], self.status[cells] = children[::2], cut, Status.SPLIT
+        self.child[cells], self.cut[cells], self.status[cells] = children[::2], cut, CellStatus.SPLIT
         self.lower[children] = np.repeat(self.lower[cells], 2, axis=0)
         self.size[children] = np.repeat(self.size[cells], 2, axis=0)
         rows, columns = np.arange(first, self.count), np.repeat(cut, 2)
         self.size[rows, columns] //= 2
         self.lower[rows[1::2], cut] += self.size[rows[1::2], cut]
-        self.status[children], self.child[children], self.box[children] = Status.UNREACHED, -1, -1
+        self.status[children], self.child[children], self.box[children] = CellStatus.UNREACHED, -1, -1
         return children
 
-    def leaves(self) -> NDArray[np.intp]:
+    def leaves(self) -> Indices:
         """Numbers of all cells that are not split."""
         return np.flatnonzero(self.child[: self.count] < 0)
 
@@ -173,8 +173,6 @@ class CellTree:
 
 # Which cells of an atlas touch which leaves, and where.
 
-Index = NDArray[np.intp]
-
 
 class Contacts(NamedTuple):
     """K faces that cells share with leaves.
@@ -186,21 +184,21 @@ class Contacts(NamedTuple):
         upper: Whether it is the cell's upper face, of shape (K,).
     """
 
-    cell: Index
-    leaf: Index
+    cell: Indices
+    leaf: Indices
     at_cell: Array
     at_leaf: Array
     area: Array
-    upper: NDArray[np.bool_]
+    upper: Mask
 
 
-def contacts_of(tree: CellTree, region: Region, cells: Index) -> Contacts:
+def contacts_of(tree: CellTree, region: Region, cells: Indices) -> Contacts:
     """The faces that cells share with leaves, across the seam of periodic coordinates too."""
     found = [_across(tree, region, cells, k, upper) for k in range(len(region.lower)) for upper in (False, True)]
-    return Contacts(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
+    return joined(found)
 
 
-def _across(tree: CellTree, region: Region, cells: Index, k: int, upper: bool) -> Contacts:
+def _across(tree: CellTree, region: Region, cells: Indices, k: int, upper: bool) -> Contacts:
     """Contacts across the lower or upper faces perpendicular to coordinate k."""
     low, high = tree.lower[cells].copy(), tree.lower[cells] + tree.size[cells]
     face = high[:, k].copy() if upper else low[:, k].copy()

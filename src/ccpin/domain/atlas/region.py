@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -11,11 +13,34 @@ from ccpin.domain.chains import Seed
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
+Corners = Sequence[ArrayLike] | Array  # (lower, upper)
 TURN = 2.0 * np.pi
 _SLACK = 1e-9
 
 
-def region_of(mechanism: Mechanism, seed: Seed, region: ArrayLike | None) -> Region:
+def corners_of(region: Corners, names: Sequence[str]) -> tuple[Array, Array]:
+    """The corners (lower, upper) of a region over named coordinates, n finite numbers each, lower below upper.
+
+    Raises:
+        InvalidInputError: They are not.
+    """
+    n = len(names)
+    try:
+        corners = np.array(region, dtype=np.float64)
+    except (TypeError, ValueError):
+        corners = np.empty(0)
+    if corners.shape != (2, n) or not np.all(np.isfinite(corners)):
+        raise InvalidInputError(
+            f"a region is (lower, upper), each of shape ({n},) and finite: one bound a coordinate ({', '.join(names)})"
+        )
+    if np.any(corners[1] <= corners[0]):
+        raise InvalidInputError(
+            f"the region's lower corner {corners[0].tolist()} must be below its upper corner {corners[1].tolist()}"
+        )
+    return corners[0], corners[1]
+
+
+def region_of(mechanism: Mechanism, seed: Seed, region: Corners | None) -> Region:
     """The region asked for, or by default a full turn for a joint whose limits allow it, the limits otherwise.
 
     A periodic coordinate given a full turn (to 1e-9) closes on itself. A default full turn is [−π, π].
@@ -25,20 +50,12 @@ def region_of(mechanism: Mechanism, seed: Seed, region: ArrayLike | None) -> Reg
     """
     system = seed.system
     periodic, q0 = system.periodic[system.independent], seed.theta[system.independent]
-    bounds = _limits(mechanism, seed) if region is None else np.array(region, dtype=np.float64)
     names = mechanism.independent
-    if bounds.shape != (system.n, 2) or not np.all(np.isfinite(bounds)):
-        raise InvalidInputError(
-            f"region must be finite lower and upper bounds of {', '.join(names)}, of shape ({system.n}, 2); "
-            f"it has shape {bounds.shape}"
-        )
-    lower, upper = bounds[:, 0].copy(), bounds[:, 1].copy()
+    lower, upper = corners_of(_limits(mechanism, seed) if region is None else region, names)
     wrapped = periodic & (upper - lower >= TURN - _SLACK)
     if np.any(upper - lower > TURN + _SLACK, where=periodic):
         raise InvalidInputError("a region may not exceed a full turn of a revolute joint")
     upper[wrapped] = lower[wrapped] + TURN
-    if np.any(upper <= lower):
-        raise InvalidInputError("the region's upper bounds must exceed its lower bounds")
     inside = wrapped | ((q0 >= lower) & (q0 <= upper))
     if not np.all(inside):
         name = names[int(np.argmin(inside))]
@@ -46,10 +63,10 @@ def region_of(mechanism: Mechanism, seed: Seed, region: ArrayLike | None) -> Reg
     return Region(lower, upper, wrapped)
 
 
-def _limits(mechanism: Mechanism, seed: Seed) -> Array:
+def _limits(mechanism: Mechanism, seed: Seed) -> tuple[Array, Array]:
     """Default bounds of the independent coordinates."""
     system, model = seed.system, mechanism.tree.model
-    bounds = np.tile(np.array([-np.pi, np.pi]), (system.n, 1))
+    lower, upper = np.full(system.n, -np.pi), np.full(system.n, np.pi)
     for row, index in enumerate(system.independent):
         joint = next(joint for joint in system.chart.joints if joint.v.start <= index < joint.v.stop)
         low, high = -np.inf, np.inf
@@ -59,5 +76,5 @@ def _limits(mechanism: Mechanism, seed: Seed) -> Array:
             continue
         if not np.isfinite(high - low):
             raise InvalidInputError(f"joint '{joint.name}' has no limits: give a region")
-        bounds[row] = low, high
-    return bounds
+        lower[row], upper[row] = low, high
+    return lower, upper

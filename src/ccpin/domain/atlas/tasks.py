@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, Mask, apply
 from ccpin.domain.boxes import Boxes, Problem, certify_boxes
 from ccpin.domain.newton import glued, newton
 
@@ -19,7 +19,7 @@ _AT_FACE, _AT_CENTRE = 5, 10
 _FIELDS = len(Boxes._fields)
 
 
-class Cells(NamedTuple):
+class CellsToProve(NamedTuple):
     """Cells to prove: centre and half widths (B, n), and a closed configuration near a point of each, θ (B, n′).
 
     `turn_to` (B, n′) is the θ near which periodic dependent coordinates of the centres are kept.
@@ -35,7 +35,7 @@ class Proved(NamedTuple):
     """What came of cells: their boxes, which are proved (B,), and how far σ stretches each coordinate (B, n)."""
 
     boxes: Boxes
-    proved: NDArray[np.bool_]
+    proved: Mask
     stretch: Array
 
     @classmethod
@@ -59,7 +59,7 @@ class Faces(NamedTuple):
 
 def prove_task(problem: Problem, arrays: Arrays) -> Arrays:
     """`prove` between plain tuples of arrays."""
-    found = prove(problem, Cells(*arrays))  # type: ignore[arg-type]
+    found = prove(problem, CellsToProve(*arrays))  # type: ignore[arg-type]
     return (*found.boxes, found.proved, found.stretch)
 
 
@@ -70,14 +70,14 @@ def glue_task(problem: Problem, arrays: Arrays) -> Arrays:
     return (glued(problem, first, arrays[_FIELDS], second, arrays[-1]),)  # type: ignore[arg-type]
 
 
-def prove(problem: Problem, cells: Cells) -> Proved:
+def prove(problem: Problem, cells: CellsToProve) -> Proved:
     """Follow σ from each start to its cell's centre and try Theorem K there."""
     system = problem.system
     with np.errstate(all="ignore"):
         at_face = newton(problem, cells.start, _AT_FACE)
         step = cells.centre - cells.start[:, system.independent]
         theta = at_face.theta
-        theta[:, system.dependent] += (at_face.slopes @ step[..., None])[..., 0]
+        theta[:, system.dependent] += apply(at_face.slopes, step)
         theta[:, system.independent] = cells.centre
         at_centre = newton(problem, theta, _AT_CENTRE)
         settled = at_face.settled & at_centre.settled
@@ -92,7 +92,7 @@ def prove(problem: Problem, cells: Cells) -> Proved:
     return Proved(boxes, proved, stretch)
 
 
-def _spread(array: Array, rows: NDArray[np.intp], count: int) -> Array:
+def _spread(array: Array, rows: Indices, count: int) -> Array:
     """Rows put back where they were among `count`, zeros elsewhere."""
     result = np.zeros((count, *array.shape[1:]))
     result[rows] = array
@@ -110,8 +110,6 @@ def _turned(problem: Problem, theta: Array, turn_to: Array) -> Array:
 
 # Certified boxes as they come in.
 
-Index = NDArray[np.intp]
-
 
 class BoxBuffer:
     """Boxes in the order they were certified."""
@@ -120,7 +118,7 @@ class BoxBuffer:
         self._arrays = [array[:0].copy() for array in empty]
         self.count = 0
 
-    def append(self, boxes: Boxes) -> Index:
+    def append(self, boxes: Boxes) -> Indices:
         """Add boxes; their numbers."""
         numbers = np.arange(self.count, self.count + len(boxes.kappa))
         for k, array in enumerate(boxes):
@@ -132,7 +130,7 @@ class BoxBuffer:
         self.count += len(numbers)
         return numbers
 
-    def take(self, numbers: Index) -> Boxes:
+    def take(self, numbers: Indices) -> Boxes:
         """Boxes by number."""
         return Boxes(*(array[numbers] for array in self._arrays))
 

@@ -106,7 +106,7 @@ def _times(unknowns: Unknowns, a: Complex, b: Complex) -> Complex:
 
 
 def _over(unknowns: Unknowns, a: Complex, b: Complex) -> Complex:
-    """a conj(b), which is a / b as |b| = 1."""
+    """The quotient a / b, which is a conj(b) as |b| = 1."""
     return _times(unknowns, a, (b[0], b[1].scaled(-1.0)))
 
 

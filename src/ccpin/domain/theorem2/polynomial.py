@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import ast
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ccpin.arrays import Array
-from ccpin.errors import InvalidInputError
 
 Monomial = tuple[int, ...]
 
@@ -79,59 +77,3 @@ def combine(parts: Iterable[tuple[float, Polynomial]]) -> Polynomial:
 
 def _without_zeros(terms: dict[Monomial, float]) -> Polynomial:
     return Polynomial({m: c for m, c in terms.items() if c})
-
-
-def parse_polynomial(text: str, unknowns: Sequence[str]) -> Polynomial:
-    """Read a polynomial such as ``"x*u - 2*y**2 + 1"``: numbers, unknowns, + − * /, whole powers, brackets.
-
-    The text is parsed, never evaluated. ``str()`` of a sympy polynomial is of this form.
-
-    Raises:
-        InvalidInputError: Anything else occurs in it, or a name that is not among `unknowns`.
-    """
-    try:
-        tree = ast.parse(text.strip(), mode="eval")
-    except (SyntaxError, ValueError) as error:
-        raise InvalidInputError(f"'{text}' is not a polynomial: {error}") from None
-    try:
-        return _Reader(text, {name: i for i, name in enumerate(unknowns)}).read(tree.body)
-    except RecursionError:
-        raise InvalidInputError(f"'{text[:60]}…' is nested too deeply; expand the polynomial") from None
-
-
-class _Reader:
-    def __init__(self, text: str, index: dict[str, int]) -> None:
-        self.text = text
-        self.index = index
-
-    def read(self, node: ast.expr) -> Polynomial:
-        if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and math.isfinite(node.value):
-            return Polynomial.constant(float(node.value))
-        if isinstance(node, ast.Name):
-            if node.id not in self.index:
-                raise self.error(f"'{node.id}' is not an unknown; those are {', '.join(self.index)}")
-            return Polynomial.unknown(self.index[node.id])
-        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.UAdd | ast.USub):
-            return self.read(node.operand).scaled(-1.0 if isinstance(node.op, ast.USub) else 1.0)
-        if isinstance(node, ast.BinOp):
-            return self.binary(node)
-        raise self.error("only numbers, unknowns, + - * /, whole powers and brackets are allowed")
-
-    def binary(self, node: ast.BinOp) -> Polynomial:
-        left, right = self.read(node.left), self.read(node.right)
-        if isinstance(node.op, ast.Add):
-            return left + right
-        if isinstance(node.op, ast.Sub):
-            return left - right
-        if isinstance(node.op, ast.Mult):
-            return left * right
-        if right.degree == 0:
-            value = right.terms.get((), 0.0)
-            if isinstance(node.op, ast.Div) and value:
-                return left.scaled(1.0 / value)
-            if isinstance(node.op, ast.Pow) and value in (0.0, 1.0, 2.0):
-                return (Polynomial.constant(1.0), left, left * left)[int(value)]
-        raise self.error("divide by numbers only, and raise to the powers 0, 1, 2 only")
-
-    def error(self, reason: str) -> InvalidInputError:
-        return InvalidInputError(f"'{self.text}' is not a polynomial of degree at most two: {reason}")
