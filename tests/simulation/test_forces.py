@@ -157,7 +157,7 @@ def check_free_directions(at):
         scale = max(1.0, np.abs(expected).max(), np.abs(force.force).max(), np.abs(force.moment).max())
         np.testing.assert_allclose(found, expected[own], rtol=0, atol=1e-7 * scale)
         if joint.nv == 1:
-            axis = columns[:3, 0] if at.mechanism.tree.kinds[force.name] == "prismatic" else columns[3:, 0]
+            axis = columns[:3, 0] if at.mechanism.tree.joint(force.name).kind.name == "prismatic" else columns[3:, 0]
             np.testing.assert_allclose(force.axis[0], axis, atol=1e-12)
 
 

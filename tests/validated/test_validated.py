@@ -21,7 +21,7 @@ flint = pytest.importorskip("flint")
 
 from ccpin.validated import certify_move, enclose  # noqa: E402
 from ccpin.validated.balls import ball  # noqa: E402
-from ccpin.validated.chains import tree_joints  # noqa: E402
+from ccpin.validated.chains import exact_joints  # noqa: E402
 from ccpin.validated.closure_rows import closure_rows  # noqa: E402
 from ccpin.validated.defect import defect  # noqa: E402
 from ccpin.validated.dynamics import closed_loop  # noqa: E402
@@ -106,7 +106,7 @@ def test_recorded_closures(kind, planar):
     description = growth.drawn().description
     tree = build_tree(description)
     constraints = Constraints(tree, description.closures, ())
-    joints = tree_joints(tree, {joint.name: joint.axis for joint in description.joints})
+    joints = exact_joints(tree)
     tape = Tape(len(joints))
     program = tape.program(closure_rows(tape, constraints, joints, tape.inputs))
     q_free = np.random.default_rng(4).normal(size=len(joints))
@@ -394,7 +394,7 @@ def test_scope(rpdr_model):
     growth = Growth(np.random.default_rng(0))
     growth.grow("base", ["spherical"])
     with pytest.raises(UnsupportedMechanismError, match="spherical"):
-        tree_joints(build_tree(growth.drawn().description), {})
+        exact_joints(build_tree(growth.drawn().description))
 
 
 @pytest.mark.parametrize(

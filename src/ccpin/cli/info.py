@@ -10,6 +10,7 @@ import numpy as np
 
 import ccpin
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
+from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.dynamics.modes import assembly_modes
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -65,11 +66,11 @@ def summary(mechanism: Mechanism) -> dict[str, Any]:
     model, mobility = mechanism.pin_model, mechanism.mobility
     joints = [
         {
-            "name": model.names[j],
-            "type": mechanism.tree.kinds[model.names[j]],
-            "reference": mechanism.q_reference[model.idx_qs[j] : model.idx_qs[j] + model.nqs[j]].tolist(),
+            "name": joint.name,
+            "type": joint.kind.name,
+            "reference": mechanism.q_reference[joint.q].tolist(),
         }
-        for j in range(1, model.njoints)
+        for joint in mechanism.tree.joints
     ]
     rows = constraints.row_slices()
     return {
@@ -132,11 +133,8 @@ def in_words(facts: dict[str, Any]) -> str:
 
 
 def _value(joint: dict[str, Any]) -> str:
-    values = joint["reference"]
-    if joint["type"] == "revolute":
-        return f"{np.degrees(values[0]):.4f}°"
-    if joint["type"] == "continuous":
-        return f"{np.degrees(np.arctan2(values[1], values[0])):.4f}°"
-    if joint["type"] == "prismatic":
-        return f"{values[0]:.6g} m"
+    values, kind = joint["reference"], JOINT_KINDS[joint["type"]]
+    if kind.nv == 1:
+        value = float(kind.theta(np.array(values), np.eye(3))[0])
+        return f"{value:.6g} m" if kind.sliding else f"{np.degrees(value):.4f}°"
     return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"

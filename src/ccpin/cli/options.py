@@ -53,10 +53,11 @@ def vector(options: argparse.Namespace, name: str, mechanism: Mechanism) -> Arra
         return None if plain is None else np.array(plain, dtype=np.float64)
     for coordinate in mechanism.independent:
         joint, _, component = coordinate.partition(":")
-        if mechanism.tree.kinds[joint] != "revolute" and not component.startswith("r"):
+        kind = mechanism.tree.joint(joint).kind
+        if not kind.angle and not component.startswith("r"):
             raise InvalidInputError(
                 f"--{name}-deg is for mechanisms whose independent coordinates are all angles; '{coordinate}' "
-                f"({mechanism.tree.kinds[joint]}) is none: give --{name} in rad and m, a continuous joint as its "
+                f"({kind.name}) is none: give --{name} in rad and m, a continuous joint as its "
                 "cosine and sine"
             )
     return np.asarray(np.radians(degrees), dtype=np.float64)

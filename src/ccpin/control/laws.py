@@ -22,7 +22,7 @@ class ControlLaw(abc.ABC):
 
         Args:
             t: Time in seconds.
-            q: Independent coordinates, of shape (nq_independent,).
+            q: Independent coordinates, of shape (model.nq,).
             v: Their velocities, of shape (n,).
             guess: A configuration near σ(q), where one is known; it only shortens the law's own σ.
         """
@@ -55,7 +55,7 @@ class _PD(ControlLaw):
 
     Args:
         model: The reduced model.
-        q_d: The set point, constant, of shape (nq_independent,).
+        q_d: The set point, constant, of shape (model.nq,).
         K_p: Proportional gains, N m/rad or N/m: (n,) for a diagonal matrix or symmetric positive definite (n, n).
         K_v: Velocity gains, N m s/rad or N s/m, alike.
         guess: Chooses the assembly mode of σ(q_d).
@@ -157,7 +157,7 @@ class CoulombCompensation(ControlLaw):
     Args:
         law: The PD law; its motors must be on the independent joints.
         coulomb: ĉ, the estimated Coulomb levels, N m or N: a number or (n,).
-        q_start: Where the move starts, of shape (nq_independent,), for the first reading.
+        q_start: Where the move starts, of shape (model.nq,), for the first reading.
         width: Where the second reading fades out, rad or m.
 
     Raises:

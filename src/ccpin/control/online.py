@@ -37,7 +37,7 @@ def capped_sigma(
 
     Args:
         parametrization: ψ.
-        q: Independent coordinates, of shape (nq_independent,).
+        q: Independent coordinates, of shape (model.nq,).
         start: q′ to start from, of shape (nq,), or a closed point, which spares the first evaluation.
         max_newton_steps: The cap.
         tolerance: Largest |ψ̄| accepted, metres and radians.

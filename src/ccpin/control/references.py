@@ -26,7 +26,7 @@ class ReferenceState(NamedTuple):
     """A reference at one time.
 
     Attributes:
-        q: q_d, of shape (nq_independent,).
+        q: q_d, of shape (model.nq,).
         v: q̇_d, of shape (n,).
         a: q̈_d, of shape (n,).
     """
@@ -72,7 +72,7 @@ class PointToPoint(Reference):
 
     Args:
         model: The reduced model, for the manifold of q.
-        q_start: Start, of shape (nq_independent,).
+        q_start: Start, of shape (model.nq,).
         q_goal: Goal, alike.
         duration: T in seconds.
 
@@ -100,7 +100,7 @@ class Hold(Reference):
 
     Args:
         model: The reduced model.
-        q: The set point, of shape (nq_independent,).
+        q: The set point, of shape (model.nq,).
     """
 
     def __init__(self, model: ReducedModel, q: ArrayLike) -> None:
@@ -122,7 +122,7 @@ class Waypoints(Reference):
     Args:
         model: The reduced model.
         times: Increasing times from 0, seconds, of shape (k,) with k ≥ 2.
-        waypoints: One q a row, of shape (k, nq_independent).
+        waypoints: One q a row, of shape (k, model.nq).
         degree: 3 or 5.
 
     Raises:
@@ -196,10 +196,10 @@ def require_commuting(coordinates: IndependentCoordinates, purpose: str) -> None
         UnsupportedMechanismError: A joint with rotations in space or motions in a plane is independent as a whole.
     """
     for part in coordinates.parts:
-        if part.component is None and part.kind in ("spherical", "planar", "floating"):
+        if part.whole is not None and part.kind.nv > 1:
             raise UnsupportedMechanismError(
-                f"{purpose} needs plain coordinates; the independent {part.kind} joint '{part.name}' has none: name "
-                f"its components ('{part.name}:rx', …) as independent instead"
+                f"{purpose} needs plain coordinates; the independent {part.kind.name} joint '{part.name}' has none: "
+                f"name its components ('{part.name}:rx', …) as independent instead"
             )
 
 

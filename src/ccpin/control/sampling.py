@@ -176,5 +176,5 @@ def _resolution(model: ReducedModel, counts: Numbers) -> Array:
         )
     each = _each(counts, model.n, "encoder_counts", "independent joint")
     assert each is not None
-    lengths = [part.kind == "prismatic" or (part.component or "").startswith("t") for part in coordinates.parts]
+    lengths = [slides for part in coordinates.parts for slides in part.slides]
     return np.asarray(np.where(lengths, 1.0, 2 * np.pi) / each)

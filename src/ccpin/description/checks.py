@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 
 from ccpin.description.closure_kinds import CLOSURE_KINDS
-from ccpin.description.model import JOINT_KINDS, Inertia, MechanismDescription
+from ccpin.description.joint_kinds import FIXED, JOINT_KINDS
+from ccpin.description.model import Inertia, MechanismDescription
 from ccpin.errors import DescriptionError
 
-ONE_DOF = ("revolute", "continuous", "prismatic")
 MAGNITUDE_LIMIT = 1e9
 
 
@@ -111,8 +111,8 @@ class _Checker:
     def joints_are_sound(self) -> None:
         for joint in self.d.joints:
             element = f"joint '{joint.name}'"
-            if joint.kind not in JOINT_KINDS:
-                raise self.fail(element, f"type '{joint.kind}' is not one of {', '.join(JOINT_KINDS)}")
+            if joint.kind not in (*JOINT_KINDS, FIXED):
+                raise self.fail(element, f"type '{joint.kind}' is not one of {', '.join((*JOINT_KINDS, FIXED))}")
             if not abs(np.linalg.norm(joint.axis) - 1) < 1e-9:
                 raise self.fail(element, "the axis is the zero vector or not of unit length")
             self.placement_is_rigid(element, joint.placement)
@@ -152,9 +152,10 @@ class _Checker:
                 if term.joint not in self.joints:
                     raise self.fail(element, f"joint '{term.joint}' does not exist")
                 kind = self.joints[term.joint].kind
-                if kind not in ONE_DOF:
+                one_dof = [name for name, entry in JOINT_KINDS.items() if entry.nv == 1]
+                if kind not in one_dof:
                     raise self.fail(
-                        element, f"joint '{term.joint}' is {kind}; only {', '.join(ONE_DOF)} can be coupled"
+                        element, f"joint '{term.joint}' is {kind}; only {', '.join(one_dof)} can be coupled"
                     )
                 self.is_sensible(
                     element, (*term.coefficients, term.reference), f"a coefficient of joint '{term.joint}'"

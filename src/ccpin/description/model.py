@@ -7,14 +7,11 @@ array is read-only.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
 from ccpin.arrays import Array, cross, skew
-
-JointKind = Literal["revolute", "continuous", "prismatic", "spherical", "planar", "floating", "fixed"]
-JOINT_KINDS: tuple[str, ...] = get_args(JointKind)
 
 IDENTITY: Array = np.eye(4)
 IDENTITY.flags.writeable = False
@@ -82,13 +79,14 @@ class Link:
 class Joint:
     """A tree joint.
 
+    `kind` is one of `ccpin.description.joint_kinds.JOINT_KINDS`, or ``fixed``.
     `placement` is the joint frame in the parent link's frame at zero displacement; the child link's frame
     coincides with the moving joint frame. `axis` is a unit vector in that frame (the normal for planar).
     `armature` is the reflected rotor inertia (gear ratio squared times rotor inertia), kg m² or kg.
     """
 
     name: str
-    kind: JointKind
+    kind: str
     parent: str
     child: str
     placement: Array = field(default_factory=lambda: IDENTITY)

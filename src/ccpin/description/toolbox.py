@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import yaml
 
 from ccpin.description.checks import check
-from ccpin.description.model import Joint, JointKind, Link, LoopClosure, MechanismDescription, frozen
+from ccpin.description.model import Joint, Link, LoopClosure, MechanismDescription, frozen
 from ccpin.description.urdf import read_urdf
 from ccpin.errors import DescriptionError, DescriptionNotFoundError, InvalidXmlError
 
@@ -143,7 +143,7 @@ def _override(description: MechanismDescription, overrides: dict[str, str], sour
             joints += [first, second]
             between.append(middle)
         else:
-            new: JointKind = "fixed" if kind == "FIXED" else "spherical"
+            new = "fixed" if kind == "FIXED" else "spherical"
             joints.append(Joint(joint.name, new, joint.parent, joint.child, joint.placement))
     kept = {joint.name for joint in joints if joint.kind != "fixed"}
     marked = description.independent

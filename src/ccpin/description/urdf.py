@@ -10,13 +10,13 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.description.checks import check
+from ccpin.description.joint_kinds import FIXED, JOINT_KINDS
 from ccpin.description.model import (
     IDENTITY,
     Coupling,
     CouplingTerm,
     Inertia,
     Joint,
-    JointKind,
     Link,
     MechanismDescription,
     Shape,
@@ -38,16 +38,7 @@ from ccpin.description.xml import (
 )
 from ccpin.errors import DescriptionError
 
-JOINT_TYPES: dict[str, JointKind] = {
-    "revolute": "revolute",
-    "continuous": "continuous",
-    "prismatic": "prismatic",
-    "fixed": "fixed",
-    "floating": "floating",
-    "planar": "planar",
-    "spherical": "spherical",
-    "ball": "spherical",
-}
+SYNONYMS = {"ball": "spherical"}
 # Every numeric attribute of a URDF's elements with its number of entries; checked wherever the element stands.
 NUMERIC: dict[str, dict[str, int]] = {
     "origin": {"xyz": 3, "rpy": 3},
@@ -61,7 +52,6 @@ NUMERIC: dict[str, dict[str, int]] = {
     "sphere": {"radius": 1},
     "color": {"rgba": 4},
 }
-AXIAL = ("revolute", "continuous", "prismatic", "planar")
 SHAPES = ("box", "cylinder", "sphere", "mesh")
 WHITE: Colour = (1.0, 1.0, 1.0, 1.0)
 
@@ -157,25 +147,26 @@ class _TreeReader:
     def joint(self, element: XmlElement) -> Joint:
         """A <joint>; its rotor inertia stands elsewhere."""
         name, written = text_attribute(element, "name"), text_attribute(element, "type")
-        if written not in JOINT_TYPES:
-            raise fail(element, f"type '{written}' is not one of {', '.join(JOINT_TYPES)}")
-        kind = JOINT_TYPES[written]
+        name_of_kind = SYNONYMS.get(written, written)
+        if name_of_kind not in (*JOINT_KINDS, FIXED):
+            raise fail(element, f"type '{written}' is not one of {', '.join((*JOINT_KINDS, FIXED, *SYNONYMS))}")
+        kind = JOINT_KINDS.get(name_of_kind)
         axis = element.find("axis")
         direction = np.array([1.0, 0.0, 0.0] if axis is None else self.values[axis].get("xyz", (1.0, 0.0, 0.0)))
         norm = np.linalg.norm(direction)
-        if kind in AXIAL and not 1e-9 < norm < 1e9:
+        if kind is not None and kind.axial and not 1e-9 < norm < 1e9:
             raise fail(element, "the axis is the zero vector")
         limit = element.find("limit")
         stated = {} if limit is None else {key: value for key, (value,) in self.values[limit].items()}
         lower, upper = -np.inf, np.inf
-        if kind in ("revolute", "prismatic") and limit is not None:
+        if kind is not None and kind.nq == 1 and limit is not None:
             if "lower" in stated or "upper" in stated:
                 lower, upper = stated.get("lower", 0.0), stated.get("upper", 0.0)
             else:
                 self.notes.append(f"joint '{name}' states no lower and upper limit: taken as unlimited")
         return Joint(
             name=name,
-            kind=kind,
+            kind=name_of_kind,
             parent=text_attribute(child(element, "parent"), "link"),
             child=text_attribute(child(element, "child"), "link"),
             placement=self.placement(element),

@@ -170,8 +170,7 @@ def _refuse_redundant(mechanism: Mechanism, constraints: Constraints) -> None:
 def _periodic(chart: Chart, couplings: Array) -> Mask:
     periodic = np.zeros(chart.n_free, dtype=np.bool_)
     for joint in chart.joints:
-        turns = {"revolute": 1, "continuous": 1, "planar": 1, "spherical": 3, "floating": 3}.get(joint.kind, 0)
-        periodic[joint.v.stop - turns : joint.v.stop] = True
+        periodic[joint.v] = np.logical_not(joint.kind.slides)
     return np.asarray(periodic & ~np.any(couplings != 0.0, axis=0))
 
 

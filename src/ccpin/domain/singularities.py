@@ -153,9 +153,9 @@ def singularity_distance(
     """The smallest singular value of the scaled φ_y along a path in q, any n; zero means singular.
 
     Args:
-        mechanism: The mechanism, or its model.
+            mechanism: The mechanism, or its model.
         path: Points of shape (k, size of q), followed in order on one branch.
-        guess: Chooses the branch at the first point.
+            guess: Chooses the branch at the first point.
 
     Raises:
         UnreachableError, SingularConfigurationError: The path cannot be followed.
@@ -215,8 +215,7 @@ class _SingularEquations:
             )
         selection = coordinates.jacobian(mechanism.q_reference)
         self.independent = np.array([int(np.argmax(row)) for row in selection])
-        kinds = [mechanism.tree.kinds[name] for name in list(mechanism.pin_model.names)[1:]]
-        self.angular = np.array([kind == "revolute" for kind in kinds])
+        self.angular = np.array([not slides for joint in mechanism.tree.joints for slides in joint.kind.slides])
         self.n_free = n_free
 
     def residual(self, x: Array) -> Array:

@@ -23,7 +23,7 @@ class Solution(NamedTuple):
     """A solved inverse kinematics problem.
 
     Attributes:
-        q: Independent coordinates, of shape (nq_independent,).
+        q: Independent coordinates, of shape (model.nq,).
         q_free: q′ = σ(q), of shape (nq,).
         error: What is left between point and target: the largest entry in metres and radians.
         iterations: Newton steps tried.
@@ -39,7 +39,7 @@ class UnreachableTargetError(ConvergenceError):
     """No configuration was found, on the branch asked for, that brings the point to the target.
 
     Attributes:
-        q: The q that came nearest, of shape (nq_independent,).
+        q: The q that came nearest, of shape (model.nq,).
         q_free: σ(q) there, of shape (nq,).
         distance: How far from the target the point is there, m. angle: how far its axes are turned, rad.
     """

@@ -13,9 +13,6 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.coordinates import IndependentCoordinates
 
-# Where a joint's velocity components stand in a (linear, angular) velocity of its moving frame.
-_ENTRIES = {"spherical": [3, 4, 5], "planar": [0, 1, 5], "floating": [0, 1, 2, 3, 4, 5]}
-
 
 class Linearization(NamedTuple):
     """ẋ = A x + B δu for x = (δq, δq̇), the first-order departure from a motion through the state.
@@ -40,7 +37,7 @@ def linearize(
 
     Args:
         model: The reduced model.
-        q: Independent coordinates, of shape (nq_independent,).
+        q: Independent coordinates, of shape (model.nq,).
         u: Actuated joints' efforts, of shape (motors,).
         v: Velocity, of shape (n,); default at rest.
         guess: As for `ReducedModel.sigma`.
@@ -83,9 +80,7 @@ def _bracket(coordinates: IndependentCoordinates, v: Array) -> Array:
     """ad_v, of shape (n, n): how fast a fixed tangent step turns as seen from the moving frames."""
     bracket = np.zeros((coordinates.n, coordinates.n))
     for part in coordinates.parts:
-        if part.component is None and part.kind in _ENTRIES:
-            entries = _ENTRIES[part.kind]
-            motion = np.zeros(6)
-            motion[entries] = v[part.v]
-            bracket[part.v, part.v] = pin.Motion(motion).action[np.ix_(entries, entries)]
+        if part.whole is not None:
+            action, entries = pin.Motion(part.whole.twist(v[part.v])).action, part.whole.entries
+            bracket[part.v, part.v] = action[np.ix_(entries, entries)]
     return bracket

@@ -57,7 +57,7 @@ def assembly_modes(model: ReducedModel, q: ArrayLike, *, patience: int = 60, lim
 
     Args:
         model: The reduced model.
-        q: Independent coordinates, of shape (nq_independent,).
+        q: Independent coordinates, of shape (model.nq,).
         patience: End after this many starts in a row that find nothing new.
         limit: Largest number of starts.
 
@@ -114,24 +114,22 @@ def _start(model: ReducedModel, q: Array, number: int, generator: np.random.Gene
     start = reference
     if number > 0:
         spread = np.full(pin_model.nv, np.pi)
-        for joint in range(1, pin_model.njoints):
-            if model.mechanism.tree.kinds[pin_model.names[joint]] == "prismatic":
-                i = pin_model.idx_qs[joint]
+        for joint in model.mechanism.tree.joints:
+            if joint.kind.sliding and joint.kind.nq == 1:
+                i = joint.q.start
                 low, high = pin_model.lowerPositionLimit[i], pin_model.upperPositionLimit[i]
                 bounded = np.isfinite(low) and np.isfinite(high) and high > low
-                spread[pin_model.idx_vs[joint]] = 0.5 * (high - low) if bounded else 1.0
+                spread[joint.v] = 0.5 * (high - low) if bounded else 1.0
         start = pin.integrate(pin_model, reference, spread * generator.uniform(-1.0, 1.0, pin_model.nv))
     return model.coordinates.embed(q, start)
 
 
 def _unwound(model: ReducedModel, q_free: Array) -> Array:
     """Turn dependent revolute joints by whole turns to lie nearest the reference."""
-    pin_model, mechanism = model.mechanism.pin_model, model.mechanism
-    unwound = q_free.copy()
-    for joint in range(1, pin_model.njoints):
-        name = pin_model.names[joint]
-        if mechanism.tree.kinds[name] == "revolute" and name not in mechanism.independent and not mechanism.couplings:
-            i = pin_model.idx_qs[joint]
+    mechanism, unwound = model.mechanism, q_free.copy()
+    for joint in mechanism.tree.joints:
+        if joint.kind.angle and joint.name not in mechanism.independent and not mechanism.couplings:
+            i = joint.q.start
             turns = np.round((q_free[i] - mechanism.q_reference[i]) / (2 * np.pi))
             unwound[i] -= 2 * np.pi * turns
     return unwound

@@ -71,7 +71,7 @@ class ReducedModel:
         self.n_actuated = len(self._actuation)
 
     def alpha(self, q_free: ArrayLike) -> Array:
-        """Q = α(q′) (7), of shape (nq_independent,)."""
+        """q = α(q′) (7), of shape (model.nq,)."""
         return self.coordinates.alpha(self.checked_configuration(q_free))
 
     def sigma(self, q: ArrayLike, guess: ArrayLike | None = None) -> Array:
@@ -252,7 +252,7 @@ class ReducedModel:
         return self.free_system.energy(point.q_free, point.rho @ self.checked(v, "v", self.n))
 
     def sigma_many(self, Q: ArrayLike, guess: ArrayLike | None = None) -> Array:
-        """σ of each row of Q (N, nq_independent), of shape (N, nq); each row as if asked for alone."""
+        """σ of each row of Q (N, model.nq), of shape (N, nq); each row as if asked for alone."""
         rows = self._rows(Q, "Q", self.nq)
         return np.array([self.sigma(q, guess) for q in rows]).reshape(len(rows), self.mechanism.nq)
 

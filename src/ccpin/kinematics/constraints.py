@@ -61,7 +61,7 @@ class Constraints:
         self.size = sum(loop.size for loop in self.loops) + len(self.couplings)
         self._rows = RowStack(tree, self.loops)
         self.scratch = Scratch(tree.model)
-        self._before = _before(tree.model)
+        self._before = _before(tree)
 
     def row_slices(self) -> dict[str, slice]:
         """Which rows of φ belong to each closure and coupling, by name."""
@@ -187,10 +187,7 @@ class Constraints:
             self.scratch.give(data)
 
 
-def _before(model: pin.Model) -> Array:
+def _before(tree: Tree) -> Array:
     """1.0 where a velocity component (column) moves the body of another (row), of shape (n′, n′)."""
-    joint_of = np.repeat(np.arange(model.njoints), list(model.nvs))
-    supports = np.zeros((model.njoints, model.njoints))
-    for joint in range(1, model.njoints):
-        supports[joint, list(model.supports[joint])] = 1.0
-    return np.asarray(supports[np.ix_(joint_of, joint_of)])
+    rows = [tree.support(joint.number) for joint in tree.joints for _ in joint.kind.steps]
+    return np.array(rows).reshape(-1, tree.model.nv)

@@ -65,10 +65,10 @@ def resolve_coupling(tree: Tree, coupling: Coupling) -> ResolvedCoupling:
         UnsupportedMechanismError: A continuous joint enters with a power above one or an irrational ratio: the
             relation then depends on the number of turns, which a configuration on the circle does not hold.
     """
-    model, terms, ratios = tree.model, [], []
+    terms, ratios = [], []
     for term in coupling.terms:
-        joint = model.getJointId(term.joint)
-        wrapped = int(model.nqs[joint]) != int(model.nvs[joint])
+        joint = tree.joint(term.joint)
+        wrapped = joint.kind.unit == 2
         if wrapped:
             slope = term.coefficients[1] if len(term.coefficients) > 1 else 0.0
             ratio = Fraction(slope).limit_denominator(1000)
@@ -79,9 +79,7 @@ def resolve_coupling(tree: Tree, coupling: Coupling) -> ResolvedCoupling:
                 )
             ratios.append(ratio)
         coefficients = np.array(term.coefficients, dtype=np.float64)
-        terms.append(
-            ResolvedTerm(int(model.idx_qs[joint]), int(model.idx_vs[joint]), wrapped, coefficients, term.reference)
-        )
+        terms.append(ResolvedTerm(joint.q.start, joint.v.start, wrapped, coefficients, term.reference))
     return ResolvedCoupling(coupling, tuple(terms), 2 * math.pi * _common_divisor(ratios))
 
 

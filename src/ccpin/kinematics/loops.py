@@ -84,19 +84,11 @@ def _resolve(tree: Tree, data: pin.Data, closure: LoopClosure, reduce_planar: bo
         frame_b=frame_b,
         path_a=path_a,
         path_b=path_b,
-        mask_a=velocity_mask(tree.model, path_a),
-        mask_b=velocity_mask(tree.model, path_b),
+        mask_a=tree.support(carrier_a.joint) - tree.support(shared[-1]),
+        mask_b=tree.support(carrier_b.joint) - tree.support(shared[-1]),
         rows=rows_of(closure, normal),
         normal=normal.C,
     )
-
-
-def velocity_mask(model: pin.Model, joints: Iterable[int]) -> Array:
-    """1.0 for the velocity components of joints, else 0.0, of shape (n′,)."""
-    mask = np.zeros(model.nv)
-    for joint in joints:
-        mask[model.idx_vs[joint] : model.idx_vs[joint] + model.nvs[joint]] = 1.0
-    return mask
 
 
 def plane_normal(tree: Tree, data: pin.Data, joints: Iterable[int]) -> Array | None:
@@ -109,8 +101,7 @@ def plane_normal(tree: Tree, data: pin.Data, joints: Iterable[int]) -> Array | N
     """
     turns, slides = list[Array](), list[Array]()
     for joint in joints:
-        first = int(tree.model.idx_vs[joint])
-        for column in data.J[:, first : first + int(tree.model.nvs[joint])].T:
+        for column in data.J[:, tree.joints[joint - 1].v].T:
             turning = float(np.linalg.norm(column[3:])) > PARALLEL
             (turns if turning else slides).append(column[3:] if turning else column[:3])
     if not turns:

@@ -139,7 +139,7 @@ class Parametrization:
         depends on q and guess only.
 
         Args:
-            q: Independent coordinates, of shape (nq_independent,).
+            q: Independent coordinates, of shape (model.nq,).
             guess: A configuration (closed or nearly so) on the branch wanted; default the reference. A closed point
                 spares the first evaluation.
 

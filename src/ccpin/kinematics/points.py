@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, skew
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.tree import Tree
 
@@ -60,7 +60,7 @@ class LinkPoint:
         frame = np.eye(4)
         frame[:3, 3] = offset
         self._frame = attachment.placement @ frame
-        self._path = _support(tree.model, attachment.joint)
+        self._path = tree.support(attachment.joint)
 
     def pose(self, q_free: Array) -> Array:
         """The link's axes at the point, 4×4, in the world."""
@@ -79,7 +79,7 @@ class LinkPoint:
         pose = self._data.oMi[self._joint].homogeneous @ self._frame
         jacobian = _shifted(columns, pose[:3, 3])
         rate = _shifted(rates, pose[:3, 3])
-        rate[:3] -= _skew(jacobian[:3] @ v_free) @ columns[3:]
+        rate[:3] -= skew(jacobian[:3] @ v_free) @ columns[3:]
         return Motion(pose, jacobian, rate)
 
 
@@ -135,21 +135,8 @@ def moved(model: pin.Model, q_free: Array, step: Array) -> Array:
     return q_free + step if model.nq == model.nv else np.asarray(pin.integrate(model, q_free, step))
 
 
-def _support(model: pin.Model, joint: int) -> Array:
-    """1.0 for the velocity components between the world and a joint, else 0.0."""
-    mask = np.zeros(model.nv)
-    for j in list(model.supports[joint])[1:]:
-        mask[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]] = 1.0
-    return mask
-
-
 def _shifted(columns: Array, point: Array) -> Array:
     """Spatial velocities at the world's origin, as columns of a 6×n′ matrix, seen at a point."""
     shifted = np.array(columns)
-    shifted[:3] -= _skew(point) @ columns[3:]
+    shifted[:3] -= skew(point) @ columns[3:]
     return shifted
-
-
-def _skew(p: Array) -> Array:
-    x, y, z = p
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

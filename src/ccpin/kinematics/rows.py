@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array, cross
 from ccpin.description.closure_kinds import Fixed, Gap, Product
-from ccpin.kinematics.loops import ResolvedClosure, velocity_mask
+from ccpin.kinematics.loops import ResolvedClosure
 from ccpin.kinematics.tree import Tree
 
 Indices = NDArray[np.intp]
@@ -63,8 +63,7 @@ class RowStack:
         numbers = np.unique(ends)
         self.size, self.loops = sum(loop.size for loop in loops), len(loops)
         self.joints = tuple(int(joint) for joint in numbers)
-        supports = [velocity_mask(tree.model, list(tree.model.supports[joint])[1:]) for joint in self.joints]
-        self.supports = np.array(supports).reshape(-1, tree.model.nv)
+        self.supports = np.array([tree.support(joint) for joint in self.joints]).reshape(-1, tree.model.nv)
         rows_of = np.repeat(np.arange(len(loops)), [loop.size for loop in loops])
         self._pulled = np.concatenate([rows_of, len(loops) + rows_of])
         masks = [*(loop.mask_a for loop in loops), *(loop.mask_b for loop in loops)]

@@ -20,7 +20,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.kinematics.coordinate_derivatives import alpha_bias_derivative
 from ccpin.kinematics.parametrization import ClosedPoint, Parametrization
 from ccpin.kinematics.row_derivatives import Directions
 
@@ -62,7 +61,7 @@ class SigmaDerivatives:
         gamma = parametrization.bias(point, v_free)
         directions = Directions(np.hstack([point.rho, np.zeros_like(point.rho)]), np.hstack([spread, point.rho]))
         rows = parametrization.constraints.acceleration_derivative(point.constraints, v_free, gamma, directions)
-        alpha = alpha_bias_derivative(parametrization.coordinates, point.q_free, v_free, directions)
+        alpha = parametrization.coordinates.bias_derivative(point.q_free, v_free, directions.dq, directions.dv)
         alpha[:, :n] += self._alpha_second(gamma[:, None])[:, 0]
         change = -point.factor.solve(np.vstack([rows, alpha]))
         return BiasDerivatives(gamma, change[:, :n], change[:, n:])

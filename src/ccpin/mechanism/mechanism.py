@@ -252,23 +252,17 @@ def stated_pose(tree: Tree, description: MechanismDescription) -> Array:
     model = tree.model
     q_free = pin.neutral(model)
     for name, values in description.reference.items():
-        if name not in tree.kinds:
+        if name not in tree.names:
             continue
-        joint = model.getJointId(name)
-        window = slice(model.idx_qs[joint], model.idx_qs[joint] + model.nqs[joint])
-        value = np.array(values, dtype=np.float64)
-        kind = tree.kinds[name]
-        if kind == "continuous" and value.size == 1:
-            value = np.array([np.cos(value[0]), np.sin(value[0])])
-        elif kind == "planar" and value.size == 3:
-            value = np.array([value[0], value[1], np.cos(value[2]), np.sin(value[2])])
-        if value.size != window.stop - window.start:
+        joint = tree.joint(name)
+        value = joint.kind.stated(np.array(values, dtype=np.float64))
+        if value.size != joint.kind.nq:
             raise DescriptionError(
-                f"the reference value has {value.size} numbers; a {kind} joint needs {window.stop - window.start}",
+                f"the reference value has {value.size} numbers; a {joint.kind.name} joint needs {joint.kind.nq}",
                 source=description.source,
                 element=f"joint '{name}'",
             )
-        q_free[window] = value
+        q_free[joint.q] = value
     return np.asarray(pin.normalize(model, q_free))
 
 
@@ -278,7 +272,7 @@ def _reference(
     """A closed, nonsingular configuration, checked against the rows that planarity made superfluous."""
     closed = find_closed(constraints, stated_pose(tree, description))[0]
     rank, candidates = generic_rank(constraints, closed.q_free)
-    names = [name for name in wanted if name.partition(":")[0] in tree.kinds]
+    names = [name for name in wanted if name.partition(":")[0] in tree.names]
     scores = [independence(tree, null_space(constraints, q, rank), names) for q in candidates]
     if candidates[0] is not closed.q_free or scores[0] < 1e-3:
         quality = [score * conditioning(constraints, q, rank) for score, q in zip(scores, candidates, strict=True)]

@@ -107,7 +107,7 @@ def idle_motions(tree: Tree, constraints: Constraints, q_free: Array, basis: Arr
     masses = {j: float(model.inertias[j].mass) for j in range(1, model.njoints)}
     heaviest = max([0.0, *masses.values()])
     heavy = [j for j, mass in masses.items() if mass > 1e-6 * heaviest]
-    twists = {j: (spatial * _support_mask(model, j)) @ basis for j in heavy}
+    twists = {j: (spatial * tree.support(j)) @ basis for j in heavy}
     sentences = []
     for group in _welded_groups(constraints, heavy):
         if not on_loop & group:
@@ -144,13 +144,6 @@ def _describe(tree: Tree, group: set[int], twist: Array, count: int) -> str:
 
 def _vector(v: Array) -> str:
     return "(" + ", ".join(f"{x:.4g}" for x in np.where(np.abs(v) < 5e-7, 0.0, v)) + ")"
-
-
-def _support_mask(model: pin.Model, joint: int) -> Array:
-    mask = np.zeros(model.nv)
-    for j in list(model.supports[joint])[1:]:
-        mask[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]] = 1.0
-    return mask
 
 
 def _loop_joints(constraints: Constraints) -> set[int]:

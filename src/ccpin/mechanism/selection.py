@@ -37,11 +37,11 @@ def choose_independent(
     basis, n = null_space(constraints, q_free, rank), int(tree.model.nv) - rank
     motors = tuple(actuated) if actuated is not None else (description.actuated or ())
     for name in motors:
-        if name.partition(":")[0] not in tree.kinds:
+        if name.partition(":")[0] not in tree.names:
             raise IndependentSetError(
-                f"actuated joint '{name}' is not a movable joint; those are {', '.join(tree.kinds)}"
+                f"actuated joint '{name}' is not a movable joint; those are {', '.join(tree.names)}"
             )
-    base = (ROOT_JOINT,) if ROOT_JOINT in tree.kinds and tree.kinds[ROOT_JOINT] == "floating" else ()
+    base = (ROOT_JOINT,) if ROOT_JOINT in tree.names and tree.joint(ROOT_JOINT).kind.nv == 6 else ()
     notes: list[str] = []
     if independent is not None:
         names = tuple(independent)
@@ -51,7 +51,7 @@ def choose_independent(
         names = _marked(tree, description, basis, base, n, notes)
     else:
         hinted = description.dependent_hint
-        masters = tuple(name for name in tree.kinds if hinted and name not in hinted)
+        masters = tuple(name for name in tree.names if hinted and name not in hinted)
         names = complete_independent(tree, basis, (), (*base, *(motors or masters)), n)
         added = [name for name in names if name not in motors]
         if motors and added:

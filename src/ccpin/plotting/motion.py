@@ -28,7 +28,7 @@ def plot_motion(
     Args:
         trajectory: The motion.
         mechanism: What moves.
-        goal: q_d to draw dashed: (nq_independent,), or (T, nq_independent) where it changes.
+        goal: q_d to draw dashed: (model.nq,), or (T, model.nq) where it changes.
         title: The figure's title.
     """
     from matplotlib import rc_context
@@ -67,13 +67,14 @@ def plot_motion(
 
 def _scale(mechanism: Mechanism, name: str, quantity: str) -> tuple[float, str]:
     """Factor and unit for drawing: degrees for angles, millimetres never."""
-    kind = mechanism.tree.kinds.get(name.partition(":")[0], "")
-    linear = kind == "prismatic" or ":t" in name
+    joint = name.partition(":")[0]
+    kind = mechanism.tree.joint(joint).kind if joint in mechanism.tree.names else None
+    linear = (kind is not None and kind.sliding) or ":t" in name
     if quantity == "effort":
         return 1.0, "N" if linear else "N m"
     if linear:
         return 1.0, "m" if quantity == "position" else "m/s"
-    if kind not in ("revolute", "continuous") and ":r" not in name:
+    if (kind is None or kind.nv > 1) and ":r" not in name:
         return 1.0, "–" if quantity == "position" else "rad/s"
     return float(np.degrees(1.0)), "°" if quantity == "position" else "°/s"
 

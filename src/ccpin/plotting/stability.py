@@ -80,7 +80,7 @@ def plot_sublevel(
         raise UnsupportedMechanismError(f"{mechanism.name} has {mechanism.n} coordinates; the picture is of two")
     points = [np.asarray(start, dtype=np.float64) for start in starts]
     lower, upper = corners_of(_window(certificate, points) if window is None else window, mechanism.independent)
-    scale = np.array([_scale(mechanism.tree.kinds[name]) for name in mechanism.independent])
+    scale = np.where([mechanism.tree.joint(name).kind.sliding for name in mechanism.independent], 1.0, np.degrees(1.0))
     with rc_context(STYLE):
         figure = Figure(figsize=(7.2, 6.4), layout="constrained")
         axes = figure.add_subplot()
@@ -108,10 +108,6 @@ def plot_sublevel(
 
 def _word(inside: bool) -> str:
     return "in B₂" if inside else "outside of B₂"
-
-
-def _scale(kind: str) -> float:
-    return 1.0 if kind == "prismatic" else float(np.degrees(1.0))
 
 
 def _window(certificate: SetPointCertificate, points: list[Array]) -> tuple[Array, Array]:

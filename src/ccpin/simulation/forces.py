@@ -177,9 +177,6 @@ class _Wrenches:
         self.masses = np.array([inertia.mass for inertia in self.pin_model.inertias])
         self.inertias = np.array([inertia.inertia for inertia in self.pin_model.inertias])
         self.masses[0] = 0.0
-        kinds, along = mechanism.tree.kinds, {joint.name: joint.axis for joint in mechanism.description.joints}
-        own = ("revolute", "prismatic")  # joints of the other kinds turn about their frame's z, if about anything
-        self.axes = {name: along[name] if kind in own else np.array([0.0, 0.0, 1.0]) for name, kind in kinds.items()}
 
     def closures(self, q: Array, v: Array, u: Array, q_free: Array) -> _Closures:
         """The wrenches on the closures' ends A at one state."""
@@ -202,9 +199,8 @@ class _Wrenches:
         closures = self.closures(q, v, u, q_free)
         motion, forces, moments = self.momentum_rates(v, u, q_free)
         loads = []
-        for name, axis in self.axes.items():
-            joint = self.pin_model.getJointId(name)
-            carried, origin = list(self.pin_model.subtrees[joint]), motion.poses[joint, :3, 3]
+        for joint in self.model.mechanism.tree.joints:
+            carried, origin = list(self.pin_model.subtrees[joint.number]), motion.poses[joint.number, :3, 3]
             turning = moments[carried] + cross(motion.centres[carried] - origin, forces[carried])
             wrench = np.concatenate([forces[carried].sum(axis=0), turning.sum(axis=0)])
             freedom = np.zeros((6, closures.freedoms[0].shape[1] if closures.freedoms else 0))
@@ -213,8 +209,8 @@ class _Wrenches:
                 shift = _shift(load.point - origin)
                 wrench -= side * (shift @ load.wrench)
                 freedom -= side * (shift @ loose)
-            turned = motion.poses[joint, :3, :3] @ axis
-            loads.append(_Load(name, origin, turned, wrench, _determined(freedom)))
+            turned = motion.poses[joint.number, :3, :3] @ joint.axis
+            loads.append(_Load(joint.name, origin, turned, wrench, _determined(freedom)))
         return loads
 
     def momentum_rates(self, v: Array, u: Array, q_free: Array) -> tuple[BodyMotion, Array, Array]:

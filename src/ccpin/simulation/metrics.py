@@ -47,7 +47,7 @@ def set_point_metrics(
     Args:
         trajectory: The motion.
         coordinates: The model's independent coordinates.
-        goal: q_d, of shape (nq_independent,).
+        goal: q_d, of shape (model.nq,).
         band: Settling band, rad or m.
     """
     q_d = np.asarray(goal, dtype=np.float64)

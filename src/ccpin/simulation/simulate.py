@@ -73,7 +73,7 @@ def simulate(
     Args:
         model: The reduced model.
         controller: A `ControlLaw`, a function (t, q, v) → u, or ``None`` for no torque.
-        q0: Start, of shape (nq_independent,).
+        q0: Start, of shape (model.nq,).
         v0: Velocity at the start, of shape (n,); default at rest.
         duration: Longest time in seconds.
         guess: Chooses the assembly mode of σ(q0); default the mechanism's reference.

@@ -109,7 +109,7 @@ def friction_force(
     Args:
         model: The reduced model.
         friction: As for `ccpin.simulation.friction.joint_friction`.
-        q: Independent coordinates, of shape (nq_independent,).
+        q: Independent coordinates, of shape (model.nq,).
         v: Their velocities, of shape (n,).
         u: Efforts of the actuated joints, of shape (motors,).
         guess: Chooses the assembly mode of σ(q).

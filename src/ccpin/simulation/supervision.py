@@ -21,7 +21,7 @@ class Move(NamedTuple):
     """One move of a supervised motion.
 
     Attributes:
-        goal: q_d, of shape (nq_independent,).
+        goal: q_d, of shape (model.nq,).
         start: Time at which q_d was set. settled: time at which the motion had settled, ``None`` if it did not.
         end: Time at which the wait was over.
         trajectory: The motion from start to end, its time beginning at zero.
@@ -58,7 +58,7 @@ def supervise(
     Args:
         model: The reduced model.
         law_to: Makes the law for a goal: (q_d, a configuration on the current branch) → law.
-        q0: Start at rest, of shape (nq_independent,).
+        q0: Start at rest, of shape (model.nq,).
         goals: The set points in order (repeat them for cycles).
         wait: Seconds to wait once settled (the settled band's hold time counts as waiting).
         settling: Band, speed and hold; its goal is replaced by each move's. Default `Settling`'s.

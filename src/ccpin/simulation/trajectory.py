@@ -20,7 +20,7 @@ class Trajectory(NamedTuple):
 
     Attributes:
         t: Times in seconds, of shape (T,).
-        q: Independent coordinates, of shape (T, nq_independent). v: velocities, of shape (T, n).
+        q: Independent coordinates, of shape (T, model.nq). v: velocities, of shape (T, n).
         u: Efforts of the actuated joints, of shape (T, motors).
         q_free: Closed configurations σ(q), of shape (T, nq).
         closure_error: ‖φ(q′)‖ at each sample, metres (and radians), of shape (T,).

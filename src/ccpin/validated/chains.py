@@ -25,7 +25,7 @@ Matrix = list[Vector]  # three rows
 _SNAP = 1e-14
 
 
-class TreeJoint(NamedTuple):
+class ExactJoint(NamedTuple):
     """A joint with exact constants.
 
     Attributes:
@@ -51,30 +51,26 @@ class Pose(NamedTuple):
     position: Vector
 
 
-def tree_joints(tree: Tree, axes: dict[str, Array]) -> tuple[TreeJoint, ...]:
-    """The joints of a tree, in order, with axes by joint name.
+def exact_joints(tree: Tree) -> tuple[ExactJoint, ...]:
+    """The joints of a tree, in order.
 
     Raises:
         UnsupportedMechanismError: A joint is neither revolute nor prismatic.
     """
-    model = tree.model
     joints = []
-    for index in range(1, model.njoints):
-        name = model.names[index]
-        kind = tree.kinds[name]
-        if kind not in ("revolute", "prismatic"):
+    for joint in tree.joints:
+        if joint.kind.nq != 1:
             raise UnsupportedMechanismError(
-                f"validated integration covers revolute and prismatic joints; joint '{name}' is {kind}"
+                f"validated integration covers revolute and prismatic joints; joint '{joint.name}' is {joint.kind.name}"
             )
-        placement = model.jointPlacements[index]
         joints.append(
-            TreeJoint(
-                index,
-                int(model.parents[index]),
-                kind == "revolute",
-                unit_vector(axes[name]),
-                exact_rotation(placement.rotation),
-                exact_vector(placement.translation),
+            ExactJoint(
+                joint.number,
+                joint.parent,
+                joint.kind.angle,
+                unit_vector(joint.axis),
+                exact_rotation(joint.placement[:3, :3]),
+                exact_vector(joint.placement[:3, 3]),
             )
         )
     return tuple(joints)
@@ -114,7 +110,7 @@ def identity() -> Pose:
     return Pose([[int(i == j) for j in range(3)] for i in range(3)], [0, 0, 0])
 
 
-def poses(tape: Tape, joints: Sequence[TreeJoint], q_free: Sequence[Node], root: int = 0) -> dict[int, Pose]:
+def poses(tape: Tape, joints: Sequence[ExactJoint], q_free: Sequence[Node], root: int = 0) -> dict[int, Pose]:
     """The pose of every joint's body beyond `root`, in the root's frame (0: the world's)."""
     found = {root: identity()}
     for joint in joints:

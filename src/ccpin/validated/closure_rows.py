@@ -12,8 +12,8 @@ from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.loops import ResolvedClosure
 from ccpin.validated.balls import rational
 from ccpin.validated.chains import (
+    ExactJoint,
     Pose,
-    TreeJoint,
     Vector,
     add,
     apply,
@@ -28,7 +28,7 @@ from ccpin.validated.tape import Expression, Node, Tape
 
 
 def closure_rows(
-    tape: Tape, constraints: Constraints, joints: Sequence[TreeJoint], q_free: Sequence[Node]
+    tape: Tape, constraints: Constraints, joints: Sequence[ExactJoint], q_free: Sequence[Node]
 ) -> list[Expression]:
     """φ, row by row in the order of `Constraints`; directions and lengths are the exact doubles of its rows.
 

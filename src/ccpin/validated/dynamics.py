@@ -22,21 +22,21 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.validated.balls import rational
 from ccpin.validated.chains import (
+    ExactJoint,
     Matrix,
     Pose,
-    TreeJoint,
     Vector,
     add,
     apply,
     cross,
     dot,
+    exact_joints,
     exact_vector,
     multiply,
     poses,
     scale,
     subtract,
     transposed,
-    tree_joints,
 )
 from ccpin.validated.closure_rows import closure_rows
 from ccpin.validated.tape import Expression, Node, Program, Tape
@@ -82,7 +82,7 @@ def closed_loop(model: ReducedModel, law: ControlLaw | None) -> ClosedLoop:
         raise UnsupportedMechanismError("validated integration covers whole 1-dof joints as independent coordinates")
     constraints = model.parametrization.constraints
     n_free, n = mechanism.n_free, model.n
-    joints = tree_joints(mechanism.tree, {joint.name: joint.axis for joint in mechanism.description.joints})
+    joints = exact_joints(mechanism.tree)
     if constraints.size + n != n_free:
         raise UnsupportedMechanismError(
             f"validated integration needs a square ψ_q′; φ has {constraints.size} rows for "
@@ -147,7 +147,7 @@ class _LoopRecorder:
     def __init__(
         self,
         tape: Tape,
-        joints: Sequence[TreeJoint],
+        joints: Sequence[ExactJoint],
         q_free: Sequence[Node],
         v: Sequence[Node],
         independent: tuple[int, ...],
@@ -241,7 +241,7 @@ class _LoopRecorder:
                 found[joint.number] = omega, alpha, add(acceleration, add(change, add(turning, turning)))
         return found
 
-    def axis(self, frames: dict[int, Pose], joint: TreeJoint) -> Vector:
+    def axis(self, frames: dict[int, Pose], joint: ExactJoint) -> Vector:
         """A joint's axis in the world: it is the same before and after the joint turns."""
         return apply(multiply(frames[joint.parent].rotation, joint.rotation), joint.axis)
 

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from ccpin.arrays import Array
 from ccpin.description.model import Shape, Visual, rotation_to
+from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism
 
 Colour = tuple[float, float, float, float]
@@ -60,10 +61,10 @@ def skeleton(mechanism: Mechanism) -> list[Body]:
             *(_ball(point, 1.9 * radius, JOINT) for point in points[joint].joints),
             *(_ball(point, 1.9 * radius, LOOP) for point in points[joint].loops),
         ]
-        if joint > 0 and mechanism.tree.kinds[model.names[joint]] == "prismatic":
-            axis = rotation_to(_axis(model, joint))
+        if joint > 0 and _on_rail(mechanism.tree.joints[joint - 1]):
+            turned = rotation_to(mechanism.tree.joints[joint - 1].axis)
             block = Shape("box", (4 * radius, 4 * radius, 5 * radius))
-            visuals.append(Visual(block, _frame(np.zeros(3), axis), colour))
+            visuals.append(Visual(block, _frame(np.zeros(3), turned), colour))
         if visuals:
             bodies.append(Body(name, joint, np.eye(4), tuple(visuals)))
     return bodies
@@ -118,23 +119,22 @@ def _rails(mechanism: Mechanism, joint: int, radius: float) -> list[Visual]:
     """A thin rod along the travel of every prismatic joint that a body carries."""
     model = mechanism.pin_model
     rails = []
-    for child in range(1, model.njoints):
-        if model.parents[child] != joint or mechanism.tree.kinds[model.names[child]] != "prismatic":
+    for child in mechanism.tree.joints:
+        if child.parent != joint or not _on_rail(child):
             continue
-        index = model.idx_qs[child]
+        index = child.q.start
         low, high = float(model.lowerPositionLimit[index]), float(model.upperPositionLimit[index])
         if high - low > LONGEST_RAIL * radius:
             middle = float(mechanism.q_reference[index])
             low, high = max(low, middle - SHORT_RAIL * radius), min(high, middle + SHORT_RAIL * radius)
-        placement, axis = model.jointPlacements[child], _axis(model, child)
-        frame = _frame(placement.act(axis * (low + high) / 2), rotation_to(placement.rotation @ axis))
+        axis = child.placement[:3, :3] @ child.axis
+        frame = _frame(child.placement[:3, 3] + axis * (low + high) / 2, rotation_to(axis))
         rails.append(Visual(Shape("cylinder", (0.6 * radius, max(high - low, radius))), frame, GROUND))
     return rails
 
 
-def _axis(model: pin.Model, joint: int) -> Array:
-    """Unit axis (3,) of a prismatic joint in its own frame."""
-    return np.ravel(model.joints[joint].createData().S)[:3]
+def _on_rail(joint: TreeJoint) -> bool:
+    return joint.kind.nq == 1 and joint.kind.sliding
 
 
 def _ball(point: Array, radius: float, colour: Colour) -> Visual:

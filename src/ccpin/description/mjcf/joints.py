@@ -13,11 +13,11 @@ from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element, frame
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import IDENTITY, Joint, JointKind, Link, frozen
+from ccpin.description.model import IDENTITY, Joint, Link, frozen
 from ccpin.description.xml import ZERO, XmlElement, fail
 
 _TYPES = ("free", "ball", "slide", "hinge")
-_KINDS: dict[str, JointKind] = {"free": "floating", "ball": "spherical", "slide": "prismatic", "hinge": "revolute"}
+_KINDS = {"free": "floating", "ball": "spherical", "slide": "prismatic", "hinge": "revolute"}
 _DOFS = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
 _FORCES = {"stiffness": "springs", "damping": "damping", "frictionloss": "friction"}
 _Z = (0.0, 0.0, 1.0)

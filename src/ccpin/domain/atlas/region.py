@@ -70,7 +70,7 @@ def _limits(mechanism: Mechanism, seed: Seed) -> tuple[Array, Array]:
     for row, index in enumerate(system.independent):
         joint = next(joint for joint in system.chart.joints if joint.v.start <= index < joint.v.stop)
         low, high = -np.inf, np.inf
-        if joint.kind in ("revolute", "prismatic"):
+        if joint.kind.nq == 1:
             low, high = float(model.lowerPositionLimit[joint.q.start]), float(model.upperPositionLimit[joint.q.start])
         if system.periodic[index] and not high - low < TURN - _SLACK:
             continue

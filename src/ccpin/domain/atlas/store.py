@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.domain.boxes import Problem, problem_of
 from ccpin.domain.chains import Chain, ClosureSystem
 from ccpin.domain.chart import Chart, ChartJoint
@@ -64,7 +65,7 @@ def pack_problem(problem: Problem) -> tuple[dict[str, Any], NamedArrays]:
         "depth": system.depth,
         "nq": system.chart.nq,
         "n_free": system.chart.n_free,
-        "joints": [[j.name, j.kind, j.q.start, j.q.stop, j.v.start, j.v.stop] for j in system.chart.joints],
+        "joints": [[j.name, j.kind.name, j.q.start, j.q.stop, j.v.start, j.v.stop] for j in system.chart.joints],
         "planar": problem.phasors is not None,
     }
     return header, arrays
@@ -78,7 +79,11 @@ def unpack_problem(header: dict[str, Any], arrays: NamedArrays) -> Problem:
         chains.append(Chain(**{**fields, "direction": bool(fields["direction"])}))  # type: ignore[arg-type]
     joints = tuple(
         ChartJoint(
-            name, kind, slice(q0, q1), slice(v0, v1), np.asarray(arrays[f"joint{k}_reference"], dtype=np.float64)
+            name,
+            JOINT_KINDS[kind],
+            slice(q0, q1),
+            slice(v0, v1),
+            np.asarray(arrays[f"joint{k}_reference"], dtype=np.float64),
         )
         for k, (name, kind, q0, q1, v0, v1) in enumerate(header["joints"])
     )

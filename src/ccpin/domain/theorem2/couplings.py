@@ -14,7 +14,7 @@ from fractions import Fraction
 
 from ccpin.arrays import Array
 from ccpin.description.model import Coupling, CouplingTerm
-from ccpin.domain.theorem2.chain import ANGULAR, JointData, Kinematics
+from ccpin.domain.theorem2.chain import Kinematics
 from ccpin.domain.theorem2.polynomial import Polynomial, combine
 from ccpin.domain.theorem2.unknowns import Unknowns
 from ccpin.errors import UnsupportedMechanismError
@@ -31,14 +31,14 @@ def coupling_row(kinematics: Kinematics, coupling: Coupling, numbers: dict[str, 
     """
     terms = [term for term in coupling.terms if any(term.coefficients[1:])]
     joints = [numbers[term.joint] for term in terms]
-    kinds = {kinematics.joints[j].kind for j in joints}
+    sliding = {kinematics.joints[j].kind.sliding for j in joints}
     if any(any(term.coefficients[2:]) for term in terms):
         raise UnsupportedMechanismError(_not_algebraic(coupling, "it is not linear"))
     ratios = [term.coefficients[1] for term in terms]
     constant = sum(_at(term, 0.0) for term in coupling.terms)
-    if kinds <= {"prismatic"}:
+    if sliding <= {True}:
         return _displacement_row(kinematics, joints, ratios, constant, q_free)
-    if not kinds <= set(ANGULAR):
+    if True in sliding:
         raise UnsupportedMechanismError(_not_algebraic(coupling, "it joins angles with displacements"))
     powers, scale = _whole_ratios(coupling, ratios)
     return _angle_row(kinematics, joints, powers, scale * constant, q_free)
@@ -51,7 +51,7 @@ def _displacement_row(
     parts = []
     for j, ratio in zip(joints, ratios, strict=True):
         parts.append((ratio, kinematics.variables[j][0]))
-        constant += ratio * float(q_free[kinematics.joints[j].idx_q])
+        constant += ratio * float(q_free[kinematics.joints[j].q.start])
     return combine([(constant, Polynomial.constant(1.0)), *parts])
 
 
@@ -63,7 +63,7 @@ def _angle_row(
     one = (Polynomial.constant(1.0), Polynomial.constant(0.0))
     sides: dict[bool, Complex] = {True: one, False: one}
     for j, m in zip(joints, powers, strict=True):
-        phase += m * _angle(kinematics.joints[j], q_free)
+        phase += m * kinematics.angle_term(j).at(q_free)
         sides[m > 0] = _times(unknowns, sides[m > 0], _power(unknowns, kinematics.turn(j), abs(m)))
     phase = math.remainder(phase, 2 * math.pi)
     c, s = _over(unknowns, sides[True], sides[False])
@@ -76,12 +76,6 @@ def _not_algebraic(coupling: Coupling, reason: str) -> str:
 
 def _at(term: CouplingTerm, theta: float) -> float:
     return sum(c * (theta - term.reference) ** k for k, c in enumerate(term.coefficients[:2]))
-
-
-def _angle(joint: JointData, q_free: Array) -> float:
-    if joint.kind == "continuous":
-        return math.atan2(q_free[joint.idx_q + 1], q_free[joint.idx_q])
-    return float(q_free[joint.idx_q])
 
 
 def _whole_ratios(coupling: Coupling, ratios: Sequence[float]) -> tuple[list[int], float]:

@@ -26,7 +26,7 @@ from ccpin.arrays import Array
 from ccpin.description.closure_kinds import Gap
 from ccpin.description.closure_kinds import Vector as ClosureVector
 from ccpin.description.model import frozen
-from ccpin.domain.theorem2.chain import JointData, Kinematics, find_runs, joint_data
+from ccpin.domain.theorem2.chain import Kinematics, find_runs, tree_joints
 from ccpin.domain.theorem2.couplings import coupling_row
 from ccpin.domain.theorem2.polynomial import Polynomial, combine
 from ccpin.domain.theorem2.system import QuadraticSystem
@@ -34,6 +34,7 @@ from ccpin.domain.theorem2.unknowns import NOISE, Unknowns, Vector, plus
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.loops import ResolvedClosure
+from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism
 
 Form = Literal["angles", "absolute"]
@@ -82,7 +83,7 @@ def quadratic_form(mechanism: Mechanism, q_free: Array, form: Form) -> Quadratic
         raise InvalidInputError(f"unknown quadratic form '{form}'; those are {', '.join(FORMS)}")
     constraints = mechanism.constraints()
     _check_square(mechanism, constraints)
-    joints = joint_data(mechanism)
+    joints = tree_joints(mechanism.tree)
     numbers = {joint.name: j for j, joint in joints.items()}
     on_loops = {j for loop in constraints.loops for j in (*loop.path_a, *loop.path_b)}
     coupled = {numbers[term.joint] for coupling in mechanism.couplings for term in coupling.terms}
@@ -117,9 +118,9 @@ def _check_square(mechanism: Mechanism, constraints: Constraints) -> None:
         )
 
 
-def _rigidity_defect(joints: dict[int, JointData], loops: Sequence[ResolvedClosure]) -> float:
+def _rigidity_defect(joints: dict[int, TreeJoint], loops: Sequence[ResolvedClosure]) -> float:
     """How far placements are from rotations: the largest entry of RᵀR − I, and of 1 − |axis|."""
-    turns = [joint.rotation for joint in joints.values()]
+    turns = [joint.placement[:3, :3] for joint in joints.values()]
     turns += [frame[:3, :3] for loop in loops for frame in (loop.frame_a, loop.frame_b)]
     axes = [abs(float(np.linalg.norm(joint.axis)) - 1.0) for joint in joints.values()]
     return max([*axes, *(float(np.abs(turn.T @ turn - np.eye(3)).max()) for turn in turns)])
@@ -158,9 +159,9 @@ def _last_rows(
                 "whole joint independent, or other joints"
             )
         kind = kinematics.joints[numbers[joint]].kind
-        if kind == "prismatic":
+        if kind.nv == 1 and kind.sliding:
             rows, kinds = [*rows, variables[0]], [*kinds, "displacement"]
-        elif kind == "spherical":
+        elif kind.unit == 4:
             rows, kinds = [*rows, *(x.scaled(2.0) for x in variables[:3])], [*kinds, *3 * ["rotation"]]
         else:
             rows, kinds = [*rows, kinematics.turn(numbers[joint])[1]], [*kinds, "angle"]
