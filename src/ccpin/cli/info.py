@@ -53,9 +53,6 @@ def _modes(options: argparse.Namespace) -> None:
         print(f"  q′ = {np.array2string(mode.q_free, precision=6, separator=', ')}")
 
 
-# What `ccpin info` says: a mechanism summarised as plain data and in words.
-
-
 def summary(mechanism: Mechanism) -> dict[str, Any]:
     """A JSON-ready summary: sizes, rank, mobility, joints, closure error and conditioning at the reference.
 

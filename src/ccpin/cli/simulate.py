@@ -11,7 +11,7 @@ import numpy as np
 
 import ccpin
 from ccpin.arrays import Array
-from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, load, vector
+from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, each, load, vector
 from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
@@ -82,17 +82,13 @@ def _law(model: ccpin.ReducedModel, options: argparse.Namespace, goal: Array, q_
         return NoTorque(model)
     if options.kp is None or options.kv is None:
         raise InvalidInputError("the PD law needs --kp and --kv (one number, or one for each independent velocity)")
-    kp, kv = (np.array(k * model.n if len(k) == 1 else k) for k in (options.kp, options.kv))
+    kp, kv = (np.array(each(gains, model.n)) for gains in (options.kp, options.kv))
     law = PDSimpleGravity if options.law == "simple" else PDFullGravity
     return law(model, goal, kp, kv, q_free)
 
 
 def _cycles(
-    model: ccpin.ReducedModel,
-    options: argparse.Namespace,
-    start: Array,
-    goal: Array,
-    settings: dict[str, Any],
+    model: ccpin.ReducedModel, options: argparse.Namespace, start: Array, goal: Array, settings: dict[str, Any]
 ) -> SupervisedMotion:
     if options.cycles < 1:
         raise InvalidInputError("--cycles must be at least 1")

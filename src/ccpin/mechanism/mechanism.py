@@ -166,15 +166,14 @@ def load(
     """
     _check_arguments(path, independent, actuated)
     description = path if isinstance(path, MechanismDescription) else read_description(path, format)
-    description = check(
-        replace(
-            description,
-            closures=description.closures + tuple(closures or ()),
-            couplings=description.couplings + tuple(couplings or ()),
+    if description is path or closures or couplings:
+        description = check(
+            replace(
+                description,
+                closures=description.closures + tuple(closures or ()),
+                couplings=description.couplings + tuple(couplings or ()),
+            )
         )
-        if closures or couplings
-        else description
-    )
     if not description.closures and not description.couplings:
         raise NoLoopError(_no_loop_message(description), source=description.source)
     try:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -117,13 +118,8 @@ def scaled_to_total(links: Sequence[Link], total: float) -> tuple[Link, ...]:
     if total <= 0.0 or present == 0.0:
         return tuple(links)
     factor = total / present
-    return tuple(
-        link
-        if link.inertia is None
-        else Link(
-            link.name,
-            Inertia(factor * link.inertia.mass, link.inertia.com, frozen(factor * link.inertia.rotational)),
-            link.visuals,
-        )
-        for link in links
-    )
+
+    def scaled(inertia: Inertia) -> Inertia:
+        return Inertia(factor * inertia.mass, inertia.com, frozen(factor * inertia.rotational))
+
+    return tuple(link if link.inertia is None else replace(link, inertia=scaled(link.inertia)) for link in links)
