@@ -153,9 +153,9 @@ def singularity_distance(
     """The smallest singular value of the scaled φ_y along a path in q, any n; zero means singular.
 
     Args:
-            mechanism: The mechanism, or its model.
+        mechanism: The mechanism, or its model.
         path: Points of shape (k, size of q), followed in order on one branch.
-            guess: Chooses the branch at the first point.
+        guess: Chooses the branch at the first point.
 
     Raises:
         UnreachableError, SingularConfigurationError: The path cannot be followed.
