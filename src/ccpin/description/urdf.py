@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from lxml import etree
 
+from ccpin.arrays import frozen
 from ccpin.description.checks import check
 from ccpin.description.model import (
     Coupling,
@@ -21,7 +22,6 @@ from ccpin.description.model import (
     MechanismDescription,
     Shape,
     Visual,
-    frozen,
 )
 from ccpin.description.urdf_loops import read_marks
 from ccpin.description.xml import Element, child, label, number, numbers, parse_xml, text_attribute

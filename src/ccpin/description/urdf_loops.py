@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.description.model import ClosureKind, Coupling, CouplingTerm, Joint, LoopClosure, frozen, rotation_to
+from ccpin.arrays import Array, frozen
+from ccpin.description.model import ClosureKind, Coupling, CouplingTerm, Joint, LoopClosure, rotation_to
 from ccpin.description.xml import (
     Element,
     child,

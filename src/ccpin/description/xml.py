@@ -10,8 +10,7 @@ import numpy as np
 from lxml import etree
 from scipy.spatial.transform import Rotation
 
-from ccpin.arrays import Array
-from ccpin.description.model import frozen
+from ccpin.arrays import Array, frozen
 from ccpin.errors import DescriptionError, InvalidXmlError
 
 Element: TypeAlias = Any  # lxml's etree._Element, which has no type stubs

@@ -210,7 +210,7 @@ class _SingularEquations:
             )
         selection = coordinates.jacobian(mechanism.q_reference)
         self.independent = np.array([int(np.argmax(row)) for row in selection])
-        kinds = [mechanism.tree.kinds[name] for name in list(mechanism.pin_model.names)[1:]]
+        kinds = [mechanism.tree.kinds[name] for name in list(mechanism.tree.model.names)[1:]]
         self.angular = np.array([kind == "revolute" for kind in kinds])
         self.n_free = n_free
 

@@ -72,7 +72,7 @@ def assembly_modes(model: ReducedModel, q: ArrayLike, *, patience: int = 60, lim
     while idle < patience and starts < limit:
         start = _start(model, target, starts, generator)
         starts, idle = starts + 1, idle + 1
-        attempt = descend(model.mechanism.pin_model, _equations(parametrization, target), start)
+        attempt = descend(model.mechanism.tree.model, _equations(parametrization, target), start)
         if not attempt.closed or not parametrization.constraints.aligned(attempt.q_free):
             continue
         factor = factorize(parametrization.psi_jacobian(attempt.q_free))
@@ -108,7 +108,7 @@ def _equations(parametrization: Parametrization, q: Array) -> Callable[[Array], 
 
 def _start(model: ReducedModel, q: Array, number: int, generator: np.random.Generator) -> Array:
     """The reference first, then configurations spread over circles, spheres and ranges, with q put in."""
-    pin_model, reference = model.mechanism.pin_model, model.mechanism.q_reference
+    pin_model, reference = model.mechanism.tree.model, model.mechanism.q_reference
     start = reference
     if number > 0:
         spread = np.full(pin_model.nv, np.pi)
@@ -124,7 +124,7 @@ def _start(model: ReducedModel, q: Array, number: int, generator: np.random.Gene
 
 def _unwound(model: ReducedModel, q_free: Array) -> Array:
     """Turn dependent revolute joints by whole turns to lie nearest the reference."""
-    pin_model, mechanism = model.mechanism.pin_model, model.mechanism
+    pin_model, mechanism = model.mechanism.tree.model, model.mechanism
     unwound = q_free.copy()
     for joint in range(1, pin_model.njoints):
         name = pin_model.names[joint]
@@ -137,7 +137,7 @@ def _unwound(model: ReducedModel, q_free: Array) -> Array:
 
 def _distance(model: ReducedModel, a: Array, b: Array) -> float:
     """Largest displacement between the joints' placements: turns of a revolute joint by 2π do not count."""
-    pin_model = model.mechanism.pin_model
+    pin_model = model.mechanism.tree.model
     first, second = pin_model.createData(), pin_model.createData()
     pin.forwardKinematics(pin_model, first, a)
     pin.forwardKinematics(pin_model, second, b)

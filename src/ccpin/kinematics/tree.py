@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pinocchio as pin
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Record
 from ccpin.description.model import Joint, Link, MechanismDescription, rotation_to
 from ccpin.errors import DescriptionError
 
@@ -15,25 +16,30 @@ ROOT_JOINT = "root_joint"
 ONE_DOF = ("revolute", "continuous", "prismatic")
 
 
-class Attachment(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Attachment(Record):
     """Where a link sits: the movable joint that carries it (0: the world) and its 4×4 frame in that joint's frame."""
 
     joint: int
     placement: Array
 
 
-class Tree(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Tree(Record):
     """The free system.
 
     Attributes:
-        model: Pinocchio model with one joint for each movable joint, in depth-first order.
+        model: Pinocchio model (for reading only) with one joint for each movable joint, in depth-first order.
         attachments: Where each link sits, by link name.
         kinds: Kind of each movable joint, by joint name (the free-flyer of a floating base included).
     """
 
     model: pin.Model
-    attachments: dict[str, Attachment]
-    kinds: dict[str, str]
+    attachments: Mapping[str, Attachment]
+    kinds: Mapping[str, str]
+
+    def __repr__(self) -> str:
+        return f"Tree({self.model.name!r}, nq = {self.model.nq}, n′ = {self.model.nv})"
 
 
 def build_tree(description: MechanismDescription, floating_base: bool = False) -> Tree:

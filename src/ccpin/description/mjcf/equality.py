@@ -12,13 +12,7 @@ from ccpin.description.mjcf.defaults import MAIN, Defaults
 from ccpin.description.mjcf.element import Element, XmlElement, label_of, rotation, translation
 from ccpin.description.mjcf.joints import Tree
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import (
-    ClosureKind,
-    Coupling,
-    CouplingTerm,
-    LoopClosure,
-    frozen,
-)
+from ccpin.description.model import ClosureKind, Coupling, CouplingTerm, LoopClosure
 from ccpin.errors import DescriptionError
 
 _KINDS: dict[str, ClosureKind] = {"connect": "spherical", "weld": "fixed"}
@@ -96,7 +90,7 @@ def _closure(said: Element, name: str, tree: Tree) -> LoopClosure:
         raise said.fail(f"it joins body '{first[0]}' to itself")
     turns = said.tag == "weld" and said.number("torquescale", 1.0) == 0.0
     kind = "spherical" if turns else _KINDS[said.tag]
-    return LoopClosure(name, kind, first[0], second[0], frozen(first[1]), frozen(second[1]))
+    return LoopClosure(name, kind, first[0], second[0], first[1], second[1])
 
 
 def _site(said: Element, attribute: str, tree: Tree) -> tuple[str, Array]:

@@ -10,10 +10,10 @@ from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.geoms import Geom, geom_inertia, weighs_nothing
-from ccpin.description.model import Inertia, Link, frozen
+from ccpin.description.model import Inertia, Link
 
 _SLACK = 1e-9
-_NOTHING = Inertia(0.0, frozen(np.zeros(3)), frozen(np.zeros((3, 3))))
+_NOTHING = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 def body_inertia(
@@ -57,7 +57,7 @@ def _from_inertial(said: Element, compiler: Compiler) -> Inertia:
             raise said.fail("fullinertia excludes diaginertia and an orientation")
         xx, yy, zz, xy, xz, yz = said.vector("fullinertia", 6)
         rotational = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return Inertia(mass, frozen(com), frozen(rotational))
+    return Inertia(mass, com, rotational)
 
 
 def _from_geoms(body: Element, geoms: Sequence[Geom], compiler: Compiler, moves: bool) -> Inertia:
@@ -79,7 +79,7 @@ def _from_geoms(body: Element, geoms: Sequence[Geom], compiler: Compiler, moves:
         return _NOTHING
     com = sum((part.mass * part.com for part in parts), np.zeros(3)) / mass
     rotational = sum((part.rotational + _steiner(part, com) for part in parts), np.zeros((3, 3)))
-    return Inertia(mass, frozen(com), frozen(rotational))
+    return Inertia(mass, com, rotational)
 
 
 def _steiner(part: Inertia, com: Array) -> Array:
@@ -108,7 +108,7 @@ def _conditioned(said: Element, found: Inertia, compiler: Compiler) -> Inertia |
         return None
     if np.array_equal(bounded, moments):
         return Inertia(mass, found.com, found.rotational)
-    return Inertia(mass, found.com, frozen(axes @ np.diag(bounded) @ axes.T))
+    return Inertia(mass, found.com, axes @ np.diag(bounded) @ axes.T)
 
 
 def scaled_to_total(links: Sequence[Link], total: float) -> tuple[Link, ...]:
@@ -122,7 +122,7 @@ def scaled_to_total(links: Sequence[Link], total: float) -> tuple[Link, ...]:
         if link.inertia is None
         else Link(
             link.name,
-            Inertia(factor * link.inertia.mass, link.inertia.com, frozen(factor * link.inertia.rotational)),
+            Inertia(factor * link.inertia.mass, link.inertia.com, factor * link.inertia.rotational),
             link.visuals,
         )
         for link in links

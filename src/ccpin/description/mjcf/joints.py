@@ -13,7 +13,7 @@ from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element, XmlElement, inverse, label_of, rotation, translation
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import IDENTITY, Joint, JointKind, Link, frozen
+from ccpin.description.model import IDENTITY, Joint, JointKind, Link
 from ccpin.errors import DescriptionError
 
 _TYPES = ("free", "ball", "slide", "hinge")
@@ -75,7 +75,7 @@ class JointReader:
             rest, link = translation(-pos), child
         if link != body:
             name = self._joint_name(f"{body}.fixed")
-            self._tree.joints.append(Joint(name, "fixed", link, body, frozen(rest)))
+            self._tree.joints.append(Joint(name, "fixed", link, body, rest))
 
     def _check_together(self, joints: Sequence[Element], parent: str) -> None:
         for said in joints:
@@ -113,8 +113,8 @@ class JointReader:
             kind=_KINDS[kind],
             parent=ends[0],
             child=ends[1],
-            placement=frozen(placement @ undo),
-            axis=frozen(axis),
+            placement=placement @ undo,
+            axis=axis,
             lower=lower,
             upper=upper,
             effort=self._effort(said),

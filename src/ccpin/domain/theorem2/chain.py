@@ -63,7 +63,7 @@ class Run(NamedTuple):
 
 def joint_data(mechanism: Mechanism) -> dict[int, JointData]:
     """Every movable joint of the mechanism, by its number in the tree."""
-    model, axes = mechanism.pin_model, {joint.name: joint.axis for joint in mechanism.description.joints}
+    model, axes = mechanism.tree.model, {joint.name: joint.axis for joint in mechanism.description.joints}
     joints = {}
     for j in range(1, model.njoints):
         name, placement = model.names[j], model.jointPlacements[j]

@@ -22,8 +22,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.description.model import frozen
+from ccpin.arrays import Array, frozen
 from ccpin.domain.theorem2.chain import JointData, Kinematics, find_runs, joint_data, path
 from ccpin.domain.theorem2.couplings import coupling_row
 from ccpin.domain.theorem2.polynomial import Polynomial, combine
