@@ -119,6 +119,8 @@ def plot_configuration_panels(
             names = _plane_axes(plane)
             axes.set_xlabel(f"{names[0]} [m]")
             axes.set_ylabel(f"{names[1]} [m]")
+            if plane is None:
+                axes.set_zlabel("z [m]")
             axes.set_title(heading, fontsize=11)
             if k == 0:
                 axes.legend(loc="best", framealpha=0.85, edgecolor="none")
