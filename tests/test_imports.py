@@ -3,6 +3,7 @@
 import ast
 import importlib
 import pkgutil
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -91,6 +92,16 @@ def test_no_cycles():
 def test_every_module_has_its_room():
     """Every module belongs to a room of the design."""
     assert {room(module) for module in MODULES} - set(ORDER) - set(OUTERMOST) == set()
+
+
+def test_no_test_imports_another():
+    """Tests share what is in `tests/support` and `tests/oracles`, and their folders are the package's rooms."""
+    tests = Path(__file__).parent
+    for path in tests.rglob("test_*.py"):
+        shared = re.findall(r"^\s*(?:from|import) tests\.?(\w*)", path.read_text(encoding="utf-8"), re.MULTILINE)
+        assert set(shared) <= {"support", "oracles"}, path
+    folders = {path.parent.relative_to(tests).parts for path in tests.rglob("test_*.py")}
+    assert [folder for folder in folders if folder != ("scripts",) and not SOURCE.joinpath(*folder).is_dir()] == []
 
 
 @pytest.mark.parametrize("module", sorted(MODULES))

@@ -12,10 +12,8 @@ from ccpin.errors import InvalidInputError
 from ccpin.simulation.stick_slip import friction_force
 from ccpin.simulation.supervision import supervise
 from tests.oracles import rpdr as oracle
+from tests.support.paper import FRICTION, GOAL, K_P, K_V, START
 
-START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
-K_P, K_V = np.array([11.0, 11.0]), np.array([0.65, 0.60])
-FRICTION = {"joint1": (0.2, 0.02), "joint2": (0.2, 0.02)}
 BENCH = Sampling(1e-3, encoder_counts=4096, velocity_cutoff=100.0, saturation=12.0, delay=1)
 STEP = 2 * np.pi / 4096
 

@@ -22,9 +22,10 @@ from tests.oracles import delta as delta_oracle
 from tests.oracles import planar_3rrr as planar_oracle
 from tests.oracles import rpdr as oracle
 from tests.oracles.geometry import wrap
+from tests.support.paper import GOAL, START
 
 CENTRES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))
-CONTROL_REGION = np.radians([(-150.0, -90.0), (-160.0, -100.0)])
+CONTROL_REGION = np.column_stack([START, GOAL])
 SEED = np.radians((-108.0, -72.0))
 
 

@@ -7,9 +7,8 @@ import ccpin
 from ccpin.errors import CcpinError, InvalidInputError, UnreachableError
 from ccpin.simulation.supervision import supervise
 from ccpin.simulation.trajectory import Trajectory, load_npz
+from tests.support.paper import GOAL, K_P, K_V, START
 
-START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
-K_P, K_V = [11.0, 11.0], [0.65, 0.60]
 HANGING = np.radians([-82.180, -97.823])
 
 
