@@ -31,7 +31,8 @@ ORDER = (
 )
 OUTERMOST = ("__init__", "cli", "__main__")  # public names, then what calls them
 PINOCCHIO = {"kinematics", "mechanism", "dynamics", "visualization"}
-HEAVY = ("meshcat", "matplotlib", "dask", "distributed", "yourdfpy", "trimesh")
+HEAVY = ("numpy", "scipy", "pinocchio", "meshcat", "matplotlib", "dask", "distributed", "yourdfpy", "trimesh", "flint")
+DRAWING = ("meshcat", "matplotlib", "dask", "distributed", "yourdfpy", "trimesh", "flint")
 
 
 def module_name(path):
@@ -118,11 +119,23 @@ def test_who_knows_pinocchio():
     assert users <= PINOCCHIO
 
 
-def test_import_is_light():
-    """`import ccpin` loads neither drawing nor clusters nor mesh libraries."""
-    code = f"import sys, ccpin; print(sorted(set({HEAVY!r}) & set(sys.modules)))"
+@pytest.mark.parametrize(("code", "absent"), [("import ccpin", HEAVY), ("import ccpin; ccpin.simulate", DRAWING)])
+def test_import_is_light(code, absent):
+    """`import ccpin` loads nothing, and its names neither drawing nor clusters nor mesh libraries."""
+    code = f"import sys; {code}; print(sorted(set({absent!r}) & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def test_what_scripts_use_is_public():
+    """Scripts and benchmarks import from the package and the public faces of its rooms only."""
+    root = Path(__file__).resolve().parents[1]
+    for path in (*root.glob("scripts/*.py"), *root.glob("benchmarks/*.py"), root / "README.md"):
+        inner = re.findall(r"^\s*(?:from|import) ccpin\.\w+\.\w.*", path.read_text(encoding="utf-8"), re.MULTILINE)
+        assert inner == [], path
+    assert {*ccpin.__all__} <= {*dir(ccpin)}
+    with pytest.raises(AttributeError, match="no attribute 'Joint'"):
+        _ = ccpin.Joint
 
 
 def test_public_names_exist():

@@ -9,7 +9,7 @@ import pytest
 
 import ccpin
 from ccpin.cli import main
-from ccpin.simulation.trajectory import load_npz
+from ccpin.simulation import load_npz
 from tests.support.paper import MOVE_OPTIONS
 
 

@@ -4,10 +4,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control.online import OnlineLaw, OnlineSigma, capped_sigma
-from ccpin.control.references import PointToPoint
-from ccpin.control.sampling import Sampling
-from ccpin.control.tracking import ComputedTorque, PDPlus
+from ccpin.control import ComputedTorque, OnlineLaw, OnlineSigma, PDPlus, PointToPoint, Sampling, capped_sigma
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr
 from tests.support.paper import GOAL, K_P, K_V, START

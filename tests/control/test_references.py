@@ -7,9 +7,8 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import ccpin
-from ccpin.control.references import Hold, PointToPoint, Waypoints, through_points
-from ccpin.dynamics.end_effector import EndEffector
-from ccpin.dynamics.inverse_kinematics import UnreachableTargetError
+from ccpin.control import Hold, PointToPoint, Waypoints, through_points
+from ccpin.dynamics import EndEffector, UnreachableTargetError
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import rpdr
 from tests.oracles.finite_differences import derivative

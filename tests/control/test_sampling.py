@@ -5,12 +5,9 @@ import pytest
 from scipy.signal import lfilter
 
 import ccpin
-from ccpin.control import ControlLaw, PDSimpleGravity
-from ccpin.control.laws import CoulombCompensation
-from ccpin.control.sampling import Sampling
+from ccpin.control import ControlLaw, CoulombCompensation, PDSimpleGravity, Sampling
 from ccpin.errors import InvalidInputError
-from ccpin.simulation.stick_slip import friction_force
-from ccpin.simulation.supervision import supervise
+from ccpin.simulation import Settling, friction_force, supervise
 from tests.oracles import rpdr as oracle
 from tests.support.paper import FRICTION, GOAL, K_P, K_V, START
 
@@ -195,7 +192,7 @@ def test_supervised_cycles_with_the_bench_on(rpdr_model):
         START,
         [GOAL, START],
         wait=0.3,
-        settling=ccpin.Settling(GOAL, band=band),
+        settling=Settling(GOAL, band=band),
         friction=FRICTION,
         sampling=BENCH,
         rtol=1e-7,

@@ -5,9 +5,7 @@ import pytest
 from scipy.linalg import expm
 
 import ccpin
-from ccpin.control import PDFullGravity
-from ccpin.control.references import Hold, PointToPoint
-from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, WithSigmaError
+from ccpin.control import ComputedTorque, Hold, PDFullGravity, PDOnlineGravity, PDPlus, PointToPoint, WithSigmaError
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import rpdr
 from tests.oracles.finite_differences import derivative

@@ -6,8 +6,9 @@ from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 from scipy.optimize import brentq
 
 import ccpin
+from ccpin.domain import certify_path
 from ccpin.domain.boxes import verify
-from ccpin.domain.path import certify_path, chord_of, pieces_of
+from ccpin.domain.path import chord_of, pieces_of
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
 from tests.oracles import delta as delta_oracle
 from tests.oracles import rpdr as oracle

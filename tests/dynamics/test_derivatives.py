@@ -12,9 +12,17 @@ from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin import Coupling, CouplingTerm, Inertia, Joint, Link, LoopClosure, MechanismDescription
-from ccpin.description.model import CLOSURE_KINDS
-from ccpin.dynamics.linearization import closed_loop_derivative, linearize
+from ccpin.description import (
+    CLOSURE_KINDS,
+    Coupling,
+    CouplingTerm,
+    Inertia,
+    Joint,
+    Link,
+    LoopClosure,
+    MechanismDescription,
+)
+from ccpin.dynamics import closed_loop_derivative, linearize
 from ccpin.errors import (
     InvalidInputError,
     SingularConfigurationError,

@@ -4,7 +4,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ccpin.description.model import CLOSURE_KINDS, LoopClosure, rotation_to
+from ccpin.description import CLOSURE_KINDS, LoopClosure
+from ccpin.description.model import rotation_to
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.rows import PlaneNormal, rows_of
 from ccpin.kinematics.tree import build_tree

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin.description import Inertia, Joint, Link
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnreachableError
 from tests.oracles import rpdr as oracle
 from tests.oracles.finite_differences import assert_close
@@ -200,13 +201,13 @@ def test_open_guess_is_closed_or_refused(rpdr, rpdr_model):
 
 def test_guess_turned_end_for_end_is_refused():
     """A guess at which a planar closure's normals oppose each other satisfies φ = 0 but is not closed."""
-    body = ccpin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3))
+    body = Inertia(1.0, np.zeros(3), 0.1 * np.eye(3))
     joints = (
-        ccpin.Joint("a", "revolute", "base", "link_a"),
-        ccpin.Joint("slide", "prismatic", "link_a", "carriage", axis=np.array([0.0, 0.0, 1.0])),
-        ccpin.Joint("b", "revolute", "base", "link_b"),
+        Joint("a", "revolute", "base", "link_a"),
+        Joint("slide", "prismatic", "link_a", "carriage", axis=np.array([0.0, 0.0, 1.0])),
+        Joint("b", "revolute", "base", "link_b"),
     )
-    links = (ccpin.Link("base"), *(ccpin.Link(name, body) for name in ("link_a", "carriage", "link_b")))
+    links = (Link("base"), *(Link(name, body) for name in ("link_a", "carriage", "link_b")))
     closure = ccpin.LoopClosure("face", "planar", "carriage", "link_b")
     mechanism = ccpin.load(ccpin.MechanismDescription("faces", "base", links, joints, (closure,)), independent=["a"])
     model, turned = ccpin.ReducedModel(mechanism), np.array([0.3, 0.0, 0.3 + np.pi])

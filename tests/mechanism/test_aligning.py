@@ -5,7 +5,7 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ccpin import Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.rows import KINDS
 from ccpin.kinematics.tree import build_tree

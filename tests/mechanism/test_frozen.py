@@ -11,7 +11,7 @@ import pytest
 
 import ccpin
 from ccpin.arrays import FrozenMapping
-from ccpin.description.model import Coupling, CouplingTerm, Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link, LoopClosure, MechanismDescription
 from ccpin.errors import CcpinError
 
 IMMUTABLE = (str, int, float, bool, type(None))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import ccpin
 from ccpin.errors import InvalidInputError
-from ccpin.simulation.forces import closure_forces, closure_forces_at, joint_forces
+from ccpin.simulation import closure_forces, closure_forces_at, joint_forces
 from tests.oracles import descriptor, rpdr
 from tests.support.paper import GOAL, K_P, K_V
 from tests.support.strategies import mechanisms

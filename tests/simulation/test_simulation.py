@@ -5,8 +5,7 @@ import pytest
 
 import ccpin
 from ccpin.errors import CcpinError, InvalidInputError, UnreachableError
-from ccpin.simulation.supervision import supervise
-from ccpin.simulation.trajectory import Trajectory, load_npz
+from ccpin.simulation import Settling, Trajectory, load_npz, supervise
 from tests.support.paper import GOAL, K_P, K_V, START
 
 HANGING = np.radians([-82.180, -97.823])
@@ -109,7 +108,7 @@ def test_hanging_equilibrium_is_one(model):
 
 def test_settling_stops_the_motion(model, law):
     """The motion ends once it has stayed within the band for the hold time, and says since when."""
-    stop = ccpin.Settling(GOAL, band=np.radians(0.5), speed=0.02, hold=0.1)
+    stop = Settling(GOAL, band=np.radians(0.5), speed=0.02, hold=0.1)
     motion = ccpin.simulate(model, law, START, duration=5.0, settling=stop)
     inside = np.abs(motion.q - GOAL).max(axis=1) <= stop.band
     assert motion.status == "settled"
@@ -156,7 +155,7 @@ def test_short_steps_far_from_a_singularity_are_no_approach_to_one(model):
 def test_bad_settling_goal_and_longest_step(model):
     """A goal with one number for two coordinates, or a longest step of zero, is refused before the motion."""
     with pytest.raises(InvalidInputError, match=r"must be \(2,\)"):
-        ccpin.simulate(model, None, HANGING, duration=0.1, settling=ccpin.Settling(np.zeros(1)))
+        ccpin.simulate(model, None, HANGING, duration=0.1, settling=Settling(np.zeros(1)))
     with pytest.raises(InvalidInputError, match="max_step"):
         ccpin.simulate(model, None, HANGING, duration=0.1, max_step=0.0)
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control.stability.theorem3 import certify_law
-from ccpin.description.model import CLOSURE_KINDS
+from ccpin.control import certify_law
+from ccpin.description import CLOSURE_KINDS
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree

@@ -1,12 +1,46 @@
-"""Readers: one a format, each returning the same plain `MechanismDescription`."""
+"""What a file says of a mechanism: one reader a format, each returning the same plain `MechanismDescription`."""
 
 from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
 
-from ccpin.description.model import MechanismDescription
-from ccpin.errors import AmbiguousFormatError, DescriptionError, DescriptionNotFoundError
+from ccpin.description.combining import Part, combine
+from ccpin.description.model import (
+    CLOSURE_KINDS,
+    JOINT_KINDS,
+    Coupling,
+    CouplingTerm,
+    Inertia,
+    Joint,
+    Link,
+    LoopClosure,
+    MechanismDescription,
+    Shape,
+    Visual,
+)
+from ccpin.errors import AmbiguousFormatError, DescriptionNotFoundError
+
+__all__ = [
+    "CLOSURE_KINDS",
+    "FORMATS",
+    "JOINT_KINDS",
+    "Coupling",
+    "CouplingTerm",
+    "Inertia",
+    "Joint",
+    "Link",
+    "LoopClosure",
+    "MechanismDescription",
+    "Part",
+    "Shape",
+    "Visual",
+    "combine",
+    "detect_format",
+    "find_file",
+    "installed_models",
+    "read_description",
+]
 
 FORMATS = ("urdf", "mjcf", "toolbox")
 
@@ -100,6 +134,3 @@ def detect_format(text: bytes, source: str | None) -> str:
     if b"closed_loop" in text:
         return "toolbox"
     raise AmbiguousFormatError("neither XML (URDF, MJCF) nor a YAML file with a 'closed_loop' key", source=source)
-
-
-__all__ = ["FORMATS", "DescriptionError", "detect_format", "find_file", "installed_models", "read_description"]

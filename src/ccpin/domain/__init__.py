@@ -3,11 +3,18 @@
 from __future__ import annotations
 
 from ccpin.domain.atlas.atlas import Atlas, certify
+from ccpin.domain.atlas.cells import Region, Status
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.chains import scalar_coordinates_at
 from ccpin.domain.one_box import kantorovich_radius, newton_steps
 from ccpin.domain.path import CertifiedPath, certify_path
-from ccpin.domain.singularities import SingularCurve, serial_singularities, singularities, singularity_distance
+from ccpin.domain.singularities import (
+    SingularCurve,
+    SingularityDistance,
+    serial_singularities,
+    singularities,
+    singularity_distance,
+)
 from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.domain.theorem2.theorem2 import Theorem2Result, theorem2, theorem2_radius
 
@@ -15,7 +22,10 @@ __all__ = [
     "Atlas",
     "CertifiedPath",
     "QuadraticSystem",
+    "Region",
     "SingularCurve",
+    "SingularityDistance",
+    "Status",
     "Theorem2Result",
     "certified_radius",
     "certify",

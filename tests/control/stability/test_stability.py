@@ -11,16 +11,15 @@ from scipy.optimize import brentq
 
 import ccpin
 from ccpin import plotting
-from ccpin.control import PDFullGravity, PDSimpleGravity
+from ccpin.control import PDFullGravity, PDSimpleGravity, certify_law, certify_set_point, suggest_gains
 from ccpin.control.stability.flood import Effort
-from ccpin.control.stability.gains import gravity_slope_over, suggest_gains
+from ccpin.control.stability.gains import gravity_slope_over
 from ccpin.control.stability.set_point_cells import cells_of_atlas
-from ccpin.control.stability.theorem3 import certify_law, certify_set_point
 from ccpin.control.stability.well import Well
-from ccpin.domain.atlas.atlas import certify
-from ccpin.dynamics.linearization import closed_loop_derivative, linearize
+from ccpin.domain import certify
+from ccpin.dynamics import closed_loop_derivative, linearize
 from ccpin.errors import CcpinError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
-from ccpin.simulation.metrics import lyapunov_along
+from ccpin.simulation import lyapunov_along
 from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, START
 

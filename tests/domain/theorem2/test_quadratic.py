@@ -10,10 +10,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin import Coupling, CouplingTerm, Joint, Link
-from ccpin.description.model import CLOSURE_KINDS, MechanismDescription
+from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Joint, Link, MechanismDescription
+from ccpin.domain import QuadraticSystem
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
-from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from tests.oracles import rpdr as closed_form
 from tests.oracles.finite_differences import assert_close, derivative
