@@ -497,3 +497,10 @@ def test_bad_input(rpdr):
         certify(rpdr, np.radians((180.0, 0.0)))
     with pytest.raises(UnsupportedMechanismError, match="6 independent"):
         certify(ccpin.load("stewart"), np.zeros(6))
+
+
+def test_an_atlas_prints_as_one_line(rpdr):
+    """`repr` tells how much is certified, not the boxes."""
+    line = repr(certify(rpdr, SEED, max_depth=4))
+    assert line.startswith("Atlas(joint1, joint2: ")
+    assert line.endswith(" % of the region)")

@@ -274,3 +274,10 @@ def test_a_file_that_cannot_be_written_leaves_nothing(motion, model, tmp_path):
         motion.save_csv(blocked / "m.csv", model.mechanism)
     with pytest.raises(InvalidInputError, match="not a trajectory"):
         load_npz(blocked)
+
+
+def test_a_trajectory_prints_as_one_line(rpdr_model):
+    """`repr` tells how the motion ended and its sizes, not its arrays."""
+    assert repr(ccpin.simulate(rpdr_model, None, START, duration=0.01)) == (
+        "Trajectory(finished at 0.01 s, 11 samples, n = 2)"
+    )
