@@ -13,9 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import ccpin
-from ccpin.domain.atlas.atlas import certify
-from ccpin.domain.one_box import kantorovich_radius
-from ccpin.domain.path import certify_path
+from ccpin.domain import certify, certify_path, kantorovich_radius
 
 
 class Map(NamedTuple):

@@ -16,12 +16,19 @@ from matplotlib.figure import Figure
 
 import ccpin
 from ccpin import plotting
-from ccpin.control import PDFullGravity, PDSimpleGravity
-from ccpin.control.references import Hold, PointToPoint
-from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw
+from ccpin.control import (
+    ComputedTorque,
+    Hold,
+    PDFullGravity,
+    PDOnlineGravity,
+    PDPlus,
+    PDSimpleGravity,
+    PointToPoint,
+    TrackingLaw,
+)
 from ccpin.files import write_atomically
-from ccpin.plotting.style import COLOURS, STYLE
-from ccpin.simulation.metrics import set_point_metrics
+from ccpin.plotting import COLOURS, STYLE
+from ccpin.simulation import set_point_metrics
 
 OUT = Path("out/compare_laws")
 BAND = np.radians(2.0)

@@ -13,10 +13,9 @@ import numpy as np
 
 import ccpin
 from ccpin import plotting
-from ccpin.control.laws import CoulombCompensation
-from ccpin.control.sampling import Sampling
+from ccpin.control import CoulombCompensation, Sampling
 from ccpin.files import write_atomically
-from ccpin.simulation.metrics import set_point_metrics
+from ccpin.simulation import set_point_metrics
 
 OUT = Path("out/hardware")
 Q_START = np.radians([-150.0, -160.0])

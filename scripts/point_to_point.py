@@ -12,7 +12,7 @@ import numpy as np
 import ccpin
 from ccpin import plotting, visualization
 from ccpin.files import write_atomically
-from ccpin.simulation.metrics import set_point_metrics
+from ccpin.simulation import set_point_metrics
 
 OUT = Path("out/point_to_point")
 Q_START = np.radians([-150.0, -160.0])

@@ -12,8 +12,7 @@ import numpy as np
 import ccpin
 from ccpin import plotting
 from ccpin.files import write_atomically
-from ccpin.simulation.metrics import set_point_metrics
-from ccpin.simulation.supervision import supervise
+from ccpin.simulation import set_point_metrics, supervise
 
 OUT = Path("out/repetitive")
 Q_I = np.radians([-150.0, -160.0])

@@ -97,7 +97,9 @@ def test_rho_and_its_rate(state):
     v_free = state.model.rho(state.q_free) @ state.v
     assert_close(v_free, velocity(state.pin_model, state.curve, state.step), 1e-7)
     rho_dot = derivative(lambda s: state.model.rho(state.curve(s)), state.step)
-    assert_close(state.model.rho_dot(state.q_free, v_free), rho_dot, 1e-7)
+    assert_close(
+        state.model.rho_dot(state.q_free, v_free), rho_dot, 1e-7, scale=1.0
+    )  # ρ of joints side by side changes by about 1 in a radian
 
 
 @settings(max_examples=60)
@@ -120,8 +122,10 @@ def test_mass_matrix_is_the_kinetic_energy(state):
 def test_mass_rate_less_twice_coriolis_is_skew(state):
     """Lemma III.1: Ḋ − 2C is skew symmetric, Ḋ by finite differences along the motion."""
     rate = derivative(lambda s: state.model.terms(state.q_at(s), state.v, state.q_free).D, state.step)
-    skew = rate - 2.0 * state.model.terms(state.q, state.v).C
-    assert_close(skew + skew.T, np.zeros_like(skew), 1e-9 * max(1.0, float(np.abs(rate).max())))
+    terms = state.model.terms(state.q, state.v)
+    skew = rate - 2.0 * terms.C
+    scale = max(min(1.0, np.abs(terms.D).max()), np.abs(rate).max())
+    assert_close(skew + skew.T, np.zeros_like(skew), 1e-9, scale=scale)
 
 
 @settings(max_examples=60)

@@ -1,52 +1,111 @@
-"""Small arrays: the aliases for them, and what every room does with them."""
+"""Small arrays: the aliases for them, what every room does with them, and records that cannot be written to."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ccpin.errors import InvalidInputError
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
-Record = TypeVar("Record", bound=tuple[Any, ...])  # a named tuple of arrays with a common leading axis
-Key = TypeVar("Key")
-Value = TypeVar("Value", covariant=True)
+Columns = TypeVar("Columns", bound=tuple[Any, ...])  # a named tuple of arrays with a common leading axis
+K = TypeVar("K")
+V_co = TypeVar("V_co", covariant=True)
 
 
-class FrozenMapping(Mapping[Key, Value]):
-    """A mapping that cannot be written to, in the order it was given; unlike `types.MappingProxyType` it pickles."""
+def frozen(value: object) -> Array:
+    """A float64 copy of an array-like that can never be made writable (the array itself if it is such a copy)."""
+    if isinstance(value, np.ndarray) and value.dtype == np.float64 and isinstance(value.base, bytes):
+        return value
+    array = np.asarray(value, dtype=np.float64)
+    return np.ndarray(array.shape, np.float64, buffer=array.tobytes())
+
+
+class FrozenMapping(Mapping[K, V_co]):
+    """A mapping that cannot be written to: ordered as given, equal to any mapping of the same items, picklable."""
 
     __slots__ = ("_items",)
+    _items: dict[K, V_co]
 
-    def __init__(self, items: Mapping[Key, Value]) -> None:
-        self._items = dict(items)
+    def __init__(self, items: Mapping[K, V_co] | Iterable[tuple[K, V_co]] = ()) -> None:
+        object.__setattr__(self, "_items", dict(items))
 
-    def __getitem__(self, key: Key) -> Value:
+    def __getitem__(self, key: K) -> V_co:
         return self._items[key]
 
-    def __iter__(self) -> Iterator[Key]:
+    def __iter__(self) -> Iterator[K]:
         return iter(self._items)
 
     def __len__(self) -> int:
         return len(self._items)
 
+    def __hash__(self) -> int:
+        return hash(frozenset(self._items))
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"a FrozenMapping cannot be written to: '{name}'")
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(f"a FrozenMapping cannot be written to: '{name}'")
+
+    def __reduce__(self) -> tuple[type, tuple[dict[K, V_co]]]:
+        return FrozenMapping, (self._items,)
+
     def __repr__(self) -> str:
         return f"FrozenMapping({self._items!r})"
+
+
+class Record:
+    """The base of frozen dataclasses that hold nothing that can be written to, also after a pickle.
+
+    A field annotated ``Array`` becomes a read-only copy of what is given; in any other field lists become tuples
+    (of what they hold, frozen likewise), arrays tuples of numbers, and mappings `FrozenMapping`s.
+
+    Raises:
+        InvalidInputError: Something else than numbers where an array belongs.
+    """
+
+    def __post_init__(self) -> None:
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            try:
+                value = frozen(value) if field.type == "Array" else _immutable(value)
+            except (TypeError, ValueError):
+                owner = f"{type(self).__name__}.{field.name}"
+                raise InvalidInputError(f"{owner} must be an array of numbers, not {value!r:.80}") from None
+            object.__setattr__(self, field.name, value)
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
+
+
+def _immutable(value: Any) -> Any:
+    """A tuple for a list or an array, a `FrozenMapping` for a mapping; everything else as it is."""
+    if isinstance(value, np.ndarray):
+        return _immutable(value.tolist())
+    if type(value) in (list, tuple):
+        return tuple(_immutable(item) for item in value)
+    if isinstance(value, Mapping) and not isinstance(value, FrozenMapping):
+        return FrozenMapping((key, _immutable(item)) for key, item in value.items())
+    return value
 
 
 _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 _FEW = 1500
 
 
-def rows_of(record: Record, rows: Indices | Mask | slice) -> Record:
+def rows_of(record: Columns, rows: Indices | Mask | slice) -> Columns:
     """The chosen rows of every array of a named tuple (and of the named tuples in it)."""
     return type(record)(*(rows_of(part, rows) if isinstance(part, tuple) else part[rows] for part in record))
 
 
-def joined(records: Iterable[Record]) -> Record:
+def joined(records: Iterable[Columns]) -> Columns:
     """Named tuples of arrays (and of named tuples of them) one below the other."""
     first, *others = records
     columns = zip(first, *others, strict=True)

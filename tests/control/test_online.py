@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control.online import OnlineLaw, OnlineSigma, capped_sigma
-from ccpin.control.references import PointToPoint
-from ccpin.control.sampling import Sampling
-from ccpin.control.tracking import ComputedTorque, PDPlus
+from ccpin.control import ComputedTorque, OnlineLaw, OnlineSigma, PDPlus, PointToPoint, Sampling, capped_sigma
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr
+from tests.support.paper import GOAL, K_P, K_V, START
 
-START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
 OUT_OF_REACH = np.radians([180.0, 0.0])  # the arms point away from each other
 PAPER_ORDER = [0, 2, 1, 3]
 
@@ -158,7 +155,7 @@ def test_samples_come_in_order(model):
 
 def test_continuous_simulation_refuses_an_online_law(model, reference):
     """An integrator goes back and forth in time, which a law with a memory must not see: the run says so."""
-    law = PDPlus(model, reference, [11.0, 11.0], [0.65, 0.6])
+    law = PDPlus(model, reference, K_P, K_V)
     motion = ccpin.simulate(model, OnlineLaw(law, OnlineSigma(model, closed_form(START))), START, duration=0.1)
     assert motion.status == "failed"
     assert "use the tracking law itself" in motion.message

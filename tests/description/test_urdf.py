@@ -7,7 +7,7 @@ import yourdfpy
 from scipy.spatial.transform import Rotation
 
 import ccpin
-from ccpin.description.closure_kinds import CLOSURE_KINDS
+from ccpin.description import CLOSURE_KINDS
 from ccpin.description.urdf import find_mesh, read_urdf
 from ccpin.description.urdf_loops import SYNONYMS, closure_kind
 from ccpin.errors import (

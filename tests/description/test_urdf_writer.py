@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import ccpin
-from ccpin.description import read_description
+from ccpin.description import Coupling, CouplingTerm, read_description
 from ccpin.description.urdf_writer import write_urdf
 from ccpin.errors import DescriptionError
 from tests.support.places import MODELS
@@ -73,7 +73,7 @@ def test_what_urdf_cannot_say_is_refused(tmp_path):
     gear = read_description(tmp_path / "gear.urdf")
     curved = replace(
         gear,
-        couplings=(ccpin.Coupling("cam", (ccpin.CouplingTerm("spin", (0, 1, 2)), ccpin.CouplingTerm("turn", (0, 1)))),),
+        couplings=(Coupling("cam", (CouplingTerm("spin", (0, 1, 2)), CouplingTerm("turn", (0, 1)))),),
     )
     rotor = replace(gear, joints=(replace(gear.joints[0], armature=0.1), *gear.joints[1:]))
     for wrong, complaint in ((curved, "coupling 'cam': .*linearly"), (rotor, "joint 'shoulder': .*rotor inertia")):

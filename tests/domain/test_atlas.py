@@ -14,9 +14,9 @@ import pytest
 
 import ccpin
 from ccpin import domain
+from ccpin.description import Inertia, Joint, Link
+from ccpin.domain import Atlas, CellStatus, certify
 from ccpin.domain.atlas import run as atlas_run
-from ccpin.domain.atlas.atlas import Atlas, certify
-from ccpin.domain.atlas.cells import CellStatus
 from ccpin.domain.newton import solve_in_boxes
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 from tests.oracles import cusped_3rpr as cusped
@@ -24,9 +24,10 @@ from tests.oracles import delta as delta_oracle
 from tests.oracles import planar_3rrr as planar_oracle
 from tests.oracles import rpdr as oracle
 from tests.oracles.geometry import wrap
+from tests.support.paper import GOAL, START
 
 CENTRES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))
-CONTROL_REGION = np.radians([(-150.0, -160.0), (-90.0, -100.0)])
+CONTROL_REGION = START, GOAL
 SEED = np.radians((-108.0, -72.0))
 
 
@@ -268,15 +269,15 @@ def cusped_mechanism(pose):
         return placement
 
     x, z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    body = ccpin.Inertia(1.0, np.zeros(3), np.eye(3))
-    links = tuple(ccpin.Link(name, body) for name in ("base", "leg1", "platform", "outer2", "rod2", "outer3", "rod3"))
-    joints = [ccpin.Joint("leg", "revolute", "base", "leg1", frame(), z)]
-    joints.append(ccpin.Joint("turn", "revolute", "leg1", "platform", frame(cusped.LEG1), z))
+    body = Inertia(1.0, np.zeros(3), np.eye(3))
+    links = tuple(Link(name, body) for name in ("base", "leg1", "platform", "outer2", "rod2", "outer3", "rod3"))
+    joints = [Joint("leg", "revolute", "base", "leg1", frame(), z)]
+    joints.append(Joint("turn", "revolute", "leg1", "platform", frame(cusped.LEG1), z))
     corners = {2: (cusped.SIDE12, 0.0), 3: cusped.SIDE13 * np.array([np.cos(cusped.CORNER), np.sin(cusped.CORNER)])}
     loops = []
     for k, base in ((2, cusped.BASE2), (3, cusped.BASE3)):
-        joints.append(ccpin.Joint(f"swing{k}", "revolute", "base", f"outer{k}", frame(*base), z))
-        joints.append(ccpin.Joint(f"rho{k}", "prismatic", f"outer{k}", f"rod{k}", frame(), x))
+        joints.append(Joint(f"swing{k}", "revolute", "base", f"outer{k}", frame(*base), z))
+        joints.append(Joint(f"rho{k}", "prismatic", f"outer{k}", f"rod{k}", frame(), x))
         loops.append(ccpin.LoopClosure(f"loop{k}", "revolute", "platform", f"rod{k}", frame(*corners[k]), frame()))
     reference = {name: (value,) for name, value in cusped.displacements(pose).items()}
     return ccpin.load(
@@ -458,7 +459,7 @@ def test_dask_workers_do_not_change_the_atlas(rpdr):
 
 PROGRAM = """
 import os, signal, sys, numpy as np, ccpin
-from ccpin.domain.atlas.atlas import certify
+from ccpin.domain import certify
 waves = []
 def stop(progress):
     waves.append(progress)
@@ -536,3 +537,10 @@ def test_bad_input(rpdr):
         certify(rpdr, np.radians((180.0, 0.0)))
     with pytest.raises(UnsupportedMechanismError, match="6 independent"):
         certify(ccpin.load("stewart"), np.zeros(6))
+
+
+def test_an_atlas_prints_as_one_line(rpdr):
+    """`repr` tells how much is certified, not the boxes."""
+    line = repr(certify(rpdr, SEED, max_depth=4))
+    assert line.startswith("Atlas(joint1, joint2: ")
+    assert line.endswith(" % of the region)")

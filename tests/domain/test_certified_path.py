@@ -6,15 +6,17 @@ from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 from scipy.optimize import brentq
 
 import ccpin
+from ccpin.domain import certify_path
 from ccpin.domain.boxes import verify
-from ccpin.domain.path import certify_path, chord_of, pieces_of
+from ccpin.domain.path import chord_of, pieces_of
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
 from tests.oracles import delta as delta_oracle
 from tests.oracles import rpdr as oracle
 from tests.oracles import stewart as stewart_oracle
 from tests.oracles.geometry import rot_x, rot_y, rot_z, wrap
+from tests.support.paper import GOAL, START
 
-WAYPOINTS = np.radians([(-150.0, -160.0), (-120.0, -100.0), (-100.0, -140.0), (-90.0, -100.0)])
+WAYPOINTS = np.array([START, *np.radians([(-120.0, -100.0), (-100.0, -140.0)]), GOAL])
 
 
 @pytest.fixture(scope="module")

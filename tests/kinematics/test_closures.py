@@ -4,8 +4,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ccpin.description.closure_kinds import CLOSURE_KINDS, PlaneNormal
-from ccpin.description.model import LoopClosure, rotation_to
+from ccpin.description import CLOSURE_KINDS, LoopClosure
+from ccpin.description.closure_kinds import PlaneNormal
+from ccpin.description.model import rotation_to
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
 from tests.support.strategies import ROWS, Growth

@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 import ccpin
-from ccpin.description.joint_kinds import JOINT_KINDS, JointKind
-from ccpin.description.model import Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin.description import JOINT_KINDS, Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin.description.joint_kinds import JointKind
 from ccpin.domain import kantorovich_radius
 from ccpin.errors import DescriptionError
 from ccpin.kinematics.coordinates import component_names

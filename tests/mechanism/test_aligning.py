@@ -5,8 +5,7 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 
-from ccpin import Inertia, Joint, Link, LoopClosure, MechanismDescription
-from ccpin.description.closure_kinds import CLOSURE_KINDS
+from ccpin.description import CLOSURE_KINDS, Inertia, Joint, Link, LoopClosure, MechanismDescription
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.closing import aligning_rows, close, close_from_afar, find_closed, position_rows

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.description import read_description
-from ccpin.description.combining import Part, combine
+from ccpin.description import Link, Part, combine, read_description
 from ccpin.errors import DescriptionError
 from tests.oracles import descriptor
 from tests.support.loading import script
@@ -37,7 +36,7 @@ def test_two_mechanisms_side_by_side():
 def test_clashing_names_are_refused():
     """An added link that has a part's name is an error that names it."""
     with pytest.raises(DescriptionError, match="a_link1"):
-        combine("pair", {"a_": Part(read_description("rpdr"))}, links=[ccpin.Link("a_link1")])
+        combine("pair", {"a_": Part(read_description("rpdr"))}, links=[Link("a_link1")])
 
 
 @pytest.mark.skipif(not ROBOTS, reason="example-robot-data (the extra [robots]) is not installed")

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 import ccpin
 from ccpin.errors import InvalidInputError
-from ccpin.simulation.forces import closure_forces, closure_forces_at, joint_forces
+from ccpin.simulation import closure_forces, closure_forces_at, joint_forces
 from tests.oracles import descriptor, rpdr
+from tests.support.paper import GOAL, K_P, K_V
 from tests.support.strategies import mechanisms
 
 seeds = st.integers(0, 2**32 - 1)
@@ -213,8 +214,7 @@ def test_the_rods_of_a_delta_at_rest_carry_the_platform():
 def test_a_motion_has_its_peaks():
     """Histories have a sample's shape, agree with single states, and their peaks are the largest samples."""
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
-    goal = np.radians([-90.0, -100.0])
-    law = ccpin.control.PDSimpleGravity(model, goal, [11.0, 11.0], [0.65, 0.6])
+    law = ccpin.control.PDSimpleGravity(model, GOAL, K_P, K_V)
     trajectory = ccpin.simulate(model, law, np.radians([-120.0, -130.0]), duration=0.2, sample_period=5e-3)
     (history,) = closure_forces(model, trajectory)
     assert history.force.shape == history.moment.shape == (len(trajectory.t), 3)
@@ -232,6 +232,6 @@ def test_a_motion_has_its_peaks():
 def test_another_models_trajectory_is_refused():
     """A motion of the RPDR says nothing about a four-bar."""
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
-    trajectory = ccpin.simulate(model, None, np.radians([-90.0, -100.0]), duration=0.01)
+    trajectory = ccpin.simulate(model, None, GOAL, duration=0.01)
     with pytest.raises(InvalidInputError, match="this model has"):
         closure_forces(ccpin.ReducedModel(ccpin.load("four_bar")), trajectory)

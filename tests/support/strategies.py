@@ -12,8 +12,7 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ccpin import Inertia, Joint, Link, LoopClosure, MechanismDescription
-from ccpin.description.closure_kinds import CLOSURE_KINDS
+from ccpin.description import CLOSURE_KINDS, Inertia, Joint, Link, LoopClosure, MechanismDescription
 
 DOF = {"revolute": 1, "continuous": 1, "prismatic": 1, "spherical": 3, "planar": 3, "floating": 6}
 ROWS = {

@@ -63,7 +63,7 @@ def summary(mechanism: Mechanism) -> dict[str, Any]:
     constraints = parametrization.constraints
     factor = parametrization.at(mechanism.q_reference).factor
     residual = constraints.residual(mechanism.q_reference)
-    model, mobility = mechanism.pin_model, mechanism.mobility
+    model, mobility = mechanism.tree.model, mechanism.mobility
     joints = [
         {
             "name": joint.name,

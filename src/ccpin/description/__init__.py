@@ -1,12 +1,45 @@
-"""Readers: one a format, each returning the same plain `MechanismDescription`."""
+"""What a file says of a mechanism: one reader a format, each returning the same plain `MechanismDescription`."""
 
 from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
 
-from ccpin.description.model import MechanismDescription
-from ccpin.errors import AmbiguousFormatError, DescriptionError, DescriptionNotFoundError
+from ccpin.description.closure_kinds import CLOSURE_KINDS
+from ccpin.description.combining import Part, combine
+from ccpin.description.joint_kinds import JOINT_KINDS
+from ccpin.description.model import (
+    Coupling,
+    CouplingTerm,
+    Inertia,
+    Joint,
+    Link,
+    LoopClosure,
+    MechanismDescription,
+    Shape,
+    Visual,
+)
+from ccpin.errors import AmbiguousFormatError, DescriptionNotFoundError
+
+__all__ = [
+    "CLOSURE_KINDS",
+    "FORMATS",
+    "JOINT_KINDS",
+    "Coupling",
+    "CouplingTerm",
+    "Inertia",
+    "Joint",
+    "Link",
+    "LoopClosure",
+    "MechanismDescription",
+    "Part",
+    "Shape",
+    "Visual",
+    "combine",
+    "find_file",
+    "installed_models",
+    "read_description",
+]
 
 FORMATS = ("urdf", "mjcf", "toolbox")
 
@@ -98,6 +131,3 @@ def _is_toolbox(text: bytes, source: str) -> bool:
     if b"closed_loop" in text:
         return True
     raise AmbiguousFormatError("neither XML (URDF, MJCF) nor a YAML file with a 'closed_loop' key", source=source)
-
-
-__all__ = ["FORMATS", "DescriptionError", "find_file", "installed_models", "read_description"]

@@ -93,6 +93,8 @@ class _Checker:
                 seen.add(link)
 
     def inertia_is_physical(self, element: str, inertia: Inertia) -> None:
+        if inertia.com.shape != (3,) or inertia.rotational.shape != (3, 3):
+            raise self.fail(element, "the centre of mass must have shape (3,), the rotational inertia shape (3, 3)")
         values = np.concatenate([[inertia.mass], inertia.com, inertia.rotational.ravel()])
         if not np.all(np.isfinite(values)) or np.max(np.abs(values)) > MAGNITUDE_LIMIT:
             raise self.fail(element, "mass, centre of mass or inertia is not a finite number of sensible size")
@@ -113,8 +115,8 @@ class _Checker:
             element = f"joint '{joint.name}'"
             if joint.kind not in (*JOINT_KINDS, FIXED):
                 raise self.fail(element, f"type '{joint.kind}' is not one of {', '.join((*JOINT_KINDS, FIXED))}")
-            if not abs(np.linalg.norm(joint.axis) - 1) < 1e-9:
-                raise self.fail(element, "the axis is the zero vector or not of unit length")
+            if joint.axis.shape != (3,) or not abs(np.linalg.norm(joint.axis) - 1) < 1e-9:
+                raise self.fail(element, "the axis is the zero vector or not of unit length in space")
             self.placement_is_rigid(element, joint.placement)
             if not joint.lower <= joint.upper:
                 raise self.fail(element, f"lower limit {joint.lower:g} exceeds upper limit {joint.upper:g}")
@@ -122,6 +124,8 @@ class _Checker:
                 raise self.fail(element, f"reflected rotor inertia {joint.armature:g} is negative or not finite")
 
     def placement_is_rigid(self, element: str, placement: np.ndarray) -> None:
+        if placement.shape != (4, 4):
+            raise self.fail(element, f"the placement has shape {placement.shape}; it must be (4, 4)")
         if not np.all(np.isfinite(placement)) or np.max(np.abs(placement)) > MAGNITUDE_LIMIT:
             raise self.fail(element, "the placement is not finite or too large")
         rotation = placement[:3, :3]

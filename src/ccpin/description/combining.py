@@ -6,20 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-
 from ccpin.arrays import Array
 from ccpin.description.checks import check
-from ccpin.description.model import (
-    IDENTITY,
-    Coupling,
-    CouplingTerm,
-    Joint,
-    Link,
-    LoopClosure,
-    MechanismDescription,
-    frozen,
-)
+from ccpin.description.model import IDENTITY, Coupling, CouplingTerm, Joint, Link, LoopClosure, MechanismDescription
 
 
 class Part(NamedTuple):
@@ -58,8 +47,7 @@ def combine(
     """
     renamed = {prefix: _renamed(part.description, prefix) for prefix, part in parts.items()}
     mounts = [
-        Joint(f"{prefix}mount", "fixed", root, renamed[prefix].root, frozen(np.asarray(part.placement)))
-        for prefix, part in parts.items()
+        Joint(f"{prefix}mount", "fixed", root, renamed[prefix].root, part.placement) for prefix, part in parts.items()
     ]
     every = list(renamed.values())
     return check(

@@ -1,27 +1,21 @@
 """The plain mechanism description every reader returns; it knows nothing of dynamics.
 
-Frames are 4×4 homogeneous transforms, lengths in metres, angles in radians, masses in kilograms. Every
-array is read-only.
+Frames are 4×4 homogeneous transforms, lengths in metres, angles in radians, masses in kilograms. Nothing in a
+description can be written to: arrays (or lists) given are copied into read-only arrays, lists become tuples.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 
-from ccpin.arrays import Array, cross, skew
+from ccpin.arrays import Array, FrozenMapping, Record, cross, frozen, skew
 
-IDENTITY: Array = np.eye(4)
-IDENTITY.flags.writeable = False
-
-
-def frozen(value: object) -> Array:
-    """Return a read-only float64 copy of an array-like."""
-    array = np.array(value, dtype=np.float64)
-    array.flags.writeable = False
-    return array
+IDENTITY: Array = frozen(np.eye(4))
+X_AXIS: Array = frozen([1.0, 0.0, 0.0])
 
 
 def rotation_to(axis: Array) -> Array:
@@ -35,7 +29,7 @@ def rotation_to(axis: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
-class Inertia:
+class Inertia(Record):
     """Mass (kg), centre of mass (3,) and rotational inertia (3, 3) about it, both in link axes."""
 
     mass: float
@@ -44,7 +38,7 @@ class Inertia:
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(Record):
     """A drawable shape.
 
     ``kind`` and ``size``: box (x, y, z edge lengths), cylinder (radius, length; along z), capsule (radius,
@@ -58,7 +52,7 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
-class Visual:
+class Visual(Record):
     """A shape placed in its link's frame, with its colour (red, green, blue, alpha in [0, 1])."""
 
     shape: Shape
@@ -67,7 +61,7 @@ class Visual:
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class Link(Record):
     """A rigid body; `inertia` is ``None`` for a massless frame."""
 
     name: str
@@ -76,7 +70,7 @@ class Link:
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class Joint(Record):
     """A tree joint.
 
     `kind` is one of `ccpin.description.joint_kinds.JOINT_KINDS`, or ``fixed``.
@@ -90,7 +84,7 @@ class Joint:
     parent: str
     child: str
     placement: Array = field(default_factory=lambda: IDENTITY)
-    axis: Array = field(default_factory=lambda: frozen([1.0, 0.0, 0.0]))
+    axis: Array = field(default_factory=lambda: X_AXIS)
     lower: float = -np.inf
     upper: float = np.inf
     effort: float = np.inf
@@ -99,7 +93,7 @@ class Joint:
 
 
 @dataclass(frozen=True, eq=False)
-class LoopClosure:
+class LoopClosure(Record):
     """A closed loop: frame A on `link_a` and frame B on `link_b` are joined by a joint of `kind`.
 
     The kind names the relative motion left free (number of constraint rows): spherical (3), revolute about
@@ -118,7 +112,7 @@ class LoopClosure:
 
 
 @dataclass(frozen=True)
-class CouplingTerm:
+class CouplingTerm(Record):
     """The polynomial Σₖ coefficients[k] (θ − reference)ᵏ in the displacement θ of one 1-dof joint."""
 
     joint: str
@@ -127,7 +121,7 @@ class CouplingTerm:
 
 
 @dataclass(frozen=True)
-class Coupling:
+class Coupling(Record):
     """A holonomic relation Σ terms = 0 between joint displacements (gears, mimic joints, belts)."""
 
     name: str
@@ -135,7 +129,7 @@ class Coupling:
 
 
 @dataclass(frozen=True, eq=False)
-class MechanismDescription:
+class MechanismDescription(Record):
     """All that a file says about a mechanism.
 
     Attributes:
@@ -159,7 +153,13 @@ class MechanismDescription:
     independent_is_default: bool = False
     dependent_hint: tuple[str, ...] = ()
     actuated: tuple[str, ...] | None = None
-    reference: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    reference: Mapping[str, tuple[float, ...]] = FrozenMapping()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     source: str | None = None
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return (
+            f"MechanismDescription({self.name!r}, {len(self.links)} links, {len(self.joints)} joints, "
+            f"{len(self.closures)} closures, {len(self.couplings)} couplings)"
+        )

@@ -6,17 +6,19 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import yaml
 
+from ccpin.arrays import frozen
 from ccpin.description.checks import check
-from ccpin.description.model import Joint, Link, LoopClosure, MechanismDescription, frozen
+from ccpin.description.model import Joint, Link, LoopClosure, MechanismDescription
 from ccpin.description.urdf import read_urdf
 from ccpin.errors import DescriptionError, DescriptionNotFoundError, InvalidXmlError
 
 MAX_BYTES = 128 * 1024
 MAX_DEPTH = 8
 KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
-AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+AXES = dict(zip("XYZ", map(frozen, np.eye(3)), strict=True))
 UNIVERSAL = tuple(f"UJOINT_{a}{b}" for a in AXES for b in AXES if a != b)
 JOINT_TYPES = ("SPHERICAL", "FIXED", *UNIVERSAL)
 
@@ -174,8 +176,8 @@ def _universal(joint: Joint, kind: str) -> tuple[Joint, Link, Joint]:
     """The two revolute joints of UJOINT_ab and the massless link between them."""
     a, b = kind[-2], kind[-1]
     middle = Link(f"{joint.name}_{a}_link")
-    first = Joint(f"{joint.name}_{a}", "revolute", joint.parent, middle.name, joint.placement, frozen(AXES[a]))
-    return first, middle, Joint(f"{joint.name}_{b}", "revolute", middle.name, joint.child, axis=frozen(AXES[b]))
+    first = Joint(f"{joint.name}_{a}", "revolute", joint.parent, middle.name, joint.placement, AXES[a])
+    return first, middle, Joint(f"{joint.name}_{b}", "revolute", middle.name, joint.child, axis=AXES[b])
 
 
 def parse_document(text: bytes, source: str) -> ToolboxDocument:

@@ -8,7 +8,7 @@ from typing import cast
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, frozen
 from ccpin.description.checks import check
 from ccpin.description.joint_kinds import FIXED, JOINT_KINDS
 from ccpin.description.model import (
@@ -21,7 +21,6 @@ from ccpin.description.model import (
     MechanismDescription,
     Shape,
     Visual,
-    frozen,
 )
 from ccpin.description.urdf_loops import read_marks
 from ccpin.description.xml import (

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, frozen
 from ccpin.description.closure_kinds import CLOSURE_KINDS
-from ccpin.description.model import IDENTITY, Coupling, CouplingTerm, Joint, LoopClosure, frozen, rotation_to
+from ccpin.description.model import IDENTITY, Coupling, CouplingTerm, Joint, LoopClosure, rotation_to
 from ccpin.description.xml import (
     ZERO,
     XmlElement,

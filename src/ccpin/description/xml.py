@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from lxml import etree
 
-from ccpin.arrays import Array
-from ccpin.description.model import IDENTITY, frozen
+from ccpin.arrays import Array, frozen
+from ccpin.description.model import IDENTITY
 from ccpin.errors import DescriptionError, InvalidXmlError
 
 XmlElement: TypeAlias = Any  # lxml's etree._Element, which has no type stubs

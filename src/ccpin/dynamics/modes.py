@@ -73,7 +73,7 @@ def assembly_modes(model: ReducedModel, q: ArrayLike, *, patience: int = 60, lim
     while idle < patience and starts < limit:
         start = _start(model, target, starts, generator)
         starts, idle = starts + 1, idle + 1
-        attempt = solve(model.mechanism.pin_model, _equations(parametrization, target), start)
+        attempt = solve(model.mechanism.tree.model, _equations(parametrization, target), start)
         if not attempt.closed or not parametrization.constraints.aligned(attempt.q_free):
             continue
         factor = factorize(parametrization.psi_jacobian(attempt.q_free))
@@ -110,7 +110,7 @@ def _equations(parametrization: Parametrization, q: Array) -> Callable[[Array], 
 
 def _start(model: ReducedModel, q: Array, number: int, generator: np.random.Generator) -> Array:
     """The reference first, then configurations spread over circles, spheres and ranges, with q put in."""
-    pin_model, reference = model.mechanism.pin_model, model.mechanism.q_reference
+    pin_model, reference = model.mechanism.tree.model, model.mechanism.q_reference
     start = reference
     if number > 0:
         spread = np.full(pin_model.nv, np.pi)
@@ -137,7 +137,7 @@ def _unwound(model: ReducedModel, q_free: Array) -> Array:
 
 def _distance(model: ReducedModel, a: Array, b: Array) -> float:
     """Largest displacement between the joints' placements: turns of a revolute joint by 2π do not count."""
-    pin_model = model.mechanism.pin_model
+    pin_model = model.mechanism.tree.model
     first, second = pin_model.createData(), pin_model.createData()
     pin.forwardKinematics(pin_model, first, a)
     pin.forwardKinematics(pin_model, second, b)

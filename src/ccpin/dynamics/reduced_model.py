@@ -70,6 +70,9 @@ class ReducedModel:
         self._actuation = np.eye(self.n) if self._direct else mechanism.actuation
         self.n_actuated = len(self._actuation)
 
+    def __repr__(self) -> str:
+        return f"ReducedModel({self.mechanism!r})"
+
     def alpha(self, q_free: ArrayLike) -> Array:
         """q = α(q′) (7), of shape (model.nq,)."""
         return self.coordinates.alpha(self.checked_configuration(q_free))

@@ -4,27 +4,28 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from itertools import combinations
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from ccpin.arrays import Array, FrozenMapping
+from ccpin.arrays import Array, FrozenMapping, Record, frozen
 from ccpin.description.joint_kinds import FIXED, JOINT_KINDS, JointKind
-from ccpin.description.model import Joint, Link, MechanismDescription, frozen, rotation_to
+from ccpin.description.model import Joint, Link, MechanismDescription, rotation_to
 from ccpin.errors import DescriptionError, InvalidInputError
 
 ROOT_JOINT = "root_joint"
 
 
-class Attachment(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Attachment(Record):
     """Where a link sits: the movable joint that carries it (0: the world) and its 4×4 frame in that joint's frame."""
 
     joint: int
     placement: Array
 
 
-class TreeJoint(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class TreeJoint(Record):
     """A movable joint of the free system.
 
     Attributes:
@@ -68,11 +69,11 @@ class Tree:
         for joint in self.joints:
             supports[joint.number] = supports[joint.parent]
             supports[joint.number, joint.v] = 1.0
-        kept = [array for joint in self.joints for array in (joint.placement, joint.axis)]
-        for array in (supports, *kept, *(attachment.placement for attachment in self.attachments.values())):
-            array.flags.writeable = False
-        object.__setattr__(self, "_supports", supports)
+        object.__setattr__(self, "_supports", frozen(supports))
         object.__setattr__(self, "_numbers", FrozenMapping({joint.name: joint.number for joint in self.joints}))
+
+    def __repr__(self) -> str:
+        return f"Tree({self.model.name!r}, nq = {self.model.nq}, n′ = {self.model.nv})"
 
     def __reduce__(self) -> tuple[type[Tree], tuple[object, ...]]:
         return Tree, (self.model, self.joints, self.attachments)
@@ -161,7 +162,7 @@ class _Builder:
         kind, turn = JOINT_KINDS[joint.kind], np.eye(4)
         if kind.turned:
             turn[:3, :3] = rotation_to(joint.axis)
-        placement, axis = carrier.placement @ turn, frozen(kind.own_axis(joint.axis))
+        placement, axis = carrier.placement @ turn, kind.own_axis(joint.axis)
         number = int(self.model.addJoint(carrier.joint, self.pin_joint(joint), pin.SE3(placement), joint.name))
         added = self.model.joints[number]
         q, v = slice(added.idx_q, added.idx_q + kind.nq), slice(added.idx_v, added.idx_v + kind.nv)

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
+from html import escape
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Record
 from ccpin.description import read_description
 from ccpin.description.checks import check
-from ccpin.description.model import Coupling, LoopClosure, MechanismDescription, frozen
+from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
 from ccpin.errors import (
     DescriptionError,
     IndependentSetError,
@@ -33,12 +35,14 @@ from ccpin.mechanism.selection import choose_independent
 
 
 @dataclass(frozen=True, eq=False)
-class Mechanism:
+class Mechanism(Record):
     """A closed-chain mechanism: the free system, its closures, and which coordinates are independent.
+
+    Nothing in it can be written to; it is equal to itself only, hashable and picklable.
 
     Attributes:
         description: What the file says.
-        tree: The free system Σ′ as a Pinocchio model, with where each link sits.
+        tree: The free system Σ′ as the Pinocchio model ccpin computes with, and where each link sits.
         independent: Names of the independent joints (or ``joint:axis`` components), in the order of q.
         actuated: Names of the actuated joints, in the order of u.
         q_reference: A closed, nonsingular configuration, of shape (nq,); defines the default assembly mode.
@@ -52,17 +56,20 @@ class Mechanism:
     actuated: tuple[str, ...]
     q_reference: Array
     mobility: Mobility
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
         """The mechanism's name in its file."""
         return self.description.name
 
-    @property
+    @cached_property
     def pin_model(self) -> pin.Model:
-        """The Pinocchio model of the free system."""
-        return self.tree.model
+        """A copy of the free system's Pinocchio model, the caller's own: ccpin reads nothing written to it.
+
+        One copy a mechanism, made when first asked for; a pickle does not carry it.
+        """
+        return self.tree.model.copy()
 
     @property
     def closures(self) -> tuple[LoopClosure, ...]:
@@ -101,6 +108,27 @@ class Mechanism:
         if not coordinates.constant:
             raise UnsupportedMechanismError("S is not constant: a single component of a joint is actuated")
         return coordinates.jacobian(self.q_reference)
+
+    def __repr__(self) -> str:
+        return f"Mechanism({', '.join(f'{key}: {value}' for key, value in self._summary())})"
+
+    def _repr_html_(self) -> str:
+        """A small table for notebooks."""
+        gravity = ", ".join(f"{g:g}" for g in self.description.gravity)
+        rows = [*self._summary(), ("gravity", f"({gravity}) m/s²"), *(("note", note) for note in self.notes)]
+        cells = (f"<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in rows)
+        return f"<table>{''.join(cells)}</table>"
+
+    def _summary(self) -> list[tuple[str, str]]:
+        """What identifies the mechanism to its reader, in words."""
+        lists = {
+            "loops": [closure.name for closure in self.closures],
+            "couplings": [coupling.name for coupling in self.couplings],
+            "independent": self.independent,
+            "actuated": self.actuated,
+        }
+        sizes = [("name", self.name), ("n", str(self.n)), ("n′", str(self.n_free))]
+        return sizes + [(key, " ".join(names)) for key, names in lists.items() if names]
 
     def constraints(self) -> Constraints:
         """φ with its own scratch memory."""
@@ -215,7 +243,7 @@ def _analysed(
         tree,
         choice.independent,
         choice.actuated,
-        frozen(closed.q_free),
+        closed.q_free,
         mobility,
         tuple(dict.fromkeys(notes)),
     )

@@ -120,6 +120,8 @@ def plot_configuration_panels(
             names = _plane_axes(plane)
             axes.set_xlabel(f"{names[0]} [m]")
             axes.set_ylabel(f"{names[1]} [m]")
+            if plane is None:
+                axes.set_zlabel("z [m]")
             axes.set_title(heading, fontsize=11)
             if k == 0:
                 axes.legend(loc="best", framealpha=0.85, edgecolor="none")
@@ -148,6 +150,6 @@ def _draw(axes: Any, mechanism: Mechanism, q_free: Array, plane: Array | None, c
     axes.plot(*project(shape.joints).T, "o", color="white", markeredgecolor=colour, markersize=7, zorder=3)
     if len(shape.loops):
         axes.plot(*project(shape.loops).T, "D", color=colour, markersize=7, zorder=4)
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     grounded = np.array([model.parents[j] == 0 for j in range(1, model.njoints)])
     axes.plot(*project(shape.joints[grounded]).T, "s", color="0.2", markersize=9, zorder=5)

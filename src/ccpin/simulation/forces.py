@@ -168,7 +168,7 @@ class _Wrenches:
     def __init__(self, model: ReducedModel) -> None:
         mechanism = model.mechanism
         self.model = model
-        self.pin_model = mechanism.pin_model
+        self.pin_model = mechanism.tree.model
         self.loops = model.parametrization.constraints.loops
         self.slices = model.parametrization.constraints.row_slices()
         self.complete = Constraints(mechanism.tree, mechanism.closures, mechanism.couplings, reduce_planar=False)

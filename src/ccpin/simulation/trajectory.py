@@ -39,6 +39,9 @@ class Trajectory(NamedTuple):
     message: str
     evaluations: int
 
+    def __repr__(self) -> str:
+        return f"Trajectory({self.status} at {self.t[-1]:.6g} s, {len(self.t)} samples, n = {self.v.shape[1]})"
+
     def then(self, other: Trajectory) -> Trajectory:
         """This trajectory followed by another, whose first sample repeats this one's last and is dropped.
 

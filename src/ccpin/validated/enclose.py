@@ -20,9 +20,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, frozen
 from ccpin.control.laws import ControlLaw
-from ccpin.description.model import frozen
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.validated.balls import Ball, around, ball, bounds, determinant, flint, hull, lower, midpoints, upper

@@ -34,7 +34,7 @@ def checked_poses(mechanism: Mechanism, q_free: ArrayLike) -> Array:
         raise InvalidInputError(
             f"q_free has shape {shape}; each configuration of {mechanism.name} has nq = {mechanism.nq} numbers"
         )
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     for index, pose in enumerate(poses):
         if not np.all(np.isfinite(pose)):
             raise InvalidInputError(f"q_free[{index}] is not finite")
@@ -84,7 +84,7 @@ def frame_times(t: Array, fps: float, speed: float) -> Array:
 
 def sample(mechanism: Mechanism, t: Array, q_free: Array, times: Array) -> Array:
     """Configurations (len(times), nq) at `times`, along the geodesics between the samples (t, q_free)."""
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     after = np.clip(np.searchsorted(t, times, side="right"), 1, len(t) - 1)
     before = after - 1
     fractions = (times - t[before]) / (t[after] - t[before])

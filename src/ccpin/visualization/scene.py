@@ -46,7 +46,7 @@ class Scene:
         self.mechanism = mechanism
         self.visualizer = visualizer
         self.root = visualizer[_node(mechanism.name)]
-        self._data = mechanism.pin_model.createData()
+        self._data = mechanism.tree.model.createData()
         self.bodies, self.notes = _bodies(mechanism)
         self._set_stage()
         for body in self.bodies:
@@ -59,7 +59,7 @@ class Scene:
 
     def frames(self, q_free: Array) -> Array:
         """World frames of all bodies at q′, of shape (bodies, 4, 4)."""
-        pin.forwardKinematics(self.mechanism.pin_model, self._data, q_free)
+        pin.forwardKinematics(self.mechanism.tree.model, self._data, q_free)
         frames = [self._data.oMi[body.joint].homogeneous @ body.placement for body in self.bodies]
         return np.array(frames).reshape(-1, 4, 4)
 
@@ -113,7 +113,7 @@ class Scene:
             self.root["trace"].set_object(triangles(mesh), material(TRACE_COLOUR))
 
     def _world(self, joint: int, q_free: Array) -> Array:
-        pin.forwardKinematics(self.mechanism.pin_model, self._data, q_free)
+        pin.forwardKinematics(self.mechanism.tree.model, self._data, q_free)
         return np.asarray(self._data.oMi[joint].homogeneous)
 
     def _tracked(self, name: str) -> tuple[int, Array]:
@@ -244,7 +244,7 @@ class Framing(NamedTuple):
 
 def plane_normal(mechanism: Mechanism) -> Array | None:
     """Unit normal (3,) in the world of the plane all links move parallel to, or ``None`` if there is none."""
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     data = model.createData()
     pin.computeJointJacobians(model, data, mechanism.q_reference)
     return loops.plane_normal(mechanism.tree, data, list(range(1, model.njoints)))

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.arrays import Array
-from ccpin.description.model import Shape, frozen
+from ccpin.arrays import Array, frozen
+from ccpin.description.model import Shape
 
 MAX_FACES_SMOOTHED = 50_000
 Z_TO_Y: Array = frozen([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])

@@ -48,7 +48,7 @@ class _Points(NamedTuple):
 
 def skeleton(mechanism: Mechanism) -> list[Body]:
     """One body for each movable joint and one for the ground, sized by the mechanism's extent in its reference."""
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     points = _points(mechanism)
     radius = LIMB_RADIUS * _extent(mechanism, points)
     bodies = []
@@ -71,7 +71,7 @@ def skeleton(mechanism: Mechanism) -> list[Body]:
 
 
 def _points(mechanism: Mechanism) -> list[_Points]:
-    model, attachments = mechanism.pin_model, mechanism.tree.attachments
+    model, attachments = mechanism.tree.model, mechanism.tree.attachments
     points = [_Points([], []) for _ in range(model.njoints)]
     for joint in range(1, model.njoints):
         points[model.parents[joint]].joints.append(np.array(model.jointPlacements[joint].translation))
@@ -88,7 +88,7 @@ def _points(mechanism: Mechanism) -> list[_Points]:
 
 def _extent(mechanism: Mechanism, points: list[_Points]) -> float:
     """Diagonal (m) of the box around all joints and loop points in the reference pose; 1 where there is none."""
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     data = model.createData()
     pin.forwardKinematics(model, data, mechanism.q_reference)
     world = [data.oMi[i].act(p) for i, held in enumerate(points) for p in (*held.joints, *held.loops)]
@@ -117,7 +117,7 @@ def _limbs(start: Array, held: _Points, radius: float, colour: Colour) -> list[V
 
 def _rails(mechanism: Mechanism, joint: int, radius: float) -> list[Visual]:
     """A thin rod along the travel of every prismatic joint that a body carries."""
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     rails = []
     for child in mechanism.tree.joints:
         if child.parent != joint or not _on_rail(child):

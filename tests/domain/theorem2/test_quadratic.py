@@ -10,12 +10,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin import Coupling, CouplingTerm, Joint, Link
-from ccpin.description.closure_kinds import CLOSURE_KINDS
-from ccpin.description.model import MechanismDescription
+from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Joint, Link, MechanismDescription
+from ccpin.domain import QuadraticSystem
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
 from ccpin.domain.theorem2.polynomial import Polynomial
-from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from tests.oracles import rpdr as closed_form
 from tests.oracles.finite_differences import assert_close, derivative
@@ -148,13 +146,13 @@ def assert_form_is_psi(mechanism, form, seeds=range(3), size=0.4):
     quadratic = quadratic_form(mechanism, centre, form)
     system, window = quadratic.system, quadratic.closures
     np.testing.assert_allclose(quadratic.lift(centre), quadratic.centre, rtol=0, atol=1e-13)
-    assert_close(system.value(quadratic.centre), np.zeros(system.size), 1e-11)
+    assert_close(system.value(quadratic.centre), np.zeros(system.size), 1e-11, scale=1.0)
     for seed in seeds:
         q_free = shifted(mechanism, centre, size, seed)
         value = system.value(quadratic.lift(q_free))
         np.testing.assert_allclose(value[: window.start], 0.0, rtol=0, atol=1e-12)
         phi = constraints.residual(q_free)[: sum(loop.size for loop in constraints.loops)]
-        assert_close(value[window][: len(phi)], phi, quadratic.error)
+        assert_close(value[window][: len(phi)], phi, quadratic.error, scale=1.0)  # an error in metres
     return quadratic
 
 

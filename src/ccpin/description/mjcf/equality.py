@@ -13,7 +13,7 @@ from ccpin.description.mjcf.defaults import MAIN, Defaults
 from ccpin.description.mjcf.element import Element, frame
 from ccpin.description.mjcf.joints import Names, Tree
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import Coupling, CouplingTerm, LoopClosure, frozen
+from ccpin.description.model import Coupling, CouplingTerm, LoopClosure
 from ccpin.description.xml import ZERO, XmlElement, fail
 
 _KINDS: dict[str, str] = {"connect": "spherical", "weld": "fixed"}
@@ -76,7 +76,7 @@ def _closure(said: Element, name: str, tree: Tree) -> LoopClosure:
         raise said.fail(f"it joins body '{first[0]}' to itself")
     turns = said.xml.tag == "weld" and said.number("torquescale", 1.0) == 0.0
     kind = "spherical" if turns else _KINDS[said.xml.tag]
-    return LoopClosure(name, kind, first[0], second[0], frozen(first[1]), frozen(second[1]))
+    return LoopClosure(name, kind, first[0], second[0], first[1], second[1])
 
 
 def _site(said: Element, attribute: str, tree: Tree) -> tuple[str, Array]:

@@ -12,7 +12,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler, Defaults
 from ccpin.description.mjcf.element import Element, frame
-from ccpin.description.model import Inertia, Shape, Visual, frozen
+from ccpin.description.model import Inertia, Shape, Visual
 from ccpin.description.xml import ZERO, Colour, XmlElement, source_of
 
 Kind = Literal["sphere", "capsule", "cylinder", "ellipsoid", "box"]
@@ -157,7 +157,7 @@ def geom_inertia(geom: Geom) -> Inertia:
         raise said.fail("mass and density should not be negative")
     turn = geom.placement[:3, :3]
     rotational = turn @ np.diag(mass * np.array(diagonal)) @ turn.T
-    return Inertia(mass, frozen(geom.placement[:3, 3]), frozen(rotational))
+    return Inertia(mass, geom.placement[:3, 3], rotational)
 
 
 def weighs_nothing(geom: Geom) -> bool:
@@ -213,11 +213,11 @@ def geom_visual(geom: Geom, assets: Assets) -> Visual | None:
         raise said.fail(f"there is no material '{material}' among the assets")
     rgba = _rgba(said) or (assets.materials[material] if material else None) or Visual.rgba
     if geom.kind is not None:
-        return Visual(Shape(geom.kind, _drawn_size(geom.kind, geom.size)), frozen(geom.placement), rgba)
+        return Visual(Shape(geom.kind, _drawn_size(geom.kind, geom.size)), geom.placement, rgba)
     asset = assets.meshes[geom.mesh] if geom.mesh else None
     if not geom.drawn_mesh or asset is None or asset.placement is None:
         return None
-    return Visual(Shape("mesh", asset.scale, asset.file), frozen(geom.placement @ asset.placement), rgba)
+    return Visual(Shape("mesh", asset.scale, asset.file), geom.placement @ asset.placement, rgba)
 
 
 def _drawn_size(kind: Kind, size: tuple[float, ...]) -> tuple[float, ...]:

@@ -11,10 +11,10 @@ from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.geoms import Geom, geom_inertia, weighs_nothing
-from ccpin.description.model import Inertia, Link, frozen
+from ccpin.description.model import Inertia, Link
 
 _SLACK = 1e-9
-_NOTHING = Inertia(0.0, frozen(np.zeros(3)), frozen(np.zeros((3, 3))))
+_NOTHING = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 def body_inertia(
@@ -58,7 +58,7 @@ def _from_inertial(said: Element, compiler: Compiler) -> Inertia:
             raise said.fail("fullinertia excludes diaginertia and an orientation")
         xx, yy, zz, xy, xz, yz = said.vector("fullinertia", 6)
         rotational = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return Inertia(mass, frozen(com), frozen(rotational))
+    return Inertia(mass, com, rotational)
 
 
 def _from_geoms(body: Element, geoms: Sequence[Geom], compiler: Compiler, moves: bool) -> Inertia:
@@ -80,7 +80,7 @@ def _from_geoms(body: Element, geoms: Sequence[Geom], compiler: Compiler, moves:
         return _NOTHING
     com = sum((part.mass * part.com for part in parts), np.zeros(3)) / mass
     rotational = sum((part.rotational + _steiner(part, com) for part in parts), np.zeros((3, 3)))
-    return Inertia(mass, frozen(com), frozen(rotational))
+    return Inertia(mass, com, rotational)
 
 
 def _steiner(part: Inertia, com: Array) -> Array:
@@ -109,7 +109,7 @@ def _conditioned(said: Element, found: Inertia, compiler: Compiler) -> Inertia |
         return None
     if np.array_equal(bounded, moments):
         return Inertia(mass, found.com, found.rotational)
-    return Inertia(mass, found.com, frozen(axes @ np.diag(bounded) @ axes.T))
+    return Inertia(mass, found.com, axes @ np.diag(bounded) @ axes.T)
 
 
 def scaled_to_total(links: Sequence[Link], total: float) -> tuple[Link, ...]:
@@ -120,6 +120,6 @@ def scaled_to_total(links: Sequence[Link], total: float) -> tuple[Link, ...]:
     factor = total / present
 
     def scaled(inertia: Inertia) -> Inertia:
-        return Inertia(factor * inertia.mass, inertia.com, frozen(factor * inertia.rotational))
+        return Inertia(factor * inertia.mass, inertia.com, factor * inertia.rotational)
 
     return tuple(link if link.inertia is None else replace(link, inertia=scaled(link.inertia)) for link in links)

@@ -13,7 +13,7 @@ from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element, frame
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import IDENTITY, Joint, Link, frozen
+from ccpin.description.model import IDENTITY, Joint, Link
 from ccpin.description.xml import ZERO, XmlElement, fail
 
 _TYPES = ("free", "ball", "slide", "hinge")
@@ -121,7 +121,7 @@ class JointReader:
             rest, link = frame(-pos), child
         if link != body:
             name = self._tree.joint_names.fresh(f"{body}.fixed")
-            self._tree.joints.append(Joint(name, "fixed", link, body, frozen(rest)))
+            self._tree.joints.append(Joint(name, "fixed", link, body, rest))
 
     def _check_together(self, joints: Sequence[Element], parent: str) -> None:
         for said in joints:
@@ -160,8 +160,8 @@ class JointReader:
             kind=_KINDS[kind],
             parent=ends[0],
             child=ends[1],
-            placement=frozen(placement @ _motion(kind, axis, -ref)),
-            axis=frozen(axis),
+            placement=placement @ _motion(kind, axis, -ref),
+            axis=axis,
             lower=lower,
             upper=upper,
             effort=self._effort(said),

@@ -76,6 +76,11 @@ class Atlas:
     tree: CellTree
     seed: Array
 
+    def __repr__(self) -> str:
+        done = "" if self.complete else ", interrupted"
+        share = f"{len(self.boxes.centre)} certified boxes, {100 * self.certified_fraction:.4g} % of the region"
+        return f"Atlas({', '.join(self.names)}: {share}{done})"
+
     @property
     def single_valued(self) -> bool:
         """Whether all shared faces are glued, so that σ is one continuous function on the certified set."""

@@ -12,6 +12,7 @@ Rot(a, θ_k) times a constant, and a whole planar chain is affine in the (cos θ
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -55,7 +56,7 @@ def tree_joints(tree: Tree) -> dict[int, TreeJoint]:
     for joint in tree.joints:
         placement = joint.placement.copy()
         placement[:3, :3] = without_noise(placement[:3, :3])
-        joints[joint.number] = joint._replace(placement=placement)
+        joints[joint.number] = replace(joint, placement=placement)
     return joints
 
 

@@ -22,10 +22,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, frozen
 from ccpin.description.closure_kinds import Gap
 from ccpin.description.closure_kinds import Vector as ClosureVector
-from ccpin.description.model import frozen
 from ccpin.domain.theorem2.chain import Kinematics, find_runs, tree_joints
 from ccpin.domain.theorem2.couplings import coupling_row
 from ccpin.domain.theorem2.polynomial import Polynomial, combine

@@ -51,8 +51,7 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.description.model import frozen
+from ccpin.arrays import Array, frozen
 from ccpin.domain.chains import checked_configuration
 from ccpin.domain.theorem2.form import FORMS, Form, QuadraticForm, quadratic_form
 from ccpin.domain.theorem2.system import QuadraticSystem
