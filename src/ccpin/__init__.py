@@ -28,7 +28,8 @@ from ccpin.dynamics.derivatives import (
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.free_system import Energy
 from ccpin.dynamics.linearization import Linearization, closed_loop_derivative, linearize
-from ccpin.dynamics.reduced_model import ReducedModel, ReducedTerms
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import ReducedTerms, State
 from ccpin.errors import CcpinError
 from ccpin.mechanism.mechanism import Mechanism, load
 from ccpin.mechanism.mobility import Mobility
@@ -64,6 +65,7 @@ __all__ = [
     "Reference",
     "Settling",
     "Shape",
+    "State",
     "Trajectory",
     "Visual",
     "Waypoints",

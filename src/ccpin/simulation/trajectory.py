@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array
+from ccpin.dynamics.reduced_model import ReducedModel, mechanism_of
+from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
@@ -61,14 +64,29 @@ class Trajectory(NamedTuple):
             self.evaluations + other.evaluations,
         )
 
+    def states(self, model: ReducedModel) -> Iterator[tuple[State, Array, Array]]:
+        """(the State at q, v, u) of every sample, for reading the reduced model along the motion.
+
+        Raises:
+            InvalidInputError: The trajectory is of another mechanism: its configurations or efforts have another size.
+        """
+        sizes, wanted = (self.q_free.shape[1:], self.u.shape[1:]), ((model.mechanism.nq,), (model.n_actuated,))
+        if sizes != wanted:
+            raise InvalidInputError(
+                f"the trajectory has configurations of {sizes[0]} entries and {sizes[1]} efforts; this model has "
+                f"{wanted[0]} and {wanted[1]}"
+            )
+        for q, v, u, q_free in zip(self.q, self.v, self.u, self.q_free, strict=True):
+            yield model.at(q, q_free), v, u
+
     def save_npz(self, path: str | Path) -> None:
         """Write all arrays (and status, message) to an .npz file, atomically."""
         arrays = {name: getattr(self, name) for name in self._fields}
         write_atomically(path, "wb", lambda file: np.savez_compressed(file, **arrays))
 
-    def save_csv(self, path: str | Path, mechanism: Mechanism) -> None:
+    def save_csv(self, path: str | Path, mechanism: Mechanism | ReducedModel) -> None:
         """Write t, q, v, u, q′ and the closure error as CSV with a header line, atomically."""
-        header = ",".join(csv_header(self, mechanism))
+        header = ",".join(csv_header(self, mechanism_of(mechanism)))
         table = np.column_stack([self.t, self.q, self.v, self.u, self.q_free, self.closure_error])
         write_atomically(
             path,

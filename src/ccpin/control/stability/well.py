@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, vector
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.domain.gravity_bounds import GravityBounds
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -139,9 +139,7 @@ def checked_region(model: ReducedModel, region: tuple[ArrayLike, ArrayLike], q_d
     Raises:
         InvalidInputError: Corners of the wrong shape or order, or q_d outside.
     """
-    lower, upper = (
-        model.checked(corner, name, model.n) for corner, name in zip(region, ("lower", "upper"), strict=True)
-    )
+    lower, upper = (vector(corner, name, model.n) for corner, name in zip(region, ("lower", "upper"), strict=True))
     if not np.all(lower < upper):
         raise InvalidInputError(f"the region's lower corner {lower} must be below its upper corner {upper}")
     if not np.all((lower <= q_d) & (q_d <= upper)):
