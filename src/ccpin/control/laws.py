@@ -60,20 +60,57 @@ class TorqueFunction(ControlLaw):
         return np.asarray(self._function(t, q, v), dtype=np.float64)
 
 
-class _PD(ControlLaw):
+class ModelLaw(ControlLaw):
+    """A law with gains on all independent coordinates that reads the reduced model at a State.
+
+    Args:
+        model: The reduced model, or a mechanism.
+        q: Where the law begins or ends, of shape (nq_independent,): its σ starts there when it gets no guess.
+        K_p: Proportional gains: (n,) for a diagonal matrix or symmetric positive definite (n, n).
+        K_v: Velocity gains, alike.
+        guess: Chooses the assembly mode of σ(q).
+
+    Attributes:
+        near: The State at that q.
+
+    Raises:
+        InvalidInputError: Gains of the wrong shape or not symmetric positive definite.
+        UnsupportedMechanismError: Fewer motors than independent coordinates.
+        UnreachableError, SingularConfigurationError: σ(q) does not exist on the guess's branch.
+    """
+
+    def __init__(
+        self, model: ReducedModel | Mechanism, q: ArrayLike | State, K_p: ArrayLike, K_v: ArrayLike, guess: Near
+    ) -> None:
+        self.model = model_of(model)
+        n, motors = self.model.n, self.model.n_actuated
+        if motors < n:
+            raise UnsupportedMechanismError(
+                f"a law on all {n} independent coordinates needs as many motors; there are {motors}"
+            )
+        self.K_p, self.K_v = gain_matrix(K_p, "K_p", n), gain_matrix(K_v, "K_v", n)
+        self.near = self.model.at(q, guess)
+
+    def state(self, q: Array | State, guess: Near = None) -> State:
+        """The State at q, on the branch of the guess or of `near`."""
+        return self.model.at(q, self.near if guess is None else guess)
+
+    def torque(self, t: float, q: Array, v: Array, guess: Near = None) -> Array:
+        """`torque_at` the State found from the guess, else from `near`; errors as for `ReducedModel.at`."""
+        return self.torque_at(t, self.state(q, guess), v)
+
+
+class _PD(ModelLaw):
     """What the two PD laws share: gains, the set point, the error and the Lyapunov function.
 
     Args:
         model: The reduced model, or a mechanism.
         q_d: The set point, constant, of shape (nq_independent,).
-        K_p: Proportional gains, N m/rad or N/m: (n,) for a diagonal matrix or symmetric positive definite (n, n).
-        K_v: Velocity gains, N m s/rad or N s/m, alike.
+        K_p: Proportional gains, N m/rad or N/m. K_v: velocity gains, N m s/rad or N s/m. Each (n,) or (n, n).
         guess: Chooses the assembly mode of σ(q_d).
 
     Raises:
-        InvalidInputError: Gains of the wrong shape or not symmetric positive definite.
-        UnsupportedMechanismError: Fewer motors than independent coordinates.
-        UnreachableError, SingularConfigurationError: σ(q_d) does not exist on the guess's branch.
+        InvalidInputError, UnsupportedMechanismError, UnreachableError, SingularConfigurationError: As `ModelLaw` does.
     """
 
     def __init__(
@@ -84,33 +121,23 @@ class _PD(ControlLaw):
         K_v: ArrayLike,
         guess: Near = None,
     ) -> None:
-        self.model = fully_actuated(model, "a PD law on")
-        self.K_p = gain_matrix(K_p, "K_p", self.model.n)
-        self.K_v = gain_matrix(K_v, "K_v", self.model.n)
-        self.goal = self.model.at(q_d, guess)
-        self.q_d, self.q_free_d, self.gravity_d = self.goal.q, self.goal.q_free, self.goal.g
-        self._potential_d = self.goal.energy(np.zeros(self.model.n)).potential
+        super().__init__(model, q_d, K_p, K_v, guess)
+        self.q_d, self.q_free_d, self.gravity_d = self.near.q, self.near.q_free, self.near.g
+        self._potential_d = self.near.energy(np.zeros(self.model.n)).potential
 
     def error(self, q: Array) -> Array:
         """q̃ = q_d − q, the tangent vector from q to q_d, of shape (n,)."""
         return self.model.coordinates.difference(q, self.q_d)
-
-    def torque(self, t: float, q: Array, v: Array, guess: Near = None) -> Array:
-        """`torque_at` the State found from the guess, the set point's by default; errors as for `ReducedModel.at`."""
-        return self.torque_at(t, self._state(q, guess), v)
 
     def lyapunov(self, q: Array | State, v: Array, guess: Near = None) -> float:
         """𝒱 = ½q̇ᵀDq̇ + V(q) − V(q_d) + q̃ᵀg(q_d) + ½q̃ᵀK_p q̃, in joules; along solutions 𝒱̇ = −q̇ᵀK_v q̇ ≤ 0.
 
         The function of Theorem 3, for the law with simple gravity compensation. q may be a State.
         """
-        state = self._state(q, guess)
+        state = self.state(q, guess)
         energy, error = state.energy(v), self.error(state.q)
         potential = energy.potential - self._potential_d + error @ self.gravity_d
         return float(energy.kinetic + potential + 0.5 * error @ self.K_p @ error)
-
-    def _state(self, q: Array | State, guess: Near) -> State:
-        return self.model.at(q, self.goal if guess is None else guess)
 
     def _feedback(self, q: Array, v: Array) -> Array:
         """K_p q̃ − K_v q̇, of shape (n,)."""
@@ -144,23 +171,9 @@ class PDFullGravity(_PD):
 
     def lyapunov(self, q: Array | State, v: Array, guess: Near = None) -> float:
         """𝒱 = ½q̇ᵀDq̇ + ½q̃ᵀK_p q̃, in joules; gravity is cancelled, and along solutions 𝒱̇ = −q̇ᵀK_v q̇."""
-        state = self._state(q, guess)
+        state = self.state(q, guess)
         error = self.error(state.q)
         return float(state.energy(v).kinetic + 0.5 * error @ self.K_p @ error)
-
-
-def fully_actuated(model: ReducedModel | Mechanism, purpose: str) -> ReducedModel:
-    """The model, checked to have as many motors as independent coordinates at least.
-
-    Raises:
-        UnsupportedMechanismError: It has fewer.
-    """
-    found = model_of(model)
-    if found.n_actuated < found.n:
-        raise UnsupportedMechanismError(
-            f"{purpose} all {found.n} independent coordinates needs as many motors; there are {found.n_actuated}"
-        )
-    return found
 
 
 def gain_matrix(gain: ArrayLike, name: str, n: int) -> Array:

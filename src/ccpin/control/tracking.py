@@ -13,15 +13,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, vector
-from ccpin.control.laws import ControlLaw, fully_actuated, gain_matrix
+from ccpin.control.laws import ControlLaw, ModelLaw
 from ccpin.control.references import Reference, ReferenceState, require_commuting
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.kinematics.points import moved
 from ccpin.mechanism.mechanism import Mechanism
 
 
-class TrackingLaw(ControlLaw):
+class TrackingLaw(ModelLaw):
     """A law that follows a reference, with e = q_d − q and ė = q̇_d − q̇.
 
     Args:
@@ -46,20 +46,14 @@ class TrackingLaw(ControlLaw):
         K_v: ArrayLike,
         guess: Near = None,
     ) -> None:
-        self.model = fully_actuated(model, "tracking in")
-        require_commuting(self.model.coordinates, "a tracking law")
+        model = model_of(model)
+        require_commuting(model.coordinates, "a tracking law")
+        super().__init__(model, reference.at(0.0).q, K_p, K_v, guess)
         self.reference = reference
-        self.K_p = gain_matrix(K_p, "K_p", self.model.n)
-        self.K_v = gain_matrix(K_v, "K_v", self.model.n)
-        self.start = self.model.at(reference.at(0.0).q, guess)
 
     def error(self, t: float, q: Array) -> Array:
         """e = q_d(t) − q, of shape (n,)."""
         return self.model.coordinates.difference(q, self.reference.at(t).q)
-
-    def torque(self, t: float, q: Array, v: Array, guess: Near = None) -> Array:
-        """`torque_at` the State found from the guess, q_d(0)'s by default; errors as for `ReducedModel.at`."""
-        return self.torque_at(t, self.state(q, guess), v)
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The motors' efforts at (q, q̇), of shape (motors,)."""
@@ -74,10 +68,6 @@ class TrackingLaw(ControlLaw):
     def brake(self, v: Array, state: State) -> Array:
         """The efforts that stop the robot where it is, needing no trustworthy σ: damping, and gravity at `state`."""
         return state.efforts(state.g - self._damping(v, state))
-
-    def state(self, q: Array | State, guess: Near = None) -> State:
-        """The State at q, on the branch of the guess or of q_d(0)."""
-        return self.model.at(q, self.start if guess is None else guess)
 
     @abc.abstractmethod
     def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, state: State) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -60,15 +60,9 @@ class _Once(Generic[_Value]):
     def __init__(self, compute: Callable[[State], _Value]) -> None:
         self._compute, self._name, self.__doc__ = compute, compute.__name__, compute.__doc__
 
-    @overload
-    def __get__(self, state: None, owner: type) -> _Once[_Value]: ...
-
-    @overload
-    def __get__(self, state: State, owner: type) -> _Value: ...
-
-    def __get__(self, state: State | None, owner: type) -> _Value | _Once[_Value]:
+    def __get__(self, state: State | None, owner: type) -> _Value:
         if state is None:
-            return self
+            return self  # type: ignore[return-value]
         kept = state._kept
         if self._name not in kept:
             value = self._compute(state)

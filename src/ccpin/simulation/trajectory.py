@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -47,22 +47,12 @@ class Trajectory(NamedTuple):
 
         The other's times are shifted to begin where this one ends.
         """
-        shifted = other._replace(t=other.t + (self.t[-1] - other.t[0]))
-
-        def joined(name: str) -> Array:
-            return np.concatenate([getattr(self, name), getattr(shifted, name)[1:]])
-
-        return Trajectory(
-            joined("t"),
-            joined("q"),
-            joined("v"),
-            joined("u"),
-            joined("q_free"),
-            joined("closure_error"),
-            other.status,
-            other.message,
-            self.evaluations + other.evaluations,
-        )
+        later = other._replace(t=other.t + (self.t[-1] - other.t[0]))
+        joined: dict[str, Any] = {"evaluations": self.evaluations + other.evaluations}
+        for name, mine, its in zip(self._fields, self, later, strict=True):
+            if isinstance(mine, np.ndarray):
+                joined[name] = np.concatenate([mine, its[1:]])
+        return other._replace(**joined)
 
     def states(self, model: ReducedModel) -> Iterator[tuple[State, Array, Array]]:
         """(the State at q, v, u) of every sample, for reading the reduced model along the motion.
