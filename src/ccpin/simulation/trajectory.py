@@ -49,9 +49,8 @@ class Trajectory(NamedTuple):
         """
         later = other._replace(t=other.t + (self.t[-1] - other.t[0]))
         joined: dict[str, Any] = {"evaluations": self.evaluations + other.evaluations}
-        for name, mine, its in zip(self._fields, self, later, strict=True):
-            if isinstance(mine, np.ndarray):
-                joined[name] = np.concatenate([mine, its[1:]])
+        for name in ("t", "q", "v", "u", "q_free", "closure_error"):
+            joined[name] = np.concatenate([getattr(self, name), getattr(later, name)[1:]])
         return other._replace(**joined)
 
     def states(self, model: ReducedModel) -> Iterator[tuple[State, Array, Array]]:
