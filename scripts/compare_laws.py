@@ -102,7 +102,7 @@ def compare(case):
         motion = ccpin.simulate(
             model, law, case.start, duration=case.duration, rtol=1e-7, atol=1e-9, sample_period=SAMPLE_PERIOD
         )
-        metrics = set_point_metrics(motion, model.coordinates, case.goal, BAND).as_json()
+        metrics = set_point_metrics(motion, model, case.goal, BAND).as_json()
         extra = {"tracking_error": tracking_error(law, motion), "cost_us": cost(law, motion)}
         rows.append({"robot": case.robot, "law": name, **metrics, **extra})
         motions[name] = motion

@@ -29,7 +29,7 @@ def main(out: Path = OUT) -> None:
     model = ccpin.ReducedModel(mechanism)
     law = ccpin.control.PDSimpleGravity(model, Q_GOAL, K_P, K_V)
     trajectory = ccpin.simulate(model, law, Q_START, duration=DURATION)
-    metrics = set_point_metrics(trajectory, model.coordinates, Q_GOAL, BAND)
+    metrics = set_point_metrics(trajectory, model, Q_GOAL, BAND)
 
     trajectory.save_csv(out / "motion.csv", mechanism)
     trajectory.save_npz(out / "motion.npz")

@@ -36,7 +36,7 @@ def main(out: Path = OUT) -> None:
         wait=WAIT,
     )
     trajectory = motion.trajectory
-    metrics = [set_point_metrics(move.trajectory, model.coordinates, move.goal, BAND) for move in motion.moves]
+    metrics = [set_point_metrics(move.trajectory, model, move.goal, BAND) for move in motion.moves]
     goals = np.array([next(m.goal for m in motion.moves if t <= m.end) for t in trajectory.t])
 
     trajectory.save_csv(out / "motion.csv", mechanism)

@@ -60,7 +60,7 @@ class State:
 
     @property
     def tau(self):
-        return self.model.joint_efforts(self.q_free, self.u)
+        return self.model.at(self.q, self.q_free).joint_efforts(self.u)
 
 
 def states(**options):
@@ -146,13 +146,14 @@ def test_power_balance(state):
 def test_inverse_dynamics_undoes_forward_dynamics(state):
     """Where every independent coordinate has a motor, ID(FD(u)) = u; ID is D q̈ + C q̇ + g."""
     model = state.model
-    terms = model.terms(state.q, state.v)
+    here = model.at(state.q)
+    terms = here.terms(state.v)
     force = terms.D @ state.a + terms.C @ state.v + terms.g
     a = model.forward_dynamics(state.q, state.v, state.u)
     assert_close(terms.D @ a + terms.C @ state.v + terms.g, terms.rho.T @ state.tau, 1e-9)
     u = model.inverse_dynamics(state.q, state.v, state.a)
-    assert_close(terms.rho.T @ model.joint_efforts(terms.q_free, u), force, 1e-9)
-    transmission = terms.rho.T @ np.array([model.joint_efforts(terms.q_free, e) for e in np.eye(model.n_actuated)]).T
+    assert_close(terms.rho.T @ here.joint_efforts(u), force, 1e-9)
+    transmission = terms.rho.T @ np.array([here.joint_efforts(e) for e in np.eye(model.n_actuated)]).T
     assume(np.linalg.matrix_rank(transmission, tol=1e-6) == model.n_actuated)
     assert_close(model.inverse_dynamics(state.q, state.v, a), state.u, 1e-7)
 

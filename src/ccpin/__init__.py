@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ccpin import control, description, domain, dynamics, errors, plotting, simulation, validated, visualization
     from ccpin.description import LoopClosure, MechanismDescription
-    from ccpin.dynamics import EndEffector, ReducedModel
+    from ccpin.dynamics import EndEffector, ReducedModel, State
     from ccpin.errors import CcpinError
     from ccpin.mechanism import Mechanism, load
     from ccpin.simulation import Trajectory, simulate
@@ -27,6 +27,7 @@ __all__ = [
     "Mechanism",
     "MechanismDescription",
     "ReducedModel",
+    "State",
     "Trajectory",
     "control",
     "description",
@@ -48,6 +49,7 @@ _HOMES = {
     "Mechanism": "mechanism",
     "MechanismDescription": "description",
     "ReducedModel": "dynamics",
+    "State": "dynamics",
     "Trajectory": "simulation",
     "load": "mechanism",
     "simulate": "simulation",

@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ccpin.errors import InvalidInputError
 
@@ -134,3 +134,54 @@ def skew(vectors: Array) -> Array:
     matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -z, y, -x
     matrix[..., 1, 0], matrix[..., 2, 0], matrix[..., 2, 1] = z, -y, x
     return matrix
+
+
+def vector(value: ArrayLike, name: str, size: int) -> Array:
+    """Return a finite float64 vector of the given size (not a copy where it is one already).
+
+    Raises:
+        InvalidInputError: It is not that.
+    """
+    return _checked(value, name, (size,))
+
+
+def matrix(value: ArrayLike, name: str, shape: tuple[int, int]) -> Array:
+    """Return a finite float64 matrix of the given shape (not a copy where it is one already).
+
+    Raises:
+        InvalidInputError: It is not that.
+    """
+    return _checked(value, name, shape)
+
+
+def matrix_rows(value: ArrayLike, name: str, columns: int) -> Array:
+    """Return finite float64 vectors of the given size, one a row, of shape (N, columns).
+
+    Raises:
+        InvalidInputError: They are not that.
+    """
+    return _checked(value, name, (None, columns))
+
+
+def positive(value: float, name: str, what: str = "a positive number") -> float:
+    """Return a positive, finite number.
+
+    Raises:
+        InvalidInputError: It is not that; `what` says what it must be.
+    """
+    if not (np.isfinite(value) and value > 0):
+        raise InvalidInputError(f"{name} = {value} must be {what}")
+    return float(value)
+
+
+def _checked(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Array:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInputError(f"{name} is not an array of numbers") from None
+    if array.shape != shape and (shape[0] is not None or array.ndim != len(shape) or array.shape[1:] != shape[1:]):
+        wanted = str(shape).replace("None", "N")
+        raise InvalidInputError(f"{name} has shape {array.shape}; it must be {wanted}")
+    if not np.isfinite(array).all():
+        raise InvalidInputError(f"{name} has entries that are not finite")
+    return array

@@ -79,8 +79,8 @@ def regular(model, point):
 
     At a distance d from a fold ρ grows as 1/√d, so |ρ|/|∂ρ/∂q| = 2d: it must be a hundred steps at least.
     """
-    bend = max(np.abs(model.parametrization.rho_dot(point, column)).max() for column in point.rho.T)
-    return point.factor.rcond > 1e-3 and 200.0 * STEP * bend < max(1.0, np.abs(point.rho).max())
+    bend = max(np.abs(model.rho_dot(point.q_free, column)).max() for column in point.rho.T)
+    return point.rcond > 1e-3 and 200.0 * STEP * bend < max(1.0, np.abs(point.rho).max())
 
 
 def random_state(model, seed, spread=0.15):
@@ -92,7 +92,7 @@ def random_state(model, seed, spread=0.15):
     u = rng.normal(size=model.n_actuated)
     for _ in range(12):
         try:
-            point = model.closed_point(model.coordinates.integrate(start, step))
+            point = model.at(model.coordinates.integrate(start, step))
         except (UnreachableError, SingularConfigurationError):
             point = None
         if point is not None and regular(model, point):

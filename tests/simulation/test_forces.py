@@ -50,7 +50,7 @@ def test_forces_are_those_of_pinocchios_contacts(name):
     for q, v, u, q_free in states(model):
         found = closure_forces_at(model, q, v, u, q_free)
         v_free = model.rho(q_free) @ v
-        tau = model.joint_efforts(q_free, u)
+        tau = model.at(q, q_free).joint_efforts(u)
         expected = descriptor.pinocchio(mechanism.description, mechanism.pin_model, q_free, v_free, tau).multipliers
         for loop, closure, force in zip(mechanism.constraints().loops, found, expected.reshape(-1, 3), strict=True):
             wanted = in_plane(loop.normal, force)
@@ -108,7 +108,8 @@ class State(NamedTuple):
 
     @property
     def tau(self):
-        return self.model.joint_efforts(self.mechanism.q_reference, self.u)
+        q_free = self.mechanism.q_reference
+        return self.model.at(self.model.alpha(q_free), q_free).joint_efforts(self.u)
 
     def still(self):
         """A motion of one sample."""

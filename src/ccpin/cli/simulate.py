@@ -62,7 +62,7 @@ def _simulate(options: argparse.Namespace) -> int:
         trajectory, moves = motion.trajectory, [(move.goal, move.trajectory) for move in motion.moves]
         goals = np.array([next(m.goal for m in motion.moves if t <= m.end) for t in trajectory.t])
     band = np.radians(options.band_deg)
-    metrics = [set_point_metrics(part, model.coordinates, target, band).as_json() for target, part in moves]
+    metrics = [set_point_metrics(part, model, target, band).as_json() for target, part in moves]
     result = {
         "status": trajectory.status,
         "message": trajectory.message,

@@ -11,6 +11,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
 
 Numbers = float | tuple[float, ...]
@@ -74,32 +75,32 @@ def _checked_value(name: str, value: object) -> Numbers | int:
     return tuple(array.tolist()) if array.ndim else float(array)
 
 
-class Loop(Protocol):
-    """Who decides the motors' efforts during a run."""
+class CommandSource(Protocol):
+    """Who commands the motors' efforts during a run."""
 
-    def instant(self, t: float, q: Array, v: Array, guess: Array) -> float:
+    def instant(self, t: float, state: State, v: Array) -> float:
         """Measure and command at t; returns the next instant."""
 
-    def effort(self, t: float, q: Array, v: Array, guess: Array) -> Array:
+    def effort(self, t: float, state: State, v: Array) -> Array:
         """What the motors get at t."""
 
 
-class ContinuousLoop:
+class ContinuousCommands:
     """The law itself, at every moment."""
 
     def __init__(self, law: ControlLaw) -> None:
         self._law = law
 
-    def instant(self, t: float, q: Array, v: Array, guess: Array) -> float:
+    def instant(self, t: float, state: State, v: Array) -> float:
         """Nothing to do, ever."""
         return np.inf
 
-    def effort(self, t: float, q: Array, v: Array, guess: Array) -> Array:
+    def effort(self, t: float, state: State, v: Array) -> Array:
         """u = law(t, q, q̇)."""
-        return self._law.torque(t, q, v, guess)
+        return self._law.torque_at(t, state, v)
 
 
-class SampledLoop:
+class SampledCommands:
     """One run of a sampled loop: the encoder's last reading, the filter's state and the commands on their way.
 
     Before t = 0 the mechanism is taken to have moved steadily at v0, so the filter starts settled.
@@ -131,21 +132,24 @@ class SampledLoop:
         self._held = before
         self._count = 0
 
-    def instant(self, t: float, q: Array, v: Array, guess: Array) -> float:
+    def instant(self, t: float, state: State, v: Array) -> float:
         """Measure, filter, compute the command and hold the one that is due."""
-        reading = self._measured(q)
+        reading = self._measured(state.q)
         velocity = v
         if self._differentiates:
             slope = self._coordinates.difference(self._reading, reading) / self._sampling.period
             velocity = self._velocity + self._gain * (slope - self._velocity)
         self._reading, self._velocity = reading, velocity
-        u = np.array(self._law.torque(t, reading, velocity, guess))
+        if self._resolution is None:
+            u = np.array(self._law.torque_at(t, state, velocity))
+        else:
+            u = np.array(self._law.torque(t, reading, velocity, state.q_free))
         self._pending.append(u if self._limit is None else np.clip(u, -self._limit, self._limit))
         self._held = self._pending.popleft()
         self._count += 1
         return self._count * self._sampling.period
 
-    def effort(self, t: float, q: Array, v: Array, guess: Array) -> Array:
+    def effort(self, t: float, state: State, v: Array) -> Array:
         """The command held."""
         return self._held
 

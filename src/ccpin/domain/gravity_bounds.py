@@ -284,15 +284,15 @@ class PotentialValues(NamedTuple):
     arms: Array
 
 
-def potential_of(mechanism: Mechanism, system: ClosureSystem) -> Potential:
-    """V′ of a mechanism in the chart of its closure system.
+def potential_of(mechanism: Mechanism, system: ClosureSystem, gravity: Array | None = None) -> Potential:
+    """V′ of a mechanism in the chart of its closure system, under gravity (m/s², world axes; default the file's).
 
     Raises:
         UnsupportedMechanismError: No movable link has mass.
     """
     model = mechanism.tree.model
     elementary = elementary_joints(mechanism, system.chart)
-    gravity = np.asarray(model.gravity.linear)
+    gravity = np.asarray(model.gravity.linear) if gravity is None else gravity
     chains = []
     for number, inertia in enumerate(model.inertias):
         if number == 0 or inertia.mass == 0.0:

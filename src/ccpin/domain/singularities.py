@@ -28,6 +28,7 @@ from scipy import optimize
 
 from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.points import LinkPoint
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
@@ -148,7 +149,7 @@ def _all_curves(equations: _SingularEquations, starts: int, step: float, limit: 
 
 
 def singularity_distance(
-    mechanism: Mechanism | HasMechanism, path: ArrayLike, guess: ArrayLike | None = None
+    mechanism: Mechanism | HasMechanism, path: ArrayLike, guess: Near = None
 ) -> SingularityDistance:
     """The smallest singular value of the scaled φ_y along a path in q, any n; zero means singular.
 
@@ -166,12 +167,11 @@ def singularity_distance(
         raise InvalidInputError(f"path has shape {np.shape(path)}; it must be (k, {model.nq})")
     reach = characteristic_length(model.mechanism)
     configurations, measures = [], []
-    near = guess
+    near: Near = guess
     for q in points:
-        point = model.closed_point(q, near)
-        near = point.q_free
-        configurations.append(point.q_free)
-        measures.append(_smallest(model, point.q_free, reach))
+        near = model.at(q, near)
+        configurations.append(near.q_free)
+        measures.append(_smallest(model, near.q_free, reach))
     return SingularityDistance(np.array(configurations), np.array(measures))
 
 

@@ -12,7 +12,8 @@ from ccpin.dynamics.free_system import Energy
 from ccpin.dynamics.inverse_kinematics import UnreachableTargetError
 from ccpin.dynamics.linearization import Linearization, closed_loop_derivative, linearize
 from ccpin.dynamics.modes import AssemblyMode, AssemblyModes, assembly_modes
-from ccpin.dynamics.reduced_model import ReducedModel, ReducedTerms
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import ReducedTerms, State
 
 __all__ = [
     "AssemblyMode",
@@ -26,6 +27,7 @@ __all__ = [
     "Linearization",
     "ReducedModel",
     "ReducedTerms",
+    "State",
     "UnreachableTargetError",
     "assembly_modes",
     "closed_loop_derivative",

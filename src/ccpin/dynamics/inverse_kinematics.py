@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import Near, State
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
-from ccpin.kinematics.parametrization import ClosedPoint
 from ccpin.kinematics.points import LinkPoint, rotation_error
 
 TOLERANCE = 1e-11
@@ -62,7 +62,7 @@ class _Target(NamedTuple):
         return gap if self.rotation is None else np.concatenate([gap, rotation_error(pose[:3, :3], self.rotation)])
 
 
-def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: ArrayLike | None = None) -> Solution:
+def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: Near = None) -> Solution:
     """Find q with the point at the target.
 
     Damped Newton (Levenberg–Marquardt) on q, the residual being the gap to the target at σ(q) and its derivative
@@ -73,7 +73,7 @@ def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: Array
         model: The reduced model.
         point: The point to bring to the target.
         target: A position (3,), metres, or a pose (4, 4), in the world.
-        guess: A configuration q′, closed or nearly so; default the mechanism's reference.
+        guess: Where to start: a State, or a configuration q′ closed or nearly so; default the mechanism's reference.
 
     Raises:
         InvalidInputError: A target that is neither, or a guess that cannot be closed.
@@ -82,29 +82,26 @@ def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: Array
     """
     wanted = _checked(target)
     rows = 3 if wanted.rotation is None else 6
-    start = model.mechanism.q_reference if guess is None else model.checked_configuration(guess, "guess")
-    q = model.alpha(start)
-    here = model.closed_point(q, start)
+    here = _start(model, guess)
     error, damping = wanted.error(point.pose(here.q_free)), 1e-3
     iteration = 0
     while iteration < _MAX_ITERATIONS and damping < _MOST_DAMPING and np.abs(error).max() > TOLERANCE:
         iteration += 1
         step = _damped_step((point.jacobian(here.q_free) @ here.rho)[:rows], error, damping)
-        trial_q = model.coordinates.integrate(q, step)
-        trial = _sigma(model, trial_q, here.q_free)
+        trial = _moved(here, step)
         trial_error = None if trial is None else wanted.error(point.pose(trial.q_free))
         if trial is None or trial_error is None or not trial_error @ trial_error < error @ error:
             damping *= 8.0
             continue
         settled = float(trial_error @ trial_error) > (1 - 1e-9) * float(error @ error)
-        q, here, error = trial_q, trial, trial_error
+        here, error = trial, trial_error
         damping = max(0.1 * damping, _LEAST_DAMPING)
         if settled and float(np.linalg.norm(step)) < 1e-9:
             break
     left = float(np.abs(error).max())
     if left > TOLERANCE:
-        raise _unreachable(model, wanted, q, here, error)
-    return Solution(q, here.q_free, left, iteration)
+        raise _unreachable(wanted, here, error)
+    return Solution(here.q, here.q_free, left, iteration)
 
 
 def _checked(target: ArrayLike) -> _Target:
@@ -126,9 +123,16 @@ def _checked(target: ArrayLike) -> _Target:
     return _Target(array[:3, 3], rotation)
 
 
-def _sigma(model: ReducedModel, q: Array, near: Array) -> ClosedPoint | None:
+def _start(model: ReducedModel, guess: Near) -> State:
+    if isinstance(guess, State):
+        return model.at(guess)
+    configuration = model.mechanism.q_reference if guess is None else guess
+    return model.at(model.alpha(configuration), configuration)
+
+
+def _moved(here: State, step: Array) -> State | None:
     try:
-        return model.parametrization.sigma(q, near)
+        return here.model.at(here.model.coordinates.integrate(here.q, step), here)
     except (ConvergenceError, SingularConfigurationError):
         return None
 
@@ -145,18 +149,16 @@ def _damped_step(jacobian: Array, error: Array, damping: float) -> Array:
     return step if length <= _LARGEST_STEP else step * (_LARGEST_STEP / length)
 
 
-def _unreachable(
-    model: ReducedModel, target: _Target, q: Array, here: ClosedPoint, error: Array
-) -> UnreachableTargetError:
+def _unreachable(target: _Target, here: State, error: Array) -> UnreachableTargetError:
     distance = float(np.linalg.norm(error[:3]))
     angle = float(np.linalg.norm(error[3:]))
     turned = f" and {np.degrees(angle):.4g}° of turning" if target.rotation is not None else ""
     return UnreachableTargetError(
-        f"the target at {np.array2string(target.position, precision=6)} m was not reached on this branch: the nearest "
-        f"the iteration came leaves {distance:.4g} m{turned}, at q = {np.array2string(q, precision=6)} (reciprocal "
-        f"condition number of ψ_q′ {here.factor.rcond:.1e}); the mechanism moves in {model.n} directions; pass a guess "
-        "nearer to it, or on the other branch",
-        q=q,
+        f"the target at {np.array2string(target.position, precision=6)} m was not reached on this branch: the "
+        f"nearest the iteration came leaves {distance:.4g} m{turned}, at q = {np.array2string(here.q, precision=6)} "
+        f"(reciprocal condition number of ψ_q′ {here.rcond:.1e}); the mechanism moves in {here.model.n} directions; "
+        "pass a guess nearer to it, or on the other branch",
+        q=here.q,
         q_free=here.q_free,
         distance=distance,
         angle=angle,

@@ -10,12 +10,15 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError
+from ccpin.kinematics.checked import checked_q
 from ccpin.kinematics.levenberg_marquardt import Linearized
 from ccpin.kinematics.linear import factorize
 from ccpin.kinematics.parametrization import SINGULAR_RCOND, Parametrization
+from ccpin.kinematics.points import joint_poses
 from ccpin.mechanism.closing import solve
+from ccpin.mechanism.mechanism import Mechanism
 
 _SAME = 1e-6
 
@@ -52,11 +55,13 @@ class AssemblyModes(NamedTuple):
     singular: int
 
 
-def assembly_modes(model: ReducedModel, q: ArrayLike, *, patience: int = 60, limit: int = 2000) -> AssemblyModes:
+def assembly_modes(
+    model: ReducedModel | Mechanism, q: ArrayLike, *, patience: int = 60, limit: int = 2000
+) -> AssemblyModes:
     """Enumerate the σ branches over q from deterministic starts spread over the free system's configurations.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         q: Independent coordinates, of shape (model.nq,).
         patience: End after this many starts in a row that find nothing new.
         limit: Largest number of starts.
@@ -64,7 +69,8 @@ def assembly_modes(model: ReducedModel, q: ArrayLike, *, patience: int = 60, lim
     Raises:
         InvalidInputError: q has the wrong shape or is not finite.
     """
-    target = model.checked_q(q)
+    model = model_of(model)
+    target = checked_q(model.coordinates, q)
     parametrization = model.parametrization
     generator = np.random.default_rng(20003)
     found: list[AssemblyMode] = []
@@ -137,9 +143,5 @@ def _unwound(model: ReducedModel, q_free: Array) -> Array:
 
 def _distance(model: ReducedModel, a: Array, b: Array) -> float:
     """Largest displacement between the joints' placements: turns of a revolute joint by 2π do not count."""
-    pin_model = model.mechanism.tree.model
-    first, second = pin_model.createData(), pin_model.createData()
-    pin.forwardKinematics(pin_model, first, a)
-    pin.forwardKinematics(pin_model, second, b)
-    gaps = (np.abs(p.homogeneous - q.homogeneous).max() for p, q in zip(first.oMi, second.oMi, strict=True))
-    return float(max(gaps))
+    scratch = model.free_system.scratch
+    return float(np.abs(joint_poses(scratch, a) - joint_poses(scratch, b)).max())

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, skew
 from ccpin.errors import InvalidInputError
+from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import Tree
 
 
@@ -32,9 +33,7 @@ class Motion(NamedTuple):
 
 
 class LinkPoint:
-    """A point fixed on a link of the free system.
-
-    Holds scratch memory: one instance a thread.
+    """A point fixed on a link of the free system; any number of threads may share one.
 
     Args:
         tree: The free system.
@@ -54,8 +53,7 @@ class LinkPoint:
         attachment = tree.attachments[link]
         if attachment.joint == 0:
             raise InvalidInputError(f"link '{link}' is fixed to the world; the end effector must be on a moving link")
-        self.model = tree.model
-        self._data = tree.model.createData()
+        self._scratch = Scratch(tree.model)
         self._joint = attachment.joint
         frame = np.eye(4)
         frame[:3, 3] = offset
@@ -64,23 +62,36 @@ class LinkPoint:
 
     def pose(self, q_free: Array) -> Array:
         """The link's axes at the point, 4×4, in the world."""
-        pin.forwardKinematics(self.model, self._data, q_free)
-        return np.asarray(self._data.oMi[self._joint].homogeneous @ self._frame)
+        data = self._scratch.take()
+        try:
+            pin.forwardKinematics(self._scratch.model, data, q_free)
+            return self._placed(data)
+        finally:
+            self._scratch.give(data)
 
     def jacobian(self, q_free: Array) -> Array:
         """J with twist = J q̇′, of shape (6, n′)."""
-        columns = np.array(pin.computeJointJacobians(self.model, self._data, q_free)) * self._path
-        return _shifted(columns, (self._data.oMi[self._joint].homogeneous @ self._frame)[:3, 3])
+        data = self._scratch.take()
+        try:
+            columns = pin.computeJointJacobians(self._scratch.model, data, q_free) * self._path
+            return _shifted(columns, self._placed(data)[:3, 3])
+        finally:
+            self._scratch.give(data)
 
     def motion(self, q_free: Array, v_free: Array) -> Motion:
         """Pose, J and J̇ along q̇′."""
-        pin.computeJointJacobiansTimeVariation(self.model, self._data, q_free, v_free)
-        columns, rates = self._data.J * self._path, self._data.dJ * self._path
-        pose = self._data.oMi[self._joint].homogeneous @ self._frame
-        jacobian = _shifted(columns, pose[:3, 3])
-        rate = _shifted(rates, pose[:3, 3])
+        data = self._scratch.take()
+        try:
+            pin.computeJointJacobiansTimeVariation(self._scratch.model, data, q_free, v_free)
+            columns, rates, pose = data.J * self._path, data.dJ * self._path, self._placed(data)
+        finally:
+            self._scratch.give(data)
+        jacobian, rate = _shifted(columns, pose[:3, 3]), _shifted(rates, pose[:3, 3])
         rate[:3] -= skew(jacobian[:3] @ v_free) @ columns[3:]
         return Motion(pose, jacobian, rate)
+
+    def _placed(self, data: pin.Data) -> Array:
+        return np.asarray(data.oMi[self._joint].homogeneous @ self._frame)
 
 
 def rotation_error(turned: Array, wanted: Array) -> Array:
@@ -88,15 +99,14 @@ def rotation_error(turned: Array, wanted: Array) -> Array:
     return np.asarray(pin.log3(wanted @ turned.T))
 
 
-def joint_poses(model: pin.Model, data: pin.Data, q_free: Array) -> Array:
+def joint_poses(scratch: Scratch, q_free: Array) -> Array:
     """Where the moving joint frames are in the world, of shape (joints, 4, 4); entry 0 is the world itself."""
-    pin.forwardKinematics(model, data, q_free)
-    return joint_frames(data)
-
-
-def joint_frames(data: pin.Data) -> Array:
-    """The joint frames' world poses after a kinematics call, of shape (joints, 4, 4)."""
-    return np.array([placement.homogeneous for placement in data.oMi])
+    data = scratch.take()
+    try:
+        pin.forwardKinematics(scratch.model, data, q_free)
+        return _joint_frames(data)
+    finally:
+        scratch.give(data)
 
 
 class BodyMotion(NamedTuple):
@@ -116,18 +126,26 @@ class BodyMotion(NamedTuple):
     alpha: Array
 
 
-def body_motion(model: pin.Model, data: pin.Data, q_free: Array, v_free: Array, a_free: Array) -> BodyMotion:
+def body_motion(scratch: Scratch, q_free: Array, v_free: Array, a_free: Array) -> BodyMotion:
     """The bodies' motion at (q′, q̇′, q̈′)."""
-    pin.forwardKinematics(model, data, q_free, v_free, a_free)
-    found = BodyMotion(joint_frames(data), *(np.zeros((model.njoints, 3)) for _ in range(4)))
-    for j in range(1, model.njoints):
-        turn, lever = data.oMi[j].rotation, np.array(model.inertias[j].lever)
-        v, a = data.v[j], data.a[j]
-        swing = np.cross(a.angular, lever) + np.cross(v.angular, v.linear + np.cross(v.angular, lever))
-        found.centres[j] = data.oMi[j].act(lever)
-        found.accelerations[j] = turn @ (a.linear + swing)
-        found.omega[j], found.alpha[j] = turn @ v.angular, turn @ a.angular
-    return found
+    model, data = scratch.model, scratch.take()
+    try:
+        pin.forwardKinematics(model, data, q_free, v_free, a_free)
+        found = BodyMotion(_joint_frames(data), *(np.zeros((model.njoints, 3)) for _ in range(4)))
+        for j in range(1, model.njoints):
+            turn, lever = data.oMi[j].rotation, np.array(model.inertias[j].lever)
+            v, a = data.v[j], data.a[j]
+            swing = np.cross(a.angular, lever) + np.cross(v.angular, v.linear + np.cross(v.angular, lever))
+            found.centres[j] = data.oMi[j].act(lever)
+            found.accelerations[j] = turn @ (a.linear + swing)
+            found.omega[j], found.alpha[j] = turn @ v.angular, turn @ a.angular
+        return found
+    finally:
+        scratch.give(data)
+
+
+def _joint_frames(data: pin.Data) -> Array:
+    return np.array([placement.homogeneous for placement in data.oMi])
 
 
 def moved(model: pin.Model, q_free: Array, step: Array) -> Array:

@@ -102,7 +102,7 @@ class Mechanism(Record):
 
         Raises:
             UnsupportedMechanismError: A single component of a joint is actuated, so that S depends on q′
-                (`ReducedModel.joint_efforts` gives Sᵀu then).
+                (`State.joint_efforts` gives Sᵀu then).
         """
         coordinates = IndependentCoordinates(self.tree, self.actuated, self.q_reference)
         if not coordinates.constant:

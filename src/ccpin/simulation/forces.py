@@ -8,17 +8,17 @@ and the bodies' accelerations follow, by Newton and Euler, those of the tree's j
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ccpin.arrays import Array, cross, skew
-from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.errors import InvalidInputError
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.state import Near, State
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.points import BodyMotion, body_motion, joint_poses
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.trajectory import Trajectory
 
 _NULL = 1e-9
@@ -91,58 +91,37 @@ class BearingForce(NamedTuple):
         )
 
 
-def closure_forces(model: ReducedModel, trajectory: Trajectory) -> tuple[BearingForce, ...]:
+def closure_forces(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[BearingForce, ...]:
     """The wrench each closure exerts on its end A at every sample of a motion, closure by closure.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         trajectory: A motion of it under the motors' efforts alone (friction is not in its u, so its share would be
             missing here).
 
     Raises:
         InvalidInputError: The trajectory is not this model's.
     """
-    _check(model, trajectory)
-    wrenches = _Wrenches(model)
-    return _histories(trajectory.t, [wrenches.closures(*row).loads for row in _rows(trajectory)])
+    wrenches = _Wrenches(model_of(model))
+    return _histories(trajectory.t, [wrenches.closures(*row).loads for row in trajectory.states(wrenches.model)])
 
 
 def closure_forces_at(
-    model: ReducedModel, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: ArrayLike | None = None
+    model: ReducedModel | Mechanism, q: ArrayLike | State, v: ArrayLike, u: ArrayLike, guess: Near = None
 ) -> tuple[BearingForce, ...]:
-    """`closure_forces` at one state; every field has a leading axis of length one, and t = 0."""
-    velocity, effort = model.checked(v, "v", model.n), model.checked(u, "u", model.n_actuated)
-    wrenches = _Wrenches(model)
-    loads = wrenches.closures(model.checked_q(q), velocity, effort, model.sigma(q, guess)).loads
-    return _histories(np.zeros(1), [loads])
+    """`closure_forces` at one q or State; every field has a leading axis of length one, and t = 0."""
+    wrenches = _Wrenches(model_of(model))
+    return _histories(np.zeros(1), [wrenches.closures(wrenches.model.at(q, guess), v, u).loads])
 
 
-def joint_forces(model: ReducedModel, trajectory: Trajectory) -> tuple[BearingForce, ...]:
+def joint_forces(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[BearingForce, ...]:
     """The wrench each joint of the tree passes from parent to child at every sample, joint by joint.
 
     Along a joint's free directions it is the effort of its motor less what accelerates its rotor, or that of its
     couplings; across them it is what the bearing carries. Arguments and errors as for `closure_forces`.
     """
-    _check(model, trajectory)
-    wrenches = _Wrenches(model)
-    return _histories(trajectory.t, [wrenches.joints(*row) for row in _rows(trajectory)])
-
-
-def _rows(trajectory: Trajectory) -> Iterator[tuple[Array, Array, Array, Array]]:
-    return zip(trajectory.q, trajectory.v, trajectory.u, trajectory.q_free, strict=True)
-
-
-def _check(model: ReducedModel, trajectory: Trajectory) -> None:
-    """Refuse a trajectory of another mechanism.
-
-    Raises:
-        InvalidInputError: Its configurations or efforts have the wrong size.
-    """
-    if trajectory.q_free.shape[1:] != (model.mechanism.nq,) or trajectory.u.shape[1:] != (model.n_actuated,):
-        raise InvalidInputError(
-            f"the trajectory has configurations of {trajectory.q_free.shape[1:]} entries and {trajectory.u.shape[1:]} "
-            f"efforts; this model has {model.mechanism.nq} and {model.n_actuated}"
-        )
+    wrenches = _Wrenches(model_of(model))
+    return _histories(trajectory.t, [wrenches.joints(*row) for row in trajectory.states(wrenches.model)])
 
 
 class _Load(NamedTuple):
@@ -163,28 +142,28 @@ class _Closures(NamedTuple):
 
 
 class _Wrenches:
-    """λ as wrenches on the bodies, with the scratch memory that takes."""
+    """λ as wrenches on the bodies."""
 
     def __init__(self, model: ReducedModel) -> None:
         mechanism = model.mechanism
         self.model = model
-        self.pin_model = mechanism.tree.model
+        self.free = model.free_system.model
         self.loops = model.parametrization.constraints.loops
         self.slices = model.parametrization.constraints.row_slices()
         self.complete = Constraints(mechanism.tree, mechanism.closures, mechanism.couplings, reduce_planar=False)
         self.complete_slices = self.complete.row_slices()
-        self.data = self.pin_model.createData()
-        self.masses = np.array([inertia.mass for inertia in self.pin_model.inertias])
-        self.inertias = np.array([inertia.inertia for inertia in self.pin_model.inertias])
+        self.masses = np.array([inertia.mass for inertia in self.free.inertias])
+        self.inertias = np.array([inertia.inertia for inertia in self.free.inertias])
         self.masses[0] = 0.0
 
-    def closures(self, q: Array, v: Array, u: Array, q_free: Array) -> _Closures:
+    def closures(self, state: State, v: ArrayLike, u: ArrayLike) -> _Closures:
         """The wrenches on the closures' ends A at one state."""
-        multipliers = self.model.constraint_forces(q, v, u, q_free)
-        poses = joint_poses(self.pin_model, self.data, q_free)
-        constraints, complete = self.model.parametrization.constraints, self.complete.value(q_free)
+        multipliers = state.constraint_forces(v, u)
+        poses = joint_poses(self.model.free_system.scratch, state.q_free)
+        constraints, complete = self.model.parametrization.constraints, self.complete.value(state.q_free)
         loose = _left_null_space(complete.jacobian)
-        wrenches, all_wrenches = constraints.wrenches(constraints.value(q_free)), self.complete.wrenches(complete)
+        wrenches = constraints.wrenches(state._point.constraints)
+        all_wrenches = self.complete.wrenches(complete)
         loads, freedoms = [], []
         for loop in self.loops:
             name, frame = loop.closure.name, poses[loop.joint_a] @ loop.frame_a
@@ -194,13 +173,13 @@ class _Wrenches:
             loads.append(_Load(name, frame[:3, 3], frame[:3, 2], wrench, _determined(freedoms[-1])))
         return _Closures(loads, freedoms)
 
-    def joints(self, q: Array, v: Array, u: Array, q_free: Array) -> list[_Load]:
+    def joints(self, state: State, v: Array, u: Array) -> list[_Load]:
         """Newton and Euler for what each joint carries: its subtree's momentum, weight and closure wrenches."""
-        closures = self.closures(q, v, u, q_free)
-        motion, forces, moments = self.momentum_rates(v, u, q_free)
+        closures = self.closures(state, v, u)
+        motion, forces, moments = self.momentum_rates(state, v, u)
         loads = []
         for joint in self.model.mechanism.tree.joints:
-            carried, origin = list(self.pin_model.subtrees[joint.number]), motion.poses[joint.number, :3, 3]
+            carried, origin = list(self.free.subtrees[joint.number]), motion.poses[joint.number, :3, 3]
             turning = moments[carried] + cross(motion.centres[carried] - origin, forces[carried])
             wrench = np.concatenate([forces[carried].sum(axis=0), turning.sum(axis=0)])
             freedom = np.zeros((6, closures.freedoms[0].shape[1] if closures.freedoms else 0))
@@ -213,15 +192,13 @@ class _Wrenches:
             loads.append(_Load(joint.name, origin, turned, wrench, _determined(freedom)))
         return loads
 
-    def momentum_rates(self, v: Array, u: Array, q_free: Array) -> tuple[BodyMotion, Array, Array]:
+    def momentum_rates(self, state: State, v: Array, u: Array) -> tuple[BodyMotion, Array, Array]:
         """The bodies' motion, and the force and the moment about its centre that each one's motion and weight take."""
-        point = self.model.parametrization.at(q_free)
-        v_free = point.rho @ v
-        a_free = point.rho @ self.model.acceleration(point, v, u) + self.model.parametrization.bias(point, v_free)
-        motion = body_motion(self.pin_model, self.data, q_free, v_free, a_free)
+        a_free = state.a_free(v, state.forward_dynamics(v, u))
+        motion = body_motion(self.model.free_system.scratch, state.q_free, state.v_free(v), a_free)
         turns = motion.poses[:, :3, :3]
         inertias = turns @ self.inertias @ turns.transpose(0, 2, 1)
-        forces = self.masses[:, None] * (motion.accelerations - np.array(self.pin_model.gravity.linear))
+        forces = self.masses[:, None] * (motion.accelerations - self.model.gravity_vector)
         spins = np.einsum("bij,bj->bi", inertias, motion.omega)
         moments = np.einsum("bij,bj->bi", inertias, motion.alpha) + cross(motion.omega, spins)
         return motion, forces, moments

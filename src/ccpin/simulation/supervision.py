@@ -11,8 +11,11 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError
+from ccpin.kinematics.checked import checked_q
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.simulate import Settling, simulate
 from ccpin.simulation.trajectory import Trajectory
 
@@ -42,7 +45,7 @@ class SupervisedMotion(NamedTuple):
 
 
 def supervise(
-    model: ReducedModel,
+    model: ReducedModel | Mechanism,
     law_to: Callable[[Array, Array], ControlLaw],
     q0: ArrayLike,
     goals: Sequence[ArrayLike],
@@ -50,13 +53,13 @@ def supervise(
     wait: float,
     settling: Settling | None = None,
     timeout: float = 10.0,
-    guess: ArrayLike | None = None,
+    guess: Near = None,
     **options: Any,
 ) -> SupervisedMotion:
     """Visit goals one after the other: set q_d, move until settled, wait, set the next.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         law_to: Makes the law for a goal: (q_d, a configuration on the current branch) → law.
         q0: Start at rest, of shape (model.nq,).
         goals: The set points in order (repeat them for cycles).
@@ -76,13 +79,14 @@ def supervise(
     """
     if not len(goals):
         raise InvalidInputError("goals is empty: at least one set point is needed")
+    model = model_of(model)
     rule = settling or Settling(goal=np.zeros(model.nq))
-    q, v = model.checked_q(q0), np.zeros(model.n)
-    q_free = model.sigma(q, guess)
+    here = model.at(q0, guess)
+    q, v, q_free = here.q, np.zeros(model.n), here.q_free
     moves: list[Move] = []
     whole: Trajectory | None = None
     for raw_goal in goals:
-        goal = model.checked_q(raw_goal)
+        goal = checked_q(model.coordinates, raw_goal)
         law = law_to(goal, q_free)
         start = 0.0 if whole is None else float(whole.t[-1])
         motion = simulate(

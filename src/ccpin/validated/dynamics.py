@@ -14,8 +14,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import numpy as np
-
 from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
 from ccpin.control.stability.well import checked_model
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -95,7 +93,7 @@ def closed_loop(model: ReducedModel, law: ControlLaw | None) -> ClosedLoop:
     phi = closure_rows(tape, constraints, joints, recorder.q_free)
     jacobian = recorder.close(phi)
     masses = _masses(mechanism.tree.model)
-    terms = recorder.dynamics(masses, exact_vector(np.array(mechanism.tree.model.gravity.linear)))
+    terms = recorder.dynamics(masses, exact_vector(model.gravity_vector))
     force, lyapunov = _law(law, recorder, terms)
     acceleration = recorder.accelerate(terms, force)
     return ClosedLoop(

@@ -20,7 +20,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, frozen
+from ccpin.arrays import Array, frozen, vector
 from ccpin.control.laws import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import ConvergenceError, InvalidInputError
@@ -213,10 +213,10 @@ def exact_start(
     """The exact closed start (q′, q̇) as balls, or all closed starts within a spread."""
     if not (np.isfinite(spread) and spread >= 0):
         raise InvalidInputError(f"spread = {spread} must be zero or a positive number")
-    q = model.checked_q(q0)
-    v = np.zeros(model.n) if v0 is None else model.checked(v0, "v0", model.n)
+    start = model.at(q0, guess)
+    v = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
     wide = ball(spread)
-    q_free = closed_start(loop, [around(ball(float(x)), wide) for x in q], model.sigma(q, guess))
+    q_free = closed_start(loop, [around(ball(float(x)), wide) for x in start.q], start.q_free)
     return [*q_free, *[around(ball(float(x)), wide) for x in v]]
 
 

@@ -43,7 +43,7 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
     delta = law.q_d - boxes.centre[:, system.independent]
     if not np.all(encloses(atlas.problem, boxes, delta, theta, np.zeros((len(around), system.m)))):
         raise InvalidInputError("the set point's configuration is on another branch (assembly mode) than the atlas")
-    store = CellStore(atlas.problem, potential_of(mechanism, system), law, None)
+    store = CellStore(atlas.problem, potential_of(mechanism, system, law.model.gravity_vector), law, None)
     store.add_proved(atlas.boxes, atlas.lower, atlas.upper, [(int(i), int(j)) for i, j in atlas.unglued])
     return store
 
@@ -61,7 +61,7 @@ def cells_around(law: PDSimpleGravity, gain: float, budget: Budget) -> CellStore
     model = law.model
     seed = seed_at_coordinates(model.mechanism, law.q_d, law.q_free_d)
     problem = problem_of(seed.system)
-    potential = potential_of(model.mechanism, seed.system)
+    potential = potential_of(model.mechanism, seed.system, model.gravity_vector)
     trials = _Trials(law, seed, problem, potential)
     single = budget.cells <= 1
     best, level, factor = None, -np.inf, _LARGEST

@@ -39,7 +39,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, vector
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore, holding
 from ccpin.control.stability.flood import Budget, Flood, Sublevel, connected
@@ -50,6 +50,7 @@ from ccpin.domain.atlas.region import Corners
 from ccpin.domain.newton import predict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
+from ccpin.kinematics.checked import checked_q
 
 Limit = Literal["domain", "gain", "budget"]
 
@@ -117,8 +118,8 @@ class SetPointCertificate:
 
     def contains(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
         """Whether the state (q, v) (default at rest) is in B₂: q in cells whose part of {U < c} is 𝒬's, and 𝒱 < c."""
-        point = self.law.model.checked_q(q)
-        velocity = np.zeros(self.law.model.n) if v is None else self.law.model.checked(v, "v", self.law.model.n)
+        point = checked_q(self.law.model.coordinates, q)
+        velocity = np.zeros(self.law.model.n) if v is None else vector(v, "v", self.law.model.n)
         guess = None if self._region is None else self._region.guess(point)
         return guess is not None and self.law.lyapunov(point, velocity, guess) < self.level
 
