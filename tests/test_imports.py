@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 import ccpin
-from ccpin.description import Joint
 
 SOURCE = Path(ccpin.__file__).parent
 ORDER = (
@@ -136,7 +135,7 @@ def test_what_scripts_use_is_public():
         assert inner == [], path
     assert {*ccpin.__all__} <= {*dir(ccpin)}
     with pytest.raises(AttributeError, match="no attribute 'Joint'"):
-        _ = Joint
+        _ = ccpin.Joint
 
 
 def test_public_names_exist():

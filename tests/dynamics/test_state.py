@@ -6,10 +6,19 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import ComputedTorque, ControlLaw, CoulombCompensation, PDFullGravity, PDPlus, PDSimpleGravity
-from ccpin.dynamics.modes import assembly_modes
+from ccpin.control import (
+    ComputedTorque,
+    ControlLaw,
+    CoulombCompensation,
+    PDFullGravity,
+    PDPlus,
+    PDSimpleGravity,
+    PointToPoint,
+)
+from ccpin.dynamics import assembly_modes
 from ccpin.errors import InvalidInputError, UnreachableError
 from ccpin.kinematics.parametrization import Parametrization
+from ccpin.simulation import closure_forces, joint_forces
 from tests.oracles.finite_differences import assert_close
 
 PLACES = {"rpdr": np.radians([-150.0, -160.0]), "delta": np.array([-0.2, 0.1, 0.0])}
@@ -199,7 +208,7 @@ def test_a_bearing_carries_the_models_weight():
         model = ccpin.ReducedModel(mechanism, gravity)
         law = PDFullGravity(model, PLACES["rpdr"], *GAINS["rpdr"])
         still = ccpin.simulate(model, law, PLACES["rpdr"], duration=2e-3)
-        loads.append(np.array([bearing.force[-1] for bearing in ccpin.joint_forces(model, still)]))
+        loads.append(np.array([bearing.force[-1] for bearing in joint_forces(model, still)]))
     assert np.abs(loads[0]).max() > 1.0
     np.testing.assert_allclose(loads[1], loads[0] * 1.62 / 9.81, rtol=0, atol=1e-7)
 
@@ -212,10 +221,10 @@ def test_a_mechanism_stands_for_its_model():
     laws = [PDSimpleGravity(subject, goal, *GAINS["rpdr"]) for subject in (mechanism, model)]
     motions = [ccpin.simulate(s, law, q, duration=0.02) for s, law in zip((mechanism, model), laws, strict=True)]
     np.testing.assert_array_equal(motions[0].q, motions[1].q)
-    for function in (ccpin.joint_forces, ccpin.closure_forces):
+    for function in (joint_forces, closure_forces):
         first, second = (function(subject, motions[0]) for subject in (mechanism, model))
         np.testing.assert_array_equal(first[0].force, second[0].force)
-    references = [ccpin.PointToPoint(subject, q, goal, 1.0).at(0.3) for subject in (mechanism, model)]
+    references = [PointToPoint(subject, q, goal, 1.0).at(0.3) for subject in (mechanism, model)]
     np.testing.assert_array_equal(*(reference.q for reference in references))
 
 
@@ -238,7 +247,7 @@ class Watching(ControlLaw):
 def laws_for(model, q):
     """One of each law that needs σ, and compensation on top of one."""
     gains, end = GAINS[model.mechanism.name], q + 0.1
-    reference = ccpin.PointToPoint(model, q, end, 0.5)
+    reference = PointToPoint(model, q, end, 0.5)
     full = PDFullGravity(model, end, *gains)
     return [full, ComputedTorque(model, reference, *gains), PDPlus(model, reference, *gains)] + [
         CoulombCompensation(full, 0.1, q)

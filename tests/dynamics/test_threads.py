@@ -50,8 +50,13 @@ class Workload:
     def geometry(self, k):
         """φ and its rates, of a mechanism's own constraints."""
         constraints = self.model.parametrization.constraints
-        rate = constraints.rate(self.q_free[k], self.v_free[k])
-        return *constraints.value(self.q_free[k]), rate.jacobian_rate
+        value = constraints.value(self.q_free[k])
+        return (
+            value.phi,
+            value.jacobian,
+            constraints.rate(value, self.v_free[k]),
+            constraints.bias(value, self.v_free[k]),
+        )
 
     def of_the_mechanism(self, k):
         """σ, ρ and S of the mechanism all models share."""

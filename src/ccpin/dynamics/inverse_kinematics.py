@@ -11,12 +11,10 @@ from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
+from ccpin.kinematics.levenberg_marquardt import Linearized, levenberg_marquardt
 from ccpin.kinematics.points import LinkPoint, rotation_error
 
 TOLERANCE = 1e-11
-_LARGEST_STEP = 0.3
-_MAX_ITERATIONS = 200
-_LEAST_DAMPING, _MOST_DAMPING = 1e-15, 1e6
 
 
 class Solution(NamedTuple):
@@ -82,26 +80,15 @@ def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: Near 
     """
     wanted = _checked(target)
     rows = 3 if wanted.rotation is None else 6
-    here = _start(model, guess)
-    error, damping = wanted.error(point.pose(here.q_free)), 1e-3
-    iteration = 0
-    while iteration < _MAX_ITERATIONS and damping < _MOST_DAMPING and np.abs(error).max() > TOLERANCE:
-        iteration += 1
-        step = _damped_step((point.jacobian(here.q_free) @ here.rho)[:rows], error, damping)
-        trial = _moved(here, step)
-        trial_error = None if trial is None else wanted.error(point.pose(trial.q_free))
-        if trial is None or trial_error is None or not trial_error @ trial_error < error @ error:
-            damping *= 8.0
-            continue
-        settled = float(trial_error @ trial_error) > (1 - 1e-9) * float(error @ error)
-        here, error = trial, trial_error
-        damping = max(0.1 * damping, _LEAST_DAMPING)
-        if settled and float(np.linalg.norm(step)) < 1e-9:
-            break
-    left = float(np.abs(error).max())
-    if left > TOLERANCE:
-        raise _unreachable(wanted, here, error)
-    return Solution(here.q, here.q_free, left, iteration)
+
+    def linearize(state: State) -> Linearized:
+        gap = wanted.error(point.pose(state.q_free))
+        return Linearized(-gap, (point.jacobian(state.q_free) @ state.rho)[:rows])
+
+    found = levenberg_marquardt(_start(model, guess), linearize, _moved, TOLERANCE)
+    if found.error > TOLERANCE:
+        raise _unreachable(wanted, found.place, -found.residual)
+    return Solution(found.place.q, found.place.q_free, found.error, found.iterations)
 
 
 def _checked(target: ArrayLike) -> _Target:
@@ -135,18 +122,6 @@ def _moved(here: State, step: Array) -> State | None:
         return here.model.at(here.model.coordinates.integrate(here.q, step), here)
     except (ConvergenceError, SingularConfigurationError):
         return None
-
-
-def _damped_step(jacobian: Array, error: Array, damping: float) -> Array:
-    """The step of least damped residual ‖J Δ − e‖² + (μ s₁)²‖Δ‖², of length at most 0.3."""
-    u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
-    if s[0] == 0.0:
-        return np.zeros(jacobian.shape[1])
-    keep = s > 1e-10 * s[0]
-    gain = np.where(keep, s / (s**2 + (damping * s[0]) ** 2), 0.0)
-    step = np.asarray(vt.T @ (gain * (u.T @ error)))
-    length = float(np.linalg.norm(step))
-    return step if length <= _LARGEST_STEP else step * (_LARGEST_STEP / length)
 
 
 def _unreachable(target: _Target, here: State, error: Array) -> UnreachableTargetError:
