@@ -8,7 +8,6 @@ import os
 import sys
 from collections.abc import Sequence
 
-import ccpin
 from ccpin.cli.domain import add_domain
 from ccpin.cli.info import add_info, add_modes
 from ccpin.cli.simulate import add_simulate
@@ -37,9 +36,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
+def _version() -> str:
+    """The version of the package this one is a part of, which is imported by now."""
+    return str(sys.modules["ccpin"].__version__)  # type: ignore[attr-defined]
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="ccpin", description="Reduced models of closed-chain mechanisms.")
-    parser.add_argument("--version", action="version", version=f"ccpin {ccpin.__version__}")
+    parser.add_argument("--version", action="version", version=f"ccpin {_version()}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
     add_info(commands)
     add_modes(commands)

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-import ccpin
 from ccpin.arrays import Array
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
+from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -41,7 +41,7 @@ def _domain(options: argparse.Namespace) -> int:
 
     mechanism = load(options)
     centre = vector(options, "centre", mechanism)
-    q_free = mechanism.q_reference if centre is None else ccpin.ReducedModel(mechanism).sigma(centre)
+    q_free = mechanism.q_reference if centre is None else ReducedModel(mechanism).sigma(centre)
     centre = domain.scalar_coordinates_at(mechanism, q_free)
     result: dict[str, Any] = {"centre": centre.tolist(), "q_free": q_free.tolist()}
     result |= _radii(mechanism, q_free)

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-import ccpin
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.description.joint_kinds import JOINT_KINDS
+from ccpin.dynamics import ReducedModel
 from ccpin.dynamics.modes import assembly_modes
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -37,7 +37,7 @@ def add_modes(commands: Any) -> None:
 
 def _modes(options: argparse.Namespace) -> None:
     mechanism = load(options)
-    model = ccpin.ReducedModel(mechanism)
+    model = ReducedModel(mechanism)
     q = vector(options, "q", mechanism)
     found = assembly_modes(model, model.alpha(mechanism.q_reference) if q is None else q)
     if options.json:

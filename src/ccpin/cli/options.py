@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-import ccpin
 from ccpin.arrays import Array
 from ccpin.control.sampling import Sampling
 from ccpin.errors import InvalidInputError
+from ccpin.mechanism import load as load_mechanism
 from ccpin.mechanism.mechanism import Mechanism
 
 
@@ -26,7 +26,7 @@ def add_mechanism(parser: argparse.ArgumentParser) -> None:
 
 def load(options: argparse.Namespace) -> Mechanism:
     """The mechanism the options name."""
-    return ccpin.load(
+    return load_mechanism(
         options.mechanism,
         independent=options.independent,
         actuated=options.actuated,

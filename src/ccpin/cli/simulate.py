@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-import ccpin
 from ccpin.arrays import Array
 from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, each, load, vector
 from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation import simulate as run_simulation
 from ccpin.simulation.metrics import set_point_metrics
 from ccpin.simulation.simulate import METHODS, Settling
 from ccpin.simulation.supervision import SupervisedMotion, supervise
@@ -47,14 +48,14 @@ def add_simulate(commands: Any) -> None:
 
 def _simulate(options: argparse.Namespace) -> int:
     mechanism = load(options)
-    model = ccpin.ReducedModel(mechanism)
+    model = ReducedModel(mechanism)
     start, goal = vector(options, "start", mechanism), vector(options, "goal", mechanism)
     start = model.alpha(mechanism.q_reference) if start is None else start
     goal = start if goal is None else goal
     settings = {"method": options.method, "rtol": options.rtol, "atol": options.atol} | bench_settings(options, model.n)
     if options.cycles is None:
         law = _law(model, options, goal, model.sigma(start))
-        trajectory = ccpin.simulate(model, law, start, duration=options.duration, **settings)
+        trajectory = run_simulation(model, law, start, duration=options.duration, **settings)
         moves = [(goal, trajectory)]
         goals = np.broadcast_to(goal, trajectory.q.shape)
     else:
@@ -77,7 +78,7 @@ def _simulate(options: argparse.Namespace) -> int:
     return 0 if trajectory.status in ("finished", "settled") else 1
 
 
-def _law(model: ccpin.ReducedModel, options: argparse.Namespace, goal: Array, q_free: Array) -> ControlLaw:
+def _law(model: ReducedModel, options: argparse.Namespace, goal: Array, q_free: Array) -> ControlLaw:
     if options.law == "none":
         return NoTorque(model)
     if options.kp is None or options.kv is None:
@@ -88,7 +89,7 @@ def _law(model: ccpin.ReducedModel, options: argparse.Namespace, goal: Array, q_
 
 
 def _cycles(
-    model: ccpin.ReducedModel, options: argparse.Namespace, start: Array, goal: Array, settings: dict[str, Any]
+    model: ReducedModel, options: argparse.Namespace, start: Array, goal: Array, settings: dict[str, Any]
 ) -> SupervisedMotion:
     if options.cycles < 1:
         raise InvalidInputError("--cycles must be at least 1")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,16 +17,31 @@ from ccpin.dynamics.derivatives import (
     GeneralizedForceDerivatives,
     InverseDynamicsDerivatives,
 )
-from ccpin.dynamics.free_system import Energy
+from ccpin.dynamics.free_system import Energy, FreeSystem
 from ccpin.errors import SingularConfigurationError, UnderactuatedError, UnsupportedMechanismError
-from ccpin.kinematics.parametrization import ClosedPoint
-
-if TYPE_CHECKING:
-    from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.parametrization import ClosedPoint, Parametrization
+from ccpin.mechanism.mechanism import Mechanism
 
 _Value = TypeVar("_Value")
 _MISSING = 1e-9
 _NEARLY_SINGULAR = 1e-6
+
+
+class Model(Protocol):
+    """What a State reads of its reduced model; `ccpin.ReducedModel` says what each is."""
+
+    mechanism: Mechanism
+    free_system: FreeSystem
+    parametrization: Parametrization
+    coordinates: IndependentCoordinates
+    actuation: Array | None
+    n: int
+    nq: int
+    n_actuated: int
+
+    def at(self, q: ArrayLike | State, near: Near = None) -> State:
+        """The State at q."""
 
 
 class ReducedTerms(NamedTuple):
@@ -88,7 +103,7 @@ class State:
         q: Independent coordinates, of shape (model.nq,).
     """
 
-    model: ReducedModel
+    model: Model
     q: Array
     _point: ClosedPoint
     _kept: dict[str, Any] = field(default_factory=dict, init=False)
@@ -97,7 +112,7 @@ class State:
         for array in (self.q, self._point.q_free, self._point.rho):
             array.setflags(write=False)
 
-    def __reduce__(self) -> tuple[type[State], tuple[ReducedModel, Array, ClosedPoint]]:
+    def __reduce__(self) -> tuple[type[State], tuple[Model, Array, ClosedPoint]]:
         return State, (self.model, self.q, self._point)
 
     def __repr__(self) -> str:
@@ -210,7 +225,7 @@ class State:
         bias = self.model.parametrization.bias(self._point, v_free)
         a_free = self.rho @ self._accelerated(v_free, bias, u) + bias
         force = self._tau_free(v_free, a_free) - self.joint_efforts(u)
-        return np.asarray(np.linalg.lstsq(self._phi_jacobian.T, force, rcond=None)[0])
+        return np.asarray(np.linalg.lstsq(self._point.constraints.jacobian.T, force, rcond=None)[0])
 
     # Motors.
 
@@ -265,11 +280,6 @@ class State:
     def _gravity_free(self) -> Array:
         """g′, of shape (n′,)."""
         return self.model.free_system.gravity(self.q_free)
-
-    @_Once
-    def _phi_jacobian(self) -> Array:
-        """φ_q′, of shape (m, n′)."""
-        return self.model.parametrization.constraints.value(self.q_free).jacobian
 
     @_Once
     def _transmission(self) -> Array | None:

@@ -131,13 +131,17 @@ class Mechanism(Record):
         return sizes + [(key, " ".join(names)) for key, names in lists.items() if names]
 
     def constraints(self) -> Constraints:
-        """φ with its own scratch memory."""
-        return Constraints(self.tree, self.closures, self.couplings)
+        """φ; one for all who ask."""
+        return self._parametrization.constraints
 
     def parametrization(self) -> Parametrization:
-        """ψ, σ, ρ with their own scratch memory."""
+        """ψ, σ, ρ; one for all who ask."""
+        return self._parametrization
+
+    @cached_property
+    def _parametrization(self) -> Parametrization:
         coordinates = IndependentCoordinates(self.tree, self.independent, self.q_reference)
-        return Parametrization(self.constraints(), coordinates, self.q_reference)
+        return Parametrization(Constraints(self.tree, self.closures, self.couplings), coordinates, self.q_reference)
 
 
 class HasMechanism(Protocol):
@@ -247,7 +251,7 @@ def _analysed(
         mobility,
         tuple(dict.fromkeys(notes)),
     )
-    IndependentCoordinates(tree, mechanism.actuated, closed.q_free)
+    IndependentCoordinates(tree, mechanism.actuated, closed.q_free)  # refuses names that cannot be actuated
     mechanism.parametrization().at(closed.q_free)
     return mechanism
 

@@ -29,7 +29,7 @@ from scipy.optimize import lsq_linear
 
 from ccpin.arrays import Array, vector
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
-from ccpin.dynamics.state import Near, State
+from ccpin.dynamics.state import Model, Near, State
 from ccpin.errors import ConvergenceError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
@@ -117,7 +117,7 @@ def friction_force(
         UnreachableError, SingularConfigurationError: σ(q) does not exist.
     """
     state = model_of(model).at(q, guess)
-    contact = StickSlip(state.model, joint_friction(state.model, friction))
+    contact = StickSlip(state.model, joint_friction(state.model.mechanism, friction))
     effort = vector(u, "u", state.model.n_actuated)
     joint = contact.forces(state, contact.begin(state, vector(v, "v", state.model.n), effort), effort)
     return FrictionForce(joint, contact.rows(state).T @ joint)
@@ -145,7 +145,7 @@ class StickSlip:
         friction: Which joints rub.
     """
 
-    def __init__(self, model: ReducedModel, friction: JointFriction) -> None:
+    def __init__(self, model: Model, friction: JointFriction) -> None:
         self._model, self._friction = model, friction
         self._own = friction.coordinate >= 0
         self._units = np.eye(model.n)[friction.coordinate[self._own]]
