@@ -61,6 +61,9 @@ class FrozenMapping(Mapping[K, V_co]):
         return f"FrozenMapping({self._items!r})"
 
 
+_CONTAINERS = (list, tuple, np.ndarray, Mapping)
+
+
 class Record:
     """The base of frozen dataclasses that hold nothing that can be written to, also after a pickle.
 
@@ -74,6 +77,8 @@ class Record:
     def __post_init__(self) -> None:
         for field in fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
+            if field.type != "Array" and not isinstance(value, _CONTAINERS):
+                continue
             try:
                 value = frozen(value) if field.type == "Array" else _immutable(value)
             except (TypeError, ValueError):
@@ -90,7 +95,7 @@ def _immutable(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         return _immutable(value.tolist())
     if type(value) in (list, tuple):
-        return tuple(_immutable(item) for item in value)
+        return tuple([_immutable(item) if isinstance(item, _CONTAINERS) else item for item in value])
     if isinstance(value, Mapping) and not isinstance(value, FrozenMapping):
         return FrozenMapping((key, _immutable(item)) for key, item in value.items())
     return value
