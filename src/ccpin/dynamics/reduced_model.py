@@ -101,8 +101,8 @@ class ReducedModel:
     # Shorthands: one thing at one q. Errors are those of `at` and of the State's method.
 
     def sigma(self, q: ArrayLike, guess: Near = None) -> Array:
-        """q′ = σ(q) (12), of shape (nq,), on the branch of `guess`: `State.q_free`."""
-        return self.at(q, guess).q_free
+        """q′ = σ(q) (12), of shape (nq,), on the branch of `guess`: a copy of `State.q_free`."""
+        return self.at(q, guess).q_free.copy()
 
     def terms(self, q: ArrayLike, v: ArrayLike, guess: Near = None) -> ReducedTerms:
         """D, C, g (23)–(25) and what they come from: `State.terms`."""
