@@ -103,6 +103,11 @@ class Boxes(NamedTuple):
         """The boxes chosen by an index or a mask."""
         return rows_of(self, index)
 
+    def without_rows(self, p: int) -> Boxes:
+        """No boxes (B = 0), with p parameters."""
+        none = rows_of(self, slice(0))
+        return none._replace(half=np.zeros((0, p)), directions=np.zeros((0, self.centre.shape[1], p)))
+
 
 class Tried(NamedTuple):
     """Boxes tried, and which of them satisfy Theorem K (the others' numbers mean nothing)."""

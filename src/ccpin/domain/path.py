@@ -226,12 +226,6 @@ class _Walker:
 
     def result(self, reason: str) -> CertifiedPath:
         """What was proved."""
-        n, system = self.problem.system.n, self.problem.system
-        if self.boxes:
-            boxes = joined(self.boxes)
-        else:
-            none = self.point.take(np.zeros(0, dtype=np.intp))
-            boxes = none._replace(half=np.zeros((0, 1 + n)), directions=np.zeros((0, system.n_free, 1 + n)))
         return CertifiedPath(
             complete=not reason,
             reached=self.times[-1],
@@ -239,7 +233,7 @@ class _Walker:
             rcond=self.rcond(),
             times=np.array(self.times),
             tube=self.tube,
-            boxes=boxes,
+            boxes=joined([self.point.without_rows(1 + self.problem.system.n), *self.boxes]),
             pieces=self.pieces,
             problem=self.problem,
         )
