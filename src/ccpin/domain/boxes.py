@@ -49,11 +49,10 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
 from ccpin.domain.bounds import Bounds, Frame
-from ccpin.domain.bounds_planar import planar_bounds
+from ccpin.domain.bounds_planar import Phasors, phasor_values, phasors_of, planar_bounds
 from ccpin.domain.bounds_reach import reach_bounds
 from ccpin.domain.chain_stack import ChainStack, derivatives, stack_chains, values
 from ccpin.domain.chains import ClosureSystem
-from ccpin.domain.phasors import Phasors, phasor_values, phasors_of
 from ccpin.errors import UnsupportedMechanismError
 
 BoundsName = Literal["auto", "reach", "planar"]

@@ -26,9 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 from ccpin.arrays import Array, Mask
 from ccpin.domain.atlas import store as atlas_store
 from ccpin.domain.atlas.build import AtlasBuilder
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Region
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Corners, Region, region_of
 from ccpin.domain.atlas.empty import prove_empty
-from ccpin.domain.atlas.region import Corners, region_of
 from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
 from ccpin.domain.chains import seed_at_coordinates
