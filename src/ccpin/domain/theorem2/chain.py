@@ -21,7 +21,7 @@ import numpy as np
 from ccpin.arrays import Array, skew
 from ccpin.description.joint_kinds import JOINT_KINDS, JointKind
 from ccpin.description.rotations import quaternion_matrix
-from ccpin.domain.theorem2.polynomial import Polynomial, combine
+from ccpin.domain.theorem2.system import Polynomial, combine
 from ccpin.domain.theorem2.unknowns import (
     AngleTerm,
     Ball,
