@@ -10,7 +10,7 @@ import ccpin
 from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link
 from ccpin.domain import certify_path, kantorovich_radius, newton_steps
 from ccpin.domain.boxes import bounds_of, certify_boxes, closure_values, problem_of, verify
-from ccpin.domain.chain_stack import derivatives, stack_chains, values
+from ccpin.domain.chain_stack import derivatives, first_order, stack_chains
 from ccpin.domain.chains import closure_system
 from ccpin.domain.newton import extrapolate, glued, newton, predict, solve_in_boxes
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
@@ -128,7 +128,7 @@ def assert_bounds_hold(problem, theta, trials=300):
     assert closest > 0.2
 
 
-@pytest.mark.parametrize("arms", ARMS.values(), ids=ARMS)
+@pytest.mark.parametrize("arms", ARMS.first_order()[:2], ids=ARMS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_chains_give_the_constraints_of_every_kind_of_joint_and_closure(arms, kind):
     """φ from chains is φ of `Constraints` at random configurations, and φ_θ is its derivative in the chart."""
@@ -137,7 +137,7 @@ def test_chains_give_the_constraints_of_every_kind_of_joint_and_closure(arms, ki
     constraints, rng = mechanism.constraints(), np.random.default_rng(5)
     theta = rng.uniform(-1.2, 1.2, (6, mechanism.n_free))
     stack, step = stack_chains(system.chains, system.n_free), 1e-6
-    phi, jacobian = values(system, stack, theta)
+    phi, jacobian = first_order(system, stack, theta)[:2]
     for k, row in enumerate(theta):
         assert np.abs(phi[k] - constraints.residual(system.chart.configuration(row))).max() < 1e-13
         for j in range(mechanism.n_free):
@@ -173,7 +173,7 @@ def test_bounds_bound(name, bounds):
     assert_bounds_hold(problem, theta)
 
 
-@pytest.mark.parametrize("arms", ARMS.values(), ids=ARMS)
+@pytest.mark.parametrize("arms", ARMS.first_order()[:2], ids=ARMS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_bounds_bound_for_every_kind_of_closure(arms, kind):
     """The same at open configurations of chains with directions, offsets, slides after turns and many-axis joints."""

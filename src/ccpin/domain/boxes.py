@@ -51,7 +51,7 @@ from ccpin.arrays import Array, Indices, Mask, apply, rows_of
 from ccpin.domain.bounds import Bounds, Frame
 from ccpin.domain.bounds_planar import Phasors, phasor_values, phasors_of, planar_bounds
 from ccpin.domain.bounds_reach import reach_bounds
-from ccpin.domain.chain_stack import ChainStack, derivatives, stack_chains, values
+from ccpin.domain.chain_stack import ChainStack, derivatives, first_order, stack_chains
 from ccpin.domain.chains import ClosureSystem
 from ccpin.errors import UnsupportedMechanismError
 
@@ -135,7 +135,7 @@ def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:
     if problem.phasors is not None:
         found = phasor_values(problem.phasors, theta)
         return found.phi, found.jacobian
-    return values(problem.system, problem.stack, theta)
+    return first_order(problem.system, problem.stack, theta)[:2]
 
 
 def bounds_of(problem: Problem, boxes: Boxes) -> Bounds:

@@ -76,13 +76,7 @@ class _Entry(NamedTuple):
 
 
 class Flood:
-    """One flood; see the module's text.
-
-    Args:
-        store: The cells.
-        good: Which wells may be members.
-        budget: When to give up.
-    """
+    """One flood; see the module's text. `good` says which wells may be members, `budget` when to give up."""
 
     def __init__(self, store: CellStore, good: Callable[[Well], bool], budget: Budget) -> None:
         self._store, self._good, self._budget = store, good, budget

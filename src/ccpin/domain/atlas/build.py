@@ -172,18 +172,16 @@ class AtlasBuilder:
     def _glued_to_origin(self, cells: Indices, boxes: Boxes) -> Mask:
         """Whether new boxes carry the solution of the box (or the seed) they were reached from."""
         origins = [self._origins[int(cell)] for cell in cells]
-        result = np.zeros(len(cells), dtype=np.bool_)
-        rows = np.array([k for k, origin in enumerate(origins) if origin.box >= 0], dtype=np.intp)
+        numbers = np.array([origin.box for origin in origins], dtype=np.intp)
+        result, rows = np.zeros(len(cells), dtype=np.bool_), np.flatnonzero(numbers >= 0)
         if rows.size:
-            parents = self.boxes.take(np.array([origins[k].box for k in rows]))
+            parents = self.boxes.take(numbers[rows])
             at_parent = self._delta(parents, [origins[k].at_box for k in rows])
             own = boxes.take(rows)
             result[rows] = self._glue(parents, at_parent, own, self._delta(own, [origins[k].at_cell for k in rows]))
-        for k, origin in enumerate(origins):
-            if origin.box < 0:
-                one = boxes.take(np.array([k]))
-                ball = self._point.centre, self._point.radius, self._point.modes
-                result[k] = encloses(self.problem, one, self._delta(one, [origin.at_cell]), *ball)[0]
+        for k in np.flatnonzero(numbers < 0):
+            one, ball = boxes.take(np.array([k])), (self._point.centre, self._point.radius, self._point.modes)
+            result[k] = encloses(self.problem, one, self._delta(one, [origins[k].at_cell]), *ball)[0]
         return result
 
     def _glue(self, first: Boxes, delta: Array, second: Boxes, delta_second: Array) -> Mask:

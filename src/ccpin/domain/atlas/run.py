@@ -113,11 +113,8 @@ def _leave_interrupts() -> None:
 class Runner:
     """Maps a task over chunks, in order, with the same chunks whoever computes them.
 
-    Args:
-        problem: Sent along with every task.
-        executor: Anything with ``submit(function, *arguments) -> Future``; ``None``: this process.
-        checkpoint: Folder for results, or ``None``.
-        flag: Looked at between chunks.
+    An executor is anything with ``submit(function, *arguments) -> Future`` (``None``: this process); `checkpoint` is a
+    folder for results, and the flag is looked at between chunks.
     """
 
     def __init__(
