@@ -10,7 +10,7 @@ import ccpin
 from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link
 from ccpin.domain import certify_path, kantorovich_radius, newton_steps
 from ccpin.domain.boxes import bounds_of, certify_boxes, closure_values, problem_of, verify
-from ccpin.domain.chain_stack import derivatives, stack_chains, values
+from ccpin.domain.chain_stack import derivatives, first_order, stack_chains
 from ccpin.domain.chains import closure_system
 from ccpin.domain.newton import extrapolate, glued, newton, predict, solve_in_boxes
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
@@ -137,7 +137,7 @@ def test_chains_give_the_constraints_of_every_kind_of_joint_and_closure(arms, ki
     constraints, rng = mechanism.constraints(), np.random.default_rng(5)
     theta = rng.uniform(-1.2, 1.2, (6, mechanism.n_free))
     stack, step = stack_chains(system.chains, system.n_free), 1e-6
-    phi, jacobian = values(system, stack, theta)
+    phi, jacobian = first_order(system, stack, theta)[:2]
     for k, row in enumerate(theta):
         assert np.abs(phi[k] - constraints.residual(system.chart.configuration(row))).max() < 1e-13
         for j in range(mechanism.n_free):
@@ -180,7 +180,7 @@ def test_bounds_bound_for_every_kind_of_closure(arms, kind):
     mechanism = two_arms(arms, kind)
     system = closure_system(mechanism, mechanism.q_reference)
     theta = np.random.default_rng(8).uniform(-0.8, 0.8, mechanism.n_free)
-    jacobian = values(system, stack_chains(system.chains, system.n_free), theta[None])[1][0]
+    jacobian = first_order(system, stack_chains(system.chains, system.n_free), theta[None])[1][0]
     order = qr(jacobian, pivoting=True)[2]  # the best conditioned choice of dependent coordinates comes first
     system = replace(system, dependent=np.sort(order[: system.m]), independent=np.sort(order[system.m :]))
     assert_bounds_hold(problem_of(system, "reach"), theta, trials=60)

@@ -83,8 +83,8 @@ def test_deviation_from_the_chord_is_bounded():
     pieces, rng = pieces_of(spline, 2), np.random.default_rng(1)
     for _ in range(100):
         piece = rng.integers(3)
-        start, end = np.sort(rng.uniform(pieces.knots[piece], pieces.knots[piece + 1], 2))
-        chord, s = chord_of(pieces, int(piece), start, end), np.linspace(0.0, 1.0, 50)[:, None]
+        start, end = np.sort(rng.uniform(pieces.x[piece], pieces.x[piece + 1], 2))
+        chord, s = chord_of(pieces, start, end), np.linspace(0.0, 1.0, 50)[:, None]
         gap = spline(start + s[:, 0] * (end - start)) - (1 - s) * chord.start - s * chord.end
         assert np.all(np.abs(gap) <= chord.deviation)
         assert np.all(chord.deviation <= 4.0 * np.abs(gap).max(axis=0) + 1e-12)

@@ -40,50 +40,41 @@ class ReachBounds(NamedTuple):
         """See `Bounds`."""
         widths = self.linear.widths(radius)
         reach = self._reach(self.linear.moves + widths)
-        moves, width = self._gather(self.linear.moves), self._gather(widths)
+        moves, width = gather(self.stack, self.linear.moves), gather(self.stack, widths)
         third = _trilinear(self.stack, reach, moves, moves, width)
         third += _trilinear(self.stack, reach, moves, width, width)
         third += _trilinear(self.stack, reach, width, width, width) / 3.0
-        return Image(self.linear.affine(widths) + self._first(0.5 * radius), 0.5 * self._weighted(third))
+        return Image(self.linear.affine(widths) + self._first(0.5 * radius), 0.5 * apply(self.gains, third))
 
     def contraction(self, radius: Array, weight: Array) -> Image:
         """See `Bounds`."""
         widths = self.linear.widths(radius)
         box = self.linear.moves + widths
-        moves = self._gather(box)
-        third = _trilinear(self.stack, self._reach(box), moves, moves, self._gather(self.linear.widths(weight)))
-        return Image(self.linear.affine(widths) + self._first(radius), 0.5 * self._weighted(third))
+        moves = gather(self.stack, box)
+        third = _trilinear(self.stack, self._reach(box), moves, moves, gather(self.stack, self.linear.widths(weight)))
+        return Image(self.linear.affine(widths) + self._first(radius), 0.5 * apply(self.gains, third))
 
     def curvature(self, radius: Array, weight: Array) -> Array:
         """See `Bounds`."""
         second = (self.mixed[..., -weight.shape[1] :] @ weight[:, None, :, None])[..., 0]
         centre = apply(second, weight)
-        box, turn = self.linear.moves + self.linear.widths(radius), self._gather(self.linear.widths(weight))
-        third = _trilinear(self.stack, self._reach(box), self._gather(box), turn, turn)
-        return np.asarray(centre + self._weighted(third) + self.linear.curvature_margin(weight))
+        box, turn = self.linear.moves + self.linear.widths(radius), gather(self.stack, self.linear.widths(weight))
+        third = _trilinear(self.stack, self._reach(box), gather(self.stack, box), turn, turn)
+        return np.asarray(centre + apply(self.gains, third) + self.linear.curvature_margin(weight))
 
     def _first(self, radius: Array) -> Array:
         width = np.concatenate([self.linear.half, radius], axis=1)
         return np.asarray((self.mixed @ width[:, None, :, None])[..., 0])
 
-    def _weighted(self, third: Array) -> Array:
-        """Σ_c g_c T_c, of shape (B, m)."""
-        return apply(self.gains, third)
-
-    def _gather(self, moves: Array) -> Array:
-        return gather(self.stack, moves)
-
     def _reach(self, box: Array) -> Array:
-        return chain_reach(self.stack, self.arms, self.position, self._gather(box), self.linear.rounding)
+        return chain_reach(self.stack, self.arms, self.position, gather(self.stack, box), self.linear.rounding)
 
 
 def reach_bounds(stack: ChainStack, theta: Array, values: Derivatives, frame: Frame) -> ReachBounds:
     """Reach bounds of boxes centred at θ (B, n′) with the derivatives there."""
     linear = linear_part(frame, values.phi, values.jacobian)
-    count, m, n_free = values.jacobian.shape
-    second = (frame.preconditioner @ values.hessian.reshape(count, m, n_free * n_free)).reshape(
-        count, m, n_free, n_free
-    )
+    count, m, _ = values.jacobian.shape
+    second = (frame.preconditioner @ values.hessian.reshape(count, m, -1)).reshape(values.hessian.shape)
     directions, half = frame.directions[:, None], frame.half[:, None]
     quadratic = np.abs(np.swapaxes(directions, 2, 3) @ (second @ directions))
     square = (half[..., None, :] @ quadratic @ half[..., None])[..., 0, 0]

@@ -49,11 +49,10 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
 from ccpin.domain.bounds import Bounds, Frame
-from ccpin.domain.bounds_planar import planar_bounds
+from ccpin.domain.bounds_planar import Phasors, phasor_values, phasors_of, planar_bounds
 from ccpin.domain.bounds_reach import reach_bounds
-from ccpin.domain.chain_stack import ChainStack, derivatives, stack_chains, values
+from ccpin.domain.chain_stack import ChainStack, derivatives, first_order, stack_chains
 from ccpin.domain.chains import ClosureSystem
-from ccpin.domain.phasors import Phasors, phasor_values, phasors_of
 from ccpin.errors import UnsupportedMechanismError
 
 BoundsName = Literal["auto", "reach", "planar"]
@@ -103,6 +102,11 @@ class Boxes(NamedTuple):
         """The boxes chosen by an index or a mask."""
         return rows_of(self, index)
 
+    def without_rows(self, p: int) -> Boxes:
+        """No boxes (B = 0), with p parameters."""
+        none = rows_of(self, slice(0))
+        return none._replace(half=np.zeros((0, p)), directions=np.zeros((0, self.centre.shape[1], p)))
+
 
 class Tried(NamedTuple):
     """Boxes tried, and which of them satisfy Theorem K (the others' numbers mean nothing)."""
@@ -131,7 +135,7 @@ def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:
     if problem.phasors is not None:
         found = phasor_values(problem.phasors, theta)
         return found.phi, found.jacobian
-    return values(problem.system, problem.stack, theta)
+    return first_order(problem.system, problem.stack, theta)[:2]
 
 
 def bounds_of(problem: Problem, boxes: Boxes) -> Bounds:

@@ -119,15 +119,9 @@ class Derivatives(NamedTuple):
     arms: Array
 
 
-def values(system: ClosureSystem, stack: ChainStack, theta: Array) -> tuple[Array, Array]:
-    """φ (B, m) and φ_θ (B, m, n′) at θ (B, n′)."""
-    phi, jacobian, _ = _first_order(system, stack, theta)
-    return phi, jacobian
-
-
 def derivatives(system: ClosureSystem, stack: ChainStack, theta: Array) -> Derivatives:
     """φ, φ_θ and φ_θθ at θ (B, n′)."""
-    phi, jacobian, motion = _first_order(system, stack, theta)
+    phi, jacobian, motion = first_order(system, stack, theta)
     hessian = np.zeros((len(theta), system.m, system.n_free, system.n_free))
     second = _second(motion)
     k = stack.joints.shape[1]
@@ -139,7 +133,8 @@ def derivatives(system: ClosureSystem, stack: ChainStack, theta: Array) -> Deriv
     return Derivatives(phi, jacobian, hessian, np.linalg.norm(motion.b, axis=3))
 
 
-def _first_order(system: ClosureSystem, stack: ChainStack, theta: Array) -> tuple[Array, Array, StackMotion]:
+def first_order(system: ClosureSystem, stack: ChainStack, theta: Array) -> tuple[Array, Array, StackMotion]:
+    """φ (B, m), φ_θ (B, m, n′) and the chains at θ (B, n′)."""
     motion = move(stack, theta)
     phi = (theta[:, None] @ system.couplings.T)[:, 0] + system.offset
     for row in np.flatnonzero(system.moduli):

@@ -140,15 +140,15 @@ def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
         builder.add_loop(loop, row)
         row += loop.size
     builder.add_couplings(constraints, row)
-    dependent = np.setdiff1d(np.arange(chart.n_free), independent)
+    slides = np.array([slides for joint in chart.joints for slides in joint.kind.slides], dtype=np.bool_)
     return ClosureSystem(
         chains=tuple(builder.chains),
         couplings=builder.couplings,
         offset=builder.offset,
         moduli=builder.moduli,
         independent=independent,
-        dependent=dependent.astype(np.intp),
-        periodic=_periodic(chart, builder.couplings),
+        dependent=np.setdiff1d(np.arange(chart.n_free), independent),
+        periodic=~slides & ~np.any(builder.couplings != 0.0, axis=0),
         scale=_scale(builder),
         depth=max((len(chain.joints) for chain in builder.chains), default=0),
         chart=chart,
@@ -165,13 +165,6 @@ def _refuse_redundant(mechanism: Mechanism, constraints: Constraints) -> None:
             "closure by one with fewer rows (a spherical instead of a revolute one, say) if that describes the "
             "mechanism as well"
         )
-
-
-def _periodic(chart: Chart, couplings: Array) -> Mask:
-    periodic = np.zeros(chart.n_free, dtype=np.bool_)
-    for joint in chart.joints:
-        periodic[joint.v] = np.logical_not(joint.kind.slides)
-    return np.asarray(periodic & ~np.any(couplings != 0.0, axis=0))
 
 
 def _scale(builder: _ChainCollector) -> float:
@@ -194,24 +187,23 @@ class _ChainCollector:
         self.offset, self.moduli = np.zeros(rows), np.zeros(rows)
 
     def add_loop(self, loop: ResolvedClosure, first: int) -> None:
-        """One loop's rows, chain by chain: products that share a root and a tip share a chain.
-
-        Raises:
-            UnsupportedMechanismError: A row is quadratic in the chain.
-        """
+        """One loop's rows, chain by chain: products that share a root and a tip share a chain."""
         tips: dict[tuple[str, str, bytes], tuple[Array, Array]] = {}
         for k, row in enumerate(loop.rows.rows, start=first):
             for weight, left, right in row:
                 root, other = (right, left) if isinstance(left, Gap) else (left, right)
                 if isinstance(root, Gap):
-                    raise UnsupportedMechanismError(_quadratic(loop))
+                    raise UnsupportedMechanismError(
+                        f"closure '{loop.closure.name}' keeps a distance: its row is quadratic in the chain, which the "
+                        "certificate does not bound; describe the rod as a link on a universal joint, closed by a "
+                        "spherical one"
+                    )
                 for sign, end, tip in _ends(loop, root, other):
                     key = (root.frame, end, tip.tobytes())
                     weights = tips.setdefault(key, (tip, np.zeros((self.rows, 3))))[1]
                     weights[k] += sign * weight * root.local
-        down = {
-            end: steps_along(self.elementary, path) for end, path in (("A", loop.path_a), ("B", loop.path_b), ("C", ()))
-        }
+        paths = {"A": loop.path_a, "B": loop.path_b, "C": ()}
+        down = {end: steps_along(self.elementary, path) for end, path in paths.items()}
         frames = {"A": loop.frame_a, "B": loop.frame_b, "C": np.eye(4)}
         for (start, end, _), (tip, weights) in tips.items():
             path = [] if start == end else [*_reversed(frames[start], down[start]), *down[end]]
@@ -266,13 +258,6 @@ def chain_of(path: list[Elementary], tip: Array, direction: bool, weights: Array
 def steps_along(elementary: list[list[Elementary]], joints: Iterable[int]) -> list[Elementary]:
     """The elementary joints of joints one behind the other."""
     return [step for joint in joints for step in elementary[joint - 1]]
-
-
-def _quadratic(loop: ResolvedClosure) -> str:
-    return (
-        f"closure '{loop.closure.name}' keeps a distance: its row is quadratic in the chain, which the "
-        "certificate does not bound; describe the rod as a link on a universal joint, closed by a spherical one"
-    )
 
 
 def _ends(loop: ResolvedClosure, root: Fixed, other: Vector) -> list[tuple[float, str, Array]]:
@@ -355,7 +340,12 @@ def seed_at_coordinates(mechanism: Mechanism, q0: Array, guess: Array | None = N
     """
     start = mechanism.q_reference if guess is None else np.asarray(guess, dtype=np.float64)
     system = closure_system(mechanism, start)
-    q0 = scalar_coordinates(system, q0, mechanism)
+    q0 = np.asarray(q0, dtype=np.float64)
+    if q0.shape != (system.n,) or not np.all(np.isfinite(q0)):
+        names = ", ".join(mechanism.independent)
+        raise InvalidInputError(
+            f"q must be {system.n} finite numbers, the scalar coordinates of {names}; it has shape {q0.shape}"
+        )
     theta = system.chart.theta(start)
     theta[system.independent] = q0
     parametrization = mechanism.parametrization()
@@ -365,18 +355,3 @@ def seed_at_coordinates(mechanism: Mechanism, q0: Array, guess: Array | None = N
     theta = system.chart.theta(closed)
     theta[system.independent] = q0
     return Seed(system, theta)
-
-
-def scalar_coordinates(system: ClosureSystem, q: object, mechanism: Mechanism) -> Array:
-    """Check that q is n finite numbers.
-
-    Raises:
-        InvalidInputError: It is not.
-    """
-    vector = np.asarray(q, dtype=np.float64)
-    if vector.shape != (system.n,) or not np.all(np.isfinite(vector)):
-        names = ", ".join(mechanism.independent)
-        raise InvalidInputError(
-            f"q must be {system.n} finite numbers, the scalar coordinates of {names}; it has shape {vector.shape}"
-        )
-    return vector

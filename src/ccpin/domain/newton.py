@@ -84,7 +84,8 @@ def solve_in_boxes(problem: Problem, boxes: Boxes, delta: Array) -> EnclosedSolu
         size[active], zeta[active] = now.size, at
         going = now.size > margin[active]
         if not np.any(going):
-            return EnclosedSolution(predict(problem, boxes, delta, zeta), zeta, _error(boxes, size + margin))
+            error = (SLACK * (size + margin) / (1.0 - boxes.kappa))[:, None] * boxes.weight
+            return EnclosedSolution(predict(problem, boxes, delta, zeta), zeta, error)
         active, here, at = active[going], here.take(going), at[going]
         now = rows_of(now, going)
         at, now = _step(problem, here, delta[active], at, now)
@@ -125,11 +126,6 @@ def _rounding(problem: Problem, boxes: Boxes) -> Array:
     gain = np.max(np.abs(boxes.preconditioner).sum(axis=2) / boxes.weight, axis=1)
     reach = np.abs(boxes.centre) + apply(np.abs(boxes.directions), boxes.half)
     return np.asarray(gain * problem.system.rounding * problem.system.magnitude(reach))
-
-
-def _error(boxes: Boxes, size: Array) -> Array:
-    """‖ζ − ζ*‖ ≤ ‖f‖/(1 − κ), componentwise (B, m)."""
-    return np.asarray((SLACK * size / (1.0 - boxes.kappa))[:, None] * boxes.weight)
 
 
 def encloses(

@@ -19,7 +19,7 @@ import numpy as np
 
 from ccpin.arrays import Array, apply
 from ccpin.domain.boxes import SLACK, BoundsName, Boxes, Problem, Tried, bounds_of, certify_boxes, problem_of
-from ccpin.domain.chains import Seed, seed_at_configuration
+from ccpin.domain.chains import seed_at_configuration
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism
 
@@ -47,8 +47,7 @@ def kantorovich_radius(mechanism: Mechanism | HasMechanism, q_free: Array, bound
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
     seed = seed_at_configuration(mechanism, q_free)
-    problem = problem_of(seed.system, bounds)
-    return largest_square(problem, seed.theta)
+    return largest_square(problem_of(seed.system, bounds), seed.theta)
 
 
 def largest_square(problem: Problem, theta: Array) -> float:
@@ -98,7 +97,7 @@ def newton_steps(
     """
     if not (math.isfinite(radius) and radius > 0.0 and math.isfinite(accuracy) and accuracy > 0.0):
         raise InvalidInputError(f"radius and accuracy must be positive numbers; they are {radius} and {accuracy}")
-    seed: Seed = seed_at_configuration(mechanism, q_free)
+    seed = seed_at_configuration(mechanism, q_free)
     problem = problem_of(seed.system, bounds)
     attempt = _squares(problem, seed.theta, np.array([radius]))
     steps = newton_bound(problem, attempt.boxes, accuracy) if attempt.proved[0] else np.array([np.inf])

@@ -88,8 +88,9 @@ def singularities(
         UnsupportedMechanismError: n ≠ 2, joints with nq ≠ nv, components as coordinates, or redundant rows.
     """
     mechanism = mechanism_of(mechanism)
-    selection = _parallel_rows(mechanism)
-    return _all_curves(_SingularEquations(mechanism, selection), starts, step, limit)
+    selection = mechanism.parametrization().coordinates.jacobian(mechanism.q_reference)
+    rows = selection, np.zeros_like(selection)
+    return _all_curves(_SingularEquations(mechanism, lambda q_free, w: rows), starts, step, limit)
 
 
 def serial_singularities(
@@ -130,11 +131,6 @@ def serial_singularities(
     return _all_curves(_SingularEquations(mechanism, rows, "serial"), starts, step, limit)
 
 
-def _parallel_rows(mechanism: Mechanism) -> RowFunction:
-    selection = mechanism.parametrization().coordinates.jacobian(mechanism.q_reference)
-    return lambda q_free, w: (selection, np.zeros_like(selection))
-
-
 def _all_curves(equations: _SingularEquations, starts: int, step: float, limit: int) -> tuple[SingularCurve, ...]:
     generator = np.random.default_rng(20004)
     curves: list[SingularCurve] = []
@@ -143,7 +139,10 @@ def _all_curves(equations: _SingularEquations, starts: int, step: float, limit: 
         if found is None or any(equations.lies_on(found, curve) for curve in curves):
             continue
         curve = equations.follow(found, step, limit)
-        if curve is not None and not _is_known(equations, curve, curves):
+        if curve is None:
+            continue
+        middle = curve.q_free[len(curve.q_free) // 2]
+        if not any(known.kind == curve.kind and equations.lies_on(middle, known) for known in curves):
             curves.append(curve)
     return tuple(sorted(curves, key=lambda curve: curve.kind))
 
@@ -273,7 +272,7 @@ class _SingularEquations:
         if self.kind is not None:
             return SingularCurve(self.kind, q, configurations, closed)
         if np.ptp(q, axis=0).max() < 1e-7:
-            turned = np.where(self.angular[self.independent], np.remainder(q[:1] + np.pi, 2 * np.pi) - np.pi, q[:1])
+            turned = self._turned(configurations[:1])[:, self.independent]
             return SingularCurve("self-motion", turned, configurations, closed)
         return SingularCurve("fold", q, configurations, closed)
 
@@ -299,19 +298,14 @@ class _SingularEquations:
 
     def gap(self, x: Array, other: Array) -> float:
         """Distance of two points, angles modulo 2π and w up to its sign."""
-        difference = x[: self.n_free] - other[: self.n_free]
-        turned = np.where(self.angular, np.remainder(difference + np.pi, 2 * np.pi) - np.pi, difference)
+        turned = self._turned(x[: self.n_free] - other[: self.n_free])
         w, v = x[self.n_free :], other[self.n_free :]
         return float(np.linalg.norm(np.append(turned, min(np.linalg.norm(w - v), np.linalg.norm(w + v)))))
 
     def lies_on(self, x: Array, curve: SingularCurve) -> bool:
-        """Whether a solution is within a step of a curve already found."""
-        difference = curve.q_free - x[: self.n_free]
-        turned = np.where(self.angular, np.remainder(difference + np.pi, 2 * np.pi) - np.pi, difference)
-        return bool(np.linalg.norm(turned, axis=1).min() < 0.03)
+        """Whether a solution (or its q′) is within a step of a curve already found."""
+        return bool(np.linalg.norm(self._turned(curve.q_free - x[: self.n_free]), axis=1).min() < 0.03)
 
-
-def _is_known(equations: _SingularEquations, curve: SingularCurve, curves: list[SingularCurve]) -> bool:
-    middle = curve.q_free[len(curve.q_free) // 2]
-    probe = np.concatenate([middle, np.zeros(equations.n_free)])
-    return any(known.kind == curve.kind and equations.lies_on(probe, known) for known in curves)
+    def _turned(self, q_free: Array) -> Array:
+        """Angles to within half a turn of zero."""
+        return np.where(self.angular, np.remainder(q_free + np.pi, 2 * np.pi) - np.pi, q_free)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -159,15 +160,12 @@ class CellStore:
         if self._lattice is None or place is None:
             return
         corner, edges = self._lattice
-        for k in range(len(place)):
-            for step in (-1, 1):
-                beside = (*place[:k], place[k] + step, *place[k + 1 :])
-                if beside in self._places:
-                    continue
+        for beside in _places_beside(place):
+            if beside not in self._places:
                 index = np.array(beside)
                 new = self._append(Cell(corner + edges * index, corner + edges * (index + 1), 0, beside))
                 self._places[beside] = [new]
-                self._meet([new], self._around(beside))
+                self._meet([new], [k for near in _places_beside(beside) for k in self._places.get(near, [])])
 
     def split(self, number: int, stretch: Array) -> tuple[int, int]:
         """Halve a cell along the edge that σ stretches most; the two halves are untried."""
@@ -229,14 +227,8 @@ class CellStore:
         faces = [self.face(number, j) for j in others]
         points = np.array([face.middle for face in faces if face is not None])
         independent = self.problem.system.independent
-        same = glued(
-            self.problem,
-            boxes,
-            points - boxes.centre[:, independent],
-            repeated,
-            points - repeated.centre[:, independent],
-        )
-        return [bool(value) for value in same]
+        there, here = points - boxes.centre[:, independent], points - repeated.centre[:, independent]
+        return [bool(value) for value in glued(self.problem, boxes, there, repeated, here)]
 
     def _append(self, cell: Cell) -> int:
         self.cells.append(cell)
@@ -251,27 +243,22 @@ class CellStore:
             cell.box, cell.well, cell.state = boxes.take(np.array([row])), well, "proved"
         self.proved += len(numbers)
 
-    def _around(self, place: tuple[int, ...]) -> list[int]:
-        found = list[int]()
-        for k in range(len(place)):
-            for step in (-1, 1):
-                found += self._places.get((*place[:k], place[k] + step, *place[k + 1 :]), [])
-        return found
-
     def _meet(self, new: Iterable[int], others: Iterable[int]) -> None:
         """Make cells that share a face neighbours."""
-        pairs = [(i, j) for i in new for j in others if i != j]
-        for i, j in pairs:
-            if self.face(i, j) is not None:
+        for i, j in product(new, others):
+            if i != j and self.face(i, j) is not None:
                 self.cells[i].neighbours.add(j)
                 self.cells[j].neighbours.add(i)
+
+
+def _places_beside(place: tuple[int, ...]) -> list[tuple[int, ...]]:
+    return [(*place[:k], place[k] + step, *place[k + 1 :]) for k in range(len(place)) for step in (-1, 1)]
 
 
 def _roomier(problem: Problem, boxes: Boxes) -> Boxes:
     """Boxes with somewhat larger tubes where Theorem K, checked again, allows it.
 
-    Theorem K's least R leaves a small box's solution at a corner a margin below the rounding errors that gluing
-    allows for.
+    Theorem K's least R leaves a small box's solution at a corner a margin below the rounding that gluing allows for.
     """
     radius = boxes.radius * (1.0 + _ROOM) + _ROOM_AT_LEAST
     kappa = np.minimum(boxes.kappa * (1.0 + _ROOM) + _ROOM, 0.999)

@@ -19,14 +19,15 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.control.stability.cells import Cell, CellStore, Face, holding
-from ccpin.control.stability.well import Range, Well
+from ccpin.control.stability.well import Well
 
+Limit = Literal["domain", "gain", "budget"]
 _AHEAD = 16
 
 
@@ -51,14 +52,14 @@ class Sublevel(NamedTuple):
         level: c in joules; {U < c} around q_d lies in the members (0: nothing proved).
         members: Numbers of the cells.
         beta: Largest bound of ‖∂g/∂q‖ over the members that meet {U < c}; NaN without members.
-        limit: What ended the flood: "domain", "gain" or "budget".
+        limit: What ended the flood.
         point: Where, of shape (n,).
     """
 
     level: float
     members: tuple[int, ...]
     beta: float
-    limit: str
+    limit: Limit
     point: Array
 
 
@@ -75,13 +76,7 @@ class _Entry(NamedTuple):
 
 
 class Flood:
-    """One flood; see the module's text.
-
-    Args:
-        store: The cells.
-        good: Which wells may be members.
-        budget: When to give up.
-    """
+    """One flood; see the module's text. `good` says which wells may be members, `budget` when to give up."""
 
     def __init__(self, store: CellStore, good: Callable[[Well], bool], budget: Budget) -> None:
         self._store, self._good, self._budget = store, good, budget
@@ -102,7 +97,12 @@ class Flood:
         chosen = tuple(number for number, order in self._members.items() if order <= self._at_level)
         if self._level <= 0.0:
             return Sublevel(0.0, (), float("nan"), limit, point)
-        return Sublevel(self._level, chosen, self._beta(chosen), limit, point)
+        wells = [
+            cell.well
+            for cell in map(self._store.__getitem__, chosen)
+            if cell.well is not None and cell.well.range_over(cell.lower, cell.upper).lower < self._level
+        ]
+        return Sublevel(self._level, chosen, max(well.beta for well in wells), limit, point)
 
     def _start(self, q_d: Array) -> list[int] | None:
         """Good cells around q_d, halved until they are."""
@@ -122,7 +122,7 @@ class Flood:
             pending += [k for k in children if _holds(self._store[k], q_d)]
         return found or None
 
-    def _flood(self, q_d: Array) -> tuple[str, Array]:
+    def _flood(self, q_d: Array) -> tuple[Limit, Array]:
         while self._heap:
             entry = heapq.heappop(self._heap)
             if not self._current(entry):
@@ -136,7 +136,7 @@ class Flood:
                 return limit, entry.point
         return "domain", q_d
 
-    def _cross(self, entry: _Entry) -> str | None:
+    def _cross(self, entry: _Entry) -> Limit | None:
         """Take the cell behind a face, or halve it; what forbids both."""
         if entry.beyond < 0:
             return "domain"
@@ -181,8 +181,7 @@ class Flood:
         if children is None:
             return False
         del self._members[entry.inside]
-        for child in children:
-            self._members[child] = order
+        self._members |= dict.fromkeys(children, order)
         for child in children:
             self._push_faces(child)
         return True
@@ -224,14 +223,6 @@ class Flood:
 
     def _spent(self) -> bool:
         return self._store.proved >= self._budget.cells
-
-    def _beta(self, members: tuple[int, ...]) -> float:
-        low = [self._whole(number).lower < self._level for number in members]
-        return max(self._store.well(k).beta for k, meets in zip(members, low, strict=True) if meets)
-
-    def _whole(self, number: int) -> Range:
-        cell = self._store[number]
-        return self._store.well(number).range_over(cell.lower, cell.upper)
 
 
 def connected(store: CellStore, found: Sublevel, q_d: Array) -> tuple[int, ...]:

@@ -23,7 +23,7 @@ from ccpin.control.stability.cells import CellStore
 from ccpin.control.stability.set_point_cells import cells_of_atlas
 from ccpin.control.stability.well import checked_model, checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.region import Corners
+from ccpin.domain.atlas.cells import Corners
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError, SingularConfigurationError
 

@@ -114,10 +114,7 @@ class _Trials:
 
 def _height(well: Well, half: Array) -> float:
     """The least U on the faces of a box around q_d."""
-    levels = []
-    for k in range(len(half)):
-        for end in (-1.0, 1.0):
-            lower, upper = well.centre - half, well.centre + half
-            lower[k] = upper[k] = well.centre[k] + end * half[k]
-            levels.append(well.range_over(lower, upper).lower)
-    return min(levels)
+    lower, upper, faces = well.centre - half, well.centre + half, np.diag(np.ones(len(half), dtype=np.bool_))
+    ends = [(lower, np.where(face, lower, upper)) for face in faces]
+    ends += [(np.where(face, upper, lower), upper) for face in faces]
+    return min(well.range_over(*corners).lower for corners in ends)

@@ -34,7 +34,6 @@ theorem.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,17 +41,15 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, vector
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore, holding
-from ccpin.control.stability.flood import Budget, Flood, Sublevel, connected
+from ccpin.control.stability.flood import Budget, Flood, Limit, Sublevel, connected
 from ccpin.control.stability.set_point_cells import cells_around, cells_of_atlas
 from ccpin.control.stability.well import checked_model, checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.region import Corners
+from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.newton import predict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
-
-Limit = Literal["domain", "gain", "budget"]
 
 _BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
 _ONE_BOX = Budget(0, 1)
@@ -236,14 +233,10 @@ def certify_law(
         stiffness=least,
         rigorous=True,
         method=method,
-        limit=_limit(found.limit),
+        limit=found.limit,
         touch=found.point,
         _region=region,
     )
-
-
-def _limit(name: str) -> Limit:
-    return "gain" if name == "gain" else "budget" if name == "budget" else "domain"
 
 
 def _members(store: CellStore, found: Sublevel, q_d: Array) -> _MemberCells | None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask
 from ccpin.control.laws import PDSimpleGravity
-from ccpin.domain.atlas.region import Corners, corners_of
+from ccpin.domain.atlas.cells import Corners, corners_of
 from ccpin.domain.gravity_bounds import GravityBounds
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
@@ -61,22 +61,19 @@ class Well(NamedTuple):
         curvature = float(np.linalg.eigvalsh(self.hessian[np.ix_(free, free)])[0]) if free.size else 0.0
         half = 0.5 * (high - low)
         if curvature > 0.0:
-            point = self._descend(start, low, high, free)
+            start = point = self._descend(start, low, high, free)
             slope = self.gradient + self.hessian @ point
             drop = np.maximum(slope * (point - low), slope * (point - high)).sum()
         else:
             slope = self.gradient + self.hessian @ start
             drop = np.abs(slope) @ half - 0.5 * curvature * (half @ half)
             point = start - np.sign(slope) * half
-            return self._range(self.quadratic(start) - float(drop), point)
-        return self._range(self.quadratic(point) - float(drop), point)
+        least = self.quadratic(start) - float(drop)
+        return Range(least - self.remainder, self.quadratic(point) + self.remainder, self.centre + point)
 
     def quadratic(self, delta: Array) -> float:
         """The value + gradient·δ + ½ δᵀ hessian δ."""
         return float(self.value + self.gradient @ delta + 0.5 * delta @ self.hessian @ delta)
-
-    def _range(self, least: float, point: Array) -> Range:
-        return Range(least - self.remainder, self.quadratic(point) + self.remainder, self.centre + point)
 
     def _descend(self, point: Array, low: Array, high: Array, free: Indices) -> Array:
         """Minimise the quadratic over the box one coordinate after the other."""

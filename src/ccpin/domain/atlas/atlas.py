@@ -26,9 +26,8 @@ from numpy.typing import ArrayLike, NDArray
 from ccpin.arrays import Array, Mask
 from ccpin.domain.atlas import store as atlas_store
 from ccpin.domain.atlas.build import AtlasBuilder
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Region
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Corners, Region, region_of
 from ccpin.domain.atlas.empty import prove_empty
-from ccpin.domain.atlas.region import Corners, region_of
 from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
 from ccpin.domain.chains import seed_at_coordinates
@@ -168,7 +167,7 @@ class Atlas:
         header, arrays = atlas_store.pack_problem(self.problem)
         header |= {"names": list(self.names), "radius": self.radius, "complete": self.complete}
         arrays |= {f"box_{name}": array for name, array in self.boxes._asdict().items()}
-        arrays |= {f"tree_{name}": array for name, array in self.tree.arrays().items()}
+        arrays |= {f"tree_{name}": array for name, array in vars(self.tree).items()}
         arrays |= {"lower": self.region.lower, "upper": self.region.upper, "wrapped": self.region.wrapped}
         arrays |= {"q0": self.q0, "seed": self.seed, "unglued": self.unglued}
         atlas_store.write(path, header, arrays)
@@ -192,7 +191,7 @@ class Atlas:
                 complete=header["complete"],
                 region=Region(arrays["lower"], arrays["upper"], found["wrapped"].astype(np.bool_)),
                 problem=atlas_store.unpack_problem(header, found),
-                tree=CellTree.restore(**{k[5:]: v for k, v in found.items() if k.startswith("tree_")}),
+                tree=CellTree(**{k[5:]: v for k, v in found.items() if k.startswith("tree_")}),  # type: ignore[arg-type]
                 seed=arrays["seed"],
             )
         except KeyError as error:
@@ -267,41 +266,31 @@ def certify(
         runner = Runner(problem, chosen, checkpoint, flag)
         builder = AtlasBuilder(problem, seed.theta, area, runner, progress and _reporter(progress))
         try:
-            _build(builder, depth)
+            builder.certify_square(_TOLERANCES[mechanism.n])
+            if depth:
+                builder.certify_region(depth)
+                prove_empty(problem.system, builder.tree, area, depth)
         except Stopped:
             complete = False
-    return _atlas(mechanism, builder, complete)
-
-
-def _build(builder: AtlasBuilder, depth: int) -> None:
-    system, region = builder.problem.system, builder.region
-    builder.certify_square(_TOLERANCES[system.n])
-    if depth:
-        builder.certify_region(depth)
-        prove_empty(system, builder.tree, region, depth)
-
-
-def _atlas(mechanism: Mechanism, builder: AtlasBuilder, complete: bool) -> Atlas:
     return Atlas(
         names=tuple(mechanism.independent),
         q0=builder.q0,
         radius=builder.radius(),
-        boxes=builder.boxes.all(),
+        boxes=builder.boxes,
         unglued=np.array(builder.unglued, dtype=np.int64).reshape(-1, 2),
         complete=complete,
-        region=builder.region,
-        problem=builder.problem,
+        region=area,
+        problem=problem,
         tree=builder.tree,
-        seed=builder.seed,
+        seed=seed.theta,
     )
 
 
 def _reporter(progress: Callable[[Progress], None]) -> Callable[[CellTree], None]:
     def report(tree: CellTree) -> None:
-        status = tree.status[: tree.count]
-        certified = status == CellStatus.CERTIFIED
-        share = float(np.prod(tree.size[: tree.count][certified] / WHOLE, axis=1).sum())
-        waiting = int(np.count_nonzero(status == CellStatus.CANDIDATE))
+        certified = tree.status == CellStatus.CERTIFIED
+        share = float(np.prod(tree.size[certified] / WHOLE, axis=1).sum())
+        waiting = int(np.count_nonzero(tree.status == CellStatus.CANDIDATE))
         progress(Progress(int(np.count_nonzero(certified)), waiting, share))
 
     return report

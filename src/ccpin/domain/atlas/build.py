@@ -17,7 +17,7 @@ import numpy as np
 from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Contacts, Region, contacts_of
 from ccpin.domain.atlas.run import Runner, Stopped
-from ccpin.domain.atlas.tasks import BoxBuffer, CellsToProve, Faces, Proved, glue_task, prove_task
+from ccpin.domain.atlas.tasks import Arrays, CellsToProve, Proved, glue_task, prove_task
 from ccpin.domain.boxes import Boxes, Problem, certify_points
 from ccpin.domain.newton import encloses, predict
 from ccpin.errors import SingularConfigurationError
@@ -52,24 +52,20 @@ class AtlasBuilder:
     ) -> None:
         self.problem, self.seed, self.region, self.runner, self._report = problem, seed, region, runner, report
         self.q0 = seed[problem.system.independent]
-        self.tree = CellTree(problem.system.n)
+        self.tree = CellTree.whole(problem.system.n)
         point = certify_points(problem, seed[None])
         if not point.proved[0]:
             raise SingularConfigurationError(
                 "q0 is too close to a singular configuration for a certificate", q_free=seed, rcond=0.0
             )
         self._point = point.boxes
-        self.boxes = BoxBuffer(Boxes(*(array[:0] for array in self._start_boxes())))
+        self.boxes = self._point.without_rows(problem.system.n)
         self.unglued: list[tuple[int, int]] = []
         at = (region.reduce(self.q0[None])[0] - region.lower) / region.width * WHOLE
         self._origins: dict[int, _Origin] = {}
         self._seed_cell(_Origin(-1, at, at))
         size = problem.system.m * problem.system.n_free**2
         self._chunk = int(np.clip(500_000 // size, 32, 512))
-
-    def _start_boxes(self) -> Boxes:
-        n, system = self.problem.system.n, self.problem.system
-        return self._point._replace(half=np.zeros((1, n)), directions=np.zeros((1, system.n_free, n)))
 
     def _seed_cell(self, origin: _Origin) -> None:
         """Make the leaf that holds the seed a candidate."""
@@ -80,7 +76,7 @@ class AtlasBuilder:
 
     def candidates(self) -> Indices:
         """Cells that may be tried."""
-        return np.flatnonzero(self.tree.status[: self.tree.count] == CellStatus.CANDIDATE)
+        return np.flatnonzero(self.tree.status == CellStatus.CANDIDATE)
 
     def certify_square(self, tolerance: float) -> None:
         """Certify around the seed, nearest cells first, until the nearest undecided cell is nearer than all others.
@@ -91,8 +87,8 @@ class AtlasBuilder:
         while True:
             cells = self.candidates()
             distance = self.distance(cells)
-            blocked = self.tree.status[: self.tree.count] == CellStatus.UNDECIDED
-            limit = np.min(self.distance(np.flatnonzero(blocked)), initial=self._edge())
+            blocked = np.flatnonzero(self.tree.status == CellStatus.UNDECIDED)
+            limit = np.min(self.distance(blocked), initial=self._edge())
             if not cells.size or np.min(distance) >= limit:
                 return
             order = np.lexsort((cells, distance))[:_NEAREST]
@@ -103,10 +99,7 @@ class AtlasBuilder:
     def certify_region(self, depth: int) -> None:
         """Certify all that can be reached, halving each edge `depth` times at most."""
         smallest = np.array(float(1 << (LEVELS - depth)))
-        while True:
-            cells = self.candidates()
-            if not cells.size:
-                return
+        while (cells := self.candidates()).size:
             self.wave(cells, np.broadcast_to(smallest, (len(cells), 1)))
 
     def radius(self) -> float:
@@ -124,10 +117,8 @@ class AtlasBuilder:
     def distance(self, cells: Indices) -> Array:
         """Distance of cells from the seed in the maximum norm, periodic coordinates the short way round."""
         low, high = self.edges(cells)
-        gaps = []
-        for turn in (-1.0, 0.0, 1.0):
-            q = self.q0 + turn * np.where(self.region.wrapped, self.region.width, 0.0)
-            gaps.append(np.maximum(np.maximum(low - q, q - high), 0.0))
+        turn = np.where(self.region.wrapped, self.region.width, 0.0)
+        gaps = [np.maximum(np.maximum(low - q, q - high), 0.0) for q in (self.q0 - turn, self.q0, self.q0 + turn)]
         return np.asarray(np.max(np.min(gaps, axis=0), axis=1, initial=0.0))
 
     def edges(self, cells: Indices) -> tuple[Array, Array]:
@@ -144,11 +135,12 @@ class AtlasBuilder:
         rows = np.flatnonzero(found.proved)
         accepted[rows] = self._glued_to_origin(cells[rows], found.boxes.take(rows))
         done, failed = np.flatnonzero(accepted), np.flatnonzero(~accepted)
-        numbers = self.boxes.append(found.boxes.take(done))
-        self.tree.status[cells[done]], self.tree.box[cells[done]] = CellStatus.CERTIFIED, numbers
+        self.tree.status[cells[done]] = CellStatus.CERTIFIED
+        self.tree.box[cells[done]] = len(self.boxes.kappa) + np.arange(len(done))
+        self.boxes = joined([self.boxes, found.boxes.take(done)])
         children = self._split(cells[failed], found.stretch[failed], smallest[failed])
         origins = [self._origins.pop(int(cell)) for cell in cells]
-        if not self.boxes.count and children.size:
+        if not len(self.boxes.kappa) and children.size:
             self._seed_cell(origins[0])
         self._spread(cells[done], children)
         if self._report is not None:
@@ -180,25 +172,21 @@ class AtlasBuilder:
     def _glued_to_origin(self, cells: Indices, boxes: Boxes) -> Mask:
         """Whether new boxes carry the solution of the box (or the seed) they were reached from."""
         origins = [self._origins[int(cell)] for cell in cells]
-        result = np.zeros(len(cells), dtype=np.bool_)
-        rows = np.array([k for k, origin in enumerate(origins) if origin.box >= 0], dtype=np.intp)
+        numbers = np.array([origin.box for origin in origins], dtype=np.intp)
+        result, rows = np.zeros(len(cells), dtype=np.bool_), np.flatnonzero(numbers >= 0)
         if rows.size:
-            parents = self.boxes.take(np.array([origins[k].box for k in rows]))
+            parents = self.boxes.take(numbers[rows])
             at_parent = self._delta(parents, [origins[k].at_box for k in rows])
             own = boxes.take(rows)
-            result[rows] = self._glue(
-                Faces(parents, at_parent, own, self._delta(own, [origins[k].at_cell for k in rows]))
-            )
-        for k, origin in enumerate(origins):
-            if origin.box < 0:
-                one = boxes.take(np.array([k]))
-                ball = self._point.centre, self._point.radius, self._point.modes
-                result[k] = encloses(self.problem, one, self._delta(one, [origin.at_cell]), *ball)[0]
+            result[rows] = self._glue(parents, at_parent, own, self._delta(own, [origins[k].at_cell for k in rows]))
+        for k in np.flatnonzero(numbers < 0):
+            one, ball = boxes.take(np.array([k])), (self._point.centre, self._point.radius, self._point.modes)
+            result[k] = encloses(self.problem, one, self._delta(one, [origins[k].at_cell]), *ball)[0]
         return result
 
-    def _glue(self, faces: Faces) -> Mask:
-        arrays = faces.pack()
-        chunks = [tuple(array[part] for array in arrays) for part in self._parts(len(faces.delta_first))]
+    def _glue(self, first: Boxes, delta: Array, second: Boxes, delta_second: Array) -> Mask:
+        arrays: Arrays = (*first, delta, *second, delta_second)
+        chunks = [tuple(array[part] for array in arrays) for part in self._parts(len(delta))]
         return np.concatenate([result[0] for result in self.runner.map(glue_task, chunks)]).astype(np.bool_)
 
     def _split(self, cells: Indices, stretch: Array, smallest: Array) -> Indices:
@@ -228,7 +216,7 @@ class AtlasBuilder:
         )
         both = (status[contacts.cell] == CellStatus.CERTIFIED) & (status[contacts.leaf] == CellStatus.CERTIFIED)
         first, second = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]
-        newest = self.boxes.count - len(done)
+        newest = len(self.boxes.kappa) - len(done)
         once = (second < newest) | (first < second) | ((first == second) & contacts.upper)
         self._check(rows_of(contacts, both & once))
 
@@ -245,10 +233,11 @@ class AtlasBuilder:
             return
         numbers = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]
         first, second = self.boxes.take(numbers[0]), self.boxes.take(numbers[1])
-        faces = Faces(first, self._delta(first, contacts.at_cell), second, self._delta(second, contacts.at_leaf))
         pairs = list(zip(numbers[0].tolist(), numbers[1].tolist(), strict=True))
         try:
-            same = self._glue(faces)
+            same = self._glue(
+                first, self._delta(first, contacts.at_cell), second, self._delta(second, contacts.at_leaf)
+            )
         except Stopped:
             self.unglued += pairs
             raise

@@ -55,9 +55,9 @@ def _bordering(atlas: Atlas) -> Indices:
     leaves = tree.leaves()
     blocked = leaves[tree.status[leaves] != CellStatus.CERTIFIED]
     lower, size = tree.lower[blocked], tree.size[blocked]
-    touching = tree.overlapping(lower - 1, lower + size + 1)
+    query, leaf = tree.overlapping(lower - 1, lower + size + 1)
     keep = ((lower == 0) | (lower + size == WHOLE)).any(axis=1)
-    keep[touching.query[tree.status[touching.leaf] == CellStatus.CERTIFIED]] = True
+    keep[query[tree.status[leaf] == CellStatus.CERTIFIED]] = True
     return np.asarray(blocked[keep])
 
 

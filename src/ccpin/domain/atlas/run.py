@@ -30,22 +30,10 @@ class Stopped(Exception):  # noqa: N818 - not an error: the user pressed Ctrl-C
     """Raised between chunks after an interrupt."""
 
 
-class StopFlag:
-    """Whether an interrupt was asked for; set by the signal handler, read between chunks."""
-
-    def __init__(self) -> None:
-        self.raised = False
-
-    def check(self) -> None:
-        """Raise `Stopped` where an interrupt was asked for."""
-        if self.raised:
-            raise Stopped
-
-
 @contextmanager
-def stoppable() -> Iterator[StopFlag]:
-    """Make the first Ctrl-C set a flag, so that no bookkeeping is cut in half; the second acts as ever."""
-    flag = StopFlag()
+def stoppable() -> Iterator[threading.Event]:
+    """Make the first Ctrl-C set an event, so that no bookkeeping is cut in half; the second acts as ever."""
+    flag = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield flag
         return
@@ -53,7 +41,7 @@ def stoppable() -> Iterator[StopFlag]:
 
     def stop(number: int, frame: FrameType | None) -> None:
         del number, frame
-        flag.raised = True
+        flag.set()
         signal.signal(signal.SIGINT, before)
 
     signal.signal(signal.SIGINT, stop)
@@ -125,15 +113,12 @@ def _leave_interrupts() -> None:
 class Runner:
     """Maps a task over chunks, in order, with the same chunks whoever computes them.
 
-    Args:
-        problem: Sent along with every task.
-        executor: Anything with ``submit(function, *arguments) -> Future``; ``None``: this process.
-        checkpoint: Folder for results, or ``None``.
-        flag: Looked at between chunks.
+    An executor is anything with ``submit(function, *arguments) -> Future`` (``None``: this process); `checkpoint` is a
+    folder for results, and the flag is looked at between chunks.
     """
 
     def __init__(
-        self, problem: Problem, executor: Executor | None, checkpoint: str | Path | None, flag: StopFlag
+        self, problem: Problem, executor: Executor | None, checkpoint: str | Path | None, flag: threading.Event
     ) -> None:
         self.problem, self.flag = problem, flag
         self.store = ChunkStore(checkpoint, problem)
@@ -150,13 +135,17 @@ class Runner:
         missing = [k for k, result in enumerate(results) if result is None]
         futures = self._submit(task, {k: chunks[k] for k in missing})
         for k in missing:
-            self.flag.check()
+            self._check()
             result = self._result(futures[k]) if k in futures else None
             if result is None:
                 result = task(self.problem, chunks[k])
             self.store.save(keys[k], result)
             results[k] = result
         return [result for result in results if result is not None]
+
+    def _check(self) -> None:
+        if self.flag.is_set():
+            raise Stopped
 
     def _submit(self, task: Task, chunks: dict[int, Arrays]) -> dict[int, Future[Arrays]]:
         """Submit what the executor takes; what a broken one refuses is computed here."""
@@ -170,7 +159,7 @@ class Runner:
     def _result(self, future: Future[Arrays]) -> Arrays | None:
         """A future's result; ``None`` where its worker was lost (or the task failed: computing it here will tell)."""
         while True:
-            self.flag.check()
+            self._check()
             try:
                 return future.result(timeout=_POLL)
             except FutureTimeoutError:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ccpin.arrays import frozen
 from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.domain.boxes import Problem, problem_of
 from ccpin.domain.chains import Chain, ClosureSystem
@@ -78,13 +79,7 @@ def unpack_problem(header: dict[str, Any], arrays: NamedArrays) -> Problem:
         fields = {name: arrays[f"chain{k}_{name}"] for name in Chain._fields}
         chains.append(Chain(**{**fields, "direction": bool(fields["direction"])}))  # type: ignore[arg-type]
     joints = tuple(
-        ChartJoint(
-            name,
-            JOINT_KINDS[kind],
-            slice(q0, q1),
-            slice(v0, v1),
-            np.asarray(arrays[f"joint{k}_reference"], dtype=np.float64),
-        )
+        ChartJoint(name, JOINT_KINDS[kind], slice(q0, q1), slice(v0, v1), frozen(arrays[f"joint{k}_reference"]))
         for k, (name, kind, q0, q1, v0, v1) in enumerate(header["joints"])
     )
     named: dict[str, Any] = {name: arrays[f"system_{name}"] for name in _SYSTEM_ARRAYS}

@@ -44,19 +44,6 @@ class Proved(NamedTuple):
         return cls(Boxes(*arrays[:_FIELDS]), *arrays[_FIELDS:])  # type: ignore[arg-type]
 
 
-class Faces(NamedTuple):
-    """Pairs of boxes with a common point in each one's parameters (B, n)."""
-
-    first: Boxes
-    delta_first: Array
-    second: Boxes
-    delta_second: Array
-
-    def pack(self) -> Arrays:
-        """As a task's argument."""
-        return (*self.first, self.delta_first, *self.second, self.delta_second)
-
-
 def prove_task(problem: Problem, arrays: Arrays) -> Arrays:
     """`prove` between plain tuples of arrays."""
     found = prove(problem, CellsToProve(*arrays))  # type: ignore[arg-type]
@@ -64,7 +51,7 @@ def prove_task(problem: Problem, arrays: Arrays) -> Arrays:
 
 
 def glue_task(problem: Problem, arrays: Arrays) -> Arrays:
-    """Which pairs of boxes (`Faces`) carry the same σ at their common point: one mask (B,)."""
+    """Which boxes carry the same σ as others at a common point: (*first, δ, *second, δ′) → one mask (B,)."""
     half = _FIELDS + 1
     first, second = Boxes(*arrays[:_FIELDS]), Boxes(*arrays[half : half + _FIELDS])  # type: ignore[arg-type]
     return (glued(problem, first, arrays[_FIELDS], second, arrays[-1]),)  # type: ignore[arg-type]
@@ -106,34 +93,3 @@ def _turned(problem: Problem, theta: Array, turn_to: Array) -> Array:
     movable = system.periodic.copy()
     movable[system.independent] = False
     return np.where(movable & np.isfinite(turns), theta - 2.0 * np.pi * turns, theta)
-
-
-# Certified boxes as they come in.
-
-
-class BoxBuffer:
-    """Boxes in the order they were certified."""
-
-    def __init__(self, empty: Boxes) -> None:
-        self._arrays = [array[:0].copy() for array in empty]
-        self.count = 0
-
-    def append(self, boxes: Boxes) -> Indices:
-        """Add boxes; their numbers."""
-        numbers = np.arange(self.count, self.count + len(boxes.kappa))
-        for k, array in enumerate(boxes):
-            if self.count + len(array) > len(self._arrays[k]):
-                room = max(64, self.count + len(array))
-                spare = np.zeros((room, *array.shape[1:]))
-                self._arrays[k] = np.concatenate([self._arrays[k][: self.count], spare])
-            self._arrays[k][numbers] = array
-        self.count += len(numbers)
-        return numbers
-
-    def take(self, numbers: Indices) -> Boxes:
-        """Boxes by number."""
-        return Boxes(*(array[numbers] for array in self._arrays))
-
-    def all(self) -> Boxes:
-        """All boxes."""
-        return Boxes(*(array[: self.count].copy() for array in self._arrays))

@@ -12,6 +12,7 @@ Rot(a, θ_k) times a constant, and a whole planar chain is affine in the (cos θ
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,7 +21,7 @@ import numpy as np
 from ccpin.arrays import Array, skew
 from ccpin.description.joint_kinds import JOINT_KINDS, JointKind
 from ccpin.description.rotations import quaternion_matrix
-from ccpin.domain.theorem2.polynomial import Polynomial, combine
+from ccpin.domain.theorem2.system import Polynomial, combine
 from ccpin.domain.theorem2.unknowns import (
     AngleTerm,
     Ball,
@@ -37,6 +38,7 @@ from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.tree import Tree, TreeJoint
 
 PARALLEL = 1e-13
+_Rotation = Sequence[tuple[Polynomial, Array]]  # Σ polynomial · matrix, equal to a rotation
 
 
 class Run(NamedTuple):
@@ -91,12 +93,6 @@ def find_runs(joints: dict[int, TreeJoint], on_loops: set[int], ancestors: set[i
     return runs
 
 
-class _Rotation(NamedTuple):
-    """Σ polynomial · matrix, equal to a rotation."""
-
-    parts: tuple[tuple[Polynomial, Array], ...]
-
-
 class Kinematics:
     """Joint variables of the active joints of a tree, and the points and directions they carry.
 
@@ -144,12 +140,9 @@ class Kinematics:
             self._rotations[j] = _circle_rotation(self.variables[j], self.runs[j].axis, centre)
 
     def _angle_terms(self, j: int) -> tuple[AngleTerm, ...]:
-        terms: list[AngleTerm] = []
-        k: int | None = j
-        while k is not None:
-            terms.append(self.angle_term(k)._replace(sign=self.runs[k].sign))
-            k = self.runs[k].parent
-        return tuple(terms)
+        run = self.runs[j]
+        before = () if run.parent is None else self._angle_terms(run.parent)
+        return (self.angle_term(j)._replace(sign=run.sign), *before)
 
     def angle_term(self, j: int) -> AngleTerm:
         """A joint's own angle."""
@@ -187,7 +180,7 @@ class Kinematics:
     def _through(self, group: list[int], vector: Vector, point: bool) -> Vector:
         """A vector in the last body of a group, seen from the body before its first joint."""
         turn = np.eye(3)
-        rotation = _Rotation(((Polynomial.constant(1.0), np.eye(3)),))
+        rotation: _Rotation = [(Polynomial.constant(1.0), np.eye(3))]
         if not self.joints[group[-1]].kind.sliding:
             vector = self.unknowns.affine_vector(vector)
         total = constant_vector(np.zeros(3))
@@ -211,9 +204,9 @@ class Kinematics:
         return plus(total, constant_vector(first[:3, 3])) if point else total
 
     def _rotate(self, rotation: _Rotation, vector: Vector) -> Vector:
-        if any(p.degree for p, _ in rotation.parts):
+        if any(p.degree for p, _ in rotation):
             vector = self.unknowns.affine_vector(vector)
-        terms = [(p, turned(matrix, vector)) for p, matrix in rotation.parts]
+        terms = [(p, turned(matrix, vector)) for p, matrix in rotation]
         x, y, z = (combine((1.0, self.unknowns.product(p, v[i])) for p, v in terms) for i in range(3))
         return x, y, z
 
@@ -223,13 +216,8 @@ def _circle_rotation(variables: tuple[Polynomial, ...], axis: Array, centre: flo
     along, cross = np.outer(axis, axis), skew(axis)
     across = np.eye(3) - along
     base = along + np.cos(centre) * across + np.sin(centre) * cross
-    return _Rotation(
-        (
-            (Polynomial.constant(1.0), without_noise(along)),
-            (variables[0], without_noise(across @ base)),
-            (variables[1], without_noise(cross @ base)),
-        )
-    )
+    factors = Polynomial.constant(1.0), *variables
+    return list(zip(factors, map(without_noise, (along, across @ base, cross @ base)), strict=True))
 
 
 def _ball_rotation(variables: tuple[Polynomial, ...], centre: tuple[float, float, float, float]) -> _Rotation:
@@ -242,6 +230,4 @@ def _ball_rotation(variables: tuple[Polynomial, ...], centre: tuple[float, float
         ((x * z - w * y).scaled(2.0), (y * z + w * x).scaled(2.0), w * w - x * x - y * y + z * z),
     )
     unit = np.eye(3)
-    return _Rotation(
-        tuple((entries[i][k], without_noise(np.outer(base[:, i], unit[k]))) for i in range(3) for k in range(3))
-    )
+    return [(entries[i][k], without_noise(np.outer(base[:, i], unit[k]))) for i in range(3) for k in range(3)]

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from fractions import Fraction
 
 from ccpin.arrays import Array
-from ccpin.description.model import Coupling, CouplingTerm
+from ccpin.description.model import Coupling
 from ccpin.domain.theorem2.chain import Kinematics
-from ccpin.domain.theorem2.polynomial import Polynomial, combine
+from ccpin.domain.theorem2.system import Polynomial, combine
 from ccpin.domain.theorem2.unknowns import Unknowns
 from ccpin.errors import UnsupportedMechanismError
 
@@ -35,7 +35,7 @@ def coupling_row(kinematics: Kinematics, coupling: Coupling, numbers: dict[str, 
     if any(any(term.coefficients[2:]) for term in terms):
         raise UnsupportedMechanismError(_not_algebraic(coupling, "it is not linear"))
     ratios = [term.coefficients[1] for term in terms]
-    constant = sum(_at(term, 0.0) for term in coupling.terms)
+    constant = sum(c * (-term.reference) ** k for term in coupling.terms for k, c in enumerate(term.coefficients[:2]))
     if sliding <= {True}:
         return _displacement_row(kinematics, joints, ratios, constant, q_free)
     if True in sliding:
@@ -66,7 +66,8 @@ def _angle_row(
         phase += m * kinematics.angle_term(j).at(q_free)
         sides[m > 0] = _times(unknowns, sides[m > 0], _power(unknowns, kinematics.turn(j), abs(m)))
     phase = math.remainder(phase, 2 * math.pi)
-    c, s = _over(unknowns, sides[True], sides[False])
+    (c, s), (c_below, s_below) = sides[True], sides[False]
+    c, s = _times(unknowns, (c, s), (c_below, s_below.scaled(-1.0)))  # a / b is a conj(b) as |b| = 1
     return combine([(math.cos(phase), s), (math.sin(phase), c)])
 
 
@@ -74,40 +75,23 @@ def _not_algebraic(coupling: Coupling, reason: str) -> str:
     return f"coupling '{coupling.name}' has no quadratic form: {reason}"
 
 
-def _at(term: CouplingTerm, theta: float) -> float:
-    return sum(c * (theta - term.reference) ** k for k, c in enumerate(term.coefficients[:2]))
-
-
 def _whole_ratios(coupling: Coupling, ratios: Sequence[float]) -> tuple[list[int], float]:
-    """Whole mₖ without a common divisor and D > 0 with ratios = mₖ / D.
-
-    Raises:
-        UnsupportedMechanismError: Some ratio is no fraction, or the whole numbers are large.
-    """
+    """Whole mₖ without a common divisor and D > 0 with ratios = mₖ / D."""
     fractions = [Fraction(r).limit_denominator(1000) for r in ratios]
     denominator = math.lcm(*(f.denominator for f in fractions))
     powers = [int(f * denominator) for f in fractions]
     common = math.gcd(*powers)
     exact = all(abs(float(f) - r) <= 1e-12 * abs(r) for f, r in zip(fractions, ratios, strict=True))
     if not exact or max(map(abs, powers)) // common > LARGEST_RATIO:
-        raise UnsupportedMechanismError(
-            _not_algebraic(
-                coupling,
-                f"its ratios {', '.join(f'{r:.12g}' for r in ratios)} are not those of whole numbers up to "
-                f"{LARGEST_RATIO}",
-            )
-        )
+        shown = ", ".join(f"{r:.12g}" for r in ratios)
+        reason = f"its ratios {shown} are not those of whole numbers up to {LARGEST_RATIO}"
+        raise UnsupportedMechanismError(_not_algebraic(coupling, reason))
     return [m // common for m in powers], denominator / common
 
 
 def _times(unknowns: Unknowns, a: Complex, b: Complex) -> Complex:
     product = unknowns.product
     return product(a[0], b[0]) - product(a[1], b[1]), product(a[0], b[1]) + product(a[1], b[0])
-
-
-def _over(unknowns: Unknowns, a: Complex, b: Complex) -> Complex:
-    """The quotient a / b, which is a conj(b) as |b| = 1."""
-    return _times(unknowns, a, (b[0], b[1].scaled(-1.0)))
 
 
 def _power(unknowns: Unknowns, base: Complex, exponent: int) -> Complex:

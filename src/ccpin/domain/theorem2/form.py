@@ -27,8 +27,7 @@ from ccpin.description.closure_kinds import Gap
 from ccpin.description.closure_kinds import Vector as ClosureVector
 from ccpin.domain.theorem2.chain import Kinematics, find_runs, tree_joints
 from ccpin.domain.theorem2.couplings import coupling_row
-from ccpin.domain.theorem2.polynomial import Polynomial, combine
-from ccpin.domain.theorem2.system import QuadraticSystem
+from ccpin.domain.theorem2.system import Polynomial, QuadraticSystem, combine
 from ccpin.domain.theorem2.unknowns import NOISE, Unknowns, Vector, plus
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints

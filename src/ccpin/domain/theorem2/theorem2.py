@@ -73,7 +73,8 @@ class Theorem2Result:
     """What Theorem 2 certifies about a closed configuration.
 
     Attributes:
-        radius: ϱ in joint coordinates, maximum norm (rad, m): σ is unique and nonsingular on ‖q − q₀‖∞ < ϱ.
+        radius: ϱ in joint coordinates, maximum norm (rad, m): σ is unique and nonsingular on ‖q − q₀‖∞ < ϱ; infinite
+            where no independent coordinate enters a loop.
         radius_quadratic: r, the radius in the last n right sides (sines, metres, doubled quaternion vectors).
         v: Theorem 2's vector of the system used, of shape (N,).
         c: The largest of v.
@@ -209,9 +210,10 @@ def _apply(form: QuadraticForm, scaling: Scaling, q_free: Array) -> Theorem2Resu
             rcond=rcond,
         )
     r = bounds.radius
+    joint = {"angle": float(np.arcsin(min(r, 1.0))), "displacement": r, "rotation": min(r, np.pi / np.sqrt(3.0))}
     scaled = system.rescaled(weights)
     return Theorem2Result(
-        radius=_in_joint_coordinates(r, form.coordinates),
+        radius=min((joint[kind] for kind in form.coordinates), default=np.inf) / _INFLATE,
         radius_quadratic=r,
         v=frozen(scaled.v),
         c=scaled.c,
@@ -222,16 +224,6 @@ def _apply(form: QuadraticForm, scaling: Scaling, q_free: Array) -> Theorem2Resu
         centre=frozen(centre / weights),
         uniqueness=1.0 / (bounds.bend * _INFLATE) if bounds.bend else np.inf,
     )
-
-
-def _in_joint_coordinates(r: float, kinds: tuple[str, ...]) -> float:
-    """ϱ of the corollary; infinite where no independent coordinate enters a loop."""
-    translated = {
-        "angle": float(np.arcsin(min(r, 1.0))),
-        "displacement": r,
-        "rotation": min(r, np.pi / np.sqrt(3.0)),
-    }
-    return min((translated[kind] for kind in kinds), default=np.inf) / _INFLATE
 
 
 # Scales of the unknowns that make Theorem 2's radius largest.

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, cross
-from ccpin.domain.theorem2.polynomial import Monomial, Polynomial, combine
+from ccpin.domain.theorem2.system import Monomial, Polynomial, combine
 
 Vector = tuple[Polynomial, Polynomial, Polynomial]
 
@@ -133,10 +133,9 @@ class Unknowns:
         monomials = {m for component in vector for m in component.terms if len(m) == 2}
         new = sum(Polynomial({m: 1.0}).key not in self._named for m in monomials)
         components = sum(component.degree == 2 and component.key not in self._named for component in vector)
-        return _each(self._affine_by_monomials if new <= 2 * components else self.affine, vector)
-
-    def _affine_by_monomials(self, polynomial: Polynomial) -> Polynomial:
-        return combine((c, self.affine(Polynomial({m: 1.0}))) for m, c in polynomial.terms.items())
+        if new > 2 * components:
+            return _each(self.affine, vector)
+        return _each(lambda p: combine((c, self.affine(Polynomial({m: 1.0}))) for m, c in p.terms.items()), vector)
 
     def product(self, left: Polynomial, right: Polynomial) -> Polynomial:
         """A polynomial of degree at most two that equals left · right where the products are what they are named."""
