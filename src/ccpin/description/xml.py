@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from lxml import etree
 
-from ccpin.arrays import Array, frozen
+from ccpin.arrays import Array
 from ccpin.description.model import IDENTITY
 from ccpin.errors import DescriptionError, InvalidXmlError
 
@@ -180,7 +180,7 @@ def transform(xyz: tuple[float, ...], rpy: tuple[float, ...]) -> Array:
         [-sp, cp * sr, cp * cr, xyz[2]],
         [0, 0, 0, 1],
     ]
-    return frozen(np.add(rows, 0.0))  # no negative zeros
+    return np.add(rows, 0.0)  # no negative zeros
 
 
 def origin(element: XmlElement | None) -> Array:
@@ -197,4 +197,4 @@ def unit_vector(element: XmlElement, attribute: str) -> Array:
     length = float(np.linalg.norm(vector))
     if not 1e-9 < length < 1e150:
         raise fail(element, f"{attribute} is the zero vector")
-    return frozen(vector / length)
+    return vector / length

@@ -159,24 +159,19 @@ def aligning_rows(constraints: Constraints, q_free: Array) -> Linearized:
     phi, jacobian = position_rows(constraints, q_free)
     rows, derivatives = [phi], [jacobian]
     data = constraints.scratch.take()
-    try:
-        pin.computeJointJacobians(constraints.model, data, q_free)
-        for loop in constraints.loops:
-            if loop.rows.alignment:
-                row, derivative = _rotation(loop, data)
-                rows.append(row)
-                derivatives.append(derivative)
-    finally:
-        constraints.scratch.give(data)
+    pin.computeJointJacobians(constraints.model, data, q_free)
+    for loop in constraints.loops:
+        if loop.rows.alignment:
+            row, derivative = _rotation(loop, data)
+            rows.append(row)
+            derivatives.append(derivative)
+    constraints.scratch.give(data)
     return Linearized(np.concatenate(rows), np.vstack(derivatives))
 
 
 def _rotation(loop: ResolvedClosure, data: pin.Data) -> tuple[Array, Array]:
     """The rows θ n of one closure and their derivative."""
-    turn_a, turn_b = (
-        data.oMi[joint].rotation @ frame[:3, :3]
-        for joint, frame in ((loop.joint_a, loop.frame_a), (loop.joint_b, loop.frame_b))
-    )
+    turn_a, turn_b = loop.orientations(data)
     turning_a, turning_b = data.J[3:] * loop.mask_a, data.J[3:] * loop.mask_b
     if len(loop.rows.alignment) == 3:
         rotation = turn_b.T @ turn_a

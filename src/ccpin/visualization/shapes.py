@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.arrays import Array, frozen
-from ccpin.description.model import Shape
+from ccpin.description.model import Shape, frame
 
 MAX_FACES_SMOOTHED = 50_000
 Z_TO_Y: Array = frozen([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -96,7 +96,7 @@ def parts(shape: Shape) -> list[ShapePart]:
     if shape.kind == "cylinder":
         return [ShapePart(g.Cylinder(size[1], size[0]), Z_TO_Y)]
     if shape.kind == "capsule":
-        ends = [ShapePart(g.Sphere(size[0]), _shift(sign * size[1] / 2)) for sign in (-1.0, 1.0)]
+        ends = [ShapePart(g.Sphere(size[0]), frame([0.0, 0.0, sign * size[1] / 2])) for sign in (-1.0, 1.0)]
         return [ShapePart(g.Cylinder(size[1], size[0]), Z_TO_Y), *ends]
     if shape.kind == "sphere":
         return [ShapePart(g.Sphere(size[0]), np.eye(4))]
@@ -153,9 +153,3 @@ def tube(points: Array, radius: float, sides: int = 8) -> Triangles | None:
         [np.stack([first, turned, first + sides], 1), np.stack([turned, turned + sides, first + sides], 1)]
     )
     return Triangles(np.concatenate(rings), faces)
-
-
-def _shift(z: float) -> Array:
-    placement = np.eye(4)
-    placement[2, 3] = z
-    return placement

@@ -7,25 +7,17 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.schema import ATTRIBUTES, LEAVES, NUMERIC, ORIENTATIONS
-from ccpin.description.model import IDENTITY, rotation_to
+from ccpin.description.model import frame, rotation_to
 from ccpin.description.xml import ZERO, XmlElement, fail
 from ccpin.errors import DescriptionError
 
 _LARGEST = 1e30
 _LONGEST = 10
 _FLAGS = {"true": True, "false": False}
-
-
-def frame(position: ArrayLike, matrix: ArrayLike = IDENTITY[:3, :3]) -> Array:
-    """Return the 4×4 transform that turns by the rotation matrix `matrix` (3, 3) and moves to `position` (3,)."""
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = matrix, position
-    return transform
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler, Defaults
-from ccpin.description.mjcf.element import Element, frame
-from ccpin.description.model import Inertia, Shape, Visual
+from ccpin.description.mjcf.element import Element
+from ccpin.description.model import Inertia, Shape, Visual, frame
 from ccpin.description.xml import ZERO, Colour, XmlElement, source_of
 
 Kind = Literal["sphere", "capsule", "cylinder", "ellipsoid", "box"]

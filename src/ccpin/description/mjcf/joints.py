@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
-from ccpin.description.mjcf.element import Element, frame
+from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import IDENTITY, Joint, Link
+from ccpin.description.model import IDENTITY, Joint, Link, frame
 from ccpin.description.xml import ZERO, XmlElement, fail
 
 _TYPES = ("free", "ball", "slide", "hinge")
