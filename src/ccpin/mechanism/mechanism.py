@@ -242,15 +242,8 @@ def _analysed(
             "branches of σ meet at that pose, so which of them the reference lies on is arbitrary; a stated pose "
             '(<group_state name="reference">) chooses'
         )
-    mechanism = Mechanism(
-        description,
-        tree,
-        choice.independent,
-        choice.actuated,
-        closed.q_free,
-        mobility,
-        tuple(dict.fromkeys(notes)),
-    )
+    chosen = choice.independent, choice.actuated, closed.q_free
+    mechanism = Mechanism(description, tree, *chosen, mobility, tuple(dict.fromkeys(notes)))
     IndependentCoordinates(tree, mechanism.actuated, closed.q_free)  # refuses names that cannot be actuated
     mechanism.parametrization().at(closed.q_free)
     return mechanism

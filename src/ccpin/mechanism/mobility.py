@@ -180,7 +180,7 @@ def independence(tree: Tree, basis: Array, wanted: list[str]) -> float:
     It is the smallest nonzero singular value of their rows of the basis (1 where none are wanted).
     """
     names = component_names(tree)
-    rows = [basis[names.index(name)] for name in _components_of(names, tuple(wanted)) if name in names]
+    rows = [basis[names.index(name)] for name in components_of(names, tuple(wanted)) if name in names]
     if not rows or not basis.shape[1]:
         return 1.0
     singular = np.linalg.svd(np.array(rows), compute_uv=False)
@@ -210,7 +210,7 @@ def complete_independent(
     rows = {name: basis[i] for i, name in enumerate(names)}
     remaining = np.eye(basis.shape[1])
     chosen: list[str] = []
-    for name in _components_of(names, required):
+    for name in components_of(names, required):
         row = rows[name] @ remaining
         length = float(np.linalg.norm(row))
         if length < 1e-7:
@@ -220,7 +220,7 @@ def complete_independent(
             )
         remaining = remaining - np.outer(remaining @ row, row) / length**2
         chosen.append(name)
-    favoured = set(_components_of(names, preferred))
+    favoured = set(components_of(names, preferred))
     while len(chosen) < count:
         lengths = {n: float(np.linalg.norm(rows[n] @ remaining)) for n in names if n not in chosen}
         score = {n: value * (100.0 if n in favoured else 1.0) for n, value in lengths.items()}
@@ -231,7 +231,8 @@ def complete_independent(
     return _merge(names, chosen)
 
 
-def _components_of(names: list[str], joints: tuple[str, ...]) -> list[str]:
+def components_of(names: list[str], joints: tuple[str, ...]) -> list[str]:
+    """The velocity components, as named in `names`, that joints or components stand for."""
     result = []
     for joint in joints:
         result += [joint] if joint in names else [n for n in names if n.startswith(f"{joint}:")]

@@ -13,7 +13,7 @@ from ccpin.errors import IndependentSetError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.coordinates import IndependentCoordinates, component_names
 from ccpin.kinematics.tree import ROOT_JOINT, Tree
-from ccpin.mechanism.mobility import complete_independent, null_space
+from ccpin.mechanism.mobility import complete_independent, components_of, null_space
 
 
 class Choice(NamedTuple):
@@ -91,8 +91,8 @@ def _marked(
 
 
 def _count(tree: Tree, names: tuple[str, ...]) -> int:
-    components = component_names(tree)
-    return sum(1 if name in components else max(1, sum(c.startswith(f"{name}:") for c in components)) for name in names)
+    """How many velocity components joints and components have."""
+    return len(components_of(component_names(tree), names))
 
 
 def _check_size(tree: Tree, names: tuple[str, ...], n: int, basis: Array) -> None:

@@ -102,8 +102,7 @@ class Element:
     def vector(self, name: str, count: int, default: tuple[float, ...] | None = None) -> Array:
         """Return exactly `count` finite numbers; `default` where the attribute is absent."""
         values = self.some_numbers(name, count)
-        if not values and default is not None:
-            values = default
+        values = values or default or ()
         if not values:
             raise self.fail(f"the attribute '{name}' is required ({count} numbers)")
         if len(values) != count:
