@@ -10,14 +10,7 @@ import pinocchio as pin
 from ccpin.arrays import Array
 from ccpin.description.model import Coupling, LoopClosure
 from ccpin.kinematics.loops import resolve_closures, resolve_coupling
-from ccpin.kinematics.rows import (
-    Directions,
-    Placed,
-    RowStack,
-    acceleration_derivative,
-    column_rates,
-    second_derivative,
-)
+from ccpin.kinematics.rows import Directions, Placed, RowStack, column_rates
 from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import Tree
 
@@ -116,7 +109,7 @@ class Constraints:
         derivative, spatial = np.zeros((self.size, w.shape[1], steps.shape[1])), at.placed.spatial
         if self._rows.size:
             rates = column_rates(self._before, spatial, steps)
-            derivative[: self._rows.size] = second_derivative(self._rows, at.placed, rates, w, steps)
+            derivative[: self._rows.size] = self._rows.second_derivative(at.placed, rates, w, steps)
         for k, coupling in enumerate(self.couplings, start=self._rows.size):
             for term in coupling.terms:
                 derivative[k] += term.slope(2, at.q_free) * np.outer(w[term.idx_v], steps[term.idx_v])
@@ -129,7 +122,7 @@ class Constraints:
         derivative, data = np.zeros((self.size, directions.dq.shape[1])), self.scratch.take()
         if self._rows.size:
             pin.computeForwardKinematicsDerivatives(self.model, data, at.q_free, v_free, a_free)
-            derivative[: self._rows.size] = acceleration_derivative(self._rows, at.placed, data, self.model, directions)
+            derivative[: self._rows.size] = self._rows.acceleration_derivative(at.placed, self.model, data, directions)
         self.scratch.give(data)
         for k, coupling in enumerate(self.couplings, start=self._rows.size):
             for term in coupling.terms:

@@ -20,7 +20,6 @@ from ccpin.kinematics.linear import Factor, factorize
 from ccpin.kinematics.points import moved
 
 SINGULAR_RCOND = 1e-10
-CLOSED = 1e-10
 _CONTRACTION = 0.125
 _NOISE = 1e-9
 _SHORTEST_STEP = 2.0**-30

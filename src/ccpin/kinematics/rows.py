@@ -47,6 +47,18 @@ class Placed(NamedTuple):
     wrenches: Array
 
 
+class Directions(NamedTuple):
+    """k directions of (q′, q̇′) in which to differentiate.
+
+    Attributes:
+        dq: Tangent steps of q′ (right increments, as `pin.integrate` takes them), of shape (n′, k).
+        dv: Changes of the components of q̇′, of shape (n′, k).
+    """
+
+    dq: Array
+    dv: Array
+
+
 class RowStack:
     """The rows of resolved closures.
 
@@ -140,6 +152,40 @@ class RowStack:
         (x, y), (x_1, y_1), (x_2, y_2) = (self.sides(each) for each in (placed.vectors, rates, second))
         return self.summed(self._weights * (x_2 * y + 2.0 * x_1 * y_1 + x * y_2).sum(axis=1))
 
+    def second_derivative(self, placed: Placed, rates: Array, w: Array, steps: Array) -> Array:
+        """D_k (φ_q′ w_j) for velocity components w (n′, j) held and tangent steps (n′, k), of shape (R, j, k).
+
+        `rates` are the `column_rates` along the steps.
+        """
+        by_w, by_step = (np.moveaxis((self.supports[:, None] * placed.spatial) @ each, 2, 1) for each in (w, steps))
+        mixed = np.einsum("nl,lj,clk->njkc", self.supports, w, rates, optimize=True)
+        x = placed.vectors[:, None]
+        x_w, x_s = self.moved(x, by_w)[:, :, None], self.moved(x, by_step)[:, None]
+        x_ws = self.moved(x[:, None], mixed) + self.turned(x_s, by_w[:, :, None])
+        (a, b), (a_w, b_w), (a_s, b_s), (a_ws, b_ws) = (self.sides(each) for each in (x[:, None], x_w, x_s, x_ws))
+        return self.weighted((a_ws * b + a_w * b_s + a_s * b_w + a * b_ws).sum(axis=-1))
+
+    def acceleration_derivative(
+        self, placed: Placed, model: pin.Model, data: pin.Data, directions: Directions
+    ) -> Array:
+        """D(φ_q′ q̈′ + φ̇_q′ q̇′) in each direction, the components of q̈′ held, of shape (R, k).
+
+        `data` is as `pin.computeForwardKinematicsDerivatives` leaves it at (q′, q̇′, q̈′).
+        """
+        jets = [_jet(model, data, joint, directions) for joint in self.joints]
+        twist, second, step, d_twist, d_second = (np.array(each) for each in zip(*jets, strict=True))
+        twist, second, x = twist[:, None], second[:, None], placed.vectors[:, None]
+        x_1 = self.moved(x, twist)
+        x_2 = self.moved(x, second) + self.turned(x_1, twist)
+        dx = self.moved(x, step)
+        dx_1 = self.moved(x, d_twist) + self.turned(dx, twist)
+        dx_2 = self.moved(x, d_second) + self.turned(dx, second) + self.turned(x_1, d_twist) + self.turned(dx_1, twist)
+        (a, b), (a_1, b_1), (a_2, b_2), (da, db), (da_1, db_1), (da_2, db_2) = (
+            self.sides(each) for each in (x, x_1, x_2, dx, dx_1, dx_2)
+        )
+        change = a_2 * db + b_2 * da + 2.0 * (a_1 * db_1 + b_1 * da_1) + a * db_2 + b * da_2
+        return self.weighted(change.sum(axis=-1))
+
     def twists(self, spatial: Array, v_free: Array) -> Array:
         """S q̇′ of the K joints' bodies, of shape (K, 6)."""
         return np.asarray((self.supports * v_free) @ spatial.T)
@@ -202,18 +248,6 @@ def _carried(loop: ResolvedClosure, vector: Fixed) -> _Carried:
     return _Carried(vector.frame, joint, np.append(frame[:3, :3] @ vector.local, 0.0))
 
 
-class Directions(NamedTuple):
-    """k directions of (q′, q̇′) in which to differentiate.
-
-    Attributes:
-        dq: Tangent steps of q′ (right increments, as `pin.integrate` takes them), of shape (n′, k).
-        dv: Changes of the components of q̇′, of shape (n′, k).
-    """
-
-    dq: Array
-    dv: Array
-
-
 def column_rates(before: Array, spatial: Array, steps: Array) -> Array:
     """D_k S_l = V_l × S_l, V_l the velocity of column l's body under step k, of shape (6, n′, k).
 
@@ -226,52 +260,6 @@ def column_rates(before: Array, spatial: Array, steps: Array) -> Array:
     velocity = np.einsum("lm,cm,mk->lkc", before, spatial, steps, optimize=True)
     linear = cross(velocity[..., 3:], columns[..., :3]) + cross(velocity[..., :3], columns[..., 3:])
     return np.moveaxis(np.concatenate([linear, cross(velocity[..., 3:], columns[..., 3:])], axis=-1), 2, 0)
-
-
-def second_derivative(stack: RowStack, placed: Placed, rates: Array, w: Array, steps: Array) -> Array:
-    """D_k (φ_q′ w_j) for velocity components w (n′, j) held and tangent steps (n′, k), of shape (R, j, k).
-
-    Args:
-        stack: The rows.
-        placed: The configuration.
-        rates: `column_rates` along the steps.
-        w: Velocity components.
-        steps: Tangent steps of q′.
-    """
-    by_w, by_step = (np.moveaxis((stack.supports[:, None] * placed.spatial) @ each, 2, 1) for each in (w, steps))
-    mixed = np.einsum("nl,lj,clk->njkc", stack.supports, w, rates, optimize=True)
-    x = placed.vectors[:, None]
-    x_w, x_s = stack.moved(x, by_w)[:, :, None], stack.moved(x, by_step)[:, None]
-    x_ws = stack.moved(x[:, None], mixed) + stack.turned(x_s, by_w[:, :, None])
-    (a, b), (a_w, b_w), (a_s, b_s), (a_ws, b_ws) = (stack.sides(each) for each in (x[:, None], x_w, x_s, x_ws))
-    return stack.weighted((a_ws * b + a_w * b_s + a_s * b_w + a * b_ws).sum(axis=-1))
-
-
-def acceleration_derivative(
-    stack: RowStack, placed: Placed, data: pin.Data, model: pin.Model, directions: Directions
-) -> Array:
-    """D(φ_q′ q̈′ + φ̇_q′ q̇′) in each direction, the components of q̈′ held, of shape (R, k).
-
-    Args:
-        stack: The rows.
-        placed: The configuration.
-        data: After `pin.computeForwardKinematicsDerivatives` at (q′, q̇′, q̈′).
-        model: The free system.
-        directions: Where to.
-    """
-    jets = [_jet(model, data, joint, directions) for joint in stack.joints]
-    twist, second, step, d_twist, d_second = (np.array(each) for each in zip(*jets, strict=True))
-    twist, second, x = twist[:, None], second[:, None], placed.vectors[:, None]
-    x_1 = stack.moved(x, twist)
-    x_2 = stack.moved(x, second) + stack.turned(x_1, twist)
-    dx = stack.moved(x, step)
-    dx_1 = stack.moved(x, d_twist) + stack.turned(dx, twist)
-    dx_2 = stack.moved(x, d_second) + stack.turned(dx, second) + stack.turned(x_1, d_twist) + stack.turned(dx_1, twist)
-    (a, b), (a_1, b_1), (a_2, b_2), (da, db), (da_1, db_1), (da_2, db_2) = (
-        stack.sides(each) for each in (x, x_1, x_2, dx, dx_1, dx_2)
-    )
-    change = a_2 * db + b_2 * da + 2.0 * (a_1 * db_1 + b_1 * da_1) + a * db_2 + b * da_2
-    return stack.weighted(change.sum(axis=-1))
 
 
 class _Jet(NamedTuple):

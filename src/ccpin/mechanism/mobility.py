@@ -103,7 +103,7 @@ def idle_motions(tree: Tree, constraints: Constraints, q_free: Array, basis: Arr
     model, data = tree.model, tree.model.createData()
     pin.computeJointJacobians(model, data, q_free)
     spatial = np.array(data.J)
-    on_loop = _loop_joints(constraints)
+    on_loop = {joint for loop in constraints.loops for joint in (*loop.path_a, *loop.path_b)}
     masses = {j: float(model.inertias[j].mass) for j in range(1, model.njoints)}
     heaviest = max([0.0, *masses.values()])
     heavy = [j for j, mass in masses.items() if mass > 1e-6 * heaviest]
@@ -146,10 +146,6 @@ def _vector(v: Array) -> str:
     return "(" + ", ".join(f"{x:.4g}" for x in np.where(np.abs(v) < 5e-7, 0.0, v)) + ")"
 
 
-def _loop_joints(constraints: Constraints) -> set[int]:
-    return {joint for loop in constraints.loops for joint in (*loop.path_a, *loop.path_b)}
-
-
 def _welded_groups(constraints: Constraints, heavy: list[int]) -> list[set[int]]:
     groups = [{j} for j in heavy]
     for loop in constraints.loops:
@@ -161,8 +157,6 @@ def _welded_groups(constraints: Constraints, heavy: list[int]) -> list[set[int]]
 
 
 def _kernel(matrix: Array) -> Array:
-    if matrix.shape[1] == 0:
-        return np.zeros((0, 0))
     _, s, vt = np.linalg.svd(matrix, full_matrices=True)
     rank = int(np.count_nonzero(s > 1e-8 * max(float(s.max(initial=0.0)), 1.0)))
     return np.asarray(vt[rank:].T)

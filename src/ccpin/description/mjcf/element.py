@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -165,10 +165,6 @@ def merged(inherited: Mapping[str, str], own: Mapping[str, str]) -> dict[str, st
     return {**{name: value for name, value in inherited.items() if name not in drop}, **own}
 
 
-def _quat(element: Element, _: Angles) -> Array:
-    return element.quaternion(element.vector("quat", 4), "quat")
-
-
 def _axisangle(element: Element, angles: Angles) -> Array:
     value = element.vector("axisangle", 4)
     turn = element.unit(value[:3], "the axis of axisangle") * value[3] * angles.unit
@@ -183,10 +179,6 @@ def _xyaxes(element: Element, _: Angles) -> Array:
     return np.column_stack([x, y, np.cross(x, y)])
 
 
-def _zaxis(element: Element, _: Angles) -> Array:
-    return rotation_to(element.unit(element.vector("zaxis", 3), "zaxis"))
-
-
 def _euler(element: Element, angles: Angles) -> Array:
     """Lower-case axes turn with the frame (factors from the left), upper-case ones stay (from the right)."""
     matrix = np.eye(3)
@@ -196,4 +188,10 @@ def _euler(element: Element, angles: Angles) -> Array:
     return matrix
 
 
-_READERS = {"quat": _quat, "axisangle": _axisangle, "xyaxes": _xyaxes, "zaxis": _zaxis, "euler": _euler}
+_READERS: dict[str, Callable[[Element, Angles], Array]] = {
+    "quat": lambda element, _: element.quaternion(element.vector("quat", 4), "quat"),
+    "axisangle": _axisangle,
+    "xyaxes": _xyaxes,
+    "zaxis": lambda element, _: rotation_to(element.unit(element.vector("zaxis", 3), "zaxis")),
+    "euler": _euler,
+}

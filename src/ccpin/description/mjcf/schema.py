@@ -42,7 +42,9 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
             "fwdinv invdiscrete multiccd sleep diagexact ipc speculative"
         ),
         "default": "class",
-        "material": "name class texture texrepeat texuniform emission specular shininess reflectance metallic roughness rgba",
+        "material": (
+            "name class texture texrepeat texuniform emission specular shininess reflectance metallic roughness rgba"
+        ),
         "frame": f"name childclass {_FRAME}",
         "inertial": f"mass diaginertia fullinertia {_FRAME}",
         "joint": (
