@@ -101,13 +101,7 @@ def urdf_description(root: XmlElement) -> MechanismDescription:
 class _TreeReader:
     """Reads links and joints, whose numbers it has checked first, all of them, also where ccpin has no use for them.
 
-    Attributes:
-        values: The numeric attributes of each element of a tag in `NUMERIC`.
-        colours: The colours of the named materials.
-        notes: What was assumed or left out.
-
-    Raises:
-        DescriptionError: A number is malformed; the methods raise it where something needed is missing.
+    `values` are the numeric attributes of each element of a tag in `NUMERIC`, `colours` those of the named materials.
     """
 
     def __init__(self, root: XmlElement) -> None:

@@ -128,11 +128,8 @@ def _describe(tree: Tree, group: set[int], twist: Array, count: int) -> str:
     named = " with ".join(sorted(b for b in bodies if tree.model.inertias[tree.attachments[b].joint].mass > 0)[:2])
     linear, angular = twist[:3], twist[3:]
     turning = float(np.linalg.norm(angular))
-    if (
-        count == 1
-        and turning > 1e-9
-        and abs(linear @ angular) < 1e-6 * turning * max(float(np.linalg.norm(linear)), 1.0)
-    ):
+    pitch = abs(linear @ angular)
+    if count == 1 and turning > 1e-9 and pitch < 1e-6 * turning * max(float(np.linalg.norm(linear)), 1.0):
         axis = angular / turning
         point = np.cross(angular, linear) / turning**2
         return (
@@ -186,16 +183,9 @@ def complete_independent(
 ) -> tuple[str, ...]:
     """Extend `required` to `count` components whose velocities fix the motion best.
 
-    Components are taken one by one, each the one whose row of the null-space basis is largest in the part the
-    earlier ones leave undetermined; `preferred` ones win unless they are a hundred times worse. Whole multi-dof joints
-    are named as such where all their components are chosen.
-
-    Args:
-        tree: The free system.
-        basis: Null-space basis at the reference, of shape (n′, n).
-        required: Joints or components that must be in, in this order.
-        preferred: Joints taken first among the rest (motors, say).
-        count: n.
+    Components are taken one by one, each the one whose row of the null-space basis (n′, n) at the reference is largest
+    in the part the earlier ones leave undetermined; `preferred` ones (motors, say) win unless they are a hundred times
+    worse. Whole multi-dof joints are named as such where all their components are chosen.
 
     Raises:
         IndependentSetError: Components of `required` depend on one another.

@@ -56,7 +56,7 @@ def skeleton(mechanism: Mechanism) -> list[Body]:
         name = mechanism.description.root if joint == 0 else model.names[joint]
         colour = GROUND if joint == 0 else LIMBS[(joint - 1) % len(LIMBS)]
         visuals = [
-            *_limbs(_anchor(mechanism, joint, points[joint]), points[joint], radius, colour),
+            *_limbs(_anchor(joint, points[joint]), points[joint], radius, colour),
             *_rails(mechanism, joint, radius),
             *(_ball(point, 1.9 * radius, JOINT) for point in points[joint].joints),
             *(_ball(point, 1.9 * radius, LOOP) for point in points[joint].loops),
@@ -95,7 +95,7 @@ def _extent(mechanism: Mechanism, points: list[_Points]) -> float:
     return diagonal or 1.0
 
 
-def _anchor(mechanism: Mechanism, joint: int, held: _Points) -> Array:
+def _anchor(joint: int, held: _Points) -> Array:
     """Where a body's limbs start: its own joint, else the only pair's first point, else the middle."""
     every = [*held.joints, *held.loops]
     if joint > 0 or not every:

@@ -56,10 +56,8 @@ class Tree:
     """What the worldbody says.
 
     Attributes:
-        body_names: Hands out names to bodies without one.
-        joint_names: Hands out names to joints without one.
-        links: All links, the root "world" first, parents before children.
-        joints: All joints, parents before children.
+        body_names, joint_names: Hand out names to bodies and joints without one.
+        links, joints: Parents before children, the root "world" first.
         poses: Every body's frame (4, 4) in the world at qpos0.
         sites: The named sites.
         reference: Displacements of the movable joints at qpos0.
