@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -56,15 +55,8 @@ class _Checker:
         self.marks_are_sound()
 
     def names_are_unique(self) -> None:
-        d = self.d
-        named: dict[str, tuple[Any, ...]] = {
-            "link": d.links,
-            "joint": d.joints,
-            "loop": d.closures,
-            "coupling": d.couplings,
-        }
-        for kind, things in named.items():
-            for name, count in Counter(thing.name for thing in things).items():
+        for kind, field in (("link", "links"), ("joint", "joints"), ("loop", "closures"), ("coupling", "couplings")):
+            for name, count in Counter(thing.name for thing in getattr(self.d, field)).items():
                 if count > 1:
                     raise self.fail(f"{kind} '{name}'", f"the name is used {count} times; names must be unique")
 

@@ -107,8 +107,8 @@ def _cells(axes: Any, certificate: SetPointCertificate, scale: Array) -> None:
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Rectangle
 
-    corners, ends = certificate.cells
-    patches = [Rectangle(tuple(low * scale), *((high - low) * scale)) for low, high in zip(corners, ends, strict=True)]
+    cells = zip(*certificate.cells, strict=True)
+    patches = [Rectangle(tuple(low * scale), *((high - low) * scale)) for low, high in cells]
     axes.add_collection(PatchCollection(patches, facecolor=COLOURS[2], alpha=0.18, edgecolor=COLOURS[2], linewidth=0.3))
 
 
