@@ -282,11 +282,8 @@ def stated_pose(tree: Tree, description: MechanismDescription) -> Array:
         joint = tree.joint(name)
         value = joint.kind.stated(np.array(values, dtype=np.float64))
         if value.size != joint.kind.nq:
-            raise DescriptionError(
-                f"the reference value has {value.size} numbers; a {joint.kind.name} joint needs {joint.kind.nq}",
-                source=description.source,
-                element=f"joint '{name}'",
-            )
+            message = f"the reference value has {value.size} numbers; a {joint.kind.name} joint needs {joint.kind.nq}"
+            raise DescriptionError(message, source=description.source, element=f"joint '{name}'")
         q_free[joint.q] = value
     return np.asarray(pin.normalize(model, q_free))
 
@@ -308,10 +305,9 @@ def _reference(
     errors = {name: float(np.abs(residual[rows]).max()) for name, rows in complete.row_slices().items()}
     worst = max(errors, key=lambda name: errors[name])
     if errors[worst] > 1e-6:
-        raise LoopNotClosedError(
+        message = (
             f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are {errors[worst]:.4g} "
-            "(m or rad) apart across it",
-            q_free=closed.q_free,
-            errors=errors,
+            "(m or rad) apart across it"
         )
+        raise LoopNotClosedError(message, q_free=closed.q_free, errors=errors)
     return closed, rank

@@ -207,8 +207,7 @@ def complete_independent(
     favoured = set(components_of(names, preferred))
     while len(chosen) < count:
         lengths = {n: float(np.linalg.norm(rows[n] @ remaining)) for n in names if n not in chosen}
-        score = {n: value * (100.0 if n in favoured else 1.0) for n, value in lengths.items()}
-        best = max(score, key=lambda n: score[n])
+        best = max(lengths, key=lambda n: lengths[n] * (100.0 if n in favoured else 1.0))
         row = rows[best] @ remaining
         remaining = remaining - np.outer(remaining @ row, row) / float(row @ row)
         chosen.append(best)

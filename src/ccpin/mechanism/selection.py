@@ -38,9 +38,8 @@ def choose_independent(
     motors = tuple(actuated) if actuated is not None else (description.actuated or ())
     for name in motors:
         if name.partition(":")[0] not in tree.names:
-            raise IndependentSetError(
-                f"actuated joint '{name}' is not a movable joint; those are {', '.join(tree.names)}"
-            )
+            known = ", ".join(tree.names)
+            raise IndependentSetError(f"actuated joint '{name}' is not a movable joint; those are {known}")
     base = (ROOT_JOINT,) if ROOT_JOINT in tree.names and tree.joint(ROOT_JOINT).kind.nv == 6 else ()
     notes: list[str] = []
     if independent is not None:
@@ -96,11 +95,7 @@ def _count(tree: Tree, names: tuple[str, ...]) -> int:
 
 
 def _check_size(tree: Tree, names: tuple[str, ...], n: int, basis: Array) -> None:
-    """Raise where the set has the wrong size, saying what to add or take away.
-
-    Raises:
-        IndependentSetError: Always, unless the set has n velocity components.
-    """
+    """Raise an IndependentSetError unless the set has n velocity components, saying what to add or take away."""
     IndependentCoordinates(tree, names, pin.neutral(tree.model))
     count = _count(tree, names)
     if count == n:
@@ -108,8 +103,7 @@ def _check_size(tree: Tree, names: tuple[str, ...], n: int, basis: Array) -> Non
     given = f"{count} independent velocities are named ({', '.join(names) or 'none'}) but the mobility is {n}"
     if count < n:
         whole = complete_independent(tree, basis, names, (), n)
-        raise IndependentSetError(
-            f"{given}: add {', '.join(name for name in whole if name not in names)}, for instance"
-        )
+        missing = ", ".join(name for name in whole if name not in names)
+        raise IndependentSetError(f"{given}: add {missing}, for instance")
     suggestion = complete_independent(tree, basis, (), names, n)
     raise IndependentSetError(f"{given}: {', '.join(suggestion) or 'none'} would do")
