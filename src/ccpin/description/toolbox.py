@@ -100,9 +100,8 @@ def _closures(document: ToolboxDocument, description: MechanismDescription, sour
         if name not in links and name not in carriers:
             raise _fail(source, element, "is neither a link nor a joint of the URDF")
         if name in links and carriers.get(name, name) != name:
-            raise _fail(
-                source, element, f"is a link and a joint with another child ('{carriers[name]}'): rename one of them"
-            )
+            message = f"is a link and a joint with another child ('{carriers[name]}'): rename one of them"
+            raise _fail(source, element, message)
         return name if name in links else carriers[name]
 
     return tuple(

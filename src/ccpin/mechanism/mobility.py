@@ -114,7 +114,7 @@ def idle_motions(tree: Tree, constraints: Constraints, q_free: Array, basis: Arr
             continue
         rest = [twists[j] for j in heavy if j not in group]
         allowed = _kernel(np.vstack(rest)) if rest else np.eye(basis.shape[1])
-        if allowed.shape[1] == 0:
+        if not allowed.shape[1]:
             continue
         twist = np.vstack([twists[j] for j in sorted(group) if j in twists]) @ allowed
         if np.abs(twist).max(initial=0.0) < 1e-9:
