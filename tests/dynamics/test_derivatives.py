@@ -30,7 +30,7 @@ from ccpin.errors import (
     UnreachableError,
 )
 from ccpin.kinematics.coordinates import IndependentCoordinates
-from ccpin.kinematics.row_derivatives import Directions
+from ccpin.kinematics.rows import Directions
 from tests.oracles.finite_differences import along, assert_close, derivative
 from tests.support.places import MODELS, SCRIPTS, SHARED
 from tests.support.strategies import mechanisms

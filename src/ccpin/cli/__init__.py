@@ -36,18 +36,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _version() -> str:
-    """The version of the package this one is a part of, which is imported by now."""
-    return str(sys.modules["ccpin"].__version__)  # type: ignore[attr-defined]
-
-
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="ccpin", description="Reduced models of closed-chain mechanisms.")
-    parser.add_argument("--version", action="version", version=f"ccpin {_version()}")
+    version = sys.modules["ccpin"].__version__  # type: ignore[attr-defined]  # of the package this one is a part of
+    parser.add_argument("--version", action="version", version=f"ccpin {version}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
-    add_info(commands)
-    add_modes(commands)
-    add_simulate(commands)
-    add_domain(commands)
-    add_view(commands)
+    for add in (add_info, add_modes, add_simulate, add_domain, add_view):
+        add(commands)
     return parser

@@ -18,6 +18,8 @@ from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
+SHARES = ("certified", "undecided", "unreached", "empty")
+
 
 def add_domain(commands: Any) -> None:
     """The command and its options."""
@@ -43,12 +45,18 @@ def _domain(options: argparse.Namespace) -> int:
     centre = vector(options, "centre", mechanism)
     q_free = mechanism.q_reference if centre is None else ReducedModel(mechanism).sigma(centre)
     centre = domain.scalar_coordinates_at(mechanism, q_free)
-    result: dict[str, Any] = {"centre": centre.tolist(), "q_free": q_free.tolist()}
-    result |= _radii(mechanism, q_free)
+    theorem = domain.theorem2(mechanism, q_free)
+    result: dict[str, Any] = {
+        "centre": centre.tolist(),
+        "q_free": q_free.tolist(),
+        "theorem2_radius": theorem.radius,
+        "theorem2_form": theorem.description,
+        "kantorovich_radius": domain.kantorovich_radius(mechanism, q_free, bounds="auto"),
+    }
     region = _region(options, mechanism)
-    atlas = None
-    if options.atlas or region is not None or mechanism.n <= 2 or options.save or options.plot:
-        depth = options.depth if options.atlas or region is not None or options.plot else 0
+    atlas, mapped = None, options.atlas or region is not None or options.plot
+    if mapped or mechanism.n <= 2 or options.save:
+        depth = options.depth if mapped else 0
         with _executor(options.scheduler) as executor, _progress_bar(options.json) as progress:
             atlas = domain.certify(
                 mechanism,
@@ -77,28 +85,9 @@ def _region(options: argparse.Namespace, mechanism: Mechanism) -> tuple[Array, A
     return None if lower is None or upper is None else (lower, upper)
 
 
-def _radii(mechanism: Mechanism, q_free: Array) -> dict[str, Any]:
-    from ccpin import domain
-
-    theorem = domain.theorem2(mechanism, q_free)
-    return {
-        "theorem2_radius": theorem.radius,
-        "theorem2_form": theorem.description,
-        "kantorovich_radius": domain.kantorovich_radius(mechanism, q_free, bounds="auto"),
-    }
-
-
 def _atlas_facts(atlas: Any) -> dict[str, Any]:
-    return {
-        "radius": atlas.radius,
-        "boxes": len(atlas.lower),
-        "certified_fraction": atlas.certified_fraction,
-        "undecided_fraction": atlas.undecided_fraction,
-        "unreached_fraction": atlas.unreached_fraction,
-        "empty_fraction": atlas.empty_fraction,
-        "single_valued": atlas.single_valued,
-        "complete": atlas.complete,
-    }
+    facts = (*(f"{share}_fraction" for share in SHARES), "single_valued", "complete")
+    return {"radius": atlas.radius, "boxes": len(atlas.lower)} | {name: getattr(atlas, name) for name in facts}
 
 
 @contextlib.contextmanager
@@ -157,10 +146,7 @@ def _domain_in_words(mechanism: Mechanism, result: dict[str, Any]) -> str:
     ]
     if "atlas" in result:
         atlas = result["atlas"]
-        shares = ", ".join(
-            f"{100 * atlas[f'{name}_fraction']:.3f} % {name}"
-            for name in ("certified", "undecided", "unreached", "empty")
-        )
+        shares = ", ".join(f"{100 * atlas[f'{share}_fraction']:.3f} % {share}" for share in SHARES)
         lines += [size("atlas", atlas["radius"]), f"atlas: {atlas['boxes']} boxes; {shares} of the region"]
         lines += [] if atlas["single_valued"] else ["warning: not single-valued; some shared faces are unglued"]
         lines += [] if atlas["complete"] else ["interrupted: what is listed is certified, the rest was not reached"]

@@ -65,11 +65,7 @@ def summary(mechanism: Mechanism) -> dict[str, Any]:
     residual = constraints.residual(mechanism.q_reference)
     model, mobility = mechanism.tree.model, mechanism.mobility
     joints = [
-        {
-            "name": joint.name,
-            "type": joint.kind.name,
-            "reference": mechanism.q_reference[joint.q].tolist(),
-        }
+        {"name": joint.name, "type": joint.kind.name, "reference": mechanism.q_reference[joint.q].tolist()}
         for joint in mechanism.tree.joints
     ]
     rows = constraints.row_slices()

@@ -64,12 +64,7 @@ def _simulate(options: argparse.Namespace) -> int:
         goals = np.array([next(m.goal for m in motion.moves if t <= m.end) for t in trajectory.t])
     band = np.radians(options.band_deg)
     metrics = [set_point_metrics(part, model, target, band).as_json() for target, part in moves]
-    result = {
-        "status": trajectory.status,
-        "message": trajectory.message,
-        "evaluations": trajectory.evaluations,
-        "moves": metrics,
-    }
+    result = {name: getattr(trajectory, name) for name in ("status", "message", "evaluations")} | {"moves": metrics}
     if options.out is not None:
         _write(options.out, mechanism, trajectory, goals, result)
     print(

@@ -55,14 +55,8 @@ class _Checker:
         self.marks_are_sound()
 
     def names_are_unique(self) -> None:
-        kinds: tuple[tuple[str, Iterable[str]], ...] = (
-            ("link", (link.name for link in self.d.links)),
-            ("joint", (joint.name for joint in self.d.joints)),
-            ("loop", (closure.name for closure in self.d.closures)),
-            ("coupling", (coupling.name for coupling in self.d.couplings)),
-        )
-        for kind, names in kinds:
-            for name, count in Counter(names).items():
+        for kind, field in (("link", "links"), ("joint", "joints"), ("loop", "closures"), ("coupling", "couplings")):
+            for name, count in Counter(thing.name for thing in getattr(self.d, field)).items():
                 if count > 1:
                     raise self.fail(f"{kind} '{name}'", f"the name is used {count} times; names must be unique")
 
@@ -76,10 +70,8 @@ class _Checker:
             if joint.parent == joint.child:
                 raise self.fail(element, f"link '{joint.child}' is its own parent")
             if joint.child in parent_of:
-                raise self.fail(
-                    element,
-                    f"link '{joint.child}' has two parents; cut the tree open and state the loop as a closure",
-                )
+                message = f"link '{joint.child}' has two parents; cut the tree open and state the loop as a closure"
+                raise self.fail(element, message)
             parent_of[joint.child] = joint.parent
         roots = sorted(self.links - set(parent_of))
         if len(roots) > 1:
@@ -153,17 +145,14 @@ class _Checker:
             if not coupling.terms:
                 raise self.fail(element, "couples no joint")
             for term in coupling.terms:
+                joint = f"joint '{term.joint}'"
                 if term.joint not in self.joints:
-                    raise self.fail(element, f"joint '{term.joint}' does not exist")
+                    raise self.fail(element, f"{joint} does not exist")
                 kind = self.joints[term.joint].kind
                 one_dof = [name for name, entry in JOINT_KINDS.items() if entry.nv == 1]
                 if kind not in one_dof:
-                    raise self.fail(
-                        element, f"joint '{term.joint}' is {kind}; only {', '.join(one_dof)} can be coupled"
-                    )
-                self.is_sensible(
-                    element, (*term.coefficients, term.reference), f"a coefficient of joint '{term.joint}'"
-                )
+                    raise self.fail(element, f"{joint} is {kind}; only {', '.join(one_dof)} can be coupled")
+                self.is_sensible(element, (*term.coefficients, term.reference), f"a coefficient of {joint}")
             if not any(c != 0 for term in coupling.terms for c in term.coefficients[1:]):
                 raise self.fail(element, "every coefficient is zero")
 

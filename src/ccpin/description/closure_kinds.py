@@ -59,11 +59,6 @@ class Product(NamedTuple):
     left: Vector
     right: Vector
 
-    @property
-    def turns_only(self) -> bool:
-        """Whether it depends on how the bodies are turned, not on where they are."""
-        return isinstance(self.left, Fixed) and isinstance(self.right, Fixed)
-
 
 Row = tuple[Product, ...]
 
@@ -82,18 +77,12 @@ class LoopRows(NamedTuple):
     @property
     def direction_rows(self) -> tuple[bool, ...]:
         """For each row whether it says how the ends are turned and nothing else."""
-        return tuple(all(product.turns_only for product in row) for row in self.rows)
+        return tuple(all(GAP not in (left, right) for _, left, right in row) for row in self.rows)
 
     def evaluate(
         self, vector: Callable[[Vector], V], dot: Callable[[V, V], S], combine: Callable[[Iterable[tuple[float, S]]], S]
     ) -> list[S]:
-        """The rows in some algebra.
-
-        Args:
-            vector: The value of a vector.
-            dot: The scalar product of two such values.
-            combine: Σ w s over pairs (w, s).
-        """
+        """The rows in some algebra: `vector` gives a vector's value, `dot` x·y, `combine` Σ w s over pairs (w, s)."""
         return [combine((w, dot(vector(left), vector(right))) for w, left, right in row) for row in self.rows]
 
 
@@ -154,34 +143,9 @@ def _plane_axes(normal: Array | None) -> Array:
     return np.vstack([first, second, normal])
 
 
-def _spherical(closure: LoopClosure, normal: PlaneNormal) -> LoopRows:
-    return LoopRows(_same_point(normal))
-
-
-def _revolute(closure: LoopClosure, normal: PlaneNormal) -> LoopRows:
-    return LoopRows(_same_point(normal) + _same_axis(normal), ((Z, Z),))
-
-
-def _fixed(closure: LoopClosure, normal: PlaneNormal) -> LoopRows:
-    basis = np.eye(3) if normal.A is None else rotation_to(normal.A)
-    return LoopRows(_same_point(normal) + _same_rotation(basis), ((X, X), (Y, Y), (Z, Z)))
-
-
-def _prismatic(closure: LoopClosure, normal: PlaneNormal) -> LoopRows:
-    basis = _about_z(normal.A)
-    return LoopRows(_same_rotation(basis) + _no_offset(basis.T[:2]), ((X, X), (Y, Y), (Z, Z)))
-
-
-def _cylindrical(closure: LoopClosure, normal: PlaneNormal) -> LoopRows:
-    return LoopRows(_same_axis(normal) + _no_offset(_about_z(normal.A).T[:2]), ((Z, Z),))
-
-
-def _universal(closure: LoopClosure, normal: PlaneNormal) -> LoopRows:
-    return LoopRows((*_same_point(normal), _perpendicular(X, Y)))
-
-
-def _planar(closure: LoopClosure, normal: PlaneNormal) -> LoopRows:
-    return LoopRows(_same_axis(normal) + _no_offset([Z]), ((Z, Z),))
+def _across_z(normal: PlaneNormal) -> tuple[Row, ...]:
+    """No offset along the x and y axes of A."""
+    return _no_offset(_about_z(normal.A).T[:2])
 
 
 def _distance(closure: LoopClosure, normal: PlaneNormal) -> LoopRows:
@@ -190,14 +154,15 @@ def _distance(closure: LoopClosure, normal: PlaneNormal) -> LoopRows:
     return LoopRows(((Product(scale, GAP, GAP), Product(-scale, rod, rod)),))
 
 
+_XYZ = ((X, X), (Y, Y), (Z, Z))
 CLOSURE_KINDS: dict[str, Callable[[LoopClosure, PlaneNormal], LoopRows]] = {
-    "spherical": _spherical,
-    "revolute": _revolute,
-    "fixed": _fixed,
-    "prismatic": _prismatic,
-    "cylindrical": _cylindrical,
-    "universal": _universal,
-    "planar": _planar,
+    "spherical": lambda _, n: LoopRows(_same_point(n)),
+    "revolute": lambda _, n: LoopRows(_same_point(n) + _same_axis(n), ((Z, Z),)),
+    "fixed": lambda _, n: LoopRows(_same_point(n) + _same_rotation(rotation_to(Z if n.A is None else n.A)), _XYZ),
+    "prismatic": lambda _, n: LoopRows(_same_rotation(_about_z(n.A)) + _across_z(n), _XYZ),
+    "cylindrical": lambda _, n: LoopRows(_same_axis(n) + _across_z(n), ((Z, Z),)),
+    "universal": lambda _, n: LoopRows((*_same_point(n), _perpendicular(X, Y))),
+    "planar": lambda _, n: LoopRows(_same_axis(n) + _no_offset([Z]), ((Z, Z),)),
     "distance": _distance,
 }
 
@@ -209,11 +174,8 @@ def rows_of(closure: LoopClosure, normal: PlaneNormal) -> LoopRows:
     vector of the loop; a row of such products only is constant. The kinds build their rows so that these stand alone.
     """
     built = CLOSURE_KINDS[closure.kind](closure, normal)
-    return built._replace(rows=tuple(row for row in built.rows if not all(_constant(p, normal) for p in row)))
-
-
-def _constant(product: Product, normal: PlaneNormal) -> bool:
-    return any(_along(vector, normal) for vector in (product.left, product.right))
+    rows = (row for row in built.rows if not all(_along(p.left, normal) or _along(p.right, normal) for p in row))
+    return built._replace(rows=tuple(rows))
 
 
 def _along(vector: Vector, normal: PlaneNormal) -> bool:

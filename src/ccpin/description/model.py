@@ -11,11 +11,19 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, FrozenMapping, Record, cross, frozen, skew
 
 IDENTITY: Array = frozen(np.eye(4))
 X_AXIS: Array = frozen([1.0, 0.0, 0.0])
+
+
+def frame(position: ArrayLike, rotation: ArrayLike = IDENTITY[:3, :3]) -> Array:
+    """The 4×4 transform that turns by `rotation` (3, 3) and moves to `position` (3,)."""
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = rotation, position
+    return transform
 
 
 def rotation_to(axis: Array) -> Array:

@@ -14,16 +14,9 @@ from ccpin.arrays import Array, cross, skew
 
 # c = Σ cₖ tᵏ with cₖ = |B₂ₖ₊₂|/(2k + 2)!, convergent for t < 4π²; the columns are the series of c, c′ and c″.
 _C = np.polynomial.Polynomial([
-    1 / 12,
-    1 / 720,
-    1 / 30240,
-    1 / 1209600,
-    1 / 47900160,
-    691 / 1307674368000,
-    1 / 74724249600,
-    3617 / 10670622842880000,
-    43867 / 5109094217170944000,
-    174611 / 802857662698291200000,
+    1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160,
+    691 / 1307674368000, 1 / 74724249600, 3617 / 10670622842880000,
+    43867 / 5109094217170944000, 174611 / 802857662698291200000,
 ])  # fmt: skip
 _SERIES: Array = np.column_stack([np.pad(_C.deriv(k).coef, (0, k)) for k in range(3)])
 _SERIES_BELOW = 1.0

@@ -28,15 +28,7 @@ def _fail(source: str, element: str, message: str) -> DescriptionError:
 
 
 class ToolboxDocument(NamedTuple):
-    """What a robot.yaml states.
-
-    Attributes:
-        pairs: The two frames of each loop.
-        kinds: ``"3d"`` or ``"6d"``, one a pair.
-        motors: Actuated joints.
-        overrides: Joint types by joint name.
-        notes: What was assumed or left out.
-    """
+    """What a robot.yaml states: two frames and ``"3d"`` or ``"6d"`` a loop, motors, joint types by name, notes."""
 
     pairs: tuple[tuple[str, str], ...]
     kinds: tuple[str, ...]
@@ -54,10 +46,6 @@ def toolbox_description(text: bytes, file: Path) -> MechanismDescription:
     Joint types apply in the joint's own frame: SPHERICAL frees every rotation about its origin, FIXED locks it at
     zero, UJOINT_ab replaces it by ``<name>_a``, which turns about that frame's axis a, and ``<name>_b``, about the
     turned frame's axis b, with a massless link between them.
-
-    Args:
-        text: The YAML.
-        file: The file it comes from.
 
     Raises:
         DescriptionNotFoundError: There is no URDF beside it, or several of which none is called robot.urdf.
@@ -112,9 +100,8 @@ def _closures(document: ToolboxDocument, description: MechanismDescription, sour
         if name not in links and name not in carriers:
             raise _fail(source, element, "is neither a link nor a joint of the URDF")
         if name in links and carriers.get(name, name) != name:
-            raise _fail(
-                source, element, f"is a link and a joint with another child ('{carriers[name]}'): rename one of them"
-            )
+            message = f"is a link and a joint with another child ('{carriers[name]}'): rename one of them"
+            raise _fail(source, element, message)
         return name if name in links else carriers[name]
 
     return tuple(
@@ -124,14 +111,8 @@ def _closures(document: ToolboxDocument, description: MechanismDescription, sour
 
 
 def _override(description: MechanismDescription, overrides: dict[str, str], source: str) -> MechanismDescription:
-    """Apply the joint types; what the URDF says of such a joint's position, limits and rotor no longer applies.
-
-    Raises:
-        DescriptionError: A joint does not exist or is fixed in the URDF, or its type is none of JOINT_TYPES.
-    """
-    joints: list[Joint] = []
-    between: list[Link] = []
-    notes: list[str] = []
+    """Apply the joint types; what the URDF says of such a joint's position, limits and rotor no longer applies."""
+    joints, between, notes = list[Joint](), list[Link](), list[str]()
     _check_overrides(description, overrides, source)
     for joint in description.joints:
         kind = overrides.get(joint.name)
@@ -201,10 +182,8 @@ def parse_document(text: bytes, source: str) -> ToolboxDocument:
     joints = _names(content.get("joint_name", []), "joint_name", source)
     types = _names(content.get("joint_type", []), "joint_type", source)
     motors = _names(content.get("name_mot", []), "name_mot", source)
-    for key, values, other, others in (
-        ("type", kinds, "closed_loop", pairs),
-        ("joint_type", types, "joint_name", joints),
-    ):
+    lengths = ("type", kinds, "closed_loop", pairs), ("joint_type", types, "joint_name", joints)
+    for key, values, other, others in lengths:
         if len(values) != len(others):
             raise _fail(source, key, f"has {len(values)} entries where {other} has {len(others)}")
     for key, names in (("joint_name", joints), ("name_mot", motors)):
@@ -221,11 +200,7 @@ def parse_document(text: bytes, source: str) -> ToolboxDocument:
 
 
 def _parse_yaml(text: bytes, source: str) -> Any:
-    """The document as lists, dicts and strings.
-
-    Raises:
-        InvalidXmlError: Not YAML, too large or too deep, or with tags, anchors or aliases.
-    """
+    """The document as lists, dicts and strings, refused if too large or deep, or with tags, anchors or aliases."""
     if len(text) > MAX_BYTES:
         raise InvalidXmlError(f"the YAML is larger than {MAX_BYTES} bytes", source=source)
     try:

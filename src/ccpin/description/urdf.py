@@ -8,11 +8,10 @@ from typing import cast
 
 import numpy as np
 
-from ccpin.arrays import Array, frozen
 from ccpin.description.checks import check
 from ccpin.description.joint_kinds import FIXED, JOINT_KINDS
 from ccpin.description.model import (
-    IDENTITY,
+    X_AXIS,
     Coupling,
     CouplingTerm,
     Inertia,
@@ -24,16 +23,15 @@ from ccpin.description.model import (
 )
 from ccpin.description.urdf_loops import read_marks
 from ccpin.description.xml import (
-    ZERO,
     Colour,
     XmlElement,
     child,
     fail,
     numeric_attributes,
+    origin,
     parse_xml,
     source_of,
     text_attribute,
-    transform,
 )
 from ccpin.errors import DescriptionError
 
@@ -103,13 +101,7 @@ def urdf_description(root: XmlElement) -> MechanismDescription:
 class _TreeReader:
     """Reads links and joints, whose numbers it has checked first, all of them, also where ccpin has no use for them.
 
-    Attributes:
-        values: The numeric attributes of each element of a tag in `NUMERIC`.
-        colours: The colours of the named materials.
-        notes: What was assumed or left out.
-
-    Raises:
-        DescriptionError: A number is malformed; the methods raise it where something needed is missing.
+    `values` are the numeric attributes of each element of a tag in `NUMERIC`, `colours` those of the named materials.
     """
 
     def __init__(self, root: XmlElement) -> None:
@@ -128,20 +120,10 @@ class _TreeReader:
     def needed(self, element: XmlElement, *attributes: str) -> tuple[float, ...]:
         """The numbers of attributes that must be there, in one tuple."""
         values = self.values[element]
-        found: tuple[float, ...] = ()
         for attribute in attributes:
             if attribute not in values:
                 raise fail(element, f"attribute '{attribute}' is missing")
-            found += values[attribute]
-        return found
-
-    def placement(self, element: XmlElement) -> Array:
-        """The 4×4 transform of an element's <origin>."""
-        origin = element.find("origin")
-        if origin is None:
-            return IDENTITY
-        values = self.values[origin]
-        return transform(values.get("xyz", ZERO), values.get("rpy", ZERO))
+        return tuple(number for attribute in attributes for number in values[attribute])
 
     def joint(self, element: XmlElement) -> Joint:
         """A <joint>; its rotor inertia stands elsewhere."""
@@ -151,7 +133,7 @@ class _TreeReader:
             raise fail(element, f"type '{written}' is not one of {', '.join((*JOINT_KINDS, FIXED, *SYNONYMS))}")
         kind = JOINT_KINDS.get(name_of_kind)
         axis = element.find("axis")
-        direction = np.array([1.0, 0.0, 0.0] if axis is None else self.values[axis].get("xyz", (1.0, 0.0, 0.0)))
+        direction = np.array(X_AXIS if axis is None else self.values[axis].get("xyz", X_AXIS))
         norm = np.linalg.norm(direction)
         if kind is not None and kind.axial and not 1e-9 < norm < 1e9:
             raise fail(element, "the axis is the zero vector")
@@ -168,8 +150,8 @@ class _TreeReader:
             kind=name_of_kind,
             parent=text_attribute(child(element, "parent"), "link"),
             child=text_attribute(child(element, "child"), "link"),
-            placement=self.placement(element),
-            axis=frozen(direction / norm if norm > 0 else [1.0, 0.0, 0.0]),
+            placement=origin(element.find("origin")),
+            axis=direction / norm if norm > 0 else X_AXIS,
             lower=lower,
             upper=upper,
             effort=stated.get("effort", np.inf),
@@ -201,10 +183,10 @@ class _TreeReader:
         ixx, iyy, izz = self.needed(matrix, "ixx", "iyy", "izz")
         products = {"ixy": (0.0,), "ixz": (0.0,), "iyz": (0.0,), **self.values[matrix]}
         (ixy,), (ixz,), (iyz,) = products["ixy"], products["ixz"], products["iyz"]
-        placement = self.placement(inertial)
+        placement = origin(inertial.find("origin"))
         rotation = placement[:3, :3]
         rotational = rotation @ np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]) @ rotation.T
-        return Inertia(mass, frozen(placement[:3, 3]), frozen(rotational))
+        return Inertia(mass, placement[:3, 3], rotational)
 
     def visual(self, visual: XmlElement, link: str) -> Visual | None:
         """A <visual>, or a note where it cannot be drawn: a picture never costs the dynamics."""
@@ -216,7 +198,7 @@ class _TreeReader:
         colour = None
         if material is not None:
             colour = self.colour(material) or self.colours.get(material.get("name"))
-        return Visual(shape, self.placement(visual), colour or Visual.rgba)
+        return Visual(shape, origin(visual.find("origin")), colour or Visual.rgba)
 
     def colour(self, material: XmlElement) -> Colour | None:
         """The colour a <material> states itself."""

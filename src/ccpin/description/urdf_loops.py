@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, frozen
+from ccpin.arrays import Array
 from ccpin.description.closure_kinds import CLOSURE_KINDS
-from ccpin.description.model import IDENTITY, Coupling, CouplingTerm, Joint, LoopClosure, rotation_to
+from ccpin.description.model import IDENTITY, Coupling, CouplingTerm, Joint, LoopClosure, frame, rotation_to
 from ccpin.description.xml import (
     ZERO,
     XmlElement,
@@ -28,8 +28,8 @@ from ccpin.errors import DescriptionError
 
 # What URDF+ and Isaac Sim call closure kinds beside ccpin's own names.
 SYNONYMS = {"ball": "spherical", "continuous": "revolute", "hinge": "revolute", "weld": "fixed"}
-Z_TO_X: Array = frozen([[0, 0, -1], [0, 1, 0], [1, 0, 0]])
-Z_TO_Y: Array = frozen([[1, 0, 0], [0, 0, -1], [0, 1, 0]])
+Z_TO_X: Array = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])
+Z_TO_Y: Array = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 
 
 class Marks(NamedTuple):
@@ -101,9 +101,7 @@ def _named_loop(element: XmlElement, _: int) -> LoopClosure:
 
 
 def _turned(placement: Array, rotation: Array) -> Array:
-    turned = np.array(placement)
-    turned[:3, :3] = placement[:3, :3] @ rotation
-    return frozen(turned)
+    return frame(placement[:3, 3], placement[:3, :3] @ rotation)
 
 
 def _drake_constraint(element: XmlElement, position: int) -> LoopClosure:
@@ -111,10 +109,9 @@ def _drake_constraint(element: XmlElement, position: int) -> LoopClosure:
     own = tag(element)
     (link_a, a), (link_b, b) = (_drake_end(element, own, *end) for end in (("A", "p_AP"), ("B", "p_BQ")))
     name = element.get("name") or own
-    length = None
-    if own == "distance_constraint":
-        length = number(child(element, "distance_constraint_distance"), "value")
-    kind = "spherical" if length is None else "distance"
+    ball = own == "ball_constraint"
+    length = None if ball else number(child(element, "distance_constraint_distance"), "value")
+    kind = "spherical" if ball else "distance"
     return LoopClosure(f"{name}_{position}" if name == own else name, kind, link_a, link_b, a, b, length)
 
 

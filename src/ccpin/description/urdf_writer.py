@@ -9,7 +9,7 @@ import yourdfpy
 from lxml import etree
 from trimesh.transformations import euler_from_matrix
 
-from ccpin.description.model import Coupling, Joint, Link, LoopClosure, MechanismDescription, Visual
+from ccpin.description.model import Coupling, Joint, Link, LoopClosure, MechanismDescription, Visual, frame
 from ccpin.description.xml import XmlElement
 from ccpin.errors import DescriptionError
 from ccpin.files import write_atomically
@@ -69,9 +69,7 @@ def urdf_document(description: MechanismDescription) -> yourdfpy.URDF:
 def _link(link: Link) -> yourdfpy.Link:
     inertial = None
     if link.inertia is not None:
-        placement = np.eye(4)
-        placement[:3, 3] = link.inertia.com
-        inertial = yourdfpy.Inertial(placement, link.inertia.mass, link.inertia.rotational)
+        inertial = yourdfpy.Inertial(frame(link.inertia.com), link.inertia.mass, link.inertia.rotational)
     visuals = [_visual(visual) for visual in link.visuals if visual.shape.kind not in ("capsule", "ellipsoid")]
     return yourdfpy.Link(link.name, inertial, visuals)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import re
 from collections.abc import Iterator, Mapping
@@ -10,7 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from lxml import etree
 
-from ccpin.arrays import Array, frozen
+from ccpin.arrays import Array
 from ccpin.description.model import IDENTITY
 from ccpin.errors import DescriptionError, InvalidXmlError
 
@@ -34,43 +35,29 @@ def parse_xml(text: bytes, source: str | None) -> XmlElement:
     try:
         return _parse(text, source)
     except etree.XMLSyntaxError as error:
-        repaired = _declare_prefixes(text)
-        if repaired is not None:
-            try:
-                return _parse(repaired, source)
-            except etree.XMLSyntaxError:
-                pass
+        with contextlib.suppress(etree.XMLSyntaxError):
+            return _parse(_declare_prefixes(text), source)
         raise InvalidXmlError(f"not well-formed XML: {error.msg}", source=source) from None
 
 
 def _parse(text: bytes, source: str | None) -> XmlElement:
-    parser = etree.XMLParser(
-        resolve_entities=False,
-        no_network=True,
-        load_dtd=False,
-        huge_tree=False,
-        remove_comments=True,
-        remove_pis=True,
-    )
+    safe = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
+    parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
     root = etree.fromstring(text, parser, base_url=source)
     if root is None:
         raise InvalidXmlError("the file is empty", source=source)
     document = root.getroottree().docinfo
     if document.internalDTD is not None or document.doctype:
-        raise InvalidXmlError(
-            "a document type declaration (<!DOCTYPE …>) is refused: entities are never expanded",
-            source=source,
-        )
+        message = "a document type declaration (<!DOCTYPE …>) is refused: entities are never expanded"
+        raise InvalidXmlError(message, source=source)
     return root
 
 
-def _declare_prefixes(text: bytes) -> bytes | None:
+def _declare_prefixes(text: bytes) -> bytes:
     used = set(re.findall(rb"</?\s*([A-Za-z_][\w.-]*):[A-Za-z_]", text)) | set(
         re.findall(rb"\s([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*\s*=", text)
     )
     missing = {p for p in used if p not in (b"xml", b"xmlns") and b"xmlns:" + p not in text}
-    if not missing:
-        return None
     declarations = b"".join(b' xmlns:%s="urn:%s"' % (p, p) for p in sorted(missing))
     return re.sub(rb"<([A-Za-z_][\w.-]*)", lambda m: m.group(0) + declarations, text, count=1)
 
@@ -180,7 +167,7 @@ def transform(xyz: tuple[float, ...], rpy: tuple[float, ...]) -> Array:
         [-sp, cp * sr, cp * cr, xyz[2]],
         [0, 0, 0, 1],
     ]
-    return frozen(np.add(rows, 0.0))  # no negative zeros
+    return np.add(rows, 0.0)  # no negative zeros
 
 
 def origin(element: XmlElement | None) -> Array:
@@ -197,4 +184,4 @@ def unit_vector(element: XmlElement, attribute: str) -> Array:
     length = float(np.linalg.norm(vector))
     if not 1e-9 < length < 1e150:
         raise fail(element, f"{attribute} is the zero vector")
-    return frozen(vector / length)
+    return vector / length

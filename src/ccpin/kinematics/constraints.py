@@ -9,10 +9,8 @@ import pinocchio as pin
 
 from ccpin.arrays import Array
 from ccpin.description.model import Coupling, LoopClosure
-from ccpin.kinematics.couplings import resolve_coupling
-from ccpin.kinematics.loops import resolve_closures
-from ccpin.kinematics.row_derivatives import Directions, acceleration_derivative, column_rates, second_derivative
-from ccpin.kinematics.rows import Placed, RowStack
+from ccpin.kinematics.loops import resolve_closures, resolve_coupling
+from ccpin.kinematics.rows import Directions, Placed, RowStack, column_rates
 from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import Tree
 
@@ -65,18 +63,14 @@ class Constraints:
 
     def row_slices(self) -> dict[str, slice]:
         """Which rows of φ belong to each closure and coupling, by name."""
-        slices, start = {}, 0
-        for name, size in [(loop.closure.name, loop.size) for loop in self.loops] + [
-            (coupling.coupling.name, 1) for coupling in self.couplings
-        ]:
-            slices[name] = slice(start, start + size)
-            start += size
-        return slices
+        names = [*(loop.closure.name for loop in self.loops), *(each.coupling.name for each in self.couplings)]
+        stops = np.cumsum([*(loop.size for loop in self.loops), *(1 for _ in self.couplings)], dtype=int).tolist()
+        return {name: slice(start, stop) for name, start, stop in zip(names, [0, *stops], stops, strict=False)}
 
     def value(self, q_free: Array) -> ConstraintValue:
         """φ(q′) and φ_q′(q′) (3), (10)."""
         phi, jacobian = np.empty(self.size), np.empty((self.size, self.model.nv))
-        placed = self._place(q_free)
+        placed = self._placed(q_free)
         rows = slice(0, self._rows.size)
         phi[rows], jacobian[rows] = placed.value, self._rows.jacobian(placed)
         for k, coupling in enumerate(self.couplings, start=rows.stop):
@@ -115,7 +109,7 @@ class Constraints:
         derivative, spatial = np.zeros((self.size, w.shape[1], steps.shape[1])), at.placed.spatial
         if self._rows.size:
             rates = column_rates(self._before, spatial, steps)
-            derivative[: self._rows.size] = second_derivative(self._rows, at.placed, rates, w, steps)
+            derivative[: self._rows.size] = self._rows.second_derivative(at.placed, rates, w, steps)
         for k, coupling in enumerate(self.couplings, start=self._rows.size):
             for term in coupling.terms:
                 derivative[k] += term.slope(2, at.q_free) * np.outer(w[term.idx_v], steps[term.idx_v])
@@ -126,14 +120,10 @@ class Constraints:
     ) -> Array:
         """D(φ_q′ q̈′ + φ̇_q′ q̇′) in k directions of (q′, q̇′), q̈′ held, of shape (m, k)."""
         derivative, data = np.zeros((self.size, directions.dq.shape[1])), self.scratch.take()
-        try:
-            if self._rows.size:
-                pin.computeForwardKinematicsDerivatives(self.model, data, at.q_free, v_free, a_free)
-                derivative[: self._rows.size] = acceleration_derivative(
-                    self._rows, at.placed, data, self.model, directions
-                )
-        finally:
-            self.scratch.give(data)
+        if self._rows.size:
+            pin.computeForwardKinematicsDerivatives(self.model, data, at.q_free, v_free, a_free)
+            derivative[: self._rows.size] = self._rows.acceleration_derivative(at.placed, self.model, data, directions)
+        self.scratch.give(data)
         for k, coupling in enumerate(self.couplings, start=self._rows.size):
             for term in coupling.terms:
                 i, second, third = term.idx_v, term.slope(2, at.q_free), term.slope(3, at.q_free)
@@ -151,40 +141,31 @@ class Constraints:
     def turned(self, q_free: Array) -> tuple[str, ...]:
         """The closures whose axes are turned end for end, by name."""
         turned, data = [], self.scratch.take()
-        try:
-            pin.forwardKinematics(self.model, data, q_free)
-            for loop in self.loops:
-                a, b = (
-                    data.oMi[joint].rotation @ frame[:3, :3]
-                    for joint, frame in ((loop.joint_a, loop.frame_a), (loop.joint_b, loop.frame_b))
-                )
-                if any((a @ one) @ (b @ other) <= 0 for one, other in loop.rows.alignment):
-                    turned.append(loop.closure.name)
-        finally:
-            self.scratch.give(data)
+        pin.forwardKinematics(self.model, data, q_free)
+        for loop in self.loops:
+            a, b = loop.orientations(data)
+            if any((a @ one) @ (b @ other) <= 0 for one, other in loop.rows.alignment):
+                turned.append(loop.closure.name)
+        self.scratch.give(data)
         return tuple(turned)
 
     def aligned(self, q_free: Array) -> bool:
         """Whether every closure with direction rows is closed the right way round (axes not turned end for end)."""
         return not self.turned(q_free)
 
-    def _place(self, q_free: Array) -> Placed:
+    def _placed(self, q_free: Array) -> Placed:
         data = self.scratch.take()
-        try:
-            pin.computeJointJacobians(self.model, data, q_free)
-            frames = data.oMi
-            poses = np.array([frames[joint].homogeneous for joint in self._rows.joints]).reshape(-1, 4, 4)
-            return self._rows.place(poses, np.array(data.J))
-        finally:
-            self.scratch.give(data)
+        spatial, frames = np.array(pin.computeJointJacobians(self.model, data, q_free)), data.oMi
+        poses = np.array([frames[joint].homogeneous for joint in self._rows.joints]).reshape(-1, 4, 4)
+        self.scratch.give(data)
+        return self._rows.place(poses, spatial)
 
     def _spatial_rate(self, q_free: Array, v_free: Array) -> Array:
         """Ṡ along q̇′, of shape (6, n′)."""
         data = self.scratch.take()
-        try:
-            return np.array(pin.computeJointJacobiansTimeVariation(self.model, data, q_free, v_free))
-        finally:
-            self.scratch.give(data)
+        rate = np.array(pin.computeJointJacobiansTimeVariation(self.model, data, q_free, v_free))
+        self.scratch.give(data)
+        return rate
 
 
 def _before(tree: Tree) -> Array:

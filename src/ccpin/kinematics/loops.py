@@ -1,4 +1,4 @@
-"""Closures placed in the tree: who carries each end, their nearest common ancestor, and what planarity proves.
+"""Closures and couplings placed in the tree: who carries each end, and what planarity proves.
 
 A loop is planar if every revolute axis on it is parallel to one direction n, every prismatic axis is
 perpendicular to it and no other joint lies on it. All its links then move parallel to the plane ⟂ n in every
@@ -9,7 +9,9 @@ dropped by proof, not by numerical rank at one configuration. Rows that are redu
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +19,8 @@ import pinocchio as pin
 
 from ccpin.arrays import Array
 from ccpin.description.closure_kinds import PARALLEL, LoopRows, PlaneNormal, rows_of
-from ccpin.description.model import LoopClosure
+from ccpin.description.model import Coupling, LoopClosure
+from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.tree import Tree
 
 
@@ -53,6 +56,12 @@ class ResolvedClosure(NamedTuple):
         """Number of rows."""
         return len(self.rows.rows)
 
+    def orientations(self, data: pin.Data) -> tuple[Array, Array]:
+        """The world's view (3, 3) of frames A and B, from forward kinematics."""
+        ends = ((self.joint_a, self.frame_a), (self.joint_b, self.frame_b))
+        a, b = (data.oMi[joint].rotation @ frame[:3, :3] for joint, frame in ends)
+        return a, b
+
 
 def resolve_closures(
     tree: Tree, closures: Iterable[LoopClosure], reduce_planar: bool = True
@@ -76,14 +85,7 @@ def _resolve(tree: Tree, data: pin.Data, closure: LoopClosure, reduce_planar: bo
         frames = (turns[0] @ frame_a[:3, :3], turns[1] @ frame_b[:3, :3], turns[2])
         normal = PlaneNormal(*(np.asarray(frame.T @ world) for frame in frames))
     return ResolvedClosure(
-        closure=closure,
-        joint_a=carrier_a.joint,
-        joint_b=carrier_b.joint,
-        ancestor=int(shared[-1]),
-        frame_a=frame_a,
-        frame_b=frame_b,
-        path_a=path_a,
-        path_b=path_b,
+        *(closure, carrier_a.joint, carrier_b.joint, int(shared[-1]), frame_a, frame_b, path_a, path_b),
         mask_a=tree.support(carrier_a.joint) - tree.support(shared[-1]),
         mask_b=tree.support(carrier_b.joint) - tree.support(shared[-1]),
         rows=rows_of(closure, normal),
@@ -109,3 +111,76 @@ def plane_normal(tree: Tree, data: pin.Data, joints: Iterable[int]) -> Array | N
     normal = np.array(turns[0])
     parallel = all(np.linalg.norm(np.cross(normal, axis)) < PARALLEL for axis in turns)
     return normal if parallel and all(abs(normal @ axis) < PARALLEL for axis in slides) else None
+
+
+class ResolvedTerm(NamedTuple):
+    """One joint's part of a coupling.
+
+    Attributes:
+        idx_q, idx_v: Where the joint sits in q′ and q̇′.
+        wrapped: Whether it is an angle on the circle.
+        coefficients: Of the polynomial in the displacement from the reference, lowest power first.
+        reference: Where displacements are counted from.
+    """
+
+    idx_q: int
+    idx_v: int
+    wrapped: bool
+    coefficients: Array
+    reference: float
+
+    def angle(self, q_free: Array) -> float:
+        """The joint's displacement from the term's reference; on the circle in (−π, π] before the reference."""
+        i = self.idx_q
+        return float((math.atan2(q_free[i + 1], q_free[i]) if self.wrapped else q_free[i]) - self.reference)
+
+    def slope(self, order: int, q_free: Array) -> float:
+        """The polynomial's derivative of an order there."""
+        if len(self.coefficients) <= order:
+            return 0.0
+        derivative = np.polynomial.polynomial.polyder(self.coefficients, order)
+        return float(np.polynomial.polynomial.polyval(self.angle(q_free), derivative))
+
+
+class ResolvedCoupling(NamedTuple):
+    """A coupling placed in the tree; its row of φ holds modulo `modulus` (0: exactly)."""
+
+    coupling: Coupling
+    terms: tuple[ResolvedTerm, ...]
+    modulus: float
+
+    def value(self, q_free: Array) -> float:
+        """The row of φ."""
+        total = sum(term.slope(0, q_free) for term in self.terms)
+        return math.remainder(total, self.modulus) if self.modulus else total
+
+
+def resolve_coupling(tree: Tree, coupling: Coupling) -> ResolvedCoupling:
+    """Place a coupling; where a continuous joint takes part the row is read modulo what whole turns add to it.
+
+    Raises:
+        UnsupportedMechanismError: A continuous joint enters with a power above one or an irrational ratio: the
+            relation then depends on the number of turns, which a configuration on the circle does not hold.
+    """
+    terms, ratios = [], []
+    for term in coupling.terms:
+        joint = tree.joint(term.joint)
+        wrapped = joint.kind.unit == 2
+        if wrapped:
+            slope = term.coefficients[1] if len(term.coefficients) > 1 else 0.0
+            ratio = Fraction(slope).limit_denominator(1000)
+            if any(term.coefficients[2:]) or abs(float(ratio) - slope) > 1e-12:
+                raise UnsupportedMechanismError(
+                    f"coupling '{coupling.name}': joint '{term.joint}' is continuous, so its ratio must be a "
+                    "fraction of whole numbers up to 1000; make the joint revolute for any other relation"
+                )
+            ratios.append(ratio)
+        coefficients = np.array(term.coefficients, dtype=np.float64)
+        terms.append(ResolvedTerm(joint.q.start, joint.v.start, wrapped, coefficients, term.reference))
+    return ResolvedCoupling(coupling, tuple(terms), 2 * math.pi * _common_divisor(ratios))
+
+
+def _common_divisor(ratios: list[Fraction]) -> float:
+    """The largest number of which every ratio is a whole multiple (0 without ratios)."""
+    denominator = math.lcm(*(r.denominator for r in ratios))
+    return math.gcd(*(int(r * denominator) for r in ratios)) / denominator

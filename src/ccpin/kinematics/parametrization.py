@@ -20,7 +20,6 @@ from ccpin.kinematics.linear import Factor, factorize
 from ccpin.kinematics.points import moved
 
 SINGULAR_RCOND = 1e-10
-CLOSED = 1e-10
 _CONTRACTION = 0.125
 _NOISE = 1e-9
 _SHORTEST_STEP = 2.0**-30
@@ -110,22 +109,21 @@ class Parametrization:
 
     def rho_dot(self, point: ClosedPoint, v_free: Array) -> Array:
         """ρ̇ = −ψ_q′⁻¹ ψ̇_q′ ρ (35), of shape (n′, n)."""
-        m = self.constraints.size
-        right = np.zeros((m + self.coordinates.n, self.coordinates.n))
-        right[:m] = self.constraints.rate(point.constraints, v_free) @ point.rho
-        alpha_rate = self.coordinates.jacobian_rate(point.q_free, v_free)
-        if alpha_rate is not None:
-            right[m:] = alpha_rate @ point.rho
-        return -point.factor.solve(right)
+        rows = self.constraints.rate(point.constraints, v_free) @ point.rho
+        return self._against(rows, point, v_free, point.rho)
 
     def bias(self, point: ClosedPoint, v_free: Array) -> Array:
         """ρ̇ q̇ = −ψ_q′⁻¹ ψ̇_q′ q̇′, of shape (n′,), for q̇′ = ρ q̇."""
-        m = self.constraints.size
-        right = np.zeros(m + self.coordinates.n)
-        right[:m] = self.constraints.bias(point.constraints, v_free)
+        return self._against(self.constraints.bias(point.constraints, v_free), point, v_free, v_free)
+
+    def _against(self, rows: Array, point: ClosedPoint, v_free: Array, w: Array) -> Array:
+        """−ψ_q′⁻¹ [rows; α̇_q′ w]: `rows` is φ̇_q′ w."""
+        m = len(rows)
+        right = np.zeros((m + self.coordinates.n, *rows.shape[1:]))
+        right[:m] = rows
         alpha_rate = self.coordinates.jacobian_rate(point.q_free, v_free)
         if alpha_rate is not None:
-            right[m:] = alpha_rate @ v_free
+            right[m:] = alpha_rate @ w
         return -point.factor.solve(right)
 
     def sigma(self, q: Array, guess: Array | ClosedPoint | None = None) -> ClosedPoint:

@@ -12,7 +12,8 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, skew
+from ccpin.arrays import Array, cross, skew
+from ccpin.description.model import frame
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import Tree
@@ -55,37 +56,27 @@ class LinkPoint:
             raise InvalidInputError(f"link '{link}' is fixed to the world; the end effector must be on a moving link")
         self._scratch = Scratch(tree.model)
         self._joint = attachment.joint
-        frame = np.eye(4)
-        frame[:3, 3] = offset
-        self._frame = attachment.placement @ frame
+        self._frame = attachment.placement @ frame(offset)
         self._path = tree.support(attachment.joint)
 
     def pose(self, q_free: Array) -> Array:
         """The link's axes at the point, 4×4, in the world."""
-        data = self._scratch.take()
-        try:
-            pin.forwardKinematics(self._scratch.model, data, q_free)
-            return self._placed(data)
-        finally:
-            self._scratch.give(data)
+        return np.asarray(joint_poses(self._scratch, q_free)[self._joint] @ self._frame)
 
     def jacobian(self, q_free: Array) -> Array:
         """J with twist = J q̇′, of shape (6, n′)."""
         data = self._scratch.take()
-        try:
-            columns = pin.computeJointJacobians(self._scratch.model, data, q_free) * self._path
-            return _shifted(columns, self._placed(data)[:3, 3])
-        finally:
-            self._scratch.give(data)
+        columns = pin.computeJointJacobians(self._scratch.model, data, q_free) * self._path
+        jacobian = _shifted(columns, self._placed(data)[:3, 3])
+        self._scratch.give(data)
+        return jacobian
 
     def motion(self, q_free: Array, v_free: Array) -> Motion:
         """Pose, J and J̇ along q̇′."""
         data = self._scratch.take()
-        try:
-            pin.computeJointJacobiansTimeVariation(self._scratch.model, data, q_free, v_free)
-            columns, rates, pose = data.J * self._path, data.dJ * self._path, self._placed(data)
-        finally:
-            self._scratch.give(data)
+        pin.computeJointJacobiansTimeVariation(self._scratch.model, data, q_free, v_free)
+        columns, rates, pose = data.J * self._path, data.dJ * self._path, self._placed(data)
+        self._scratch.give(data)
         jacobian, rate = _shifted(columns, pose[:3, 3]), _shifted(rates, pose[:3, 3])
         rate[:3] -= skew(jacobian[:3] @ v_free) @ columns[3:]
         return Motion(pose, jacobian, rate)
@@ -102,11 +93,10 @@ def rotation_error(turned: Array, wanted: Array) -> Array:
 def joint_poses(scratch: Scratch, q_free: Array) -> Array:
     """Where the moving joint frames are in the world, of shape (joints, 4, 4); entry 0 is the world itself."""
     data = scratch.take()
-    try:
-        pin.forwardKinematics(scratch.model, data, q_free)
-        return _joint_frames(data)
-    finally:
-        scratch.give(data)
+    pin.forwardKinematics(scratch.model, data, q_free)
+    poses = _joint_frames(data)
+    scratch.give(data)
+    return poses
 
 
 class BodyMotion(NamedTuple):
@@ -129,19 +119,17 @@ class BodyMotion(NamedTuple):
 def body_motion(scratch: Scratch, q_free: Array, v_free: Array, a_free: Array) -> BodyMotion:
     """The bodies' motion at (q′, q̇′, q̈′)."""
     model, data = scratch.model, scratch.take()
-    try:
-        pin.forwardKinematics(model, data, q_free, v_free, a_free)
-        found = BodyMotion(_joint_frames(data), *(np.zeros((model.njoints, 3)) for _ in range(4)))
-        for j in range(1, model.njoints):
-            turn, lever = data.oMi[j].rotation, np.array(model.inertias[j].lever)
-            v, a = data.v[j], data.a[j]
-            swing = np.cross(a.angular, lever) + np.cross(v.angular, v.linear + np.cross(v.angular, lever))
-            found.centres[j] = data.oMi[j].act(lever)
-            found.accelerations[j] = turn @ (a.linear + swing)
-            found.omega[j], found.alpha[j] = turn @ v.angular, turn @ a.angular
-        return found
-    finally:
-        scratch.give(data)
+    pin.forwardKinematics(model, data, q_free, v_free, a_free)
+    found = BodyMotion(_joint_frames(data), *(np.zeros((model.njoints, 3)) for _ in range(4)))
+    for j in range(1, model.njoints):
+        turn, lever = data.oMi[j].rotation, np.array(model.inertias[j].lever)
+        v, a = data.v[j], data.a[j]
+        swing = cross(a.angular, lever) + cross(v.angular, v.linear + cross(v.angular, lever))
+        found.centres[j] = data.oMi[j].act(lever)
+        found.accelerations[j] = turn @ (a.linear + swing)
+        found.omega[j], found.alpha[j] = turn @ v.angular, turn @ a.angular
+    scratch.give(data)
+    return found
 
 
 def _joint_frames(data: pin.Data) -> Array:

@@ -1,4 +1,4 @@
-"""The rows of all closures side by side as arrays, and their values and derivatives at a configuration.
+"""The rows of all closures side by side as arrays, and their values and exact derivatives at a configuration.
 
 Each row is Σ w (x·y) (`ccpin.description.closure_kinds`). A vector fixed in a body turns with it, ẋ = ω × x; the gap
 p_B − p_A moves as its ends do. All is expressed in the world's axes: the rows are scalars, so they do not see that the
@@ -11,6 +11,10 @@ with which the closure acts on its ends for a unit multiplier λ_i. φ_q′ foll
 
 There are L loops, R rows, T products in them, K joints that carry an end or an ancestor, and N vectors carried by
 these: first those fixed in a body, then the points p_A of every loop, then the points p_B.
+
+Rows being sums of scalar products, second and third derivatives of φ need those of the vectors only. A vector fixed in
+a body with spatial velocity V, acceleration A obeys ẋ = ω × x, ẍ = α × x + ω × ẋ, an end's point alike with the linear
+parts added, and these relations are differentiated once more. Arrays have the vector axis last.
 """
 
 from __future__ import annotations
@@ -19,14 +23,12 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+import pinocchio as pin
 
-from ccpin.arrays import Array, cross
+from ccpin.arrays import Array, Indices, cross
 from ccpin.description.closure_kinds import Fixed, Gap, Product
 from ccpin.kinematics.loops import ResolvedClosure
 from ccpin.kinematics.tree import Tree
-
-Indices = NDArray[np.intp]
 
 
 class Placed(NamedTuple):
@@ -43,6 +45,18 @@ class Placed(NamedTuple):
     vectors: Array
     value: Array
     wrenches: Array
+
+
+class Directions(NamedTuple):
+    """k directions of (q′, q̇′) in which to differentiate.
+
+    Attributes:
+        dq: Tangent steps of q′ (right increments, as `pin.integrate` takes them), of shape (n′, k).
+        dv: Changes of the components of q̇′, of shape (n′, k).
+    """
+
+    dq: Array
+    dv: Array
 
 
 class RowStack:
@@ -138,6 +152,40 @@ class RowStack:
         (x, y), (x_1, y_1), (x_2, y_2) = (self.sides(each) for each in (placed.vectors, rates, second))
         return self.summed(self._weights * (x_2 * y + 2.0 * x_1 * y_1 + x * y_2).sum(axis=1))
 
+    def second_derivative(self, placed: Placed, rates: Array, w: Array, steps: Array) -> Array:
+        """D_k (φ_q′ w_j) for velocity components w (n′, j) held and tangent steps (n′, k), of shape (R, j, k).
+
+        `rates` are the `column_rates` along the steps.
+        """
+        by_w, by_step = (np.moveaxis((self.supports[:, None] * placed.spatial) @ each, 2, 1) for each in (w, steps))
+        mixed = np.einsum("nl,lj,clk->njkc", self.supports, w, rates, optimize=True)
+        x = placed.vectors[:, None]
+        x_w, x_s = self.moved(x, by_w)[:, :, None], self.moved(x, by_step)[:, None]
+        x_ws = self.moved(x[:, None], mixed) + self.turned(x_s, by_w[:, :, None])
+        (a, b), (a_w, b_w), (a_s, b_s), (a_ws, b_ws) = (self.sides(each) for each in (x[:, None], x_w, x_s, x_ws))
+        return self.weighted((a_ws * b + a_w * b_s + a_s * b_w + a * b_ws).sum(axis=-1))
+
+    def acceleration_derivative(
+        self, placed: Placed, model: pin.Model, data: pin.Data, directions: Directions
+    ) -> Array:
+        """D(φ_q′ q̈′ + φ̇_q′ q̇′) in each direction, the components of q̈′ held, of shape (R, k).
+
+        `data` is as `pin.computeForwardKinematicsDerivatives` leaves it at (q′, q̇′, q̈′).
+        """
+        jets = [_jet(model, data, joint, directions) for joint in self.joints]
+        twist, second, step, d_twist, d_second = (np.array(each) for each in zip(*jets, strict=True))
+        twist, second, x = twist[:, None], second[:, None], placed.vectors[:, None]
+        x_1 = self.moved(x, twist)
+        x_2 = self.moved(x, second) + self.turned(x_1, twist)
+        dx = self.moved(x, step)
+        dx_1 = self.moved(x, d_twist) + self.turned(dx, twist)
+        dx_2 = self.moved(x, d_second) + self.turned(dx, second) + self.turned(x_1, d_twist) + self.turned(dx_1, twist)
+        (a, b), (a_1, b_1), (a_2, b_2), (da, db), (da_1, db_1), (da_2, db_2) = (
+            self.sides(each) for each in (x, x_1, x_2, dx, dx_1, dx_2)
+        )
+        change = a_2 * db + b_2 * da + 2.0 * (a_1 * db_1 + b_1 * da_1) + a * db_2 + b * da_2
+        return self.weighted(change.sum(axis=-1))
+
     def twists(self, spatial: Array, v_free: Array) -> Array:
         """S q̇′ of the K joints' bodies, of shape (K, 6)."""
         return np.asarray((self.supports * v_free) @ spatial.T)
@@ -198,3 +246,46 @@ def _carried(loop: ResolvedClosure, vector: Fixed) -> _Carried:
     frames = {"A": (loop.joint_a, loop.frame_a), "B": (loop.joint_b, loop.frame_b), "C": (loop.ancestor, np.eye(4))}
     joint, frame = frames[vector.frame]
     return _Carried(vector.frame, joint, np.append(frame[:3, :3] @ vector.local, 0.0))
+
+
+def column_rates(before: Array, spatial: Array, steps: Array) -> Array:
+    """D_k S_l = V_l × S_l, V_l the velocity of column l's body under step k, of shape (6, n′, k).
+
+    Args:
+        before: 1.0 where a velocity component moves the body of another, of shape (n′, n′).
+        spatial: S, of shape (6, n′).
+        steps: Tangent steps of q′, of shape (n′, k).
+    """
+    columns = spatial.T[:, None]
+    velocity = np.einsum("lm,cm,mk->lkc", before, spatial, steps, optimize=True)
+    linear = cross(velocity[..., 3:], columns[..., :3]) + cross(velocity[..., :3], columns[..., 3:])
+    return np.moveaxis(np.concatenate([linear, cross(velocity[..., 3:], columns[..., 3:])], axis=-1), 2, 0)
+
+
+class _Jet(NamedTuple):
+    """A body's spatial velocity and acceleration (6,), and in each direction its step and their changes, (k, 6)."""
+
+    velocity: Array
+    acceleration: Array
+    step: Array
+    d_velocity: Array
+    d_acceleration: Array
+
+
+def _jet(model: pin.Model, data: pin.Data, joint: int, directions: Directions) -> _Jet:
+    """Pinocchio's derivatives of the components in the body's frame, carried to the world (linear at its origin).
+
+    That adds δ × V for the body's own step δ. Its derivatives in the world's axes are wrong for joints of several
+    degrees of freedom beyond the first.
+    """
+    if joint == 0:
+        return _Jet(np.zeros(6), np.zeros(6), *(np.zeros((directions.dq.shape[1], 6)) for _ in range(3)))
+    dq, dv, placement = directions.dq, directions.dv, data.oMi[joint]
+    by_q, second_by_q, second_by_v, columns = pin.getJointAccelerationDerivatives(
+        model, data, joint, pin.ReferenceFrame.LOCAL
+    )
+    velocity, acceleration, to_world = placement.act(data.v[joint]), placement.act(data.a[joint]), placement.action
+    step = to_world @ (columns @ dq)
+    d_velocity = to_world @ (by_q @ dq + columns @ dv) - velocity.action @ step
+    d_acceleration = to_world @ (second_by_q @ dq + second_by_v @ dv) - acceleration.action @ step
+    return _Jet(velocity.vector, acceleration.vector, step.T, d_velocity.T, d_acceleration.T)

@@ -21,7 +21,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.kinematics.parametrization import ClosedPoint, Parametrization
-from ccpin.kinematics.row_derivatives import Directions
+from ccpin.kinematics.rows import Directions
 
 
 class BiasDerivatives(NamedTuple):

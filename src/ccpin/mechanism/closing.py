@@ -62,19 +62,14 @@ def starts(model: pin.Model, reference: Array, count: int) -> Iterator[tuple[str
     yield "the middle of the joint ranges", pin.normalize(model, middle)
     generator = np.random.default_rng(20001)
     for k in range(count):
-        spread = 0.3 * 1.15**k if k < 14 else 2.0
-        yield (
-            f"start {k + 1}",
-            pin.integrate(model, reference if k % 2 == 0 else middle, spread * generator.standard_normal(model.nv)),
-        )
+        step = (0.3 * 1.15**k if k < 14 else 2.0) * generator.standard_normal(model.nv)
+        yield f"start {k + 1}", pin.integrate(model, reference if k % 2 == 0 else middle, step)
 
 
 def within_limits(model: pin.Model, q_free: Array) -> bool:
     """Whether every scalar joint is inside its limits (to 1e-9)."""
-    slack = 1e-9
-    return bool(
-        np.all(q_free >= model.lowerPositionLimit - slack) and np.all(q_free <= model.upperPositionLimit + slack)
-    )
+    outside = np.maximum(model.lowerPositionLimit - q_free, q_free - model.upperPositionLimit)
+    return not np.any(outside > 1e-9)
 
 
 def close_from_afar(constraints: Constraints, start: Array) -> Attempt:
@@ -124,21 +119,18 @@ def find_closed(constraints: Constraints, reference: Array, count: int = 40) -> 
     residual = constraints.residual(least)
     errors = {name: float(np.linalg.norm(residual[rows])) for name, rows in constraints.row_slices().items()}
     worst = max(errors, key=lambda name: errors[name])
-    if errors[worst] <= 1e-9 and not constraints.aligned(least):
-        turned = ", ".join(f"loop '{name}'" for name in constraints.turned(least))
-        raise LoopNotClosedError(
-            f"the loops close only with the axes of {turned} turned end for end ({count + 3} starts tried); "
-            "turn one of its frames by half a turn",
-            q_free=least,
-            errors=errors,
-        )
-    raise LoopNotClosedError(
+    message = (
         f"no closed configuration was found from {count + 3} starts; the least open one leaves loop '{worst}' open by "
         f'{errors[worst]:.4g} (m or rad). State a pose near a closed one (<group_state name="reference">), or check '
-        "the loop's frames and lengths",
-        q_free=least,
-        errors=errors,
+        "the loop's frames and lengths"
     )
+    if errors[worst] <= 1e-9 and not constraints.aligned(least):
+        turned = ", ".join(f"loop '{name}'" for name in constraints.turned(least))
+        message = (
+            f"the loops close only with the axes of {turned} turned end for end ({count + 3} starts tried); "
+            "turn one of its frames by half a turn"
+        )
+    raise LoopNotClosedError(message, q_free=least, errors=errors)
 
 
 def position_rows(constraints: Constraints, q_free: Array) -> Linearized:
@@ -159,24 +151,19 @@ def aligning_rows(constraints: Constraints, q_free: Array) -> Linearized:
     phi, jacobian = position_rows(constraints, q_free)
     rows, derivatives = [phi], [jacobian]
     data = constraints.scratch.take()
-    try:
-        pin.computeJointJacobians(constraints.model, data, q_free)
-        for loop in constraints.loops:
-            if loop.rows.alignment:
-                row, derivative = _rotation(loop, data)
-                rows.append(row)
-                derivatives.append(derivative)
-    finally:
-        constraints.scratch.give(data)
+    pin.computeJointJacobians(constraints.model, data, q_free)
+    for loop in constraints.loops:
+        if loop.rows.alignment:
+            row, derivative = _rotation(loop, data)
+            rows.append(row)
+            derivatives.append(derivative)
+    constraints.scratch.give(data)
     return Linearized(np.concatenate(rows), np.vstack(derivatives))
 
 
 def _rotation(loop: ResolvedClosure, data: pin.Data) -> tuple[Array, Array]:
     """The rows θ n of one closure and their derivative."""
-    turn_a, turn_b = (
-        data.oMi[joint].rotation @ frame[:3, :3]
-        for joint, frame in ((loop.joint_a, loop.frame_a), (loop.joint_b, loop.frame_b))
-    )
+    turn_a, turn_b = loop.orientations(data)
     turning_a, turning_b = data.J[3:] * loop.mask_a, data.J[3:] * loop.mask_b
     if len(loop.rows.alignment) == 3:
         rotation = turn_b.T @ turn_a

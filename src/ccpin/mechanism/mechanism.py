@@ -242,15 +242,8 @@ def _analysed(
             "branches of σ meet at that pose, so which of them the reference lies on is arbitrary; a stated pose "
             '(<group_state name="reference">) chooses'
         )
-    mechanism = Mechanism(
-        description,
-        tree,
-        choice.independent,
-        choice.actuated,
-        closed.q_free,
-        mobility,
-        tuple(dict.fromkeys(notes)),
-    )
+    chosen = choice.independent, choice.actuated, closed.q_free
+    mechanism = Mechanism(description, tree, *chosen, mobility, tuple(dict.fromkeys(notes)))
     IndependentCoordinates(tree, mechanism.actuated, closed.q_free)  # refuses names that cannot be actuated
     mechanism.parametrization().at(closed.q_free)
     return mechanism
@@ -289,11 +282,8 @@ def stated_pose(tree: Tree, description: MechanismDescription) -> Array:
         joint = tree.joint(name)
         value = joint.kind.stated(np.array(values, dtype=np.float64))
         if value.size != joint.kind.nq:
-            raise DescriptionError(
-                f"the reference value has {value.size} numbers; a {joint.kind.name} joint needs {joint.kind.nq}",
-                source=description.source,
-                element=f"joint '{name}'",
-            )
+            message = f"the reference value has {value.size} numbers; a {joint.kind.name} joint needs {joint.kind.nq}"
+            raise DescriptionError(message, source=description.source, element=f"joint '{name}'")
         q_free[joint.q] = value
     return np.asarray(pin.normalize(model, q_free))
 
@@ -315,10 +305,9 @@ def _reference(
     errors = {name: float(np.abs(residual[rows]).max()) for name, rows in complete.row_slices().items()}
     worst = max(errors, key=lambda name: errors[name])
     if errors[worst] > 1e-6:
-        raise LoopNotClosedError(
+        message = (
             f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are {errors[worst]:.4g} "
-            "(m or rad) apart across it",
-            q_free=closed.q_free,
-            errors=errors,
+            "(m or rad) apart across it"
         )
+        raise LoopNotClosedError(message, q_free=closed.q_free, errors=errors)
     return closed, rank

@@ -5,14 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ccpin.arrays import Array
-from ccpin.description.model import Shape, Visual, rotation_to
+from ccpin.description.model import Shape, Visual, frame, rotation_to
+from ccpin.description.xml import Colour
+from ccpin.kinematics.points import joint_poses
+from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism
-
-Colour = tuple[float, float, float, float]
 
 GROUND: Colour = (0.36, 0.39, 0.43, 1.0)
 JOINT: Colour = (0.20, 0.22, 0.26, 1.0)
@@ -56,7 +56,7 @@ def skeleton(mechanism: Mechanism) -> list[Body]:
         name = mechanism.description.root if joint == 0 else model.names[joint]
         colour = GROUND if joint == 0 else LIMBS[(joint - 1) % len(LIMBS)]
         visuals = [
-            *_limbs(_anchor(mechanism, joint, points[joint]), points[joint], radius, colour),
+            *_limbs(_anchor(joint, points[joint]), points[joint], radius, colour),
             *_rails(mechanism, joint, radius),
             *(_ball(point, 1.9 * radius, JOINT) for point in points[joint].joints),
             *(_ball(point, 1.9 * radius, LOOP) for point in points[joint].loops),
@@ -64,7 +64,7 @@ def skeleton(mechanism: Mechanism) -> list[Body]:
         if joint > 0 and _on_rail(mechanism.tree.joints[joint - 1]):
             turned = rotation_to(mechanism.tree.joints[joint - 1].axis)
             block = Shape("box", (4 * radius, 4 * radius, 5 * radius))
-            visuals.append(Visual(block, _frame(np.zeros(3), turned), colour))
+            visuals.append(Visual(block, frame(np.zeros(3), turned), colour))
         if visuals:
             bodies.append(Body(name, joint, np.eye(4), tuple(visuals)))
     return bodies
@@ -88,16 +88,14 @@ def _points(mechanism: Mechanism) -> list[_Points]:
 
 def _extent(mechanism: Mechanism, points: list[_Points]) -> float:
     """Diagonal (m) of the box around all joints and loop points in the reference pose; 1 where there is none."""
-    model = mechanism.tree.model
-    data = model.createData()
-    pin.forwardKinematics(model, data, mechanism.q_reference)
-    world = [data.oMi[i].act(p) for i, held in enumerate(points) for p in (*held.joints, *held.loops)]
-    world.extend(np.array(data.oMi[i].translation) for i in range(1, model.njoints))
+    poses = joint_poses(Scratch(mechanism.tree.model), mechanism.q_reference)
+    held = [(pose, point) for pose, held in zip(poses, points, strict=True) for point in (*held.joints, *held.loops)]
+    world = [*(pose[:3, :3] @ point + pose[:3, 3] for pose, point in held), *poses[1:, :3, 3]]
     diagonal = float(np.linalg.norm(np.ptp(np.array(world), axis=0))) if world else 0.0
     return diagonal or 1.0
 
 
-def _anchor(mechanism: Mechanism, joint: int, held: _Points) -> Array:
+def _anchor(joint: int, held: _Points) -> Array:
     """Where a body's limbs start: its own joint, else the only pair's first point, else the middle."""
     every = [*held.joints, *held.loops]
     if joint > 0 or not every:
@@ -110,8 +108,8 @@ def _limbs(start: Array, held: _Points, radius: float, colour: Colour) -> list[V
     for end in (*held.joints, *held.loops):
         length = float(np.linalg.norm(end - start))
         if length > 1e-9:
-            frame = _frame((start + end) / 2, rotation_to((end - start) / length))
-            limbs.append(Visual(Shape("capsule", (radius, length)), frame, colour))
+            middle = frame((start + end) / 2, rotation_to((end - start) / length))
+            limbs.append(Visual(Shape("capsule", (radius, length)), middle, colour))
     return limbs
 
 
@@ -128,8 +126,8 @@ def _rails(mechanism: Mechanism, joint: int, radius: float) -> list[Visual]:
             middle = float(mechanism.q_reference[index])
             low, high = max(low, middle - SHORT_RAIL * radius), min(high, middle + SHORT_RAIL * radius)
         axis = child.placement[:3, :3] @ child.axis
-        frame = _frame(child.placement[:3, 3] + axis * (low + high) / 2, rotation_to(axis))
-        rails.append(Visual(Shape("cylinder", (0.6 * radius, max(high - low, radius))), frame, GROUND))
+        centre = frame(child.placement[:3, 3] + axis * (low + high) / 2, rotation_to(axis))
+        rails.append(Visual(Shape("cylinder", (0.6 * radius, max(high - low, radius))), centre, GROUND))
     return rails
 
 
@@ -138,10 +136,4 @@ def _on_rail(joint: TreeJoint) -> bool:
 
 
 def _ball(point: Array, radius: float, colour: Colour) -> Visual:
-    return Visual(Shape("sphere", (radius,)), _frame(point, np.eye(3)), colour)
-
-
-def _frame(origin: Array, rotation: Array) -> Array:
-    frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = rotation, origin
-    return frame
+    return Visual(Shape("sphere", (radius,)), frame(point), colour)

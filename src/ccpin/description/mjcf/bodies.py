@@ -30,13 +30,7 @@ _Items = dict[str, list[_Item]]
 
 
 class TreeReader:
-    """Walks the bodies depth first, as MuJoCo numbers them.
-
-    Args:
-        worlds: The ``<worldbody>`` sections.
-        defaults: The default classes.
-        compiler: The compiler settings.
-        assets: Meshes and materials.
+    """Walks the bodies of the ``<worldbody>`` sections depth first, as MuJoCo numbers them.
 
     Raises:
         DescriptionError: Two bodies or two joints have the same name.

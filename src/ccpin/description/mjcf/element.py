@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.schema import ATTRIBUTES, LEAVES, NUMERIC, ORIENTATIONS
-from ccpin.description.model import IDENTITY, rotation_to
+from ccpin.description.model import frame, rotation_to
 from ccpin.description.xml import ZERO, XmlElement, fail
 from ccpin.errors import DescriptionError
 
 _LARGEST = 1e30
 _LONGEST = 10
 _FLAGS = {"true": True, "false": False}
-
-
-def frame(position: ArrayLike, matrix: ArrayLike = IDENTITY[:3, :3]) -> Array:
-    """Return the 4×4 transform that turns by the rotation matrix `matrix` (3, 3) and moves to `position` (3,)."""
-    transform = np.eye(4)
-    transform[:3, :3], transform[:3, 3] = matrix, position
-    return transform
 
 
 @dataclass(frozen=True)
@@ -110,8 +102,7 @@ class Element:
     def vector(self, name: str, count: int, default: tuple[float, ...] | None = None) -> Array:
         """Return exactly `count` finite numbers; `default` where the attribute is absent."""
         values = self.some_numbers(name, count)
-        if not values and default is not None:
-            values = default
+        values = values or default or ()
         if not values:
             raise self.fail(f"the attribute '{name}' is required ({count} numbers)")
         if len(values) != count:
@@ -174,10 +165,6 @@ def merged(inherited: Mapping[str, str], own: Mapping[str, str]) -> dict[str, st
     return {**{name: value for name, value in inherited.items() if name not in drop}, **own}
 
 
-def _quat(element: Element, _: Angles) -> Array:
-    return element.quaternion(element.vector("quat", 4), "quat")
-
-
 def _axisangle(element: Element, angles: Angles) -> Array:
     value = element.vector("axisangle", 4)
     turn = element.unit(value[:3], "the axis of axisangle") * value[3] * angles.unit
@@ -192,10 +179,6 @@ def _xyaxes(element: Element, _: Angles) -> Array:
     return np.column_stack([x, y, np.cross(x, y)])
 
 
-def _zaxis(element: Element, _: Angles) -> Array:
-    return rotation_to(element.unit(element.vector("zaxis", 3), "zaxis"))
-
-
 def _euler(element: Element, angles: Angles) -> Array:
     """Lower-case axes turn with the frame (factors from the left), upper-case ones stay (from the right)."""
     matrix = np.eye(3)
@@ -205,4 +188,10 @@ def _euler(element: Element, angles: Angles) -> Array:
     return matrix
 
 
-_READERS = {"quat": _quat, "axisangle": _axisangle, "xyaxes": _xyaxes, "zaxis": _zaxis, "euler": _euler}
+_READERS: dict[str, Callable[[Element, Angles], Array]] = {
+    "quat": lambda element, _: element.quaternion(element.vector("quat", 4), "quat"),
+    "axisangle": _axisangle,
+    "xyaxes": _xyaxes,
+    "zaxis": lambda element, _: rotation_to(element.unit(element.vector("zaxis", 3), "zaxis")),
+    "euler": _euler,
+}

@@ -10,10 +10,10 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import MAIN, Defaults
-from ccpin.description.mjcf.element import Element, frame
+from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.joints import Names, Tree
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import Coupling, CouplingTerm, LoopClosure
+from ccpin.description.model import Coupling, CouplingTerm, LoopClosure, frame
 from ccpin.description.xml import ZERO, XmlElement, fail
 
 _KINDS: dict[str, str] = {"connect": "spherical", "weld": "fixed"}

@@ -11,8 +11,8 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler, Defaults
-from ccpin.description.mjcf.element import Element, frame
-from ccpin.description.model import Inertia, Shape, Visual
+from ccpin.description.mjcf.element import Element
+from ccpin.description.model import Inertia, Shape, Visual, frame
 from ccpin.description.xml import ZERO, Colour, XmlElement, source_of
 
 Kind = Literal["sphere", "capsule", "cylinder", "ellipsoid", "box"]
@@ -166,10 +166,6 @@ def weighs_nothing(geom: Geom) -> bool:
     return said.number("mass", said.number("density", 1000.0)) == 0.0
 
 
-def _sphere(radius: float) -> tuple[float, Axes]:
-    return 4.0 / 3.0 * np.pi * radius**3, (0.4 * radius**2,) * 3
-
-
 def _capsule(radius: float, half: float) -> tuple[float, Axes]:
     """A cylinder of length h and two half spheres; each part weighted by its share of the volume."""
     length = 2.0 * half
@@ -186,21 +182,16 @@ def _cylinder(radius: float, half: float) -> tuple[float, Axes]:
     return np.pi * radius**2 * length, (across, across, 0.5 * radius**2)
 
 
-def _ellipsoid(a: float, b: float, c: float) -> tuple[float, Axes]:
-    moments = (b**2 + c**2) / 5.0, (a**2 + c**2) / 5.0, (a**2 + b**2) / 5.0
-    return 4.0 / 3.0 * np.pi * (a * b * c), moments
-
-
-def _box(a: float, b: float, c: float) -> tuple[float, Axes]:
-    return 8.0 * (a * b * c), ((b**2 + c**2) / 3.0, (a**2 + c**2) / 3.0, (a**2 + b**2) / 3.0)
+def _squares(a: float, b: float, c: float, share: float) -> Axes:
+    return (b**2 + c**2) / share, (a**2 + c**2) / share, (a**2 + b**2) / share
 
 
 _PRIMITIVES: dict[str, Callable[..., tuple[float, Axes]]] = {
-    "sphere": _sphere,
+    "sphere": lambda radius: (4.0 / 3.0 * np.pi * radius**3, (0.4 * radius**2,) * 3),
     "capsule": _capsule,
     "cylinder": _cylinder,
-    "ellipsoid": _ellipsoid,
-    "box": _box,
+    "ellipsoid": lambda a, b, c: (4.0 / 3.0 * np.pi * (a * b * c), _squares(a, b, c, 5.0)),
+    "box": lambda a, b, c: (8.0 * (a * b * c), _squares(a, b, c, 3.0)),
 }
 """Volume and principal moments per unit mass, from the half sizes."""
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.geoms import Geom, geom_inertia, weighs_nothing
+from ccpin.description.mjcf.schema import ORIENTATIONS
 from ccpin.description.model import Inertia, Link
 
 _SLACK = 1e-9
@@ -20,17 +20,10 @@ _NOTHING = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
 def body_inertia(
     body: Element, inertial: Element | None, geoms: Sequence[Geom], compiler: Compiler, moves: bool
 ) -> Inertia | None:
-    """Return a body's inertia, from its ``<inertial>`` or its geoms as the compiler settings decide.
+    """Return a body's inertia in its frame, from its ``<inertial>`` or its geoms as the compiler settings decide.
 
-    Args:
-        body: The body, for error messages.
-        inertial: Its inertial element, if any.
-        geoms: Its geoms.
-        compiler: The file's settings.
-        moves: Whether the body can move; the mass of one that cannot matters to nobody.
-
-    Returns:
-        The inertia in the body's frame; ``None`` where the body has neither mass nor inertia.
+    It is ``None`` where the body has neither mass nor inertia. `moves` says whether the body can move; the mass of one
+    that cannot matters to nobody.
 
     Raises:
         DescriptionError: The numbers are no inertia of a solid, or the geoms' masses need mesh files.
@@ -54,7 +47,7 @@ def _from_inertial(said: Element, compiler: Compiler) -> Inertia:
         turn = said.orientation(compiler.angles)
         rotational = turn @ np.diag(said.vector("diaginertia", 3)) @ turn.T
     else:
-        if said.values.keys() & {"diaginertia", "quat", "axisangle", "xyaxes", "zaxis", "euler"}:
+        if said.values.keys() & {"diaginertia", *ORIENTATIONS}:
             raise said.fail("fullinertia excludes diaginertia and an orientation")
         xx, yy, zz, xy, xz, yz = said.vector("fullinertia", 6)
         rotational = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
@@ -79,14 +72,11 @@ def _from_geoms(body: Element, geoms: Sequence[Geom], compiler: Compiler, moves:
     if mass == 0.0:
         return _NOTHING
     com = sum((part.mass * part.com for part in parts), np.zeros(3)) / mass
-    rotational = sum((part.rotational + _steiner(part, com) for part in parts), np.zeros((3, 3)))
+    rotational = np.zeros((3, 3))
+    for part in parts:
+        arm = part.com - com
+        rotational += part.rotational + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
     return Inertia(mass, com, rotational)
-
-
-def _steiner(part: Inertia, com: Array) -> Array:
-    arm = part.com - com
-    about: Array = part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return about
 
 
 def _conditioned(said: Element, found: Inertia, compiler: Compiler) -> Inertia | None:
@@ -117,9 +107,10 @@ def scaled_to_total(links: Sequence[Link], total: float) -> tuple[Link, ...]:
     present = sum(link.inertia.mass for link in links if link.inertia)
     if total <= 0.0 or present == 0.0:
         return tuple(links)
-    factor = total / present
-
-    def scaled(inertia: Inertia) -> Inertia:
-        return Inertia(factor * inertia.mass, inertia.com, factor * inertia.rotational)
-
-    return tuple(link if link.inertia is None else replace(link, inertia=scaled(link.inertia)) for link in links)
+    factor, scaled = total / present, []
+    for link in links:
+        i = link.inertia
+        scaled.append(
+            link if i is None else replace(link, inertia=Inertia(factor * i.mass, i.com, factor * i.rotational))
+        )
+    return tuple(scaled)

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
-from ccpin.description.mjcf.element import Element, frame
+from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import IDENTITY, Joint, Link
+from ccpin.description.model import IDENTITY, Joint, Link, frame
 from ccpin.description.xml import ZERO, XmlElement, fail
 
 _TYPES = ("free", "ball", "slide", "hinge")
@@ -56,10 +56,8 @@ class Tree:
     """What the worldbody says.
 
     Attributes:
-        body_names: Hands out names to bodies without one.
-        joint_names: Hands out names to joints without one.
-        links: All links, the root "world" first, parents before children.
-        joints: All joints, parents before children.
+        body_names, joint_names: Hand out names to bodies and joints without one.
+        links, joints: Parents before children, the root "world" first.
         poses: Every body's frame (4, 4) in the world at qpos0.
         sites: The named sites.
         reference: Displacements of the movable joints at qpos0.
@@ -91,9 +89,7 @@ class JointReader:
     carries its link at the moving joint frame, so each factor T(pₖ) Jₖ(−refₖ) becomes part of a placement,
     and where the last pos is not zero a fixed joint leads back to the body frame.
 
-    Args:
-        compiler: The compiler settings.
-        tree: Where to put links, joints and reference displacements.
+    Links, joints and reference displacements go into `tree`.
     """
 
     def __init__(self, compiler: Compiler, tree: Tree) -> None:
@@ -146,7 +142,7 @@ class JointReader:
         if kind == "free":
             self._note_alignment(said, name)
             quaternion = Rotation.from_matrix(placement[:3, :3]).as_quat()
-            self._tree.reference[name] = (*map(float, placement[:3, 3]), *map(float, quaternion))
+            self._tree.reference[name] = (*placement[:3, 3].tolist(), *quaternion.tolist())
             placement = IDENTITY
         elif kind == "ball":
             self._tree.reference[name] = (0.0, 0.0, 0.0, 1.0)
@@ -155,6 +151,9 @@ class JointReader:
         for attribute, word in _FORCES.items():
             if any(said.some_numbers(attribute, 3)):
                 self._tree.passive_forces.setdefault(word, []).append(name)
+        forces, armature = self._bounds(said, "actuatorfrclimited", "actuatorfrcrange"), said.number("armature", 0.0)
+        if armature < 0.0:
+            raise said.fail("armature should not be negative")
         return Joint(
             name=name,
             kind=_KINDS[kind],
@@ -164,8 +163,8 @@ class JointReader:
             axis=axis,
             lower=lower,
             upper=upper,
-            effort=self._effort(said),
-            armature=self._armature(said),
+            effort=np.inf if forces is None else float(np.abs(forces).max()),
+            armature=armature,
         )
 
     def _note_alignment(self, said: Element, name: str) -> None:
@@ -198,17 +197,6 @@ class JointReader:
         if word == "auto" and given and not self._compiler.autolimits:
             raise said.fail(f"{range_name} without {switch} is ambiguous when autolimits is off")
         return bounds if word == "true" or (word == "auto" and given) else None
-
-    def _effort(self, said: Element) -> float:
-        """Return the largest force the actuators may exert together on the joint."""
-        bounds = self._bounds(said, "actuatorfrclimited", "actuatorfrcrange")
-        return np.inf if bounds is None else float(np.abs(bounds).max())
-
-    def _armature(self, said: Element) -> float:
-        value = said.number("armature", 0.0)
-        if value < 0.0:
-            raise said.fail("armature should not be negative")
-        return value
 
 
 def _type_of(said: Element) -> str:
