@@ -125,9 +125,7 @@ def _motion(tape: Tape, joint: ExactJoint, q: Node) -> Table:
     return motion
 
 
-def closure_rows(
-    tape: Tape, constraints: Constraints, joints: Sequence[ExactJoint], q_free: Table
-) -> list[Expression]:
+def closure_rows(tape: Tape, constraints: Constraints, joints: Sequence[ExactJoint], q_free: Table) -> list[Expression]:
     """φ, row by row in the order of `Constraints`; directions and lengths are the exact doubles of its rows.
 
     Raises:
