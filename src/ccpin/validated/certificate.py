@@ -141,7 +141,7 @@ def certify_move(
     if not isinstance(law, PDSimpleGravity):
         raise InvalidInputError("the level certified is about PD with simple gravity compensation: pass that law")
     level, rigorous = _level(arrival, law)
-    options = checked_options(duration, precision, order, tolerance, pieces, SHORTEST_STEP, np.inf)
+    options = checked_options(duration, precision, Options(order, tolerance, pieces, SHORTEST_STEP, np.inf))
     with flint().ctx.workprec(precision):
         loop = closed_loop(model, law)
         start = exact_start(model, loop, q0, v0, guess, spread)

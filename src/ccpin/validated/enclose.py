@@ -162,7 +162,7 @@ def enclose(
         UnsupportedMechanismError: A mechanism or law outside the scope.
         ConvergenceError: The exact closed start is not proven to exist.
     """
-    options = checked_options(duration, precision, order, tolerance, pieces, shortest_step, longest_step)
+    options = checked_options(duration, precision, Options(order, tolerance, pieces, shortest_step, longest_step))
     with flint().ctx.workprec(precision):
         loop = closed_loop(model, law)
         start = exact_start(model, loop, q0, v0, guess, spread)
@@ -175,21 +175,14 @@ def enclose(
         return collect(loop, start, steps, reason, precision)
 
 
-def checked_options(
-    duration: float,
-    precision: int,
-    order: int,
-    tolerance: float,
-    pieces: int,
-    shortest_step: float,
-    longest_step: float,
-) -> Options:
+def checked_options(duration: float, precision: int, options: Options) -> Options:
     """The stepping options, checked.
 
     Raises:
         InvalidInputError: One is out of its range.
     """
     positive(duration, "duration")
+    order, tolerance, pieces, shortest_step, longest_step = options
     if not (53 <= precision <= 100_000 and 2 <= order <= 1000):
         raise InvalidInputError(f"precision = {precision} must be 53 bits or more and order = {order} 2 or more")
     if not 1 <= pieces <= 10_000:
@@ -198,7 +191,7 @@ def checked_options(
         raise InvalidInputError(f"tolerance = {tolerance} must lie between 2^-precision and 1")
     if not QUANTUM <= shortest_step <= longest_step:
         raise InvalidInputError(f"the shortest step {shortest_step} must be at least 2⁻⁴⁰ s and at most the longest")
-    return Options(order, tolerance, pieces, shortest_step, longest_step)
+    return options
 
 
 def exact_start(

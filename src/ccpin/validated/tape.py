@@ -128,7 +128,7 @@ class Tape:
         inner = self.instructions[a.index]
         if inner.kind == SCALE:
             a, b = Node(self, inner.a), inner.constant * b
-        return a if _is_one(b) else self._record(SCALE, a.index, constant=_number(b))
+        return a if b == 1 else self._record(SCALE, a.index, constant=_number(b))
 
     def sincos(self, a: Node) -> tuple[Node, Node]:
         """Sine and cosine of a node."""
@@ -185,7 +185,7 @@ class Tape:
 
         if item.kind == INPUT:
             return direction.get(item.target, 0)
-        if item.kind == CONSTANT or item.kind in (SOLVE, PART):
+        if item.kind in (CONSTANT, SOLVE, PART):
             return 0
         if item.kind == ADD:
             return slopes[item.a] + slopes[item.b]
@@ -217,10 +217,6 @@ class Tape:
 def is_zero(value: Expression) -> bool:
     """Whether an expression is the constant 0, exactly."""
     return not isinstance(value, Node) and bool(value == 0)
-
-
-def _is_one(value: Any) -> bool:
-    return bool(value == 1)
 
 
 def _number(value: Any) -> Any:
