@@ -103,14 +103,8 @@ class ModelLaw(ControlLaw):
 class _PD(ModelLaw):
     """What the two PD laws share: gains, the set point, the error and the Lyapunov function.
 
-    Args:
-        model: The reduced model, or a mechanism.
-        q_d: The set point, constant, of shape (model.nq,).
-        K_p: Proportional gains, N m/rad or N/m. K_v: velocity gains, N m s/rad or N s/m. Each (n,) or (n, n).
-        guess: Chooses the assembly mode of σ(q_d).
-
-    Raises:
-        InvalidInputError, UnsupportedMechanismError, UnreachableError, SingularConfigurationError: As `ModelLaw` does.
+    Args and errors as for `ModelLaw`; q is the set point q_d, constant, gains are in N m/rad or N/m (K_p) and N m s/rad
+    or N s/m (K_v), and the guess chooses the assembly mode of σ(q_d).
     """
 
     def __init__(

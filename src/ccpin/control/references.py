@@ -53,20 +53,6 @@ class Reference(abc.ABC):
         """q_d, q̇_d and q̈_d at time t."""
 
 
-class _Quintic(NamedTuple):
-    """s(x) = 10x³ − 15x⁴ + 6x⁵ for x in [0, 1], with s′ and s″; 0 and 1 at the ends, with zero s′ and s″."""
-
-    s: float
-    rate: float
-    acceleration: float
-
-    @classmethod
-    def at(cls, x: float) -> _Quintic:
-        x = min(max(x, 0.0), 1.0)
-        y = 1.0 - x
-        return cls(x**3 * (10.0 - 15.0 * x + 6.0 * x * x), 30.0 * (x * y) ** 2, 60.0 * x * y * (y - x))
-
-
 class PointToPoint(Reference):
     """From one q to another at rest, along the geodesic with the quintic time law of least mean square jerk.
 
@@ -91,11 +77,13 @@ class PointToPoint(Reference):
 
     def at(self, t: float) -> ReferenceState:
         """q_d, q̇_d and q̈_d at time t."""
-        law = _Quintic.at(t / self.duration)
-        q = self._q_goal.copy() if law.s == 1.0 else self._coordinates.integrate(self._q_start, law.s * self._line)
-        return ReferenceState(
-            q, law.rate / self.duration * self._line, law.acceleration / self.duration**2 * self._line
-        )
+        x = min(max(t / self.duration, 0.0), 1.0)
+        y = 1.0 - x
+        q = self._q_goal.copy()
+        if x < 1.0:
+            q = self._coordinates.integrate(self._q_start, x**3 * (10.0 - 15.0 * x + 6.0 * x * x) * self._line)
+        rate, acceleration = 30.0 * (x * y) ** 2 / self.duration, 60.0 * x * y * (y - x) / self.duration**2
+        return ReferenceState(q, rate * self._line, acceleration * self._line)
 
 
 class Hold(Reference):

@@ -139,6 +139,7 @@ class EndEffector:
 
         Raises:
             InvalidInputError: A target that is neither, or a guess that cannot be closed.
-            UnreachableTargetError: No q on the branch was found that reaches the target.
+            UnreachableTargetError: No q on the branch was found that reaches the target: it is out of reach, beyond a
+                singularity, or asks for more directions than the mechanism has.
         """
         return solve(self.model, self.point, target, guess)

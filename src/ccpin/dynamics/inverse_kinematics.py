@@ -65,18 +65,8 @@ def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: Near 
 
     Damped Newton (Levenberg–Marquardt) on q, the residual being the gap to the target at σ(q) and its derivative
     −J ρ. Every trial goes through σ from the configuration before it, so the assembly mode is that of the guess; a
-    step on which σ is blocked is shortened like one that does not help.
-
-    Args:
-        model: The reduced model.
-        point: The point to bring to the target.
-        target: A position (3,), metres, or a pose (4, 4), in the world.
-        guess: Where to start: a State, or a configuration q′ closed or nearly so; default the mechanism's reference.
-
-    Raises:
-        InvalidInputError: A target that is neither, or a guess that cannot be closed.
-        UnreachableTargetError: The iteration ended away from the target: it is out of reach, beyond a singularity,
-            or asks for more directions than the mechanism has.
+    step on which σ is blocked is shortened like one that does not help. Arguments and errors as for
+    `ccpin.dynamics.end_effector.EndEffector.solve`.
     """
     wanted = _checked(target)
     rows = 3 if wanted.rotation is None else 6

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -75,7 +76,9 @@ def assembly_modes(
     generator = np.random.default_rng(20003)
     found: list[AssemblyMode] = []
     idle = starts = singular = 0
-    reference = _on_reference_branch(model, target)
+    reference = None
+    with suppress(CcpinError):
+        reference = model.sigma(target)
     while idle < patience and starts < limit:
         start = _start(model, target, starts, generator)
         starts, idle = starts + 1, idle + 1
@@ -92,13 +95,6 @@ def assembly_modes(
             idle = 0
     found.sort(key=lambda mode: (not mode.is_reference, -mode.rcond))
     return AssemblyModes(tuple(found), starts, singular)
-
-
-def _on_reference_branch(model: ReducedModel, q: Array) -> Array | None:
-    try:
-        return model.sigma(q)
-    except CcpinError:
-        return None
 
 
 def _equations(parametrization: Parametrization, q: Array) -> Callable[[Array], Linearized]:
@@ -136,8 +132,7 @@ def _unwound(model: ReducedModel, q_free: Array) -> Array:
     for joint in mechanism.tree.joints:
         if joint.kind.angle and joint.name not in mechanism.independent and not mechanism.couplings:
             i = joint.q.start
-            turns = np.round((q_free[i] - mechanism.q_reference[i]) / (2 * np.pi))
-            unwound[i] -= 2 * np.pi * turns
+            unwound[i] -= 2 * np.pi * np.round((q_free[i] - mechanism.q_reference[i]) / (2 * np.pi))
     return unwound
 
 

@@ -160,11 +160,11 @@ class ReducedModel:
         rows, velocities = _together(matrix_rows(Q, "Q", self.nq), matrix_rows(V, "V", self.n))
         n_free, n = self.mechanism.n_free, self.n
         shapes = ((self.mechanism.nq,), (n_free,), (n_free, n), (n_free, n), (n, n), (n, n), (n,))
-        many = ReducedTerms(*(np.empty((len(rows), *shape)) for shape in shapes))
-        for k, (q, v) in enumerate(zip(rows, velocities, strict=True)):
-            for field, value in zip(many, self.terms(q, v, guess), strict=True):
-                field[k] = value
-        return many
+        each = [self.terms(q, v, guess) for q, v in zip(rows, velocities, strict=True)]
+        columns = zip(*each, strict=True) if each else [()] * len(shapes)
+        return ReducedTerms(
+            *(np.reshape(column, (len(rows), *shape)) for column, shape in zip(columns, shapes, strict=True))
+        )
 
     def forward_dynamics_many(self, Q: ArrayLike, V: ArrayLike, U: ArrayLike, guess: Near = None) -> Array:
         """`forward_dynamics` of each row of Q, V and U, of shape (N, n)."""

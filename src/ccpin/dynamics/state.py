@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +23,6 @@ from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import ClosedPoint, Parametrization
 from ccpin.mechanism.mechanism import Mechanism
 
-_Value = TypeVar("_Value")
 _MISSING = 1e-9
 _NEARLY_SINGULAR = 1e-6
 
@@ -66,29 +65,12 @@ class ReducedTerms(NamedTuple):
     g: Array
 
 
-class _Once(Generic[_Value]):
-    """An attribute of a State, computed when first asked for and kept.
-
-    Two threads may both compute it; they get equal values, and the one kept is complete before anyone sees it.
-    """
-
-    def __init__(self, compute: Callable[[State], _Value]) -> None:
-        self._compute, self._name, self.__doc__ = compute, compute.__name__, compute.__doc__
-
-    def __get__(self, state: State | None, owner: type) -> _Value:
-        if state is None:
-            return self  # type: ignore[return-value]
-        kept = state._kept
-        if self._name not in kept:
-            value = self._compute(state)
-            if isinstance(value, np.ndarray):
-                value.setflags(write=False)
-            kept.setdefault(self._name, value)
-        found: _Value = kept[self._name]
-        return found
+def _locked(array: Array) -> Array:
+    array.setflags(write=False)
+    return array
 
 
-@dataclass(frozen=True, eq=False, slots=True, repr=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class State:
     """A configuration that is closed and nonsingular, q′ = σ(q) (12), with everything that depends on it alone.
 
@@ -106,11 +88,10 @@ class State:
     model: Model
     q: Array
     _point: ClosedPoint
-    _kept: dict[str, Any] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         for array in (self.q, self._point.q_free, self._point.rho):
-            array.setflags(write=False)
+            _locked(array)
 
     def __reduce__(self) -> tuple[type[State], tuple[Model, Array, ClosedPoint]]:
         return State, (self.model, self.q, self._point)
@@ -154,20 +135,20 @@ class State:
 
     # The reduced equations of motion.
 
-    @_Once
+    @cached_property
     def D(self) -> Array:
         """The mass matrix ρᵀD′ρ (23), symmetric positive definite, of shape (n, n), kg m² (kg, kg m)."""
-        return self.rho.T @ self._mass_rho
+        return _locked(self.rho.T @ self._mass_rho)
 
-    @_Once
+    @cached_property
     def g(self) -> Array:
         """Gravity's generalized force ρᵀg′ (25), of shape (n,), N m or N."""
-        return self.rho.T @ self._gravity_free
+        return _locked(self.rho.T @ self._gravity_free)
 
-    @_Once
+    @cached_property
     def gravity_derivative(self) -> Array:
         """∂g/∂q, of shape (n, n), along tangent steps of q: the potential's Hessian for plain coordinates."""
-        return self._derivatives.gravity()
+        return _locked(self._derivatives.gravity())
 
     def C(self, v: ArrayLike) -> Array:
         """ρᵀC′ρ + ρᵀD′ρ̇ (24), of shape (n, n); Ḋ − 2C is skew symmetric (Lemma III.1)."""
@@ -271,22 +252,22 @@ class State:
 
     # What the above share.
 
-    @_Once
+    @cached_property
     def _mass_rho(self) -> Array:
         """D′ρ, of shape (n′, n)."""
-        return self.model.free_system.mass_matrix(self.q_free) @ self.rho
+        return _locked(self.model.free_system.mass_matrix(self.q_free) @ self.rho)
 
-    @_Once
+    @cached_property
     def _gravity_free(self) -> Array:
         """g′, of shape (n′,)."""
-        return self.model.free_system.gravity(self.q_free)
+        return _locked(self.model.free_system.gravity(self.q_free))
 
-    @_Once
+    @cached_property
     def _transmission(self) -> Array | None:
         """ρᵀSᵀ, of shape (n, motors); ``None`` where u acts on q itself."""
-        return None if self.model.actuation is None else self.rho.T @ self.model.actuation.T
+        return None if self.model.actuation is None else _locked(self.rho.T @ self.model.actuation.T)
 
-    @_Once
+    @cached_property
     def _derivatives(self) -> DynamicsDerivatives:
         model = self.model
         return DynamicsDerivatives(model.free_system, model.parametrization, self._point, model.actuation)

@@ -11,9 +11,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.linalg import null_space
 
-from ccpin.arrays import Array, cross, skew
+from ccpin.arrays import Array, Mask, cross, skew
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.kinematics.constraints import Constraints
@@ -70,7 +71,7 @@ class BearingForce(NamedTuple):
     axis: Array
     force: Array
     moment: Array
-    determined: NDArray[np.bool_]
+    determined: Mask
 
     def peak(self) -> PeakForce:
         """The largest loads of the motion, for choosing the bearing."""
@@ -131,7 +132,7 @@ class _Load(NamedTuple):
     point: Array
     axis: Array
     wrench: Array
-    determined: NDArray[np.bool_]
+    determined: Mask
 
 
 class _Closures(NamedTuple):
@@ -205,23 +206,16 @@ class _Wrenches:
 
 
 def _histories(t: Array, samples: list[list[_Load]]) -> tuple[BearingForce, ...]:
-    return tuple(_history(t, list(loads)) for loads in zip(*samples, strict=True))
+    """The samples' loads, one closure or joint after the other."""
+    histories = []
+    for loads in zip(*samples, strict=True):
+        (name, *_), *columns = zip(*loads, strict=True)
+        point, axis, wrench, determined = map(np.array, columns)
+        histories.append(BearingForce(name, t.copy(), point, axis, wrench[:, :3], wrench[:, 3:], determined))
+    return tuple(histories)
 
 
-def _history(t: Array, loads: list[_Load]) -> BearingForce:
-    wrench = np.array([load.wrench for load in loads])
-    return BearingForce(
-        loads[0].name,
-        t.copy(),
-        point=np.array([load.point for load in loads]),
-        axis=np.array([load.axis for load in loads]),
-        force=wrench[:, :3],
-        moment=wrench[:, 3:],
-        determined=np.array([load.determined for load in loads]),
-    )
-
-
-def _determined(freedom: Array) -> NDArray[np.bool_]:
+def _determined(freedom: Array) -> Mask:
     """Which components no null vector of φ_q′ᵀ changes, of shape (6,)."""
     return np.asarray(np.abs(freedom).max(axis=1, initial=0.0) < _SEEN)
 
@@ -235,7 +229,4 @@ def _shift(arm: Array) -> Array:
 
 def _left_null_space(jacobian: Array) -> Array:
     """An orthonormal basis of {λ : φ_q′ᵀλ = 0}, of shape (m, r)."""
-    if jacobian.size == 0:
-        return np.eye(len(jacobian))
-    u, s, _ = np.linalg.svd(jacobian)
-    return np.asarray(u[:, int(np.count_nonzero(s > _NULL * s[0])) :])
+    return null_space(jacobian.T, rcond=_NULL) if jacobian.size else np.eye(len(jacobian))

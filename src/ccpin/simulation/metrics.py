@@ -98,10 +98,8 @@ def lyapunov_along(law: PDSimpleGravity | PDFullGravity, trajectory: Trajectory)
     −q̇ᵀK_v q̇; a saturated or sampled controller departs from it.
     """
     full = isinstance(law, PDFullGravity)
-    values, rates, losses = [], [], []
+    samples = []
     for state, v, u in trajectory.states(law.model):
         force = state.generalized_force(u) - law.K_p @ law.error(state.q) - (state.g if full else law.gravity_d)
-        values.append(law.lyapunov(state, v))
-        rates.append(float(v @ force))
-        losses.append(-float(v @ law.K_v @ v))
-    return LyapunovHistory(np.array(values), np.array(rates), np.array(losses))
+        samples.append((law.lyapunov(state, v), v @ force, -(v @ law.K_v @ v)))
+    return LyapunovHistory(*np.array(samples).T)

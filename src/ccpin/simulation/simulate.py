@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import integrate
 
-from ccpin.arrays import Array, positive, vector
+from ccpin.arrays import Array, Mask, positive, vector
 from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
-from ccpin.control.sampling import CommandSource, ContinuousCommands, SampledCommands, Sampling
+from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, SingularConfigurationError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
-from ccpin.simulation.stick_slip import Contact, Mask, Smooth, StickSlip
+from ccpin.simulation.stick_slip import StickSlip
 from ccpin.simulation.trajectory import Status, Trajectory
 
 METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
@@ -112,11 +112,10 @@ def simulate(
         raise InvalidInputError(f"max_step = {max_step} must be a positive number")
     if settling is not None:
         settling = settling._replace(goal=checked_q(model.coordinates, settling.goal))
-    contact = Smooth() if friction is None else StickSlip(model, joint_friction(model, friction))
+    contact = StickSlip(model, joint_friction(model, {} if friction is None else friction))
     commands = ContinuousCommands(law) if sampling is None else SampledCommands(model, law, sampling, start.q, v_start)
     run = _Run(commands, contact, start, v_start, settling, region, singular_rcond)
-    count = int(np.floor(duration / sample_period * (1 + 1e-12))) + 1
-    times = np.asarray(np.arange(count) * sample_period, dtype=np.float64)
+    times = np.arange(np.floor(duration / sample_period * (1 + 1e-12)) + 1) * sample_period
     if times[-1] < duration * (1 - 1e-9):
         times = np.append(times, duration)
     options = {"rtol": rtol, "atol": atol, "max_step": max_step}
@@ -148,8 +147,8 @@ class _Run:
 
     def __init__(
         self,
-        commands: CommandSource,
-        contact: Contact,
+        commands: ContinuousCommands | SampledCommands,
+        contact: StickSlip,
         start: State,
         v_start: Array,
         settling: Settling | None,
@@ -177,7 +176,8 @@ class _Run:
             if not self.samples:
                 raise
             stop = _Stop("failed", str(error))
-        return self.trajectory(stop)
+        columns = (np.array(column) for column in zip(*self.samples, strict=True))
+        return Trajectory._make([*columns, *stop, self.evaluations])
 
     def march(self, times: Array, solver_class: Any, options: dict[str, float]) -> _Stop:
         """From command to command; between them from event to event."""
@@ -221,7 +221,8 @@ class _Run:
             try:
                 message = solver.step()
             except (ConvergenceError, SingularConfigurationError) as error:
-                shortened = 0.25 * (shortened if shortened is not None else self.trial_step(solver, until - self.t))
+                trial = shortened or min(getattr(solver, "h_abs", None) or np.inf, until - self.t)
+                shortened = 0.25 * trial
                 if shortened < _SHORTEST_STEP:
                     return _Stop("singular", f"stopped at t = {self.t:.6g} s: {error}")
                 solver = self.solver(until, solver_class, options, shortened)
@@ -277,10 +278,6 @@ class _Run:
         state, v = self.closed(x)
         return self.contact.broken(state, v, self.commands.effort(t, state, v))
 
-    def trial_step(self, solver: Any, remaining: float) -> float:
-        step = getattr(solver, "h_abs", None)
-        return float(min(step, remaining)) if step else float(remaining)
-
     def closed(self, x: Array) -> tuple[State, Array]:
         """The State at x's q, and q̇."""
         q, near = self.model.coordinates.normalize(x[: self.model.nq]), self.near
@@ -322,8 +319,3 @@ class _Run:
         if t - self.settled_since < self.settling.hold * (1 - 1e-12):
             return None
         return _Stop("settled", f"settled since t = {self.settled_since:.6g} s")
-
-    def trajectory(self, stop: _Stop) -> Trajectory:
-        columns = [np.array(column) for column in zip(*self.samples, strict=True)]
-        t, q, v, u, q_free, closure = columns
-        return Trajectory(t, q, v, u, q_free, closure, stop.status, stop.message, self.evaluations)

@@ -20,64 +20,25 @@ positive.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 from scipy.optimize import lsq_linear
 
-from ccpin.arrays import Array, vector
+from ccpin.arrays import Array, Mask, vector
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Model, Near, State
 from ccpin.errors import ConvergenceError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
 
-Mask = NDArray[np.bool_]
-
 REST = 1e-8
 _REVERSED = 1e-14
 _WITHIN = 1e-8
 _RELEASED = 1e-9
 _PULL = 50.0
-
-
-class Contact(Protocol):
-    """What `simulate` asks of the joints.
-
-    Attributes:
-        eventful: Whether there is anything to decide, ever.
-    """
-
-    eventful: bool
-
-    def begin(self, state: State, v: Array, u: Array, halted: Mask | None = None) -> Array:
-        """Decide what each joint does from here on; returns q̇ with resting joints exactly at rest."""
-
-    def acceleration(self, state: State, v: Array, u: Array) -> Array:
-        """q̈ while every joint does what was decided."""
-
-    def broken(self, state: State, v: Array, u: Array) -> Mask | None:
-        """``None`` while what was decided still holds, else the sliding joints that have come to a halt."""
-
-
-class Smooth:
-    """No friction: nothing to decide."""
-
-    eventful = False
-
-    def begin(self, state: State, v: Array, u: Array, halted: Mask | None = None) -> Array:
-        """q̇ as it is."""
-        return v
-
-    def acceleration(self, state: State, v: Array, u: Array) -> Array:
-        """q̈ of (22)."""
-        return state.forward_dynamics(v, u)
-
-    def broken(self, state: State, v: Array, u: Array) -> Mask | None:
-        """Never."""
-        return None
 
 
 class FrictionForce(NamedTuple):
@@ -184,6 +145,8 @@ class StickSlip:
 
         A resting dependent joint's rate would collect the integrator's error; it is pulled back to zero at 50 1/s.
         """
+        if not len(self._signs):
+            return state.forward_dynamics(v, u)
         if self._locked:
             return np.zeros(self._model.n)
         known = self._known(state, v, u)

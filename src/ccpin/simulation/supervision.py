@@ -92,17 +92,12 @@ def supervise(
         motion = simulate(
             model, law, q, v, duration=timeout, guess=q_free, settling=rule._replace(goal=goal), **options
         )
-        settled = None
-        if motion.status == "settled":
-            settled = start + float(motion.t[-1]) - rule.hold
-            rest = max(0.0, wait - rule.hold)
+        settled = start + float(motion.t[-1]) - rule.hold if motion.status == "settled" else None
+        options = _carried_on(options, motion)
+        if settled is not None and wait > rule.hold:
+            q, v, q_free = motion.q[-1], motion.v[-1], motion.q_free[-1]
+            motion = motion.then(simulate(model, law, q, v, duration=wait - rule.hold, guess=q_free, **options))
             options = _carried_on(options, motion)
-            if rest > 0:
-                tail = simulate(
-                    model, law, motion.q[-1], motion.v[-1], duration=rest, guess=motion.q_free[-1], **options
-                )
-                motion = motion.then(tail)
-                options = _carried_on(options, motion)
         whole = motion if whole is None else whole.then(motion)
         moves.append(Move(goal, start, settled, float(whole.t[-1]), motion))
         if settled is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
@@ -90,17 +90,15 @@ class Trajectory(NamedTuple):
 def csv_header(trajectory: Trajectory, mechanism: Mechanism) -> list[str]:
     """Column names, each with its unit: ``q_joint1``, ``v_joint1``, ``u_joint1``, ``qfree_0``."""
 
-    def columns(symbol: str, names: tuple[str, ...], count: int) -> list[str]:
-        return (
-            [f"{symbol}_{name}" for name in names] if len(names) == count else [f"{symbol}_{i}" for i in range(count)]
-        )
+    def columns(symbol: str, names: Sequence[str], count: int) -> list[str]:
+        return [f"{symbol}_{name}" for name in (names if len(names) == count else range(count))]
 
     return [
         "t",
         *columns("q", mechanism.independent, trajectory.q.shape[1]),
         *columns("v", mechanism.independent, trajectory.v.shape[1]),
         *columns("u", mechanism.actuated, trajectory.u.shape[1]),
-        *(f"qfree_{i}" for i in range(trajectory.q_free.shape[1])),
+        *columns("qfree", (), trajectory.q_free.shape[1]),
         "closure_error",
     ]
 

@@ -109,24 +109,20 @@ class _AlongPolynomial:
     def solution(self, item: Instruction) -> list[_Bound]:
         """Bounds of the entries of z = A⁻¹B, row-major."""
         matrix, right = item.b.matrix, item.b.right
-        m, columns = len(matrix), len(right[0])
+        m, columns, table = len(matrix), len(right[0]), flint().arb_mat
         parts = [self.bound([row[k] for row in self.series[item.target]], ball(0)) for k in range(m * columns)]
-        inverted = inverse(flint().arb_mat([[self.range(number) for number in row] for row in matrix]))
+        inverted = inverse(table([[self.range(number) for number in row] for row in matrix]))
         if inverted is None:
             raise NotInvertibleError
-        result = list(parts)
-        for column in range(columns):
-            residual = []
-            for row in range(m):
-                total = self.bounds[right[row][column]].rest
-                for k in range(m):
-                    a, z = self.bounds[matrix[row][k]], parts[k * columns + column]
-                    total = total + _tail(a, z) + a.rest * z.size
-                residual.append(total)
-            for row in range(m):
-                rest = sum(magnitude(inverted[row, k]) * residual[k] for k in range(m))
-                result[row * columns + column] = parts[row * columns + column]._replace(rest=magnitude(rest))
-        return result
+        residual = []
+        for row, numbers in zip(matrix, right, strict=True):
+            for column, number in enumerate(numbers):
+                pairs = [(self.bounds[a], z) for a, z in zip(row, parts[column::columns], strict=True)]
+                known = self.bounds[number].rest
+                residual.append(sum((_tail(a, z) + a.rest * z.size for a, z in pairs), known))
+        sizes = table(m, m, [magnitude(entry) for entry in inverted.entries()])
+        rests = (sizes * table(m, columns, residual)).entries()
+        return [part._replace(rest=magnitude(rest)) for part, rest in zip(parts, rests, strict=True)]
 
     def range(self, number: int) -> Ball:
         """A ball around a value along p on [0, h]."""
