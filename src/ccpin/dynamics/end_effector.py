@@ -19,7 +19,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.kinematics.points import LinkPoint
 from ccpin.mechanism.mechanism import Mechanism
 
-Part = Literal["linear", "angular"]
+Half = Literal["linear", "angular"]
 _ROWS = {"linear": slice(0, 3), "angular": slice(3, 6)}
 
 
@@ -101,7 +101,7 @@ class EndEffector:
         q: ArrayLike | State,
         efforts: ArrayLike | None = None,
         *,
-        part: Part = "linear",
+        part: Half = "linear",
         guess: Near = None,
     ) -> Ellipsoid:
         """Accelerations of the end effector from rest that motor efforts add to gravity's: J ρ D⁻¹ ρᵀSᵀu.

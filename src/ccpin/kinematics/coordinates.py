@@ -24,7 +24,7 @@ from ccpin.errors import IndependentSetError
 from ccpin.kinematics.tree import Tree, TreeJoint
 
 
-class Part(NamedTuple):
+class Coordinate(NamedTuple):
     """One independent coordinate: a window of q′ and q̇′, or a component of a joint that is neither.
 
     Attributes:
@@ -95,7 +95,7 @@ class IndependentCoordinates:
         self._selection.flags.writeable = False
         self._index = np.array([i for part in selected for i in range(part.q_free.start, part.q_free.stop)], dtype=int)
 
-    def _resolve(self, names: tuple[str, ...]) -> tuple[Part, ...]:
+    def _resolve(self, names: tuple[str, ...]) -> tuple[Coordinate, ...]:
         parts, nq, nv, taken = [], 0, 0, set[str]()
         for name in names:
             joint = self._joint_of(name)
@@ -111,7 +111,7 @@ class IndependentCoordinates:
                 if not kind.unit:
                     component, q_free, v_free = None, _entry(q_free, k), _entry(v_free, k)
             window = slice(nq, nq + dq), slice(nv, nv + dv)
-            parts.append(Part(name, kind, component, slides, q_free, v_free, *window))
+            parts.append(Coordinate(name, kind, component, slides, q_free, v_free, *window))
             nq, nv = nq + dq, nv + dv
         return tuple(parts)
 
@@ -236,11 +236,11 @@ class IndependentCoordinates:
         """Where q holds circles and quaternions."""
         return [slice(p.q.stop - p.whole.unit, p.q.stop) for p in self.parts if p.whole is not None]
 
-    def _rotation_vector(self, part: Part, q: Array) -> Array:
+    def _rotation_vector(self, part: Coordinate, q: Array) -> Array:
         """r of a joint's q: from the reference for a quaternion, from the circle's own zero otherwise."""
         return part.kind.rotation_vector(q, self.q_reference[part.q_free] if part.kind.unit == 4 else None)
 
-    def _coordinate(self, part: Part, q_free: Array) -> float:
+    def _coordinate(self, part: Coordinate, q_free: Array) -> float:
         q = q_free[part.q_free]
         if part.slides[0]:
             return float(q[part.kind.components.index(part.component)])
@@ -251,12 +251,12 @@ def _entry(window: slice, k: int) -> slice:
     return slice(window.start + k, window.start + k + 1)
 
 
-def _axis(part: Part) -> int:
+def _axis(part: Coordinate) -> int:
     assert part.component is not None
     return "xyz".index(part.component[1])
 
 
-def _row(part: Part, rows: Array) -> Array:
+def _row(part: Coordinate, rows: Array) -> Array:
     """A component's row of R (slides) or J (turns) as a row over its joint's velocity components."""
     whole = np.zeros(6)
     whole[slice(0, 3) if part.slides[0] else slice(3, 6)] = rows[_axis(part)]

@@ -11,7 +11,7 @@ from ccpin.description.mjcf.defaults import MAIN, Compiler, Defaults
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.geoms import Assets, Geom, geom_visual, read_geom
 from ccpin.description.mjcf.inertia import body_inertia
-from ccpin.description.mjcf.joints import JointReader, Names, Site, Tree
+from ccpin.description.mjcf.joints import JointReader, Names, Site, WorldBody
 from ccpin.description.mjcf.schema import BODY_IGNORED, BODY_UNSUPPORTED, WORLD
 from ccpin.description.model import IDENTITY, Link, Visual
 from ccpin.description.xml import XmlElement, fail
@@ -39,12 +39,12 @@ class TreeReader:
     def __init__(self, worlds: Sequence[XmlElement], defaults: Defaults, compiler: Compiler, assets: Assets) -> None:
         bodies = [xml for world in worlds for xml in world.iter("body")]
         joints = [xml for world in worlds for xml in world.iter("joint", "freejoint")]
-        self.tree = Tree(Names("body", bodies), Names("joint", joints))
+        self.tree = WorldBody(Names("body", bodies), Names("joint", joints))
         self._worlds, self._defaults, self._compiler, self._assets = worlds, defaults, compiler, assets
         self._chains = JointReader(compiler, self.tree)
         self._count = 0
 
-    def read(self) -> Tree:
+    def read(self) -> WorldBody:
         """Read all bodies.
 
         Raises:

@@ -11,7 +11,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import MAIN, Defaults
 from ccpin.description.mjcf.element import Element
-from ccpin.description.mjcf.joints import Names, Tree
+from ccpin.description.mjcf.joints import Names, WorldBody
 from ccpin.description.mjcf.schema import WORLD
 from ccpin.description.model import Coupling, CouplingTerm, LoopClosure, frame
 from ccpin.description.xml import ZERO, XmlElement, fail
@@ -31,7 +31,7 @@ class Equalities:
     notes: list[str] = field(default_factory=list)
 
 
-def read_equalities(sections: Iterable[XmlElement], tree: Tree, defaults: Defaults) -> Equalities:
+def read_equalities(sections: Iterable[XmlElement], tree: WorldBody, defaults: Defaults) -> Equalities:
     """Read connect, weld and joint constraints; the others and inactive ones become notes.
 
     Raises:
@@ -60,7 +60,7 @@ def read_equalities(sections: Iterable[XmlElement], tree: Tree, defaults: Defaul
     return found
 
 
-def _closure(said: Element, name: str, tree: Tree) -> LoopClosure:
+def _closure(said: Element, name: str, tree: WorldBody) -> LoopClosure:
     """Return a connect or weld; a weld whose torquescale is zero leaves the bodies free to turn."""
     by_site = bool(said.text("site1") or said.text("site2"))
     by_body = bool(said.text("body1") or said.text("body2"))
@@ -79,27 +79,27 @@ def _closure(said: Element, name: str, tree: Tree) -> LoopClosure:
     return LoopClosure(name, kind, first[0], second[0], first[1], second[1])
 
 
-def _site(said: Element, attribute: str, tree: Tree) -> tuple[str, Array]:
+def _site(said: Element, attribute: str, tree: WorldBody) -> tuple[str, Array]:
     name = said.required(attribute)
     if name not in tree.sites:
         raise said.fail(f"there is no site '{name}'; there are: {', '.join(tree.sites) or 'none'}")
     return tree.sites[name].body, tree.sites[name].placement
 
 
-def _body(said: Element, attribute: str, tree: Tree) -> str:
+def _body(said: Element, attribute: str, tree: WorldBody) -> str:
     name = said.required(attribute) if attribute == "body1" else said.text(attribute) or WORLD
     if name not in tree.poses:
         raise said.fail(f"there is no body '{name}'; there are: {', '.join(tree.poses)}")
     return name
 
 
-def _connected(said: Element, bodies: tuple[str, str], tree: Tree) -> tuple[Array, Array]:
+def _connected(said: Element, bodies: tuple[str, str], tree: WorldBody) -> tuple[Array, Array]:
     """Return the frames of a connect: the anchor in body 1, and the same point at qpos0 in body 2."""
     anchor = frame(said.vector("anchor", 3))
     return anchor, frame((tree.pose_between(bodies[1], bodies[0]) @ anchor)[:3, 3])
 
 
-def _welded(said: Element, bodies: tuple[str, str], tree: Tree) -> tuple[Array, Array]:
+def _welded(said: Element, bodies: tuple[str, str], tree: WorldBody) -> tuple[Array, Array]:
     """Return the frames of a weld: the anchor in body 2, and where it belongs in body 1.
 
     The position in relpose is the anchor's, its quaternion (w, x, y, z) is body 2's; a zero quaternion means
@@ -113,7 +113,7 @@ def _welded(said: Element, bodies: tuple[str, str], tree: Tree) -> tuple[Array, 
     return frame(relpose[:3], turn), anchor
 
 
-def _coupling(said: Element, name: str, tree: Tree) -> Coupling:
+def _coupling(said: Element, name: str, tree: WorldBody) -> Coupling:
     """Return y − y₀ − Σ aₖ (x − x₀)ᵏ = 0, with the references y₀, x₀ of joints 1 and 2."""
     written = said.some_numbers("polycoef", 5)
     polynomial = (*written, *_POLYNOMIAL[len(written) :])
@@ -129,7 +129,7 @@ def _coupling(said: Element, name: str, tree: Tree) -> Coupling:
     return Coupling(name, (CouplingTerm(dependent, (0.0, 1.0), y0), CouplingTerm(driver, negated, x0)))
 
 
-def _displacement(said: Element, joint: str, tree: Tree) -> float:
+def _displacement(said: Element, joint: str, tree: WorldBody) -> float:
     """Return the displacement of a hinge or slide at qpos0."""
     value = tree.reference.get(joint)
     if value is None:

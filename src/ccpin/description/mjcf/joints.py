@@ -52,7 +52,7 @@ class Site:
 
 
 @dataclass(frozen=True, eq=False)
-class Tree:
+class WorldBody:
     """What the worldbody says.
 
     Attributes:
@@ -92,7 +92,7 @@ class JointReader:
     Links, joints and reference displacements go into `tree`.
     """
 
-    def __init__(self, compiler: Compiler, tree: Tree) -> None:
+    def __init__(self, compiler: Compiler, tree: WorldBody) -> None:
         self._compiler, self._tree = compiler, tree
         self._count = 0
 

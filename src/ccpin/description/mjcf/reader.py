@@ -16,7 +16,7 @@ from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.equality import Equalities, read_equalities
 from ccpin.description.mjcf.geoms import read_assets
 from ccpin.description.mjcf.inertia import scaled_to_total
-from ccpin.description.mjcf.joints import Tree
+from ccpin.description.mjcf.joints import WorldBody
 from ccpin.description.mjcf.schema import ATTRIBUTES, SECTIONS, WORLD
 from ccpin.description.model import MechanismDescription
 from ccpin.description.xml import XmlElement, fail, label, parse_xml, source_of
@@ -112,7 +112,7 @@ def _options(sections: Sequence[XmlElement]) -> tuple[_Gravity, bool]:
     return (0.0, 0.0, 0.0) if weightless else gravity, enabled
 
 
-def _actuated(sections: Sequence[XmlElement], tree: Tree) -> tuple[tuple[str, ...] | None, list[str]]:
+def _actuated(sections: Sequence[XmlElement], tree: WorldBody) -> tuple[tuple[str, ...] | None, list[str]]:
     """Return the joints that actuators drive, in order, and notes on actuators that drive something else."""
     driven: list[str] = []
     notes: list[str] = []
