@@ -53,9 +53,9 @@ class Parametrization:
         self.model = constraints.model
         rows = constraints.size + coordinates.n
         self._unit = np.vstack([np.zeros((constraints.size, coordinates.n)), np.eye(coordinates.n)])
-        self._tolerance = 1e-14 * max(1.0, _reach(self.model))
+        self.tolerance = 1e-14 * max(1.0, _reach(self.model))
         self._psi = np.empty((rows, self.model.nv))
-        self._turnable = any(loop.rows.directions and loop.rows.alignment for loop in constraints.loops)
+        self.turnable = any(loop.rows.directions and loop.rows.alignment for loop in constraints.loops)
 
     def psi_jacobian(self, q_free: Array) -> Array:
         """ψ_q′ = [φ_q′; α_q′] (10), of shape (m + n, n′)."""
@@ -105,7 +105,7 @@ class Parametrization:
         if point is None:
             start = guess.q_free if isinstance(guess, ClosedPoint) else self.q_reference if guess is None else guess
             point = self._walk(self._closed_start(start) if blocked else start, q)
-        if isinstance(guess, np.ndarray) and self._turnable and not self.constraints.aligned(point.q_free):
+        if isinstance(guess, np.ndarray) and self.turnable and not self.constraints.aligned(point.q_free):
             raise InvalidInputError(
                 "the guess satisfies φ = 0 with a closure's axes turned end for end; pass a configuration closed the "
                 "right way round"
@@ -163,7 +163,7 @@ class Parametrization:
             if factor.rcond < SINGULAR_RCOND:
                 return None, start_open
             size = float(np.abs(gap).max()) if gap.size else 0.0
-            if size <= self._tolerance or (trusted and last <= 1e-9 and size <= 100 * self._tolerance):
+            if size <= self.tolerance or (trusted and last <= 1e-9 and size <= 100 * self.tolerance):
                 if factor.sign != sign:
                     return None, start_open
                 return self._closed_point(q_free if iteration else first.copy(), factor), start_open
@@ -202,7 +202,7 @@ class Parametrization:
         q_free = start
         for _ in range(_MAX_NEWTON):
             gap, factor = self._linearized(q_free, q)
-            if float(np.abs(gap).max()) <= self._tolerance:
+            if float(np.abs(gap).max()) <= self.tolerance:
                 return q_free
             step = factor.solve(gap) if factor.rcond >= SINGULAR_RCOND else np.full(self.model.nv, np.inf)
             if not float(np.linalg.norm(step)) <= _LARGEST_MOVE:

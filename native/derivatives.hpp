@@ -1,0 +1,361 @@
+// ∂τ/∂q, ∂τ/∂q̇ and D = ∂τ/∂q̈ of τ = D q̈ + C q̇ + g, exact, by recursion over the clusters; ∂q̈ follows from them.
+//
+// Along a tangent step q_k of a cluster's own coordinates, seen from each body j (so that what is fixed in j is held),
+//
+//   dV_j = dV_i + V_i × ξ_jk + S ∂(ρ q̇),      dA_j = dA_i + A_i × ξ_jk + dV_j × s_j + V_j × S ∂(ρ q̇) + S ∂q̈′,
+//   dF_j = X_jk ×* F_j + I_j dA_j + B_j dV_j,
+//
+// with i its parent, ξ_jk = X_jk − X_ik, s = S q̇′, F_j the wrench of j and of all clusters it carries, I_j and B_j the
+// composite maps from changes of A and V to that wrench. Since τ = ρᵀτ′ and (∂ρ_i/∂q_k)ᵀτ′ = −μᵀ D_k(ψ_q′ ρ_i) with
+// ψ_q′ᵀμ = τ′,
+//
+//   ∂τ_i/∂q_k = Σ_j [X_ji·dF_jk − ξ_ji·(X_jk ×* Fˢ_j)] − μᵀ D_k(ψ_q′ ρ_i),      Fˢ: of j's subtree within the cluster,
+//
+// (Carpentier and Mansard, 2018; Echeandia and Wensing, 2021, with clusters for joints). ∂(ρ q̇) and ∂q̈′ solve
+// ψ_q′ ∂(ρ q̇) = −D(ψ_q′ q̇′) and ψ_q′ ∂q̈′ = −D(ψ_q′ q̈′ + ψ̇_q′ q̇′) as in ccpin.kinematics.sigma_derivatives.
+#pragma once
+#include "loop_derivatives.hpp"
+#include "reduced_model.hpp"
+
+namespace ccpin {
+
+class Derivatives {
+ public:
+  explicit Derivatives(ReducedModel& model)
+      : r_(model), m_(model.m), F_(m_.joints.size()), I_(m_.joints.size()), B_(m_.joints.size()), dV_(model.X.size()),
+        dA_(model.X.size()), dA_by_v_(model.X.size()), multipliers_(m_.clusters.size()), dv_(m_.clusters.size()),
+        da_(m_.clusters.size()) {
+    for (size_t k = 0; k < m_.clusters.size(); ++k) {
+      const Cluster& c = m_.clusters[k];
+      most_ = std::max<size_t>(most_, c.n());
+      multipliers_[k].resize(c.rows());
+      dv_[k].assign(size_t(c.width()) * c.n(), 0.), da_[k].assign(size_t(c.width()) * c.n() * 2, 0.);
+    }
+    P_.resize(most_), Pv_.resize(most_), U_.resize(most_), H_.resize(most_), tau_.resize(m_.n);
+  }
+
+  // ∂τ/∂q, ∂τ/∂q̇ and D, each n × n, after `sigma` or `at`. u given: of τ − ρᵀSᵀu at fixed u instead.
+  void generalized_force(const double* v, const double* a, const double* u, double* dq, double* dv, double* D) {
+    const size_t size = size_t(m_.n) * m_.n;
+    std::fill(dq, dq + size, 0.), std::fill(dv, dv + size, 0.), std::fill(D, D + size, 0.);
+    r_.inverse(v, a, tau_.data());
+    for (size_t j = 1; j < m_.joints.size(); ++j) {
+      F_[j] = r_.body[j].f;
+      if (m_.carries[j]) I_[j] = matrix(r_.body[j].Y), B_[j] = slope_matrix(r_.body[j]);
+    }
+    for (size_t k = 0; k < m_.clusters.size(); ++k) {
+      find_multipliers(int(k), u);
+      change_velocities(int(k));
+      change_accelerations(int(k));
+      change_bodies(int(k));
+    }
+    for (int k = int(m_.clusters.size()) - 1; k >= 0; --k) {
+      change_forces(int(k), dq, dv, D);
+      change_rho(int(k), dq);
+      rotors(int(k), dq, dv, D);
+      if (m_.clusters[k].parent) pass_down(m_.clusters[k], dq, dv, D);
+    }
+  }
+
+  // ∂q̈/∂q, ∂q̈/∂q̇ (n × n) and ∂q̈/∂u = D⁻¹ρᵀSᵀ (n × motors), given q̈ = a at (v, u); false where D is singular.
+  bool forward(const double* v, const double* u, const double* a, double* da_dq, double* da_dv, double* da_du) {
+    const int n = m_.n, width = 2 * n + m_.motors;
+    D_.resize(size_t(n) * n), right_.assign(size_t(n) * width, 0.), slopes_.resize(size_t(n) * n * 2);
+    double *dq = slopes_.data(), *dv = dq + size_t(n) * n;
+    generalized_force(v, a, m_.direct ? nullptr : u, dq, dv, D_.data());
+    for (int i = 0; i < n; ++i) {
+      double* row = &right_[size_t(i) * width];
+      for (int k = 0; k < n; ++k) row[k] = -dq[i * n + k], row[n + k] = -dv[i * n + k];
+    }
+    transmission(&right_[2 * n], width);
+    if (!cholesky(D_.data(), n)) return false;
+    cholesky_solve(D_.data(), n, right_.data(), width);
+    for (int i = 0; i < n; ++i) {
+      const double* row = &right_[size_t(i) * width];
+      std::copy(row, row + n, da_dq + size_t(i) * n);
+      std::copy(row + n, row + 2 * n, da_dv + size_t(i) * n);
+      std::copy(row + 2 * n, row + width, da_du + size_t(i) * m_.motors);
+    }
+    return true;
+  }
+
+  // ρᵀSᵀ into rows of a given stride that hold zeros.
+  void transmission(double* out, int stride) const {
+    for (size_t k = 0; k < m_.clusters.size(); ++k) {
+      const Cluster& c = m_.clusters[k];
+      for (int i = 0; i < c.n(); ++i) {
+        double* row = out + size_t(c.independent[i]) * stride;
+        if (m_.direct) row[c.independent[i]] = 1;
+        for (size_t r = 0; r < c.motors.size(); ++r)
+          row[c.motors[r]] = r_.states[k].rho[size_t(c.motor_columns[r]) * c.n() + i];
+      }
+    }
+  }
+
+ private:
+  ReducedModel& r_;
+  const Mechanism& m_;
+  std::vector<Force> F_;                                   // by joint
+  std::vector<Mat6, Eigen::aligned_allocator<Mat6>> I_, B_;  // by joint that carries a cluster
+  std::vector<Motion> dV_, dA_, dA_by_v_;                  // n a joint, from x_offset
+  std::vector<std::vector<double>> multipliers_;           // μ by cluster, on ψ's rows
+  std::vector<std::vector<double>> dv_, da_;               // ∂(ρ q̇)/∂q (width × n); ∂q̈′ by q, then by q̇ (width × 2n)
+  std::vector<Force> P_, Pv_, U_, H_;                      // what leaves a cluster downwards
+  std::vector<double> tau_, D_, right_, slopes_;
+  std::vector<RowSlope> row_slopes_;
+  std::vector<Row> step_rates_;
+  size_t most_ = 0;
+
+  static Mat6 slope_matrix(const ReducedModel::Body& b) {
+    return matrix_of([&](const Motion& x) { return velocity_slope(b.Y, b.V, x); });
+  }
+  double& entry(double* matrix, int row, int col) const { return matrix[size_t(row) * m_.n + col]; }
+
+  // Σ S x over a joint's own components, x one column of a matrix on local columns; null: zero.
+  Motion own(int j, const double* x, int stride) const {
+    const Joint& joint = m_.joints[j];
+    Motion s;
+    if (x)
+      for (int k = 0; k < joint.nv; ++k) s += r_.S[joint.v + k] * x[size_t(m_.column_of[joint.v] + k) * stride];
+    return s;
+  }
+  const Motion* twists(int j) const { return &r_.X[r_.x_offset[j]]; }
+  Motion step_of(const Cluster& c, int j, int k) const {  // ξ_jk
+    const int parent = m_.joints[j].parent;
+    return parent == c.parent ? twists(j)[k] : twists(j)[k] - twists(parent)[k];
+  }
+
+  void find_multipliers(int k, const double* u) {
+    const Cluster& c = m_.clusters[k];
+    std::vector<double> tau = r_.free_forces(k), f(c.unknowns());
+    for (size_t i = 0; u && i < c.motors.size(); ++i) tau[c.motor_columns[i]] -= u[c.motors[i]];
+    for (int i = 0; i < c.unknowns(); ++i) f[i] = tau[c.dependent[i]];
+    r_.states[k].factor.solve_transposed(f.data(), multipliers_[k].data());
+  }
+
+  // ψ_q′ ∂(ρ q̇)/∂q_k = −D_k(ψ_q′ q̇′).
+  void change_velocities(int k) {
+    const Cluster& c = m_.clusters[k];
+    ClusterState& s = r_.states[k];
+    const int n = c.n();
+    for (int i = 0; i < n; ++i) slopes(k, &s.rho[i], n, nullptr, 0, [&](int row, const RowSlope& x) { s.right[row * n + i] = -x.rate; });
+    s.factor.solve(s.right.data(), n);
+    Parametrization::scatter(c, s.right.data(), n, dv_[k].data());
+  }
+
+  // ψ_q′ ∂q̈′ = −D(ψ_q′ q̈′ + ψ̇_q′ q̇′) along (ρ_k, ∂(ρ q̇)/∂q_k), then along (0, ρ_k).
+  void change_accelerations(int k) {
+    const Cluster& c = m_.clusters[k];
+    ClusterState& s = r_.states[k];
+    const int n = c.n();
+    for (int i = 0; i < n; ++i) {
+      slopes(k, &s.rho[i], n, &dv_[k][i], n, [&](int row, const RowSlope& x) { s.right[row * 2 * n + i] = -x.second; });
+      slopes(k, nullptr, 0, &s.rho[i], n, [&](int row, const RowSlope& x) { s.right[row * 2 * n + n + i] = -x.second; });
+    }
+    s.factor.solve(s.right.data(), 2 * n);
+    Parametrization::scatter(c, s.right.data(), 2 * n, da_[k].data());
+  }
+
+  // The slopes of every row of a cluster along (step, dv), columns of matrices on its local columns (null: zero).
+  template <class G>
+  void slopes(int k, const double* step, int step_stride, const double* dv, int dv_stride, G&& give) {
+    const Cluster& c = m_.clusters[k];
+    const double *v = &r_.v_free[r_.offset[k]], *a = &r_.a_free[r_.offset[k]];
+    int row = 0;
+    for (int i : c.loops) {
+      const Loop& loop = m_.loops[i];
+      BodyJet on[2];
+      for (int side = 0; side < 2; ++side)
+        for (int j : side ? loop.path_b : loop.path_a)
+          on[side].advance(own(j, v, 1), own(j, a, 1), own(j, step, step_stride), own(j, dv, dv_stride), Motion());
+      row_slopes_.resize(std::max<size_t>(row_slopes_.size(), loop.size));
+      loop_row_slopes(loop, r_.ends(loop), on[0], on[1], row_slopes_.data());
+      for (int r = 0; r < loop.size; ++r) give(row++, row_slopes_[r]);
+    }
+    const auto at = [](const double* x, int col, int stride) { return x ? x[size_t(col) * stride] : 0.; };
+    for (int i : c.couplings) {
+      RowSlope sum{0, 0};
+      for (const CouplingTerm& t : m_.couplings[i].terms) {
+        const int col = m_.column_of[t.v];
+        const double second = slope(t, r_.q_free.data(), 2), third = slope(t, r_.q_free.data(), 3);
+        const double dq = at(step, col, step_stride), change = at(dv, col, dv_stride);
+        sum.rate += second * v[col] * dq + slope(t, r_.q_free.data(), 1) * change;
+        sum.second += (second * a[col] + third * v[col] * v[col]) * dq + 2 * second * v[col] * change;
+      }
+      give(row++, sum);
+    }
+    for (int i : c.components) {
+      const Coordinate& coordinate = m_.coordinates[i];
+      const Joint& joint = m_.joints[coordinate.joint];
+      const int first = m_.column_of[joint.v];
+      double dq[6], change[6];
+      for (int s = 0; s < joint.nv; ++s)
+        dq[s] = at(step, first + s, step_stride), change[s] = at(dv, first + s, dv_stride);
+      give(row++, component_slope(coordinate, &r_.q_free[joint.q], v + first, a + first, dq, change));
+    }
+  }
+
+  // dV, dA by q and dA by q̇ of one cluster's bodies, their carrier's held.
+  void change_bodies(int k) {
+    const Cluster& c = m_.clusters[k];
+    const int n = c.n();
+    const Motion V0 = r_.carrier_velocity(c), A0 = r_.carrier_acceleration(c);
+    for (int j : c.joints) {
+      const int parent = m_.joints[j].parent;
+      const bool first = parent == c.parent;
+      const Motion &V = first ? V0 : r_.body[parent].V, &A = first ? A0 : r_.body[parent].A, &Vj = r_.body[j].V;
+      const Motion s = own(j, &r_.v_free[r_.offset[k]], 1);
+      for (int i = 0; i < n; ++i) {
+        const int at = r_.x_offset[j] + i, from = first ? -1 : r_.x_offset[parent] + i;
+        const Motion step = step_of(c, j, i), ds = own(j, &dv_[k][i], n);
+        dV_[at] = cross(V, step) + ds;
+        dA_[at] = cross(A, step) + cross(Vj, ds) + own(j, &da_[k][i], 2 * n);
+        dA_by_v_[at] = cross(r_.X[at], s) + cross(Vj, step) + own(j, &da_[k][n + i], 2 * n);
+        if (from >= 0) dV_[at] += dV_[from], dA_[at] += dA_[from], dA_by_v_[at] += dA_by_v_[from];
+        dA_[at] += cross(dV_[at], s);
+      }
+    }
+  }
+
+  // Σ X·dF and the rest of ρᵀ∂τ′ of one cluster, its children's done, and what leaves it downwards.
+  void change_forces(int k, double* dq, double* dv, double* D) {
+    const Cluster& c = m_.clusters[k];
+    const int n = c.n();
+    const Motion V0 = r_.carrier_velocity(c);
+    Mat6 inertia = Mat6::Zero(), turning = Mat6::Zero();
+    for (int i = 0; i < n; ++i) P_[i] = Pv_[i] = U_[i] = H_[i] = Force();
+    for (int j : c.joints) {
+      const ReducedModel::Body& b = r_.body[j];
+      const bool heavy = m_.carries[j];
+      const Motion *X = twists(j), W = b.V - V0;
+      const auto I = [&](const Motion& x) { return heavy ? apply(I_[j], x) : b.Y * x; };
+      const auto B = [&](const Motion& x) { return heavy ? apply(B_[j], x) : velocity_slope(b.Y, b.V, x); };
+      Mat6 B_full;
+      if (c.parent) {
+        const Mat6 I_full = heavy ? I_[j] : matrix(b.Y);
+        B_full = heavy ? B_[j] : slope_matrix(b);
+        inertia += I_full, turning += B_full - I_full * cross_matrix(W);
+      }
+      for (int i = 0; i < n; ++i) {
+        const int at = r_.x_offset[j] + i;
+        const Force dF = cross(X[i], F_[j]) + I(dA_[at]) + B(dV_[at]), dFv = I(dA_by_v_[at]) + B(X[i]), IX = I(X[i]);
+        const Force turned = cross(X[i], b.f);
+        for (int l = 0; l < n; ++l) {
+          const int row = c.independent[l], col = c.independent[i];
+          entry(dq, row, col) += dot(dF, X[l]) - dot(turned, step_of(c, j, l));
+          entry(dv, row, col) += dot(dFv, X[l]);
+          entry(D, row, col) += dot(IX, X[l]);
+        }
+        if (!c.parent) continue;
+        P_[i] += dF, Pv_[i] += dFv, U_[i] += IX;
+        H_[i] += apply(Mat6(B_full.transpose()), X[i]) + cross(W, IX);
+      }
+    }
+    if (!c.parent) return;
+    I_[c.parent] += out_of_frame(r_.pose[c.parent], inertia);
+    B_[c.parent] += out_of_frame(r_.pose[c.parent], turning);
+  }
+
+  // −μᵀ D_k(ψ_q′ ρ_i) of one cluster.
+  void change_rho(int k, double* dq) {
+    const Cluster& c = m_.clusters[k];
+    const ClusterState& s = r_.states[k];
+    const double* mu = multipliers_[k].data();
+    const int n = c.n();
+    int row = 0;
+    for (int i : c.loops) {
+      change_loop(c, s, m_.loops[i], mu, row, dq);
+      row += m_.loops[i].size;
+    }
+    for (int i : c.couplings) {
+      for (const CouplingTerm& t : m_.couplings[i].terms) {
+        const double second = mu[row] * slope(t, r_.q_free.data(), 2);
+        const double* rho = &s.rho[size_t(m_.column_of[t.v]) * n];
+        for (int l = 0; l < n; ++l)
+          for (int o = 0; o < n; ++o) entry(dq, c.independent[l], c.independent[o]) -= second * rho[l] * rho[o];
+      }
+      ++row;
+    }
+    for (int i : c.components) {
+      const Coordinate& coordinate = m_.coordinates[i];
+      const Joint& joint = m_.joints[coordinate.joint];
+      const double* rho = &s.rho[size_t(m_.column_of[joint.v]) * n];
+      for (int o = 0; o < n; ++o) {
+        double step[6], unused[6], rate[6];
+        for (int t = 0; t < joint.nv; ++t) step[t] = rho[size_t(t) * n + o];
+        component_row(coordinate, &r_.q_free[joint.q], step, unused, rate);
+        for (int l = 0; l < n; ++l)
+          for (int t = 0; t < joint.nv; ++t)
+            entry(dq, c.independent[l], c.independent[o]) -= mu[row] * rate[t] * rho[size_t(t) * n + l];
+      }
+      ++row;
+    }
+  }
+
+  // The share of one loop: with W = Σ μ W_r on an end, D_k(W·V) = D_k W · X_i + W · Σ X_jk × ξ_ji over its path.
+  void change_loop(const Cluster& c, const ClusterState& s, const Loop& loop, const double* mu, int row, double* dq) {
+    const int n = c.n();
+    const Ends ends = r_.ends(loop);
+    step_rates_.resize(std::max<size_t>(step_rates_.size(), loop.size));
+    Row W;
+    for (int r = 0; r < loop.size; ++r) W.a += s.rows[row + r].a * mu[row + r], W.b += s.rows[row + r].b * mu[row + r];
+    const auto relative = [&](int j, int i) {  // X from the ancestor C
+      if (j == loop.ancestor) return Motion();
+      return loop.ancestor == loop.base ? twists(j)[i] : twists(j)[i] - twists(loop.ancestor)[i];
+    };
+    for (int o = 0; o < n; ++o) {
+      loop_row_rates(loop, ends, relative(loop.a, o), relative(loop.b, o), step_rates_.data());
+      Row dW;
+      for (int r = 0; r < loop.size; ++r)
+        dW.a += step_rates_[r].a * mu[row + r], dW.b += step_rates_[r].b * mu[row + r];
+      for (int l = 0; l < n; ++l)
+        entry(dq, c.independent[l], c.independent[o]) -= dot(dW.a, relative(loop.a, l)) + dot(dW.b, relative(loop.b, l));
+      for (int side = 0; side < 2; ++side)
+        for (int j : side ? loop.path_b : loop.path_a) {
+          const Force turned = cross(relative(j, o), side ? W.b : W.a);  // W·(X × ξ) = −(X ×* W)·ξ
+          for (int l = 0; l < n; ++l) entry(dq, c.independent[l], c.independent[o]) += dot(turned, step_of(c, j, l));
+        }
+    }
+  }
+
+  void rotors(int k, double* dq, double* dv, double* D) {
+    const Cluster& c = m_.clusters[k];
+    const int n = c.n();
+    r_.for_armature(c, [&](int col, double arm) {
+      const double *rho = &r_.states[k].rho[size_t(col) * n], *da = &da_[k][size_t(col) * 2 * n];
+      for (int l = 0; l < n; ++l)
+        for (int o = 0; o < n; ++o) {
+          const int row = c.independent[l], at = c.independent[o];
+          entry(dq, row, at) += arm * rho[l] * da[o];
+          entry(dv, row, at) += arm * rho[l] * da[n + o];
+          entry(D, row, at) += arm * rho[l] * rho[o];
+        }
+    });
+  }
+
+  // The entries between a cluster and every one between it and the world. A change (dV, dA) of the carrier changes the
+  // cluster's τ_i by U_i·dA + H_i·dV; a body's own turns that to (dV, dA + dV × W) for the clusters on it.
+  void pass_down(const Cluster& c, double* dq, double* dv, double* D) {
+    const int n = c.n();
+    for (int p = c.parent; p;) {
+      for (int i = 0; i < n; ++i)
+        for (Force* f : {&P_[i], &Pv_[i], &U_[i], &H_[i]}) *f = out_of_frame(r_.pose[p], *f);
+      const Cluster& below = m_.clusters[m_.cluster_of[p]];
+      const Motion W = r_.body[p].V - r_.carrier_velocity(below);
+      for (int i = 0; i < n; ++i) {
+        for (int l = 0; l < below.n(); ++l) {
+          const int at = r_.x_offset[p] + l, row = below.independent[l], col = c.independent[i];
+          entry(dq, row, col) = dot(P_[i], r_.X[at]);
+          entry(dv, row, col) = dot(Pv_[i], r_.X[at]);
+          entry(D, row, col) = entry(D, col, row) = dot(U_[i], r_.X[at]);
+          entry(dq, col, row) = dot(U_[i], dA_[at]) + dot(H_[i], dV_[at]);
+          entry(dv, col, row) = dot(U_[i], dA_by_v_[at]) + dot(H_[i], r_.X[at]);
+        }
+        H_[i] += cross(W, U_[i]);
+      }
+      p = below.parent;
+    }
+  }
+};
+
+}  // namespace ccpin
