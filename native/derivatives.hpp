@@ -1,13 +1,14 @@
 // ∂τ/∂q, ∂τ/∂q̇ and D = ∂τ/∂q̈ of τ = D q̈ + C q̇ + g, exact, by recursion over the clusters; ∂q̈ follows from them.
 //
 // Along a tangent step q_k of a cluster's own coordinates, seen from each body j (so that what is fixed in j is held),
+// with i its parent, ξ_jk = X_jk − X_ik, s = S q̇′ and A′ standing for dA + V × dV,
 //
-//   dV_j = dV_i + V_i × ξ_jk + S ∂(ρ q̇),      dA_j = dA_i + A_i × ξ_jk + dV_j × s_j + V_j × S ∂(ρ q̇) + S ∂q̈′,
-//   dF_j = X_jk ×* F_j + I_j dA_j + B_j dV_j,
+//   dV_j = dV_i + V_i × ξ_jk + S ∂(ρ q̇),      dA′_j = dA′_i + V_i × (dV_j − dV_i) + A_i × ξ_jk + V_j × S ∂(ρ q̇) + S ∂q̈′,
+//   dF_j = X_jk ×* F_j + I_j dA′_j + 2 B_j dV_j,
 //
-// with i its parent, ξ_jk = X_jk − X_ik, s = S q̇′, F_j the wrench of j and of all clusters it carries, I_j and B_j the
-// composite maps from changes of A and V to that wrench. Since τ = ρᵀτ′ and (∂ρ_i/∂q_k)ᵀτ′ = −μᵀ D_k(ψ_q′ ρ_i) with
-// ψ_q′ᵀμ = τ′,
+// where F_j is the wrench of j and of all clusters it carries, I_j and B_j their composite inertia and Coriolis map. A
+// change of the carrier's motion changes dV and dA′ of all its cluster's bodies alike. Since τ = ρᵀτ′ and
+// (∂ρ_i/∂q_k)ᵀτ′ = −μᵀ D_k(ψ_q′ ρ_i) with ψ_q′ᵀμ = τ′,
 //
 //   ∂τ_i/∂q_k = Σ_j [X_ji·dF_jk − ξ_ji·(X_jk ×* Fˢ_j)] − μᵀ D_k(ψ_q′ ρ_i),      Fˢ: of j's subtree within the cluster,
 //
@@ -15,14 +16,14 @@
 // ψ_q′ ∂(ρ q̇) = −D(ψ_q′ q̇′) and ψ_q′ ∂q̈′ = −D(ψ_q′ q̈′ + ψ̇_q′ q̇′) as in ccpin.kinematics.sigma_derivatives.
 #pragma once
 #include "loop_derivatives.hpp"
-#include "reduced_model.hpp"
+#include "terms.hpp"
 
 namespace ccpin {
 
 class Derivatives {
  public:
   explicit Derivatives(ReducedModel& model)
-      : r_(model), m_(model.m), F_(m_.joints.size()), I_(m_.joints.size()), B_(m_.joints.size()), dV_(model.X.size()),
+      : r_(model), m_(model.m), F_(m_.joints.size()), bodies_(m_.joints.size()), dV_(model.X.size()),
         dA_(model.X.size()), dA_by_v_(model.X.size()), multipliers_(m_.clusters.size()), dv_(m_.clusters.size()),
         da_(m_.clusters.size()) {
     for (size_t k = 0; k < m_.clusters.size(); ++k) {
@@ -41,7 +42,7 @@ class Derivatives {
     r_.inverse(v, a, tau_.data());
     for (size_t j = 1; j < m_.joints.size(); ++j) {
       F_[j] = r_.body[j].f;
-      if (m_.carries[j]) I_[j] = matrix(r_.body[j].Y), B_[j] = slope_matrix(r_.body[j]);
+      bodies_[j] = Composite(r_.body[j].Y, r_.body[j].V);
     }
     for (size_t k = 0; k < m_.clusters.size(); ++k) {
       find_multipliers(int(k), u);
@@ -96,8 +97,8 @@ class Derivatives {
   ReducedModel& r_;
   const Mechanism& m_;
   std::vector<Force> F_;                                   // by joint
-  std::vector<Mat6, Eigen::aligned_allocator<Mat6>> I_, B_;  // by joint that carries a cluster
-  std::vector<Motion> dV_, dA_, dA_by_v_;                  // n a joint, from x_offset
+  std::vector<Composite> bodies_;                          // by joint
+  std::vector<Motion> dV_, dA_, dA_by_v_;                  // dV and dA′, n a joint, from x_offset
   std::vector<std::vector<double>> multipliers_;           // μ by cluster, on ψ's rows
   std::vector<std::vector<double>> dv_, da_;               // ∂(ρ q̇)/∂q (width × n); ∂q̈′ by q, then by q̇ (width × 2n)
   std::vector<Force> P_, Pv_, U_, H_;                      // what leaves a cluster downwards
@@ -106,9 +107,6 @@ class Derivatives {
   std::vector<Row> step_rates_;
   size_t most_ = 0;
 
-  static Mat6 slope_matrix(const ReducedModel::Body& b) {
-    return matrix_of([&](const Motion& x) { return velocity_slope(b.Y, b.V, x); });
-  }
   double& entry(double* matrix, int row, int col) const { return matrix[size_t(row) * m_.n + col]; }
 
   // Σ S x over a joint's own components, x one column of a matrix on local columns; null: zero.
@@ -195,7 +193,7 @@ class Derivatives {
     }
   }
 
-  // dV, dA by q and dA by q̇ of one cluster's bodies, their carrier's held.
+  // dV, dA′ by q and dA′ by q̇ (whose dV is X) of one cluster's bodies, their carrier's motion held.
   void change_bodies(int k) {
     const Cluster& c = m_.clusters[k];
     const int n = c.n();
@@ -204,15 +202,13 @@ class Derivatives {
       const int parent = m_.joints[j].parent;
       const bool first = parent == c.parent;
       const Motion &V = first ? V0 : r_.body[parent].V, &A = first ? A0 : r_.body[parent].A, &Vj = r_.body[j].V;
-      const Motion s = own(j, &r_.v_free[r_.offset[k]], 1);
       for (int i = 0; i < n; ++i) {
-        const int at = r_.x_offset[j] + i, from = first ? -1 : r_.x_offset[parent] + i;
-        const Motion step = step_of(c, j, i), ds = own(j, &dv_[k][i], n);
-        dV_[at] = cross(V, step) + ds;
-        dA_[at] = cross(A, step) + cross(Vj, ds) + own(j, &da_[k][i], 2 * n);
-        dA_by_v_[at] = cross(r_.X[at], s) + cross(Vj, step) + own(j, &da_[k][n + i], 2 * n);
-        if (from >= 0) dV_[at] += dV_[from], dA_[at] += dA_[from], dA_by_v_[at] += dA_by_v_[from];
-        dA_[at] += cross(dV_[at], s);
+        const int at = r_.x_offset[j] + i, from = r_.x_offset[parent] + i;
+        const Motion step = step_of(c, j, i), ds = own(j, &dv_[k][i], n), gain = cross(V, step) + ds;
+        dV_[at] = gain;
+        dA_[at] = cross(V, gain) + cross(A, step) + cross(Vj, ds) + own(j, &da_[k][i], 2 * n);
+        dA_by_v_[at] = cross(V + Vj, step) + own(j, &da_[k][n + i], 2 * n);
+        if (!first) dV_[at] += dV_[from], dA_[at] += dA_[from], dA_by_v_[at] += dA_by_v_[from];
       }
     }
   }
@@ -221,39 +217,24 @@ class Derivatives {
   void change_forces(int k, double* dq, double* dv, double* D) {
     const Cluster& c = m_.clusters[k];
     const int n = c.n();
-    const Motion V0 = r_.carrier_velocity(c);
-    Mat6 inertia = Mat6::Zero(), turning = Mat6::Zero();
     for (int i = 0; i < n; ++i) P_[i] = Pv_[i] = U_[i] = H_[i] = Force();
     for (int j : c.joints) {
-      const ReducedModel::Body& b = r_.body[j];
-      const bool heavy = m_.carries[j];
-      const Motion *X = twists(j), W = b.V - V0;
-      const auto I = [&](const Motion& x) { return heavy ? apply(I_[j], x) : b.Y * x; };
-      const auto B = [&](const Motion& x) { return heavy ? apply(B_[j], x) : velocity_slope(b.Y, b.V, x); };
-      Mat6 B_full;
-      if (c.parent) {
-        const Mat6 I_full = heavy ? I_[j] : matrix(b.Y);
-        B_full = heavy ? B_[j] : slope_matrix(b);
-        inertia += I_full, turning += B_full - I_full * cross_matrix(W);
-      }
+      const Motion* X = twists(j);
+      const auto& [I, B] = bodies_[j];
       for (int i = 0; i < n; ++i) {
-        const int at = r_.x_offset[j] + i;
-        const Force dF = cross(X[i], F_[j]) + I(dA_[at]) + B(dV_[at]), dFv = I(dA_by_v_[at]) + B(X[i]), IX = I(X[i]);
-        const Force turned = cross(X[i], b.f);
+        const int at = r_.x_offset[j] + i, col = c.independent[i];
+        const Force dF = cross(X[i], F_[j]) + I * dA_[at] + B * (dV_[at] * 2), turned = cross(X[i], r_.body[j].f);
+        const Force dFv = I * dA_by_v_[at] + B * (X[i] * 2), IX = I * X[i];
         for (int l = 0; l < n; ++l) {
-          const int row = c.independent[l], col = c.independent[i];
+          const int row = c.independent[l];
           entry(dq, row, col) += dot(dF, X[l]) - dot(turned, step_of(c, j, l));
           entry(dv, row, col) += dot(dFv, X[l]);
           entry(D, row, col) += dot(IX, X[l]);
         }
-        if (!c.parent) continue;
-        P_[i] += dF, Pv_[i] += dFv, U_[i] += IX;
-        H_[i] += apply(Mat6(B_full.transpose()), X[i]) + cross(W, IX);
+        if (c.parent) P_[i] += dF, Pv_[i] += dFv, U_[i] += IX, H_[i] += B.transposed(X[i]) * 2;
       }
     }
-    if (!c.parent) return;
-    I_[c.parent] += out_of_frame(r_.pose[c.parent], inertia);
-    B_[c.parent] += out_of_frame(r_.pose[c.parent], turning);
+    if (c.parent) carry(c, r_.pose[c.parent], bodies_);
   }
 
   // −μᵀ D_k(ψ_q′ ρ_i) of one cluster.
@@ -333,16 +314,15 @@ class Derivatives {
     });
   }
 
-  // The entries between a cluster and every one between it and the world. A change (dV, dA) of the carrier changes the
-  // cluster's τ_i by U_i·dA + H_i·dV; a body's own turns that to (dV, dA + dV × W) for the clusters on it.
+  // The entries between a cluster and every one between it and the world: a change (dV, dA′) of the carrier's motion
+  // changes the cluster's τ_i by U_i·dA′ + H_i·dV.
   void pass_down(const Cluster& c, double* dq, double* dv, double* D) {
     const int n = c.n();
     for (int p = c.parent; p;) {
       for (int i = 0; i < n; ++i)
         for (Force* f : {&P_[i], &Pv_[i], &U_[i], &H_[i]}) *f = out_of_frame(r_.pose[p], *f);
       const Cluster& below = m_.clusters[m_.cluster_of[p]];
-      const Motion W = r_.body[p].V - r_.carrier_velocity(below);
-      for (int i = 0; i < n; ++i) {
+      for (int i = 0; i < n; ++i)
         for (int l = 0; l < below.n(); ++l) {
           const int at = r_.x_offset[p] + l, row = below.independent[l], col = c.independent[i];
           entry(dq, row, col) = dot(P_[i], r_.X[at]);
@@ -351,8 +331,6 @@ class Derivatives {
           entry(dq, col, row) = dot(U_[i], dA_[at]) + dot(H_[i], dV_[at]);
           entry(dv, col, row) = dot(U_[i], dA_by_v_[at]) + dot(H_[i], r_.X[at]);
         }
-        H_[i] += cross(W, U_[i]);
-      }
       p = below.parent;
     }
   }

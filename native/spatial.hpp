@@ -50,11 +50,6 @@ inline double dot(const Force& a, const Motion& b) { return a.f.dot(b.v) + a.t.d
 // a × b on twists, a ×* f on wrenches; (a ×* f)·b = −f·(a × b).
 inline Motion cross(const Motion& a, const Motion& b) { return {a.w.cross(b.v) + a.v.cross(b.w), a.w.cross(b.w)}; }
 inline Force cross(const Motion& a, const Force& b) { return {a.w.cross(b.f), a.w.cross(b.t) + a.v.cross(b.f)}; }
-inline Mat6 cross_matrix(const Motion& a) {
-  Mat6 M;
-  M << skew(a.w), skew(a.v), Mat3::Zero(), skew(a.w);
-  return M;
-}
 
 inline Vec6 vector(const Motion& m) { return (Vec6() << m.v, m.w).finished(); }
 inline Vec6 vector(const Force& f) { return (Vec6() << f.f, f.t).finished(); }
@@ -91,25 +86,40 @@ inline Mat6 matrix(const RigidInertia& Y) {
   return M;
 }
 
-// ½ (V ×* I x − I (V × x) + x ×* I V): the body's share of C′ x. Its C is of Christoffel's kind, so that Ḋ − 2C is
-// skew symmetric (Lemma III.1; Echeandia and Wensing, 2021, eq. 24).
-inline Force coriolis(const RigidInertia& Y, const Motion& V, const Motion& x) {
-  return (cross(V, Y * x) - Y * cross(V, x) + cross(x, Y * V)) * 0.5;
+inline RigidInertia& operator+=(RigidInertia& a, const RigidInertia& b) {
+  a.m += b.m, a.h += b.h, a.I += b.I;
+  return a;
+}
+inline RigidInertia out_of_frame(const Pose& X, const RigidInertia& Y) {
+  const Vec3 h = X.R * Y.h;
+  const Mat3 px = skew(X.p), hx = skew(h);
+  return {Y.m, h + Y.m * X.p, X.R * Y.I * X.R.transpose() - px * hx - hx * px - Y.m * px * px};
 }
 
-// How the velocity-dependent force V ×* I V changes with V.
-inline Force velocity_slope(const RigidInertia& Y, const Motion& V, const Motion& dV) {
-  return cross(dV, Y * V) + cross(V, Y * dV);
-}
-
-template <class F> Mat6 matrix_of(F&& force_of) {  // the matrix of a linear map from twists to wrenches
-  Mat6 M;
-  for (int k = 0; k < 6; ++k) {
-    Motion unit;
-    (k < 3 ? unit.v : unit.w)[k % 3] = 1;
-    M.col(k) = vector(force_of(unit));
+// B x = ½ (V ×* Y x − Y (V × x) + x ×* Y V): the body's share of C′ x, whose C is of Christoffel's kind, so that Ḋ − 2C
+// is skew symmetric (Lemma III.1; Echeandia and Wensing, 2021). Written out, it depends on x's angular part alone: force
+// x_w × p with p the linear momentum, and moment M x_w. Sums of bodies have the same form.
+struct CoriolisMap {
+  Vec3 p = Vec3::Zero();
+  Mat3 M = Mat3::Zero();
+  CoriolisMap() = default;
+  CoriolisMap(const RigidInertia& Y, const Motion& V) : p(Y.m * V.v - Y.h.cross(V.w)) {
+    const Mat3 vx = skew(V.v), wx = skew(V.w), hx = skew(Y.h), turned = vx * hx;
+    const Mat3 wI = wx * Y.I;
+    M = 0.5 * (wI + wI.transpose() - skew(Y.I * V.w + Y.h.cross(V.v)) - turned - turned.transpose());
   }
-  return M;
+  CoriolisMap& operator+=(const CoriolisMap& o) {
+    p += o.p, M += o.M;
+    return *this;
+  }
+  Force operator*(const Motion& x) const { return {x.w.cross(p), M * x.w}; }
+  Force transposed(const Motion& x) const { return {Vec3::Zero(), p.cross(x.v) + M.transpose() * x.w}; }
+};
+inline CoriolisMap out_of_frame(const Pose& X, const CoriolisMap& B) {
+  CoriolisMap out;
+  out.p = X.R * B.p;
+  out.M = X.R * B.M * X.R.transpose() - skew(X.p) * skew(out.p);
+  return out;
 }
 
 }  // namespace ccpin

@@ -1,6 +1,6 @@
-// D (23) and C (24), dense, with ρ and ρ̇: composite inertias I and B of the clusters' subtrees (the composite rigid-body
+// D (23) and C (24), dense, with ρ and ρ̇: composite inertias I and Coriolis maps B of the clusters' subtrees (the composite rigid-body
 // algorithm, Featherstone 2008, table 6.2, and its Coriolis counterpart, Echeandia and Wensing 2021), with clusters for
-// joints. With dX = d/dt X and B x = `coriolis`, the entries of rows i and columns k within a cluster are
+// joints. With dX = d/dt X, the entries of rows i and columns k within a cluster are
 //
 //   D = Σ X_iᵀ I X_k,      C = Σ X_iᵀ (I dX_k + B X_k),
 //
@@ -10,10 +10,25 @@
 
 namespace ccpin {
 
+// A body and all clusters it carries, as if rigid: how the wrench on it follows its acceleration and velocity.
+struct Composite {
+  RigidInertia I;
+  CoriolisMap B;
+  Composite() = default;
+  Composite(const RigidInertia& Y, const Motion& V) : I(Y), B(Y, V) {}
+};
+
+// Adds a cluster's bodies to the one that carries it.
+inline void carry(const Cluster& c, const Pose& carrier, std::vector<Composite>& bodies) {
+  Composite sum;
+  for (int j : c.joints) sum.I += bodies[j].I, sum.B += bodies[j].B;
+  bodies[c.parent].I += out_of_frame(carrier, sum.I), bodies[c.parent].B += out_of_frame(carrier, sum.B);
+}
+
 class Terms {
  public:
   explicit Terms(ReducedModel& model)
-      : r_(model), m_(model.m), dX_(model.X.size()), I_(m_.joints.size()), B_(m_.joints.size()) {
+      : r_(model), m_(model.m), dX_(model.X.size()), bodies_(m_.joints.size()) {
     size_t most = 0;
     for (const Cluster& c : m_.clusters) most = std::max<size_t>(most, c.n());
     F_.resize(most), G_.resize(most), H_.resize(most);
@@ -27,8 +42,7 @@ class Terms {
     std::fill(D, D + size_t(n) * n, 0.), std::fill(C, C + size_t(n) * n, 0.);
     std::fill(rho, rho + size_t(m_.nv) * n, 0.), std::fill(rho_dot, rho_dot + size_t(m_.nv) * n, 0.);
     for (size_t k = 0; k < m_.clusters.size(); ++k) rates(int(k), D, C, rho, rho_dot);
-    for (size_t j = 1; j < m_.joints.size(); ++j)
-      if (m_.carries[j]) I_[j] = matrix(r_.body[j].Y), B_[j] = coriolis_matrix(r_.body[j]);
+    for (size_t j = 1; j < m_.joints.size(); ++j) bodies_[j] = Composite(r_.body[j].Y, r_.body[j].V);
     for (int k = int(m_.clusters.size()) - 1; k >= 0; --k) composite(m_.clusters[k], D, C);
   }
 
@@ -38,11 +52,7 @@ class Terms {
   std::vector<Motion> dX_;
   std::vector<double> rho_dot_;
   std::vector<Force> F_, G_, H_;  // I X, I dX + B X and Bᵀ X of one cluster's columns, summed over its bodies
-  std::vector<Mat6, Eigen::aligned_allocator<Mat6>> I_, B_;
-
-  static Mat6 coriolis_matrix(const ReducedModel::Body& b) {
-    return matrix_of([&](const Motion& x) { return coriolis(b.Y, b.V, x); });
-  }
+  std::vector<Composite> bodies_;
   double& entry(double* matrix, int row, int col) const { return matrix[size_t(row) * m_.n + col]; }
 
   // ρ, ρ̇ and dX of one cluster, and its rotors' share of D and C.
@@ -72,7 +82,7 @@ class Terms {
       const double *at = &s.rho[size_t(col) * n], *rate = &rho_dot_[size_t(col) * n];
       for (int i = 0; i < n; ++i)
         for (int l = 0; l < n; ++l) {
-          entry(D, c.independent[i], c.independent[l]) += arm * at[i] * at[l];
+          if (i <= l) entry(D, c.independent[i], c.independent[l]) += arm * at[i] * at[l];
           entry(C, c.independent[i], c.independent[l]) += arm * at[i] * rate[l];
         }
     });
@@ -81,30 +91,21 @@ class Terms {
   // The entries of one cluster, its children's done, and what its columns ask of the clusters below.
   void composite(const Cluster& c, double* D, double* C) {
     const int n = c.n();
-    Mat6 inertia = Mat6::Zero(), turning = Mat6::Zero();
     for (int i = 0; i < n; ++i) F_[i] = G_[i] = H_[i] = Force();
     for (int j : c.joints) {
       const Motion *X = &r_.X[r_.x_offset[j]], *dX = &dX_[r_.x_offset[j]];
-      const ReducedModel::Body& b = r_.body[j];
-      const bool heavy = m_.carries[j];
-      Mat6 B;
-      if (c.parent) {
-        B = heavy ? B_[j] : coriolis_matrix(b);
-        inertia += heavy ? I_[j] : matrix(b.Y), turning += B;
-      }
+      const auto& [I, B] = bodies_[j];
       for (int i = 0; i < n; ++i) {
-        const Force IX = heavy ? apply(I_[j], X[i]) : b.Y * X[i];
-        const Force CX = heavy ? apply(I_[j], dX[i]) + apply(B_[j], X[i]) : b.Y * dX[i] + coriolis(b.Y, b.V, X[i]);
-        for (int l = 0; l < n; ++l) {
-          entry(D, c.independent[l], c.independent[i]) += dot(IX, X[l]);
-          entry(C, c.independent[l], c.independent[i]) += dot(CX, X[l]);
-        }
-        if (c.parent) F_[i] += IX, G_[i] += CX, H_[i] += apply(Mat6(B.transpose()), X[i]);
+        const Force IX = I * X[i], CX = I * dX[i] + B * X[i];
+        for (int l = 0; l < n; ++l) entry(C, c.independent[l], c.independent[i]) += dot(CX, X[l]);
+        for (int l = 0; l <= i; ++l) entry(D, c.independent[l], c.independent[i]) += dot(IX, X[l]);
+        if (c.parent) F_[i] += IX, G_[i] += CX, H_[i] += B.transposed(X[i]);
       }
     }
+    for (int i = 0; i < n; ++i)
+      for (int l = 0; l < i; ++l) entry(D, c.independent[i], c.independent[l]) = entry(D, c.independent[l], c.independent[i]);
     if (!c.parent) return;
-    I_[c.parent] += out_of_frame(r_.pose[c.parent], inertia);
-    B_[c.parent] += out_of_frame(r_.pose[c.parent], turning);
+    carry(c, r_.pose[c.parent], bodies_);
     for (int p = c.parent; p;) {
       for (int i = 0; i < n; ++i)
         for (Force* f : {&F_[i], &G_[i], &H_[i]}) *f = out_of_frame(r_.pose[p], *f);
