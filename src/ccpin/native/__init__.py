@@ -70,7 +70,7 @@ def kernel(mechanism: Mechanism, gravity: Array | None = None) -> Kernel | None:
 
     try:
         return _core.Kernel(specification(mechanism, gravity))
-    except UnsupportedMechanismError:
+    except (UnsupportedMechanismError, ValueError):
         return None
 
 
