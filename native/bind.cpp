@@ -34,5 +34,6 @@ NB_MODULE(_core, module) {
       .def("forward_dynamics_many", &Kernel::forward_dynamics_many, arg("Q"), arg("V"), arg("U"), near, threads)
       .def("generalized_force_many", &Kernel::generalized_force_many, arg("Q"), arg("V"), arg("A"), near, threads)
       .def("forward_dynamics_derivatives_many", &Kernel::forward_dynamics_derivatives_many, arg("Q"), arg("V"),
-           arg("U"), near, threads);
+           arg("U"), near, threads)
+      .def("simulate", &Kernel::simulate, near, arg("law"), arg("run"), arg("tableau"));
 }

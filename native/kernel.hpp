@@ -184,6 +184,32 @@ class Kernel {
     });
   }
 
+  // A run under a law of the core: how many samples, then q, q̇, u, q′, |φ|, how it ended, since when it is settled, evaluations.
+  nb::object simulate(In near, nb::dict law, nb::dict run, nb::dict tableau) {
+    if (!m.direct) return nb::none();
+    const Law a = Reader::law(law, m);
+    const Run b = Reader::run(run, m);
+    const Tableau c = Reader::tableau(tableau);
+    const Py_ssize_t rows = b.times.size();
+    Pool::Lease w(pool_);
+    In q;
+    q.data = b.start.data(), q.rows = 1, q.size = m.n_q, q.dimensions = 1;
+    if (rows == 0 || !close(w->model, near, q)) return nb::none();
+    Samples out;
+    const nb::object Q = new_array({rows, m.n_q}, out.q), V = new_array({rows, m.n}, out.v),
+                     U = new_array({rows, m.n}, out.u), X = new_array({rows, m.nq}, out.q_free),
+                     E = new_array({rows}, out.closure);
+    Simulation simulation(*w, a, b);
+    Outcome outcome;
+    {
+      nb::gil_scoped_release release;
+      outcome = simulation.run(c, out);
+    }
+    if (outcome == Outcome::declined) return nb::none();
+    constexpr const char* names[] = {"finished", "settled", "interrupted"};
+    return nb::make_tuple(out.done, Q, V, U, X, E, names[int(outcome)], simulation.settled_since, simulation.evaluations);
+  }
+
   // Closes the model at σ(q) from `near`, or at `near` itself; false where only the reference can tell.
   bool close(ReducedModel& model, const In& near, const In& q) const {
     if (near.given() && !(near.is_vector(m.nq) && on_manifold(near.data))) return false;

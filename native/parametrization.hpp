@@ -73,6 +73,23 @@ class Parametrization : public Constraints {
     return 1 / (norm * inverse);
   }
 
+  // Whether pivots or ρ say that ψ_q′ may be badly conditioned: only then is `rcond` worth its price.
+  bool suspicious() const {
+    for (const ClusterState& s : states) {
+      if (s.factor.ratio < 1e-3) return true;
+      for (double x : s.rho)
+        if (!(std::abs(x) < 1e3)) return true;
+    }
+    return false;
+  }
+  // |φ| of the last linearisation.
+  double closure() const {
+    double sum = 0;
+    for (size_t k = 0; k < states.size(); ++k)
+      for (int r = 0; r < m.clusters[k].phi_rows(); ++r) sum += states[k].residual[r] * states[k].residual[r];
+    return std::sqrt(sum);
+  }
+
   // γ = ρ̇ q̇ = −ψ_q′⁻¹ ψ̇_q′ q̇′ over one cluster's columns, for q̇′ = v.
   void bias(const Cluster& c, ClusterState& s, const double* v) {
     double* change = s.right.data();
@@ -209,7 +226,7 @@ class Parametrization : public Constraints {
         sign = s.factor.sign;
         for (int r = 0; r < c.phi_rows(); ++r) open |= std::abs(s.residual[r]) > kOpenStart;
       }
-      if (suspicious(c, s)) return false;
+      if (too_singular(c, s)) return false;
       if (size <= m.tolerance || (iteration && last <= 1e-9 && size <= 100 * m.tolerance))
         return s.factor.sign == sign && finish(c, s);
       const double length = newton_step(c, s);
@@ -295,7 +312,7 @@ class Parametrization : public Constraints {
         copy_cluster(c, q_free.data(), here_.data());
         return true;
       }
-      if (suspicious(c, s) || !(newton_step(c, s) <= kLargestMove)) return false;
+      if (too_singular(c, s) || !(newton_step(c, s) <= kLargestMove)) return false;
       move(c, s.step.data());
     }
     return false;
@@ -309,7 +326,7 @@ class Parametrization : public Constraints {
     for (double x : s.rho) largest = std::max(largest, std::abs(x));
     return (s.factor.ratio >= kSuspiciousPivots && largest <= kSuspiciousRho) || cluster_rcond(c, s) >= kSingular;
   }
-  bool suspicious(const Cluster& c, ClusterState& s) {
+  bool too_singular(const Cluster& c, ClusterState& s) {
     if (s.factor.ratio >= kSuspiciousPivots) return false;
     if (!(s.factor.ratio > 0)) return true;
     solve_rho(c, s);

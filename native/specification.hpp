@@ -2,6 +2,7 @@
 #pragma once
 #include "arrays.hpp"
 #include "mechanism.hpp"
+#include "simulate.hpp"
 
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
@@ -38,7 +39,43 @@ class Reader {
     return std::move(m_);
   }
 
+  static Law law(nb::dict d, const Mechanism& m) {
+    Law law;
+    const std::string name = nb::cast<std::string>(d["kind"]);
+    const auto found = std::find(std::begin(kLawNames), std::end(kLawNames), name);
+    if (found == std::end(kLawNames)) throw std::invalid_argument("the core knows no law '" + name + "'");
+    law.kind = LawKind(found - std::begin(kLawNames));
+    const size_t n = m.n;
+    law.path.start = flat(d["start"], m.n_q), law.path.breaks = flat(d["breaks"]);
+    law.path.degree = nb::cast<int>(d["degree"]);
+    const size_t pieces = law.path.breaks.size() > 1 ? law.path.breaks.size() - 1 : 0;
+    law.path.coefficients = flat(d["coefficients"], pieces * (law.path.degree + 1) * n);
+    law.K_p = flat(d["K_p"], n * n), law.K_v = flat(d["K_v"], n * n), law.constant = flat(d["constant"], n);
+    return law;
+  }
+  static Run run(nb::dict d, const Mechanism& m) {
+    const auto number = [&](const char* name) { return nb::cast<double>(d[name]); };
+    Run r{flat(d["times"]), flat(d["start"], m.n_q + m.n), number("rtol"), number("atol"), number("max_step"),
+          number("singular_rcond"), {}};
+    r.settling = {flat(d["goal"]), number("band"), number("speed"), number("hold")};
+    return r;
+  }
+  static Tableau tableau(nb::dict d) {
+    Tableau t;
+    t.A = flat(d["A"]), t.B = flat(d["B"]), t.C = flat(d["C"]);
+    t.E = flat(d["E"]), t.E_low = flat(d["E_low"]), t.P = flat(d["P"]);
+    t.stages = int(t.B.size()), t.extra = nb::cast<int>(d["extra"]), t.columns = nb::cast<int>(d["columns"]);
+    t.error_order = nb::cast<int>(d["error_order"]);
+    return t;
+  }
+
  private:
+  static constexpr size_t kAny = size_t(-1);
+  static std::vector<double> flat(nb::handle h, size_t size = kAny) {
+    std::vector<double> x = doubles(h);
+    if (size != kAny && x.size() != size) throw std::invalid_argument("an array has a wrong length");
+    return x;
+  }
   nb::dict s_;
   Mechanism m_;
   std::vector<int> motors_;

@@ -50,14 +50,14 @@ def relative(native, reference):
 
 
 def allowed(name, kappa, kappa_mass, tolerance):
-    """1e-12, and more where rounding alone makes more of it: (κ/1000)ᵖ, and the conditioning of D over 1000.
+    """1e-12, and more where rounding alone makes more of it: (κ/100)ᵖ, and the conditioning of D over 1000.
 
     σ: both stop at the same tolerance on ψ̄, κ times which is how far apart they may stop.
     """
     power, divides = POWER[name]
     if name == "sigma":
         return 1e-12 + 2.0 * kappa * tolerance
-    growth = max(1.0, kappa / 1e3) ** power
+    growth = max(1.0, kappa / 1e2) ** power
     return 1e-12 * growth * (max(1.0, kappa_mass / 1e3) if divides else 1.0)
 
 

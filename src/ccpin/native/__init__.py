@@ -17,6 +17,8 @@ from ccpin.native.specification import specification
 
 if TYPE_CHECKING:
     from ccpin.native._core import Kernel
+else:
+    Kernel = object  # the class where the core is built; a name for annotations where it is not
 
 VARIABLE = "CCPIN_BACKEND"
 
@@ -74,4 +76,4 @@ def kernel(mechanism: Mechanism, gravity: Array | None = None) -> Kernel | None:
         return None
 
 
-__all__ = ["Backend", "backend", "kernel"]
+__all__ = ["Backend", "Kernel", "backend", "kernel"]

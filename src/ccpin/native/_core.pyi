@@ -5,6 +5,8 @@ the branch wanted (``None``: the reference); with q the answer is for σ(q) from
 which must be closed. Arrays are new, float64 and row-major.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -86,3 +88,14 @@ class Kernel:
     def forward_dynamics_derivatives_many(
         self, Q: ArrayLike, V: ArrayLike, U: ArrayLike, near: ArrayLike | None, threads: int = 1
     ) -> tuple[Triple, Mask] | None: ...
+    def simulate(
+        self,
+        near: ArrayLike | None,
+        law: dict[str, object],
+        run: dict[str, object],
+        tableau: dict[str, object],
+    ) -> tuple[int, Array, Array, Array, Array, Array, Any, float, int] | None:
+        """The number of samples, then q, q̇, u, q′ and |φ| at each, how it ended, since when it is settled, evaluations.
+
+        See `ccpin.simulation.in_core` for what the arguments hold.
+        """
