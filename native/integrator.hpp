@@ -21,7 +21,7 @@ template <class F> class Integrator {
  public:
   std::vector<double> y, next;
   double t = 0, h = 0;
-  bool failed = false;  // the right-hand side was not defined, or the step became too short
+  bool failed = false;  // the right-hand side is not defined at the start, or the step became too short
 
   Integrator(F& f, const Tableau& tableau, std::vector<double> y0, double end, double rtol, double atol, double longest)
       : y(std::move(y0)), f_(f), T_(tableau), end_(end), rtol_(rtol), atol_(atol), longest_(longest), size_(y.size()) {
@@ -31,28 +31,33 @@ template <class F> class Integrator {
     if (!failed) h = first_step();
   }
 
-  // One accepted step, to `reached`; `advance` makes it the current state.
+  // One accepted step, to `reached`; `advance` makes it the current state. False, and h as it was, where the right-hand
+  // side is not defined at a trial; `failed` as well where the step became too short.
   double reached = 0;
   bool step() {
     const double shortest = 10 * (std::nextafter(t, INFINITY) - t), exponent = -1. / (T_.error_order + 1);
     bool rejected = false;
-    h = std::min(std::max(h, shortest), longest_);
+    double trial = std::min(std::max(h, shortest), longest_);
     for (;;) {
-      if (h < shortest) return !(failed = true);
-      reached = std::min(t + h, end_);
-      taken_ = h = reached - t;
-      if (!stages()) return !(failed = true);
+      if (trial < shortest) return !(failed = true);
+      reached = std::min(t + trial, end_);
+      taken_ = trial = reached - t;
+      if (!stages()) return false;
       for (size_t i = 0; i < size_; ++i) scale_[i] = atol_ + rtol_ * std::max(std::abs(y[i]), std::abs(next[i]));
       const double e = error();
       if (e < 1) {
         const double factor = e == 0 ? 10 : std::min(10., 0.9 * std::pow(e, exponent));
-        h *= rejected ? std::min(1., factor) : factor;
+        h = trial * (rejected ? std::min(1., factor) : factor);
         prepared_ = false;
         return true;
       }
-      h *= std::max(0.2, 0.9 * std::pow(e, exponent));
+      trial *= std::max(0.2, 0.9 * std::pow(e, exponent));
       rejected = true;
     }
+  }
+  bool restart(double first) {  // from the current state with a given first step
+    h = first;
+    return f_(t, y.data(), k_[0].data());
   }
   void advance() {
     t = reached;

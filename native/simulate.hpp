@@ -37,9 +37,15 @@ class Simulation {
     Integrator<Simulation> solver(*this, tableau, run_.start, run_.times.back(), run_.rtol, run_.atol, run_.longest);
     std::vector<double> state(run_.start.size());
     if (solver.failed || !sample(0, solver.y.data(), out)) return Outcome::declined;
+    double shortened = 0;
     for (int steps = 1, creeping = 0; out.done < int(run_.times.size()); ++steps) {
       if (settled(solver.y.data(), out)) return Outcome::settled;
-      if (!solver.step()) return Outcome::declined;
+      if (!solver.step()) {  // σ fails at a trial: again, a quarter as far
+        shortened = 0.25 * (shortened > 0 ? shortened : std::min(solver.h, run_.times.back() - solver.t));
+        if (solver.failed || shortened < kShortest || !solver.restart(shortened)) return Outcome::declined;
+        continue;
+      }
+      shortened = 0;
       for (; out.done < int(run_.times.size()) && run_.times[out.done] <= solver.reached;) {
         const double time = run_.times[out.done];
         const bool exact = time == solver.reached;
@@ -69,7 +75,7 @@ class Simulation {
   }
 
  private:
-  static constexpr double kCreeping = 1e-7, kCreepingRcond = 1e-3;
+  static constexpr double kCreeping = 1e-7, kCreepingRcond = 1e-3, kShortest = 1e-10;
   static constexpr int kMostCreeping = 200;
   Workspace& w_;
   const Mechanism& m_;
