@@ -20,6 +20,7 @@ ORDER = (
     "description",
     "kinematics",
     "mechanism",
+    "native",
     "dynamics",
     "domain",
     "control",

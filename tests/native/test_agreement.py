@@ -14,7 +14,14 @@ from tests.support.places import MODELS, SHARED
 from tests.support.strategies import mechanisms
 
 pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
-THEIRS = ("four_bar.urdf", "mini_cheetah_leg.urdf", "cassie_like", "digit_like", "cassie_closed_chain.xml", "5bar_linkage_iso3d")
+THEIRS = (
+    "four_bar.urdf",
+    "mini_cheetah_leg.urdf",
+    "cassie_like",
+    "digit_like",
+    "cassie_closed_chain.xml",
+    "5bar_linkage_iso3d",
+)
 FILES = [*sorted(MODELS.glob("*.urdf")), *(SHARED / name for name in THEIRS)]
 seeds = st.integers(0, 2**32 - 1)
 

@@ -73,7 +73,9 @@ def differences(model, kernel, q, rng, guess=None):
     native = dict(_native(kernel, point, q, guess, v, a, u))
     kappa, kappa_mass = 1.0 / point.factor.rcond, float(np.linalg.cond(reference["D"])) if model.n else 1.0
     return [
-        Difference(name, relative(native.get(name), value), allowed(name, kappa, kappa_mass, model.parametrization.tolerance))
+        Difference(
+            name, relative(native.get(name), value), allowed(name, kappa, kappa_mass, model.parametrization.tolerance)
+        )
         for name, value in reference.items()
     ]
 

@@ -113,7 +113,6 @@ class PointToPoint(Reference):
             q, law.rate / self.duration * self._line, law.acceleration / self.duration**2 * self._line
         )
 
-
     def as_polynomial(self) -> PiecewisePolynomial:
         """q₀ ⊕ s(t/T) Δ, one piece of degree 5."""
         powers = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0]) / self.duration ** np.arange(5, -1, -1)

@@ -47,13 +47,13 @@ def backend() -> Backend:
     if wanted == "numpy":
         return Backend("numpy", f"{VARIABLE}=numpy")
     try:
-        from ccpin.native import _core
+        import ccpin.native._core as core
     except ImportError as error:
         reason = f"the compiled core is not built or does not load ({error}); a C++ compiler at install time makes it"
         if wanted == "native":
             raise InvalidInputError(f"{VARIABLE}=native, but {reason}") from error
         return Backend("numpy", reason)
-    return Backend("native", f"compiled core {_core.__file__}")
+    return Backend("native", f"compiled core {core.__file__}")
 
 
 def kernel(mechanism: Mechanism, gravity: Array | None = None) -> Kernel | None:
@@ -68,10 +68,10 @@ def kernel(mechanism: Mechanism, gravity: Array | None = None) -> Kernel | None:
     """
     if backend().name == "numpy":
         return None
-    from ccpin.native import _core
+    import ccpin.native._core as core
 
     try:
-        return _core.Kernel(specification(mechanism, gravity))
+        return core.Kernel(specification(mechanism, gravity))
     except (UnsupportedMechanismError, ValueError):
         return None
 

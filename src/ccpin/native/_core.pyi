@@ -58,9 +58,7 @@ class Kernel:
     ) -> Array | None:
         """λ (17), of shape (m,)."""
 
-    def energy(
-        self, near: ArrayLike | None, v: ArrayLike, q: ArrayLike | None = None
-    ) -> tuple[float, float] | None:
+    def energy(self, near: ArrayLike | None, v: ArrayLike, q: ArrayLike | None = None) -> tuple[float, float] | None:
         """Kinetic and potential energy in joules."""
 
     def generalized_force_derivatives(

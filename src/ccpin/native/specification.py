@@ -128,13 +128,13 @@ def _between(joints: list[int], parents: Sequence[int]) -> set[int]:
     tops = {parents[joint] for joint in joints} - inside
     if len(tops) < 2:
         return set()
-    paths = [{top, *_support(top, parents)} | {0} for top in tops]
-    return set.union(*paths) - set.intersection(*paths)
+    paths = [{0, top, *_support(top, parents)} for top in tops]
+    return set[int]().union(*paths) - paths[0].intersection(*paths[1:])
 
 
 def _support(joint: int, parents: Sequence[int], ancestor: int = 0) -> list[int]:
     """A joint and those above it, up to an ancestor (left out)."""
-    path = []
+    path: list[int] = []
     while joint != ancestor:
         path.append(joint)
         joint = parents[joint]
@@ -183,7 +183,10 @@ def _loop(loop: Loop, parents: Sequence[int]) -> tuple[Any, ...]:
 def _couplings(constraints: Constraints, owner: Sequence[int]) -> tuple[list[tuple[Any, ...]], list[list[int]]]:
     """Terms (q, v, wrapped, coefficients, reference) and modulus of each coupling; and the joints it ties."""
     numbers = [
-        ([(t.idx_q, t.idx_v, t.wrapped, t.coefficients.tolist(), float(t.reference)) for t in g.terms], float(g.modulus))
+        (
+            [(t.idx_q, t.idx_v, t.wrapped, t.coefficients.tolist(), float(t.reference)) for t in g.terms],
+            float(g.modulus),
+        )
         for g in constraints.gears
     ]
     return numbers, [[owner[t.idx_v] for t in gear.terms] for gear in constraints.gears]

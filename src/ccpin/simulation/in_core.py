@@ -13,7 +13,7 @@ from ccpin.control.references import Hold, PiecewisePolynomial, Reference
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.native import Kernel
-from ccpin.simulation.trajectory import Status, Trajectory
+from ccpin.simulation.trajectory import Trajectory
 
 _TRACKING = {ComputedTorque: "computed_torque", PDPlus: "pd_plus", PDOnlineGravity: "pd_gravity"}
 
@@ -54,25 +54,17 @@ def simulate_in_core(
     if answer is None:
         return None
     done, q, v, u, q_free, closure, status, since, evaluations = answer
-    times = run["times"][:done]
-    return Trajectory(
-        np.array(times),
-        *(array[:done] for array in (q, v, u, q_free, closure)),
-        *_ending(status, float(times[-1]), since),
-        evaluations,
-    )
-
-
-def _ending(status: Status, end: float, since: float) -> tuple[Status, str]:
-    return status, {
-        "finished": f"simulated {end:.6g} s",
+    t = np.array(run["times"][:done])
+    message = {
+        "finished": f"simulated {t[-1]:.6g} s",
         "settled": f"settled since t = {since:.6g} s",
-        "interrupted": f"interrupted at t = {end:.6g} s",
+        "interrupted": f"interrupted at t = {t[-1]:.6g} s",
     }[status]
+    return Trajectory(t, q[:done], v[:done], u[:done], q_free[:done], closure[:done], status, message, evaluations)
 
 
 def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
-    """A law in plain numbers: its kind, gains, constant part and reference; ``None`` where the core has none like it."""
+    """A law in plain numbers: its kind, gains, constant part and reference; ``None`` where the core has none."""
     n, zero = model.n, np.zeros((model.n, model.n))
     if isinstance(law, NoTorque):
         path = Hold(model, model.alpha(model.mechanism.q_reference)).as_polynomial()
