@@ -23,8 +23,9 @@ namespace ccpin {
 class Derivatives {
  public:
   explicit Derivatives(ReducedModel& model)
-      : r_(model), m_(model.m), F_(m_.joints.size()), bodies_(m_.joints.size()), dV_(model.X.size()),
-        dA_(model.X.size()), dA_by_v_(model.X.size()), multipliers_(m_.clusters.size()), dv_(m_.clusters.size()),
+      : r_(model), m_(model.m), bodies_(m_.joints.size()), dV_(model.X.size()),
+        dA_(model.X.size()), dA_by_v_(model.X.size()), by_q_(model.X.size()), by_v_(model.X.size()), by_a_(model.X.size()),
+        multipliers_(m_.clusters.size()), dv_(m_.clusters.size()),
         da_(m_.clusters.size()) {
     for (size_t k = 0; k < m_.clusters.size(); ++k) {
       const Cluster& c = m_.clusters[k];
@@ -40,10 +41,7 @@ class Derivatives {
     const size_t size = size_t(m_.n) * m_.n;
     std::fill(dq, dq + size, 0.), std::fill(dv, dv + size, 0.), std::fill(D, D + size, 0.);
     r_.inverse(v, a, tau_.data());
-    for (size_t j = 1; j < m_.joints.size(); ++j) {
-      F_[j] = r_.body[j].f;
-      bodies_[j] = Composite(r_.body[j].Y, r_.body[j].V);
-    }
+    for (size_t j = 1; j < m_.joints.size(); ++j) bodies_[j] = Composite(r_.body[j].Y, r_.body[j].V);
     for (size_t k = 0; k < m_.clusters.size(); ++k) {
       find_multipliers(int(k), u);
       change_velocities(int(k));
@@ -96,11 +94,11 @@ class Derivatives {
  private:
   ReducedModel& r_;
   const Mechanism& m_;
-  std::vector<Force> F_;                                   // by joint
   std::vector<Composite> bodies_;                          // by joint
   std::vector<Motion> dV_, dA_, dA_by_v_;                  // dV and dA′, n a joint, from x_offset
   std::vector<std::vector<double>> multipliers_;           // μ by cluster, on ψ's rows
   std::vector<std::vector<double>> dv_, da_;               // ∂(ρ q̇)/∂q (width × n); ∂q̈′ by q, then by q̇ (width × 2n)
+  std::vector<Force> by_q_, by_v_, by_a_;                  // dF by q, q̇ and q̈ over a subtree, n a joint
   std::vector<Force> P_, Pv_, U_, H_;                      // what leaves a cluster downwards
   std::vector<double> tau_, D_, right_, slopes_;
   std::vector<RowSlope> row_slopes_;
@@ -125,7 +123,8 @@ class Derivatives {
 
   void find_multipliers(int k, const double* u) {
     const Cluster& c = m_.clusters[k];
-    std::vector<double> tau = r_.free_forces(k), f(c.unknowns());
+    const auto from = r_.tau_free.begin() + r_.offset[k];
+    std::vector<double> tau(from, from + c.width()), f(c.unknowns());
     for (size_t i = 0; u && i < c.motors.size(); ++i) tau[c.motor_columns[i]] -= u[c.motors[i]];
     for (int i = 0; i < c.unknowns(); ++i) f[i] = tau[c.dependent[i]];
     r_.states[k].factor.solve_transposed(f.data(), multipliers_[k].data());
@@ -136,7 +135,7 @@ class Derivatives {
     const Cluster& c = m_.clusters[k];
     ClusterState& s = r_.states[k];
     const int n = c.n();
-    for (int i = 0; i < n; ++i) slopes(k, &s.rho[i], n, nullptr, 0, [&](int row, const RowSlope& x) { s.right[row * n + i] = -x.rate; });
+    slopes(k, s.rho.data(), nullptr, [&](int row, int i, const RowSlope& x) { s.right[row * n + i] = -x.rate; });
     s.factor.solve(s.right.data(), n);
     Parametrization::scatter(c, s.right.data(), n, dv_[k].data());
   }
@@ -146,50 +145,60 @@ class Derivatives {
     const Cluster& c = m_.clusters[k];
     ClusterState& s = r_.states[k];
     const int n = c.n();
-    for (int i = 0; i < n; ++i) {
-      slopes(k, &s.rho[i], n, &dv_[k][i], n, [&](int row, const RowSlope& x) { s.right[row * 2 * n + i] = -x.second; });
-      slopes(k, nullptr, 0, &s.rho[i], n, [&](int row, const RowSlope& x) { s.right[row * 2 * n + n + i] = -x.second; });
-    }
-    s.factor.solve(s.right.data(), 2 * n);
-    Parametrization::scatter(c, s.right.data(), 2 * n, da_[k].data());
+    double* right = s.right.data();
+    slopes(k, s.rho.data(), dv_[k].data(), [&](int row, int i, const RowSlope& x) { right[row * 2 * n + i] = -x.second; });
+    slopes(k, nullptr, s.rho.data(), [&](int row, int i, const RowSlope& x) { right[row * 2 * n + n + i] = -x.second; });
+    s.factor.solve(right, 2 * n);
+    Parametrization::scatter(c, right, 2 * n, da_[k].data());
   }
 
-  // The slopes of every row of a cluster along (step, dv), columns of matrices on its local columns (null: zero).
-  template <class G>
-  void slopes(int k, const double* step, int step_stride, const double* dv, int dv_stride, G&& give) {
+  // The slopes of every row of a cluster along its n directions (step, dv), columns of matrices on its local columns
+  // (null: zero): give(row, direction, slope).
+  template <class G> void slopes(int k, const double* step, const double* dv, G&& give) {
     const Cluster& c = m_.clusters[k];
     const double *v = &r_.v_free[r_.offset[k]], *a = &r_.a_free[r_.offset[k]];
+    const int n = c.n();
+    const auto column = [](const double* matrix, int i) { return matrix ? matrix + i : nullptr; };
     int row = 0;
-    for (int i : c.loops) {
-      const Loop& loop = m_.loops[i];
-      BodyJet on[2];
-      for (int side = 0; side < 2; ++side)
-        for (int j : side ? loop.path_b : loop.path_a)
-          on[side].advance(own(j, v, 1), own(j, a, 1), own(j, step, step_stride), own(j, dv, dv_stride), Motion());
+    for (int l : c.loops) {
+      const Loop& loop = m_.loops[l];
+      const Ends ends = r_.ends(loop);
       row_slopes_.resize(std::max<size_t>(row_slopes_.size(), loop.size));
-      loop_row_slopes(loop, r_.ends(loop), on[0], on[1], row_slopes_.data());
-      for (int r = 0; r < loop.size; ++r) give(row++, row_slopes_[r]);
-    }
-    const auto at = [](const double* x, int col, int stride) { return x ? x[size_t(col) * stride] : 0.; };
-    for (int i : c.couplings) {
-      RowSlope sum{0, 0};
-      for (const CouplingTerm& t : m_.couplings[i].terms) {
-        const int col = m_.column_of[t.v];
-        const double second = slope(t, r_.q_free.data(), 2), third = slope(t, r_.q_free.data(), 3);
-        const double dq = at(step, col, step_stride), change = at(dv, col, dv_stride);
-        sum.rate += second * v[col] * dq + slope(t, r_.q_free.data(), 1) * change;
-        sum.second += (second * a[col] + third * v[col] * v[col]) * dq + 2 * second * v[col] * change;
+      for (int i = 0; i < n; ++i) {
+        BodyJet on[2];
+        for (int side = 0; side < 2; ++side)
+          for (int j : side ? loop.path_b : loop.path_a)
+            on[side].advance(own(j, v, 1), own(j, a, 1), own(j, column(step, i), n), own(j, column(dv, i), n));
+        loop_row_slopes(loop, ends, on[0], on[1], row_slopes_.data());
+        for (int r = 0; r < loop.size; ++r) give(row + r, i, row_slopes_[r]);
       }
-      give(row++, sum);
+      row += loop.size;
     }
-    for (int i : c.components) {
-      const Coordinate& coordinate = m_.coordinates[i];
+    const auto at = [n](const double* x, int col, int i) { return x ? x[size_t(col) * n + i] : 0.; };
+    for (int l : c.couplings) {
+      for (int i = 0; i < n; ++i) {
+        RowSlope sum{0, 0};
+        for (const CouplingTerm& t : m_.couplings[l].terms) {
+          const int col = m_.column_of[t.v];
+          const double second = slope(t, r_.q_free.data(), 2), third = slope(t, r_.q_free.data(), 3);
+          const double dq = at(step, col, i), change = at(dv, col, i);
+          sum.rate += second * v[col] * dq + slope(t, r_.q_free.data(), 1) * change;
+          sum.second += (second * a[col] + third * v[col] * v[col]) * dq + 2 * second * v[col] * change;
+        }
+        give(row, i, sum);
+      }
+      ++row;
+    }
+    for (int l : c.components) {
+      const Coordinate& coordinate = m_.coordinates[l];
       const Joint& joint = m_.joints[coordinate.joint];
       const int first = m_.column_of[joint.v];
-      double dq[6], change[6];
-      for (int s = 0; s < joint.nv; ++s)
-        dq[s] = at(step, first + s, step_stride), change[s] = at(dv, first + s, dv_stride);
-      give(row++, component_slope(coordinate, &r_.q_free[joint.q], v + first, a + first, dq, change));
+      for (int i = 0; i < n; ++i) {
+        double dq[6], change[6];
+        for (int s = 0; s < joint.nv; ++s) dq[s] = at(step, first + s, i), change[s] = at(dv, first + s, i);
+        give(row, i, component_slope(coordinate, &r_.q_free[joint.q], v + first, a + first, dq, change));
+      }
+      ++row;
     }
   }
 
@@ -219,19 +228,32 @@ class Derivatives {
     const int n = c.n();
     for (int i = 0; i < n; ++i) P_[i] = Pv_[i] = U_[i] = H_[i] = Force();
     for (int j : c.joints) {
-      const Motion* X = twists(j);
       const auto& [I, B] = bodies_[j];
+      for (int at = r_.x_offset[j], i = 0; i < n; ++i, ++at) {
+        const Motion& X = r_.X[at];
+        by_q_[at] = cross(X, r_.body[j].f) + I * dA_[at] + B * (dV_[at] * 2);
+        by_v_[at] = I * dA_by_v_[at] + B * (X * 2), by_a_[at] = I * X;
+        if (c.parent) H_[i] += B.transposed(X) * 2;
+      }
+    }
+    for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j) {
+      const Joint& joint = m_.joints[*j];
+      const bool first = joint.parent == c.parent;
       for (int i = 0; i < n; ++i) {
-        const int at = r_.x_offset[j] + i, col = c.independent[i];
-        const Force dF = cross(X[i], F_[j]) + I * dA_[at] + B * (dV_[at] * 2), turned = cross(X[i], r_.body[j].f);
-        const Force dFv = I * dA_by_v_[at] + B * (X[i] * 2), IX = I * X[i];
-        for (int l = 0; l < n; ++l) {
-          const int row = c.independent[l];
-          entry(dq, row, col) += dot(dF, X[l]) - dot(turned, step_of(c, j, l));
-          entry(dv, row, col) += dot(dFv, X[l]);
-          entry(D, row, col) += dot(IX, X[l]);
+        const int at = r_.x_offset[*j] + i, below = first ? 0 : r_.x_offset[joint.parent] + i;
+        const Force turned = by_q_[at] - cross(r_.X[at], r_.subtree[*j]);
+        for (int s = 0; s < joint.nv; ++s) {
+          const Motion& column = r_.S[joint.v + s];
+          const double* rho = &r_.states[k].rho[size_t(m_.column_of[joint.v] + s) * n];
+          const double x = dot(turned, column), y = dot(by_v_[at], column), z = dot(by_a_[at], column);
+          for (int l = 0; l < n; ++l) {
+            const int row = c.independent[l], col = c.independent[i];
+            entry(dq, row, col) += rho[l] * x, entry(dv, row, col) += rho[l] * y, entry(D, row, col) += rho[l] * z;
+          }
         }
-        if (c.parent) P_[i] += dF, Pv_[i] += dFv, U_[i] += IX, H_[i] += B.transposed(X[i]) * 2;
+        (first ? P_[i] : by_q_[below]) += by_q_[at];
+        (first ? Pv_[i] : by_v_[below]) += by_v_[at];
+        (first ? U_[i] : by_a_[below]) += by_a_[at];
       }
     }
     if (c.parent) carry(c, r_.pose[c.parent], bodies_);

@@ -13,13 +13,13 @@ namespace ccpin {
 struct BodyJet {
   Motion V, A, X, dV, dA;
 
-  // Over a joint with S fixed in its moving body: s = S q̇′, gain = S q̈′, step = S δq′, ds = S δq̇′, dgain = S δq̈′.
-  void advance(const Motion& s, const Motion& gain, const Motion& step, const Motion& ds, const Motion& dgain) {
+  // Over a joint with S fixed in its moving body: s = S q̇′, gain = S q̈′ (q̈′ held), step = S δq′, ds = S δq̇′.
+  void advance(const Motion& s, const Motion& gain, const Motion& step, const Motion& ds) {
     dV += cross(V, step) + ds;
     const Motion inner = cross(A, step);
     V += s, X += step;
     A += cross(V, s) + gain;
-    dA += inner + cross(dV, s) + cross(V, ds) + dgain;
+    dA += inner + cross(dV, s) + cross(V, ds);
   }
 };
 

@@ -7,7 +7,8 @@
 //   τ = Σ_j X_jᵀ f_j       (recursive Newton–Euler: Featherstone 2008, table 5.1).
 //
 // Forward dynamics is the articulated-body algorithm (ibid., table 7.1) with clusters for joints: with I_jᴬ the
-// articulated inertia of body j, U = Σ I_jᴬ X_j and D = Σ X_jᵀ I_jᴬ X_j, the carrier feels Σ I_jᴬ − U D⁻¹ Uᵀ and
+// articulated inertia of body j, U = Σ I_jᴬ X_j and D = Σ X_jᵀ I_jᴬ X_j (summed over subtrees as ρᵀSᵀ Σ I_jᴬ X_j, which is
+// cheaper), the carrier feels Σ I_jᴬ − U D⁻¹ Uᵀ and
 // Σ f_j + U D⁻¹ (τ − Σ X_jᵀ f_j) (Chignoli et al. 2023). Gravity is an acceleration −g₀ of the world.
 #pragma once
 #include "parametrization.hpp"
@@ -26,10 +27,12 @@ class ReducedModel : public Parametrization {
   std::vector<int> x_offset;           // by joint
   std::vector<int> offset;             // by cluster: its window of v_free and a_free
   std::vector<double> v_free, a_free;  // q̇′ = ρ q̇ and q̈′ = ρ q̈ + ρ̇ q̇, cluster by cluster
+  std::vector<double> tau_free;        // τ′ of the last `inverse`, cluster by cluster
+  std::vector<Force> subtree;          // by joint: the wrenches of its subtree within the cluster, likewise
 
   explicit ReducedModel(const Mechanism& mechanism)
       : Parametrization(mechanism), body(m.joints.size()), x_offset(m.joints.size()), v_free(m.nv), a_free(m.nv),
-        articulated_(m.joints.size()), moved_(m.joints.size()) {
+        tau_free(m.nv), subtree(m.joints.size()), articulated_(m.joints.size()), moved_(m.joints.size()) {
     int columns = 0, x = 0, width = 0, total = 0;
     for (const Cluster& c : m.clusters) {
       offset.push_back(width), width += c.width();
@@ -37,7 +40,7 @@ class ReducedModel : public Parametrization {
       n_offset_.push_back(total), total += c.n();
       for (int j : c.joints) x_offset[j] = x, x += c.n();
     }
-    X.resize(x), D_.resize(columns), tau_.resize(m.n), a_.resize(m.n), U_.resize(m.n);
+    X.resize(x), W_.resize(x), D_.resize(columns), tau_.resize(m.n), a_.resize(m.n), U_.resize(m.n);
   }
 
   // q̈ (22), after `sigma` or `at`; false where D is not positive definite.
@@ -53,19 +56,11 @@ class ReducedModel : public Parametrization {
     return true;
   }
 
-  // τ = D q̈ + C q̇ + g, after `sigma` or `at`; a null: q̈ = 0; still: q̇ = 0. Leaves the bodies' wrenches.
+  // τ = D q̈ + C q̇ + g, after `sigma` or `at`; a null: q̈ = 0; still: q̇ = 0. Leaves the bodies' wrenches and τ′.
   void inverse(const double* v, const double* a, double* tau, bool still = false) {
     spread(v);
     move_bodies(!still, a);
-    for (int k = int(m.clusters.size()) - 1; k >= 0; --k) {
-      const Cluster& c = m.clusters[k];
-      gather(c, tau);
-      const double* acceleration = &a_free[offset[k]];
-      for_armature(c, [&](int col, double arm) {
-        for (int i = 0; i < c.n(); ++i)
-          tau[c.independent[i]] += arm * states[k].rho[size_t(col) * c.n() + i] * acceleration[col];
-      });
-    }
+    for (int k = int(m.clusters.size()) - 1; k >= 0; --k) gather(k, tau, true);
   }
 
   // g (25), where the bodies' inertias and X are those of the last `forward`, `inverse` or `Terms::matrices`.
@@ -74,15 +69,16 @@ class ReducedModel : public Parametrization {
       const Motion A0 = carrier_acceleration(c);
       for (int j : c.joints) body[j].A = A0, body[j].f = body[j].Y * A0;
     }
-    for (int k = int(m.clusters.size()) - 1; k >= 0; --k) gather(m.clusters[k], g);
+    for (int k = int(m.clusters.size()) - 1; k >= 0; --k) gather(k, g, false);
   }
 
-  // λ (17) with φ_q′ᵀ λ = τ′ − Sᵀu, global rows; after `inverse` at the true acceleration. Destroys the wrenches.
+  // λ (17) with φ_q′ᵀ λ = τ′ − Sᵀu, global rows; after `inverse` at the true acceleration.
   void multipliers(const double* u, double* lambda) {
     for (size_t k = 0; k < m.clusters.size(); ++k) {
       const Cluster& c = m.clusters[k];
       const ClusterState& s = states[k];
-      std::vector<double> tau = free_forces(int(k)), f(c.unknowns()), x(c.rows());
+      const auto from = tau_free.begin() + offset[k];
+      std::vector<double> tau(from, from + c.width()), f(c.unknowns()), x(c.rows());
       subtract_efforts(c, s, u, tau);
       for (int i = 0; i < c.unknowns(); ++i) f[i] = tau[c.dependent[i]];
       s.factor.solve_transposed(f.data(), x.data());
@@ -169,22 +165,6 @@ class ReducedModel : public Parametrization {
     return c.parent ? in_frame(pose[c.parent], body[c.parent].A) : Motion{-m.gravity, Vec3::Zero()};
   }
 
-  // τ′ over one cluster's columns, from the bodies' wrenches, which become those of the subtrees within the cluster.
-  std::vector<double> free_forces(int k) {
-    const Cluster& c = m.clusters[k];
-    std::vector<double> tau(c.width());
-    for (int i = int(c.joints.size()) - 1; i >= 0; --i) {
-      const int j = c.joints[i];
-      const Joint& joint = m.joints[j];
-      for (int s = 0; s < joint.nv; ++s) {
-        const int col = m.column_of[joint.v] + s;
-        tau[col] = dot(body[j].f, S[joint.v + s]) + joint.armature[s] * a_free[offset[k] + col];
-      }
-      if (joint.parent != c.parent) body[joint.parent].f += body[j].f;
-    }
-    return tau;
-  }
-
   template <class F> void for_armature(const Cluster& c, F&& f) const {
     for (int j : c.joints)
       for (int s = 0; s < m.joints[j].nv; ++s)
@@ -193,7 +173,7 @@ class ReducedModel : public Parametrization {
 
  private:
   std::vector<double> D_, tau_, a_, scratch_;  // D of each cluster, then its Cholesky factor; ρᵀSᵀu; q̈ cluster by cluster
-  std::vector<Force> U_;                       // n a cluster
+  std::vector<Force> U_, W_;                   // n a cluster; n a joint: what its subtree's inertias make of X
   std::vector<Mat6, Eigen::aligned_allocator<Mat6>> articulated_;
   std::vector<Motion> moved_;                  // what a body gains in acceleration over its bias
   std::vector<int> d_offset_, n_offset_;
@@ -221,13 +201,23 @@ class ReducedModel : public Parametrization {
     return Y;
   }
 
-  // τ = Σ X_jᵀ f_j of one cluster, and Σ f_j to its carrier.
-  void gather(const Cluster& c, double* tau) {
+  // τ′ = Sᵀ (subtree's wrench) and τ = ρᵀτ′ of one cluster, and the sum of its wrenches to its carrier.
+  void gather(int k, double* tau, bool rotors) {
+    const Cluster& c = m.clusters[k];
+    const int n = c.n();
     Force passed;
-    for (int i = 0; i < c.n(); ++i) tau[c.independent[i]] = 0;
-    for (int j : c.joints) {
-      for (int i = 0; i < c.n(); ++i) tau[c.independent[i]] += dot(body[j].f, X[x_offset[j] + i]);
-      passed += body[j].f;
+    for (int j : c.joints) subtree[j] = body[j].f;
+    for (int i = 0; i < n; ++i) tau[c.independent[i]] = 0;
+    for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j) {
+      const Joint& joint = m.joints[*j];
+      for (int s = 0; s < joint.nv; ++s) {
+        const int col = m.column_of[joint.v] + s;
+        double& effort = tau_free[offset[k] + col];
+        effort = dot(subtree[*j], S[joint.v + s]);
+        if (rotors) effort += joint.armature[s] * a_free[offset[k] + col];
+        for (int i = 0; i < n; ++i) tau[c.independent[i]] += states[k].rho[size_t(col) * n + i] * effort;
+      }
+      (joint.parent == c.parent ? passed : subtree[joint.parent]) += subtree[*j];
     }
     if (c.parent) body[c.parent].f += out_of_frame(pose[c.parent], passed);
   }
@@ -242,23 +232,29 @@ class ReducedModel : public Parametrization {
     std::fill(D, D + n * n, 0.), std::fill(U, U + n, Force());
     for (int i = 0; i < n; ++i) t[i] = tau_[c.independent[i]];
     for (int j : c.joints) {
-      const Motion* twist = &X[x_offset[j]];
       const bool heavy = m.carries[j];
-      for (int i = 0; i < n; ++i) {
-        const Force f = heavy ? apply(articulated_[j], twist[i]) : body[j].Y * twist[i];
-        for (int l = 0; l <= i; ++l) D[i * n + l] += dot(f, twist[l]);
-        t[i] -= dot(body[j].f, twist[i]);
-        if (c.parent) U[i] += f;
-      }
-      if (c.parent) passed += body[j].f, inertia += heavy ? articulated_[j] : matrix(body[j].Y);
+      for (int i = x_offset[j]; i < x_offset[j] + n; ++i) W_[i] = heavy ? apply(articulated_[j], X[i]) : body[j].Y * X[i];
+      if (c.parent) inertia += heavy ? articulated_[j] : matrix(body[j].Y);
     }
-    for_armature(c, [&](int col, double arm) {
-      const double* rho = &states[k].rho[size_t(col) * n];
-      for (int i = 0; i < n; ++i) {
-        t[i] -= arm * rho[i] * states[k].bias[col];
-        for (int l = 0; l <= i; ++l) D[i * n + l] += arm * rho[i] * rho[l];
+    for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j) {
+      const Joint& joint = m.joints[*j];
+      const Force* W = &W_[x_offset[*j]];
+      for (int s = 0; s < joint.nv; ++s) {
+        const int col = m.column_of[joint.v] + s;
+        const double *rho = &states[k].rho[size_t(col) * n], arm = joint.armature[s];
+        const double effort = dot(body[*j].f, S[joint.v + s]) + arm * states[k].bias[col];
+        for (int i = 0; i < n; ++i) {
+          const double column = dot(W[i], S[joint.v + s]) + arm * rho[i];
+          for (int l = 0; l <= i; ++l) D[i * n + l] += column * rho[l];
+          t[i] -= rho[i] * effort;
+        }
       }
-    });
+      const bool first = joint.parent == c.parent;
+      (first ? passed : body[joint.parent].f) += body[*j].f;
+      Force* below = first ? U : &W_[x_offset[joint.parent]];
+      if (!first || c.parent)
+        for (int i = 0; i < n; ++i) below[i] += W[i];
+    }
     if (!cholesky(D, n)) return false;
     cholesky_solve(D, n, t, 1);
     if (!c.parent) return true;

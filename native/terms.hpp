@@ -28,10 +28,11 @@ inline void carry(const Cluster& c, const Pose& carrier, std::vector<Composite>&
 class Terms {
  public:
   explicit Terms(ReducedModel& model)
-      : r_(model), m_(model.m), dX_(model.X.size()), bodies_(m_.joints.size()) {
+      : r_(model), m_(model.m), dX_(model.X.size()), W_(model.X.size()), G_(model.X.size()),
+        bodies_(m_.joints.size()) {
     size_t most = 0;
     for (const Cluster& c : m_.clusters) most = std::max<size_t>(most, c.n());
-    F_.resize(most), G_.resize(most), H_.resize(most);
+    F_.resize(most), E_.resize(most), H_.resize(most);
   }
 
   // D, C (n × n), ρ and ρ̇ (n′ × n) at velocity v, after `sigma` or `at`.
@@ -51,7 +52,8 @@ class Terms {
   const Mechanism& m_;
   std::vector<Motion> dX_;
   std::vector<double> rho_dot_;
-  std::vector<Force> F_, G_, H_;  // I X, I dX + B X and Bᵀ X of one cluster's columns, summed over its bodies
+  std::vector<Force> W_, G_;      // I X and I dX + B X over a joint's subtree within the cluster, n a joint
+  std::vector<Force> F_, E_, H_;  // both, and Bᵀ X, over a whole cluster
   std::vector<Composite> bodies_;
   double& entry(double* matrix, int row, int col) const { return matrix[size_t(row) * m_.n + col]; }
 
@@ -91,16 +93,29 @@ class Terms {
   // The entries of one cluster, its children's done, and what its columns ask of the clusters below.
   void composite(const Cluster& c, double* D, double* C) {
     const int n = c.n();
-    for (int i = 0; i < n; ++i) F_[i] = G_[i] = H_[i] = Force();
+    for (int i = 0; i < n; ++i) F_[i] = E_[i] = H_[i] = Force();
     for (int j : c.joints) {
-      const Motion *X = &r_.X[r_.x_offset[j]], *dX = &dX_[r_.x_offset[j]];
       const auto& [I, B] = bodies_[j];
-      for (int i = 0; i < n; ++i) {
-        const Force IX = I * X[i], CX = I * dX[i] + B * X[i];
-        for (int l = 0; l < n; ++l) entry(C, c.independent[l], c.independent[i]) += dot(CX, X[l]);
-        for (int l = 0; l <= i; ++l) entry(D, c.independent[l], c.independent[i]) += dot(IX, X[l]);
-        if (c.parent) F_[i] += IX, G_[i] += CX, H_[i] += B.transposed(X[i]);
+      for (int at = r_.x_offset[j], i = 0; i < n; ++i, ++at) {
+        W_[at] = I * r_.X[at], G_[at] = I * dX_[at] + B * r_.X[at];
+        if (c.parent) H_[i] += B.transposed(r_.X[at]);
       }
+    }
+    for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j) {
+      const Joint& joint = m_.joints[*j];
+      const Force *W = &W_[r_.x_offset[*j]], *G = &G_[r_.x_offset[*j]];
+      for (int s = 0; s < joint.nv; ++s) {
+        const double* rho = &r_.states[m_.cluster_of[*j]].rho[size_t(m_.column_of[joint.v] + s) * n];
+        for (int i = 0; i < n; ++i) {
+          const double inertia = dot(W[i], r_.S[joint.v + s]), turning = dot(G[i], r_.S[joint.v + s]);
+          for (int l = 0; l < n; ++l) entry(C, c.independent[l], c.independent[i]) += rho[l] * turning;
+          for (int l = 0; l <= i; ++l) entry(D, c.independent[l], c.independent[i]) += rho[l] * inertia;
+        }
+      }
+      const bool first = joint.parent == c.parent;
+      Force *W_below = first ? F_.data() : &W_[r_.x_offset[joint.parent]];
+      Force *G_below = first ? E_.data() : &G_[r_.x_offset[joint.parent]];
+      for (int i = 0; i < n; ++i) W_below[i] += W[i], G_below[i] += G[i];
     }
     for (int i = 0; i < n; ++i)
       for (int l = 0; l < i; ++l) entry(D, c.independent[i], c.independent[l]) = entry(D, c.independent[l], c.independent[i]);
@@ -108,7 +123,7 @@ class Terms {
     carry(c, r_.pose[c.parent], bodies_);
     for (int p = c.parent; p;) {
       for (int i = 0; i < n; ++i)
-        for (Force* f : {&F_[i], &G_[i], &H_[i]}) *f = out_of_frame(r_.pose[p], *f);
+        for (Force* f : {&F_[i], &E_[i], &H_[i]}) *f = out_of_frame(r_.pose[p], *f);
       const Cluster& below = m_.clusters[m_.cluster_of[p]];
       couple(c, below, &r_.X[r_.x_offset[p]], &dX_[r_.x_offset[p]], D, C);
       p = below.parent;
@@ -121,7 +136,7 @@ class Terms {
       for (int l = 0; l < below.n(); ++l) {
         const int row = below.independent[l], col = c.independent[i];
         entry(D, row, col) = entry(D, col, row) = dot(F_[i], X[l]);
-        entry(C, row, col) = dot(G_[i], X[l]);
+        entry(C, row, col) = dot(E_[i], X[l]);
         entry(C, col, row) = dot(F_[i], dX[l]) + dot(H_[i], X[l]);
       }
   }
