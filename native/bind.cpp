@@ -15,6 +15,9 @@ NB_MODULE(_core, module) {
   const auto threads = arg("threads") = 1;
   nb::class_<Kernel>(module, "Kernel")
       .def(nb::init<nb::dict>(), arg("specification"))
+      .def("__reduce__", [](nb::handle self) {
+        return nb::make_tuple(self.type(), nb::make_tuple(nb::cast<const Kernel&>(self).numbers));
+      })
       .def("constraints", &Kernel::constraints, arg("q_free"))
       .def("constraint_rate", &Kernel::constraint_rate, arg("q_free"), arg("v_free"))
       .def("sigma", &Kernel::sigma, arg("q"), arg("near").none() = nb::none())

@@ -9,9 +9,10 @@ namespace ccpin {
 
 class Kernel {
  public:
+  const nb::dict numbers;  // what it was made of, for pickling
   const Mechanism m;
 
-  explicit Kernel(nb::dict numbers) : m(Reader(numbers).mechanism()), pool_(m) { Pool::Lease check(pool_); }
+  explicit Kernel(nb::dict specification) : numbers(specification), m(Reader(specification).mechanism()), pool_(m) {}
 
   nb::object constraints(In q_free) {
     if (!q_free.is_vector(m.nq)) return nb::none();

@@ -33,7 +33,8 @@ from ccpin.errors import CcpinError
 from ccpin.mechanism.mechanism import Mechanism, load
 from ccpin.mechanism.mobility import Mobility
 from ccpin.simulation.forces import BearingForce, closure_forces, joint_forces
-from ccpin.simulation.simulate import Settling, simulate
+from ccpin.simulation.in_core import Settling
+from ccpin.simulation.simulate import simulate
 from ccpin.simulation.stick_slip import friction_force
 from ccpin.simulation.trajectory import Trajectory
 

@@ -1,5 +1,6 @@
 """What the compiled core declines, its batches, threads and Ctrl-C, and which backend is said to be in use."""
 
+import pickle
 import signal
 import subprocess
 import sys
@@ -143,6 +144,15 @@ def test_ctrl_c_ends_a_batch(delta):
     with pytest.raises(KeyboardInterrupt):
         kernel.forward_dynamics_many(*many, None, 2)
     assert time.monotonic() - began < 10.0
+
+
+@native_only
+def test_a_kernel_is_pickled_by_its_numbers(delta):
+    """A copy made elsewhere gives the same bits."""
+    _, kernel, Q, V, U = delta
+    copy = pickle.loads(pickle.dumps(kernel))
+    args = (None, V[0], U[0], Q[0])
+    assert np.array_equal(copy.forward_dynamics(*args), kernel.forward_dynamics(*args))
 
 
 def test_clusters_of_a_tree():

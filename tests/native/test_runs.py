@@ -8,13 +8,13 @@ from ccpin import native
 from ccpin.control import NoTorque, PDFullGravity, PDSimpleGravity, TorqueFunction
 from ccpin.control.references import PointToPoint, Waypoints
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus
-from ccpin.simulation.in_core import Settled, simulate_in_core
+from ccpin.simulation import Settling
+from ccpin.simulation.in_core import simulate_in_core
 
 pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
-NEVER = Settled(np.empty(0), 0.0, 0.0, 0.0)
 
 
-def in_core(model, law, q0, duration, method="RK45", settled=NEVER, rtol=1e-9):
+def in_core(model, law, q0, duration, method="RK45", settling=None, rtol=1e-9):
     """A run of the core from rest, sampled every 10 ms."""
     times = np.arange(round(100 * duration) + 1) * 0.01
     start = np.concatenate([q0, np.zeros(model.n)])
@@ -26,7 +26,14 @@ def in_core(model, law, q0, duration, method="RK45", settled=NEVER, rtol=1e-9):
         "max_step": np.inf,
         "singular_rcond": 1e-7,
     }
-    return simulate_in_core(native.kernel(model.mechanism), model, law, method, None, run, settled)
+    return simulate_in_core(native.kernel(model.mechanism), model, law, method, None, run, settling)
+
+
+def reference(*arguments, **options):
+    """A run of the NumPy path."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(native.VARIABLE, "numpy")
+        return ccpin.simulate(*arguments, **options)
 
 
 def ends(model):
@@ -39,7 +46,7 @@ def test_the_papers_law_step_for_step(rpdr_model):
     q0, q_d = ends(rpdr_model)
     law = PDSimpleGravity(rpdr_model, q_d, [50.0, 50.0], [5.0, 5.0])
     ours = in_core(rpdr_model, law, q0, 0.4)
-    theirs = ccpin.simulate(rpdr_model, law, q0, duration=0.4, sample_period=0.01)
+    theirs = reference(rpdr_model, law, q0, duration=0.4, sample_period=0.01)
     assert (ours.status, ours.message, ours.evaluations) == (theirs.status, theirs.message, theirs.evaluations)
     for name, allowed in (("t", 0.0), ("q", 1e-12), ("v", 1e-12), ("q_free", 1e-12), ("u", 1e-10)):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=0, atol=allowed)
@@ -61,7 +68,7 @@ def test_laws(rpdr_model, kind, method):
         "gravity": lambda: PDOnlineGravity(model, way, [40.0, 30.0], [5.0, 4.0]),
     }[kind]()
     ours = in_core(model, law, q0, 0.2, method)
-    theirs = ccpin.simulate(model, law, q0, duration=0.2, sample_period=0.01, method=method)
+    theirs = reference(model, law, q0, duration=0.2, sample_period=0.01, method=method)
     np.testing.assert_allclose(ours.q, theirs.q, rtol=0, atol=1e-9)
     np.testing.assert_allclose(ours.v, theirs.v, rtol=0, atol=2e-7)
     np.testing.assert_allclose(ours.u[0], theirs.u[0], rtol=0, atol=1e-11)
@@ -76,7 +83,7 @@ def test_circles_and_quaternions():
         assert in_core(model, NoTorque(model), q0, 0.1) is None
         return
     ours = in_core(model, NoTorque(model), q0, 0.1)
-    theirs = ccpin.simulate(model, None, q0, duration=0.1, sample_period=0.01)
+    theirs = reference(model, None, q0, duration=0.1, sample_period=0.01)
     np.testing.assert_allclose(ours.q, theirs.q, rtol=0, atol=1e-10)
 
 
@@ -84,9 +91,9 @@ def test_settling_ends_a_run(rpdr_model):
     """It stops at the sample the reference stops at, and says so in its words."""
     q0, q_d = ends(rpdr_model)
     law = PDFullGravity(rpdr_model, q_d, [50.0, 50.0], [5.0, 5.0])
-    settling = ccpin.simulation.Settling(q_d, band=0.02, speed=0.2, hold=0.05)
-    ours = in_core(rpdr_model, law, q0, 3.0, settled=Settled(*settling))
-    theirs = ccpin.simulate(rpdr_model, law, q0, duration=3.0, sample_period=0.01, settling=settling)
+    settling = Settling(q_d, band=0.02, speed=0.2, hold=0.05)
+    ours = in_core(rpdr_model, law, q0, 3.0, settling=settling)
+    theirs = reference(rpdr_model, law, q0, duration=3.0, sample_period=0.01, settling=settling)
     assert (ours.status, ours.message, len(ours.t)) == (theirs.status, theirs.message, len(theirs.t))
 
 
@@ -95,6 +102,6 @@ def test_what_the_core_leaves_to_the_reference(rpdr_model):
     q0, _ = ends(rpdr_model)
     assert in_core(rpdr_model, TorqueFunction(lambda t, q, v: np.zeros(2)), q0, 0.1) is None
     assert in_core(rpdr_model, NoTorque(rpdr_model), q0, 0.1, method="Radau") is None
-    theirs = ccpin.simulate(rpdr_model, None, q0, duration=3.0, sample_period=0.01)
+    theirs = reference(rpdr_model, None, q0, duration=3.0, sample_period=0.01)
     if theirs.status != "finished":
         assert in_core(rpdr_model, NoTorque(rpdr_model), q0, 3.0) is None

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import ccpin
+from ccpin import native
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.dynamics.modes import assembly_modes
 from ccpin.mechanism.mechanism import Mechanism
@@ -104,6 +105,7 @@ def summary(mechanism: Mechanism) -> dict[str, Any]:
         "assembly_mode": {"sign_det_psi": factor.sign, "q_free": mechanism.q_reference.tolist()},
         "mass": float(sum(model.inertias[j].mass for j in range(1, model.njoints))),
         "notes": list(mechanism.notes),
+        "backend": native.backend()._asdict(),
     }
 
 
@@ -129,6 +131,7 @@ def in_words(facts: dict[str, Any]) -> str:
         f"conditioning    1/κ(ψ_q′) = {facts['rcond']:.3g} at the reference",
         f"assembly mode   {sign[facts['assembly_mode']['sign_det_psi']]}, reference:",
         *(f"  {joint['name']}: {_value(joint)}" for joint in facts["joints"]),
+        f"computed by     {facts['backend']['name']}: {facts['backend']['reason']}",
         *(f"note: {note}" for note in facts["notes"]),
     ]
     return "\n".join(lines)

@@ -16,8 +16,9 @@ from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.in_core import Settling
 from ccpin.simulation.metrics import set_point_metrics
-from ccpin.simulation.simulate import METHODS, Settling
+from ccpin.simulation.simulate import METHODS
 from ccpin.simulation.supervision import SupervisedMotion, supervise
 from ccpin.simulation.trajectory import Trajectory
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 from typing import TYPE_CHECKING, Literal, NamedTuple
+from weakref import WeakKeyDictionary
 
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
@@ -57,7 +58,9 @@ def backend() -> Backend:
 
 
 def kernel(mechanism: Mechanism, gravity: Array | None = None) -> Kernel | None:
-    """The compiled core for one mechanism, or ``None`` where NumPy is to do its work. Immutable; any thread may ask it.
+    """The compiled core for one mechanism, or ``None`` where NumPy is to do its work.
+
+    It is made once, immutable, and any number of threads may ask it at once.
 
     Args:
         mechanism: From `ccpin.load`.
@@ -68,12 +71,23 @@ def kernel(mechanism: Mechanism, gravity: Array | None = None) -> Kernel | None:
     """
     if backend().name == "numpy":
         return None
+    made = _MADE.setdefault(mechanism, {})
+    key = None if gravity is None else gravity.tobytes()
+    if key not in made:
+        made[key] = _made(mechanism, gravity)
+    return made[key]
+
+
+def _made(mechanism: Mechanism, gravity: Array | None) -> Kernel | None:
     import ccpin.native._core as core
 
     try:
         return core.Kernel(specification(mechanism, gravity))
     except (UnsupportedMechanismError, ValueError):
         return None
+
+
+_MADE: WeakKeyDictionary[Mechanism, dict[bytes | None, Kernel | None]] = WeakKeyDictionary()
 
 
 __all__ = ["Backend", "Kernel", "backend", "kernel"]

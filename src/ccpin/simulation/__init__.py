@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from ccpin.simulation.forces import BearingForce, PeakForce, closure_forces, closure_forces_at, joint_forces
+from ccpin.simulation.in_core import Settling
 from ccpin.simulation.metrics import LyapunovHistory, lyapunov_along
-from ccpin.simulation.simulate import Settling, simulate
+from ccpin.simulation.simulate import simulate
 from ccpin.simulation.stick_slip import FrictionForce, friction_force
 from ccpin.simulation.trajectory import Trajectory
 

@@ -18,13 +18,19 @@ from ccpin.simulation.trajectory import Trajectory
 _TRACKING = {ComputedTorque: "computed_torque", PDPlus: "pd_plus", PDOnlineGravity: "pd_gravity"}
 
 
-class Settled(NamedTuple):
-    """The stop condition in plain numbers: an empty goal where there is none."""
+class Settling(NamedTuple):
+    """When a motion counts as settled: |q − goal| ≤ band and |v| ≤ speed in every component, for `hold` seconds.
+
+    band in radians (or metres), speed in rad/s (or m/s).
+    """
 
     goal: Array
-    band: float
-    speed: float
-    hold: float
+    band: float = 0.0017453292519943296
+    speed: float = 0.01
+    hold: float = 0.05
+
+
+_NEVER = Settling(np.empty(0))
 
 
 def simulate_in_core(
@@ -34,7 +40,7 @@ def simulate_in_core(
     method: str,
     guess: Array | None,
     run: dict[str, Any],
-    settled: Settled,
+    settling: Settling | None,
 ) -> Trajectory | None:
     """The trajectory, or ``None`` where the law, the method or the motion is not one the core can answer for.
 
@@ -45,12 +51,12 @@ def simulate_in_core(
         method: The integrator.
         guess: As for `simulate`.
         run: times (N,), start (q, q̇), rtol, atol, max_step and singular_rcond.
-        settled: When to stop.
+        settling: When to stop before the last time.
     """
     tableau, numbers = TABLEAUX.get(method), law_numbers(model, law)
     if tableau is None or numbers is None:
         return None
-    answer = kernel.simulate(guess, numbers, run | settled._asdict(), tableau)
+    answer = kernel.simulate(guess, numbers, run | (settling or _NEVER)._asdict(), tableau)
     if answer is None:
         return None
     done, q, v, u, q_free, closure, status, since, evaluations = answer

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import integrate
 
+from ccpin import native
 from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
 from ccpin.control.sampling import ContinuousLoop, Loop, SampledLoop, Sampling
@@ -22,6 +23,7 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, SingularConfigurationError
 from ccpin.kinematics.parametrization import ClosedPoint
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
+from ccpin.simulation.in_core import Settling, simulate_in_core
 from ccpin.simulation.stick_slip import Contact, Mask, Smooth, StickSlip
 from ccpin.simulation.trajectory import Status, Trajectory
 
@@ -30,18 +32,6 @@ _CREEPING, _MOST_CREEPING, _CREEPING_RCOND = 1e-7, 200, 1e-3
 _SHORTEST_STEP = 1e-10
 _EVENT_WIDTH = 1e-10
 _MOST_EVENTS = 200
-
-
-class Settling(NamedTuple):
-    """When a motion counts as settled: |q − goal| ≤ band and |v| ≤ speed in every component, for `hold` seconds.
-
-    band in radians (or metres), speed in rad/s (or m/s).
-    """
-
-    goal: Array
-    band: float = 0.0017453292519943296
-    speed: float = 0.01
-    hold: float = 0.05
 
 
 class _Stop(NamedTuple):
@@ -113,13 +103,19 @@ def simulate(
     start = model.closed_point(q_start, guess)
     contact = Smooth(model) if friction is None else StickSlip(model, joint_friction(model.mechanism, friction))
     loop = ContinuousLoop(law) if sampling is None else SampledLoop(model, law, sampling, q_start, v_start)
-    run = _Run(model, loop, contact, start, settling, region, singular_rcond)
     count = int(np.floor(duration / sample_period * (1 + 1e-12))) + 1
     times = np.asarray(np.arange(count) * sample_period, dtype=np.float64)
     if times[-1] < duration * (1 - 1e-9):
         times = np.append(times, duration)
-    options = {"rtol": rtol, "atol": atol, "max_step": max_step}
-    return run.integrate(np.concatenate([q_start, v_start]), times, getattr(integrate, method), options)
+    options, state = {"rtol": rtol, "atol": atol, "max_step": max_step}, np.concatenate([q_start, v_start])
+    kernel = native.kernel(model.mechanism) if friction is None and sampling is None and region is None else None
+    if kernel is not None:
+        run_numbers = {"times": times, "start": state, "singular_rcond": singular_rcond, **options}
+        found = simulate_in_core(kernel, model, law, method, start.q_free, run_numbers, settling)
+        if found is not None:
+            return found
+    run = _Run(model, loop, contact, start, settling, region, singular_rcond)
+    return run.integrate(state, times, getattr(integrate, method), options)
 
 
 def _law(model: ReducedModel, controller: ControlLaw | Callable[..., ArrayLike] | None) -> ControlLaw:

@@ -13,7 +13,8 @@ from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
-from ccpin.simulation.simulate import Settling, simulate
+from ccpin.simulation.in_core import Settling
+from ccpin.simulation.simulate import simulate
 from ccpin.simulation.trajectory import Trajectory
 
 
