@@ -152,3 +152,16 @@ def test_other_independent_coordinates_describe_the_same_motion(rpdr, rpdr_model
     rows = [order(rpdr)[2], order(rpdr)[1]]
     other = model.forward_dynamics(model.alpha(q_free), v_free[rows], u, q_free)
     np.testing.assert_allclose(other, expected[rows], rtol=0, atol=1e-9)
+
+
+def test_redundant_rows_get_the_least_multipliers():
+    """Bennett's linkage: λ has the least norm, also where rounding leaves the redundant rows not quite redundant."""
+    mechanism = ccpin.load("bennett")
+    model, rng = ccpin.ReducedModel(mechanism), np.random.default_rng(1)
+    start = model.alpha(mechanism.q_reference)
+    for step in 0.3 * rng.normal(size=(60, model.n)):
+        q, v, u = start + step, rng.normal(size=model.n), rng.normal(size=model.n)
+        found = model.constraint_forces(q, v, u)
+        jacobian = mechanism.constraints().value(model.sigma(q)).jacobian
+        least = np.linalg.lstsq(jacobian.T, jacobian.T @ found, rcond=1e-9)[0]
+        np.testing.assert_allclose(found, least, rtol=0, atol=1e-10 * max(1.0, float(np.abs(least).max())))

@@ -243,8 +243,7 @@ class ReducedModel:
         a_free = point.rho @ a + self.parametrization.bias(point, v_free)
         dynamics = self.free_system.inverse_dynamics(point.q_free, v_free, a_free)
         force = dynamics - self.joint_efforts(point.q_free, u)
-        jacobian = self.parametrization.constraints.value(point.q_free).jacobian
-        return np.asarray(np.linalg.lstsq(jacobian.T, force, rcond=None)[0])
+        return point.factor.solve_transposed(force)[: self.parametrization.constraints.size]
 
     def energy(self, q: ArrayLike, v: ArrayLike, guess: ArrayLike | None = None) -> Energy:
         """Kinetic energy ½ q̇ᵀD q̇ and potential energy V with ∂V/∂q = g, in joules."""
