@@ -60,13 +60,13 @@ def engines(model: ccpin.ReducedModel, mode: int) -> tuple[float, float]:
         v, u = generator.normal(scale=3.0, size=2), generator.normal(size=2)
         q_free = np.empty(4)
         q_free[columns] = expected
-        point = model.closed_point(expected[:2], q_free)
+        point = model.at(expected[:2], q_free)
         a = model.forward_dynamics(expected[:2], v, u, q_free)
         force = mechanism.constraints().value(point.q_free).jacobian.T @ model.constraint_forces(
             expected[:2], v, u, q_free
         )
         for solve, description in ((descriptor.direct, mechanism.description), (descriptor.pinocchio, spherical)):
-            tau = model.joint_efforts(point.q_free, u)
+            tau = point.joint_efforts(u)
             other = solve(description, mechanism.pin_model, point.q_free, point.rho @ v, tau)
             worst_a = max(worst_a, relative(a, other.a_free[[names.index(name) for name in mechanism.independent]]))
             worst_force = max(worst_force, relative(force, other.force))

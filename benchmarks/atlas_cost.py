@@ -13,25 +13,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import ccpin
-from ccpin.domain.atlas.atlas import certify
-from ccpin.domain.one_box import kantorovich_radius
-from ccpin.domain.path import certify_path
+from ccpin.domain import certify, certify_path, kantorovich_radius
 
 
 class Map(NamedTuple):
-    """A mechanism, its seed (rad), a region (rad) or ``None``, and the depths to go to."""
+    """A mechanism, its seed (rad), a region (lower, upper) in rad or ``None``, and the depths to go to."""
 
     name: str
     seed: tuple[float, ...]
-    region: list[tuple[float, float]] | None
+    region: tuple[tuple[float, ...], tuple[float, ...]] | None
     depths: tuple[int, ...]
 
 
 MAPS = (
     Map("four_bar", (0.7,), None, (8, 14)),
     Map("rpdr", (-1.885, -1.257), None, (7, 8, 9, 10, 11, 12)),
-    Map("planar_3rrr", (-0.675, 1.419, -2.769), [(-1.175, -0.175), (0.919, 1.919), (-3.269, -2.269)], (3, 4, 5)),
-    Map("delta", (0.0, 0.0, 0.0), [(-0.4, 0.7)] * 3, (4,)),
+    Map("planar_3rrr", (-0.675, 1.419, -2.769), ((-1.175, 0.919, -3.269), (-0.175, 1.919, -2.269)), (3, 4, 5)),
+    Map("delta", (0.0, 0.0, 0.0), ((-0.4,) * 3, (0.7,) * 3), (4,)),
 )
 SQUARES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))
 BALLS = ("four_bar", "rpdr", "planar_3rrr", "delta", "stewart", "hexa")

@@ -69,7 +69,7 @@ def costs(name: str) -> dict[str, dict[str, float]]:
     q = model.alpha(mechanism.q_reference)
     q_free, near = model.sigma(q), model.sigma(q + 1e-2 / np.sqrt(n))
     v, u = rng.normal(size=n), rng.normal(size=model.n_actuated)
-    v_free, tau = model.rho(q_free) @ v, model.joint_efforts(q_free, u)
+    v_free, tau = model.rho(q_free) @ v, model.at(q, q_free).joint_efforts(u)
     steps = rng.normal(size=(BATCH, n))
     Q = q + 1e-2 * steps / np.linalg.norm(steps, axis=1)[:, None]
     V, U = rng.normal(size=(BATCH, n)), rng.normal(size=(BATCH, model.n_actuated))

@@ -88,9 +88,9 @@ class Parametrization : public Tangent {
         sign = s.factor.sign;
         for (int r = 0; r < c.phi_rows(); ++r) open |= std::abs(s.residual[r]) > kOpenStart;
       }
-      if (too_singular(c, s)) return false;
+      if (too_singular(c, s) || s.factor.sign != sign) return false;
       if (size <= m.tolerance || (iteration && last <= 1e-9 && size <= 100 * m.tolerance))
-        return s.factor.sign == sign && finish(c, s);
+        return finish(c, s);
       const double length = newton_step(c, s);
       if (!(length <= kLargestMove)) return false;
       if (iteration && length > kContraction * last && length > 1e-9) return false;
@@ -169,12 +169,18 @@ class Parametrization : public Tangent {
   bool close_start(const Cluster& c, ClusterState& s, const double* start) {
     alpha(start, q_start_.data());
     copy_cluster(c, start, q_free.data());
+    double last = 1;
+    int sign = 0;
     for (int iteration = 0; iteration < kMaxNewton; ++iteration) {
-      if (linearize(c, s, q_start_.data()) <= m.tolerance) {
+      const double size = linearize(c, s, q_start_.data());
+      if (iteration == 0) sign = s.factor.sign;
+      if (too_singular(c, s) || s.factor.sign != sign) return false;
+      if (size <= m.tolerance || (last <= 1e-9 && size <= 100 * m.tolerance)) {
         copy_cluster(c, q_free.data(), here_.data());
         return true;
       }
-      if (too_singular(c, s) || !(newton_step(c, s) <= kLargestMove)) return false;
+      last = newton_step(c, s);
+      if (!(last <= kLargestMove)) return false;
       move(c, s.step.data());
     }
     return false;

@@ -16,12 +16,19 @@ from matplotlib.figure import Figure
 
 import ccpin
 from ccpin import plotting
-from ccpin.control import PDFullGravity, PDSimpleGravity
-from ccpin.control.references import Hold, PointToPoint
-from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw
+from ccpin.control import (
+    ComputedTorque,
+    Hold,
+    PDFullGravity,
+    PDOnlineGravity,
+    PDPlus,
+    PDSimpleGravity,
+    PointToPoint,
+    TrackingLaw,
+)
 from ccpin.files import write_atomically
-from ccpin.plotting.style import COLOURS, STYLE
-from ccpin.simulation.metrics import set_point_metrics
+from ccpin.plotting import COLOURS, STYLE
+from ccpin.simulation import set_point_metrics
 
 OUT = Path("out/compare_laws")
 BAND = np.radians(2.0)
@@ -95,7 +102,7 @@ def compare(case):
         motion = ccpin.simulate(
             model, law, case.start, duration=case.duration, rtol=1e-7, atol=1e-9, sample_period=SAMPLE_PERIOD
         )
-        metrics = set_point_metrics(motion, model.coordinates, case.goal, BAND).as_json()
+        metrics = set_point_metrics(motion, model, case.goal, BAND).as_json()
         extra = {"tracking_error": tracking_error(law, motion), "cost_us": cost(law, motion)}
         rows.append({"robot": case.robot, "law": name, **metrics, **extra})
         motions[name] = motion

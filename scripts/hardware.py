@@ -13,10 +13,9 @@ import numpy as np
 
 import ccpin
 from ccpin import plotting
-from ccpin.control.laws import CoulombCompensation
-from ccpin.control.sampling import Sampling
+from ccpin.control import CoulombCompensation, Sampling
 from ccpin.files import write_atomically
-from ccpin.simulation.metrics import set_point_metrics
+from ccpin.simulation import set_point_metrics
 
 OUT = Path("out/hardware")
 Q_START = np.radians([-150.0, -160.0])
@@ -51,7 +50,7 @@ def main(out: Path = OUT) -> None:
         began = time.process_time()
         motion = ccpin.simulate(model, controller, Q_START, duration=DURATION, **bench)
         cost = (time.process_time() - began) / DURATION
-        metrics[name] = set_point_metrics(motion, model.coordinates, Q_GOAL, BAND).as_json()
+        metrics[name] = set_point_metrics(motion, model, Q_GOAL, BAND).as_json()
         motion.save_csv(out / f"{name}.csv", mechanism)
         title = f"RPDR, point to point (Fig. 9): {name.replace('_', ' ')}"
         plotting.save(plotting.plot_motion(motion, mechanism, Q_GOAL, title), out / f"fig9_{name}.png")

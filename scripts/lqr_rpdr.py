@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_continuous_are
 
 import ccpin
-from ccpin.dynamics.linearization import closed_loop_derivative, linearize
+from ccpin.dynamics import closed_loop_derivative, linearize
 
 Q_GOAL = np.radians([90.0, 90.0])
 UPWARD = np.radians([90.0, -30.0, 90.0, 30.0])  # joint1, joint3, joint2, joint4: the assembly mode

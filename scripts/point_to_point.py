@@ -12,7 +12,7 @@ import numpy as np
 import ccpin
 from ccpin import plotting, visualization
 from ccpin.files import write_atomically
-from ccpin.simulation.metrics import set_point_metrics
+from ccpin.simulation import set_point_metrics
 
 OUT = Path("out/point_to_point")
 Q_START = np.radians([-150.0, -160.0])
@@ -29,7 +29,7 @@ def main(out: Path = OUT) -> None:
     model = ccpin.ReducedModel(mechanism)
     law = ccpin.control.PDSimpleGravity(model, Q_GOAL, K_P, K_V)
     trajectory = ccpin.simulate(model, law, Q_START, duration=DURATION)
-    metrics = set_point_metrics(trajectory, model.coordinates, Q_GOAL, BAND)
+    metrics = set_point_metrics(trajectory, model, Q_GOAL, BAND)
 
     trajectory.save_csv(out / "motion.csv", mechanism)
     trajectory.save_npz(out / "motion.npz")

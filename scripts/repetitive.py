@@ -12,8 +12,7 @@ import numpy as np
 import ccpin
 from ccpin import plotting
 from ccpin.files import write_atomically
-from ccpin.simulation.metrics import set_point_metrics
-from ccpin.simulation.supervision import supervise
+from ccpin.simulation import set_point_metrics, supervise
 
 OUT = Path("out/repetitive")
 Q_I = np.radians([-150.0, -160.0])
@@ -37,7 +36,7 @@ def main(out: Path = OUT) -> None:
         wait=WAIT,
     )
     trajectory = motion.trajectory
-    metrics = [set_point_metrics(move.trajectory, model.coordinates, move.goal, BAND) for move in motion.moves]
+    metrics = [set_point_metrics(move.trajectory, model, move.goal, BAND) for move in motion.moves]
     goals = np.array([next(m.goal for m in motion.moves if t <= m.end) for t in trajectory.t])
 
     trajectory.save_csv(out / "motion.csv", mechanism)

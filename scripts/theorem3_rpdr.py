@@ -12,9 +12,8 @@ import numpy as np
 
 import ccpin
 from ccpin import plotting
-from ccpin.control.stability.theorem3 import SetPointCertificate, certify_law
-from ccpin.control.stability.well import sample_region
-from ccpin.simulation.metrics import lyapunov_along
+from ccpin.control import SetPointCertificate, certify_law, sample_region
+from ccpin.simulation import lyapunov_along
 
 OUT = Path("out/theorem3")
 REGION = np.radians([[-150.0, -160.0], [-90.0, -100.0]])

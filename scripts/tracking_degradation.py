@@ -16,12 +16,9 @@ from matplotlib.figure import Figure
 
 import ccpin
 from ccpin import plotting
-from ccpin.control.online import OnlineLaw, OnlineSigma
-from ccpin.control.references import PointToPoint
-from ccpin.control.sampling import Sampling
-from ccpin.control.tracking import ComputedTorque, PDPlus, WithSigmaError
+from ccpin.control import ComputedTorque, OnlineLaw, OnlineSigma, PDPlus, PointToPoint, Sampling, WithSigmaError
 from ccpin.files import write_atomically
-from ccpin.plotting.style import COLOURS, STYLE
+from ccpin.plotting import COLOURS, STYLE
 
 OUT = Path("out/tracking_degradation")
 PERIODS = (5e-4, 1e-3, 2e-3, 4e-3, 8e-3)

@@ -14,8 +14,7 @@ from scipy.spatial.transform import Rotation
 
 import ccpin
 from ccpin import visualization
-from ccpin.description import read_description
-from ccpin.description.combining import Part, combine
+from ccpin.description import Inertia, Joint, Link, Part, Shape, Visual, combine, read_description
 
 OUT = Path("out/two_arms")
 ARM = "ur_description/urdf/ur5_robot.urdf"
@@ -60,16 +59,12 @@ def two_arms() -> ccpin.MechanismDescription:
         reference={name: (value,) for name, value in ELBOW_UP.items()},
     )
     slender = BAR_MASS * BAR_LENGTH**2 / 12
-    bar = ccpin.Link(
+    bar = Link(
         "bar",
-        ccpin.Inertia(BAR_MASS, np.array([BAR_LENGTH / 2, 0, 0]), np.diag([2e-4, slender, slender])),
-        (
-            ccpin.Visual(
-                ccpin.Shape("box", (BAR_LENGTH, 0.03, 0.03)), transform((BAR_LENGTH / 2, 0, 0)), (0.9, 0.5, 0.1, 1)
-            ),
-        ),
+        Inertia(BAR_MASS, np.array([BAR_LENGTH / 2, 0, 0]), np.diag([2e-4, slender, slender])),
+        (Visual(Shape("box", (BAR_LENGTH, 0.03, 0.03)), transform((BAR_LENGTH / 2, 0, 0)), (0.9, 0.5, 0.1, 1)),),
     )
-    grip = ccpin.Joint("grip", "fixed", "left_ee_link", "bar")
+    grip = Joint("grip", "fixed", "left_ee_link", "bar")
     hold = ccpin.LoopClosure("hold", "fixed", "bar", "right_ee_link", placement_a=transform((BAR_LENGTH, 0, 0), np.pi))
     parts = {"left_": Part(posed), "right_": Part(posed, transform(APART, np.pi))}
     return combine("two_arms", parts, links=[bar], joints=[grip], closures=[hold])

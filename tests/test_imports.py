@@ -3,6 +3,7 @@
 import ast
 import importlib
 import pkgutil
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -31,7 +32,8 @@ ORDER = (
 )
 OUTERMOST = ("__init__", "cli", "__main__")  # public names, then what calls them
 PINOCCHIO = {"kinematics", "mechanism", "dynamics", "visualization"}
-HEAVY = ("meshcat", "matplotlib", "dask", "distributed", "yourdfpy", "trimesh")
+HEAVY = ("numpy", "scipy", "pinocchio", "meshcat", "matplotlib", "dask", "distributed", "yourdfpy", "trimesh", "flint")
+DRAWING = ("meshcat", "matplotlib", "dask", "distributed", "yourdfpy", "trimesh", "flint")
 
 
 def module_name(path):
@@ -94,6 +96,16 @@ def test_every_module_has_its_room():
     assert {room(module) for module in MODULES} - set(ORDER) - set(OUTERMOST) == set()
 
 
+def test_no_test_imports_another():
+    """Tests share what is in `tests/support` and `tests/oracles`, and their folders are the package's rooms."""
+    tests = Path(__file__).parent
+    for path in tests.rglob("test_*.py"):
+        shared = re.findall(r"^\s*(?:from|import) tests\.?(\w*)", path.read_text(encoding="utf-8"), re.MULTILINE)
+        assert set(shared) <= {"support", "oracles"}, path
+    folders = {path.parent.relative_to(tests).parts for path in tests.rglob("test_*.py")}
+    assert [folder for folder in folders if folder != ("scripts",) and not SOURCE.joinpath(*folder).is_dir()] == []
+
+
 @pytest.mark.parametrize("module", sorted(MODULES))
 def test_imports_go_down_the_list(module):
     """A module imports only rooms before its own (or its own)."""
@@ -108,11 +120,23 @@ def test_who_knows_pinocchio():
     assert users <= PINOCCHIO
 
 
-def test_import_is_light():
-    """`import ccpin` loads neither drawing nor clusters nor mesh libraries."""
-    code = f"import sys, ccpin; print(sorted(set({HEAVY!r}) & set(sys.modules)))"
+@pytest.mark.parametrize(("code", "absent"), [("import ccpin", HEAVY), ("import ccpin; ccpin.simulate", DRAWING)])
+def test_import_is_light(code, absent):
+    """`import ccpin` loads nothing, and its names neither drawing nor clusters nor mesh libraries."""
+    code = f"import sys; {code}; print(sorted(set({absent!r}) & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout.strip() == "[]"
+
+
+def test_what_scripts_use_is_public():
+    """Scripts and benchmarks import from the package and the public faces of its rooms only."""
+    root = Path(__file__).resolve().parents[1]
+    for path in (*root.glob("scripts/*.py"), *root.glob("benchmarks/*.py"), root / "README.md"):
+        inner = re.findall(r"^\s*(?:from|import) ccpin\.\w+\.\w.*", path.read_text(encoding="utf-8"), re.MULTILINE)
+        assert inner == [], path
+    assert {*ccpin.__all__} <= {*dir(ccpin)}
+    with pytest.raises(AttributeError, match="no attribute 'Joint'"):
+        _ = ccpin.Joint
 
 
 def test_public_names_exist():

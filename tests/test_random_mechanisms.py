@@ -60,7 +60,7 @@ class State:
 
     @property
     def tau(self):
-        return self.model.joint_efforts(self.q_free, self.u)
+        return self.model.at(self.q, self.q_free).joint_efforts(self.u)
 
 
 def states(**options):
@@ -97,7 +97,9 @@ def test_rho_and_its_rate(state):
     v_free = state.model.rho(state.q_free) @ state.v
     assert_close(v_free, velocity(state.pin_model, state.curve, state.step), 1e-7)
     rho_dot = derivative(lambda s: state.model.rho(state.curve(s)), state.step)
-    assert_close(state.model.rho_dot(state.q_free, v_free), rho_dot, 1e-7)
+    assert_close(
+        state.model.rho_dot(state.q_free, v_free), rho_dot, 1e-7, scale=1.0
+    )  # ρ of joints side by side changes by about 1 in a radian
 
 
 @settings(max_examples=60)
@@ -120,8 +122,10 @@ def test_mass_matrix_is_the_kinetic_energy(state):
 def test_mass_rate_less_twice_coriolis_is_skew(state):
     """Lemma III.1: Ḋ − 2C is skew symmetric, Ḋ by finite differences along the motion."""
     rate = derivative(lambda s: state.model.terms(state.q_at(s), state.v, state.q_free).D, state.step)
-    skew = rate - 2.0 * state.model.terms(state.q, state.v).C
-    assert_close(skew + skew.T, np.zeros_like(skew), 1e-9 * max(1.0, float(np.abs(rate).max())))
+    terms = state.model.terms(state.q, state.v)
+    skew = rate - 2.0 * terms.C
+    scale = max(min(1.0, np.abs(terms.D).max()), np.abs(rate).max())
+    assert_close(skew + skew.T, np.zeros_like(skew), 1e-9, scale=scale)
 
 
 @settings(max_examples=60)
@@ -142,13 +146,14 @@ def test_power_balance(state):
 def test_inverse_dynamics_undoes_forward_dynamics(state):
     """Where every independent coordinate has a motor, ID(FD(u)) = u; ID is D q̈ + C q̇ + g."""
     model = state.model
-    terms = model.terms(state.q, state.v)
+    here = model.at(state.q)
+    terms = here.terms(state.v)
     force = terms.D @ state.a + terms.C @ state.v + terms.g
     a = model.forward_dynamics(state.q, state.v, state.u)
     assert_close(terms.D @ a + terms.C @ state.v + terms.g, terms.rho.T @ state.tau, 1e-9)
     u = model.inverse_dynamics(state.q, state.v, state.a)
-    assert_close(terms.rho.T @ model.joint_efforts(terms.q_free, u), force, 1e-9)
-    transmission = terms.rho.T @ np.array([model.joint_efforts(terms.q_free, e) for e in np.eye(model.n_actuated)]).T
+    assert_close(terms.rho.T @ here.joint_efforts(u), force, 1e-9)
+    transmission = terms.rho.T @ np.array([here.joint_efforts(e) for e in np.eye(model.n_actuated)]).T
     assume(np.linalg.matrix_rank(transmission, tol=1e-6) == model.n_actuated)
     assert_close(model.inverse_dynamics(state.q, state.v, a), state.u, 1e-7)
 

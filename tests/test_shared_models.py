@@ -100,12 +100,10 @@ def disagreement(name, oracle):
     loaded, model = mechanism(name), reduced_model(name)
     generator, worst = np.random.default_rng(7), 0.0
     for q_free in closed_configurations(name, SAMPLES):
-        point = model.parametrization.at(q_free)
+        state = model.at(model.alpha(q_free), q_free)
         v, u = generator.standard_normal(model.n), generator.standard_normal(model.n_actuated)
-        v_free = point.rho @ v
-        a_free = point.rho @ model.acceleration(point, v, u) + model.parametrization.bias(point, v_free)
-        tau = model.joint_efforts(q_free, u)
-        expected = oracle(loaded.description, loaded.pin_model, q_free, v_free, tau).a_free
+        a_free, tau = state.a_free(v, state.forward_dynamics(v, u)), state.joint_efforts(u)
+        expected = oracle(loaded.description, loaded.pin_model, state.q_free, state.v_free(v), tau).a_free
         worst = max(worst, float(np.abs(a_free - expected).max() / max(1.0, np.abs(expected).max())))
     return worst
 

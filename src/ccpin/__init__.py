@@ -2,82 +2,67 @@
 
 The equations implemented are those of Ghorbel, Chételat, Gunawardana and Longchamp, "Modeling and Set Point Control
 of Closed-Chain Mechanisms: Theory and Experiment" (IEEE Transactions on Control Systems Technology, 2000);
-docstrings cite them by number.
+docstrings cite them by number. Names and sub-packages are imported when they are first used.
 """
 
 from __future__ import annotations
 
-from ccpin import control, domain, plotting, visualization
-from ccpin.control.references import Hold, PointToPoint, Reference, Waypoints, through_points
-from ccpin.description.model import (
-    Coupling,
-    CouplingTerm,
-    Inertia,
-    Joint,
-    Link,
-    LoopClosure,
-    MechanismDescription,
-    Shape,
-    Visual,
-)
-from ccpin.dynamics.derivatives import (
-    ForwardDynamicsDerivatives,
-    GeneralizedForceDerivatives,
-    InverseDynamicsDerivatives,
-)
-from ccpin.dynamics.end_effector import EndEffector
-from ccpin.dynamics.free_system import Energy
-from ccpin.dynamics.linearization import Linearization, closed_loop_derivative, linearize
-from ccpin.dynamics.reduced_model import ReducedModel, ReducedTerms
-from ccpin.errors import CcpinError
-from ccpin.mechanism.mechanism import Mechanism, load
-from ccpin.mechanism.mobility import Mobility
-from ccpin.simulation.forces import BearingForce, closure_forces, joint_forces
-from ccpin.simulation.in_core import Settling
-from ccpin.simulation.simulate import simulate
-from ccpin.simulation.stick_slip import friction_force
-from ccpin.simulation.trajectory import Trajectory
+from importlib import import_module
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ccpin import control, description, domain, dynamics, errors, plotting, simulation, validated, visualization
+    from ccpin.description import LoopClosure, MechanismDescription
+    from ccpin.dynamics import EndEffector, ReducedModel, State
+    from ccpin.errors import CcpinError
+    from ccpin.mechanism import Mechanism, load
+    from ccpin.simulation import Trajectory, simulate
 
 __version__ = "0.1.0"
 
 __all__ = [
-    "BearingForce",
     "CcpinError",
-    "Coupling",
-    "CouplingTerm",
     "EndEffector",
-    "Energy",
-    "ForwardDynamicsDerivatives",
-    "GeneralizedForceDerivatives",
-    "Hold",
-    "Inertia",
-    "InverseDynamicsDerivatives",
-    "Joint",
-    "Linearization",
-    "Link",
     "LoopClosure",
     "Mechanism",
     "MechanismDescription",
-    "Mobility",
-    "PointToPoint",
     "ReducedModel",
-    "ReducedTerms",
-    "Reference",
-    "Settling",
-    "Shape",
+    "State",
     "Trajectory",
-    "Visual",
-    "Waypoints",
-    "closed_loop_derivative",
-    "closure_forces",
     "control",
+    "description",
     "domain",
-    "friction_force",
-    "joint_forces",
-    "linearize",
+    "dynamics",
+    "errors",
     "load",
     "plotting",
     "simulate",
-    "through_points",
+    "simulation",
+    "validated",
     "visualization",
 ]
+
+_HOMES = {
+    "CcpinError": "errors",
+    "EndEffector": "dynamics",
+    "LoopClosure": "description",
+    "Mechanism": "mechanism",
+    "MechanismDescription": "description",
+    "ReducedModel": "dynamics",
+    "State": "dynamics",
+    "Trajectory": "simulation",
+    "load": "mechanism",
+    "simulate": "simulation",
+}
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(f"module 'ccpin' has no attribute '{name}'")
+    home = import_module(f"ccpin.{_HOMES.get(name, name)}")
+    value = globals()[name] = getattr(home, name) if name in _HOMES else home
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -1,8 +1,192 @@
-"""Small arrays: the one alias for them, and what every room does with them."""
+"""Small arrays: the aliases for them, what every room does with them, and records that cannot be written to."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields
+from typing import Any, TypeVar
+
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from ccpin.errors import InvalidInputError
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+Columns = TypeVar("Columns", bound=tuple[Any, ...])  # a named tuple of arrays with a common leading axis
+K = TypeVar("K")
+V_co = TypeVar("V_co", covariant=True)
+
+
+def frozen(value: object) -> Array:
+    """A float64 copy of an array-like that can never be made writable (the array itself if it is such a copy)."""
+    if isinstance(value, np.ndarray) and value.dtype == np.float64 and isinstance(value.base, bytes):
+        return value
+    array = np.asarray(value, dtype=np.float64)
+    return np.ndarray(array.shape, np.float64, buffer=array.tobytes())
+
+
+class FrozenMapping(Mapping[K, V_co]):
+    """A mapping that cannot be written to: ordered as given, equal to any mapping of the same items, picklable."""
+
+    __slots__ = ("_items",)
+    _items: dict[K, V_co]
+
+    def __init__(self, items: Mapping[K, V_co] | Iterable[tuple[K, V_co]] = ()) -> None:
+        object.__setattr__(self, "_items", dict(items))
+
+    def __getitem__(self, key: K) -> V_co:
+        return self._items[key]
+
+    def __iter__(self) -> Iterator[K]:
+        return iter(self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self._items))
+
+    def __setattr__(self, name: str, value: object) -> None:
+        raise AttributeError(f"a FrozenMapping cannot be written to: '{name}'")
+
+    def __delattr__(self, name: str) -> None:
+        raise AttributeError(f"a FrozenMapping cannot be written to: '{name}'")
+
+    def __reduce__(self) -> tuple[type, tuple[dict[K, V_co]]]:
+        return FrozenMapping, (self._items,)
+
+    def __repr__(self) -> str:
+        return f"FrozenMapping({self._items!r})"
+
+
+_CONTAINERS = (list, tuple, np.ndarray, Mapping)
+
+
+class Record:
+    """The base of frozen dataclasses that hold nothing that can be written to, also after a pickle.
+
+    A field annotated ``Array`` becomes a read-only copy of what is given; in any other field lists become tuples
+    (of what they hold, frozen likewise), arrays tuples of numbers, and mappings `FrozenMapping`s.
+
+    Raises:
+        InvalidInputError: Something else than numbers where an array belongs.
+    """
+
+    def __post_init__(self) -> None:
+        for field in fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if field.type != "Array" and not isinstance(value, _CONTAINERS):
+                continue
+            try:
+                value = frozen(value) if field.type == "Array" else _immutable(value)
+            except (TypeError, ValueError):
+                owner = f"{type(self).__name__}.{field.name}"
+                raise InvalidInputError(f"{owner} must be an array of numbers, not {value!r:.80}") from None
+            object.__setattr__(self, field.name, value)
+
+    def __reduce__(self) -> tuple[type, tuple[Any, ...]]:
+        return type(self), tuple(getattr(self, field.name) for field in fields(self))  # type: ignore[arg-type]
+
+
+def _immutable(value: Any) -> Any:
+    """A tuple for a list or an array, a `FrozenMapping` for a mapping; everything else as it is."""
+    if isinstance(value, np.ndarray):
+        return _immutable(value.tolist())
+    if type(value) in (list, tuple):
+        return tuple([_immutable(item) if isinstance(item, _CONTAINERS) else item for item in value])
+    if isinstance(value, Mapping) and not isinstance(value, FrozenMapping):
+        return FrozenMapping((key, _immutable(item)) for key, item in value.items())
+    return value
+
+
+_YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
+_FEW = 1500
+
+
+def rows_of(record: Columns, rows: Indices | Mask | slice) -> Columns:
+    """The chosen rows of every array of a named tuple (and of the named tuples in it)."""
+    return type(record)(*(rows_of(part, rows) if isinstance(part, tuple) else part[rows] for part in record))
+
+
+def joined(records: Iterable[Columns]) -> Columns:
+    """Named tuples of arrays (and of named tuples of them) one below the other."""
+    first, *others = records
+    columns = zip(first, *others, strict=True)
+    return type(first)(*(joined(parts) if isinstance(parts[0], tuple) else np.concatenate(parts) for parts in columns))
+
+
+def apply(matrices: Array, vectors: Array) -> Array:
+    """Matrices (…, m, n) times vectors (…, n), of shape (…, m)."""
+    return np.asarray((matrices @ vectors[..., None])[..., 0])
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a × b over the last axis of arrays (…, 3), with broadcasting."""
+    if a.size < _FEW and b.size < _FEW:  # four calls where the views below take fifteen
+        return np.asarray(a.take(_YZX, -1) * b.take(_ZXY, -1) - a.take(_ZXY, -1) * b.take(_YZX, -1))
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    product[..., 0], product[..., 1], product[..., 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return product
+
+
+def skew(vectors: Array) -> Array:
+    """The matrices [v]× of vectors (…, 3), of shape (…, 3, 3): [v]× x = v × x."""
+    matrix = np.zeros((*vectors.shape, 3))
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -z, y, -x
+    matrix[..., 1, 0], matrix[..., 2, 0], matrix[..., 2, 1] = z, -y, x
+    return matrix
+
+
+def vector(value: ArrayLike, name: str, size: int) -> Array:
+    """Return a finite float64 vector of the given size (not a copy where it is one already).
+
+    Raises:
+        InvalidInputError: It is not that.
+    """
+    return _checked(value, name, (size,))
+
+
+def matrix(value: ArrayLike, name: str, shape: tuple[int, int]) -> Array:
+    """Return a finite float64 matrix of the given shape (not a copy where it is one already).
+
+    Raises:
+        InvalidInputError: It is not that.
+    """
+    return _checked(value, name, shape)
+
+
+def matrix_rows(value: ArrayLike, name: str, columns: int) -> Array:
+    """Return finite float64 vectors of the given size, one a row, of shape (N, columns).
+
+    Raises:
+        InvalidInputError: They are not that.
+    """
+    return _checked(value, name, (None, columns))
+
+
+def positive(value: float, name: str, what: str = "a positive number") -> float:
+    """Return a positive, finite number.
+
+    Raises:
+        InvalidInputError: It is not that; `what` says what it must be.
+    """
+    if not (np.isfinite(value) and value > 0):
+        raise InvalidInputError(f"{name} = {value} must be {what}")
+    return float(value)
+
+
+def _checked(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Array:
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInputError(f"{name} is not an array of numbers") from None
+    if array.shape != shape and (shape[0] is not None or array.ndim != len(shape) or array.shape[1:] != shape[1:]):
+        wanted = str(shape).replace("None", "N")
+        raise InvalidInputError(f"{name} has shape {array.shape}; it must be {wanted}")
+    if not np.isfinite(array).all():
+        raise InvalidInputError(f"{name} has entries that are not finite")
+    return array

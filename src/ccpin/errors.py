@@ -99,7 +99,7 @@ class UnreachableError(ConvergenceError):
     """σ(q) cannot be reached from the guess along the straight line in q.
 
     Attributes:
-        q: The q asked for, of shape (nq_independent,).
+        q: The q asked for, of shape (model.nq,).
         q_reached: The last q on the line at which σ was found.
         fraction: How far along the line that is, in [0, 1).
         rcond: Reciprocal condition number of ψ_q′ there.

@@ -9,9 +9,8 @@ import pytest
 
 import ccpin
 from ccpin.cli import main
-from ccpin.simulation.trajectory import load_npz
-
-MOVE = ["--start-deg", "-150", "-160", "--goal-deg", "-90", "-100", "--kp", "11", "--kv", "0.65", "0.60"]
+from ccpin.simulation import load_npz
+from tests.support.paper import MOVE_OPTIONS
 
 
 def test_info_in_words(capsys):
@@ -63,7 +62,7 @@ def _rocker_dead_centre():
 
 def test_simulate_point_to_point(capsys, tmp_path):
     """The paper's motion with all its files."""
-    assert main(["simulate", "rpdr", *MOVE, "--out", str(tmp_path), "--json"]) == 0
+    assert main(["simulate", "rpdr", *MOVE_OPTIONS, "--out", str(tmp_path), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["status"] == "finished"
     assert result["moves"][0]["settling_time"] == pytest.approx(0.3, abs=0.05)
@@ -74,7 +73,7 @@ def test_simulate_point_to_point(capsys, tmp_path):
 
 def test_simulate_cycles(capsys):
     """Back and forth under the supervisor."""
-    assert main(["simulate", "rpdr", *MOVE, "--cycles", "1", "--wait", "0.2", "--rtol", "1e-7"]) == 0
+    assert main(["simulate", "rpdr", *MOVE_OPTIONS, "--cycles", "1", "--wait", "0.2", "--rtol", "1e-7"]) == 0
     text = capsys.readouterr().out
     assert "move 1" in text
     assert "move 2" in text

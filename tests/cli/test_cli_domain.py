@@ -75,6 +75,18 @@ def test_bad_requests_are_named(capsys):
     assert "UnsupportedMechanismError" in capsys.readouterr().err
 
 
+def test_workers_give_the_same_atlas(tmp_path, capsys):
+    """With --workers 2 the boxes are those of this process, bit for bit; none is refused."""
+    request = ["domain", "rpdr", *REGION, "--centre-deg", "-120", "-130", "--json"]
+    assert main([*request, "--save", str(tmp_path / "here.npz")]) == 0
+    assert main([*request, "--save", str(tmp_path / "there.npz"), "--workers", "2"]) == 0
+    here, there = Atlas.load(tmp_path / "here.npz"), Atlas.load(tmp_path / "there.npz")
+    for name, array in here.boxes._asdict().items():
+        assert np.array_equal(array, getattr(there.boxes, name)), name
+    assert main([*request, "--workers", "0"]) == 1
+    assert "at least 1" in capsys.readouterr().out
+
+
 def test_a_dask_cluster_gives_the_same_atlas(tmp_path, capsys):
     """With --scheduler and two worker processes the boxes are those of this process, bit for bit."""
     distributed = pytest.importorskip("distributed")

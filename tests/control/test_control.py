@@ -6,8 +6,7 @@ import pytest
 import ccpin
 from ccpin.control import NoTorque, PDFullGravity, PDSimpleGravity
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
-
-GOAL = np.radians([-90.0, -100.0])
+from tests.support.paper import GOAL, K_P, K_V
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +16,7 @@ def model() -> ccpin.ReducedModel:
 
 def test_simple_gravity_is_equation_28(model):
     """u = K_p q̃ − K_v q̇ + g(q_d)."""
-    law = PDSimpleGravity(model, GOAL, [11.0, 9.0], [0.65, 0.6])
+    law = PDSimpleGravity(model, GOAL, [11.0, 9.0], K_V)
     q, v = GOAL + [0.1, -0.2], np.array([0.3, 0.4])
     expected = [11.0 * -0.1 - 0.65 * 0.3, 9.0 * 0.2 - 0.6 * 0.4] + model.terms(GOAL, v).g
     assert np.allclose(law.torque(0.0, q, v), expected, rtol=0, atol=1e-13)
@@ -25,7 +24,7 @@ def test_simple_gravity_is_equation_28(model):
 
 def test_full_gravity_is_equation_30(model):
     """u = K_p q̃ − K_v q̇ + g(q)."""
-    law = PDFullGravity(model, GOAL, np.diag([11.0, 9.0]), [0.65, 0.6])
+    law = PDFullGravity(model, GOAL, np.diag([11.0, 9.0]), K_V)
     q, v = GOAL + [0.1, -0.2], np.array([0.3, 0.4])
     expected = [11.0 * -0.1 - 0.65 * 0.3, 9.0 * 0.2 - 0.6 * 0.4] + model.terms(q, v).g
     assert np.allclose(law.torque(0.0, q, v), expected, rtol=0, atol=1e-12)
@@ -33,7 +32,7 @@ def test_full_gravity_is_equation_30(model):
 
 def test_gravity_of_the_set_point_is_computed_once(model, monkeypatch):
     """The law with simple compensation calls no σ on line."""
-    law = PDSimpleGravity(model, GOAL, [11.0, 11.0], [0.65, 0.6])
+    law = PDSimpleGravity(model, GOAL, K_P, K_V)
     monkeypatch.setattr(model.parametrization, "sigma", None)
     assert np.isfinite(law.torque(0.0, GOAL, np.zeros(2))).all()
 
@@ -41,7 +40,7 @@ def test_gravity_of_the_set_point_is_computed_once(model, monkeypatch):
 @pytest.mark.parametrize("law_class", [PDSimpleGravity, PDFullGravity])
 def test_the_goal_is_an_equilibrium(model, law_class):
     """At rest at q_d the acceleration under either law is zero, and 𝒱 is zero."""
-    law = law_class(model, GOAL, [11.0, 11.0], [0.65, 0.6])
+    law = law_class(model, GOAL, K_P, K_V)
     at_rest = np.zeros(2)
     assert np.abs(model.forward_dynamics(GOAL, at_rest, law.torque(0.0, GOAL, at_rest))).max() < 1e-10
     assert abs(law.lyapunov(GOAL, at_rest)) < 1e-13
@@ -50,7 +49,7 @@ def test_the_goal_is_an_equilibrium(model, law_class):
 @pytest.mark.parametrize("law_class", [PDSimpleGravity, PDFullGravity])
 def test_lyapunov_rate_is_the_damping(model, law_class):
     """d𝒱/dt = −q̇ᵀK_v q̇ along the closed loop, by central differences along the flow."""
-    law = law_class(model, GOAL, [11.0, 11.0], [0.65, 0.6])
+    law = law_class(model, GOAL, K_P, K_V)
     generator = np.random.default_rng(3)
     for _ in range(10):
         q, v = GOAL + 0.2 * generator.standard_normal(2), generator.standard_normal(2)
@@ -68,7 +67,7 @@ def test_motors_elsewhere_get_the_same_motion():
     direct = ccpin.ReducedModel(ccpin.load("rpdr"))
     elsewhere = ccpin.ReducedModel(ccpin.load("rpdr", actuated=["joint3", "joint4"]))
     q, v = GOAL + [0.05, -0.1], np.array([0.2, -0.1])
-    arguments = (GOAL, [11.0, 11.0], [0.65, 0.6])
+    arguments = (GOAL, K_P, K_V)
     first = direct.forward_dynamics(q, v, PDSimpleGravity(direct, *arguments).torque(0.0, q, v))
     second = elsewhere.forward_dynamics(q, v, PDSimpleGravity(elsewhere, *arguments).torque(0.0, q, v))
     assert np.allclose(first, second, rtol=1e-10)

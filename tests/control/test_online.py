@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control.online import OnlineLaw, OnlineSigma, capped_sigma
-from ccpin.control.references import PointToPoint
-from ccpin.control.sampling import Sampling
-from ccpin.control.tracking import ComputedTorque, PDPlus
+from ccpin.control import ComputedTorque, OnlineLaw, OnlineSigma, PDPlus, PointToPoint, Sampling, capped_sigma
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr
+from tests.support.paper import GOAL, K_P, K_V, START
 
-START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
 OUT_OF_REACH = np.radians([180.0, 0.0])  # the arms point away from each other
 PAPER_ORDER = [0, 2, 1, 3]
 
@@ -105,8 +102,8 @@ def test_a_path_is_followed_in_few_steps(model, reference):
     for k in range(401):
         q = reference.at(1e-3 * k).q
         sample = online.update(1e-3 * k, q)
-        assert sample.state == "solved"
-        np.testing.assert_allclose(sample.point.q_free, closed_form(q), atol=1e-7)
+        assert sample.outcome == "solved"
+        np.testing.assert_allclose(sample.state.q_free, closed_form(q), atol=1e-7)
     report = online.report()
     assert (report.samples, report.held, report.first_held, report.lost) == (401, 0, None, False)
     assert 1 <= report.most_steps <= 3
@@ -119,11 +116,11 @@ def test_an_outage_is_held_then_lost_then_recovered(model, reference):
     online = OnlineSigma(model, closed_form(START), patience=3)
     good = online.update(0.0, START)
     states = [online.update(1e-3 * k, OUT_OF_REACH) for k in range(1, 7)]
-    assert [sample.state for sample in states] == ["held"] * 3 + ["lost"] * 3
-    assert all(sample.point is good.point for sample in states)
+    assert [sample.outcome for sample in states] == ["held"] * 3 + ["lost"] * 3
+    assert all(sample.state is good.state for sample in states)
     early = online.report()
     last = online.update(7e-3, reference.at(7e-3).q)
-    assert last.state == "solved"
+    assert last.outcome == "solved"
     assert (early.samples, early.held, early.longest_hold, early.first_held, early.lost) == (7, 6, 6, 1e-3, True)
     report = online.report()
     assert (report.samples, report.held, report.longest_hold) == (8, 6, 6)
@@ -138,11 +135,11 @@ def test_the_law_holds_and_brakes(model, reference):
     law = ComputedTorque(model, reference, [400.0, 400.0], [40.0, 40.0])
     online_law = OnlineLaw(law, OnlineSigma(model, closed_form(START), patience=1))
     v = np.array([0.3, -0.2])
-    point = online_law.online.update(0.0, START).point
-    np.testing.assert_array_equal(online_law.torque(0.0, START, v), law.torque_at(0.0, START, v, point))
-    held = online_law.torque(1e-3, OUT_OF_REACH, v)
-    np.testing.assert_array_equal(held, law.torque_at(1e-3, OUT_OF_REACH, v, point))
-    np.testing.assert_array_equal(online_law.torque(2e-3, OUT_OF_REACH, v), law.brake(v, point))
+    held = online_law.online.update(0.0, START).state
+    np.testing.assert_array_equal(online_law.torque(0.0, START, v), law.torque_at(0.0, held, v))
+    found = online_law.torque(1e-3, OUT_OF_REACH, v)
+    np.testing.assert_array_equal(found, law.torque_with(1e-3, OUT_OF_REACH, v, held))
+    np.testing.assert_array_equal(online_law.torque(2e-3, OUT_OF_REACH, v), law.brake(v, held))
 
 
 def test_samples_come_in_order(model):
@@ -158,7 +155,7 @@ def test_samples_come_in_order(model):
 
 def test_continuous_simulation_refuses_an_online_law(model, reference):
     """An integrator goes back and forth in time, which a law with a memory must not see: the run says so."""
-    law = PDPlus(model, reference, [11.0, 11.0], [0.65, 0.6])
+    law = PDPlus(model, reference, K_P, K_V)
     motion = ccpin.simulate(model, OnlineLaw(law, OnlineSigma(model, closed_form(START))), START, duration=0.1)
     assert motion.status == "failed"
     assert "use the tracking law itself" in motion.message

@@ -7,17 +7,17 @@ import pytest
 from scipy.interpolate import CubicSpline
 
 import ccpin
-from ccpin.control.references import Hold, PointToPoint, Waypoints, through_points
-from ccpin.dynamics.end_effector import EndEffector
-from ccpin.dynamics.inverse_kinematics import UnreachableTargetError
+from ccpin.control import Hold, PointToPoint, Waypoints, through_points
+from ccpin.dynamics import EndEffector, UnreachableTargetError
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import rpdr
 from tests.oracles.finite_differences import derivative
 from tests.support.ball_joint import ball_joint
+from tests.support.paper import GOAL, START
 
-A, B = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
+A, B = START, GOAL
 TIMES = [0.0, 0.3, 0.5, 1.1]
-WAYPOINTS = np.radians([[-150.0, -160.0], [-120.0, -140.0], [-110.0, -115.0], [-90.0, -100.0]])
+WAYPOINTS = np.array([START, *np.radians([[-120.0, -140.0], [-110.0, -115.0]]), GOAL])
 
 
 @pytest.fixture(scope="module")

@@ -5,17 +5,12 @@ import pytest
 from scipy.signal import lfilter
 
 import ccpin
-from ccpin.control import ControlLaw, PDSimpleGravity
-from ccpin.control.laws import CoulombCompensation
-from ccpin.control.sampling import Sampling
+from ccpin.control import ControlLaw, CoulombCompensation, PDSimpleGravity, Sampling
 from ccpin.errors import InvalidInputError
-from ccpin.simulation.stick_slip import friction_force
-from ccpin.simulation.supervision import supervise
+from ccpin.simulation import Settling, friction_force, supervise
 from tests.oracles import rpdr as oracle
+from tests.support.paper import FRICTION, GOAL, K_P, K_V, START
 
-START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
-K_P, K_V = np.array([11.0, 11.0]), np.array([0.65, 0.60])
-FRICTION = {"joint1": (0.2, 0.02), "joint2": (0.2, 0.02)}
 BENCH = Sampling(1e-3, encoder_counts=4096, velocity_cutoff=100.0, saturation=12.0, delay=1)
 STEP = 2 * np.pi / 4096
 
@@ -197,7 +192,7 @@ def test_supervised_cycles_with_the_bench_on(rpdr_model):
         START,
         [GOAL, START],
         wait=0.3,
-        settling=ccpin.Settling(GOAL, band=band),
+        settling=Settling(GOAL, band=band),
         friction=FRICTION,
         sampling=BENCH,
         rtol=1e-7,

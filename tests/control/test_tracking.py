@@ -5,16 +5,15 @@ import pytest
 from scipy.linalg import expm
 
 import ccpin
-from ccpin.control import PDFullGravity
-from ccpin.control.references import Hold, PointToPoint
-from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, WithSigmaError
+from ccpin.control import ComputedTorque, Hold, PDFullGravity, PDOnlineGravity, PDPlus, PointToPoint, WithSigmaError
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import rpdr
 from tests.oracles.finite_differences import derivative
 from tests.support.ball_joint import ball_joint
+from tests.support.paper import GOAL, K_V, START
 
 MOVES = {
-    "rpdr": (np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])),
+    "rpdr": (START, GOAL),
     "delta": (np.array([-0.2, 0.1, 0.0]), np.array([0.4, -0.1, 0.3])),
 }
 LAWS = (ComputedTorque, PDPlus, PDOnlineGravity)
@@ -125,10 +124,9 @@ def test_pd_plus_decays_from_a_displaced_start(models, name, gains, duration):
 def test_pd_plus_at_a_set_point_is_full_gravity_compensation(models):
     """With q_d constant PD+ and PD with on-line gravity are (30)."""
     model = models["rpdr"]
-    goal = MOVES["rpdr"][1]
-    full = PDFullGravity(model, goal, [11.0, 9.0], [0.65, 0.6])
+    full = PDFullGravity(model, GOAL, [11.0, 9.0], K_V)
     for law_class in (PDPlus, PDOnlineGravity):
-        law = law_class(model, Hold(model, goal), [11.0, 9.0], [0.65, 0.6])
+        law = law_class(model, Hold(model, GOAL), [11.0, 9.0], K_V)
         for t, q, v in states(model):
             np.testing.assert_allclose(law.torque(t, q, v), full.torque(t, q, v), atol=1e-12)
 
@@ -183,10 +181,10 @@ def test_brakes_take_energy_out(models):
     for law_class in LAWS:
         law = law_for(model, law_class)
         for _, q, v in states(model):
-            point = model.closed_point(q)
-            extra = law.brake(v, point) - model.gravity(q)
+            here = model.at(q)
+            extra = law.brake(v, here) - model.gravity(q)
             assert v @ extra < 0
-            np.testing.assert_allclose(law.brake(np.zeros(3), point), model.gravity(q), atol=1e-12)
+            np.testing.assert_allclose(law.brake(np.zeros(3), here), model.gravity(q), atol=1e-12)
 
 
 def test_what_cannot_be_tracked_is_refused(models):

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
-from ccpin.description.model import Joint, MechanismDescription
+from ccpin.description import Joint, MechanismDescription
 from tests.support.mjcf_files import ALL, BALL, PAIR, SAMPLES, model, read
 
 mujoco = pytest.importorskip("mujoco")

@@ -110,7 +110,7 @@ def test_a_frame_named_by_link_or_joint_is_where_pinocchio_has_the_frame_of_that
         (name, closure.link_a, closure.placement_a),
         (other, closure.link_b, closure.placement_b),
     ):
-        joint_id, local = tree.attachments[carrier]
+        joint_id, local = tree.attachments[carrier].joint, tree.attachments[carrier].placement
         np.testing.assert_allclose(
             ours.oMi[joint_id].homogeneous @ local @ placement,
             data.oMf[model.getFrameId(frame)].homogeneous,

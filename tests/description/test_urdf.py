@@ -7,8 +7,9 @@ import yourdfpy
 from scipy.spatial.transform import Rotation
 
 import ccpin
+from ccpin.description import CLOSURE_KINDS
 from ccpin.description.urdf import find_mesh, read_urdf
-from ccpin.description.urdf_loops import LOOP_TYPES, closure_kind
+from ccpin.description.urdf_loops import SYNONYMS, closure_kind
 from ccpin.errors import (
     AmbiguousFormatError,
     CcpinError,
@@ -130,7 +131,7 @@ def test_anonymous_constraints_are_numbered():
     assert names == ["ball_constraint_1", "distance_constraint_2"]
 
 
-@pytest.mark.parametrize("word", LOOP_TYPES)
+@pytest.mark.parametrize("word", [*CLOSURE_KINDS, *SYNONYMS])
 def test_a_loops_frames_stand_where_its_origin_and_axis_say(word):
     """URDF+: origins as URDF's; z of both frames on <axis> (x of A and y of B on axis and axis2 if universal)."""
     rpy, axis, axis2 = (0.3, -0.5, 0.8), np.array([1.0, 2.0, -2.0]), np.array([0.0, 0.6, 0.8])
@@ -140,7 +141,7 @@ def test_a_loops_frames_stand_where_its_origin_and_axis_say(word):
         '<length value="0.7"/></loop>'
     )
     closure = read(LINKS, JOINTS, loop).closures[0]
-    assert closure.kind == LOOP_TYPES[word] == closure_kind(word)
+    assert closure.kind == SYNONYMS.get(word, word) == closure_kind(word)
     np.testing.assert_allclose(closure.placement_a[:3, 3], [0.4, 0.1, 0.0])
     np.testing.assert_array_equal(closure.placement_b[:3, 3], np.zeros(3))
     if closure.kind == "universal":

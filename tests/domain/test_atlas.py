@@ -1,5 +1,6 @@
 """Atlases against closed forms: what they certify, what they must not, and that nothing about the run changes them."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -12,9 +13,10 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin import domain
+from ccpin.description import Inertia, Joint, Link
+from ccpin.domain import Atlas, CellStatus, certify
 from ccpin.domain.atlas import run as atlas_run
-from ccpin.domain.atlas.atlas import Atlas, certify
-from ccpin.domain.atlas.cells import Status
 from ccpin.domain.newton import solve_in_boxes
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 from tests.oracles import cusped_3rpr as cusped
@@ -22,9 +24,10 @@ from tests.oracles import delta as delta_oracle
 from tests.oracles import planar_3rrr as planar_oracle
 from tests.oracles import rpdr as oracle
 from tests.oracles.geometry import wrap
+from tests.support.paper import GOAL, START
 
 CENTRES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))
-CONTROL_REGION = np.radians([(-150.0, -90.0), (-160.0, -100.0)])
+CONTROL_REGION = START, GOAL
 SEED = np.radians((-108.0, -72.0))
 
 
@@ -58,7 +61,7 @@ def exact_radius(centre):
 def same(first, second):
     """Whether two atlases are equal bit for bit."""
     pairs = [*zip(first.boxes, second.boxes, strict=True)]
-    pairs += [*zip(first.tree.arrays().values(), second.tree.arrays().values(), strict=True)]
+    pairs += [*zip(vars(first.tree).values(), vars(second.tree).values(), strict=True)]
     return all(np.array_equal(a, b) for a, b in pairs) and first.radius == second.radius
 
 
@@ -134,9 +137,9 @@ def test_nothing_outside_of_the_branch_is_certified(torus):
     points = np.random.default_rng(0).uniform(-np.pi, np.pi, (200_000, 2))
     certified, status = atlas.contains(points), atlas.status(points)
     assert elongation(points[certified]).max() < 1.0
-    assert elongation(points[status == Status.EMPTY]).min() > 1.0
+    assert elongation(points[status == CellStatus.EMPTY]).min() > 1.0
     assert not np.any(atlas.contains(np.array([oracle.coincident_elbows(), -oracle.coincident_elbows()])))
-    assert np.array_equal(certified, status == Status.CERTIFIED)
+    assert np.array_equal(certified, status == CellStatus.CERTIFIED)
 
 
 @pytest.mark.parametrize("count", [20_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
@@ -226,7 +229,7 @@ def test_full_turns_close_on_themselves():
 def test_delta_against_the_spheres():
     """The Delta's workspace cube is certified whole, and σ is the lower intersection of the three spheres."""
     mechanism = ccpin.load("delta")
-    atlas = certify(mechanism, np.zeros(3), np.tile([-0.3, 0.3], (3, 1)), max_depth=4)
+    atlas = certify(mechanism, np.zeros(3), (np.full(3, -0.3), np.full(3, 0.3)), max_depth=4)
     assert atlas.certified_fraction == 1.0
     assert atlas.single_valued
     names = list(mechanism.pin_model.names)[1:]
@@ -241,7 +244,7 @@ def test_planar_3rrr_against_inverse_kinematics():
     mechanism = ccpin.load("planar_3rrr")
     names = list(mechanism.pin_model.names)[1:]
     q0 = np.array([planar_oracle.inverse(0.0, 0.0, 0.0)[name] for name in mechanism.independent])
-    atlas = certify(mechanism, q0, np.column_stack([q0 - 0.25, q0 + 0.25]), max_depth=4)
+    atlas = certify(mechanism, q0, (q0 - 0.25, q0 + 0.25), max_depth=4)
     rng = np.random.default_rng(1)
     points = q0 + 0.25 * rng.uniform(-1, 1, (400, 3))
     points = points[atlas.contains(points)]
@@ -266,15 +269,15 @@ def cusped_mechanism(pose):
         return placement
 
     x, z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    body = ccpin.Inertia(1.0, np.zeros(3), np.eye(3))
-    links = tuple(ccpin.Link(name, body) for name in ("base", "leg1", "platform", "outer2", "rod2", "outer3", "rod3"))
-    joints = [ccpin.Joint("leg", "revolute", "base", "leg1", frame(), z)]
-    joints.append(ccpin.Joint("turn", "revolute", "leg1", "platform", frame(cusped.LEG1), z))
+    body = Inertia(1.0, np.zeros(3), np.eye(3))
+    links = tuple(Link(name, body) for name in ("base", "leg1", "platform", "outer2", "rod2", "outer3", "rod3"))
+    joints = [Joint("leg", "revolute", "base", "leg1", frame(), z)]
+    joints.append(Joint("turn", "revolute", "leg1", "platform", frame(cusped.LEG1), z))
     corners = {2: (cusped.SIDE12, 0.0), 3: cusped.SIDE13 * np.array([np.cos(cusped.CORNER), np.sin(cusped.CORNER)])}
     loops = []
     for k, base in ((2, cusped.BASE2), (3, cusped.BASE3)):
-        joints.append(ccpin.Joint(f"swing{k}", "revolute", "base", f"outer{k}", frame(*base), z))
-        joints.append(ccpin.Joint(f"rho{k}", "prismatic", f"outer{k}", f"rod{k}", frame(), x))
+        joints.append(Joint(f"swing{k}", "revolute", "base", f"outer{k}", frame(*base), z))
+        joints.append(Joint(f"rho{k}", "prismatic", f"outer{k}", f"rod{k}", frame(), x))
         loops.append(ccpin.LoopClosure(f"loop{k}", "revolute", "platform", f"rod{k}", frame(*corners[k]), frame()))
     reference = {name: (value,) for name, value in cusped.displacements(pose).items()}
     return ccpin.load(
@@ -294,7 +297,7 @@ def test_two_sheets_about_a_cusp_are_noticed():
     pose = next(pose for pose in poses if np.sign(np.linalg.det(cusped.jacobian(pose))) == outer[0])
     seed, middle = cusped.lengths(pose), cusped.lengths(cusp)
     mechanism = cusped_mechanism(pose)
-    region = np.column_stack([np.minimum(middle - 0.03, seed - 0.01), np.maximum(middle + 0.03, seed + 0.01)])
+    region = np.minimum(middle - 0.03, seed - 0.01), np.maximum(middle + 0.03, seed + 0.01)
     atlas = certify(mechanism, seed, region, max_depth=7)
     assert atlas.certified_fraction > 0.98
     assert np.all(atlas.verify())
@@ -314,14 +317,14 @@ def test_two_sheets_about_a_cusp_are_noticed():
 
 def test_empty_is_proved_beyond_reach(rpdr):
     """In a region where the elbows are too far apart nearly all is proved empty, from a seed at its edge."""
-    region, seed = np.radians([(60.0, 179.0), (-40.0, 60.0)]), np.radians((80.0, 20.0))
+    region, seed = np.radians([(60.0, -40.0), (179.0, 60.0)]), np.radians((80.0, 20.0))
     q1, q2, q3, q4 = oracle.sigma(seed, 1.0)
     atlas = certify(rpdr, seed, region, guess=np.array([q1, q3, q2, q4]), max_depth=8)
-    points = np.random.default_rng(2).uniform(*region.T, (50_000, 2))
+    points = np.random.default_rng(2).uniform(*region, (50_000, 2))
     beyond = elongation(points) > 1.0
     assert 0.05 < beyond.mean() < 0.95
     assert atlas.empty_fraction > 0.97 * beyond.mean()
-    assert not np.any((atlas.status(points) == Status.EMPTY) & ~beyond)
+    assert not np.any((atlas.status(points) == CellStatus.EMPTY) & ~beyond)
     assert not np.any(atlas.contains(points) & beyond)
 
 
@@ -345,14 +348,17 @@ def test_save_and_load(torus, tmp_path):
     np.savez(path, header=np.frombuffer(b'{"format": "x"}', dtype=np.uint8))
     with pytest.raises(InvalidInputError, match="format"):
         Atlas.load(path)
-    with pytest.raises(InvalidInputError, match="does not exist"):
-        atlas.save(tmp_path / "nowhere" / "a.npz")
+    atlas.save(tmp_path / "new" / "folder" / "a.npz")
+    assert same(atlas, Atlas.load(tmp_path / "new" / "folder" / "a.npz"))
+    assert (tmp_path / "new" / "folder" / "a.npz").stat().st_mode & 0o777 == 0o644
+    with pytest.raises(InvalidInputError, match="it is a folder"):
+        atlas.save(tmp_path)
 
 
 def test_a_spatial_atlas_survives_its_file(tmp_path):
     """Chains of a spatial mechanism are stored too."""
     mechanism = ccpin.load("delta")
-    atlas = certify(mechanism, np.zeros(3), np.tile([-0.04, 0.04], (3, 1)), max_depth=2)
+    atlas = certify(mechanism, np.zeros(3), (np.full(3, -0.04), np.full(3, 0.04)), max_depth=2)
     atlas.save(tmp_path / "delta.npz")
     back = Atlas.load(tmp_path / "delta.npz")
     assert same(atlas, back)
@@ -403,21 +409,39 @@ def test_a_pool_whose_workers_are_killed(rpdr):
     assert len(waves) > 10
 
 
-def test_long_work_gets_its_own_processes(monkeypatch):
-    """Once the work is long, worker processes are used of themselves, with the same result."""
-    mechanism, region = ccpin.load("delta"), np.tile([-0.25, 0.35], (3, 1))
-    serial = certify(mechanism, np.zeros(3), region, max_depth=4)
-    used = []
+def test_no_process_starts_that_was_not_asked_for(monkeypatch):
+    """Long work is done in this process; two workers are two processes, and give the same atlas."""
+    mechanism, region = ccpin.load("delta"), (np.full(3, -0.25), np.full(3, 0.35))
+    made, tasks, children = [], [], []
 
     class Watched(ProcessPoolExecutor):
+        def __init__(self, workers, **others):
+            made.append(workers)
+            super().__init__(workers, **others)
+
         def submit(self, function, /, *arguments):
-            used.append(function)
+            tasks.append(function)
             return super().submit(function, *arguments)
 
-    monkeypatch.setattr(atlas_run, "_PATIENCE", 0.0)
     monkeypatch.setattr(atlas_run, "ProcessPoolExecutor", Watched)
-    assert same(serial, certify(mechanism, np.zeros(3), region, max_depth=4))
-    assert used or os.cpu_count() == 1
+    arguments = {"q0": np.zeros(3), "region": region, "max_depth": 4}
+    serial = certify(mechanism, **arguments, progress=lambda _: children.extend(multiprocessing.active_children()))
+    assert not made
+    assert not children
+    assert same(serial, certify(mechanism, **arguments, workers=1))
+    assert not made
+    assert same(serial, certify(mechanism, **arguments, workers=2))
+    assert made == [2]
+    assert len(tasks) > 10
+
+
+def test_how_the_work_is_spread_is_checked(rpdr):
+    """An executor and workers together, and fewer workers than one, are refused in words."""
+    with ThreadPoolExecutor(1) as pool, pytest.raises(InvalidInputError, match="not both"):
+        certify(rpdr, SEED, executor=pool, workers=2)
+    for workers in (0, -1, 1.5, True):
+        with pytest.raises(InvalidInputError, match="at least 1"):
+            certify(rpdr, SEED, workers=workers)
 
 
 def test_dask_workers_do_not_change_the_atlas(rpdr):
@@ -435,7 +459,7 @@ def test_dask_workers_do_not_change_the_atlas(rpdr):
 
 PROGRAM = """
 import os, signal, sys, numpy as np, ccpin
-from ccpin.domain.atlas.atlas import certify
+from ccpin.domain import certify
 waves = []
 def stop(progress):
     waves.append(progress)
@@ -479,14 +503,31 @@ def test_interrupted_run_keeps_what_is_done(rpdr, tmp_path):
     assert elongation(points[atlas.contains(points)]).max() < 1.0
 
 
+def test_a_model_stands_for_its_mechanism(rpdr, rpdr_model):
+    """What needs geometry only takes a mechanism or its model; anything else is refused in words."""
+    q_free = rpdr_model.sigma(SEED)
+    assert same(certify(rpdr, SEED, max_depth=0), certify(rpdr_model, SEED, max_depth=0))
+    assert domain.kantorovich_radius(rpdr, q_free) == domain.kantorovich_radius(rpdr_model, q_free)
+    assert domain.theorem2_radius(rpdr, q_free) == domain.theorem2_radius(rpdr_model, q_free)
+    path = [SEED, SEED + 0.01]
+    assert domain.certify_path(rpdr_model, path).complete
+    assert np.array_equal(
+        domain.singularity_distance(rpdr, path).measure, domain.singularity_distance(rpdr_model, path).measure
+    )
+    for function, arguments in ((certify, (SEED,)), (domain.theorem2, (q_free,)), (domain.singularities, ())):
+        with pytest.raises(InvalidInputError, match="ReducedModel is needed, not str"):
+            function("rpdr", *arguments)
+
+
 def test_bad_input(rpdr):
     """Wrong shapes, regions, seeds and mechanisms are refused in words."""
     cases = {
         "q must be 2": {"q0": (0.0,)},
-        "shape": {"q0": SEED, "region": (0.0, 1.0)},
-        "outside": {"q0": SEED, "region": ((0.0, 1.0), (0.0, 1.0))},
-        "upper bounds": {"q0": SEED, "region": ((1.0, -3.0), (-3.0, 3.0))},
-        "full turn": {"q0": SEED, "region": ((-7.0, 7.0), (-3.0, 3.0))},
+        r"\(lower, upper\), each of shape": {"q0": SEED, "region": (0.0, 1.0)},
+        "each of shape": {"q0": SEED, "region": np.zeros((3, 2))},
+        "outside": {"q0": SEED, "region": ((0.0, 0.0), (1.0, 1.0))},
+        "below its upper corner": {"q0": SEED, "region": ((1.0, -3.0), (-3.0, 3.0))},
+        "full turn": {"q0": SEED, "region": ((-7.0, -3.0), (7.0, 3.0))},
         "max_depth": {"q0": SEED, "max_depth": 99},
     }
     for message, arguments in cases.items():
@@ -496,3 +537,10 @@ def test_bad_input(rpdr):
         certify(rpdr, np.radians((180.0, 0.0)))
     with pytest.raises(UnsupportedMechanismError, match="6 independent"):
         certify(ccpin.load("stewart"), np.zeros(6))
+
+
+def test_an_atlas_prints_as_one_line(rpdr):
+    """`repr` tells how much is certified, not the boxes."""
+    line = repr(certify(rpdr, SEED, max_depth=4))
+    assert line.startswith("Atlas(joint1, joint2: ")
+    assert line.endswith(" % of the region)")

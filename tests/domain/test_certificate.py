@@ -7,12 +7,12 @@ import pytest
 from scipy.linalg import qr
 
 import ccpin
+from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link
+from ccpin.domain import certify_path, kantorovich_radius, newton_steps
 from ccpin.domain.boxes import bounds_of, certify_boxes, closure_values, problem_of, verify
-from ccpin.domain.chain_stack import derivatives, stack_chains, values
+from ccpin.domain.chain_stack import derivatives, first_order, stack_chains
 from ccpin.domain.chains import closure_system
 from ccpin.domain.newton import extrapolate, glued, newton, predict, solve_in_boxes
-from ccpin.domain.one_box import kantorovich_radius, newton_steps
-from ccpin.domain.path import certify_path
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from tests.oracles import rpdr as oracle
 from tests.support.ball_joint import ball_joint
@@ -42,24 +42,24 @@ def random_frame(rng):
 def two_arms(arms, kind):
     """Two arms of many joint kinds on a common carrier, joined by a closure of one kind, with scalar coordinates."""
     rng = np.random.default_rng(3)
-    body = ccpin.Inertia(1.0, np.zeros(3), np.eye(3))
-    links, joints = [ccpin.Link("base", body), ccpin.Link("carrier", body)], []
+    body = Inertia(1.0, np.zeros(3), np.eye(3))
+    links, joints = [Link("base", body), Link("carrier", body)], []
 
     def add(name, joint_kind, parent, child):
         axis = rng.standard_normal(3)
-        joints.append(ccpin.Joint(name, joint_kind, parent, child, random_frame(rng), axis / np.linalg.norm(axis)))
+        joints.append(Joint(name, joint_kind, parent, child, random_frame(rng), axis / np.linalg.norm(axis)))
 
     add("stem", "revolute", "base", "carrier")
     tips = []
     for arm, kinds in zip("ab", arms, strict=True):
         parent = "carrier"
         for k, joint_kind in enumerate(kinds):
-            links.append(ccpin.Link(f"{arm}{k}", body))
+            links.append(Link(f"{arm}{k}", body))
             add(f"{arm}{k}_joint", joint_kind, parent, f"{arm}{k}")
             parent = f"{arm}{k}"
         tips.append(parent)
     loop = ccpin.LoopClosure("loop", kind, *tips, random_frame(rng), random_frame(rng))
-    gear = ccpin.Coupling("gear", (ccpin.CouplingTerm("stem", (0.1, 2.0)), ccpin.CouplingTerm("a0_joint", (0.0, 1.0))))
+    gear = Coupling("gear", (CouplingTerm("stem", (0.1, 2.0)), CouplingTerm("a0_joint", (0.0, 1.0))))
     description = ccpin.MechanismDescription(
         "arms", "base", tuple(links), tuple(joints), closures=(loop,), couplings=(gear,)
     )
@@ -137,7 +137,7 @@ def test_chains_give_the_constraints_of_every_kind_of_joint_and_closure(arms, ki
     constraints, rng = mechanism.constraints(), np.random.default_rng(5)
     theta = rng.uniform(-1.2, 1.2, (6, mechanism.n_free))
     stack, step = stack_chains(system.chains, system.n_free), 1e-6
-    phi, jacobian = values(system, stack, theta)
+    phi, jacobian = first_order(system, stack, theta)[:2]
     for k, row in enumerate(theta):
         assert np.abs(phi[k] - constraints.residual(system.chart.configuration(row))).max() < 1e-13
         for j in range(mechanism.n_free):
@@ -180,7 +180,7 @@ def test_bounds_bound_for_every_kind_of_closure(arms, kind):
     mechanism = two_arms(arms, kind)
     system = closure_system(mechanism, mechanism.q_reference)
     theta = np.random.default_rng(8).uniform(-0.8, 0.8, mechanism.n_free)
-    jacobian = values(system, stack_chains(system.chains, system.n_free), theta[None])[1][0]
+    jacobian = first_order(system, stack_chains(system.chains, system.n_free), theta[None])[1][0]
     order = qr(jacobian, pivoting=True)[2]  # the best conditioned choice of dependent coordinates comes first
     system = replace(system, dependent=np.sort(order[: system.m]), independent=np.sort(order[system.m :]))
     assert_bounds_hold(problem_of(system, "reach"), theta, trials=60)
@@ -335,7 +335,7 @@ def floating_delta():
     chain = [joint for joint in description.joints if joint.name.startswith("platform_")]
     inner = {joint.child for joint in chain} - {"platform"}
     joints = tuple(joint for joint in description.joints if joint not in chain)
-    free = ccpin.Joint("platform_joint", "floating", chain[0].parent, "platform", chain[0].placement)
+    free = Joint("platform_joint", "floating", chain[0].parent, "platform", chain[0].placement)
     position = tuple(description.reference[f"platform_{axis}"][0] for axis in "xyz")
     reference = {name: value for name, value in description.reference.items() if name not in {j.name for j in chain}}
     links = tuple(link for link in description.links if link.name not in inner)

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from ccpin.domain.atlas.atlas import certify
+from ccpin.domain import certify
 from ccpin.domain.boxes import certify_boxes, problem_of
 from ccpin.domain.chains import closure_system
 from tests.oracles import rpdr as oracle

@@ -6,15 +6,17 @@ from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 from scipy.optimize import brentq
 
 import ccpin
+from ccpin.domain import certify_path
 from ccpin.domain.boxes import verify
-from ccpin.domain.path import certify_path, chord_of, pieces_of
+from ccpin.domain.path import chord_of, pieces_of
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
 from tests.oracles import delta as delta_oracle
 from tests.oracles import rpdr as oracle
 from tests.oracles import stewart as stewart_oracle
 from tests.oracles.geometry import rot_x, rot_y, rot_z, wrap
+from tests.support.paper import GOAL, START
 
-WAYPOINTS = np.radians([(-150.0, -160.0), (-120.0, -100.0), (-100.0, -140.0), (-90.0, -100.0)])
+WAYPOINTS = np.array([START, *np.radians([(-120.0, -100.0), (-100.0, -140.0)]), GOAL])
 
 
 @pytest.fixture(scope="module")
@@ -81,8 +83,8 @@ def test_deviation_from_the_chord_is_bounded():
     pieces, rng = pieces_of(spline, 2), np.random.default_rng(1)
     for _ in range(100):
         piece = rng.integers(3)
-        start, end = np.sort(rng.uniform(pieces.knots[piece], pieces.knots[piece + 1], 2))
-        chord, s = chord_of(pieces, int(piece), start, end), np.linspace(0.0, 1.0, 50)[:, None]
+        start, end = np.sort(rng.uniform(pieces.x[piece], pieces.x[piece + 1], 2))
+        chord, s = chord_of(pieces, start, end), np.linspace(0.0, 1.0, 50)[:, None]
         gap = spline(start + s[:, 0] * (end - start)) - (1 - s) * chord.start - s * chord.end
         assert np.all(np.abs(gap) <= chord.deviation)
         assert np.all(chord.deviation <= 4.0 * np.abs(gap).max(axis=0) + 1e-12)

@@ -7,7 +7,7 @@ import pytest
 
 import ccpin
 from ccpin.domain.boxes import Problem, certify_boxes, problem_of
-from ccpin.domain.chains import seed_of
+from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.gravity_bounds import GravityBounds, Potential, gravity_bounds, potential_of, potential_values
 from tests.oracles import rpdr as oracle
 from tests.oracles.finite_differences import derivative
@@ -49,7 +49,7 @@ def _subject(name, q=None, guess=None):
     mechanism = ccpin.load(name)
     model = ccpin.ReducedModel(mechanism)
     start = mechanism.q_reference if guess is None else guess
-    seed = seed_of(mechanism, model.alpha(start) if q is None else q, start)
+    seed = seed_at_coordinates(mechanism, model.alpha(start) if q is None else q, start)
     return Subject(mechanism, model, problem_of(seed.system), potential_of(mechanism, seed.system), seed.theta)
 
 

@@ -5,8 +5,7 @@ import pinocchio as pin
 import pytest
 
 import ccpin
-from ccpin.dynamics.end_effector import EndEffector
-from ccpin.dynamics.inverse_kinematics import UnreachableTargetError
+from ccpin.dynamics import EndEffector, UnreachableTargetError
 from ccpin.errors import InvalidInputError
 from tests.oracles import delta, rpdr
 from tests.oracles.finite_differences import assert_close, derivative

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.dynamics.modes import assembly_modes
+from ccpin.dynamics import assembly_modes
 from tests.oracles import rpdr
 
 

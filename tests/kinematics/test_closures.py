@@ -4,9 +4,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from ccpin.description.model import CLOSURE_KINDS, LoopClosure, rotation_to
+from ccpin.description import CLOSURE_KINDS, LoopClosure
+from ccpin.description.closure_kinds import PlaneNormal
+from ccpin.description.model import rotation_to
 from ccpin.kinematics.constraints import Constraints
-from ccpin.kinematics.rows import PlaneNormal, rows_of
 from ccpin.kinematics.tree import build_tree
 from tests.support.strategies import ROWS, Growth
 
@@ -95,9 +96,8 @@ def test_rows_know_the_plane(kind):
     """With z along the plane's normal every kind still has the rows it has in space."""
     normal = np.array([0.0, 0.0, 1.0])
     closure = LoopClosure("l", kind, "a", "b", length=0.5 if kind == "distance" else None)
-    rows = rows_of(closure, PlaneNormal(normal, normal))
-    count = 3 * rows.point + len(rows.directions) + len(rows.offsets) + (rows.distance is not None)
-    assert count == ROWS[kind]
+    rows = CLOSURE_KINDS[kind](closure, PlaneNormal(normal, normal)).rows
+    assert len(rows) == ROWS[kind]
 
 
 def test_rotation_to():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin.description import Coupling, CouplingTerm
 from ccpin.errors import DescriptionError, InvalidInputError
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.mechanism import stated_pose
@@ -78,8 +79,8 @@ def test_a_closure_stated_twice_changes_nothing(rpdr, rpdr_model):
 
 def test_a_coupling_takes_one_freedom(rpdr):
     """Gearing the arms together leaves one freedom; σ then follows the gear."""
-    terms = (ccpin.CouplingTerm("joint1", (np.pi, 1.0)), ccpin.CouplingTerm("joint2", (0.0, 1.0)))
-    geared = ccpin.load("rpdr", couplings=[ccpin.Coupling("gear", terms)], independent=["joint1"])
+    terms = (CouplingTerm("joint1", (np.pi, 1.0)), CouplingTerm("joint2", (0.0, 1.0)))
+    geared = ccpin.load("rpdr", couplings=[Coupling("gear", terms)], independent=["joint1"])
     assert geared.n == 1
     q_free = ccpin.ReducedModel(geared).sigma([-1.8])
     names = list(geared.pin_model.names)[1:]

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from scipy.linalg import subspace_angles
 
 import ccpin
+from ccpin.description import Inertia, Joint, Link
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.mobility import generic_rank, null_space, rank_at
@@ -43,7 +44,7 @@ def test_the_independent_set_measures_the_motion(drawn):
 
 def test_a_singular_pose_does_not_hide_the_rank():
     """With all links in one line φ_q′ has rank 1; generic_rank looks around and finds 2."""
-    z, body = np.array([0.0, 0.0, 1.0]), ccpin.Inertia(1.0, np.zeros(3), 0.1 * np.eye(3))
+    z, body = np.array([0.0, 0.0, 1.0]), Inertia(1.0, np.zeros(3), 0.1 * np.eye(3))
 
     def at(x):
         placement = np.eye(4)
@@ -51,11 +52,11 @@ def test_a_singular_pose_does_not_hide_the_rank():
         return placement
 
     joints = (
-        ccpin.Joint("a", "revolute", "base", "la", at(0.0), z),
-        ccpin.Joint("b", "revolute", "la", "lb", at(1.0), z),
-        ccpin.Joint("c", "revolute", "base", "lc", at(1.5), z),
+        Joint("a", "revolute", "base", "la", at(0.0), z),
+        Joint("b", "revolute", "la", "lb", at(1.0), z),
+        Joint("c", "revolute", "base", "lc", at(1.5), z),
     )
-    links = (ccpin.Link("base"), *(ccpin.Link(name, body) for name in ("la", "lb", "lc")))
+    links = (Link("base"), *(Link(name, body) for name in ("la", "lb", "lc")))
     closure = ccpin.LoopClosure("tip", "spherical", "lb", "lc", at(1.0), at(0.5))
     flat = ccpin.MechanismDescription("change point", "base", links, joints, (closure,))
     constraints = Constraints(build_tree(flat), (closure,), ())
@@ -71,14 +72,14 @@ def test_a_singular_pose_does_not_hide_the_rank():
 
 def rod():
     """A rod between two ground points: spherical on the ground, closed by a spherical joint on a slider."""
-    body = ccpin.Inertia(1.0, np.array([0.25, 0.0, 0.0]), 0.1 * np.eye(3))
+    body = Inertia(1.0, np.array([0.25, 0.0, 0.0]), 0.1 * np.eye(3))
     tip, rail = np.eye(4), np.eye(4)
     tip[0, 3], rail[:3, 3] = 0.5, (0.4, 0.3, 0.0)
     joints = (
-        ccpin.Joint("ball", "spherical", "base", "rod"),
-        ccpin.Joint("slider", "prismatic", "base", "cart", rail, np.array([0.0, 0.6, 0.8])),
+        Joint("ball", "spherical", "base", "rod"),
+        Joint("slider", "prismatic", "base", "cart", rail, np.array([0.0, 0.6, 0.8])),
     )
-    links = (ccpin.Link("base"), ccpin.Link("rod", body), ccpin.Link("cart", body))
+    links = (Link("base"), Link("rod", body), Link("cart", body))
     closure = ccpin.LoopClosure("tip", "spherical", "rod", "cart", tip)
     return ccpin.MechanismDescription("rod", "base", links, joints, (closure,))
 

@@ -25,8 +25,9 @@ def in_core(model, law, q0, duration, method="RK45", settling=None, rtol=1e-9):
         "atol": rtol * 1e-2,
         "max_step": np.inf,
         "singular_rcond": 1e-7,
+        **(settling or Settling(np.empty(0)))._asdict(),
     }
-    return simulate_in_core(native.kernel(model.mechanism), model, law, method, None, run, settling)
+    return simulate_in_core(native.kernel(model.mechanism), model, law, method, None, run)
 
 
 def reference(*arguments, **options):

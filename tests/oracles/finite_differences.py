@@ -49,7 +49,12 @@ def velocity(model, curve, step=STEP):
     return derivative(lambda s: difference(model, start, curve(s)), step)
 
 
-def assert_close(found, expected, tolerance):
-    """Every entry agrees to `tolerance` relative to the largest entry (or to one, if that is larger)."""
-    scale = max(1.0, float(np.abs(expected).max(initial=0.0)))
-    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * scale)
+def assert_close(found, expected, tolerance, *, scale=0.0):
+    """Every entry agrees to `tolerance` relative to the largest expected entry, or to `scale` where that is larger.
+
+    What may vanish, as a sum of terms that cancel, has no size of its own: `scale` is then the size of the terms,
+    in the values' unit.
+    """
+    size = max(float(np.abs(expected).max(initial=0.0)), scale)
+    assert size > 0.0 or not np.size(expected), "zero has no size of its own: give the scale"
+    np.testing.assert_allclose(found, expected, rtol=0, atol=tolerance * size)

@@ -7,8 +7,9 @@ import pytest
 
 from ccpin.cli import main
 from tests.support.loading import script
+from tests.support.paper import MOVE_OPTIONS
 
-MOVE = ["rpdr", "--start-deg", "-150", "-160", "--goal-deg", "-90", "-100", "--kp", "11", "--kv", "0.65", "0.60"]
+MOVE = ("rpdr", *MOVE_OPTIONS)
 FRICTION = ["--friction-coulomb", "0.2", "--friction-viscous", "0.02", "0.02"]
 SAMPLED = ["--sample-rate", "1000", "--encoder-counts", "4096", "--velocity-cutoff-hz", "100"]
 MOTORS = ["--saturation", "12", "12", "--delay-samples", "1"]

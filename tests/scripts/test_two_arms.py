@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.description import read_description
-from ccpin.description.combining import Part, combine
+from ccpin.description import Link, Part, combine, read_description
 from ccpin.errors import DescriptionError
 from tests.oracles import descriptor
 from tests.support.loading import script
@@ -37,7 +36,7 @@ def test_two_mechanisms_side_by_side():
 def test_clashing_names_are_refused():
     """An added link that has a part's name is an error that names it."""
     with pytest.raises(DescriptionError, match="a_link1"):
-        combine("pair", {"a_": Part(read_description("rpdr"))}, links=[ccpin.Link("a_link1")])
+        combine("pair", {"a_": Part(read_description("rpdr"))}, links=[Link("a_link1")])
 
 
 @pytest.mark.skipif(not ROBOTS, reason="example-robot-data (the extra [robots]) is not installed")
@@ -53,13 +52,13 @@ def test_two_arms_and_a_bar():
     for _ in range(20):
         q, v = centre + 0.1 * generator.uniform(-1, 1, 6), generator.standard_normal(6)
         u = generator.standard_normal(12)
-        point = model.closed_point(q)
+        point = model.at(q)
         tau = mechanism.actuation.T @ u
         expected = descriptor.direct(mechanism.description, mechanism.pin_model, point.q_free, point.rho @ v, tau)[0]
         a = model.forward_dynamics(q, v, u)
         assert np.allclose(a, model.coordinates.jacobian(point.q_free) @ expected, rtol=1e-8, atol=1e-8)
-        force = model.generalized_force(point, model.inverse_dynamics(q, v, a))
-        assert np.allclose(force, model.generalized_force(point, u), rtol=1e-9, atol=1e-9)
+        force = point.generalized_force(model.inverse_dynamics(q, v, a))
+        assert np.allclose(force, point.generalized_force(u), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.skipif(not ROBOTS, reason="example-robot-data (the extra [robots]) is not installed")

@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 import ccpin
 from ccpin.errors import InvalidInputError
-from ccpin.simulation.forces import closure_forces, closure_forces_at, joint_forces
+from ccpin.simulation import closure_forces, closure_forces_at, joint_forces
 from tests.oracles import descriptor, rpdr
+from tests.support.paper import GOAL, K_P, K_V
 from tests.support.strategies import mechanisms
 
 seeds = st.integers(0, 2**32 - 1)
@@ -49,7 +50,7 @@ def test_forces_are_those_of_pinocchios_contacts(name):
     for q, v, u, q_free in states(model):
         found = closure_forces_at(model, q, v, u, q_free)
         v_free = model.rho(q_free) @ v
-        tau = model.joint_efforts(q_free, u)
+        tau = model.at(q, q_free).joint_efforts(u)
         expected = descriptor.pinocchio(mechanism.description, mechanism.pin_model, q_free, v_free, tau).multipliers
         for loop, closure, force in zip(mechanism.constraints().loops, found, expected.reshape(-1, 3), strict=True):
             wanted = in_plane(loop.normal, force)
@@ -107,7 +108,8 @@ class State(NamedTuple):
 
     @property
     def tau(self):
-        return self.model.joint_efforts(self.mechanism.q_reference, self.u)
+        q_free = self.mechanism.q_reference
+        return self.model.at(self.model.alpha(q_free), q_free).joint_efforts(self.u)
 
     def still(self):
         """A motion of one sample."""
@@ -157,7 +159,7 @@ def check_free_directions(at):
         scale = max(1.0, np.abs(expected).max(), np.abs(force.force).max(), np.abs(force.moment).max())
         np.testing.assert_allclose(found, expected[own], rtol=0, atol=1e-7 * scale)
         if joint.nv == 1:
-            axis = columns[:3, 0] if at.mechanism.tree.kinds[force.name] == "prismatic" else columns[3:, 0]
+            axis = columns[:3, 0] if at.mechanism.tree.joint(force.name).kind.name == "prismatic" else columns[3:, 0]
             np.testing.assert_allclose(force.axis[0], axis, atol=1e-12)
 
 
@@ -213,8 +215,7 @@ def test_the_rods_of_a_delta_at_rest_carry_the_platform():
 def test_a_motion_has_its_peaks():
     """Histories have a sample's shape, agree with single states, and their peaks are the largest samples."""
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
-    goal = np.radians([-90.0, -100.0])
-    law = ccpin.control.PDSimpleGravity(model, goal, [11.0, 11.0], [0.65, 0.6])
+    law = ccpin.control.PDSimpleGravity(model, GOAL, K_P, K_V)
     trajectory = ccpin.simulate(model, law, np.radians([-120.0, -130.0]), duration=0.2, sample_period=5e-3)
     (history,) = closure_forces(model, trajectory)
     assert history.force.shape == history.moment.shape == (len(trajectory.t), 3)
@@ -232,6 +233,6 @@ def test_a_motion_has_its_peaks():
 def test_another_models_trajectory_is_refused():
     """A motion of the RPDR says nothing about a four-bar."""
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
-    trajectory = ccpin.simulate(model, None, np.radians([-90.0, -100.0]), duration=0.01)
+    trajectory = ccpin.simulate(model, None, GOAL, duration=0.01)
     with pytest.raises(InvalidInputError, match="this model has"):
         closure_forces(ccpin.ReducedModel(ccpin.load("four_bar")), trajectory)

@@ -7,8 +7,8 @@ from scipy.optimize import linprog
 import ccpin
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.coordinates import component_names
+from ccpin.simulation import friction_force
 from ccpin.simulation.friction import joint_friction
-from ccpin.simulation.stick_slip import friction_force
 from tests.oracles import rpdr as oracle
 
 POSE = np.radians([-95.0, -105.0])

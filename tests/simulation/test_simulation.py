@@ -5,11 +5,9 @@ import pytest
 
 import ccpin
 from ccpin.errors import CcpinError, InvalidInputError, UnreachableError
-from ccpin.simulation.supervision import supervise
-from ccpin.simulation.trajectory import Trajectory, load_npz
+from ccpin.simulation import Settling, Trajectory, load_npz, supervise
+from tests.support.paper import GOAL, K_P, K_V, START
 
-START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
-K_P, K_V = [11.0, 11.0], [0.65, 0.60]
 HANGING = np.radians([-82.180, -97.823])
 
 
@@ -110,7 +108,7 @@ def test_hanging_equilibrium_is_one(model):
 
 def test_settling_stops_the_motion(model, law):
     """The motion ends once it has stayed within the band for the hold time, and says since when."""
-    stop = ccpin.Settling(GOAL, band=np.radians(0.5), speed=0.02, hold=0.1)
+    stop = Settling(GOAL, band=np.radians(0.5), speed=0.02, hold=0.1)
     motion = ccpin.simulate(model, law, START, duration=5.0, settling=stop)
     inside = np.abs(motion.q - GOAL).max(axis=1) <= stop.band
     assert motion.status == "settled"
@@ -157,7 +155,7 @@ def test_short_steps_far_from_a_singularity_are_no_approach_to_one(model):
 def test_bad_settling_goal_and_longest_step(model):
     """A goal with one number for two coordinates, or a longest step of zero, is refused before the motion."""
     with pytest.raises(InvalidInputError, match=r"must be \(2,\)"):
-        ccpin.simulate(model, None, HANGING, duration=0.1, settling=ccpin.Settling(np.zeros(1)))
+        ccpin.simulate(model, None, HANGING, duration=0.1, settling=Settling(np.zeros(1)))
     with pytest.raises(InvalidInputError, match="max_step"):
         ccpin.simulate(model, None, HANGING, duration=0.1, max_step=0.0)
 
@@ -276,3 +274,10 @@ def test_a_file_that_cannot_be_written_leaves_nothing(motion, model, tmp_path):
         motion.save_csv(blocked / "m.csv", model.mechanism)
     with pytest.raises(InvalidInputError, match="not a trajectory"):
         load_npz(blocked)
+
+
+def test_a_trajectory_prints_as_one_line(rpdr_model):
+    """`repr` tells how the motion ended and its sizes, not its arrays."""
+    assert repr(ccpin.simulate(rpdr_model, None, START, duration=0.01)) == (
+        "Trajectory(finished at 0.01 s, 11 samples, n = 2)"
+    )

@@ -67,29 +67,26 @@ def differences(model, kernel, q, rng, guess=None):
     Raises:
         CcpinError: The reference refuses the state.
     """
-    point = model.closed_point(q, guess)
+    state = model.at(q, guess)
     v, a, u = rng.normal(size=model.n), rng.normal(size=model.n), rng.normal(size=model.n_actuated)
-    reference = dict(_reference(model, point, v, a, u))
-    native = dict(_native(kernel, point, q, guess, v, a, u))
-    kappa, kappa_mass = 1.0 / point.factor.rcond, float(np.linalg.cond(reference["D"])) if model.n else 1.0
+    reference = dict(_reference(model, state, v, a, u))
+    native = dict(_native(kernel, state, q, guess, v, a, u))
+    kappa, kappa_mass = 1.0 / state.rcond, float(np.linalg.cond(reference["D"])) if model.n else 1.0
+    limits = kappa, kappa_mass, model.parametrization.rules.tolerance
     return [
-        Difference(
-            name, relative(native.get(name), value), allowed(name, kappa, kappa_mass, model.parametrization.tolerance)
-        )
-        for name, value in reference.items()
+        Difference(name, relative(native.get(name), value), allowed(name, *limits)) for name, value in reference.items()
     ]
 
 
-def _reference(model, point, v, a, u):
-    q_free, rho, parametrization = point.q_free, point.rho, model.parametrization
-    q, constraints, v_free = model.alpha(q_free), parametrization.constraints, rho @ v
+def _reference(model, state, v, a, u):
+    q_free, constraints = state.q_free, model.parametrization.constraints
+    q = model.alpha(q_free)
     value = constraints.value(q_free)
     yield from {"sigma": q_free, "phi": value.phi, "jacobian": value.jacobian}.items()
-    yield "jacobian_rate", constraints.rate(q_free, v_free).jacobian_rate
+    yield "jacobian_rate", constraints.rate(value, state.v_free(v))
     terms = model.terms(q, v, q_free)
     yield from ((name, getattr(terms, name)) for name in ("v_free", "rho", "rho_dot", "D", "C", "g"))
-    a_free = rho @ a + parametrization.bias(point, v_free)
-    yield "tau", rho.T @ model.free_system.inverse_dynamics(q_free, v_free, a_free)
+    yield "tau", state.tau(v, a)
     yield "gravity", model.gravity(q, q_free)
     yield "energy", np.array(model.energy(q, v, q_free))
     yield "acceleration", model.forward_dynamics(q, v, u, q_free)
@@ -98,11 +95,11 @@ def _reference(model, point, v, a, u):
     yield from model.forward_dynamics_derivatives(q, v, u, q_free)._asdict().items()
 
 
-def _native(kernel, point, q, guess, v, a, u):
-    q_free, names = point.q_free, ("q_free", "v_free", "rho", "rho_dot", "D", "C", "g")
+def _native(kernel, state, q, guess, v, a, u):
+    q_free, names = state.q_free, ("q_free", "v_free", "rho", "rho_dot", "D", "C", "g")
     yield "sigma", kernel.sigma(q, guess)
     yield from zip(("phi", "jacobian"), kernel.constraints(q_free), strict=True)
-    yield "jacobian_rate", kernel.constraint_rate(q_free, point.rho @ v)
+    yield "jacobian_rate", kernel.constraint_rate(q_free, state.v_free(v))
     yield from zip(names[1:], kernel.terms(q_free, v)[1:], strict=True)
     yield "tau", kernel.generalized_force(q_free, v, a)
     yield "gravity", kernel.gravity(q_free)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from ccpin.description import MechanismDescription
 from ccpin.description.mjcf.reader import read_mjcf
-from ccpin.description.model import MechanismDescription
 from tests.support.places import SHARED
 
 CASSIE = SHARED / "cassie_closed_chain.xml"

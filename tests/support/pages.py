@@ -14,6 +14,7 @@ import pinocchio as pin
 import umsgpack
 
 import ccpin
+from tests.support.paper import GOAL, START
 
 
 @functools.cache
@@ -28,7 +29,7 @@ def five_bar_swing():
     model = ccpin.ReducedModel(five_bar())
     t = np.arange(61) / 30
     share = (1 - np.cos(np.pi * t / 2)) / 2
-    poses = [model.sigma(q) for q in np.deg2rad([-150.0, -160.0]) + share[:, None] * np.deg2rad([60.0, 60.0])]
+    poses = [model.sigma(q) for q in START + share[:, None] * (GOAL - START)]
     return t, np.array(poses)
 
 

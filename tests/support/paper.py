@@ -1,8 +1,15 @@
-"""The paper's case study as the tests use it: its modes, and its q′ in the mechanism's order and back."""
+"""The paper's case study as the tests use it: its move, gains and modes, its q′ in the mechanism's order and back."""
 
 import numpy as np
 
 from tests.oracles import rpdr as oracle
+
+START, GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
+K_P, K_V = np.array([11.0, 11.0]), np.array([0.65, 0.60])
+FRICTION = {"joint1": (0.2, 0.02), "joint2": (0.2, 0.02)}
+MOVE_OPTIONS = ("--start-deg", "-150", "-160", "--goal-deg", "-90", "-100", "--kp", "11", "--kv", "0.65", "0.60")
+for _array in (START, GOAL, K_P, K_V):
+    _array.flags.writeable = False
 
 MODES = (1, -1)
 COUNT = 1000

@@ -12,8 +12,7 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from ccpin import Inertia, Joint, Link, LoopClosure, MechanismDescription
-from ccpin.description.model import CLOSURE_KINDS
+from ccpin.description import CLOSURE_KINDS, Inertia, Joint, Link, LoopClosure, MechanismDescription
 
 DOF = {"revolute": 1, "continuous": 1, "prismatic": 1, "spherical": 3, "planar": 3, "floating": 6}
 ROWS = {
@@ -214,7 +213,7 @@ def _joint_kinds(draw, planar, least):
 
 
 @st.composite
-def mechanisms(draw, planar=None, kinds=CLOSURE_KINDS, max_loops=2):
+def mechanisms(draw, planar=None, kinds=tuple(CLOSURE_KINDS), max_loops=2):
     """A random mechanism with one or two loops, each with at least one freedom more than its closure takes.
 
     Args:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control.stability.theorem3 import certify_law
-from ccpin.description.model import CLOSURE_KINDS
+from ccpin.control import certify_law
+from ccpin.description import CLOSURE_KINDS
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
@@ -21,8 +21,7 @@ flint = pytest.importorskip("flint")
 
 from ccpin.validated import certify_move, enclose  # noqa: E402
 from ccpin.validated.balls import ball  # noqa: E402
-from ccpin.validated.chains import tree_joints  # noqa: E402
-from ccpin.validated.closure_rows import closure_rows  # noqa: E402
+from ccpin.validated.chains import closure_rows, exact_joints  # noqa: E402
 from ccpin.validated.defect import defect  # noqa: E402
 from ccpin.validated.dynamics import closed_loop  # noqa: E402
 from ccpin.validated.enclose import (  # noqa: E402
@@ -30,11 +29,11 @@ from ccpin.validated.enclose import (  # noqa: E402
     exact_start,
     regular,
 )
-from ccpin.validated.series import all_series, gradients, taylor, values  # noqa: E402
+from ccpin.validated.series import all_series, gradients, values  # noqa: E402
 from ccpin.validated.step import Field, Options, Step, attempt, evaluate, march, start_box, start_of  # noqa: E402
 from ccpin.validated.tape import Tape  # noqa: E402
+from tests.support.paper import GOAL, K_V, START  # noqa: E402
 
-Q_START, Q_GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
 FREE = [0, 2, 1, 3]  # the paper's (q1, q2, q3, q4) in ccpin's order (q1, q3, q2, q4)
 
 
@@ -50,18 +49,18 @@ def law(rpdr_model):
 
 
 def paper_law(model, K_p=(11.0, 11.0)):
-    return ccpin.control.PDSimpleGravity(model, Q_GOAL, K_p, [0.65, 0.60])
+    return ccpin.control.PDSimpleGravity(model, GOAL, K_p, K_V)
 
 
 @pytest.fixture(scope="module")
 def motion(rpdr_model, law):
     """The first 0.1 s of the paper's move, by an ordinary integrator."""
-    return accurately(rpdr_model, law, Q_START, None, 0.1)
+    return accurately(rpdr_model, law, START, None, 0.1)
 
 
 @pytest.fixture(scope="module")
 def enclosure(rpdr_model, law):
-    return enclose(rpdr_model, law, Q_START, None, 0.1)
+    return enclose(rpdr_model, law, START, None, 0.1)
 
 
 def accurately(model, controller, q0, v0, duration):
@@ -106,7 +105,7 @@ def test_recorded_closures(kind, planar):
     description = growth.drawn().description
     tree = build_tree(description)
     constraints = Constraints(tree, description.closures, ())
-    joints = tree_joints(tree, {joint.name: joint.axis for joint in description.joints})
+    joints = exact_joints(tree)
     tape = Tape(len(joints))
     program = tape.program(closure_rows(tape, constraints, joints, tape.inputs))
     q_free = np.random.default_rng(4).normal(size=len(joints))
@@ -164,7 +163,7 @@ def test_a_solution_that_escapes_is_not_followed_beyond_its_end():
 def test_defect_bounds_the_defect(rpdr_model, law):
     """|p′ − f(p)| evaluated along a step stays below its bound, and comes near it at the end."""
     loop = closed_loop(rpdr_model, law)
-    start = exact_start(rpdr_model, loop, Q_START, [1.0, -2.0], None)
+    start = exact_start(rpdr_model, loop, START, [1.0, -2.0], None)
     series, h = all_series(loop.field, [x.mid() for x in start], 12), ball(2.0**-7)
     polynomial = series[: loop.field.inputs]
     slope = [[k * c for k, c in enumerate(row)][1:] for row in polynomial]
@@ -182,9 +181,9 @@ def test_defect_bounds_the_defect(rpdr_model, law):
 def test_exact_start(rpdr_model):
     """Krawczyk's box holds the closed form of σ, is as small as the precision, and is on the guess's branch."""
     loop = closed_loop(rpdr_model, None)
-    q = balls(Q_START)
+    q = balls(START)
     for mode in (1.0, -1.0):
-        expected = oracle.sigma(Q_START, mode)[FREE]
+        expected = oracle.sigma(START, mode)[FREE]
         box = closed_start(loop, q, expected)
         np.testing.assert_allclose(np.angle(np.exp(1j * (numbers(box) - expected))), 0.0, rtol=0, atol=1e-14)
         assert max(float(x.rad()) for x in box) < 1e-35
@@ -213,7 +212,7 @@ def test_encloses_what_an_integrator_computes(enclosure, motion):
 
 def test_enclosures_of_other_orders_and_precisions_overlap(rpdr_model, law, enclosure):
     """Both hold the one exact trajectory, so their boxes meet at every time."""
-    other = enclose(rpdr_model, law, Q_START, None, 0.1, precision=192, order=22, tolerance=1e-22, pieces=5)
+    other = enclose(rpdr_model, law, START, None, 0.1, precision=192, order=22, tolerance=1e-22, pieces=5)
     for t in np.linspace(0.0, 0.1, 41):
         assert all(a.overlaps(b) for a, b in zip(enclosure.box(t), other.box(t), strict=True))
 
@@ -243,8 +242,8 @@ def test_a_wrong_model_does_not_contain_the_motion(rpdr, rpdr_model, law, motion
         )
         model = ccpin.ReducedModel(ccpin.load(replace(rpdr.description, links=links)))
     else:
-        guess = oracle.sigma(Q_START, -1.0)[FREE]
-    other = enclose(model, controller, Q_START, None, 0.05, guess=guess)
+        guess = oracle.sigma(START, -1.0)[FREE]
+    other = enclose(model, controller, START, None, 0.05, guess=guess)
     k = 50
     assert motion.t[k] == pytest.approx(0.05)
     assert not other.contains(min(motion.t[k], other.times[-1]), motion.q_free[k], motion.v[k], tolerance=1e-8)
@@ -253,7 +252,7 @@ def test_a_wrong_model_does_not_contain_the_motion(rpdr, rpdr_model, law, motion
 def test_a_step_that_is_too_long_fails(rpdr_model, law):
     """The hypotheses do not hold for a step of 0.25 s, and do for one of 2⁻⁸ s."""
     loop = closed_loop(rpdr_model, law)
-    start = start_of(exact_start(rpdr_model, loop, Q_START, None, None))
+    start = start_of(exact_start(rpdr_model, loop, START, None, None))
     series = all_series(loop.field, start.centre, 20)
     assert isinstance(attempt(regular(loop), start, series, 2.0**-8, 8), Step)
     refused = attempt(regular(loop), start, series, 0.25, 8)
@@ -290,7 +289,7 @@ def test_closed_loop_dissipates(enclosure, motion, law):
     assert all(later < earlier for earlier, later in pairwise(steps))
     samples = [values(enclosure.loop.lyapunov, enclosure.box(t))[0] for t in motion.t]
     drop = float((samples[0] - samples[-1]).mid())
-    power = np.einsum("ti,i,ti->t", motion.v, [0.65, 0.60], motion.v)
+    power = np.einsum("ti,i,ti->t", motion.v, K_V, motion.v)
     simpson = np.sum((power[:-2:2] + 4 * power[1:-1:2] + power[2::2]) / 3e3)
     assert drop == pytest.approx(simpson, rel=1e-6)
     own = law.lyapunov(motion.q[0], motion.v[0]) - law.lyapunov(motion.q[-1], motion.v[-1])
@@ -300,12 +299,12 @@ def test_closed_loop_dissipates(enclosure, motion, law):
 def test_spread_holds_every_start(rpdr_model, law):
     """With a spread the corners' motions lie in the enclosure, the centre's widened ones do not."""
     spread = 1e-5
-    wide = enclose(rpdr_model, law, Q_START, None, 0.03, spread=spread)
+    wide = enclose(rpdr_model, law, START, None, 0.03, spread=spread)
     for corner in (1.0, 1.0), (1.0, -1.0), (-1.0, -1.0):
-        sample = accurately(rpdr_model, law, Q_START + spread * np.array(corner), spread * np.array(corner), 0.03)
+        sample = accurately(rpdr_model, law, START + spread * np.array(corner), spread * np.array(corner), 0.03)
         for t, q_free, v in zip(sample.t, sample.q_free, sample.v, strict=True):
             assert wide.contains(t, q_free, v, tolerance=1e-10)
-    far = accurately(rpdr_model, law, Q_START + 1000 * spread, None, 0.03)
+    far = accurately(rpdr_model, law, START + 1000 * spread, None, 0.03)
     assert not wide.contains(far.t[-1], far.q_free[-1], far.v[-1], tolerance=1e-10)
 
 
@@ -323,11 +322,11 @@ def test_other_mechanisms(name):
 
 def test_the_papers_move_is_certified(rpdr_model, law):
     """From 𝒱 = 13.1 J the move is proven to reach 𝒱 < 2.9 J on q_d's branch; an integrator agrees with T and 𝒱."""
-    move = certify_move(rpdr_model, law, Q_START, arrival=2.9)
+    move = certify_move(rpdr_model, law, START, arrival=2.9)
     assert move.covered
     assert not move.rigorous  # a plain number
-    assert move.lyapunov_start == pytest.approx(law.lyapunov(Q_START, np.zeros(2)), abs=1e-9)
-    sample = accurately(rpdr_model, law, Q_START, None, move.time)
+    assert move.lyapunov_start == pytest.approx(law.lyapunov(START, np.zeros(2)), abs=1e-9)
+    sample = accurately(rpdr_model, law, START, None, move.time)
     assert move.lyapunov == pytest.approx(law.lyapunov(sample.q[-1], sample.v[-1], sample.q_free[-1]), abs=1e-8)
     assert move.lyapunov < 2.9 < move.lyapunov_start
     assert move.enclosure.smallest_determinant > 0.05
@@ -335,25 +334,25 @@ def test_the_papers_move_is_certified(rpdr_model, law):
 
 def test_moves_that_are_not_proven_say_why(rpdr_model, law):
     """Too little time, and a state on the other assembly mode, however large the level: not covered."""
-    early = certify_move(rpdr_model, law, Q_START, arrival=2.9, duration=0.05)
+    early = certify_move(rpdr_model, law, START, arrival=2.9, duration=0.05)
     assert not early.covered
     assert "not proven to arrive" in early.message
-    other = oracle.sigma(Q_GOAL, -1.0)[FREE]
-    wrong = certify_move(rpdr_model, law, Q_GOAL, arrival=1e3, duration=0.002, guess=other)
+    other = oracle.sigma(GOAL, -1.0)[FREE]
+    wrong = certify_move(rpdr_model, law, GOAL, arrival=1e3, duration=0.002, guess=other)
     assert not wrong.covered
     assert "branch" in wrong.message
 
 
 def test_spread_of_a_certified_move(rpdr_model, law):
     """Every start within 1e-6 rad and rad/s is covered too."""
-    assert certify_move(rpdr_model, law, Q_START, arrival=2.9, spread=1e-6, pieces=32).covered
+    assert certify_move(rpdr_model, law, START, arrival=2.9, spread=1e-6, pieces=32).covered
 
 
 @pytest.mark.slow
 def test_from_the_papers_start_to_rest(rpdr_model, law):
     """With Theorem 3's own certificate the whole statement is proven: from 13.1 J into B₂ and to rest at q_d."""
     certificate = certify_law(law)
-    move = certify_move(rpdr_model, law, Q_START, arrival=certificate)
+    move = certify_move(rpdr_model, law, START, arrival=certificate)
     assert move.covered
     assert move.rigorous
     assert move.lyapunov < certificate.level < move.lyapunov_start
@@ -364,11 +363,11 @@ def test_from_the_papers_start_to_rest(rpdr_model, law):
 @pytest.mark.slow
 def test_the_whole_move_is_enclosed(rpdr_model, law):
     """0.6 s of the paper's move, to rest within 1e-2 rad of the goal, agrees with the integrator throughout."""
-    whole = enclose(rpdr_model, law, Q_START, None, 0.6, pieces=32)
-    sample = accurately(rpdr_model, law, Q_START, None, 0.6)
+    whole = enclose(rpdr_model, law, START, None, 0.6, pieces=32)
+    sample = accurately(rpdr_model, law, START, None, 0.6)
     assert whole.status == "enclosed"
     assert all(whole.contains(*state, tolerance=1e-9) for state in zip(sample.t, sample.q_free, sample.v, strict=True))
-    np.testing.assert_allclose(whole.at(0.6).q_free[[0, 2]], Q_GOAL, rtol=0, atol=1e-2)
+    np.testing.assert_allclose(whole.at(0.6).q_free[[0, 2]], GOAL, rtol=0, atol=1e-2)
 
 
 @pytest.mark.slow
@@ -388,13 +387,13 @@ def test_scope(rpdr_model):
     with pytest.raises(UnsupportedMechanismError, match="square"):
         enclose(ccpin.ReducedModel(ccpin.load("bennett")), None, [0.5], None, 0.01)
     with pytest.raises(UnsupportedMechanismError, match="TorqueFunction"):
-        enclose(rpdr_model, ccpin.control.TorqueFunction(lambda t, q, v: q), Q_START, None, 0.01)
+        enclose(rpdr_model, ccpin.control.TorqueFunction(lambda t, q, v: q), START, None, 0.01)
     with pytest.raises(InvalidInputError, match="shape"):
         enclose(rpdr_model, None, [0.0], None, 0.01)
     growth = Growth(np.random.default_rng(0))
     growth.grow("base", ["spherical"])
     with pytest.raises(UnsupportedMechanismError, match="spherical"):
-        tree_joints(build_tree(growth.drawn().description), {})
+        exact_joints(build_tree(growth.drawn().description))
 
 
 @pytest.mark.parametrize(
@@ -411,7 +410,7 @@ def test_scope(rpdr_model):
 )
 def test_bad_arguments(rpdr_model, bad):
     """Arguments out of range are named."""
-    arguments = {"q0": Q_START, "v0": None, "duration": 0.01, **bad}
+    arguments = {"q0": START, "v0": None, "duration": 0.01, **bad}
     with pytest.raises(InvalidInputError, match=next(iter(bad)).partition("_")[0]):
         enclose(rpdr_model, None, **arguments)
 
@@ -419,16 +418,16 @@ def test_bad_arguments(rpdr_model, bad):
 def test_bad_arrivals(rpdr_model, law, enclosure):
     """A level that is not positive, a certificate of another law and a time not covered are refused."""
     with pytest.raises(InvalidInputError, match="positive"):
-        certify_move(rpdr_model, law, Q_START, arrival=0.0)
+        certify_move(rpdr_model, law, START, arrival=0.0)
 
     class Other:
         level, rigorous = 1.0, True
         law = paper_law(rpdr_model, [12.0, 12.0])
 
     with pytest.raises(InvalidInputError, match="another"):
-        certify_move(rpdr_model, law, Q_START, arrival=Other())
+        certify_move(rpdr_model, law, START, arrival=Other())
     with pytest.raises(InvalidInputError, match="simple gravity"):
-        certify_move(rpdr_model, None, Q_START, arrival=1.0)
+        certify_move(rpdr_model, None, START, arrival=1.0)
     with pytest.raises(InvalidInputError, match="not covered"):
         enclosure.box(1.0)
 
@@ -437,15 +436,15 @@ def test_python_flint_is_optional(rpdr_model, monkeypatch):
     """Without python-flint the error names the extra to install."""
     monkeypatch.setitem(sys.modules, "flint", None)
     with pytest.raises(CcpinError, match=r"ccpin\[validated\]"):
-        enclose(rpdr_model, None, Q_START, None, 0.01)
+        enclose(rpdr_model, None, START, None, 0.01)
 
 
 def test_taylor_coefficients_are_derivatives(rpdr_model, law):
     """x₁ = f(x₀) and 2x₂ = f′(x₀)f(x₀)."""
     loop = closed_loop(rpdr_model, law)
-    state = exact_start(rpdr_model, loop, Q_START, [3.0, -1.0], None)
+    state = exact_start(rpdr_model, loop, START, [3.0, -1.0], None)
     rates, slopes = numbers(values(loop.field, state)), np.array([numbers(row) for row in gradients(loop.field, state)])
-    coefficients = taylor(loop.field, state, 2)
+    coefficients = all_series(loop.field, state, 2)[: loop.field.inputs]
     np.testing.assert_allclose(numbers([c[1] for c in coefficients]), rates, rtol=1e-13)
     np.testing.assert_allclose(2 * numbers([c[2] for c in coefficients]), slopes @ rates, rtol=1e-12)
 

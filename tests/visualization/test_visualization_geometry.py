@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import ccpin
 from ccpin import visualization
+from ccpin.description import Shape, Visual
 from ccpin.visualization.scene import ASPECT, FIELD_OF_VIEW, FILL, frame_points, plane_normal
 from ccpin.visualization.shapes import corners, parts, read_mesh, tube
 from tests.support.pages import bare, five_bar
@@ -33,11 +34,11 @@ def test_tube_is_as_thick_as_asked_for():
 
 
 SHAPES = {
-    "box": (ccpin.Shape("box", (1.0, 2.0, 3.0)), [0.5, 1.0, 1.5]),
-    "cylinder": (ccpin.Shape("cylinder", (0.5, 3.0)), [0.5, 0.5, 1.5]),
-    "capsule": (ccpin.Shape("capsule", (0.5, 3.0)), [0.5, 0.5, 2.0]),
-    "sphere": (ccpin.Shape("sphere", (0.7,)), [0.7, 0.7, 0.7]),
-    "ellipsoid": (ccpin.Shape("ellipsoid", (0.1, 0.2, 0.3)), [0.1, 0.2, 0.3]),
+    "box": (Shape("box", (1.0, 2.0, 3.0)), [0.5, 1.0, 1.5]),
+    "cylinder": (Shape("cylinder", (0.5, 3.0)), [0.5, 0.5, 1.5]),
+    "capsule": (Shape("capsule", (0.5, 3.0)), [0.5, 0.5, 2.0]),
+    "sphere": (Shape("sphere", (0.7,)), [0.7, 0.7, 0.7]),
+    "ellipsoid": (Shape("ellipsoid", (0.1, 0.2, 0.3)), [0.1, 0.2, 0.3]),
 }
 
 
@@ -69,7 +70,7 @@ def test_meshes_are_read(tmp_path, suffix):
     trimesh = pytest.importorskip("trimesh")
     path = tmp_path / f"box.{suffix}"
     trimesh.creation.box((1.0, 2.0, 3.0)).export(path)
-    shape = ccpin.Shape("mesh", (2.0, 1.0, 1.0), mesh=str(path))
+    shape = Shape("mesh", (2.0, 1.0, 1.0), mesh=str(path))
     assert np.abs(corners(shape)) == pytest.approx(np.tile([1.0, 1.0, 1.5], (8, 1)))
     assert len(read_mesh(str(path)).vertices) == 24
 
@@ -78,7 +79,7 @@ def test_missing_or_broken_mesh_is_left_out_with_a_note(rpdr, tmp_path):
     """The rest of the mechanism is drawn, and the notes say what is not."""
     broken = tmp_path / "broken.stl"
     broken.write_bytes(b"solid nothing")
-    meshes = tuple(ccpin.Visual(ccpin.Shape("mesh", (1.0, 1.0, 1.0), mesh=str(m))) for m in ("absent.obj", broken))
+    meshes = tuple(Visual(Shape("mesh", (1.0, 1.0, 1.0), mesh=str(m))) for m in ("absent.obj", broken))
     links = tuple(
         replace(link, visuals=link.visuals + meshes * (link.name == "link1")) for link in rpdr.description.links
     )

@@ -8,7 +8,6 @@ import os
 import sys
 from collections.abc import Sequence
 
-import ccpin
 from ccpin.cli.domain import add_domain
 from ccpin.cli.info import add_info, add_modes
 from ccpin.cli.simulate import add_simulate
@@ -39,11 +38,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="ccpin", description="Reduced models of closed-chain mechanisms.")
-    parser.add_argument("--version", action="version", version=f"ccpin {ccpin.__version__}")
+    version = sys.modules["ccpin"].__version__  # type: ignore[attr-defined]  # of the package this one is a part of
+    parser.add_argument("--version", action="version", version=f"ccpin {version}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
-    add_info(commands)
-    add_modes(commands)
-    add_simulate(commands)
-    add_domain(commands)
-    add_view(commands)
+    for add in (add_info, add_modes, add_simulate, add_domain, add_view):
+        add(commands)
     return parser

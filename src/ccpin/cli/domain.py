@@ -12,11 +12,13 @@ from typing import Any
 
 import numpy as np
 
-import ccpin
 from ccpin.arrays import Array
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
+from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
+
+SHARES = ("certified", "undecided", "unreached", "empty")
 
 
 def add_domain(commands: Any) -> None:
@@ -29,6 +31,7 @@ def add_domain(commands: Any) -> None:
     parser.add_argument("--atlas", action="store_true", help="map the whole q-space (or --lower … --upper …), n ≤ 3")
     parser.add_argument("--depth", type=int, metavar="N", help="how often an edge of the region may be halved")
     parser.add_argument("--checkpoint", type=Path, metavar="DIR", help="keep finished chunks there; a rerun resumes")
+    parser.add_argument("--workers", type=int, metavar="N", help="share the work among N processes (default: this one)")
     parser.add_argument("--scheduler", metavar="ADDRESS", help="run on a Dask cluster, e.g. tcp://127.0.0.1:8786")
     parser.add_argument("--save", type=Path, metavar="NPZ", help="write the atlas")
     parser.add_argument("--plot", type=Path, metavar="DIR", help="write figures there (n = 2)")
@@ -40,14 +43,20 @@ def _domain(options: argparse.Namespace) -> int:
 
     mechanism = load(options)
     centre = vector(options, "centre", mechanism)
-    q_free = mechanism.q_reference if centre is None else ccpin.ReducedModel(mechanism).sigma(centre)
+    q_free = mechanism.q_reference if centre is None else ReducedModel(mechanism).sigma(centre)
     centre = domain.scalar_coordinates_at(mechanism, q_free)
-    result: dict[str, Any] = {"centre": centre.tolist(), "q_free": q_free.tolist()}
-    result |= _radii(mechanism, q_free)
+    theorem = domain.theorem2(mechanism, q_free)
+    result: dict[str, Any] = {
+        "centre": centre.tolist(),
+        "q_free": q_free.tolist(),
+        "theorem2_radius": theorem.radius,
+        "theorem2_form": theorem.description,
+        "kantorovich_radius": domain.kantorovich_radius(mechanism, q_free, bounds="auto"),
+    }
     region = _region(options, mechanism)
-    atlas = None
-    if options.atlas or region is not None or mechanism.n <= 2 or options.save or options.plot:
-        depth = options.depth if options.atlas or region is not None or options.plot else 0
+    atlas, mapped = None, options.atlas or region is not None or options.plot
+    if mapped or mechanism.n <= 2 or options.save:
+        depth = options.depth if mapped else 0
         with _executor(options.scheduler) as executor, _progress_bar(options.json) as progress:
             atlas = domain.certify(
                 mechanism,
@@ -55,6 +64,7 @@ def _domain(options: argparse.Namespace) -> int:
                 region,
                 q_free,
                 max_depth=depth,
+                workers=options.workers,
                 executor=executor,
                 checkpoint=options.checkpoint,
                 progress=progress,
@@ -68,40 +78,21 @@ def _domain(options: argparse.Namespace) -> int:
     return 0 if atlas is None or atlas.complete else 130
 
 
-def _region(options: argparse.Namespace, mechanism: Mechanism) -> Array | None:
+def _region(options: argparse.Namespace, mechanism: Mechanism) -> tuple[Array, Array] | None:
     lower, upper = vector(options, "lower", mechanism), vector(options, "upper", mechanism)
     if (lower is None) != (upper is None):
         raise InvalidInputError("a region needs both its lower and its upper corner")
-    return None if lower is None or upper is None else np.column_stack([lower, upper])
-
-
-def _radii(mechanism: Mechanism, q_free: Array) -> dict[str, Any]:
-    from ccpin import domain
-
-    theorem = domain.theorem2(mechanism, q_free)
-    return {
-        "theorem2_radius": theorem.radius,
-        "theorem2_form": theorem.description,
-        "kantorovich_radius": domain.kantorovich_radius(mechanism, q_free, bounds="auto"),
-    }
+    return None if lower is None or upper is None else (lower, upper)
 
 
 def _atlas_facts(atlas: Any) -> dict[str, Any]:
-    return {
-        "radius": atlas.radius,
-        "boxes": len(atlas.lower),
-        "certified_fraction": atlas.certified_fraction,
-        "undecided_fraction": atlas.undecided_fraction,
-        "unreached_fraction": atlas.unreached_fraction,
-        "empty_fraction": atlas.empty_fraction,
-        "single_valued": atlas.single_valued,
-        "complete": atlas.complete,
-    }
+    facts = (*(f"{share}_fraction" for share in SHARES), "single_valued", "complete")
+    return {"radius": atlas.radius, "boxes": len(atlas.lower)} | {name: getattr(atlas, name) for name in facts}
 
 
 @contextlib.contextmanager
 def _executor(scheduler: str | None) -> Iterator[Any]:
-    """A Dask cluster's executor, or ``None`` for ccpin's own choice."""
+    """A Dask cluster's executor, or ``None``."""
     if scheduler is None:
         yield None
         return
@@ -145,7 +136,7 @@ def _plot_domain(mechanism: Mechanism, atlas: Any, out: Path) -> None:
 
 def _domain_in_words(mechanism: Mechanism, result: dict[str, Any]) -> str:
     def size(name: str, value: float) -> str:
-        angular = all(mechanism.tree.kinds[j.partition(":")[0]] != "prismatic" for j in mechanism.independent)
+        angular = not any(mechanism.tree.joint(j.partition(":")[0]).kind.sliding for j in mechanism.independent)
         return f"{name:<28}{np.degrees(value):.4f}°" if angular else f"{name:<28}{value:.6g} (rad or m)"
 
     lines = [
@@ -155,10 +146,7 @@ def _domain_in_words(mechanism: Mechanism, result: dict[str, Any]) -> str:
     ]
     if "atlas" in result:
         atlas = result["atlas"]
-        shares = ", ".join(
-            f"{100 * atlas[f'{name}_fraction']:.3f} % {name}"
-            for name in ("certified", "undecided", "unreached", "empty")
-        )
+        shares = ", ".join(f"{100 * atlas[f'{share}_fraction']:.3f} % {share}" for share in SHARES)
         lines += [size("atlas", atlas["radius"]), f"atlas: {atlas['boxes']} boxes; {shares} of the region"]
         lines += [] if atlas["single_valued"] else ["warning: not single-valued; some shared faces are unglued"]
         lines += [] if atlas["complete"] else ["interrupted: what is listed is certified, the rest was not reached"]

@@ -8,11 +8,12 @@ from typing import Any
 
 import numpy as np
 
-import ccpin
-from ccpin import native
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
+from ccpin.description.joint_kinds import JOINT_KINDS
+from ccpin.dynamics import ReducedModel
 from ccpin.dynamics.modes import assembly_modes
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.native import backend
 
 
 def add_info(commands: Any) -> None:
@@ -37,7 +38,7 @@ def add_modes(commands: Any) -> None:
 
 def _modes(options: argparse.Namespace) -> None:
     mechanism = load(options)
-    model = ccpin.ReducedModel(mechanism)
+    model = ReducedModel(mechanism)
     q = vector(options, "q", mechanism)
     found = assembly_modes(model, model.alpha(mechanism.q_reference) if q is None else q)
     if options.json:
@@ -53,9 +54,6 @@ def _modes(options: argparse.Namespace) -> None:
         print(f"  q′ = {np.array2string(mode.q_free, precision=6, separator=', ')}")
 
 
-# What `ccpin info` says: a mechanism summarised as plain data and in words.
-
-
 def summary(mechanism: Mechanism) -> dict[str, Any]:
     """A JSON-ready summary: sizes, rank, mobility, joints, closure error and conditioning at the reference.
 
@@ -66,14 +64,10 @@ def summary(mechanism: Mechanism) -> dict[str, Any]:
     constraints = parametrization.constraints
     factor = parametrization.at(mechanism.q_reference).factor
     residual = constraints.residual(mechanism.q_reference)
-    model, mobility = mechanism.pin_model, mechanism.mobility
+    model, mobility = mechanism.tree.model, mechanism.mobility
     joints = [
-        {
-            "name": model.names[j],
-            "type": mechanism.tree.kinds[model.names[j]],
-            "reference": mechanism.q_reference[model.idx_qs[j] : model.idx_qs[j] + model.nqs[j]].tolist(),
-        }
-        for j in range(1, model.njoints)
+        {"name": joint.name, "type": joint.kind.name, "reference": mechanism.q_reference[joint.q].tolist()}
+        for joint in mechanism.tree.joints
     ]
     rows = constraints.row_slices()
     return {
@@ -105,7 +99,7 @@ def summary(mechanism: Mechanism) -> dict[str, Any]:
         "assembly_mode": {"sign_det_psi": factor.sign, "q_free": mechanism.q_reference.tolist()},
         "mass": float(sum(model.inertias[j].mass for j in range(1, model.njoints))),
         "notes": list(mechanism.notes),
-        "backend": native.backend()._asdict(),
+        "backend": backend()._asdict(),
     }
 
 
@@ -138,11 +132,8 @@ def in_words(facts: dict[str, Any]) -> str:
 
 
 def _value(joint: dict[str, Any]) -> str:
-    values = joint["reference"]
-    if joint["type"] == "revolute":
-        return f"{np.degrees(values[0]):.4f}°"
-    if joint["type"] == "continuous":
-        return f"{np.degrees(np.arctan2(values[1], values[0])):.4f}°"
-    if joint["type"] == "prismatic":
-        return f"{values[0]:.6g} m"
+    values, kind = joint["reference"], JOINT_KINDS[joint["type"]]
+    if kind.nv == 1:
+        value = float(kind.theta(np.array(values), np.eye(3))[0])
+        return f"{value:.6g} m" if kind.sliding else f"{np.degrees(value):.4f}°"
     return "(" + ", ".join(f"{value:.6g}" for value in values) + ")"

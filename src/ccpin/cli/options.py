@@ -1,4 +1,4 @@
-"""What the commands share: mechanism and vector options."""
+"""The options commands share: the mechanism, vectors with their twins in degrees, and the bench as it is."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-import ccpin
 from ccpin.arrays import Array
 from ccpin.control.sampling import Sampling
 from ccpin.errors import InvalidInputError
+from ccpin.mechanism import load as load_mechanism
 from ccpin.mechanism.mechanism import Mechanism
 
 
@@ -26,7 +26,7 @@ def add_mechanism(parser: argparse.ArgumentParser) -> None:
 
 def load(options: argparse.Namespace) -> Mechanism:
     """The mechanism the options name."""
-    return ccpin.load(
+    return load_mechanism(
         options.mechanism,
         independent=options.independent,
         actuated=options.actuated,
@@ -53,20 +53,18 @@ def vector(options: argparse.Namespace, name: str, mechanism: Mechanism) -> Arra
         return None if plain is None else np.array(plain, dtype=np.float64)
     for coordinate in mechanism.independent:
         joint, _, component = coordinate.partition(":")
-        if mechanism.tree.kinds[joint] != "revolute" and not component.startswith("r"):
+        kind = mechanism.tree.joint(joint).kind
+        if not kind.angle and not component.startswith("r"):
             raise InvalidInputError(
                 f"--{name}-deg is for mechanisms whose independent coordinates are all angles; '{coordinate}' "
-                f"({mechanism.tree.kinds[joint]}) is none: give --{name} in rad and m, a continuous joint as its "
+                f"({kind.name}) is none: give --{name} in rad and m, a continuous joint as its "
                 "cosine and sine"
             )
     return np.asarray(np.radians(degrees), dtype=np.float64)
 
 
-# The options of `ccpin simulate` that make the simulated bench a real one: friction and the sampled loop.
-
-
 def add_bench(parser: argparse.ArgumentParser) -> None:
-    """Friction, sampling, encoders, filter, saturation and delay; each off by default."""
+    """What makes a simulated bench a real one: friction, sampling, encoders, filter, saturation and delay."""
     bench = parser.add_argument_group("the bench as it is", "each off by default")
     bench.add_argument("--friction-coulomb", nargs="+", type=float, metavar="F", help="N m or N, one or n")
     bench.add_argument("--friction-viscous", nargs="+", type=float, metavar="B", help="N m s/rad or N s/m, one or n")
@@ -85,7 +83,8 @@ def bench_settings(options: argparse.Namespace, n: int) -> dict[str, Any]:
     """
     settings: dict[str, Any] = {}
     if options.friction_coulomb is not None or options.friction_viscous is not None:
-        settings["friction"] = (_each(options.friction_coulomb, n), _each(options.friction_viscous, n))
+        levels = (options.friction_coulomb, options.friction_viscous)
+        settings["friction"] = tuple([0.0] * n if level is None else each(level, n) for level in levels)
     sampled = {
         "encoder_counts": _numbers(options.encoder_counts),
         "velocity_cutoff": options.velocity_cutoff_hz,
@@ -101,9 +100,8 @@ def bench_settings(options: argparse.Namespace, n: int) -> dict[str, Any]:
     return settings
 
 
-def _each(values: list[float] | None, n: int) -> list[float]:
-    """One number for each independent coordinate (0 where none is given)."""
-    values = [0.0] if values is None else values
+def each(values: list[float], n: int) -> list[float]:
+    """The numbers of an option that takes one or n, as n."""
     return values * n if len(values) == 1 else values
 
 

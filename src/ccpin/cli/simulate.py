@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 
-import ccpin
 from ccpin.arrays import Array
-from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, load, vector
+from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, each, load, vector
 from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.simulation.in_core import Settling
+from ccpin.simulation import simulate as run_simulation
 from ccpin.simulation.metrics import set_point_metrics
-from ccpin.simulation.simulate import METHODS
+from ccpin.simulation.simulate import METHODS, Settling
 from ccpin.simulation.supervision import SupervisedMotion, supervise
 from ccpin.simulation.trajectory import Trajectory
 
@@ -48,14 +48,14 @@ def add_simulate(commands: Any) -> None:
 
 def _simulate(options: argparse.Namespace) -> int:
     mechanism = load(options)
-    model = ccpin.ReducedModel(mechanism)
+    model = ReducedModel(mechanism)
     start, goal = vector(options, "start", mechanism), vector(options, "goal", mechanism)
     start = model.alpha(mechanism.q_reference) if start is None else start
     goal = start if goal is None else goal
     settings = {"method": options.method, "rtol": options.rtol, "atol": options.atol} | bench_settings(options, model.n)
     if options.cycles is None:
         law = _law(model, options, goal, model.sigma(start))
-        trajectory = ccpin.simulate(model, law, start, duration=options.duration, **settings)
+        trajectory = run_simulation(model, law, start, duration=options.duration, **settings)
         moves = [(goal, trajectory)]
         goals = np.broadcast_to(goal, trajectory.q.shape)
     else:
@@ -63,13 +63,8 @@ def _simulate(options: argparse.Namespace) -> int:
         trajectory, moves = motion.trajectory, [(move.goal, move.trajectory) for move in motion.moves]
         goals = np.array([next(m.goal for m in motion.moves if t <= m.end) for t in trajectory.t])
     band = np.radians(options.band_deg)
-    metrics = [set_point_metrics(part, model.coordinates, target, band).as_json() for target, part in moves]
-    result = {
-        "status": trajectory.status,
-        "message": trajectory.message,
-        "evaluations": trajectory.evaluations,
-        "moves": metrics,
-    }
+    metrics = [set_point_metrics(part, model, target, band).as_json() for target, part in moves]
+    result = {name: getattr(trajectory, name) for name in ("status", "message", "evaluations")} | {"moves": metrics}
     if options.out is not None:
         _write(options.out, mechanism, trajectory, goals, result)
     print(
@@ -78,22 +73,18 @@ def _simulate(options: argparse.Namespace) -> int:
     return 0 if trajectory.status in ("finished", "settled") else 1
 
 
-def _law(model: ccpin.ReducedModel, options: argparse.Namespace, goal: Array, q_free: Array) -> ControlLaw:
+def _law(model: ReducedModel, options: argparse.Namespace, goal: Array, q_free: Array) -> ControlLaw:
     if options.law == "none":
         return NoTorque(model)
     if options.kp is None or options.kv is None:
         raise InvalidInputError("the PD law needs --kp and --kv (one number, or one for each independent velocity)")
-    kp, kv = (np.array(k * model.n if len(k) == 1 else k) for k in (options.kp, options.kv))
+    kp, kv = (np.array(each(gains, model.n)) for gains in (options.kp, options.kv))
     law = PDSimpleGravity if options.law == "simple" else PDFullGravity
     return law(model, goal, kp, kv, q_free)
 
 
 def _cycles(
-    model: ccpin.ReducedModel,
-    options: argparse.Namespace,
-    start: Array,
-    goal: Array,
-    settings: dict[str, Any],
+    model: ReducedModel, options: argparse.Namespace, start: Array, goal: Array, settings: dict[str, Any]
 ) -> SupervisedMotion:
     if options.cycles < 1:
         raise InvalidInputError("--cycles must be at least 1")

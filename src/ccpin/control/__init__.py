@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from ccpin.control.laws import ControlLaw, CoulombCompensation, NoTorque, PDFullGravity, PDSimpleGravity, TorqueFunction
 from ccpin.control.online import OnlineLaw, OnlineReport, OnlineSigma, capped_sigma
+from ccpin.control.references import Hold, PointToPoint, Reference, ReferenceState, Waypoints, through_points
 from ccpin.control.sampling import Sampling
 from ccpin.control.stability.gains import Gains, suggest_gains
 from ccpin.control.stability.theorem3 import SetPointCertificate, certify_law, certify_set_point
+from ccpin.control.stability.well import RegionSamples, sample_region
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw, WithSigmaError
 
 __all__ = [
@@ -14,6 +16,7 @@ __all__ = [
     "ControlLaw",
     "CoulombCompensation",
     "Gains",
+    "Hold",
     "NoTorque",
     "OnlineLaw",
     "OnlineReport",
@@ -22,13 +25,20 @@ __all__ = [
     "PDOnlineGravity",
     "PDPlus",
     "PDSimpleGravity",
+    "PointToPoint",
+    "Reference",
+    "ReferenceState",
+    "RegionSamples",
     "Sampling",
     "SetPointCertificate",
     "TorqueFunction",
     "TrackingLaw",
+    "Waypoints",
     "WithSigmaError",
     "capped_sigma",
     "certify_law",
     "certify_set_point",
+    "sample_region",
     "suggest_gains",
+    "through_points",
 ]

@@ -8,13 +8,19 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.arrays import Array, positive
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.state import Near, State
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.kinematics.checked import checked_q
+from ccpin.mechanism.mechanism import Mechanism
 
 
 class ControlLaw(abc.ABC):
-    """A law u = torque(t, q, v) for the actuated joints."""
+    """A law u = torque(t, q, v) for the actuated joints.
+
+    A law that needs the model overrides `torque_at` as well, so that σ is not computed again where a State is at hand.
+    """
 
     @abc.abstractmethod
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
@@ -22,17 +28,21 @@ class ControlLaw(abc.ABC):
 
         Args:
             t: Time in seconds.
-            q: Independent coordinates, of shape (nq_independent,).
+            q: Independent coordinates, of shape (model.nq,).
             v: Their velocities, of shape (n,).
             guess: A configuration near σ(q), where one is known; it only shortens the law's own σ.
         """
+
+    def torque_at(self, t: float, state: State, v: Array) -> Array:
+        """`torque` at a configuration already closed."""
+        return self.torque(t, state.q, v, state.q_free)
 
 
 class NoTorque(ControlLaw):
     """u = 0: the mechanism swings freely."""
 
-    def __init__(self, model: ReducedModel) -> None:
-        self._zero = np.zeros(model.n_actuated)
+    def __init__(self, model: ReducedModel | Mechanism) -> None:
+        self._zero = np.zeros(model_of(model).n_actuated)
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
         """Zero, of shape (motors,)."""
@@ -50,59 +60,82 @@ class TorqueFunction(ControlLaw):
         return np.asarray(self._function(t, q, v), dtype=np.float64)
 
 
-class _PD(ControlLaw):
-    """What the two PD laws share: gains, the set point, the error and the Lyapunov function.
+class ModelLaw(ControlLaw):
+    """A law with gains on all independent coordinates that reads the reduced model at a State.
 
     Args:
-        model: The reduced model.
-        q_d: The set point, constant, of shape (nq_independent,).
-        K_p: Proportional gains, N m/rad or N/m: (n,) for a diagonal matrix or symmetric positive definite (n, n).
-        K_v: Velocity gains, N m s/rad or N s/m, alike.
-        guess: Chooses the assembly mode of σ(q_d).
+        model: The reduced model, or a mechanism.
+        q: Where the law begins or ends, of shape (model.nq,): its σ starts there when it gets no guess.
+        K_p: Proportional gains: (n,) for a diagonal matrix or symmetric positive definite (n, n).
+        K_v: Velocity gains, alike.
+        guess: Chooses the assembly mode of σ(q).
+
+    Attributes:
+        near: The State at that q.
 
     Raises:
         InvalidInputError: Gains of the wrong shape or not symmetric positive definite.
         UnsupportedMechanismError: Fewer motors than independent coordinates.
-        UnreachableError, SingularConfigurationError: σ(q_d) does not exist on the guess's branch.
+        UnreachableError, SingularConfigurationError: σ(q) does not exist on the guess's branch.
     """
 
     def __init__(
-        self, model: ReducedModel, q_d: ArrayLike, K_p: ArrayLike, K_v: ArrayLike, guess: ArrayLike | None = None
+        self, model: ReducedModel | Mechanism, q: ArrayLike | State, K_p: ArrayLike, K_v: ArrayLike, guess: Near
     ) -> None:
-        if model.n_actuated < model.n:
+        self.model = model_of(model)
+        n, motors = self.model.n, self.model.n_actuated
+        if motors < n:
             raise UnsupportedMechanismError(
-                f"a PD law on all {model.n} independent coordinates needs as many motors; there are {model.n_actuated}"
+                f"a law on all {n} independent coordinates needs as many motors; there are {motors}"
             )
-        self.model = model
-        self.q_d = model.checked_q(q_d)
-        self.K_p = gain_matrix(K_p, "K_p", model.n)
-        self.K_v = gain_matrix(K_v, "K_v", model.n)
-        self.q_free_d = model.sigma(self.q_d, guess)
-        self.gravity_d = model.gravity(self.q_d, self.q_free_d)
-        self._direct = model.mechanism.actuated == model.mechanism.independent
-        self._potential_d = model.energy(self.q_d, np.zeros(model.n), self.q_free_d).potential
+        self.K_p, self.K_v = gain_matrix(K_p, "K_p", n), gain_matrix(K_v, "K_v", n)
+        self.near = self.model.at(q, guess)
+
+    def state(self, q: Array | State, guess: Near = None) -> State:
+        """The State at q, on the branch of the guess or of `near`."""
+        return self.model.at(q, self.near if guess is None else guess)
+
+    def torque(self, t: float, q: Array, v: Array, guess: Near = None) -> Array:
+        """`torque_at` the State found from the guess, else from `near`; errors as for `ReducedModel.at`."""
+        return self.torque_at(t, self.state(q, guess), v)
+
+
+class _PD(ModelLaw):
+    """What the two PD laws share: gains, the set point, the error and the Lyapunov function.
+
+    Args and errors as for `ModelLaw`; q is the set point q_d, constant, gains are in N m/rad or N/m (K_p) and N m s/rad
+    or N s/m (K_v), and the guess chooses the assembly mode of σ(q_d).
+    """
+
+    def __init__(
+        self,
+        model: ReducedModel | Mechanism,
+        q_d: ArrayLike | State,
+        K_p: ArrayLike,
+        K_v: ArrayLike,
+        guess: Near = None,
+    ) -> None:
+        super().__init__(model, q_d, K_p, K_v, guess)
+        self.q_d, self.q_free_d, self.gravity_d = self.near.q, self.near.q_free, self.near.g
+        self._potential_d = self.near.energy(np.zeros(self.model.n)).potential
 
     def error(self, q: Array) -> Array:
         """q̃ = q_d − q, the tangent vector from q to q_d, of shape (n,)."""
         return self.model.coordinates.difference(q, self.q_d)
 
-    def lyapunov(self, q: Array, v: Array, guess: Array | None = None) -> float:
+    def lyapunov(self, q: Array | State, v: Array, guess: Near = None) -> float:
         """𝒱 = ½q̇ᵀDq̇ + V(q) − V(q_d) + q̃ᵀg(q_d) + ½q̃ᵀK_p q̃, in joules; along solutions 𝒱̇ = −q̇ᵀK_v q̇ ≤ 0.
 
-        The function of Theorem 3, for the law with simple gravity compensation.
+        The function of Theorem 3, for the law with simple gravity compensation. q may be a State.
         """
-        energy = self.model.energy(q, v, self.q_free_d if guess is None else guess)
-        error = self.error(q)
+        state = self.state(q, guess)
+        energy, error = state.energy(v), self.error(state.q)
         potential = energy.potential - self._potential_d + error @ self.gravity_d
         return float(energy.kinetic + potential + 0.5 * error @ self.K_p @ error)
 
-    def _efforts(self, force: Array, q: Array, guess: Array | None) -> Array:
-        """The motors' efforts u of least norm with ρᵀSᵀu = force."""
-        if self._direct:
-            return force
-        point = self.model.closed_point(q, self.q_free_d if guess is None else guess)
-        transmission = point.rho.T @ self.model.mechanism.actuation.T
-        return np.asarray(np.linalg.lstsq(transmission, force, rcond=None)[0])
+    def _feedback(self, q: Array, v: Array) -> Array:
+        """K_p q̃ − K_v q̇, of shape (n,)."""
+        return np.asarray(self.K_p @ self.error(q) - self.K_v @ v)
 
 
 class PDSimpleGravity(_PD):
@@ -112,24 +145,29 @@ class PDSimpleGravity(_PD):
     independent joints).
     """
 
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+    def torque(self, t: float, q: Array, v: Array, guess: Near = None) -> Array:
         """u = K_p q̃ − K_v q̇ + g(q_d) (28)."""
-        return self._efforts(self.K_p @ self.error(q) - self.K_v @ v + self.gravity_d, q, guess)
+        if self.model.actuation is not None:
+            return super().torque(t, q, v, guess)
+        return self._feedback(q, v) + self.gravity_d
+
+    def torque_at(self, t: float, state: State, v: Array) -> Array:
+        """u = K_p q̃ − K_v q̇ + g(q_d) (28)."""
+        return state.efforts(self._feedback(state.q, v) + self.gravity_d)
 
 
 class PDFullGravity(_PD):
-    """PD with full gravity compensation (30): u = K_p q̃ − K_v q̇ + g(q)."""
+    """PD with full gravity compensation (30): u = K_p q̃ − K_v q̇ + g(q); needs σ(q)."""
 
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
-        """u = K_p q̃ − K_v q̇ + g(q) (30); needs σ(q)."""
-        near = self.q_free_d if guess is None else guess
-        return self._efforts(self.K_p @ self.error(q) - self.K_v @ v + self.model.gravity(q, near), q, near)
+    def torque_at(self, t: float, state: State, v: Array) -> Array:
+        """u = K_p q̃ − K_v q̇ + g(q) (30)."""
+        return state.efforts(self._feedback(state.q, v) + state.g)
 
-    def lyapunov(self, q: Array, v: Array, guess: Array | None = None) -> float:
+    def lyapunov(self, q: Array | State, v: Array, guess: Near = None) -> float:
         """𝒱 = ½q̇ᵀDq̇ + ½q̃ᵀK_p q̃, in joules; gravity is cancelled, and along solutions 𝒱̇ = −q̇ᵀK_v q̇."""
-        error = self.error(q)
-        kinetic = self.model.energy(q, v, self.q_free_d if guess is None else guess).kinetic
-        return float(kinetic + 0.5 * error @ self.K_p @ error)
+        state = self.state(q, guess)
+        error = self.error(state.q)
+        return float(state.energy(v).kinetic + 0.5 * error @ self.K_p @ error)
 
 
 def gain_matrix(gain: ArrayLike, name: str, n: int) -> Array:
@@ -157,7 +195,7 @@ class CoulombCompensation(ControlLaw):
     Args:
         law: The PD law; its motors must be on the independent joints.
         coulomb: ĉ, the estimated Coulomb levels, N m or N: a number or (n,).
-        q_start: Where the move starts, of shape (nq_independent,), for the first reading.
+        q_start: Where the move starts, of shape (model.nq,), for the first reading.
         width: Where the second reading fades out, rad or m.
 
     Raises:
@@ -180,15 +218,20 @@ class CoulombCompensation(ControlLaw):
         level = np.asarray(coulomb, dtype=np.float64)
         if level.shape not in ((), (model.n,)) or not np.isfinite(level).all() or np.any(level < 0):
             raise InvalidInputError(f"coulomb must be a number or ({model.n},), finite and at least zero: {coulomb!r}")
-        if not (np.isfinite(width) and width > 0):
-            raise InvalidInputError(f"width = {width} must be positive")
-        self._law, self._width = law, width
+        self._law, self._width = law, positive(width, "width", "positive")
         self._level = np.array(np.broadcast_to(level, (model.n,)))
-        self._direction = None if q_start is None else np.sign(law.error(model.checked_q(q_start)))
+        self._direction = None if q_start is None else np.sign(law.error(checked_q(model.coordinates, q_start)))
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
         """The PD law's efforts plus the compensation, of shape (motors,)."""
+        return self._law.torque(t, q, v, guess) + self._compensation(q)
+
+    def torque_at(self, t: float, state: State, v: Array) -> Array:
+        """The PD law's efforts plus the compensation, of shape (motors,)."""
+        return self._law.torque_at(t, state, v) + self._compensation(state.q)
+
+    def _compensation(self, q: Array) -> Array:
         direction = self._direction
         if direction is None:
             direction = np.clip(self._law.error(q) / self._width, -1.0, 1.0)
-        return np.asarray(self._law.torque(t, q, v, guess) + self._level * direction)
+        return np.asarray(self._level * direction)

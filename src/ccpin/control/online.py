@@ -13,90 +13,51 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, positive
 from ccpin.control.laws import ControlLaw
 from ccpin.control.tracking import TrackingLaw
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
-from ccpin.kinematics.linear import Factor, factorize
-from ccpin.kinematics.parametrization import SINGULAR_RCOND, ClosedPoint, Parametrization
-from ccpin.kinematics.points import moved
+from ccpin.kinematics.parametrization import ClosedPoint, NewtonRules, NewtonSolve, Parametrization
+from ccpin.mechanism.mechanism import Mechanism
 
-State = Literal["solved", "held", "lost"]
-_CONTRACTION = 0.125
-_LARGEST_MOVE = 1.0
-
-
-class CappedSolve(NamedTuple):
-    """A Newton solve that was given so many steps and no more.
-
-    Attributes:
-        point: σ(q) with ρ, or ``None`` where the solve did not converge, was not trusted or met a singularity.
-        steps: Newton steps taken.
-        residual: Largest |ψ̄| at the last iterate, metres and radians.
-    """
-
-    point: ClosedPoint | None
-    steps: int
-    residual: float
+Outcome = Literal["solved", "held", "lost"]
 
 
 def capped_sigma(
-    parametrization: Parametrization, q: Array, start: Array, max_newton_steps: int, tolerance: float
-) -> CappedSolve:
+    parametrization: Parametrization,
+    q: Array,
+    start: Array | ClosedPoint,
+    max_newton_steps: int,
+    tolerance: float,
+) -> NewtonSolve:
     """Solve ψ̄(q′, q) = 0 (11) from a start with at most `max_newton_steps` linear solves.
 
     As in `Parametrization.sigma` an iteration is trusted only if each correction is at most an eighth of the one
-    before and det ψ_q′ keeps its sign; there is no walk when it is not. Pure: the same arguments give the same
-    answer. The time it takes is bounded by max_newton_steps + 1 evaluations and factorisations of ψ_q′.
+    before and det ψ_q′ keeps its sign; there is no walk when it is not.
 
     Args:
         parametrization: ψ.
-        q: Independent coordinates, of shape (nq_independent,).
-        start: q′ to start from, of shape (nq,).
+        q: Independent coordinates, of shape (model.nq,).
+        start: q′ to start from, of shape (nq,), or a closed point, which spares the first evaluation.
         max_newton_steps: The cap.
         tolerance: Largest |ψ̄| accepted, metres and radians.
     """
-    q_free, sign, last, residual = start, 0, np.inf, np.inf
-    for steps in range(max_newton_steps + 1):
-        gap, factor = _linearized(parametrization, q_free, q)
-        residual = float(np.abs(gap).max(initial=0.0))
-        if factor.rcond < SINGULAR_RCOND or (steps and factor.sign != sign):
-            return CappedSolve(None, steps, residual)
-        if residual <= tolerance:
-            return CappedSolve(_closed_point(parametrization, q_free, factor), steps, residual)
-        if steps == max_newton_steps:
-            break
-        step = factor.solve(gap)
-        length = float(np.linalg.norm(step))
-        if not length <= _LARGEST_MOVE or length > max(_CONTRACTION * last, tolerance):
-            return CappedSolve(None, steps + 1, residual)
-        q_free, sign, last = moved(parametrization.model, q_free, step), factor.sign, length
-    return CappedSolve(None, max_newton_steps, residual)
-
-
-def _linearized(parametrization: Parametrization, q_free: Array, q: Array) -> tuple[Array, Factor]:
-    value, coordinates = parametrization.constraints.value(q_free), parametrization.coordinates
-    gap = np.concatenate([-value.phi, coordinates.difference(coordinates.alpha(q_free), q)])
-    return gap, factorize(np.vstack([value.jacobian, coordinates.jacobian(q_free)]))
-
-
-def _closed_point(parametrization: Parametrization, q_free: Array, factor: Factor) -> ClosedPoint:
-    n, m = parametrization.coordinates.n, parametrization.constraints.size
-    return ClosedPoint(q_free, factor, factor.solve(np.vstack([np.zeros((m, n)), np.eye(n)])))
+    return parametrization.newton(start, q, NewtonRules(tolerance, max_newton_steps, noise=tolerance))
 
 
 class OnlineSample(NamedTuple):
     """What the controller has at one sample.
 
     Attributes:
-        point: σ and ρ, at this sample's q where solved, else at that of the last solved sample.
-        state: solved; held (the last valid σ stands in); lost (held for longer than the patience).
+        state: The State at this sample's q where solved, else that of the last solved sample.
+        outcome: solved; held (the last valid σ stands in); lost (held for longer than the patience).
         steps: Newton steps taken.
     """
 
-    point: ClosedPoint
     state: State
+    outcome: Outcome
     steps: int
 
 
@@ -139,7 +100,7 @@ class OnlineSigma:
     """σ sample by sample, warm-started from the last valid one; the only state an on-line law has.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         q_free: Where the robot is at the first sample: closed, or nearly so; its branch is kept. Of shape (nq,).
         max_newton_steps: Hard cap on Newton steps a sample.
         tolerance: Largest |ψ̄| accepted, metres and radians.
@@ -153,7 +114,7 @@ class OnlineSigma:
 
     def __init__(
         self,
-        model: ReducedModel,
+        model: ReducedModel | Mechanism,
         q_free: ArrayLike,
         *,
         max_newton_steps: int = 4,
@@ -162,14 +123,12 @@ class OnlineSigma:
     ) -> None:
         if max_newton_steps < 1:
             raise InvalidInputError(f"max_newton_steps = {max_newton_steps} must be at least 1")
-        if not (np.isfinite(tolerance) and tolerance > 0):
-            raise InvalidInputError(f"tolerance = {tolerance} must be a positive number (metres and radians)")
         if patience < 0:
             raise InvalidInputError(f"patience = {patience} must not be negative")
-        start = model.checked_configuration(q_free)
-        self.model = model
-        self.max_newton_steps, self.tolerance, self.patience = max_newton_steps, tolerance, patience
-        self._valid = model.closed_point(model.alpha(start), start)
+        self.tolerance = positive(tolerance, "tolerance", "a positive number (metres and radians)")
+        self.max_newton_steps, self.patience = max_newton_steps, patience
+        self.model = model_of(model)
+        self._valid = self.model.at(self.model.alpha(q_free), q_free)
         self._last: tuple[float, Array, OnlineSample] | None = None
         self._in_a_row = 0
         self._report = OnlineReport(0, 0, 0, None, False, 0, 0.0, 0.0)
@@ -191,27 +150,27 @@ class OnlineSigma:
             )
         solve = capped_sigma(self.model.parametrization, q, self._valid.q_free, self.max_newton_steps, self.tolerance)
         if solve.point is not None:
-            self._valid, self._in_a_row = solve.point, 0
+            self._valid, self._in_a_row = State(self.model, np.array(q), solve.point), 0
         else:
             self._in_a_row += 1
-        state: State = "solved" if not self._in_a_row else "held" if self._in_a_row <= self.patience else "lost"
-        sample = OnlineSample(self._valid, state, solve.steps)
+        outcome: Outcome = "solved" if not self._in_a_row else "held" if self._in_a_row <= self.patience else "lost"
+        sample = OnlineSample(self._valid, outcome, solve.steps)
         self._last = (float(t), np.array(q), sample)
-        self._report = self._counted(float(t), solve, state)
+        self._report = self._counted(float(t), solve, outcome)
         return sample
 
     def report(self) -> OnlineReport:
         """How it went so far."""
         return self._report
 
-    def _counted(self, t: float, solve: CappedSolve, state: State) -> OnlineReport:
-        before, missed = self._report, state != "solved"
+    def _counted(self, t: float, solve: NewtonSolve, outcome: Outcome) -> OnlineReport:
+        before, missed = self._report, outcome != "solved"
         return OnlineReport(
             samples=before.samples + 1,
             held=before.held + missed,
             longest_hold=max(before.longest_hold, self._in_a_row),
             first_held=t if missed and before.first_held is None else before.first_held,
-            lost=before.lost or state == "lost",
+            lost=before.lost or outcome == "lost",
             most_steps=max(before.most_steps, solve.steps),
             mean_steps=before.mean_steps + (solve.steps - before.mean_steps) / (before.samples + 1),
             largest_residual=before.largest_residual if missed else max(before.largest_residual, solve.residual),
@@ -240,6 +199,6 @@ class OnlineLaw(ControlLaw):
             InvalidInputError: Samples out of order.
         """
         sample = self.online.update(t, q)
-        if sample.state == "lost":
-            return self.law.brake(v, sample.point)
-        return self.law.torque_at(t, q, v, sample.point)
+        if sample.outcome == "lost":
+            return self.law.brake(v, sample.state)
+        return self.law.torque_with(t, q, v, sample.state)

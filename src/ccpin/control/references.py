@@ -16,18 +16,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_interp_spline
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, frozen, matrix_rows, positive
 from ccpin.dynamics.end_effector import EndEffector
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, coordinates_of
+from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.kinematics.checked import checked_q
 from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.mechanism.mechanism import Mechanism
 
 
 class ReferenceState(NamedTuple):
     """A reference at one time.
 
     Attributes:
-        q: q_d, of shape (nq_independent,).
+        q: q_d, of shape (model.nq,).
         v: q̇_d, of shape (n,).
         a: q̈_d, of shape (n,).
     """
@@ -69,20 +72,6 @@ class Reference(abc.ABC):
         return None
 
 
-class _Quintic(NamedTuple):
-    """s(x) = 10x³ − 15x⁴ + 6x⁵ for x in [0, 1], with s′ and s″; 0 and 1 at the ends, with zero s′ and s″."""
-
-    s: float
-    rate: float
-    acceleration: float
-
-    @classmethod
-    def at(cls, x: float) -> _Quintic:
-        x = min(max(x, 0.0), 1.0)
-        y = 1.0 - x
-        return cls(x**3 * (10.0 - 15.0 * x + 6.0 * x * x), 30.0 * (x * y) ** 2, 60.0 * x * y * (y - x))
-
-
 class PointToPoint(Reference):
     """From one q to another at rest, along the geodesic with the quintic time law of least mean square jerk.
 
@@ -90,8 +79,8 @@ class PointToPoint(Reference):
     circles and quaternions. The largest |q̇_d| is 15|Δ|/8T, at T/2; the largest |q̈_d| is 10|Δ|/(√3 T²).
 
     Args:
-        model: The reduced model, for the manifold of q.
-        q_start: Start, of shape (nq_independent,).
+        model: A mechanism or model, for the manifold of q.
+        q_start: Start, of shape (model.nq,).
         q_goal: Goal, alike.
         duration: T in seconds.
 
@@ -99,19 +88,21 @@ class PointToPoint(Reference):
         InvalidInputError: Bad coordinates, or a duration that is not positive.
     """
 
-    def __init__(self, model: ReducedModel, q_start: ArrayLike, q_goal: ArrayLike, duration: float) -> None:
-        self.duration = _positive(duration, "duration")
-        self._coordinates = model.coordinates
-        self._q_start, self._q_goal = model.checked_q(q_start), model.checked_q(q_goal)
+    def __init__(self, model: Mechanism | ReducedModel, q_start: ArrayLike, q_goal: ArrayLike, duration: float) -> None:
+        self.duration = positive(duration, "duration", "a positive number of seconds")
+        self._coordinates = coordinates_of(model)
+        self._q_start, self._q_goal = (np.array(checked_q(self._coordinates, q)) for q in (q_start, q_goal))
         self._line = self._coordinates.difference(self._q_start, self._q_goal)
 
     def at(self, t: float) -> ReferenceState:
         """q_d, q̇_d and q̈_d at time t."""
-        law = _Quintic.at(t / self.duration)
-        q = self._q_goal.copy() if law.s == 1.0 else self._coordinates.integrate(self._q_start, law.s * self._line)
-        return ReferenceState(
-            q, law.rate / self.duration * self._line, law.acceleration / self.duration**2 * self._line
-        )
+        x = min(max(t / self.duration, 0.0), 1.0)
+        y = 1.0 - x
+        q = self._q_goal.copy()
+        if x < 1.0:
+            q = self._coordinates.integrate(self._q_start, x**3 * (10.0 - 15.0 * x + 6.0 * x * x) * self._line)
+        rate, acceleration = 30.0 * (x * y) ** 2 / self.duration, 60.0 * x * y * (y - x) / self.duration**2
+        return ReferenceState(q, rate * self._line, acceleration * self._line)
 
     def as_polynomial(self) -> PiecewisePolynomial:
         """q₀ ⊕ s(t/T) Δ, one piece of degree 5."""
@@ -124,13 +115,15 @@ class Hold(Reference):
     """A set point as a reference: q_d constant.
 
     Args:
-        model: The reduced model.
-        q: The set point, of shape (nq_independent,).
+        model: A mechanism or model.
+        q: The set point, of shape (model.nq,).
     """
 
-    def __init__(self, model: ReducedModel, q: ArrayLike) -> None:
+    def __init__(self, model: Mechanism | ReducedModel, q: ArrayLike) -> None:
         self.duration = 0.0
-        self._state = ReferenceState(model.checked_q(q), np.zeros(model.n), np.zeros(model.n))
+        coordinates = coordinates_of(model)
+        rest = np.zeros(coordinates.n)
+        self._state = ReferenceState(frozen(checked_q(coordinates, q)), frozen(rest), frozen(rest))
 
     def at(self, t: float) -> ReferenceState:
         """q_d, zero and zero."""
@@ -149,9 +142,9 @@ class Waypoints(Reference):
     waypoint to the next.
 
     Args:
-        model: The reduced model.
+        model: A mechanism or model.
         times: Increasing times from 0, seconds, of shape (k,) with k ≥ 2.
-        waypoints: One q a row, of shape (k, nq_independent).
+        waypoints: One q a row, of shape (k, model.nq).
         degree: 3 or 5.
 
     Raises:
@@ -159,19 +152,22 @@ class Waypoints(Reference):
         UnsupportedMechanismError: A spherical, planar or floating joint is independent as a whole.
     """
 
-    def __init__(self, model: ReducedModel, times: ArrayLike, waypoints: ArrayLike, degree: int = 5) -> None:
-        require_commuting(model.coordinates, "a spline through waypoints")
+    def __init__(
+        self, model: Mechanism | ReducedModel, times: ArrayLike, waypoints: ArrayLike, degree: int = 5
+    ) -> None:
+        coordinates = coordinates_of(model)
+        require_commuting(coordinates, "a spline through waypoints")
         stamps = _increasing(times)
-        rows = [model.checked_q(q) for q in np.atleast_2d(np.asarray(waypoints, dtype=np.float64))]
+        rows = [checked_q(coordinates, q) for q in matrix_rows(waypoints, "waypoints", coordinates.nq)]
         if len(rows) != len(stamps):
             raise InvalidInputError(f"there are {len(stamps)} times and {len(rows)} waypoints")
         if degree not in (3, 5):
             raise InvalidInputError(f"degree = {degree} must be 3 or 5")
         self.duration = float(stamps[-1])
-        self._coordinates, self._q_start, self._q_goal = model.coordinates, rows[0], rows[-1]
-        steps = [model.coordinates.difference(a, b) for a, b in itertools.pairwise(rows)]
-        way = np.vstack([np.zeros(model.n), np.cumsum(steps, axis=0)])
-        rest = [(order, np.zeros(model.n)) for order in ((1,) if degree == 3 else (1, 2))]
+        self._coordinates, self._q_start, self._q_goal = coordinates, rows[0], rows[-1]
+        steps = [coordinates.difference(a, b) for a, b in itertools.pairwise(rows)]
+        way = np.vstack([np.zeros(coordinates.n), np.cumsum(steps, axis=0)])
+        rest = [(order, np.zeros(coordinates.n)) for order in ((1,) if degree == 3 else (1, 2))]
         spline: BSpline = make_interp_spline(stamps, way, k=degree, bc_type=(rest, rest))
         self._spline, self._rate, self._second = spline, spline.derivative(), spline.derivative(2)
 
@@ -199,7 +195,7 @@ def through_points(
     targets: Sequence[ArrayLike],
     *,
     degree: int = 5,
-    guess: ArrayLike | None = None,
+    guess: Near = None,
 ) -> Waypoints:
     """A spline in q through positions or poses of the end effector, each reached from the one before it.
 
@@ -211,13 +207,13 @@ def through_points(
         times: Increasing times from 0, seconds, of shape (k,).
         targets: k positions (3,) or poses (4, 4) in the world.
         degree: 3 or 5, as for `Waypoints`.
-        guess: A configuration q′ that chooses the assembly mode; default the mechanism's reference.
+        guess: A State or configuration q′ that chooses the assembly mode; default the mechanism's reference.
 
     Raises:
         UnreachableTargetError: A target is out of reach.
         InvalidInputError, UnsupportedMechanismError: As for `Waypoints`.
     """
-    near, rows = guess, []
+    near, rows = guess, list[Array]()
     for target in targets:
         solution = end_effector.solve(target, near)
         near = solution.q_free
@@ -232,17 +228,11 @@ def require_commuting(coordinates: IndependentCoordinates, purpose: str) -> None
         UnsupportedMechanismError: A joint with rotations in space or motions in a plane is independent as a whole.
     """
     for part in coordinates.parts:
-        if part.component is None and part.kind in ("spherical", "planar", "floating"):
+        if part.whole is not None and part.kind.nv > 1:
             raise UnsupportedMechanismError(
-                f"{purpose} needs plain coordinates; the independent {part.kind} joint '{part.name}' has none: name "
-                f"its components ('{part.name}:rx', …) as independent instead"
+                f"{purpose} needs plain coordinates; the independent {part.kind.name} joint '{part.name}' has none: "
+                f"name its components ('{part.name}:rx', …) as independent instead"
             )
-
-
-def _positive(value: float, name: str) -> float:
-    if not (np.isfinite(value) and value > 0):
-        raise InvalidInputError(f"{name} = {value} must be a positive number of seconds")
-    return float(value)
 
 
 def _increasing(times: ArrayLike) -> Array:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, fields
-from typing import Protocol
 
 import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
 
 Numbers = float | tuple[float, ...]
@@ -74,32 +74,22 @@ def _checked_value(name: str, value: object) -> Numbers | int:
     return tuple(array.tolist()) if array.ndim else float(array)
 
 
-class Loop(Protocol):
-    """Who decides the motors' efforts during a run."""
-
-    def instant(self, t: float, q: Array, v: Array, guess: Array) -> float:
-        """Measure and command at t; returns the next instant."""
-
-    def effort(self, t: float, q: Array, v: Array, guess: Array) -> Array:
-        """What the motors get at t."""
-
-
-class ContinuousLoop:
-    """The law itself, at every moment."""
+class ContinuousCommands:
+    """Who commands the motors' efforts during a run: the law itself, at every moment."""
 
     def __init__(self, law: ControlLaw) -> None:
         self._law = law
 
-    def instant(self, t: float, q: Array, v: Array, guess: Array) -> float:
+    def instant(self, t: float, state: State, v: Array) -> float:
         """Nothing to do, ever."""
         return np.inf
 
-    def effort(self, t: float, q: Array, v: Array, guess: Array) -> Array:
+    def effort(self, t: float, state: State, v: Array) -> Array:
         """u = law(t, q, q̇)."""
-        return self._law.torque(t, q, v, guess)
+        return self._law.torque_at(t, state, v)
 
 
-class SampledLoop:
+class SampledCommands:
     """One run of a sampled loop: the encoder's last reading, the filter's state and the commands on their way.
 
     Before t = 0 the mechanism is taken to have moved steadily at v0, so the filter starts settled.
@@ -118,7 +108,8 @@ class SampledLoop:
 
     def __init__(self, model: ReducedModel, law: ControlLaw, sampling: Sampling, q0: Array, v0: Array) -> None:
         self._coordinates, self._law, self._sampling = model.coordinates, law, sampling
-        self._limit = _each(sampling.saturation, model.n_actuated, "saturation", "motor")
+        most = np.inf if sampling.saturation is None else sampling.saturation
+        self._limit = _each(most, model.n_actuated, "saturation", "motor")
         self._resolution = None if sampling.encoder_counts is None else _resolution(model, sampling.encoder_counts)
         self._differentiates = self._resolution is not None or sampling.velocity_cutoff is not None
         cutoff = np.inf if sampling.velocity_cutoff is None else sampling.velocity_cutoff
@@ -126,26 +117,28 @@ class SampledLoop:
         self._reading = self._measured(self._coordinates.integrate(q0, -sampling.period * v0))
         self._velocity = v0.copy()
         before = _each(sampling.effort_before, model.n_actuated, "effort_before", "motor")
-        assert before is not None
         self._pending = deque([before] * sampling.delay)
         self._held = before
         self._count = 0
 
-    def instant(self, t: float, q: Array, v: Array, guess: Array) -> float:
+    def instant(self, t: float, state: State, v: Array) -> float:
         """Measure, filter, compute the command and hold the one that is due."""
-        reading = self._measured(q)
+        reading = self._measured(state.q)
         velocity = v
         if self._differentiates:
             slope = self._coordinates.difference(self._reading, reading) / self._sampling.period
             velocity = self._velocity + self._gain * (slope - self._velocity)
         self._reading, self._velocity = reading, velocity
-        u = np.array(self._law.torque(t, reading, velocity, guess))
-        self._pending.append(u if self._limit is None else np.clip(u, -self._limit, self._limit))
+        if self._resolution is None:
+            u = np.array(self._law.torque_at(t, state, velocity))
+        else:
+            u = np.array(self._law.torque(t, reading, velocity, state.q_free))
+        self._pending.append(np.clip(u, -self._limit, self._limit))
         self._held = self._pending.popleft()
         self._count += 1
         return self._count * self._sampling.period
 
-    def effort(self, t: float, q: Array, v: Array, guess: Array) -> Array:
+    def effort(self, t: float, state: State, v: Array) -> Array:
         """The command held."""
         return self._held
 
@@ -155,9 +148,7 @@ class SampledLoop:
         return np.asarray(np.round(q / self._resolution) * self._resolution)
 
 
-def _each(value: Numbers | None, count: int, name: str, what: str) -> Array | None:
-    if value is None:
-        return None
+def _each(value: Numbers, count: int, name: str, what: str) -> Array:
     array = np.asarray(value, dtype=np.float64)
     if array.shape not in ((), (count,)):
         raise InvalidInputError(
@@ -175,6 +166,5 @@ def _resolution(model: ReducedModel, counts: Numbers) -> Array:
             "name single components (joint:axis) as independent"
         )
     each = _each(counts, model.n, "encoder_counts", "independent joint")
-    assert each is not None
-    lengths = [part.kind == "prismatic" or (part.component or "").startswith("t") for part in coordinates.parts]
+    lengths = [slides for part in coordinates.parts for slides in part.slides]
     return np.asarray(np.where(lengths, 1.0, 2 * np.pi) / each)

@@ -1,8 +1,8 @@
 """Tracking laws for a smooth reference: computed torque, PD+ (Paden–Panja) and PD with on-line gravity.
 
 All of them need σ(q) and ρ on line. `torque` finds them with the library's σ, from the guess it is given;
-`torque_at` takes them from the caller, which is how on-line solvers (`ccpin.control.online`) and injected errors
-come in. Laws are pure functions of their arguments.
+`torque_at` reads a State; `torque_with` takes a measured q beside a State that may be another's, which is how on-line
+solvers (`ccpin.control.online`) and injected errors come in. Laws are pure functions of their arguments.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ import abc
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, gain_matrix
+from ccpin.arrays import Array, vector
+from ccpin.control.laws import ControlLaw, ModelLaw
 from ccpin.control.references import Reference, ReferenceState, require_commuting
-from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.errors import UnsupportedMechanismError
-from ccpin.kinematics.parametrization import ClosedPoint
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.state import Near, State
 from ccpin.kinematics.points import moved
+from ccpin.mechanism.mechanism import Mechanism
 
 
-class TrackingLaw(ControlLaw):
+class TrackingLaw(ModelLaw):
     """A law that follows a reference, with e = q_d − q and ė = q̇_d − q̇.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         reference: q_d(t).
         K_p: Gains on e: (n,) for a diagonal matrix, or symmetric positive definite (n, n). Units: see each law.
         K_v: Gains on ė, alike.
@@ -40,59 +40,41 @@ class TrackingLaw(ControlLaw):
 
     def __init__(
         self,
-        model: ReducedModel,
+        model: ReducedModel | Mechanism,
         reference: Reference,
         K_p: ArrayLike,
         K_v: ArrayLike,
-        guess: ArrayLike | None = None,
+        guess: Near = None,
     ) -> None:
-        if model.n_actuated < model.n:
-            raise UnsupportedMechanismError(
-                f"tracking in all {model.n} independent coordinates needs as many motors; there are {model.n_actuated}"
-            )
+        model = model_of(model)
         require_commuting(model.coordinates, "a tracking law")
-        self.model = model
+        super().__init__(model, reference.at(0.0).q, K_p, K_v, guess)
         self.reference = reference
-        self.K_p = gain_matrix(K_p, "K_p", model.n)
-        self.K_v = gain_matrix(K_v, "K_v", model.n)
-        self.q_free_start = model.sigma(reference.at(0.0).q, guess)
-        self._direct = model.mechanism.actuated == model.mechanism.independent
 
     def error(self, t: float, q: Array) -> Array:
         """e = q_d(t) − q, of shape (n,)."""
         return self.model.coordinates.difference(q, self.reference.at(t).q)
 
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
-        """The motors' efforts, with σ(q) found from the guess; errors as for `ReducedModel.sigma`."""
-        near = self.q_free_start if guess is None else guess
-        return self.torque_at(t, q, v, self.model.parametrization.sigma(q, near))
+    def torque_at(self, t: float, state: State, v: Array) -> Array:
+        """The motors' efforts at (q, q̇), of shape (motors,)."""
+        return self.torque_with(t, state.q, v, state)
 
-    def torque_at(self, t: float, q: Array, v: Array, point: ClosedPoint) -> Array:
-        """The motors' efforts at a measured (q, q̇), with σ and ρ as given; of shape (motors,)."""
+    def torque_with(self, t: float, q: Array, v: Array, state: State) -> Array:
+        """The motors' efforts at a measured (q, q̇), with σ, ρ and the model of a State that may lie elsewhere."""
         wanted = self.reference.at(t)
         e = self.model.coordinates.difference(q, wanted.q)
-        return self._efforts(self._force(wanted, e, wanted.v - v, v, point), point)
+        return state.efforts(self._force(wanted, e, wanted.v - v, v, state))
 
-    def brake(self, v: Array, point: ClosedPoint) -> Array:
-        """The efforts that stop the robot where it is, needing no trustworthy σ: damping, and gravity at `point`."""
-        return self._efforts(self._gravity(point) - self._damping(v, point), point)
+    def brake(self, v: Array, state: State) -> Array:
+        """The efforts that stop the robot where it is, needing no trustworthy σ: damping, and gravity at `state`."""
+        return state.efforts(state.g - self._damping(v, state))
 
     @abc.abstractmethod
-    def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, point: ClosedPoint) -> Array:
+    def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, state: State) -> Array:
         """The generalized force, of shape (n,)."""
 
-    def _damping(self, v: Array, point: ClosedPoint) -> Array:
+    def _damping(self, v: Array, state: State) -> Array:
         return np.asarray(self.K_v @ v)
-
-    def _gravity(self, point: ClosedPoint) -> Array:
-        return np.asarray(point.rho.T @ self.model.free_system.gravity(point.q_free))
-
-    def _efforts(self, force: Array, point: ClosedPoint) -> Array:
-        """The motors' efforts u of least norm with ρᵀSᵀu = force."""
-        if self._direct:
-            return force
-        transmission = point.rho.T @ self.model.mechanism.actuation.T
-        return np.asarray(np.linalg.lstsq(transmission, force, rcond=None)[0])
 
 
 class ComputedTorque(TrackingLaw):
@@ -102,15 +84,11 @@ class ComputedTorque(TrackingLaw):
     1/ω.
     """
 
-    def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, point: ClosedPoint) -> Array:
-        acceleration = wanted.a + self.K_v @ e_dot + self.K_p @ e
-        v_free = point.rho @ v
-        a_free = point.rho @ acceleration + self.model.parametrization.bias(point, v_free)
-        return np.asarray(point.rho.T @ self.model.free_system.inverse_dynamics(point.q_free, v_free, a_free))
+    def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, state: State) -> Array:
+        return state.tau(v, wanted.a + self.K_v @ e_dot + self.K_p @ e)
 
-    def _damping(self, v: Array, point: ClosedPoint) -> Array:
-        mass = self.model.free_system.mass_matrix(point.q_free)
-        return np.asarray(point.rho.T @ (mass @ (point.rho @ (self.K_v @ v))))
+    def _damping(self, v: Array, state: State) -> Array:
+        return np.asarray(state.D @ (self.K_v @ v))
 
 
 class PDPlus(TrackingLaw):
@@ -121,20 +99,15 @@ class PDPlus(TrackingLaw):
     N m s/rad (N s/m). With a constant reference it is PD with full gravity compensation (30).
     """
 
-    def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, point: ClosedPoint) -> Array:
-        free, rho = self.model.free_system, point.rho
-        v_free = rho @ v
-        a_free = rho @ wanted.a + self.model.parametrization.rho_dot(point, v_free) @ wanted.v
-        dynamics = free.mass_matrix(point.q_free) @ a_free
-        dynamics += free.coriolis_matrix(point.q_free, v_free) @ (rho @ wanted.v)
-        dynamics += free.gravity(point.q_free)
-        return np.asarray(rho.T @ dynamics + self.K_p @ e + self.K_v @ e_dot)
+    def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, state: State) -> Array:
+        dynamics = state.D @ wanted.a + state.C(v) @ wanted.v + state.g
+        return np.asarray(dynamics + self.K_p @ e + self.K_v @ e_dot)
 
-    def lyapunov(self, t: float, q: Array, v: Array, guess: Array | None = None) -> float:
-        """𝒱 = ½ėᵀD ė + ½eᵀK_p e, in joules; along solutions 𝒱̇ = −ėᵀK_v ė ≤ 0."""
-        wanted = self.reference.at(t)
-        e = self.model.coordinates.difference(q, wanted.q)
-        kinetic = self.model.energy(q, wanted.v - v, self.q_free_start if guess is None else guess).kinetic
+    def lyapunov(self, t: float, q: Array | State, v: Array, guess: Near = None) -> float:
+        """𝒱 = ½ėᵀD ė + ½eᵀK_p e, in joules; along solutions 𝒱̇ = −ėᵀK_v ė ≤ 0. q may be a State."""
+        state, wanted = self.state(q, guess), self.reference.at(t)
+        e = self.model.coordinates.difference(state.q, wanted.q)
+        kinetic = state.energy(wanted.v - v).kinetic
         return float(kinetic + 0.5 * e @ self.K_p @ e)
 
 
@@ -144,8 +117,8 @@ class PDOnlineGravity(TrackingLaw):
     Its tracking error is of the size of the inertial torque over K_p. Gains as for `PDPlus`.
     """
 
-    def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, point: ClosedPoint) -> Array:
-        return np.asarray(self.K_p @ e + self.K_v @ e_dot + self._gravity(point))
+    def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, state: State) -> Array:
+        return np.asarray(self.K_p @ e + self.K_v @ e_dot + state.g)
 
 
 class WithSigmaError(ControlLaw):
@@ -163,15 +136,18 @@ class WithSigmaError(ControlLaw):
 
     def __init__(self, law: TrackingLaw, offset: ArrayLike) -> None:
         self.law = law
-        self.offset = law.model.checked(offset, "offset", law.model.mechanism.n_free)
+        self.offset = vector(offset, "offset", law.model.mechanism.n_free)
 
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+    def torque(self, t: float, q: Array, v: Array, guess: Near = None) -> Array:
+        """`torque_at` the State found from the guess, q_d(0)'s by default; errors as there."""
+        return self.torque_at(t, self.law.state(q, guess), v)
+
+    def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The law's efforts at (q, q̇), its model terms at σ(q) ⊕ δ.
 
         Raises:
-            SingularConfigurationError: σ(q) ⊕ δ is singular; otherwise as for `ReducedModel.sigma`.
+            SingularConfigurationError: σ(q) ⊕ δ is singular.
         """
-        parametrization = self.law.model.parametrization
-        near = self.law.q_free_start if guess is None else guess
-        wrong = moved(parametrization.model, parametrization.sigma(q, near).q_free, self.offset)
-        return self.law.torque_at(t, q, v, parametrization.at(wrong))
+        model = self.law.model
+        wrong = model.parametrization.at(moved(model.free_system.model, state.q_free, self.offset))
+        return self.law.torque_with(t, state.q, v, State(model, state.q, wrong))

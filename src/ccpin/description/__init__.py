@@ -1,12 +1,45 @@
-"""Readers: one a format, each returning the same plain `MechanismDescription`."""
+"""What a file says of a mechanism: one reader a format, each returning the same plain `MechanismDescription`."""
 
 from __future__ import annotations
 
 from importlib.resources import files
 from pathlib import Path
 
-from ccpin.description.model import MechanismDescription
-from ccpin.errors import AmbiguousFormatError, DescriptionError, DescriptionNotFoundError
+from ccpin.description.closure_kinds import CLOSURE_KINDS
+from ccpin.description.combining import Part, combine
+from ccpin.description.joint_kinds import JOINT_KINDS
+from ccpin.description.model import (
+    Coupling,
+    CouplingTerm,
+    Inertia,
+    Joint,
+    Link,
+    LoopClosure,
+    MechanismDescription,
+    Shape,
+    Visual,
+)
+from ccpin.errors import AmbiguousFormatError, DescriptionNotFoundError
+
+__all__ = [
+    "CLOSURE_KINDS",
+    "FORMATS",
+    "JOINT_KINDS",
+    "Coupling",
+    "CouplingTerm",
+    "Inertia",
+    "Joint",
+    "Link",
+    "LoopClosure",
+    "MechanismDescription",
+    "Part",
+    "Shape",
+    "Visual",
+    "combine",
+    "find_file",
+    "installed_models",
+    "read_description",
+]
 
 FORMATS = ("urdf", "mjcf", "toolbox")
 
@@ -60,18 +93,24 @@ def read_description(path: str | Path, format: str | None = None) -> MechanismDe
         text = file.read_bytes()
     except OSError as error:
         raise DescriptionNotFoundError(f"cannot be read: {error.strerror}", source=str(file)) from None
-    kind = format or detect_format(text, str(file))
-    if kind == "toolbox":
-        from ccpin.description.toolbox import read_toolbox
+    if format == "toolbox" or (format is None and _is_toolbox(text, str(file))):
+        from ccpin.description.toolbox import toolbox_description
 
-        return read_toolbox(file)
+        return toolbox_description(text, file)
+    from ccpin.description.xml import parse_xml, tag
+
+    root = parse_xml(text, str(file))
+    kind = format or {"robot": "urdf", "mujoco": "mjcf"}.get(tag(root))
     if kind == "mjcf":
-        from ccpin.description.mjcf.reader import read_mjcf
+        from ccpin.description.mjcf.reader import mjcf_description
 
-        return read_mjcf(text, str(file))
-    from ccpin.description.urdf import read_urdf
+        return mjcf_description(root)
+    if kind == "urdf":
+        from ccpin.description.urdf import urdf_description
 
-    return read_urdf(text, str(file))
+        return urdf_description(root)
+    message = f"the root element <{tag(root)}> is neither <robot> (URDF) nor <mujoco>"
+    raise AmbiguousFormatError(message, source=str(file))
 
 
 def _file_in(folder: Path) -> Path:
@@ -81,25 +120,14 @@ def _file_in(folder: Path) -> Path:
     raise DescriptionNotFoundError("the folder holds no robot.yaml, robot.urdf or robot.xml", source=str(folder))
 
 
-def detect_format(text: bytes, source: str | None) -> str:
-    """Tell the format from the content.
+def _is_toolbox(text: bytes, source: str) -> bool:
+    """Whether the content is a robot.yaml rather than XML.
 
     Raises:
-        AmbiguousFormatError: It is none ccpin reads.
-        InvalidXmlError: It looks like XML and is not well-formed.
+        AmbiguousFormatError: It is neither.
     """
-    from ccpin.description.xml import parse_xml, tag
-
     if text.lstrip().startswith((b"<", b"\xef\xbb\xbf<", b"\xff\xfe", b"\xfe\xff")):
-        root = tag(parse_xml(text, source))
-        if root == "robot":
-            return "urdf"
-        if root == "mujoco":
-            return "mjcf"
-        raise AmbiguousFormatError(f"the root element <{root}> is neither <robot> (URDF) nor <mujoco>", source=source)
+        return False
     if b"closed_loop" in text:
-        return "toolbox"
+        return True
     raise AmbiguousFormatError("neither XML (URDF, MJCF) nor a YAML file with a 'closed_loop' key", source=source)
-
-
-__all__ = ["FORMATS", "DescriptionError", "detect_format", "find_file", "installed_models", "read_description"]

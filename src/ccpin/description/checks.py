@@ -8,10 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccpin.description.model import CLOSURE_KINDS, JOINT_KINDS, Inertia, MechanismDescription
+from ccpin.description.closure_kinds import CLOSURE_KINDS
+from ccpin.description.joint_kinds import FIXED, JOINT_KINDS
+from ccpin.description.model import Inertia, MechanismDescription
 from ccpin.errors import DescriptionError
 
-ONE_DOF = ("revolute", "continuous", "prismatic")
 MAGNITUDE_LIMIT = 1e9
 
 
@@ -54,14 +55,8 @@ class _Checker:
         self.marks_are_sound()
 
     def names_are_unique(self) -> None:
-        kinds: tuple[tuple[str, Iterable[str]], ...] = (
-            ("link", (link.name for link in self.d.links)),
-            ("joint", (joint.name for joint in self.d.joints)),
-            ("loop", (closure.name for closure in self.d.closures)),
-            ("coupling", (coupling.name for coupling in self.d.couplings)),
-        )
-        for kind, names in kinds:
-            for name, count in Counter(names).items():
+        for kind, field in (("link", "links"), ("joint", "joints"), ("loop", "closures"), ("coupling", "couplings")):
+            for name, count in Counter(thing.name for thing in getattr(self.d, field)).items():
                 if count > 1:
                     raise self.fail(f"{kind} '{name}'", f"the name is used {count} times; names must be unique")
 
@@ -75,10 +70,8 @@ class _Checker:
             if joint.parent == joint.child:
                 raise self.fail(element, f"link '{joint.child}' is its own parent")
             if joint.child in parent_of:
-                raise self.fail(
-                    element,
-                    f"link '{joint.child}' has two parents; cut the tree open and state the loop as a closure",
-                )
+                message = f"link '{joint.child}' has two parents; cut the tree open and state the loop as a closure"
+                raise self.fail(element, message)
             parent_of[joint.child] = joint.parent
         roots = sorted(self.links - set(parent_of))
         if len(roots) > 1:
@@ -92,6 +85,8 @@ class _Checker:
                 seen.add(link)
 
     def inertia_is_physical(self, element: str, inertia: Inertia) -> None:
+        if inertia.com.shape != (3,) or inertia.rotational.shape != (3, 3):
+            raise self.fail(element, "the centre of mass must have shape (3,), the rotational inertia shape (3, 3)")
         values = np.concatenate([[inertia.mass], inertia.com, inertia.rotational.ravel()])
         if not np.all(np.isfinite(values)) or np.max(np.abs(values)) > MAGNITUDE_LIMIT:
             raise self.fail(element, "mass, centre of mass or inertia is not a finite number of sensible size")
@@ -110,10 +105,10 @@ class _Checker:
     def joints_are_sound(self) -> None:
         for joint in self.d.joints:
             element = f"joint '{joint.name}'"
-            if joint.kind not in JOINT_KINDS:
-                raise self.fail(element, f"type '{joint.kind}' is not one of {', '.join(JOINT_KINDS)}")
-            if not abs(np.linalg.norm(joint.axis) - 1) < 1e-9:
-                raise self.fail(element, "the axis is the zero vector or not of unit length")
+            if joint.kind not in (*JOINT_KINDS, FIXED):
+                raise self.fail(element, f"type '{joint.kind}' is not one of {', '.join((*JOINT_KINDS, FIXED))}")
+            if joint.axis.shape != (3,) or not abs(np.linalg.norm(joint.axis) - 1) < 1e-9:
+                raise self.fail(element, "the axis is the zero vector or not of unit length in space")
             self.placement_is_rigid(element, joint.placement)
             if not joint.lower <= joint.upper:
                 raise self.fail(element, f"lower limit {joint.lower:g} exceeds upper limit {joint.upper:g}")
@@ -121,6 +116,8 @@ class _Checker:
                 raise self.fail(element, f"reflected rotor inertia {joint.armature:g} is negative or not finite")
 
     def placement_is_rigid(self, element: str, placement: np.ndarray) -> None:
+        if placement.shape != (4, 4):
+            raise self.fail(element, f"the placement has shape {placement.shape}; it must be (4, 4)")
         if not np.all(np.isfinite(placement)) or np.max(np.abs(placement)) > MAGNITUDE_LIMIT:
             raise self.fail(element, "the placement is not finite or too large")
         rotation = placement[:3, :3]
@@ -148,16 +145,14 @@ class _Checker:
             if not coupling.terms:
                 raise self.fail(element, "couples no joint")
             for term in coupling.terms:
+                joint = f"joint '{term.joint}'"
                 if term.joint not in self.joints:
-                    raise self.fail(element, f"joint '{term.joint}' does not exist")
+                    raise self.fail(element, f"{joint} does not exist")
                 kind = self.joints[term.joint].kind
-                if kind not in ONE_DOF:
-                    raise self.fail(
-                        element, f"joint '{term.joint}' is {kind}; only {', '.join(ONE_DOF)} can be coupled"
-                    )
-                self.is_sensible(
-                    element, (*term.coefficients, term.reference), f"a coefficient of joint '{term.joint}'"
-                )
+                one_dof = [name for name, entry in JOINT_KINDS.items() if entry.nv == 1]
+                if kind not in one_dof:
+                    raise self.fail(element, f"{joint} is {kind}; only {', '.join(one_dof)} can be coupled")
+                self.is_sensible(element, (*term.coefficients, term.reference), f"a coefficient of {joint}")
             if not any(c != 0 for term in coupling.terms for c in term.coefficients[1:]):
                 raise self.fail(element, "every coefficient is zero")
 

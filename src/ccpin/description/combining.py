@@ -6,20 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-import numpy as np
-
 from ccpin.arrays import Array
 from ccpin.description.checks import check
-from ccpin.description.model import (
-    IDENTITY,
-    Coupling,
-    CouplingTerm,
-    Joint,
-    Link,
-    LoopClosure,
-    MechanismDescription,
-    frozen,
-)
+from ccpin.description.model import IDENTITY, Coupling, Joint, Link, LoopClosure, MechanismDescription
 
 
 class Part(NamedTuple):
@@ -58,8 +47,7 @@ def combine(
     """
     renamed = {prefix: _renamed(part.description, prefix) for prefix, part in parts.items()}
     mounts = [
-        Joint(f"{prefix}mount", "fixed", root, renamed[prefix].root, frozen(np.asarray(part.placement)))
-        for prefix, part in parts.items()
+        Joint(f"{prefix}mount", "fixed", root, renamed[prefix].root, part.placement) for prefix, part in parts.items()
     ]
     every = list(renamed.values())
     return check(
@@ -78,10 +66,6 @@ def combine(
 
 
 def _renamed(d: MechanismDescription, prefix: str) -> MechanismDescription:
-    def coupling(c: Coupling) -> Coupling:
-        terms = tuple(CouplingTerm(prefix + t.joint, t.coefficients, t.reference) for t in c.terms)
-        return Coupling(prefix + c.name, terms)
-
     return replace(
         d,
         root=prefix + d.root,
@@ -92,7 +76,9 @@ def _renamed(d: MechanismDescription, prefix: str) -> MechanismDescription:
         closures=tuple(
             replace(c, name=prefix + c.name, link_a=prefix + c.link_a, link_b=prefix + c.link_b) for c in d.closures
         ),
-        couplings=tuple(coupling(c) for c in d.couplings),
+        couplings=tuple(
+            Coupling(prefix + c.name, tuple(replace(t, joint=prefix + t.joint) for t in c.terms)) for c in d.couplings
+        ),
         actuated=None if d.actuated is None else tuple(prefix + name for name in d.actuated),
         reference={prefix + name: value for name, value in d.reference.items()},
         notes=tuple(f"{prefix}: {note}" for note in d.notes),

@@ -1,47 +1,43 @@
 """The plain mechanism description every reader returns; it knows nothing of dynamics.
 
-Frames are 4×4 homogeneous transforms, lengths in metres, angles in radians, masses in kilograms. Every
-array is read-only.
+Frames are 4×4 homogeneous transforms, lengths in metres, angles in radians, masses in kilograms. Nothing in a
+description can be written to: arrays (or lists) given are copied into read-only arrays, lists become tuples.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, FrozenMapping, Record, cross, frozen, skew
 
-JointKind = Literal["revolute", "continuous", "prismatic", "spherical", "planar", "floating", "fixed"]
-ClosureKind = Literal["spherical", "revolute", "fixed", "prismatic", "cylindrical", "universal", "planar", "distance"]
-JOINT_KINDS: tuple[str, ...] = get_args(JointKind)
-CLOSURE_KINDS: tuple[str, ...] = get_args(ClosureKind)
-
-IDENTITY: Array = np.eye(4)
-IDENTITY.flags.writeable = False
+IDENTITY: Array = frozen(np.eye(4))
+X_AXIS: Array = frozen([1.0, 0.0, 0.0])
 
 
-def frozen(value: object) -> Array:
-    """Return a read-only float64 copy of an array-like."""
-    array = np.array(value, dtype=np.float64)
-    array.flags.writeable = False
-    return array
+def frame(position: ArrayLike, rotation: ArrayLike = IDENTITY[:3, :3]) -> Array:
+    """The 4×4 transform that turns by `rotation` (3, 3) and moves to `position` (3,)."""
+    transform = np.eye(4)
+    transform[:3, :3], transform[:3, 3] = rotation, position
+    return transform
 
 
 def rotation_to(axis: Array) -> Array:
     """The smallest rotation whose z column is the unit vector `axis` (a half turn about x for −z)."""
     z = np.array([0.0, 0.0, 1.0])
-    cosine, v = float(axis @ z), np.cross(z, axis)
+    cosine, v = float(axis @ z), cross(z, axis)
     if cosine < 0 and v @ v < 1e-30:
         return np.diag([1.0, -1.0, -1.0])
-    skew = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
     gain = 1 / (1 + cosine) if cosine >= 0 else (1 - cosine) / (v @ v)
-    return np.asarray(np.eye(3) + skew + gain * skew @ skew)
+    return np.asarray(np.eye(3) + skew(v) + gain * skew(v) @ skew(v))
 
 
 @dataclass(frozen=True, eq=False)
-class Inertia:
+class Inertia(Record):
     """Mass (kg), centre of mass (3,) and rotational inertia (3, 3) about it, both in link axes."""
 
     mass: float
@@ -50,7 +46,7 @@ class Inertia:
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class Shape(Record):
     """A drawable shape.
 
     ``kind`` and ``size``: box (x, y, z edge lengths), cylinder (radius, length; along z), capsule (radius,
@@ -64,7 +60,7 @@ class Shape:
 
 
 @dataclass(frozen=True, eq=False)
-class Visual:
+class Visual(Record):
     """A shape placed in its link's frame, with its colour (red, green, blue, alpha in [0, 1])."""
 
     shape: Shape
@@ -73,7 +69,7 @@ class Visual:
 
 
 @dataclass(frozen=True, eq=False)
-class Link:
+class Link(Record):
     """A rigid body; `inertia` is ``None`` for a massless frame."""
 
     name: str
@@ -82,20 +78,21 @@ class Link:
 
 
 @dataclass(frozen=True, eq=False)
-class Joint:
+class Joint(Record):
     """A tree joint.
 
+    `kind` is one of `ccpin.description.joint_kinds.JOINT_KINDS`, or ``fixed``.
     `placement` is the joint frame in the parent link's frame at zero displacement; the child link's frame
     coincides with the moving joint frame. `axis` is a unit vector in that frame (the normal for planar).
     `armature` is the reflected rotor inertia (gear ratio squared times rotor inertia), kg m² or kg.
     """
 
     name: str
-    kind: JointKind
+    kind: str
     parent: str
     child: str
     placement: Array = field(default_factory=lambda: IDENTITY)
-    axis: Array = field(default_factory=lambda: frozen([1.0, 0.0, 0.0]))
+    axis: Array = field(default_factory=lambda: X_AXIS)
     lower: float = -np.inf
     upper: float = np.inf
     effort: float = np.inf
@@ -104,17 +101,17 @@ class Joint:
 
 
 @dataclass(frozen=True, eq=False)
-class LoopClosure:
+class LoopClosure(Record):
     """A closed loop: frame A on `link_a` and frame B on `link_b` are joined by a joint of `kind`.
 
     The kind names the relative motion left free (number of constraint rows): spherical (3), revolute about
     the common z axes (5), fixed (6), prismatic along z (5), cylindrical about and along z (4), universal with
     the x axis of A perpendicular to the y axis of B (4), planar with common normal z (3), distance: the
-    origins stay `length` metres apart (1).
+    origins stay `length` metres apart (1). `ccpin.description.closure_kinds` says exactly what each asks for.
     """
 
     name: str
-    kind: ClosureKind
+    kind: str
     link_a: str
     link_b: str
     placement_a: Array = field(default_factory=lambda: IDENTITY)
@@ -123,7 +120,7 @@ class LoopClosure:
 
 
 @dataclass(frozen=True)
-class CouplingTerm:
+class CouplingTerm(Record):
     """The polynomial Σₖ coefficients[k] (θ − reference)ᵏ in the displacement θ of one 1-dof joint."""
 
     joint: str
@@ -132,7 +129,7 @@ class CouplingTerm:
 
 
 @dataclass(frozen=True)
-class Coupling:
+class Coupling(Record):
     """A holonomic relation Σ terms = 0 between joint displacements (gears, mimic joints, belts)."""
 
     name: str
@@ -140,7 +137,7 @@ class Coupling:
 
 
 @dataclass(frozen=True, eq=False)
-class MechanismDescription:
+class MechanismDescription(Record):
     """All that a file says about a mechanism.
 
     Attributes:
@@ -164,7 +161,13 @@ class MechanismDescription:
     independent_is_default: bool = False
     dependent_hint: tuple[str, ...] = ()
     actuated: tuple[str, ...] | None = None
-    reference: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    reference: Mapping[str, tuple[float, ...]] = FrozenMapping()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     source: str | None = None
     notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        return (
+            f"MechanismDescription({self.name!r}, {len(self.links)} links, {len(self.joints)} joints, "
+            f"{len(self.closures)} closures, {len(self.couplings)} couplings)"
+        )

@@ -6,19 +6,38 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import yaml
 
+from ccpin.arrays import frozen
 from ccpin.description.checks import check
-from ccpin.description.model import Joint, Link, LoopClosure, MechanismDescription, frozen
+from ccpin.description.model import Joint, Link, LoopClosure, MechanismDescription
 from ccpin.description.urdf import read_urdf
 from ccpin.errors import DescriptionError, DescriptionNotFoundError, InvalidXmlError
 
-AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+MAX_BYTES = 128 * 1024
+MAX_DEPTH = 8
+KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
+AXES = dict(zip("XYZ", map(frozen, np.eye(3)), strict=True))
 UNIVERSAL = tuple(f"UJOINT_{a}{b}" for a in AXES for b in AXES if a != b)
 JOINT_TYPES = ("SPHERICAL", "FIXED", *UNIVERSAL)
 
 
-def read_toolbox(file: Path) -> MechanismDescription:
+def _fail(source: str, element: str, message: str) -> DescriptionError:
+    return DescriptionError(message, source=source, element=element)
+
+
+class ToolboxDocument(NamedTuple):
+    """What a robot.yaml states: two frames and ``"3d"`` or ``"6d"`` a loop, motors, joint types by name, notes."""
+
+    pairs: tuple[tuple[str, str], ...]
+    kinds: tuple[str, ...]
+    motors: tuple[str, ...]
+    overrides: dict[str, str]
+    notes: tuple[str, ...]
+
+
+def toolbox_description(text: bytes, file: Path) -> MechanismDescription:
     """Read a toolbox-parallel-robots YAML and the URDF beside it (``robot.urdf``, or the only ``.urdf`` there).
 
     A closed_loop pair names two frames, each a link or a joint (whose frame moves with its child link). The type
@@ -28,19 +47,24 @@ def read_toolbox(file: Path) -> MechanismDescription:
     zero, UJOINT_ab replaces it by ``<name>_a``, which turns about that frame's axis a, and ``<name>_b``, about the
     turned frame's axis b, with a massless link between them.
 
-    Args:
-        file: The YAML file.
-
     Raises:
         DescriptionNotFoundError: There is no URDF beside it, or several of which none is called robot.urdf.
         InvalidXmlError: One of the files is malformed, or refused for safety.
         DescriptionError: A list has the wrong length, a name does not exist, or the URDF is unsound.
     """
     source = str(file)
-    document = parse_document(_read(file), source)
+    document = parse_document(text, source)
     urdf = _urdf_beside(file)
-    description = _override(read_urdf(_read(urdf), str(urdf)), document.overrides, source)
-    _check_motors(document.motors, description, source)
+    try:
+        description = read_urdf(urdf.read_bytes(), str(urdf))
+    except OSError as error:
+        raise DescriptionNotFoundError(f"cannot be read: {error.strerror}", source=str(urdf)) from None
+    description = _override(description, document.overrides, source)
+    movable = [joint.name for joint in description.joints if joint.kind != "fixed"]
+    missing = [name for name in document.motors if name not in movable]
+    if missing:
+        listed = f"not among the movable joints, which are {', '.join(movable)}"
+        raise _fail(source, "name_mot", f"{', '.join(missing)}: {listed}")
     return check(
         replace(
             description,
@@ -50,13 +74,6 @@ def read_toolbox(file: Path) -> MechanismDescription:
             notes=description.notes + document.notes,
         )
     )
-
-
-def _read(file: Path) -> bytes:
-    try:
-        return file.read_bytes()
-    except OSError as error:
-        raise DescriptionNotFoundError(f"cannot be read: {error.strerror}", source=str(file)) from None
 
 
 def _urdf_beside(file: Path) -> Path:
@@ -78,20 +95,13 @@ def _closures(document: ToolboxDocument, description: MechanismDescription, sour
             carriers[name] = carriers[f"{name}_{kind[-1]}"]
 
     def link_of(name: str) -> str:
-        """The link whose frame that name stands for.
-
-        Raises:
-            DescriptionError: It names neither a link nor a joint, or one of each with different frames.
-        """
+        """The link whose frame that name stands for."""
         element = f"closed_loop frame '{name}'"
         if name not in links and name not in carriers:
-            raise DescriptionError("is neither a link nor a joint of the URDF", source=source, element=element)
+            raise _fail(source, element, "is neither a link nor a joint of the URDF")
         if name in links and carriers.get(name, name) != name:
-            raise DescriptionError(
-                f"is a link and a joint with another child ('{carriers[name]}'): rename one of them",
-                source=source,
-                element=element,
-            )
+            message = f"is a link and a joint with another child ('{carriers[name]}'): rename one of them"
+            raise _fail(source, element, message)
         return name if name in links else carriers[name]
 
     return tuple(
@@ -100,26 +110,9 @@ def _closures(document: ToolboxDocument, description: MechanismDescription, sour
     )
 
 
-def _check_motors(motors: tuple[str, ...], description: MechanismDescription, source: str) -> None:
-    movable = [joint.name for joint in description.joints if joint.kind != "fixed"]
-    missing = [name for name in motors if name not in movable]
-    if missing:
-        raise DescriptionError(
-            f"{', '.join(missing)}: not among the movable joints, which are {', '.join(movable)}",
-            source=source,
-            element="name_mot",
-        )
-
-
 def _override(description: MechanismDescription, overrides: dict[str, str], source: str) -> MechanismDescription:
-    """Apply the joint types; what the URDF says of such a joint's position, limits and rotor no longer applies.
-
-    Raises:
-        DescriptionError: A joint does not exist or is fixed in the URDF, or its type is none of JOINT_TYPES.
-    """
-    joints: list[Joint] = []
-    between: list[Link] = []
-    notes: list[str] = []
+    """Apply the joint types; what the URDF says of such a joint's position, limits and rotor no longer applies."""
+    joints, between, notes = list[Joint](), list[Link](), list[str]()
     _check_overrides(description, overrides, source)
     for joint in description.joints:
         kind = overrides.get(joint.name)
@@ -133,11 +126,8 @@ def _override(description: MechanismDescription, overrides: dict[str, str], sour
             joints += [first, second]
             between.append(middle)
         else:
-            joints.append(
-                Joint(joint.name, "fixed", joint.parent, joint.child, joint.placement)
-                if kind == "FIXED"
-                else Joint(joint.name, "spherical", joint.parent, joint.child, joint.placement)
-            )
+            new = "fixed" if kind == "FIXED" else "spherical"
+            joints.append(Joint(joint.name, new, joint.parent, joint.child, joint.placement))
     kept = {joint.name for joint in joints if joint.kind != "fixed"}
     marked = description.independent
     return replace(
@@ -156,50 +146,19 @@ def _check_overrides(description: MechanismDescription, overrides: dict[str, str
     for name, kind in overrides.items():
         element = f"joint_name '{name}'"
         if name not in kinds:
-            raise DescriptionError("is not a joint of the URDF", source=source, element=element)
+            raise _fail(source, element, "is not a joint of the URDF")
         if kind not in JOINT_TYPES:
-            raise DescriptionError(
-                f"joint_type '{kind}' is not one of {', '.join(JOINT_TYPES)}", source=source, element=element
-            )
+            raise _fail(source, element, f"joint_type '{kind}' is not one of {', '.join(JOINT_TYPES)}")
         if kinds[name] == "fixed" and kind != "FIXED":
-            raise DescriptionError(
-                f"is fixed in the URDF, and joint_type {kind} changes movable joints only",
-                source=source,
-                element=element,
-            )
+            raise _fail(source, element, f"is fixed in the URDF, and joint_type {kind} changes movable joints only")
 
 
 def _universal(joint: Joint, kind: str) -> tuple[Joint, Link, Joint]:
     """The two revolute joints of UJOINT_ab and the massless link between them."""
     a, b = kind[-2], kind[-1]
     middle = Link(f"{joint.name}_{a}_link")
-    first = Joint(f"{joint.name}_{a}", "revolute", joint.parent, middle.name, joint.placement, frozen(AXES[a]))
-    return first, middle, Joint(f"{joint.name}_{b}", "revolute", middle.name, joint.child, axis=frozen(AXES[b]))
-
-
-# The robot.yaml of toolbox-parallel-robots as checked lists of names.
-
-MAX_BYTES = 128 * 1024
-MAX_DEPTH = 8
-KEYS = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
-
-
-class ToolboxDocument(NamedTuple):
-    """What a robot.yaml states.
-
-    Attributes:
-        pairs: The two frames of each loop.
-        kinds: ``"3d"`` or ``"6d"``, one a pair.
-        motors: Actuated joints.
-        overrides: Joint types by joint name.
-        notes: What was assumed or left out.
-    """
-
-    pairs: tuple[tuple[str, str], ...]
-    kinds: tuple[str, ...]
-    motors: tuple[str, ...]
-    overrides: dict[str, str]
-    notes: tuple[str, ...]
+    first = Joint(f"{joint.name}_{a}", "revolute", joint.parent, middle.name, joint.placement, AXES[a])
+    return first, middle, Joint(f"{joint.name}_{b}", "revolute", middle.name, joint.child, axis=AXES[b])
 
 
 def parse_document(text: bytes, source: str) -> ToolboxDocument:
@@ -211,10 +170,10 @@ def parse_document(text: bytes, source: str) -> ToolboxDocument:
     """
     content = _parse_yaml(text, source)
     if not isinstance(content, dict) or "closed_loop" not in content:
-        raise DescriptionError(f"not a mapping with the keys {', '.join(KEYS)}", source=source, element="closed_loop")
+        raise _fail(source, "closed_loop", f"not a mapping with the keys {', '.join(KEYS)}")
     pairs = content["closed_loop"]
     if not isinstance(pairs, list) or not all(isinstance(pair, list) and len(pair) == 2 for pair in pairs):
-        raise DescriptionError("not a list of pairs [frameA, frameB]", source=source, element="closed_loop")
+        raise _fail(source, "closed_loop", "not a list of pairs [frameA, frameB]")
     named = [_names(pair, "closed_loop", source) for pair in pairs]
     notes = [f"{source}: the key '{key}' is not read" for key in content if key not in KEYS]
     if "type" not in content:
@@ -223,12 +182,14 @@ def parse_document(text: bytes, source: str) -> ToolboxDocument:
     joints = _names(content.get("joint_name", []), "joint_name", source)
     types = _names(content.get("joint_type", []), "joint_type", source)
     motors = _names(content.get("name_mot", []), "name_mot", source)
-    _same_length("type", kinds, "closed_loop", pairs, source)
-    _same_length("joint_type", types, "joint_name", joints, source)
+    lengths = ("type", kinds, "closed_loop", pairs), ("joint_type", types, "joint_name", joints)
+    for key, values, other, others in lengths:
+        if len(values) != len(others):
+            raise _fail(source, key, f"has {len(values)} entries where {other} has {len(others)}")
     for key, names in (("joint_name", joints), ("name_mot", motors)):
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise DescriptionError(f"{', '.join(twice)} named more than once", source=source, element=key)
+            raise _fail(source, key, f"{', '.join(twice)} named more than once")
     return ToolboxDocument(
         pairs=tuple((a, b) for a, b in named),
         kinds=tuple("3d" if kind.lower() == "3d" else "6d" for kind in kinds),
@@ -239,11 +200,7 @@ def parse_document(text: bytes, source: str) -> ToolboxDocument:
 
 
 def _parse_yaml(text: bytes, source: str) -> Any:
-    """The document as lists, dicts and strings.
-
-    Raises:
-        InvalidXmlError: Not YAML, too large or too deep, or with tags, anchors or aliases.
-    """
+    """The document as lists, dicts and strings, refused if too large or deep, or with tags, anchors or aliases."""
     if len(text) > MAX_BYTES:
         raise InvalidXmlError(f"the YAML is larger than {MAX_BYTES} bytes", source=source)
     try:
@@ -271,10 +228,5 @@ def _refuse_constructs(text: bytes, source: str) -> None:
 
 def _names(value: Any, key: str, source: str) -> list[str]:
     if not isinstance(value, list) or not all(isinstance(name, str) and name.strip() for name in value):
-        raise DescriptionError("not a list of names", source=source, element=key)
+        raise _fail(source, key, "not a list of names")
     return value
-
-
-def _same_length(key: str, values: list[str], other: str, others: list[Any], source: str) -> None:
-    if len(values) != len(others):
-        raise DescriptionError(f"has {len(values)} entries where {other} has {len(others)}", source=source, element=key)

@@ -1,33 +1,56 @@
-"""URDF: yourdfpy parses the document, ccpin checks what it lets through, `urdf_closures` reads the loops."""
+"""URDF: links and joints with their numbers checked; `urdf_loops` reads what the dialects add."""
 
 from __future__ import annotations
 
-import io
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import cast
 
 import numpy as np
-from lxml import etree
 
 from ccpin.description.checks import check
+from ccpin.description.joint_kinds import FIXED, JOINT_KINDS
 from ccpin.description.model import (
+    X_AXIS,
     Coupling,
     CouplingTerm,
     Inertia,
     Joint,
-    JointKind,
     Link,
     MechanismDescription,
     Shape,
     Visual,
-    frozen,
 )
 from ccpin.description.urdf_loops import read_marks
-from ccpin.description.xml import Element, child, label, number, numbers, parse_xml, text_attribute
+from ccpin.description.xml import (
+    Colour,
+    XmlElement,
+    child,
+    fail,
+    numeric_attributes,
+    origin,
+    parse_xml,
+    source_of,
+    text_attribute,
+)
 from ccpin.errors import DescriptionError
 
-DEFAULT_COLOUR = (0.62, 0.66, 0.70, 1.0)
+SYNONYMS = {"ball": "spherical"}
+# Every numeric attribute of a URDF's elements with its number of entries; checked wherever the element stands.
+NUMERIC: dict[str, dict[str, int]] = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "mass": {"value": 1},
+    "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
+    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+    "color": {"rgba": 4},
+}
+SHAPES = ("box", "cylinder", "sphere", "mesh")
+WHITE: Colour = (1.0, 1.0, 1.0, 1.0)
 
 
 def read_urdf(text: bytes, source: str | None) -> MechanismDescription:
@@ -40,106 +63,174 @@ def read_urdf(text: bytes, source: str | None) -> MechanismDescription:
     Raises:
         InvalidXmlError, DescriptionError: Naming the element at fault.
     """
-    root = parse_xml(text, source)
+    return urdf_description(parse_xml(text, source))
+
+
+def urdf_description(root: XmlElement) -> MechanismDescription:
+    """The description that a parsed URDF states (see `read_urdf`)."""
+    source = source_of(root)
     if root.tag != "robot":
         raise DescriptionError("the root element of a URDF is <robot>", source=source, element=f"<{root.tag}>")
-    notes: list[str] = []
-    robot = parse_document(root, source, notes)
-    joints = [_joint(joint, source, notes) for joint in robot.joints]
-    marks = read_marks(root, joints, source)
-    joints = [replace(joint, armature=marks.armature.get(joint.name, 0.0)) for joint in joints]
-    colours = {m.name: m.color.rgba for m in robot.materials if m.name and m.color is not None}
-    links = tuple(_link(link, colours, source, notes) for link in robot.links)
-    children_ = {joint.child for joint in joints}
-    roots = [link.name for link in links if link.name not in children_]
+    reader = _TreeReader(root)
+    joints = [reader.joint(element) for element in root.iterfind("joint")]
+    mimics = [mimic for element in root.iterfind("joint") for mimic in reader.mimics(element)[:1]]
+    links = tuple(reader.link(element) for element in root.iterfind("link"))
     if not links:
         raise DescriptionError("the file declares no link", source=source)
+    marks = read_marks(root, joints)
+    children = {joint.child for joint in joints}
     return check(
         MechanismDescription(
-            name=robot.name or (Path(source).stem if source else "mechanism"),
-            root=roots[0] if roots else links[0].name,
+            name=root.get("name") or (Path(source).stem if source else "mechanism"),
+            root=next((link.name for link in links if link.name not in children), links[0].name),
             links=links,
-            joints=tuple(joints),
+            joints=tuple(replace(joint, armature=marks.armature.get(joint.name, 0.0)) for joint in joints),
             closures=marks.closures,
-            couplings=marks.couplings + tuple(_mimics(robot.joints)),
+            couplings=(*marks.couplings, *mimics),
             independent=marks.independent,
             independent_is_default=marks.independent_is_default,
-            dependent_hint=marks.dependent_hint + tuple(j.name for j in robot.joints if j.mimic is not None),
+            dependent_hint=marks.dependent_hint + tuple(mimic.terms[0].joint for mimic in mimics),
             actuated=marks.actuated,
             reference=marks.reference,
             source=source,
-            notes=marks.notes + tuple(notes),
+            notes=tuple(reader.notes),
         )
     )
 
 
-def _joint(joint: Any, source: str | None, notes: list[str]) -> Joint:
-    kind = JOINT_TYPES[joint.type]
-    lower, upper = -np.inf, np.inf
-    effort = velocity = np.inf
-    if joint.limit is not None:
-        effort = np.inf if joint.limit.effort is None else float(joint.limit.effort)
-        velocity = np.inf if joint.limit.velocity is None else float(joint.limit.velocity)
-        if kind in ("revolute", "prismatic"):
-            if joint.limit.lower is None and joint.limit.upper is None:
-                notes.append(f"joint '{joint.name}' states no lower and upper limit: taken as unlimited")
+class _TreeReader:
+    """Reads links and joints, whose numbers it has checked first, all of them, also where ccpin has no use for them.
+
+    `values` are the numeric attributes of each element of a tag in `NUMERIC`, `colours` those of the named materials.
+    """
+
+    def __init__(self, root: XmlElement) -> None:
+        self.source = source_of(root)
+        self.notes: list[str] = []
+        self.values: dict[XmlElement, dict[str, tuple[float, ...]]] = {}
+        for name, counts in NUMERIC.items():
+            for element in root.iter("{*}" + name):
+                self.values[element] = numeric_attributes(element, counts)
+        self.colours: dict[str, Colour] = {}
+        for material in root.iterfind("material"):
+            colour = self.colour(material)
+            if material.get("name") and colour is not None:
+                self.colours[material.get("name")] = colour
+
+    def needed(self, element: XmlElement, *attributes: str) -> tuple[float, ...]:
+        """The numbers of attributes that must be there, in one tuple."""
+        values = self.values[element]
+        for attribute in attributes:
+            if attribute not in values:
+                raise fail(element, f"attribute '{attribute}' is missing")
+        return tuple(number for attribute in attributes for number in values[attribute])
+
+    def joint(self, element: XmlElement) -> Joint:
+        """A <joint>; its rotor inertia stands elsewhere."""
+        name, written = text_attribute(element, "name"), text_attribute(element, "type")
+        name_of_kind = SYNONYMS.get(written, written)
+        if name_of_kind not in (*JOINT_KINDS, FIXED):
+            raise fail(element, f"type '{written}' is not one of {', '.join((*JOINT_KINDS, FIXED, *SYNONYMS))}")
+        kind = JOINT_KINDS.get(name_of_kind)
+        axis = element.find("axis")
+        direction = np.array(X_AXIS if axis is None else self.values[axis].get("xyz", X_AXIS))
+        norm = np.linalg.norm(direction)
+        if kind is not None and kind.axial and not 1e-9 < norm < 1e9:
+            raise fail(element, "the axis is the zero vector")
+        limit = element.find("limit")
+        stated = {} if limit is None else {key: value for key, (value,) in self.values[limit].items()}
+        lower, upper = -np.inf, np.inf
+        if kind is not None and kind.nq == 1 and limit is not None:
+            if "lower" in stated or "upper" in stated:
+                lower, upper = stated.get("lower", 0.0), stated.get("upper", 0.0)
             else:
-                lower, upper = float(joint.limit.lower or 0.0), float(joint.limit.upper or 0.0)
-    axis = np.array([1.0, 0.0, 0.0]) if joint.axis is None else np.asarray(joint.axis, dtype=np.float64)
-    norm = np.linalg.norm(axis)
-    return Joint(
-        name=joint.name,
-        kind=kind,
-        parent=joint.parent,
-        child=joint.child,
-        placement=_origin(joint.origin),
-        axis=frozen(axis / norm if norm > 0 else [1.0, 0.0, 0.0]),
-        lower=lower,
-        upper=upper,
-        effort=effort,
-        velocity=velocity,
-    )
-
-
-def _origin(matrix: Any) -> Any:
-    return frozen(np.eye(4) if matrix is None else matrix)
-
-
-def _link(link: Any, colours: dict[str, Any], source: str | None, notes: list[str]) -> Link:
-    inertia = None
-    if link.inertial is not None:
-        placement = _origin(link.inertial.origin)
-        rotation = placement[:3, :3]
-        inertia = Inertia(
-            mass=float(link.inertial.mass),
-            com=frozen(placement[:3, 3]),
-            rotational=frozen(rotation @ np.asarray(link.inertial.inertia) @ rotation.T),
+                self.notes.append(f"joint '{name}' states no lower and upper limit: taken as unlimited")
+        return Joint(
+            name=name,
+            kind=name_of_kind,
+            parent=text_attribute(child(element, "parent"), "link"),
+            child=text_attribute(child(element, "child"), "link"),
+            placement=origin(element.find("origin")),
+            axis=direction / norm if norm > 0 else X_AXIS,
+            lower=lower,
+            upper=upper,
+            effort=stated.get("effort", np.inf),
+            velocity=stated.get("velocity", np.inf),
         )
-    visuals = (_visual(visual, colours, link.name, source, notes) for visual in link.visuals)
-    return Link(name=link.name, inertia=inertia, visuals=tuple(visuals))
 
+    def mimics(self, element: XmlElement) -> list[Coupling]:
+        """What a joint mimics, as couplings θ − multiplier·θ_master − offset = 0."""
+        name, couplings = element.get("name"), []
+        for mimic in element.iterfind("mimic"):
+            master, values = text_attribute(mimic, "joint"), self.values[mimic]
+            if master == name:
+                raise fail(element, "mimics itself")
+            line = (-values.get("offset", (0.0,))[0], -values.get("multiplier", (1.0,))[0])
+            couplings.append(Coupling(f"mimic_{name}", (CouplingTerm(name, (0.0, 1.0)), CouplingTerm(master, line))))
+        return couplings
 
-def _visual(visual: Any, colours: dict[str, Any], link: str, source: str | None, notes: list[str]) -> Visual:
-    shape = _shape(visual.geometry, link, source, notes)
-    colour = None
-    if visual.material is not None:
-        colour = visual.material.color.rgba if visual.material.color is not None else colours.get(visual.material.name)
-    rgba = DEFAULT_COLOUR if colour is None else tuple(float(c) for c in colour)
-    return Visual(shape=shape, placement=_origin(visual.origin), rgba=cast("tuple[float, float, float, float]", rgba))
+    def link(self, element: XmlElement) -> Link:
+        """A <link> with its first inertial and the visuals that can be drawn."""
+        name = text_attribute(element, "name")
+        inertias = [self.inertia(inertial) for inertial in element.iterfind("inertial")]
+        visuals = [self.visual(visual, name) for visual in element.iterfind("visual")]
+        return Link(name, inertias[0] if inertias else None, tuple(filter(None, visuals)))
 
+    def inertia(self, inertial: XmlElement) -> Inertia:
+        """Mass, centre and inertia matrix of an <inertial>, turned into the link's axes."""
+        (mass,) = self.needed(child(inertial, "mass"), "value")
+        matrix = child(inertial, "inertia")
+        ixx, iyy, izz = self.needed(matrix, "ixx", "iyy", "izz")
+        products = {"ixy": (0.0,), "ixz": (0.0,), "iyz": (0.0,), **self.values[matrix]}
+        (ixy,), (ixz,), (iyz,) = products["ixy"], products["ixz"], products["iyz"]
+        placement = origin(inertial.find("origin"))
+        rotation = placement[:3, :3]
+        rotational = rotation @ np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]) @ rotation.T
+        return Inertia(mass, placement[:3, 3], rotational)
 
-def _shape(geometry: Any, link: str, source: str | None, notes: list[str]) -> Shape:
-    if geometry.box is not None:
-        return Shape("box", tuple(float(x) for x in geometry.box.size))
-    if geometry.cylinder is not None:
-        return Shape("cylinder", (float(geometry.cylinder.radius), float(geometry.cylinder.length)))
-    if geometry.sphere is not None:
-        return Shape("sphere", (float(geometry.sphere.radius),))
-    scale = np.broadcast_to(1.0 if geometry.mesh.scale is None else geometry.mesh.scale, 3)
-    found = find_mesh(geometry.mesh.filename, source)
-    if found is None:
-        notes.append(f"link '{link}': mesh '{geometry.mesh.filename}' is not there; it is left out of pictures")
-    return Shape("mesh", tuple(float(s) for s in scale), mesh=str(found or geometry.mesh.filename))
+    def visual(self, visual: XmlElement, link: str) -> Visual | None:
+        """A <visual>, or a note where it cannot be drawn: a picture never costs the dynamics."""
+        shape = self.shape(child(visual, "geometry"), link)
+        if isinstance(shape, str):
+            self.notes.append(f"link '{link}': {shape}; it is left out of pictures")
+            return None
+        material = visual.find("material")
+        colour = None
+        if material is not None:
+            colour = self.colour(material) or self.colours.get(material.get("name"))
+        return Visual(shape, origin(visual.find("origin")), colour or Visual.rgba)
+
+    def colour(self, material: XmlElement) -> Colour | None:
+        """The colour a <material> states itself."""
+        colour = material.find("color")
+        return None if colour is None else cast(Colour, self.values[colour].get("rgba", WHITE))
+
+    def shape(self, geometry: XmlElement, link: str) -> Shape | str:
+        """The first shape of a <geometry>, or why it cannot be drawn.
+
+        Raises:
+            DescriptionError: It lacks a dimension.
+        """
+        shape = next(geometry.iterchildren(*SHAPES), None)
+        if shape is None:
+            return f"a visual is none of {', '.join(SHAPES)}"
+        if shape.tag == "mesh":
+            return self.mesh(shape, link)
+        size = self.needed(shape, *NUMERIC[shape.tag])
+        return Shape(shape.tag, size) if min(size) > 0 else f"a visual's {shape.tag} has no extent"
+
+    def mesh(self, shape: XmlElement, link: str) -> Shape | str:
+        """A <mesh>; one whose file is absent stays in the description, with a note."""
+        name = shape.get("filename")
+        if not name:
+            return "a visual's mesh has no file name"
+        scale = numeric_attributes(shape, {"scale": None}).get("scale", (1.0,))
+        if len(scale) not in (1, 3):
+            return "a mesh's scale has neither one nor three numbers"
+        found = find_mesh(name, self.source)
+        if found is None:
+            self.notes.append(f"link '{link}': mesh '{name}' is not there; it is left out of pictures")
+        return Shape("mesh", scale * 3 if len(scale) == 1 else scale, mesh=str(found or name))
 
 
 def find_mesh(name: str, source: str | None) -> Path | None:
@@ -154,163 +245,3 @@ def find_mesh(name: str, source: str | None) -> Path | None:
         return next((path.resolve() for path in candidates if path.is_file()), None)
     except OSError:
         return None
-
-
-def _mimics(joints: list[Any]) -> list[Coupling]:
-    """A mimic joint is the coupling θ − multiplier·θ_master − offset = 0."""
-    return [
-        Coupling(
-            name=f"mimic_{joint.name}",
-            terms=(
-                CouplingTerm(joint.name, (0.0, 1.0)),
-                CouplingTerm(
-                    joint.mimic.joint,
-                    (
-                        -float(joint.mimic.offset or 0.0),
-                        -float(1.0 if joint.mimic.multiplier is None else joint.mimic.multiplier),
-                    ),
-                ),
-            ),
-        )
-        for joint in joints
-        if joint.mimic is not None
-    ]
-
-
-# The standard part of a URDF: checked, reduced to what ccpin uses, then parsed by yourdfpy.
-
-if TYPE_CHECKING:
-    import yourdfpy
-
-JOINT_TYPES: dict[str, JointKind] = {
-    "revolute": "revolute",
-    "continuous": "continuous",
-    "prismatic": "prismatic",
-    "fixed": "fixed",
-    "floating": "floating",
-    "planar": "planar",
-    "spherical": "spherical",
-    "ball": "spherical",
-}
-# The elements ccpin uses, by their parent: yourdfpy stumbles over some of the others.
-USED = {
-    "robot": ("link", "joint", "material"),
-    "link": ("inertial", "visual"),
-    "inertial": ("origin", "mass", "inertia"),
-    "visual": ("origin", "geometry", "material"),
-    "geometry": ("box", "cylinder", "sphere", "mesh"),
-    "material": ("color",),
-    "joint": ("origin", "parent", "child", "axis", "limit", "mimic"),
-}
-# Every numeric attribute of a URDF (element, attribute) with its number of entries.
-NUMERIC = {
-    ("origin", "xyz"): 3,
-    ("origin", "rpy"): 3,
-    ("axis", "xyz"): 3,
-    ("mass", "value"): 1,
-    **{("inertia", name): 1 for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")},
-    **{("limit", name): 1 for name in ("lower", "upper", "effort", "velocity")},
-    ("mimic", "multiplier"): 1,
-    ("mimic", "offset"): 1,
-    ("box", "size"): 3,
-    ("cylinder", "radius"): 1,
-    ("cylinder", "length"): 1,
-    ("sphere", "radius"): 1,
-    ("color", "rgba"): 4,
-}
-EXTENTS = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",), "mesh": ()}
-
-
-def parse_document(root: Element, source: str | None, notes: list[str]) -> yourdfpy.Robot:
-    """Check the standard elements and let yourdfpy read them.
-
-    Visuals that cannot be drawn are left out and noted: a picture never costs the dynamics.
-
-    Raises:
-        DescriptionError: Naming the element at fault.
-    """
-    import yourdfpy
-
-    _check_document(root, source)
-    standard = _used(root)
-    standard.set("name", root.get("name") or "")
-    for visual in list(standard.iterfind("link/visual")):
-        trouble = _undrawable(visual, source)
-        if trouble is not None:
-            link = visual.getparent()
-            notes.append(f"link '{link.get('name')}': {trouble}; it is left out of pictures")
-            link.remove(visual)
-    try:
-        document = yourdfpy.URDF.load(
-            io.BytesIO(etree.tostring(standard)), build_scene_graph=False, load_meshes=False, mesh_dir=""
-        )
-    except Exception as error:
-        raise DescriptionError(f"yourdfpy cannot read the URDF: {error}", source=source) from error
-    return document.robot
-
-
-def _used(element: Element) -> Element:
-    """A copy of the element with the children ccpin uses (names in a namespace are never among them)."""
-    copy = etree.Element(element.tag, dict(element.attrib))
-    for inner in element:
-        if inner.tag in USED.get(element.tag, ()):
-            copy.append(_used(inner))
-    return copy
-
-
-def _undrawable(visual: Element, source: str | None) -> str | None:
-    """Why a visual cannot be drawn, or ``None``.
-
-    Raises:
-        DescriptionError: Its shape lacks a dimension.
-    """
-    shape = next(iter(child(visual, "geometry", source)), None)
-    if shape is None:
-        return "a visual is none of " + ", ".join(USED["geometry"])
-    if shape.tag == "mesh":
-        if not shape.get("filename"):
-            return "a visual's mesh has no file name"
-        if shape.get("scale") is not None and numbers(shape, "scale", None, source).size not in (1, 3):
-            return "a mesh's scale has neither one nor three numbers"
-    extents = [numbers(shape, name, NUMERIC[shape.tag, name], source) for name in EXTENTS[shape.tag]]
-    return None if all(np.all(extent > 0) for extent in extents) else f"a visual's {shape.tag} has no extent"
-
-
-def _check_document(root: Element, source: str | None) -> None:
-    """Check what yourdfpy would stumble over or silently accept: names, numbers and required children."""
-    for element in root.iter():
-        own = etree.QName(element).localname
-        for attribute in element.attrib:
-            count = NUMERIC.get((own, attribute))
-            if count is not None:
-                numbers(element, attribute, count, source)
-    for link in root.findall("link"):
-        text_attribute(link, "name", source)
-        for inertial in link.findall("inertial"):
-            number(child(inertial, "mass", source), "value", source)
-            inertia = child(inertial, "inertia", source)
-            for name in ("ixx", "iyy", "izz"):
-                number(inertia, name, source)
-        for visual in link.findall("visual"):
-            child(visual, "geometry", source)
-    for joint in root.findall("joint"):
-        text_attribute(joint, "name", source)
-        kind = text_attribute(joint, "type", source)
-        if kind not in JOINT_TYPES:
-            raise DescriptionError(
-                f"type '{kind}' is not one of {', '.join(JOINT_TYPES)}", source=source, element=label(joint)
-            )
-        for role in ("parent", "child"):
-            text_attribute(child(joint, role, source), "link", source)
-        for mimic in joint.findall("mimic"):
-            if text_attribute(mimic, "joint", source) == joint.get("name"):
-                raise DescriptionError("mimics itself", source=source, element=label(joint))
-        _check_axis(joint, kind, source)
-
-
-def _check_axis(joint: Element, kind: str, source: str | None) -> None:
-    axis = joint.find("axis")
-    if kind in ("revolute", "continuous", "prismatic", "planar") and axis is not None:
-        length = np.linalg.norm(numbers(axis, "xyz", 3, source, default="1 0 0"))
-        if not 1e-9 < length < 1e9:
-            raise DescriptionError("the axis is the zero vector", source=source, element=label(joint))

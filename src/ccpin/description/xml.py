@@ -2,26 +2,30 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
 from lxml import etree
-from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
-from ccpin.description.model import frozen
+from ccpin.description.model import IDENTITY
 from ccpin.errors import DescriptionError, InvalidXmlError
 
-Element: TypeAlias = Any  # lxml's etree._Element, which has no type stubs
+XmlElement: TypeAlias = Any  # lxml's etree._Element, which has no type stubs
+Colour: TypeAlias = tuple[float, float, float, float]
+ZERO = (0.0, 0.0, 0.0)
 MAX_BYTES = 32 * 1024 * 1024
 
 
-def parse_xml(text: bytes, source: str | None) -> Element:
+def parse_xml(text: bytes, source: str | None) -> XmlElement:
     """Parse bytes into an element tree without expanding entities, reading files or using the network.
 
-    Prefixes that the root does not declare (often ``drake:``) are declared on the fly.
+    Prefixes that the root does not declare (often ``drake:``) are declared on the fly. The tree remembers its
+    source, which `fail` puts into messages.
 
     Raises:
         InvalidXmlError: Not well-formed, a document type declaration (entities), or larger than 32 MiB.
@@ -31,136 +35,153 @@ def parse_xml(text: bytes, source: str | None) -> Element:
     try:
         return _parse(text, source)
     except etree.XMLSyntaxError as error:
-        repaired = _declare_prefixes(text)
-        if repaired is not None:
-            try:
-                return _parse(repaired, source)
-            except etree.XMLSyntaxError:
-                pass
+        with contextlib.suppress(etree.XMLSyntaxError):
+            return _parse(_declare_prefixes(text), source)
         raise InvalidXmlError(f"not well-formed XML: {error.msg}", source=source) from None
 
 
-def _parse(text: bytes, source: str | None) -> Element:
-    parser = etree.XMLParser(
-        resolve_entities=False,
-        no_network=True,
-        load_dtd=False,
-        huge_tree=False,
-        remove_comments=True,
-        remove_pis=True,
-    )
-    root = etree.fromstring(text, parser)
+def _parse(text: bytes, source: str | None) -> XmlElement:
+    safe = {"resolve_entities": False, "no_network": True, "load_dtd": False, "huge_tree": False}
+    parser = etree.XMLParser(**safe, remove_comments=True, remove_pis=True)
+    root = etree.fromstring(text, parser, base_url=source)
     if root is None:
         raise InvalidXmlError("the file is empty", source=source)
     document = root.getroottree().docinfo
     if document.internalDTD is not None or document.doctype:
-        raise InvalidXmlError(
-            "a document type declaration (<!DOCTYPE …>) is refused: entities are never expanded",
-            source=source,
-        )
+        message = "a document type declaration (<!DOCTYPE …>) is refused: entities are never expanded"
+        raise InvalidXmlError(message, source=source)
     return root
 
 
-def _declare_prefixes(text: bytes) -> bytes | None:
+def _declare_prefixes(text: bytes) -> bytes:
     used = set(re.findall(rb"</?\s*([A-Za-z_][\w.-]*):[A-Za-z_]", text)) | set(
         re.findall(rb"\s([A-Za-z_][\w.-]*):[A-Za-z_][\w.-]*\s*=", text)
     )
     missing = {p for p in used if p not in (b"xml", b"xmlns") and b"xmlns:" + p not in text}
-    if not missing:
-        return None
     declarations = b"".join(b' xmlns:%s="urn:%s"' % (p, p) for p in sorted(missing))
     return re.sub(rb"<([A-Za-z_][\w.-]*)", lambda m: m.group(0) + declarations, text, count=1)
 
 
-def label(element: Element) -> str:
-    """Name an element as a reader would look for it: ``mass of link 'arm'``."""
+def source_of(element: XmlElement) -> str | None:
+    """The file an element was read from, as given to `parse_xml`."""
+    source: str | None = element.getroottree().docinfo.URL
+    return source
+
+
+def fail(element: XmlElement, message: str) -> DescriptionError:
+    """The error that blames an element of a file."""
+    return DescriptionError(message, source=source_of(element), element=label(element))
+
+
+def label(element: XmlElement) -> str:
+    """Name an element as a reader would look for it: ``mass of link 'arm'``, with its line if it has twins."""
     own = tag(element)
     name = element.get("name")
     if name is not None:
         return f"{own} {name!r}"
+    line = f" (line {element.sourceline})" if element.sourceline else ""
     for ancestor in element.iterancestors():
         if ancestor.get("name") is not None and ancestor.getparent() is not None:
-            return f"{own} of {tag(ancestor)} {ancestor.get('name')!r}"
-    return f"{own} (line {element.sourceline})" if element.sourceline else own
+            twins = element.getparent().findall(element.tag)
+            return f"{own} of {tag(ancestor)} {ancestor.get('name')!r}{line if len(twins) > 1 else ''}"
+    return own + line
 
 
-def tag(element: Element) -> str:
+def tag(element: XmlElement) -> str:
     """The element's tag without its namespace."""
     return str(etree.QName(element).localname)
 
 
-def children(element: Element, name: str) -> Iterator[Element]:
-    """Child elements with that local name, whatever their namespace."""
-    return (child for child in element if isinstance(child.tag, str) and tag(child) == name)
+def children(element: XmlElement, *names: str) -> Iterator[XmlElement]:
+    """Child elements with one of those local names, whatever their namespace."""
+    found: Iterator[XmlElement] = element.iterchildren(*map("{{*}}{}".format, names))
+    return found
 
 
-def child(element: Element, name: str, source: str | None) -> Element:
-    """The one child of that name.
+def child(element: XmlElement, name: str) -> XmlElement:
+    """The first child of that local name.
 
     Raises:
         DescriptionError: It is absent.
     """
-    found = next(children(element, name), None)
+    found = next(element.iterchildren("{*}" + name), None)
     if found is None:
-        raise DescriptionError(f"<{name}> is missing", source=source, element=label(element))
+        raise fail(element, f"<{name}> is missing")
     return found
 
 
-def text_attribute(element: Element, attribute: str, source: str | None) -> str:
+def text_attribute(element: XmlElement, attribute: str) -> str:
     """A required, non-empty text attribute."""
     value = element.get(attribute)
     if value is None or not value.strip():
-        raise DescriptionError(f"attribute '{attribute}' is missing", source=source, element=label(element))
+        raise fail(element, f"attribute '{attribute}' is missing")
     return str(value)
 
 
-def numbers(
-    element: Element, attribute: str, count: int | None, source: str | None, default: str | None = None
-) -> Array:
-    """A finite numeric attribute of `count` entries (any number of them if ``None``), read-only.
+def numeric_attributes(element: XmlElement, counts: Mapping[str, int | None]) -> dict[str, tuple[float, ...]]:
+    """Those of the attributes in `counts` that the element has, each of so many finite numbers (``None``: of any).
 
     Raises:
-        DescriptionError: Missing without a default, not numeric, not finite, or of the wrong length.
+        DescriptionError: Not numeric, not finite, or of the wrong length.
     """
-    value = element.get(attribute, default)
-    if value is None:
-        raise DescriptionError(f"attribute '{attribute}' is missing", source=source, element=label(element))
-    try:
-        array = frozen([float(word) for word in value.split()])
-    except ValueError:
-        raise DescriptionError(
-            f"{attribute}={value[:80]!r} is not numeric", source=source, element=label(element)
-        ) from None
-    if count is not None and array.size != count:
-        raise DescriptionError(
-            f"{attribute}={value[:80]!r} has {array.size} numbers where {count} are needed",
-            source=source,
-            element=label(element),
-        )
-    if not np.all(np.isfinite(array)):
-        raise DescriptionError(f"{attribute}={value[:80]!r} is not finite", source=source, element=label(element))
-    return array
+    found = {}
+    for attribute, count in counts.items():
+        text = element.get(attribute)
+        if text is None:
+            continue
+        try:
+            values = tuple(map(float, text.split()))
+        except ValueError:
+            raise fail(element, f"{attribute}={text[:80]!r} is not numeric") from None
+        if count is not None and len(values) != count:
+            raise fail(element, f"{attribute}={text[:80]!r} has {len(values)} numbers where {count} are needed")
+        if not all(map(math.isfinite, values)):
+            raise fail(element, f"{attribute}={text[:80]!r} is not finite")
+        found[attribute] = values
+    return found
 
 
-def number(element: Element, attribute: str, source: str | None, default: str | None = None) -> float:
-    """A finite scalar attribute."""
-    return float(numbers(element, attribute, 1, source, default)[0])
+def numbers(element: XmlElement, attribute: str, count: int | None) -> tuple[float, ...]:
+    """A required attribute of `count` finite numbers (``None``: of any number of them).
+
+    Raises:
+        DescriptionError: It is absent, not numeric, not finite, or of the wrong length.
+    """
+    found = numeric_attributes(element, {attribute: count})
+    if attribute not in found:
+        raise fail(element, f"attribute '{attribute}' is missing")
+    return found[attribute]
 
 
-def origin(element: Element | None, source: str | None) -> Array:
-    """The 4×4 transform of an element with URDF's ``xyz`` (m) and ``rpy`` (rad, fixed axes) attributes."""
-    transform = np.eye(4)
-    if element is not None:
-        transform[:3, 3] = numbers(element, "xyz", 3, source, default="0 0 0")
-        rpy = numbers(element, "rpy", 3, source, default="0 0 0")
-        transform[:3, :3] = Rotation.from_euler("xyz", rpy).as_matrix()
-    return frozen(transform)
+def number(element: XmlElement, attribute: str) -> float:
+    """A required finite number."""
+    return numbers(element, attribute, 1)[0]
 
 
-def unit_vector(element: Element, attribute: str, source: str | None) -> Array:
+def transform(xyz: tuple[float, ...], rpy: tuple[float, ...]) -> Array:
+    """The 4×4 transform of URDF's ``xyz`` (m) and ``rpy`` (rad, fixed axes): R = R_z(yaw) R_y(pitch) R_x(roll)."""
+    (sr, sp, sy), (cr, cp, cy) = map(math.sin, rpy), map(math.cos, rpy)
+    rows: list[list[float]] = [
+        [cp * cy, sp * (sr * cy) - cr * sy, sp * (cr * cy) + sr * sy, xyz[0]],
+        [cp * sy, sp * (sr * sy) + cr * cy, sp * (cr * sy) - sr * cy, xyz[1]],
+        [-sp, cp * sr, cp * cr, xyz[2]],
+        [0, 0, 0, 1],
+    ]
+    return np.add(rows, 0.0)  # no negative zeros
+
+
+def origin(element: XmlElement | None) -> Array:
+    """The 4×4 transform of an element's ``xyz`` and ``rpy`` attributes; the identity where there is none."""
+    if element is None:
+        return IDENTITY
+    values = numeric_attributes(element, {"xyz": 3, "rpy": 3})
+    return transform(values.get("xyz", ZERO), values.get("rpy", ZERO))
+
+
+def unit_vector(element: XmlElement, attribute: str) -> Array:
     """A non-zero 3-vector attribute, normalised."""
-    vector = numbers(element, attribute, 3, source)
+    vector = np.array(numbers(element, attribute, 3))
     length = float(np.linalg.norm(vector))
     if not 1e-9 < length < 1e150:
-        raise DescriptionError(f"{attribute} is the zero vector", source=source, element=label(element))
-    return frozen(vector / length)
+        raise fail(element, f"{attribute} is the zero vector")
+    return vector / length

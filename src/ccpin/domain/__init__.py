@@ -3,19 +3,29 @@
 from __future__ import annotations
 
 from ccpin.domain.atlas.atlas import Atlas, certify
+from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.chains import scalar_coordinates_at
 from ccpin.domain.one_box import kantorovich_radius, newton_steps
 from ccpin.domain.path import CertifiedPath, certify_path
-from ccpin.domain.singularities import SingularCurve, serial_singularities, singularities, singularity_distance
+from ccpin.domain.singularities import (
+    SingularCurve,
+    SingularityDistance,
+    serial_singularities,
+    singularities,
+    singularity_distance,
+)
 from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.domain.theorem2.theorem2 import Theorem2Result, theorem2, theorem2_radius
 
 __all__ = [
     "Atlas",
+    "CellStatus",
     "CertifiedPath",
     "QuadraticSystem",
+    "Region",
     "SingularCurve",
+    "SingularityDistance",
     "Theorem2Result",
     "certified_radius",
     "certify",

@@ -1,4 +1,4 @@
-"""Bounds of φ and its Jacobian over boxes: what Theorem K of `krawczyk` needs, from link lengths alone.
+"""Bounds of φ and its Jacobian over boxes: what Theorem K of `boxes` needs, from link lengths alone.
 
 Notation. A box is θ = θ_c + Dδ + Eζ, |δ| ≤ h, |ζ| ≤ R, with D (n′×p) and E (n′×m), zero in the independent rows;
 f = Ãφ. L = |D|h and W = L + |E|R bound the moves of the joints. Wanted, componentwise,
@@ -31,7 +31,7 @@ inequality for the concave s and the integrals of the powers.
 
 Rounding: γ · magnitude bounds the error of every entry of φ, φ_θ, φ_θθ (`ClosureSystem.rounding`); Y and Z carry it
 through |Ã|, |D|, |E|. Errors of the bounds' own arithmetic, on nonnegative terms, are below 1e-12 relative and
-are covered by the factor 1 + 1e-10 with which `krawczyk` compares.
+are covered by the factor 1 + 1e-10 with which `boxes` compares.
 """
 
 from __future__ import annotations
@@ -39,11 +39,10 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, Mask, apply
 
-Rows = NDArray[np.intp] | NDArray[np.bool_]
+Rows = Indices | Mask
 
 
 class Frame(NamedTuple):
@@ -64,7 +63,7 @@ class Image(NamedTuple):
 
     def of(self, vector: Array) -> Array:
         """The bound: matrix · vector + rest, of shape (B, m)."""
-        return np.asarray((self.matrix @ vector[..., None])[..., 0] + self.rest)
+        return np.asarray(apply(self.matrix, vector) + self.rest)
 
 
 class Bounds(Protocol):
@@ -110,7 +109,7 @@ class LinearPart(NamedTuple):
 
     def widths(self, radius: Array) -> Array:
         """|E|R, of shape (B, n′)."""
-        return np.asarray((self.spread @ radius[..., None])[..., 0])
+        return apply(self.spread, radius)
 
     def affine(self, widths: Array) -> Array:
         """|I − Ãφ_θE| at the centre with the rounding margin of everything in Z, of shape (B, m, m)."""
@@ -124,7 +123,7 @@ class LinearPart(NamedTuple):
 
 def linear_part(frame: Frame, phi: Array, jacobian: Array) -> LinearPart:
     """The linear part from φ (B, m) and φ_θ (B, m, n′) at the centres."""
-    moves = (np.abs(frame.directions) @ frame.half[..., None])[..., 0]
+    moves = apply(np.abs(frame.directions), frame.half)
     weighted = frame.preconditioner @ jacobian
     residual = np.abs(frame.preconditioner @ phi[..., None])
     slope = np.abs(weighted @ frame.directions) @ frame.half[..., None]

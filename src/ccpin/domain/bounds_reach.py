@@ -2,19 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, apply, rows_of
 from ccpin.domain.bounds import Frame, Image, LinearPart, Rows, linear_part
 from ccpin.domain.chain_stack import ChainStack, Derivatives, gather
 
 
-class _Terms(NamedTuple):
-    """Per-box arrays: Y (B, m), |N| (B, m, m, p + m), g (B, m, C), |θ| (B, C, k), |b| (B, C, k)."""
+class ReachBounds(NamedTuple):
+    """Reach bounds of B boxes (`Bounds`).
 
+    Attributes:
+        stack: The chains.
+        linear: The shared part.
+        y: Y, of shape (B, m).
+        mixed: |N|, of shape (B, m, m, p + m).
+        gains: g, of shape (B, m, C).
+        position: |θ|, of shape (B, C, k).
+        arms: |b|, of shape (B, C, k).
+    """
+
+    stack: ChainStack
     linear: LinearPart
     y: Array
     mixed: Array
@@ -22,77 +32,49 @@ class _Terms(NamedTuple):
     position: Array
     arms: Array
 
-
-@dataclass(frozen=True, eq=False)
-class ReachBounds:
-    """Reach bounds of B boxes."""
-
-    stack: ChainStack
-    terms: _Terms
-
-    @property
-    def y(self) -> Array:
-        """See `Bounds`."""
-        return self.terms.y
-
     def take(self, rows: Rows) -> ReachBounds:
         """See `Bounds`."""
-        linear = LinearPart(*(array[rows] for array in self.terms.linear))
-        return ReachBounds(self.stack, _Terms(linear, *(array[rows] for array in self.terms[1:])))
+        return ReachBounds(self.stack, rows_of(self.linear, rows), *(array[rows] for array in self[2:]))
 
     def mean(self, radius: Array) -> Image:
         """See `Bounds`."""
-        linear = self.terms.linear
-        widths = linear.widths(radius)
-        reach = self._reach(linear.moves + widths)
-        moves, width = self._gather(linear.moves), self._gather(widths)
+        widths = self.linear.widths(radius)
+        reach = self._reach(self.linear.moves + widths)
+        moves, width = gather(self.stack, self.linear.moves), gather(self.stack, widths)
         third = _trilinear(self.stack, reach, moves, moves, width)
         third += _trilinear(self.stack, reach, moves, width, width)
         third += _trilinear(self.stack, reach, width, width, width) / 3.0
-        return Image(linear.affine(widths) + self._first(0.5 * radius), 0.5 * self._weighted(third))
+        return Image(self.linear.affine(widths) + self._first(0.5 * radius), 0.5 * apply(self.gains, third))
 
     def contraction(self, radius: Array, weight: Array) -> Image:
         """See `Bounds`."""
-        linear = self.terms.linear
-        widths = linear.widths(radius)
-        box = linear.moves + widths
-        moves = self._gather(box)
-        third = _trilinear(self.stack, self._reach(box), moves, moves, self._gather(linear.widths(weight)))
-        return Image(linear.affine(widths) + self._first(radius), 0.5 * self._weighted(third))
+        widths = self.linear.widths(radius)
+        box = self.linear.moves + widths
+        moves = gather(self.stack, box)
+        third = _trilinear(self.stack, self._reach(box), moves, moves, gather(self.stack, self.linear.widths(weight)))
+        return Image(self.linear.affine(widths) + self._first(radius), 0.5 * apply(self.gains, third))
 
     def curvature(self, radius: Array, weight: Array) -> Array:
         """See `Bounds`."""
-        linear = self.terms.linear
-        second = (self.terms.mixed[..., -weight.shape[1] :] @ weight[:, None, :, None])[..., 0]
-        centre = (second @ weight[..., None])[..., 0]
-        box, turn = linear.moves + linear.widths(radius), self._gather(linear.widths(weight))
-        third = _trilinear(self.stack, self._reach(box), self._gather(box), turn, turn)
-        return np.asarray(centre + self._weighted(third) + linear.curvature_margin(weight))
+        second = (self.mixed[..., -weight.shape[1] :] @ weight[:, None, :, None])[..., 0]
+        centre = apply(second, weight)
+        box, turn = self.linear.moves + self.linear.widths(radius), gather(self.stack, self.linear.widths(weight))
+        third = _trilinear(self.stack, self._reach(box), gather(self.stack, box), turn, turn)
+        return np.asarray(centre + apply(self.gains, third) + self.linear.curvature_margin(weight))
 
     def _first(self, radius: Array) -> Array:
-        width = np.concatenate([self.terms.linear.half, radius], axis=1)
-        return np.asarray((self.terms.mixed @ width[:, None, :, None])[..., 0])
-
-    def _weighted(self, third: Array) -> Array:
-        """Σ_c g_c T_c, of shape (B, m)."""
-        return np.asarray((self.terms.gains @ third[..., None])[..., 0])
-
-    def _gather(self, moves: Array) -> Array:
-        return gather(self.stack, moves)
+        width = np.concatenate([self.linear.half, radius], axis=1)
+        return np.asarray((self.mixed @ width[:, None, :, None])[..., 0])
 
     def _reach(self, box: Array) -> Array:
-        return chain_reach(
-            self.stack, self.terms.arms, self.terms.position, self._gather(box), self.terms.linear.rounding
-        )
+        return chain_reach(self.stack, self.arms, self.position, gather(self.stack, box), self.linear.rounding)
 
 
 def reach_bounds(stack: ChainStack, theta: Array, values: Derivatives, frame: Frame) -> ReachBounds:
     """Reach bounds of boxes centred at θ (B, n′) with the derivatives there."""
     linear = linear_part(frame, values.phi, values.jacobian)
-    count, m, n_free = values.jacobian.shape
-    second = (frame.preconditioner @ values.hessian.reshape(count, m, n_free * n_free)).reshape(
-        count, m, n_free, n_free
-    )
+    count, m, _ = values.jacobian.shape
+    second = (frame.preconditioner @ values.hessian.reshape(count, m, -1)).reshape(values.hessian.shape)
     directions, half = frame.directions[:, None], frame.half[:, None]
     quadratic = np.abs(np.swapaxes(directions, 2, 3) @ (second @ directions))
     square = (half[..., None, :] @ quadratic @ half[..., None])[..., 0, 0]
@@ -101,8 +83,8 @@ def reach_bounds(stack: ChainStack, theta: Array, values: Derivatives, frame: Fr
     gains = np.swapaxes(np.linalg.norm(frame.preconditioner[:, None] @ stack.weights, axis=3), 1, 2)
     position, moves = gather(stack, np.abs(theta)), gather(stack, linear.moves)
     third = _trilinear(stack, chain_reach(stack, values.arms, position, moves, frame.rounding), moves, moves, moves)
-    y = linear.constant + 0.5 * square + (gains @ third[..., None])[..., 0] / 6.0
-    return ReachBounds(stack, _Terms(linear, y, mixed, gains, position, values.arms))
+    y = linear.constant + 0.5 * square + apply(gains, third) / 6.0
+    return ReachBounds(stack, linear, y, mixed, gains, position, values.arms)
 
 
 def chain_reach(stack: ChainStack, arms: Array, position: Array, box: Array, rounding: Array) -> Array:

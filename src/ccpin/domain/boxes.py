@@ -42,21 +42,19 @@ and 1e-14 absolute so that boxes given by rounded corners overlap, and the inequ
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, Mask, apply, rows_of
 from ccpin.domain.bounds import Bounds, Frame
-from ccpin.domain.bounds_planar import planar_bounds
+from ccpin.domain.bounds_planar import Phasors, phasor_values, phasors_of, planar_bounds
 from ccpin.domain.bounds_reach import reach_bounds
-from ccpin.domain.chain_stack import ChainStack, derivatives, stack_chains, values
+from ccpin.domain.chain_stack import ChainStack, derivatives, first_order, stack_chains
 from ccpin.domain.chains import ClosureSystem
-from ccpin.domain.phasors import Phasors, phasor_values, phasors_of
 from ccpin.errors import UnsupportedMechanismError
 
-Mask = NDArray[np.bool_]
 BoundsName = Literal["auto", "reach", "planar"]
 
 SLACK = 1.0 + 1e-10
@@ -100,12 +98,17 @@ class Boxes(NamedTuple):
     weight: Array
     kappa: Array
 
-    def take(self, index: NDArray[np.intp] | Mask) -> Boxes:
+    def take(self, index: Indices | Mask) -> Boxes:
         """The boxes chosen by an index or a mask."""
-        return Boxes(*(array[index] for array in self))
+        return rows_of(self, index)
+
+    def without_rows(self, p: int) -> Boxes:
+        """No boxes (B = 0), with p parameters."""
+        none = rows_of(self, slice(0))
+        return none._replace(half=np.zeros((0, p)), directions=np.zeros((0, self.centre.shape[1], p)))
 
 
-class Attempt(NamedTuple):
+class Tried(NamedTuple):
     """Boxes tried, and which of them satisfy Theorem K (the others' numbers mean nothing)."""
 
     boxes: Boxes
@@ -132,7 +135,7 @@ def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:
     if problem.phasors is not None:
         found = phasor_values(problem.phasors, theta)
         return found.phi, found.jacobian
-    return values(problem.system, problem.stack, theta)
+    return first_order(problem.system, problem.stack, theta)[:2]
 
 
 def bounds_of(problem: Problem, boxes: Boxes) -> Bounds:
@@ -163,7 +166,7 @@ def _holds(bounds: Bounds, boxes: Boxes) -> Mask:
     return np.asarray(inside & contracts & finite & np.all(weight > 0.0, axis=1))
 
 
-def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -> Attempt:
+def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -> Tried:
     """Try to prove boxes about approximate solutions, with V = I and, where that fails, singular vectors.
 
     Args:
@@ -188,7 +191,7 @@ def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -
     return first
 
 
-def certify_points(problem: Problem, theta: Array) -> Attempt:
+def certify_points(problem: Problem, theta: Array) -> Tried:
     """Enclose a solution at fixed q near each θ (B, n′): boxes with p = 0 and V the right singular vectors of φ_y."""
     count, system = len(theta), problem.system
     with np.errstate(all="ignore"):
@@ -224,7 +227,7 @@ def _parametrize(
     )
 
 
-def _attempt(problem: Problem, boxes: Boxes, roomy: bool) -> Attempt:
+def _attempt(problem: Problem, boxes: Boxes, roomy: bool) -> Tried:
     """Find R and w, then check strictly; a `roomy` R is well above rounding, so that boxes can be glued."""
     bounds = bounds_of(problem, boxes)
     radius = _radius(bounds)
@@ -239,7 +242,7 @@ def _attempt(problem: Problem, boxes: Boxes, roomy: bool) -> Attempt:
         bounds = bounds.take(candidates)
         boxes.weight[candidates], boxes.kappa[candidates] = _weights(bounds, radius[candidates])
         proved[candidates] = _holds(bounds, boxes.take(candidates))
-    return Attempt(boxes, proved)
+    return Tried(boxes, proved)
 
 
 def _radius(bounds: Bounds) -> Array:
@@ -306,15 +309,9 @@ def inverses(matrices: Array) -> Array:
         result[usable] = np.linalg.inv(matrices[usable])
     except np.linalg.LinAlgError:
         for k in np.flatnonzero(usable):
-            result[k] = _single_inverse(matrices[k])
+            with suppress(np.linalg.LinAlgError):
+                result[k] = np.linalg.inv(matrices[k])
     return result
-
-
-def _single_inverse(matrix: Array) -> Array:
-    try:
-        return np.asarray(np.linalg.inv(matrix))
-    except np.linalg.LinAlgError:
-        return np.full_like(matrix, np.nan)
 
 
 def solve_many(matrices: Array, right: Array) -> Array:
@@ -327,4 +324,4 @@ def solve_many(matrices: Array, right: Array) -> Array:
     try:
         return np.asarray(np.linalg.solve(matrices, right[..., None])[..., 0])
     except np.linalg.LinAlgError:
-        return np.asarray((inverses(matrices) @ right[..., None])[..., 0])
+        return apply(inverses(matrices), right)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, apply, cross, skew
 from ccpin.domain.chains import Chain, ClosureSystem
 
 
@@ -24,7 +23,7 @@ class ChainStack(NamedTuple):
         weights: Of shape (C, m, 3).
     """
 
-    joints: NDArray[np.intp]
+    joints: Indices
     placement: Array
     rotations: Array
     translations: Array
@@ -93,35 +92,19 @@ def move(stack: ChainStack, theta: Array) -> StackMotion:
     axes, origins = np.empty((count, chains, k, 3)), np.empty((count, chains, k, 3))
     turn, origin = np.broadcast_to(np.eye(3), (count, chains, 3, 3)), np.zeros((count, chains, 3))
     for j in range(k):
-        origin = origin + (turn @ stack.translations[:, j, :, None])[..., 0]
+        origin = origin + apply(turn, stack.translations[:, j])
         turn = turn @ stack.rotations[:, j]
-        axis = (turn @ stack.axes[:, j, :, None])[..., 0]
+        axis = apply(turn, stack.axes[:, j])
         axes[:, :, j], origins[:, :, j] = axis, origin
         origin = origin + slides[:, :, j] * axis
         turned = turn @ crosses[:, j]
         turn = turn + sines[:, :, j] * turned + versines[:, :, j] * (turned @ crosses[:, j])
     points = stack.points[:, None]
-    tip = (turn @ stack.tips[..., None])[..., 0] + points * origin
+    tip = apply(turn, stack.tips) + points * origin
     arms = tip[:, :, None] - points[:, None] * origins
     turning = axes * stack.turning[..., None]
     b = cross(turning, arms) + axes * (stack.sliding * points)[..., None]
     return StackMotion(tip, turning, b)
-
-
-def cross(u: Array, v: Array) -> Array:
-    """The vector product over the last axis, with broadcasting."""
-    x = u[..., 1] * v[..., 2] - u[..., 2] * v[..., 1]
-    y = u[..., 2] * v[..., 0] - u[..., 0] * v[..., 2]
-    z = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
-    return np.stack([x, y, z], axis=-1)
-
-
-def skew(vectors: Array) -> Array:
-    """The matrices [v]× of vectors (…, 3), of shape (…, 3, 3)."""
-    x, y, z = np.moveaxis(vectors, -1, 0)
-    zero = np.zeros_like(x)
-    rows = [np.stack(row, axis=-1) for row in ((zero, -z, y), (z, zero, -x), (-y, x, zero))]
-    return np.stack(rows, axis=-2)
 
 
 # φ, φ_θ and φ_θθ of a closure system over a batch of configurations.
@@ -136,15 +119,9 @@ class Derivatives(NamedTuple):
     arms: Array
 
 
-def values(system: ClosureSystem, stack: ChainStack, theta: Array) -> tuple[Array, Array]:
-    """φ (B, m) and φ_θ (B, m, n′) at θ (B, n′)."""
-    phi, jacobian, _ = _first_order(system, stack, theta)
-    return phi, jacobian
-
-
 def derivatives(system: ClosureSystem, stack: ChainStack, theta: Array) -> Derivatives:
     """φ, φ_θ and φ_θθ at θ (B, n′)."""
-    phi, jacobian, motion = _first_order(system, stack, theta)
+    phi, jacobian, motion = first_order(system, stack, theta)
     hessian = np.zeros((len(theta), system.m, system.n_free, system.n_free))
     second = _second(motion)
     k = stack.joints.shape[1]
@@ -156,15 +133,16 @@ def derivatives(system: ClosureSystem, stack: ChainStack, theta: Array) -> Deriv
     return Derivatives(phi, jacobian, hessian, np.linalg.norm(motion.b, axis=3))
 
 
-def _first_order(system: ClosureSystem, stack: ChainStack, theta: Array) -> tuple[Array, Array, StackMotion]:
+def first_order(system: ClosureSystem, stack: ChainStack, theta: Array) -> tuple[Array, Array, StackMotion]:
+    """φ (B, m), φ_θ (B, m, n′) and the chains at θ (B, n′)."""
     motion = move(stack, theta)
-    phi = (theta[:, None] @ system.gears.T)[:, 0] + system.offset
+    phi = (theta[:, None] @ system.couplings.T)[:, 0] + system.offset
     for row in np.flatnonzero(system.moduli):
         phi[:, row] -= system.moduli[row] * np.round(phi[:, row] / system.moduli[row])
-    phi = phi + np.sum((stack.weights @ motion.x[..., None])[..., 0], axis=1)
+    phi = phi + np.sum(apply(stack.weights, motion.x), axis=1)
     columns = motion.b @ np.swapaxes(stack.weights, 1, 2)
     flat = columns.reshape(len(theta), stack.joints.size, system.m)
-    return phi, system.gears + np.swapaxes(flat, 1, 2) @ stack.placement, motion
+    return phi, system.couplings + np.swapaxes(flat, 1, 2) @ stack.placement, motion
 
 
 def _second(motion: StackMotion) -> Array:

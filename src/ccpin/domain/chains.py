@@ -2,9 +2,9 @@
 
 x_c is the tip of a serial chain: a point, or a fixed direction. Every closure row of ccpin is linear in such tips:
 
-- point rows E(p_A − p_B) are two chains rooted at the ancestor C, with weights E and −E;
-- direction rows Σ w a·R_AᵀR_B b and offset rows a·(p_B − p_A) are one chain rooted at closure frame A, which runs
-  up to C through the joints of A reversed and down to frame B, with weights w a and a.
+- a product w e·(p_B − p_A) with e fixed in the ancestor C is two chains rooted at C, with weights w e and −w e;
+- a product of a vector a fixed in frame A with one of frame B or with the gap is one chain rooted at frame A, which
+  runs up to C through the joints of A reversed and down to frame B, with weight w a; likewise with A and B changed.
 
 The derivatives of a tip follow from its joints in the order root to tip, with axes a, origins o and
 b = a × (x − o) for a revolute joint of a point chain, a × x of a direction chain, a for a prismatic joint of a
@@ -20,21 +20,21 @@ Nothing here refers to Pinocchio: a `ClosureSystem` is picklable and is what wor
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, Mask
+from ccpin.description.closure_kinds import Fixed, Gap, Vector
 from ccpin.domain.chart import Chart, Elementary, chart_at, elementary_joints, independent_indices
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
-from ccpin.kinematics.loops import Loop
-from ccpin.kinematics.rows import KindRows
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.kinematics.loops import ResolvedClosure
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
-Indices = NDArray[np.intp]
 UNIT_ROUNDOFF = 2.0**-53
 
 
@@ -56,7 +56,7 @@ class Chain(NamedTuple):
     rotations: Array
     translations: Array
     axes: Array
-    prismatic: NDArray[np.bool_]
+    prismatic: Mask
     tip: Array
     direction: bool
     weights: Array
@@ -68,7 +68,7 @@ class ClosureSystem:
 
     Attributes:
         chains: The chains c.
-        gears: G, of shape (m, n′): linear couplings.
+        couplings: G, of shape (m, n′): linear couplings.
         offset: d, of shape (m,).
         moduli: Of shape (m,): a coupling of continuous joints holds modulo this angle (0: exactly).
         independent, dependent: Indices in θ, of shapes (n,) and (m,).
@@ -79,12 +79,12 @@ class ClosureSystem:
     """
 
     chains: tuple[Chain, ...]
-    gears: Array
+    couplings: Array
     offset: Array
     moduli: Array
     independent: Indices
     dependent: Indices
-    periodic: NDArray[np.bool_]
+    periodic: Mask
     scale: float
     depth: int
     chart: Chart
@@ -134,21 +134,21 @@ def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
     constraints, chart = mechanism.constraints(), chart_at(mechanism, q_free)
     independent = independent_indices(mechanism, chart)
     _refuse_redundant(mechanism, constraints)
-    builder = _Builder(mechanism, chart, constraints.size)
+    builder = _ChainCollector(mechanism, chart, constraints.size)
     row = 0
     for loop in constraints.loops:
         builder.add_loop(loop, row)
         row += loop.size
-    builder.add_gears(constraints, row)
-    dependent = np.setdiff1d(np.arange(chart.n_free), independent)
+    builder.add_couplings(constraints, row)
+    slides = np.array([slides for joint in chart.joints for slides in joint.kind.slides], dtype=np.bool_)
     return ClosureSystem(
         chains=tuple(builder.chains),
-        gears=builder.gears,
+        couplings=builder.couplings,
         offset=builder.offset,
         moduli=builder.moduli,
         independent=independent,
-        dependent=dependent.astype(np.intp),
-        periodic=_periodic(chart, builder.gears),
+        dependent=np.setdiff1d(np.arange(chart.n_free), independent),
+        periodic=~slides & ~np.any(builder.couplings != 0.0, axis=0),
         scale=_scale(builder),
         depth=max((len(chain.joints) for chain in builder.chains), default=0),
         chart=chart,
@@ -167,87 +167,60 @@ def _refuse_redundant(mechanism: Mechanism, constraints: Constraints) -> None:
         )
 
 
-def _periodic(chart: Chart, gears: Array) -> NDArray[np.bool_]:
-    periodic = np.zeros(chart.n_free, dtype=np.bool_)
-    for joint in chart.joints:
-        turns = {"revolute": 1, "continuous": 1, "planar": 1, "spherical": 3, "floating": 3}.get(joint.kind, 0)
-        periodic[joint.v.stop - turns : joint.v.stop] = True
-    return np.asarray(periodic & ~np.any(gears != 0.0, axis=0))
-
-
-def _scale(builder: _Builder) -> float:
+def _scale(builder: _ChainCollector) -> float:
     """Sum of all link lengths, directions and offsets with their weights, and at least 1."""
-    scale = 1.0 + float(np.abs(builder.offset).sum() + np.abs(builder.gears).sum())
+    scale = 1.0 + float(np.abs(builder.offset).sum() + np.abs(builder.couplings).sum())
     for chain in builder.chains:
         length = np.linalg.norm(chain.translations, axis=1).sum() + np.linalg.norm(chain.tip)
         scale += float(length) * max(1.0, float(np.abs(chain.weights).max()))
     return scale
 
 
-class _Builder:
+class _ChainCollector:
     """Collects chains and rows in the order of `Constraints`."""
 
     def __init__(self, mechanism: Mechanism, chart: Chart, rows: int) -> None:
-        self.model = mechanism.tree.model
         self.elementary = elementary_joints(mechanism, chart)
         self.rows = rows
         self.chains: list[Chain] = []
-        self.gears = np.zeros((rows, chart.n_free))
+        self.couplings = np.zeros((rows, chart.n_free))
         self.offset, self.moduli = np.zeros(rows), np.zeros(rows)
 
-    def add_loop(self, loop: Loop, row: int) -> None:
-        rows = loop.rows
-        if rows.distance is not None:
-            raise UnsupportedMechanismError(
-                f"closure '{loop.closure.name}' keeps a distance: its row is quadratic in the chain, which the "
-                "certificate does not bound; describe the rod as a link on a universal joint, closed by a spherical one"
-            )
-        down_a = self.descend(loop.ancestor, loop.joint_a)
-        down_b = self.descend(loop.ancestor, loop.joint_b)
-        k = len(loop.basis)
-        if k:
-            for sign, path, frame in ((1.0, down_a, loop.frame_a), (-1.0, down_b, loop.frame_b)):
-                weights = np.zeros((self.rows, 3))
-                weights[row : row + k] = sign * loop.basis
-                self.add_chain(path, frame[:3, 3], False, weights)
-        if rows.directions or rows.offsets:
-            self.add_oriented(loop, rows, [*_reversed(loop.frame_a, down_a), *down_b], row + k)
+    def add_loop(self, loop: ResolvedClosure, first: int) -> None:
+        """One loop's rows, chain by chain: products that share a root and a tip share a chain."""
+        tips: dict[tuple[str, str, bytes], tuple[Array, Array]] = {}
+        for k, row in enumerate(loop.rows.rows, start=first):
+            for weight, left, right in row:
+                root, other = (right, left) if isinstance(left, Gap) else (left, right)
+                if isinstance(root, Gap):
+                    raise UnsupportedMechanismError(
+                        f"closure '{loop.closure.name}' keeps a distance: its row is quadratic in the chain, which the "
+                        "certificate does not bound; describe the rod as a link on a universal joint, closed by a "
+                        "spherical one"
+                    )
+                for sign, end, tip in _ends(loop, root, other):
+                    key = (root.frame, end, tip.tobytes())
+                    weights = tips.setdefault(key, (tip, np.zeros((self.rows, 3))))[1]
+                    weights[k] += sign * weight * root.local
+        paths = {"A": loop.path_a, "B": loop.path_b, "C": ()}
+        down = {end: steps_along(self.elementary, path) for end, path in paths.items()}
+        frames = {"A": loop.frame_a, "B": loop.frame_b, "C": np.eye(4)}
+        for (start, end, _), (tip, weights) in tips.items():
+            path = [] if start == end else [*_reversed(frames[start], down[start]), *down[end]]
+            self.add_chain(path, tip[:3], not tip[3], weights)
 
-    def add_oriented(self, loop: Loop, rows: KindRows, path: list[Elementary | Array], row: int) -> None:
-        """Direction and offset rows: one chain from closure frame A to closure frame B."""
-        turn, origin = loop.frame_b[:3, :3], loop.frame_b[:3, 3]
-        tips: dict[bytes, tuple[Array, Array]] = {}
-        for k, direction in enumerate(rows.directions):
-            for weight, a, b in direction.products:
-                tip, weights = tips.setdefault(np.asarray(b).tobytes(), (turn @ b, np.zeros((self.rows, 3))))
-                weights[row + k] += weight * a
-        for tip, weights in tips.values():
-            self.add_chain(path, tip, True, weights)
-        if rows.offsets:
-            weights = np.zeros((self.rows, 3))
-            weights[row + len(rows.directions) : row + len(rows.directions) + len(rows.offsets)] = rows.offsets
-            self.add_chain(path, origin, False, weights)
-
-    def add_gears(self, constraints: Constraints, row: int) -> None:
-        for k, gear in enumerate(constraints.gears, start=row):
-            self.moduli[k] = gear.modulus
-            for term in gear.terms:
+    def add_couplings(self, constraints: Constraints, row: int) -> None:
+        for k, coupling in enumerate(constraints.couplings, start=row):
+            self.moduli[k] = coupling.modulus
+            for term in coupling.terms:
                 if np.any(term.coefficients[2:]):
                     raise UnsupportedMechanismError(
-                        f"coupling '{gear.coupling.name}' is a polynomial of degree {len(term.coefficients) - 1}; "
+                        f"coupling '{coupling.coupling.name}' is a polynomial of degree {len(term.coefficients) - 1}; "
                         "only linear couplings are certified"
                     )
                 constant, ratio = [*term.coefficients, 0.0, 0.0][:2]
-                self.gears[k, term.idx_v] += ratio
+                self.couplings[k, term.idx_v] += ratio
                 self.offset[k] += constant - ratio * term.reference
-
-    def descend(self, ancestor: int, joint: int) -> list[Elementary]:
-        """Elementary joints from below the ancestor down to a joint."""
-        path: list[Elementary] = []
-        while joint != ancestor:
-            path = [*self.elementary[joint - 1], *path]
-            joint = int(self.model.parents[joint])
-        return path
 
     def add_chain(
         self, path: list[Elementary] | list[Elementary | Array], tip: Array, direction: bool, weights: Array
@@ -264,19 +237,35 @@ class _Builder:
         if not joints:
             self.offset += weights @ tip
             return
-        placements = np.array([joint.placement for joint in joints])
-        self.chains.append(
-            Chain(
-                joints=np.array([joint.position for joint in joints], dtype=np.intp),
-                rotations=placements[:, :3, :3],
-                translations=placements[:, :3, 3],
-                axes=np.array([joint.axis for joint in joints]),
-                prismatic=np.array([joint.prismatic for joint in joints]),
-                tip=tip,
-                direction=direction,
-                weights=weights,
-            )
-        )
+        self.chains.append(chain_of(joints, tip, direction, weights))
+
+
+def chain_of(path: list[Elementary], tip: Array, direction: bool, weights: Array) -> Chain:
+    """A chain of elementary joints, root side first."""
+    placements = np.array([joint.placement for joint in path])
+    return Chain(
+        joints=np.array([joint.position for joint in path], dtype=np.intp),
+        rotations=placements[:, :3, :3],
+        translations=placements[:, :3, 3],
+        axes=np.array([joint.axis for joint in path]),
+        prismatic=np.array([joint.prismatic for joint in path]),
+        tip=tip,
+        direction=direction,
+        weights=weights,
+    )
+
+
+def steps_along(elementary: list[list[Elementary]], joints: Iterable[int]) -> list[Elementary]:
+    """The elementary joints of joints one behind the other."""
+    return [step for joint in joints for step in elementary[joint - 1]]
+
+
+def _ends(loop: ResolvedClosure, root: Fixed, other: Vector) -> list[tuple[float, str, Array]]:
+    """A vector seen from the frame of `root`: (sign, frame of the tip's carrier, homogeneous tip there) to be added."""
+    frames = {"A": loop.frame_a, "B": loop.frame_b, "C": np.eye(4)}
+    if isinstance(other, Fixed):
+        return [(1.0, other.frame, np.append(frames[other.frame][:3, :3] @ other.local, 0.0))]
+    return [(s, end, frames[end][:, 3]) for s, end in ((1.0, "B"), (-1.0, "A")) if end != root.frame]
 
 
 def _reversed(frame: Array, path: list[Elementary]) -> list[Elementary | Array]:
@@ -298,7 +287,22 @@ class Seed(NamedTuple):
     theta: Array
 
 
-def seed_at(mechanism: Mechanism, q_free: Array) -> Seed:
+def checked_configuration(mechanism: Mechanism, q_free: ArrayLike) -> Array:
+    """A copy of q′ as a vector of shape (nq,).
+
+    Raises:
+        InvalidInputError: It is not that many finite numbers.
+    """
+    vector = np.array(q_free, dtype=np.float64)
+    if vector.shape != (mechanism.nq,) or not np.all(np.isfinite(vector)):
+        raise InvalidInputError(
+            f"q_free must be {mechanism.nq} finite numbers, a configuration of {mechanism.name}; "
+            f"it has shape {vector.shape}"
+        )
+    return vector
+
+
+def seed_at_configuration(mechanism: Mechanism | HasMechanism, q_free: Array) -> Seed:
     """Close a configuration of shape (nq,) at its own independent coordinates, and centre the chart there.
 
     Raises:
@@ -306,29 +310,25 @@ def seed_at(mechanism: Mechanism, q_free: Array) -> Seed:
         SingularConfigurationError: It is singular.
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
-    q_free = np.asarray(q_free, dtype=np.float64)
-    if q_free.shape != (mechanism.nq,) or not np.all(np.isfinite(q_free)):
-        raise InvalidInputError(
-            f"q_free must be {mechanism.nq} finite numbers, a configuration of {mechanism.name}; "
-            f"it has shape {q_free.shape}"
-        )
+    mechanism = mechanism_of(mechanism)
+    q_free = checked_configuration(mechanism, q_free)
     parametrization = mechanism.parametrization()
     closed = parametrization.sigma(parametrization.coordinates.alpha(q_free), guess=q_free).q_free
     system = closure_system(mechanism, closed)
     return Seed(system, system.chart.theta(closed))
 
 
-def scalar_coordinates_at(mechanism: Mechanism, q_free: Array) -> Array:
+def scalar_coordinates_at(mechanism: Mechanism | HasMechanism, q_free: Array) -> Array:
     """q in the scalar coordinates of certificates, of shape (n,): a continuous joint's is its angle.
 
     Raises:
-        InvalidInputError, SingularConfigurationError, UnsupportedMechanismError: As for `seed_at`.
+        InvalidInputError, SingularConfigurationError, UnsupportedMechanismError: As for `seed_at_configuration`.
     """
-    seed = seed_at(mechanism, q_free)
+    seed = seed_at_configuration(mechanism, q_free)
     return np.array(seed.theta[seed.system.independent])
 
 
-def seed_of(mechanism: Mechanism, q0: Array, guess: Array | None = None) -> Seed:
+def seed_at_coordinates(mechanism: Mechanism, q0: Array, guess: Array | None = None) -> Seed:
     """σ(q₀) on the branch of `guess` (default the reference), q₀ (n,) in scalar coordinates.
 
     A continuous joint's coordinate is its angle here, a planar joint's are x, y and the angle.
@@ -340,7 +340,12 @@ def seed_of(mechanism: Mechanism, q0: Array, guess: Array | None = None) -> Seed
     """
     start = mechanism.q_reference if guess is None else np.asarray(guess, dtype=np.float64)
     system = closure_system(mechanism, start)
-    q0 = scalar_coordinates(system, q0, mechanism)
+    q0 = np.asarray(q0, dtype=np.float64)
+    if q0.shape != (system.n,) or not np.all(np.isfinite(q0)):
+        names = ", ".join(mechanism.independent)
+        raise InvalidInputError(
+            f"q must be {system.n} finite numbers, the scalar coordinates of {names}; it has shape {q0.shape}"
+        )
     theta = system.chart.theta(start)
     theta[system.independent] = q0
     parametrization = mechanism.parametrization()
@@ -350,18 +355,3 @@ def seed_of(mechanism: Mechanism, q0: Array, guess: Array | None = None) -> Seed
     theta = system.chart.theta(closed)
     theta[system.independent] = q0
     return Seed(system, theta)
-
-
-def scalar_coordinates(system: ClosureSystem, q: object, mechanism: Mechanism) -> Array:
-    """Check that q is n finite numbers.
-
-    Raises:
-        InvalidInputError: It is not.
-    """
-    vector = np.asarray(q, dtype=np.float64)
-    if vector.shape != (system.n,) or not np.all(np.isfinite(vector)):
-        names = ", ".join(mechanism.independent)
-        raise InvalidInputError(
-            f"q must be {system.n} finite numbers, the scalar coordinates of {names}; it has shape {vector.shape}"
-        )
-    return vector

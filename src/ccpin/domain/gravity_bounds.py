@@ -1,6 +1,6 @@
 """Rigorous bounds of the potential V∘σ and of its Hessian ∂g/∂q over certified boxes.
 
-Setting: a box of `krawczyk`, θ = θ_c + Dδ + Eζ with |δ| ≤ h, and its solution ζ*(δ), |ζ*| ≤ R, of f = Ãφ = 0. For any
+Setting: a box of `boxes`, θ = θ_c + Dδ + Eζ with |δ| ≤ h, and its solution ζ*(δ), |ζ*| ≤ R, of f = Ãφ = 0. For any
 constant row μ the Lagrangian
 
     L(θ) = V′(θ) + μ f(θ)        has        L(θ_c + Dδ + Eζ*(δ)) = V(σ(q_c + δ)),
@@ -31,12 +31,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, apply, cross
 from ccpin.domain.bounds_reach import chain_reach
 from ccpin.domain.boxes import SLACK, Boxes, Problem
-from ccpin.domain.chain_stack import ChainStack, cross, derivatives, gather, move, stack_chains
-from ccpin.domain.chains import UNIT_ROUNDOFF, Chain, ClosureSystem
-from ccpin.domain.chart import Elementary, elementary_joints
+from ccpin.domain.chain_stack import ChainStack, derivatives, gather, move, stack_chains
+from ccpin.domain.chains import UNIT_ROUNDOFF, ClosureSystem, chain_of, steps_along
+from ccpin.domain.chart import elementary_joints
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -75,84 +75,76 @@ class GravityBounds(NamedTuple):
         return np.asarray(self.variation.sum(axis=2).max(axis=1) * SLACK)
 
 
-class _Box(NamedTuple):
-    """What the expansions share; f = Ãφ.
+class _Expansion(NamedTuple):
+    """The rows (f, L) = (Ãφ, V′ + μf) about the centre; L is the last of the m + 1 rows.
 
     Attributes:
         boxes: Theorem K's data, h widened.
         modes: E, of shape (B, n′, m).
         moves: W, of shape (B, n′).
-        slope: f_θ at the centre, of shape (B, m, n′). curvature: f_θθ, of shape (B, m, n′, n′).
-        drift: Δ_f ≥ |f_θθ − f_θθ(θ_c)| with rounding, of shape (B, m, n′, n′).
-        lagrangian_slope: L_θ at the centre, of shape (B, n′). lagrangian_curvature: L_θθ, of shape (B, n′, n′).
-        lagrangian_drift: Δ_L, of shape (B, n′, n′).
         value: L_c, of shape (B,).
-        margin: Rounding of the entries of f's derivatives, of shape (B, m). lagrangian_margin: of L's, of shape (B,).
+        slope: First derivatives, of shape (B, m + 1, n′).
+        curvature: Second derivatives, of shape (B, m + 1, n′, n′).
+        drift: Bounds of their change over the tube, of shape (B, m + 1, n′, n′).
+        margin: Rounding of the entries of the derivatives, of shape (B, m + 1).
     """
 
     boxes: Boxes
     modes: Array
     moves: Array
+    value: Array
     slope: Array
     curvature: Array
     drift: Array
-    lagrangian_slope: Array
-    lagrangian_curvature: Array
-    lagrangian_drift: Array
-    value: Array
     margin: Array
-    lagrangian_margin: Array
 
 
 def gravity_bounds(problem: Problem, potential: Potential, boxes: Boxes) -> GravityBounds:
     """Bounds over proved boxes of q-space (D's independent rows are I)."""
     box = _expand(problem, potential, boxes)
-    directions = box.boxes.directions
+    rows = np.swapaxes(boxes.directions, 1, 2)
     return GravityBounds(
         value=box.value,
-        gradient=_apply(np.swapaxes(directions, 1, 2), box.lagrangian_slope),
-        hessian=_symmetric(np.swapaxes(directions, 1, 2) @ box.lagrangian_curvature @ directions),
+        gradient=apply(rows, box.slope[:, -1]),
+        hessian=_symmetric(rows @ box.curvature[:, -1] @ boxes.directions),
         remainder=_remainder(box) * SLACK,
         variation=_symmetric(_variation(box)) * SLACK,
     )
 
 
-def _expand(problem: Problem, potential: Potential, boxes: Boxes) -> _Box:
+def _expand(problem: Problem, potential: Potential, boxes: Boxes) -> _Expansion:
     system, theta = problem.system, boxes.centre
     count, m, n_free = len(theta), system.m, system.n_free
     half = boxes.half * (1.0 + 2.0**-51) + _WIDEN
     modes = np.zeros((count, n_free, m))
     modes[:, system.dependent] = boxes.modes
-    moves = _apply(np.abs(boxes.directions), half) + _apply(np.abs(modes), boxes.radius)
-    closure, gravity = derivatives(system, problem.stack, theta), potential_values(potential, theta)
-    slope = boxes.preconditioner @ closure.jacobian
-    curvature = (boxes.preconditioner @ closure.hessian.reshape(count, m, -1)).reshape(closure.hessian.shape)
-    mu = -_apply(np.swapaxes(modes, 1, 2), gravity.gradient)
+    moves = apply(np.abs(boxes.directions), half) + apply(np.abs(modes), boxes.radius)
     reach = np.abs(theta) + moves
+    closure, gravity = derivatives(system, problem.stack, theta), potential_values(potential, theta)
+    mu = -apply(np.swapaxes(modes, 1, 2), gravity.gradient)
+    weights = np.concatenate([boxes.preconditioner, mu[:, None] @ boxes.preconditioner], axis=1)
+    slope = weights @ closure.jacobian
+    slope[:, m] += gravity.gradient
+    curvature = (weights @ closure.hessian.reshape(count, m, -1)).reshape(count, m + 1, n_free, n_free)
+    curvature[:, m] += gravity.hessian
     closure_rounding = system.rounding * system.magnitude(reach)
     margin = np.abs(boxes.preconditioner).sum(axis=2) * closure_rounding[:, None]
-    gravity_rounding = potential.rounding * potential.magnitude(reach)
-    lagrangian_margin = gravity_rounding + np.sum(np.abs(mu) * margin, axis=1)
-    weights = np.concatenate([boxes.preconditioner, mu[:, None] @ boxes.preconditioner], axis=1)
+    lagrangian_margin = potential.rounding * potential.magnitude(reach) + np.sum(np.abs(mu) * margin, axis=1)
     gains = np.swapaxes(np.linalg.norm(weights[:, None] @ problem.stack.weights, axis=3), 1, 2)
     closing = _drift(problem.stack, closure.arms, theta, moves, closure_rounding)
     arm_rounding = potential.rounding * (1.0 + potential.lengths.max() + reach.sum(axis=1))
     falling = _drift(potential.stack, gravity.arms, theta, moves, arm_rounding)
-    drift = (gains @ closing.reshape(count, len(problem.stack.tips), -1)).reshape(count, m + 1, n_free, n_free)
-    fall = np.sum(potential.forces[:, None, None] * falling, axis=1)
-    return _Box(
+    drift = (gains @ closing.reshape(count, len(problem.stack.tips), -1)).reshape(curvature.shape)
+    drift[:, m] += np.sum(potential.forces[:, None, None] * falling, axis=1)
+    return _Expansion(
         boxes=boxes._replace(half=half),
         modes=modes,
         moves=moves,
+        value=gravity.value + apply(weights, closure.phi)[:, m],
         slope=slope,
         curvature=curvature,
-        drift=drift[:, :m],
-        lagrangian_slope=gravity.gradient + _apply(np.swapaxes(slope, 1, 2), mu),
-        lagrangian_curvature=gravity.hessian + np.sum(mu[:, :, None, None] * curvature, axis=1),
-        lagrangian_drift=drift[:, m] + fall,
-        value=gravity.value + np.sum(mu * _apply(boxes.preconditioner, closure.phi), axis=1),
-        margin=margin,
-        lagrangian_margin=lagrangian_margin,
+        drift=drift,
+        margin=np.column_stack([margin, lagrangian_margin]),
     )
 
 
@@ -167,39 +159,35 @@ def _drift(stack: ChainStack, arms: Array, theta: Array, moves: Array, rounding:
     return spread(stack, contracted)
 
 
-def _remainder(box: _Box) -> Array:
+def _remainder(box: _Expansion) -> Array:
     half, radius, moves = box.boxes.half, box.boxes.radius, box.moves
-    modes, rows = box.modes, np.swapaxes(box.boxes.directions, 1, 2)
-    along = np.swapaxes(modes, 1, 2)
-    bent = box.lagrangian_curvature @ modes
-    total = _dot(np.abs(_apply(along, box.lagrangian_slope)), radius)
-    total += _dot(half, _apply(np.abs(rows @ bent), radius))
-    total += 0.5 * _dot(radius, _apply(np.abs(along @ bent), radius))
-    total += _dot(moves, _apply(box.lagrangian_drift, moves)) / 6.0
-    return np.asarray(total + box.lagrangian_margin * (1.0 + moves.sum(axis=1)) ** 2)
+    along = np.swapaxes(box.modes, 1, 2)
+    bent = box.curvature[:, -1] @ box.modes
+    total = _dot(np.abs(apply(along, box.slope[:, -1])), radius)
+    total += _dot(half, apply(np.abs(np.swapaxes(box.boxes.directions, 1, 2) @ bent), radius))
+    total += 0.5 * _dot(radius, apply(np.abs(along @ bent), radius))
+    total += _dot(moves, apply(box.drift[:, -1], moves)) / 6.0
+    return np.asarray(total + box.margin[:, -1] * (1.0 + moves.sum(axis=1)) ** 2)
 
 
-def _variation(box: _Box) -> Array:
+def _variation(box: _Expansion) -> Array:
     """The entrywise bound of ∂g/∂q − H, of shape (B, n, n).
 
-    η ≤ |f_δ|/…, P = |D| + |E|η ≥ |ρ|, and then, term by term: the cross terms of ρᵀL_θθ(θ_c)ρ, PᵀΔ_L P, and |L_ζ||ζ″|.
+    With η ≥ |f_ζ⁻¹f_δ| and P = |D| + |E|η ≥ |ρ| it is, term by term, the cross terms of ρᵀL_θθ(θ_c)ρ, PᵀΔ_L P, and
+    |L_ζ||ζ″|.
     """
-    directions, modes = box.boxes.directions, box.modes
-    rows, along = np.swapaxes(directions, 1, 2), np.swapaxes(modes, 1, 2)
-    defect = _slope_bound(box, modes, np.eye(box.slope.shape[1]))
-    eta = _inverse_bound(box.boxes, defect, _slope_bound(box, directions, 0.0))
-    slopes = np.abs(directions) + np.abs(modes) @ eta
-    bent = box.lagrangian_curvature @ modes
-    crossed = np.abs(rows @ bent) @ eta
-    drift = box.lagrangian_drift + box.lagrangian_margin[:, None, None]
-    total = crossed + np.swapaxes(crossed, 1, 2) + np.swapaxes(eta, 1, 2) @ np.abs(along @ bent) @ eta
-    total = total + np.swapaxes(slopes, 1, 2) @ drift @ slopes
-    second = _inverse_bound(box.boxes, defect, _curvature_bound(box, eta, slopes))
-    return np.asarray(total + np.sum(_pull_bound(box)[:, :, None, None] * second, axis=1))
+    m = box.modes.shape[2]
+    pull = _slope_bound(box, box.modes, np.eye(m + 1, m))
+    defect = pull[:, :m]
+    eta = _inverse_bound(box.boxes, defect, _slope_bound(box, box.boxes.directions, 0.0)[:, :m])
+    change = _curvature_change(box, eta)
+    still = np.swapaxes(box.boxes.directions, 1, 2)[:, None] @ box.curvature[:, :m] @ box.boxes.directions[:, None]
+    second = _inverse_bound(box.boxes, defect, np.abs(still) + change[:, :m])
+    return np.asarray(change[:, m] + np.sum(pull[:, m, :, None, None] * second, axis=1))
 
 
-def _slope_bound(box: _Box, columns: Array, target: Array | float) -> Array:
-    """|f_θ columns − target| over the tube, of shape (B, m, ·), for columns (B, n′, ·)."""
+def _slope_bound(box: _Expansion, columns: Array, target: Array | float) -> Array:
+    """|(f, L)_θ columns − target| over the tube, of shape (B, m + 1, ·), for columns (B, n′, ·)."""
     frame = np.concatenate([box.boxes.directions, box.modes], axis=2)[:, None]
     sizes = np.concatenate([box.boxes.half, box.boxes.radius], axis=1)
     change = np.abs(np.swapaxes(columns, 1, 2)[:, None] @ box.curvature @ frame) @ sizes[:, None, :, None]
@@ -209,27 +197,15 @@ def _slope_bound(box: _Box, columns: Array, target: Array | float) -> Array:
     return np.asarray(np.abs(box.slope @ columns - target) + (change + third)[..., 0] + rounding)
 
 
-def _pull_bound(box: _Box) -> Array:
-    """|L_ζ| over the tube, of shape (B, m)."""
-    along = np.swapaxes(box.modes, 1, 2)
-    frame = np.concatenate([box.boxes.directions, box.modes], axis=2)
-    sizes = np.concatenate([box.boxes.half, box.boxes.radius], axis=1)
-    change = _apply(np.abs(along @ box.lagrangian_curvature @ frame), sizes)
-    third = 0.5 * _apply(np.abs(along), _apply(box.lagrangian_drift, box.moves))
-    rounding = box.lagrangian_margin[:, None] * (1.0 + box.moves.sum(axis=1))[:, None] * np.abs(box.modes).sum(axis=1)
-    return np.asarray(np.abs(_apply(along, box.lagrangian_slope)) + change + third + rounding)
-
-
-def _curvature_bound(box: _Box, eta: Array, slopes: Array) -> Array:
-    """|f_θθ(ρ_k, ρ_l)| over the tube, of shape (B, m, n, n)."""
+def _curvature_change(box: _Expansion, eta: Array) -> Array:
+    """|ρ_kᵀ(f, L)_θθ ρ_l − D_kᵀ(f, L)_θθ(θ_c)D_l| over the tube, of shape (B, m + 1, n, n)."""
     rows, along = np.swapaxes(box.boxes.directions, 1, 2)[:, None], np.swapaxes(box.modes, 1, 2)[:, None]
-    turned, eta = np.swapaxes(eta, 1, 2)[:, None], eta[:, None]
+    slopes = (np.abs(box.boxes.directions) + np.abs(box.modes) @ eta)[:, None]
+    eta = eta[:, None]
     bent = box.curvature @ box.modes[:, None]
     crossed = np.abs(rows @ bent) @ eta
-    total = np.abs(rows @ box.curvature @ box.boxes.directions[:, None]) + crossed + np.swapaxes(crossed, 2, 3)
-    total = total + turned @ np.abs(along @ bent) @ eta
-    drift = box.drift + box.margin[:, :, None, None]
-    return np.asarray(total + np.swapaxes(slopes, 1, 2)[:, None] @ drift @ slopes[:, None])
+    total = crossed + np.swapaxes(crossed, 2, 3) + np.swapaxes(eta, 2, 3) @ np.abs(along @ bent) @ eta
+    return np.asarray(total + np.swapaxes(slopes, 2, 3) @ (box.drift + box.margin[:, :, None, None]) @ slopes)
 
 
 def _inverse_bound(boxes: Boxes, defect: Array, x: Array) -> Array:
@@ -241,10 +217,6 @@ def _inverse_bound(boxes: Boxes, defect: Array, x: Array) -> Array:
     for _ in range(_SHARPENING):
         bound = np.minimum(bound, (x + defect @ bound) * SLACK)
     return np.asarray(bound.reshape(shape))
-
-
-def _apply(matrices: Array, vectors: Array) -> Array:
-    return np.asarray((matrices @ vectors[..., None])[..., 0])
 
 
 def _dot(u: Array, v: Array) -> Array:
@@ -288,24 +260,21 @@ class PotentialValues(NamedTuple):
     arms: Array
 
 
-def potential_of(mechanism: Mechanism, system: ClosureSystem) -> Potential:
-    """V′ of a mechanism in the chart of its closure system.
+def potential_of(mechanism: Mechanism, system: ClosureSystem, gravity: Array | None = None) -> Potential:
+    """V′ of a mechanism in the chart of its closure system, under gravity (m/s², world axes; default the file's).
 
     Raises:
         UnsupportedMechanismError: No movable link has mass.
     """
     model = mechanism.tree.model
     elementary = elementary_joints(mechanism, system.chart)
-    gravity = np.asarray(model.gravity.linear)
+    gravity = np.asarray(model.gravity.linear) if gravity is None else gravity
     chains = []
     for number, inertia in enumerate(model.inertias):
         if number == 0 or inertia.mass == 0.0:
             continue
-        path, joint = list[Elementary](), number
-        while joint:
-            path = [*elementary[joint - 1], *path]
-            joint = int(model.parents[joint])
-        chains.append(_chain(path, np.asarray(inertia.lever), -inertia.mass * gravity))
+        path = steps_along(elementary, list(model.supports[number])[1:])
+        chains.append(chain_of(path, np.asarray(inertia.lever), False, -inertia.mass * gravity[None]))
     if not chains:
         raise UnsupportedMechanismError(
             f"{mechanism.name}: no movable link has mass, so there is no potential to bound"
@@ -317,20 +286,6 @@ def potential_of(mechanism: Mechanism, system: ClosureSystem) -> Potential:
         forces=np.array([np.linalg.norm(chain.weights) for chain in chains]),
         lengths=np.array(lengths),
         rounding=(128.0 * (depth + 2) + 4.0 * system.n_free) * UNIT_ROUNDOFF,
-    )
-
-
-def _chain(path: list[Elementary], tip: Array, weight: Array) -> Chain:
-    placements = np.array([step.placement for step in path])
-    return Chain(
-        joints=np.array([step.position for step in path], dtype=np.intp),
-        rotations=placements[:, :3, :3],
-        translations=placements[:, :3, 3],
-        axes=np.array([step.axis for step in path]),
-        prismatic=np.array([step.prismatic for step in path]),
-        tip=tip,
-        direction=False,
-        weights=weight[None],
     )
 
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Mask, apply, rows_of
 from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_points, closure_values, inverses, solve_many
 from ccpin.errors import ConvergenceError
 
-Mask = NDArray[np.bool_]
 _LARGEST_STEP = 1.5
 _SETTLED = 1e-9
 _MOST_STEPS = 20000
@@ -25,7 +23,7 @@ class Converged(NamedTuple):
     slopes: Array
 
 
-class Enclosure(NamedTuple):
+class EnclosedSolution(NamedTuple):
     """A solution at fixed q of each of B proved boxes: |ζ* − ζ| ≤ error in the box's modes.
 
     Attributes:
@@ -52,7 +50,7 @@ def newton(problem: Problem, theta: Array, iterations: int) -> Converged:
             break
         phi, jacobian = closure_values(problem, theta[rows])
         inverse = inverses(jacobian[:, :, system.dependent])
-        step = -(inverse @ phi[..., None])[..., 0]
+        step = -apply(inverse, phi)
         length = np.max(np.abs(step), axis=1, initial=0.0)
         alive[rows] = length < _LARGEST_STEP
         settled[rows] = length < _SETTLED
@@ -64,13 +62,13 @@ def newton(problem: Problem, theta: Array, iterations: int) -> Converged:
 
 def predict(problem: Problem, boxes: Boxes, delta: Array, zeta: Array | None = None) -> Array:
     """θ_c + Dδ + Eζ, of shape (B, n′), for parameters δ (B, p) and modes ζ (B, m; default 0)."""
-    theta = boxes.centre + (boxes.directions @ delta[..., None])[..., 0]
+    theta = boxes.centre + apply(boxes.directions, delta)
     if zeta is not None:
-        theta[:, problem.system.dependent] += (boxes.modes @ zeta[..., None])[..., 0]
+        theta[:, problem.system.dependent] += apply(boxes.modes, zeta)
     return theta
 
 
-def solve_in_boxes(problem: Problem, boxes: Boxes, delta: Array) -> Enclosure:
+def solve_in_boxes(problem: Problem, boxes: Boxes, delta: Array) -> EnclosedSolution:
     """σ at parameters |δ| ≤ h of B proved boxes; it cannot fail.
 
     A Newton step is taken where it stays in the tube and lowers ‖f‖ (in the box's norm) at least by κ, the step
@@ -86,9 +84,10 @@ def solve_in_boxes(problem: Problem, boxes: Boxes, delta: Array) -> Enclosure:
         size[active], zeta[active] = now.size, at
         going = now.size > margin[active]
         if not np.any(going):
-            return Enclosure(predict(problem, boxes, delta, zeta), zeta, _error(boxes, size + margin))
+            error = (SLACK * (size + margin) / (1.0 - boxes.kappa))[:, None] * boxes.weight
+            return EnclosedSolution(predict(problem, boxes, delta, zeta), zeta, error)
         active, here, at = active[going], here.take(going), at[going]
-        now = _Evaluation(*(array[going] for array in now))
+        now = rows_of(now, going)
         at, now = _step(problem, here, delta[active], at, now)
     raise ConvergenceError("the certified iteration did not reach rounding: a box was altered since it was proved")
 
@@ -103,7 +102,7 @@ class _Evaluation(NamedTuple):
 
 def _evaluate(problem: Problem, boxes: Boxes, delta: Array, zeta: Array) -> _Evaluation:
     phi, jacobian = closure_values(problem, predict(problem, boxes, delta, zeta))
-    residual = (boxes.preconditioner @ phi[..., None])[..., 0]
+    residual = apply(boxes.preconditioner, phi)
     slope = boxes.preconditioner @ jacobian[:, :, problem.system.dependent] @ boxes.modes
     return _Evaluation(residual, np.max(np.abs(residual) / boxes.weight, axis=1), -solve_many(slope, residual))
 
@@ -125,13 +124,8 @@ def _step(problem: Problem, boxes: Boxes, delta: Array, zeta: Array, now: _Evalu
 def _rounding(problem: Problem, boxes: Boxes) -> Array:
     """The rounding error of ‖f‖ in the boxes' norms, of shape (B,)."""
     gain = np.max(np.abs(boxes.preconditioner).sum(axis=2) / boxes.weight, axis=1)
-    reach = np.abs(boxes.centre) + (np.abs(boxes.directions) @ boxes.half[..., None])[..., 0]
+    reach = np.abs(boxes.centre) + apply(np.abs(boxes.directions), boxes.half)
     return np.asarray(gain * problem.system.rounding * problem.system.magnitude(reach))
-
-
-def _error(boxes: Boxes, size: Array) -> Array:
-    """‖ζ − ζ*‖ ≤ ‖f‖/(1 − κ), componentwise (B, m)."""
-    return np.asarray((SLACK * size / (1.0 - boxes.kappa))[:, None] * boxes.weight)
 
 
 def encloses(
@@ -148,9 +142,9 @@ def encloses(
     gap = gap - np.where(periodic, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)
     inverse = inverses(boxes.modes)
     rounding = 1e-13 * (1.0 + np.abs(theta[:, system.dependent]))
-    reach = np.abs((inverse @ gap[..., None])[..., 0]) + (np.abs(inverse) @ rounding[..., None])[..., 0]
+    reach = np.abs(apply(inverse, gap)) + apply(np.abs(inverse), rounding)
     spread = inverse if modes is None else inverse @ modes
-    reach += (np.abs(spread) @ error[..., None])[..., 0]
+    reach += apply(np.abs(spread), error)
     return np.asarray(np.all(reach * SLACK <= boxes.radius, axis=1))
 
 

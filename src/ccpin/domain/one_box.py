@@ -1,6 +1,6 @@
 """One box about a configuration: the largest certified square, and how many Newton steps suffice in it.
 
-**Newton steps.** Let Theorem K (`krawczyk`) hold for a box with radius R and weights w, and let e₀ = max R_i/w_i,
+**Newton steps.** Let Theorem K (`boxes`) hold for a box with radius R and weights w, and let e₀ = max R_i/w_i,
 R₂ = R + e₀w, Z(R₂)w ≤ κ₂w with κ₂ < 1, and ‖f_ζ(δ, ζ) − f_ζ(δ, ζ′)‖ ≤ ω‖ζ − ζ′‖ on |ζ|, |ζ′| ≤ R₂ in the weighted
 maximum norm ‖ζ‖ = max |ζ_i|/w_i. Put c = ω/(2(1 − κ₂)). If c e₀ < 1, Newton's method at fixed q, started at the
 predictor θ_c + Dδ, converges to σ(q) for every |δ| ≤ h, and after k steps ‖ζ_k − ζ*‖ ≤ (c e₀)^(2ᵏ)/c.
@@ -17,25 +17,25 @@ import math
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.domain.boxes import SLACK, Attempt, BoundsName, Boxes, Problem, bounds_of, certify_boxes, problem_of
-from ccpin.domain.chains import Seed, seed_at
+from ccpin.arrays import Array, apply
+from ccpin.domain.boxes import SLACK, BoundsName, Boxes, Problem, Tried, bounds_of, certify_boxes, problem_of
+from ccpin.domain.chains import seed_at_configuration
 from ccpin.errors import ConvergenceError, InvalidInputError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism
 
 _TRIES = 64
 _SMALLEST, _LARGEST = 1e-9, 10.0
 
 
-def kantorovich_radius(mechanism: Mechanism, q_free: Array, bounds: BoundsName = "reach") -> float:
+def kantorovich_radius(mechanism: Mechanism | HasMechanism, q_free: Array, bounds: BoundsName = "reach") -> float:
     """The half width of the largest square about α(q′) on which one box proves σ.
 
     For every q with max |q − α(q′)| ≤ r there is exactly one solution in a tube about the linear predictor, ψ_q′ is
-    nonsingular on it and σ is smooth (Theorem K of `krawczyk`). Every half width tried and proved is a certificate
+    nonsingular on it and σ is smooth (Theorem K of `boxes`). Every half width tried and proved is a certificate
     for its whole square, so the search need not be complete to be sound.
 
     Args:
-        mechanism: The mechanism.
+        mechanism: The mechanism, or its model.
         q_free: A closed configuration, of shape (nq,).
         bounds: ``"reach"`` (any tree), ``"planar"`` (sharper, planar loops only) or ``"auto"``.
 
@@ -46,9 +46,8 @@ def kantorovich_radius(mechanism: Mechanism, q_free: Array, bounds: BoundsName =
         InvalidInputError, SingularConfigurationError: The configuration cannot be closed, or is singular.
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
-    seed = seed_at(mechanism, q_free)
-    problem = problem_of(seed.system, bounds)
-    return largest_square(problem, seed.theta)
+    seed = seed_at_configuration(mechanism, q_free)
+    return largest_square(problem_of(seed.system, bounds), seed.theta)
 
 
 def largest_square(problem: Problem, theta: Array) -> float:
@@ -67,21 +66,25 @@ def largest_square(problem: Problem, theta: Array) -> float:
     return best
 
 
-def _squares(problem: Problem, theta: Array, widths: Array) -> Attempt:
+def _squares(problem: Problem, theta: Array, widths: Array) -> Tried:
     n = problem.system.n
     centre = np.tile(theta, (len(widths), 1))
     return certify_boxes(problem, centre, np.repeat(widths[:, None], n, axis=1), np.eye(n))
 
 
 def newton_steps(
-    mechanism: Mechanism, q_free: Array, radius: float, accuracy: float = 1e-12, bounds: BoundsName = "auto"
+    mechanism: Mechanism | HasMechanism,
+    q_free: Array,
+    radius: float,
+    accuracy: float = 1e-12,
+    bounds: BoundsName = "auto",
 ) -> int:
     """How many Newton steps suffice for σ(q) from the predictor, for every q with max |q − α(q′)| ≤ radius.
 
     After that many steps in exact arithmetic every dependent coordinate is within `accuracy` of σ(q).
 
     Args:
-        mechanism: The mechanism.
+        mechanism: The mechanism, or its model.
         q_free: A closed configuration, of shape (nq,), centre of the square.
         radius: Half width of the square (rad, or m for sliding joints).
         accuracy: The error allowed (rad or m).
@@ -94,7 +97,7 @@ def newton_steps(
     """
     if not (math.isfinite(radius) and radius > 0.0 and math.isfinite(accuracy) and accuracy > 0.0):
         raise InvalidInputError(f"radius and accuracy must be positive numbers; they are {radius} and {accuracy}")
-    seed: Seed = seed_at(mechanism, q_free)
+    seed = seed_at_configuration(mechanism, q_free)
     problem = problem_of(seed.system, bounds)
     attempt = _squares(problem, seed.theta, np.array([radius]))
     steps = newton_bound(problem, attempt.boxes, accuracy) if attempt.proved[0] else np.array([np.inf])
@@ -115,7 +118,7 @@ def newton_bound(problem: Problem, boxes: Boxes, accuracy: float) -> Array:
         kappa = np.max(bounds.contraction(reach, weight).of(weight) / weight, axis=1) * SLACK
         omega = np.max(bounds.curvature(reach, weight) / weight, axis=1) * SLACK
         c = omega / (2.0 * (1.0 - kappa))
-        unit = np.max((np.abs(boxes.modes) @ weight[..., None])[..., 0], axis=1)
+        unit = np.max(apply(np.abs(boxes.modes), weight), axis=1)
         target = np.minimum(accuracy / unit, start)
         steps = np.ceil(np.log2(np.log(c * target) / np.log(c * start)))
     sure = (kappa < 1.0) & (c * start * SLACK < 1.0)

@@ -1,6 +1,6 @@
 """Certified paths: σ stays on its branch along a tube about a path, or where that cannot be proved and why.
 
-A stretch of the path between two parameters is covered by one box of Theorem K (`krawczyk`) with p = 1 + n parameters,
+A stretch of the path between two parameters is covered by one box of Theorem K (`boxes`) with p = 1 + n parameters,
 
     q = q_c + s d + w,  |s| ≤ 1,  |w| ≤ tube + deviation of the path from its chord,
 
@@ -14,19 +14,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import BSpline, PPoly
-from scipy.special import comb
+from scipy.interpolate import BPoly, BSpline, PPoly
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, joined
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, certify_boxes, certify_points, closure_values, problem_of
-from ccpin.domain.chains import seed_of
+from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import encloses, extrapolate, glued, newton, solve_in_boxes
 from ccpin.errors import InvalidInputError, SingularConfigurationError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 _TRIES = np.array([4.0, 2.0, 1.0, 0.5, 0.25])
 _SHORTEST = 1e-7
@@ -45,7 +45,7 @@ class CertifiedPath:
         times: Parameters between the boxes, of shape (B + 1,).
         tube: Half widths of the tube, of shape (n,).
         boxes: The boxes, in order.
-        pieces: The path.
+        pieces: The path, a polynomial between two knots.
         problem: The closures.
     """
 
@@ -56,7 +56,7 @@ class CertifiedPath:
     times: Array
     tube: Array
     boxes: Boxes
-    pieces: Pieces
+    pieces: PPoly
     problem: Problem
 
     def sigma(self, t: ArrayLike) -> Array:
@@ -72,7 +72,7 @@ class CertifiedPath:
             )
         number = np.clip(np.searchsorted(self.times, at, side="right") - 1, 0, len(self.boxes.kappa) - 1)
         boxes, system = self.boxes.take(number), self.problem.system
-        q = self.pieces.at(at)
+        q = self.pieces(at)
         start, end = self.times[number], self.times[number + 1]
         s = 2.0 * (at - start) / (end - start) - 1.0
         along = boxes.directions[:, system.independent, 0]
@@ -84,7 +84,7 @@ class CertifiedPath:
 
 
 def certify_path(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     path: ArrayLike | PPoly | BSpline,
     tube: ArrayLike = 1e-3,
     guess: Array | None = None,
@@ -94,7 +94,7 @@ def certify_path(
     """Prove that σ stays on its branch along a tube about a path.
 
     Args:
-        mechanism: A mechanism with scalar independent coordinates, any number of them.
+        mechanism: A mechanism (or its model) with scalar independent coordinates, any number of them.
         path: Waypoints of shape (K, n), parameter 0 … K − 1, or a SciPy `PPoly` (`CubicSpline` …) or `BSpline` with
             values of shape (n,); rad and m.
         tube: Half width of the tube in each coordinate: a number or shape (n,).
@@ -110,6 +110,7 @@ def certify_path(
         UnreachableError, SingularConfigurationError: σ at the path's start does not exist, or is singular.
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
+    mechanism = mechanism_of(mechanism)
     pieces = pieces_of(path, mechanism.n)
     try:
         widths = np.broadcast_to(np.asarray(tube, dtype=np.float64), (mechanism.n,)).copy()
@@ -117,11 +118,11 @@ def certify_path(
         widths = np.array([np.nan])
     if not (np.all(np.isfinite(widths)) and np.all(widths >= 0.0)):
         raise InvalidInputError(f"tube must be a nonnegative number or {mechanism.n} of them; it is {tube!r}")
-    seed = seed_of(mechanism, pieces.coefficients[0, 0], guess)
+    seed = seed_at_coordinates(mechanism, pieces(pieces.x[0]), guess)
     return _Walker(problem_of(seed.system, bounds), pieces, widths, seed.theta).walk()
 
 
-class _Step(NamedTuple):
+class _Stretch(NamedTuple):
     """A box tried from the walker's place, and the parameter it leads to."""
 
     box: Boxes
@@ -129,10 +130,10 @@ class _Step(NamedTuple):
 
 
 class _Walker:
-    def __init__(self, problem: Problem, pieces: Pieces, tube: Array, theta: Array) -> None:
+    def __init__(self, problem: Problem, pieces: PPoly, tube: Array, theta: Array) -> None:
         self.problem, self.pieces, self.tube, self.theta = problem, pieces, tube, theta
         self.boxes: list[Boxes] = []
-        self.times = [float(pieces.knots[0])]
+        self.times = [float(pieces.x[0])]
         point = certify_points(problem, theta[None])
         if not point.proved[0]:
             raise SingularConfigurationError(
@@ -142,74 +143,66 @@ class _Walker:
 
     def walk(self) -> CertifiedPath:
         """Step after step, each as long as can be proved, until the end or until no step can."""
-        knots = self.pieces.knots
+        knots = self.pieces.x
         span = float(knots[-1] - knots[0])
         stride, reason = 0.25 * float(knots[1] - knots[0]), ""
-        for piece in range(len(knots) - 1):
-            while self.times[-1] < knots[piece + 1]:
-                step = self.step(piece, stride * _TRIES, self.tube)
+        for knot in knots[1:]:
+            while self.times[-1] < knot:
+                step = self.step(knot, stride * _TRIES, self.tube)
                 if step is not None:
                     stride = max(step.end - self.times[-1], 0.5 * stride)
                     self.accept(step)
                 elif stride > _SHORTEST * span:
                     stride *= 0.125
                 else:
-                    reason = self.explain(piece, stride)
+                    reason = self.explain(knot, stride)
                     break
             if reason:
                 break
         return self.result(reason)
 
-    def step(self, piece: int, strides: Array, tube: Array) -> _Step | None:
-        """The longest stretch from here that can be proved and glued to what came before."""
+    def step(self, knot: float, strides: Array, tube: Array) -> _Stretch | None:
+        """The longest stretch from here, to the next knot at most, that can be proved and glued to what came before."""
         system, here = self.problem.system, self.times[-1]
-        ends = np.unique(np.minimum(here + strides, self.pieces.knots[piece + 1]))
+        ends = np.unique(np.minimum(here + strides, knot))
         ends = ends[ends > here]
         if not ends.size:
             return None
-        chords = [chord_of(self.pieces, piece, here, float(end)) for end in ends]
+        chords = [chord_of(self.pieces, here, end) for end in ends]
         centre = np.array([0.5 * (chord.start + chord.end) for chord in chords])
         across = np.array([np.column_stack([0.5 * (chord.end - chord.start), np.eye(system.n)]) for chord in chords])
         half = np.array([np.concatenate([[1.0], tube + chord.deviation]) for chord in chords])
         with np.errstate(all="ignore"):
-            found = newton(self.problem, self.predict(centre), _NEWTON)
+            found = newton(
+                self.problem, extrapolate(self.problem, self.theta, centre - self.theta[system.independent]), _NEWTON
+            )
         attempt = certify_boxes(self.problem, found.theta, half, across)
         proved = np.flatnonzero(attempt.proved & found.settled)
         for k in proved[::-1]:
             box = attempt.boxes.take(np.array([k]))
             if self.continues(box, chords[k]):
-                return _Step(box, float(ends[k]))
+                return _Stretch(box, float(ends[k]))
         return None
-
-    def predict(self, q: Array) -> Array:
-        """First guesses at q (B, n), linear in q, from the configuration here."""
-        return extrapolate(self.problem, self.theta, q - self.theta[self.problem.system.independent])
 
     def continues(self, box: Boxes, chord: Chord) -> bool:
         """Whether a box carries the solution of the last one (or of the start) at their common parameter."""
-        n = self.problem.system.n
-        delta = np.zeros((1, 1 + n))
-        delta[0, 0] = -1.0
-        delta[0, 1:] = chord.start - (box.centre[0] - box.directions[0, :, 0])[self.problem.system.independent]
+        offset = chord.start - (box.centre[0] - box.directions[0, :, 0])[self.problem.system.independent]
+        delta = np.append(-1.0, offset)[None]
         if not self.boxes:
             ball = self.point.centre, self.point.radius, self.point.modes
             return bool(encloses(self.problem, box, delta, *ball)[0])
-        last, end = self.boxes[-1], np.zeros((1, 1 + n))
-        end[0, 0] = 1.0
-        return bool(glued(self.problem, last, end, box, delta)[0])
+        return bool(glued(self.problem, self.boxes[-1], np.eye(1, delta.size), box, delta)[0])
 
-    def accept(self, step: _Step) -> None:
+    def accept(self, step: _Stretch) -> None:
         """Go to the end of a proved stretch."""
         self.boxes.append(step.box)
         self.times.append(step.end)
-        delta = np.zeros((1, 1 + self.problem.system.n))
-        delta[0, 0] = 1.0
-        self.theta = solve_in_boxes(self.problem, step.box, delta).theta[0]
+        self.theta = solve_in_boxes(self.problem, step.box, np.eye(1, 1 + len(self.tube))).theta[0]
 
-    def explain(self, piece: int, stride: float) -> str:
+    def explain(self, knot: float, stride: float) -> str:
         """Why no step is possible here."""
         place = f"at parameter {self.times[-1]:.9g}, q = {self.theta[self.problem.system.independent].tolist()}"
-        narrow = self.step(piece, stride * _TRIES, np.zeros_like(self.tube))
+        narrow = self.step(knot, stride * _TRIES, np.zeros_like(self.tube))
         condition = f"the reciprocal condition number of φ_y is {self.rcond():.1e}"
         if narrow is not None:
             return (
@@ -225,12 +218,6 @@ class _Walker:
 
     def result(self, reason: str) -> CertifiedPath:
         """What was proved."""
-        n, system = self.problem.system.n, self.problem.system
-        if self.boxes:
-            boxes = Boxes(*(np.concatenate(arrays) for arrays in zip(*self.boxes, strict=True)))
-        else:
-            none = self.point.take(np.zeros(0, dtype=np.intp))
-            boxes = none._replace(half=np.zeros((0, 1 + n)), directions=np.zeros((0, system.n_free, 1 + n)))
         return CertifiedPath(
             complete=not reason,
             reached=self.times[-1],
@@ -238,7 +225,7 @@ class _Walker:
             rcond=self.rcond(),
             times=np.array(self.times),
             tube=self.tube,
-            boxes=boxes,
+            boxes=joined([self.point.without_rows(1 + self.problem.system.n), *self.boxes]),
             pieces=self.pieces,
             problem=self.problem,
         )
@@ -249,25 +236,6 @@ class _Walker:
 _CONTINUOUS = 1e-9
 
 
-class Pieces(NamedTuple):
-    """A continuous path of P polynomial pieces in n coordinates.
-
-    Attributes:
-        knots: Parameters where pieces meet, of shape (P + 1,).
-        coefficients: Of (t − knot)ᵏ, of shape (P, degree + 1, n), lowest power first.
-    """
-
-    knots: Array
-    coefficients: Array
-
-    def at(self, t: Array) -> Array:
-        """Points of the path at parameters (K,), of shape (K, n)."""
-        piece = np.clip(np.searchsorted(self.knots, t, side="right") - 1, 0, len(self.coefficients) - 1)
-        x = t - self.knots[piece]
-        powers = x[:, None] ** np.arange(self.coefficients.shape[1])
-        return np.asarray(np.sum(powers[..., None] * self.coefficients[piece], axis=1))
-
-
 class Chord(NamedTuple):
     """A stretch of one piece: end points (n,), and how far it strays from the straight line between them, (n,)."""
 
@@ -276,71 +244,49 @@ class Chord(NamedTuple):
     deviation: Array
 
 
-def pieces_of(path: ArrayLike | PPoly | BSpline, n: int) -> Pieces:
+def pieces_of(path: ArrayLike | PPoly | BSpline, n: int) -> PPoly:
     """Read a polyline (waypoints of shape (K, n), parameter 0 … K − 1) or a SciPy spline with values of shape (n,).
 
     Raises:
         InvalidInputError: It has the wrong shape, is not finite, or jumps.
     """
     if isinstance(path, BSpline):
-        path = _polynomials(path)
+        path = _polynomials(path, path.k, np.unique(path.t[path.k : len(path.t) - path.k]))
     if isinstance(path, PPoly):
-        knots, coefficients = np.asarray(path.x, dtype=np.float64), np.asarray(path.c, dtype=np.float64)[::-1]
+        knots, coefficients = np.asarray(path.x, dtype=np.float64), np.asarray(path.c, dtype=np.float64)
         if coefficients.ndim != 3 or coefficients.shape[2] != n:
             raise InvalidInputError(f"the spline's values must have shape ({n},); its coefficients have {path.c.shape}")
         long = np.flatnonzero(np.diff(knots) > 0.0)
-        pieces = Pieces(np.append(knots[long], knots[long[-1] + 1]), np.moveaxis(coefficients, 0, 1)[long])
+        knots, coefficients = np.append(knots[long], knots[long[-1] + 1]), coefficients[:, long]
     else:
         points = np.asarray(path, dtype=np.float64)
         if points.ndim != 2 or points.shape[1] != n or len(points) < 2:
             raise InvalidInputError(f"a path is at least two waypoints of shape (K, {n}); it has shape {points.shape}")
-        steps = np.stack([points[:-1], np.diff(points, axis=0)], axis=1)
-        pieces = Pieces(np.arange(len(points), dtype=np.float64), steps)
-    if not (np.all(np.isfinite(pieces.coefficients)) and np.all(np.isfinite(pieces.knots))):
+        knots, coefficients = np.arange(len(points), dtype=np.float64), np.stack([np.diff(points, axis=0), points[:-1]])
+    if not (np.all(np.isfinite(coefficients)) and np.all(np.isfinite(knots))):
         raise InvalidInputError("the path is not finite")
-    _refuse_jumps(pieces)
-    return pieces
+    ends = reduce(lambda total, c: total * np.diff(knots)[:-1, None] + c, coefficients[:, :-1])
+    jumps = np.abs(ends - coefficients[-1, 1:]).max(axis=1, initial=0.0)
+    if np.any(jumps > _CONTINUOUS):
+        worst = int(np.argmax(jumps))
+        raise InvalidInputError(f"the path jumps by {jumps[worst]:.3g} at parameter {knots[worst + 1]:.6g}")
+    return PPoly(coefficients, knots)
 
 
-def _polynomials(spline: BSpline) -> PPoly:
-    """A B-spline by its Taylor coefficients at each knot, one polynomial between two distinct knots."""
-    degree = spline.k
-    knots = np.unique(spline.t[degree : len(spline.t) - degree])
+def _polynomials(spline: BSpline | PPoly, degree: int, knots: Array) -> PPoly:
+    """A spline by its Taylor coefficients at each knot, one polynomial between two distinct knots."""
     coefficients = [spline(knots[:-1], nu=k) / math.factorial(k) for k in reversed(range(degree + 1))]
     return PPoly(np.array(coefficients), knots)
 
 
-def _refuse_jumps(pieces: Pieces) -> None:
-    lengths = np.diff(pieces.knots)[:-1, None]
-    powers = lengths ** np.arange(pieces.coefficients.shape[1])
-    ends = np.sum(powers[..., None] * pieces.coefficients[:-1], axis=1)
-    jumps = np.abs(ends - pieces.coefficients[1:, 0]).max(axis=1, initial=0.0)
-    if np.any(jumps > _CONTINUOUS):
-        worst = int(np.argmax(jumps))
-        raise InvalidInputError(f"the path jumps by {jumps[worst]:.3g} at parameter {pieces.knots[worst + 1]:.6g}")
-
-
-def chord_of(pieces: Pieces, piece: int, start: float, end: float) -> Chord:
-    """The stretch from parameter `start` to `end` of one piece.
+def chord_of(pieces: PPoly, start: float, end: float) -> Chord:
+    """The stretch from parameter `start` to `end`, both of one piece.
 
     In Bernstein form the polynomial is a convex combination of its coefficients b_i, and the chord of the
     coefficients of the line, b_0 + (i/d)(b_d − b_0): their largest difference bounds the deviation.
     """
-    local = pieces.coefficients[piece]
-    degree = len(local) - 1
-    x, width = start - pieces.knots[piece], end - start
-    shifted = np.array(
-        [
-            sum(comb(j, k, exact=True) * local[j] * x ** (j - k) for j in range(k, degree + 1)) * width**k
-            for k in range(degree + 1)
-        ]
-    )
-    bernstein = np.array(
-        [
-            sum(comb(i, k, exact=True) / comb(degree, k, exact=True) * shifted[k] for k in range(i + 1))
-            for i in range(degree + 1)
-        ]
-    )
-    line = bernstein[0] + np.linspace(0.0, 1.0, degree + 1)[:, None] * (bernstein[-1] - bernstein[0])
+    degree = len(pieces.c) - 1
+    bernstein = BPoly.from_power_basis(_polynomials(pieces, degree, np.array([start, end]))).c[:, 0]
+    line = np.linspace(bernstein[0], bernstein[-1], degree + 1)
     rounding = 1e-14 * (1.0 + np.abs(bernstein).max(axis=0))
     return Chord(bernstein[0], bernstein[-1], np.abs(bernstein - line).max(axis=0) + rounding)

@@ -28,16 +28,17 @@ from scipy import optimize
 
 from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.points import LinkPoint
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.mechanism.outline import plane_of_motion
 
-Rows = Callable[[Array, Array], tuple[Array, Array]]
+RowFunction = Callable[[Array, Array], tuple[Array, Array]]
 _SOLVED = 1e-11
 
 
-Kind = Literal["fold", "self-motion", "serial"]
+CurveKind = Literal["fold", "self-motion", "serial"]
 
 
 class SingularCurve(NamedTuple):
@@ -51,7 +52,7 @@ class SingularCurve(NamedTuple):
         closed: Whether the curve returns to its start (turns of 2π of a joint not counted).
     """
 
-    kind: Kind
+    kind: CurveKind
     q: Array
     q_free: Array
     closed: bool
@@ -70,7 +71,7 @@ class SingularityDistance(NamedTuple):
 
 
 def singularities(
-    mechanism: Mechanism, *, starts: int = 120, step: float = 0.02, limit: int = 4000
+    mechanism: Mechanism | HasMechanism, *, starts: int = 120, step: float = 0.02, limit: int = 4000
 ) -> tuple[SingularCurve, ...]:
     """All singular curves met from deterministic starts, folds first.
 
@@ -86,12 +87,14 @@ def singularities(
     Raises:
         UnsupportedMechanismError: n ≠ 2, joints with nq ≠ nv, components as coordinates, or redundant rows.
     """
-    selection = _parallel_rows(mechanism)
-    return _all_curves(_SingularEquations(mechanism, selection), starts, step, limit)
+    mechanism = mechanism_of(mechanism)
+    selection = mechanism.parametrization().coordinates.jacobian(mechanism.q_reference)
+    rows = selection, np.zeros_like(selection)
+    return _all_curves(_SingularEquations(mechanism, lambda q_free, w: rows), starts, step, limit)
 
 
 def serial_singularities(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     link: str,
     point: ArrayLike = (0.0, 0.0, 0.0),
     *,
@@ -115,6 +118,7 @@ def serial_singularities(
         UnsupportedMechanismError: As for `singularities`, or the mechanism is not planar.
         InvalidInputError: No such moving link, or a point that is not three numbers.
     """
+    mechanism = mechanism_of(mechanism)
     plane = plane_of_motion(mechanism)
     if plane is None:
         raise UnsupportedMechanismError(f"'{mechanism.name}' is not planar: its serial singularities are not curves")
@@ -127,11 +131,6 @@ def serial_singularities(
     return _all_curves(_SingularEquations(mechanism, rows, "serial"), starts, step, limit)
 
 
-def _parallel_rows(mechanism: Mechanism) -> Rows:
-    selection = mechanism.parametrization().coordinates.jacobian(mechanism.q_reference)
-    return lambda q_free, w: (selection, np.zeros_like(selection))
-
-
 def _all_curves(equations: _SingularEquations, starts: int, step: float, limit: int) -> tuple[SingularCurve, ...]:
     generator = np.random.default_rng(20004)
     curves: list[SingularCurve] = []
@@ -140,33 +139,38 @@ def _all_curves(equations: _SingularEquations, starts: int, step: float, limit: 
         if found is None or any(equations.lies_on(found, curve) for curve in curves):
             continue
         curve = equations.follow(found, step, limit)
-        if curve is not None and not _is_known(equations, curve, curves):
+        if curve is None:
+            continue
+        middle = curve.q_free[len(curve.q_free) // 2]
+        if not any(known.kind == curve.kind and equations.lies_on(middle, known) for known in curves):
             curves.append(curve)
     return tuple(sorted(curves, key=lambda curve: curve.kind))
 
 
-def singularity_distance(model: ReducedModel, path: ArrayLike, guess: ArrayLike | None = None) -> SingularityDistance:
+def singularity_distance(
+    mechanism: Mechanism | HasMechanism, path: ArrayLike, guess: Near = None
+) -> SingularityDistance:
     """The smallest singular value of the scaled φ_y along a path in q, any n; zero means singular.
 
     Args:
-        model: The reduced model.
-        path: Points of shape (k, nq_independent), followed in order on one branch.
+        mechanism: The mechanism, or its model.
+        path: Points of shape (k, size of q), followed in order on one branch.
         guess: Chooses the branch at the first point.
 
     Raises:
         UnreachableError, SingularConfigurationError: The path cannot be followed.
     """
+    model = ReducedModel(mechanism_of(mechanism))
     points = np.atleast_2d(np.asarray(path, dtype=np.float64))
     if points.ndim != 2 or points.shape[1] != model.nq:
         raise InvalidInputError(f"path has shape {np.shape(path)}; it must be (k, {model.nq})")
     reach = characteristic_length(model.mechanism)
     configurations, measures = [], []
-    near = guess
+    near: Near = guess
     for q in points:
-        point = model.closed_point(q, near)
-        near = point.q_free
-        configurations.append(point.q_free)
-        measures.append(_smallest(model, point.q_free, reach))
+        near = model.at(q, near)
+        configurations.append(near.q_free)
+        measures.append(_smallest(model, near.q_free, reach))
     return SingularityDistance(np.array(configurations), np.array(measures))
 
 
@@ -193,7 +197,7 @@ class _SingularEquations:
         kind: What the curves are called; by default told from their image in q.
     """
 
-    def __init__(self, mechanism: Mechanism, rows: Rows, kind: Kind | None = None) -> None:
+    def __init__(self, mechanism: Mechanism, rows: RowFunction, kind: CurveKind | None = None) -> None:
         self.mechanism, self.rows, self.kind = mechanism, rows, kind
         self.constraints = mechanism.constraints()
         coordinates = mechanism.parametrization().coordinates
@@ -210,8 +214,7 @@ class _SingularEquations:
             )
         selection = coordinates.jacobian(mechanism.q_reference)
         self.independent = np.array([int(np.argmax(row)) for row in selection])
-        kinds = [mechanism.tree.kinds[name] for name in list(mechanism.pin_model.names)[1:]]
-        self.angular = np.array([kind == "revolute" for kind in kinds])
+        self.angular = np.array([not slides for joint in mechanism.tree.joints for slides in joint.kind.slides])
         self.n_free = n_free
 
     def residual(self, x: Array) -> Array:
@@ -221,12 +224,12 @@ class _SingularEquations:
 
     def jacobian(self, x: Array) -> Array:
         q_free, w = x[: self.n_free], x[self.n_free :]
-        rate, (rows, rows_rate) = self.constraints.rate(q_free, w), self.rows(q_free, w)
-        zero = np.zeros_like(rate.jacobian)
+        value, (rows, rows_rate) = self.constraints.value(q_free), self.rows(q_free, w)
+        zero = np.zeros_like(value.jacobian)
         return np.block(
             [
-                [rate.jacobian, zero],
-                [rate.jacobian_rate, rate.jacobian],
+                [value.jacobian, zero],
+                [self.constraints.rate(value, w), value.jacobian],
                 [rows_rate, rows],
                 [np.zeros((1, self.n_free)), w[None]],
             ]
@@ -269,7 +272,7 @@ class _SingularEquations:
         if self.kind is not None:
             return SingularCurve(self.kind, q, configurations, closed)
         if np.ptp(q, axis=0).max() < 1e-7:
-            turned = np.where(self.angular[self.independent], np.remainder(q[:1] + np.pi, 2 * np.pi) - np.pi, q[:1])
+            turned = self._turned(configurations[:1])[:, self.independent]
             return SingularCurve("self-motion", turned, configurations, closed)
         return SingularCurve("fold", q, configurations, closed)
 
@@ -295,19 +298,14 @@ class _SingularEquations:
 
     def gap(self, x: Array, other: Array) -> float:
         """Distance of two points, angles modulo 2π and w up to its sign."""
-        difference = x[: self.n_free] - other[: self.n_free]
-        turned = np.where(self.angular, np.remainder(difference + np.pi, 2 * np.pi) - np.pi, difference)
+        turned = self._turned(x[: self.n_free] - other[: self.n_free])
         w, v = x[self.n_free :], other[self.n_free :]
         return float(np.linalg.norm(np.append(turned, min(np.linalg.norm(w - v), np.linalg.norm(w + v)))))
 
     def lies_on(self, x: Array, curve: SingularCurve) -> bool:
-        """Whether a solution is within a step of a curve already found."""
-        difference = curve.q_free - x[: self.n_free]
-        turned = np.where(self.angular, np.remainder(difference + np.pi, 2 * np.pi) - np.pi, difference)
-        return bool(np.linalg.norm(turned, axis=1).min() < 0.03)
+        """Whether a solution (or its q′) is within a step of a curve already found."""
+        return bool(np.linalg.norm(self._turned(curve.q_free - x[: self.n_free]), axis=1).min() < 0.03)
 
-
-def _is_known(equations: _SingularEquations, curve: SingularCurve, curves: list[SingularCurve]) -> bool:
-    middle = curve.q_free[len(curve.q_free) // 2]
-    probe = np.concatenate([middle, np.zeros(equations.n_free)])
-    return any(known.kind == curve.kind and equations.lies_on(probe, known) for known in curves)
+    def _turned(self, q_free: Array) -> Array:
+        """Angles to within half a turn of zero."""
+        return np.where(self.angular, np.remainder(q_free + np.pi, 2 * np.pi) - np.pi, q_free)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ccpin.arrays import Array
+from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import Tree
 
 
@@ -34,46 +36,61 @@ class InverseDynamicsSlopes(NamedTuple):
 
 
 class FreeSystem:
-    """D′, C′, g′ and energies of the tree cut open; rotor inertias are part of D′.
+    """D′, C′, g′ and energies of the tree cut open; rotor inertias are part of D′. Threads may share one.
 
-    Holds scratch memory: one instance a thread.
+    Args:
+        tree: The free system; its Pinocchio model is copied.
+        gravity: In world axes, m/s², of shape (3,); default the tree's.
+
+    Attributes:
+        model: The copy, with that gravity; not to be changed.
+        scratch: Scratch memory for it.
     """
 
-    def __init__(self, tree: Tree) -> None:
-        self.model = tree.model
-        self._data = tree.model.createData()
-
-    def on_manifold(self, q_free: Array) -> bool:
-        """Whether the circles and quaternions of q′ are of unit length (to 1e-6)."""
-        return self.model.nq == self.model.nv or bool(pin.isNormalized(self.model, q_free, 1e-6))
+    def __init__(self, tree: Tree, gravity: Array | None = None) -> None:
+        self.model = pin.Model(tree.model)
+        if gravity is not None:
+            self.model.gravity = pin.Motion(gravity, np.zeros(3))
+        self.scratch = Scratch(self.model)
 
     def mass_matrix(self, q_free: Array) -> Array:
         """D′(q′), symmetric, of shape (n′, n′)."""
-        return np.asarray(pin.crba(self.model, self._data, q_free))
+        return self._computed(pin.crba, q_free)
 
     def coriolis_matrix(self, q_free: Array, v_free: Array) -> Array:
         """C′(q′, q̇′) from Christoffel symbols, of shape (n′, n′): d/dt D′ − 2C′ is skew symmetric."""
-        return np.array(pin.computeCoriolisMatrix(self.model, self._data, q_free, v_free))
+        return self._computed(pin.computeCoriolisMatrix, q_free, v_free)
 
     def gravity(self, q_free: Array) -> Array:
         """g′(q′), of shape (n′,)."""
-        return np.array(pin.computeGeneralizedGravity(self.model, self._data, q_free))
+        return self._computed(pin.computeGeneralizedGravity, q_free)
 
     def inverse_dynamics(self, q_free: Array, v_free: Array, a_free: Array) -> Array:
         """D′ q̈′ + C′ q̇′ + g′ (2), of shape (n′,)."""
-        return np.array(pin.rnea(self.model, self._data, q_free, v_free, a_free))
+        return self._computed(pin.rnea, q_free, v_free, a_free)
 
     def inverse_dynamics_derivatives(self, q_free: Array, v_free: Array, a_free: Array) -> InverseDynamicsSlopes:
         """τ′ = D′q̈′ + C′q̇′ + g′ (2) with ∂τ′/∂q′, ∂τ′/∂q̇′ and ∂τ′/∂q̈′ = D′, exact."""
-        slopes = pin.computeRNEADerivatives(self.model, self._data, q_free, v_free, a_free)
-        return InverseDynamicsSlopes(np.array(self._data.tau), *(np.array(slope) for slope in slopes))
+        data = self.scratch.take()
+        try:
+            slopes = pin.computeRNEADerivatives(self.model, data, q_free, v_free, a_free)
+            return InverseDynamicsSlopes(np.array(data.tau), *(np.array(slope) for slope in slopes))
+        finally:
+            self.scratch.give(data)
 
     def gravity_derivative(self, q_free: Array) -> Array:
         """∂g′/∂q′ along tangent steps of q′, of shape (n′, n′)."""
-        return np.array(pin.computeGeneralizedGravityDerivatives(self.model, self._data, q_free))
+        return self._computed(pin.computeGeneralizedGravityDerivatives, q_free)
 
     def energy(self, q_free: Array, v_free: Array) -> Energy:
         """½ q̇′ᵀ D′ q̇′ and the potential V with ∂V/∂q′ = g′ (zero at the world origin)."""
         kinetic = 0.5 * v_free @ self.mass_matrix(q_free) @ v_free  # Pinocchio's own leaves rotor inertias out
-        potential = pin.computePotentialEnergy(self.model, self._data, q_free)
-        return Energy(float(kinetic), float(potential))
+        return Energy(float(kinetic), float(self._computed(pin.computePotentialEnergy, q_free)))
+
+    def _computed(self, algorithm: Callable[..., Any], *state: Array) -> Array:
+        """What one of Pinocchio's algorithms returns, copied out of its scratch memory."""
+        data = self.scratch.take()
+        try:
+            return np.array(algorithm(self.model, data, *state))
+        finally:
+            self.scratch.give(data)

@@ -9,21 +9,19 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import Near, State
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
-from ccpin.kinematics.parametrization import ClosedPoint
+from ccpin.kinematics.levenberg_marquardt import Linearized, levenberg_marquardt
 from ccpin.kinematics.points import LinkPoint, rotation_error
 
 TOLERANCE = 1e-11
-_LARGEST_STEP = 0.3
-_MAX_ITERATIONS = 200
-_LEAST_DAMPING, _MOST_DAMPING = 1e-15, 1e6
 
 
 class Solution(NamedTuple):
     """A solved inverse kinematics problem.
 
     Attributes:
-        q: Independent coordinates, of shape (nq_independent,).
+        q: Independent coordinates, of shape (model.nq,).
         q_free: q′ = σ(q), of shape (nq,).
         error: What is left between point and target: the largest entry in metres and radians.
         iterations: Newton steps tried.
@@ -39,7 +37,7 @@ class UnreachableTargetError(ConvergenceError):
     """No configuration was found, on the branch asked for, that brings the point to the target.
 
     Attributes:
-        q: The q that came nearest, of shape (nq_independent,).
+        q: The q that came nearest, of shape (model.nq,).
         q_free: σ(q) there, of shape (nq,).
         distance: How far from the target the point is there, m. angle: how far its axes are turned, rad.
     """
@@ -62,49 +60,25 @@ class _Target(NamedTuple):
         return gap if self.rotation is None else np.concatenate([gap, rotation_error(pose[:3, :3], self.rotation)])
 
 
-def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: ArrayLike | None = None) -> Solution:
+def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: Near = None) -> Solution:
     """Find q with the point at the target.
 
     Damped Newton (Levenberg–Marquardt) on q, the residual being the gap to the target at σ(q) and its derivative
     −J ρ. Every trial goes through σ from the configuration before it, so the assembly mode is that of the guess; a
-    step on which σ is blocked is shortened like one that does not help.
-
-    Args:
-        model: The reduced model.
-        point: The point to bring to the target.
-        target: A position (3,), metres, or a pose (4, 4), in the world.
-        guess: A configuration q′, closed or nearly so; default the mechanism's reference.
-
-    Raises:
-        InvalidInputError: A target that is neither, or a guess that cannot be closed.
-        UnreachableTargetError: The iteration ended away from the target: it is out of reach, beyond a singularity,
-            or asks for more directions than the mechanism has.
+    step on which σ is blocked is shortened like one that does not help. Arguments and errors as for
+    `ccpin.dynamics.end_effector.EndEffector.solve`.
     """
     wanted = _checked(target)
     rows = 3 if wanted.rotation is None else 6
-    start = model.mechanism.q_reference if guess is None else model.checked_configuration(guess, "guess")
-    q = model.alpha(start)
-    here = model.closed_point(q, start)
-    error, damping = wanted.error(point.pose(here.q_free)), 1e-3
-    iteration = 0
-    while iteration < _MAX_ITERATIONS and damping < _MOST_DAMPING and np.abs(error).max() > TOLERANCE:
-        iteration += 1
-        step = _damped_step((point.jacobian(here.q_free) @ here.rho)[:rows], error, damping)
-        trial_q = model.coordinates.integrate(q, step)
-        trial = _sigma(model, trial_q, here.q_free)
-        trial_error = None if trial is None else wanted.error(point.pose(trial.q_free))
-        if trial is None or trial_error is None or not trial_error @ trial_error < error @ error:
-            damping *= 8.0
-            continue
-        settled = float(trial_error @ trial_error) > (1 - 1e-9) * float(error @ error)
-        q, here, error = trial_q, trial, trial_error
-        damping = max(0.1 * damping, _LEAST_DAMPING)
-        if settled and float(np.linalg.norm(step)) < 1e-9:
-            break
-    left = float(np.abs(error).max())
-    if left > TOLERANCE:
-        raise _unreachable(model, wanted, q, here, error)
-    return Solution(q, here.q_free, left, iteration)
+
+    def linearize(state: State) -> Linearized:
+        gap = wanted.error(point.pose(state.q_free))
+        return Linearized(-gap, (point.jacobian(state.q_free) @ state.rho)[:rows])
+
+    found = levenberg_marquardt(_start(model, guess), linearize, _moved, TOLERANCE)
+    if found.error > TOLERANCE:
+        raise _unreachable(wanted, found.place, -found.residual)
+    return Solution(found.place.q, found.place.q_free, found.error, found.iterations)
 
 
 def _checked(target: ArrayLike) -> _Target:
@@ -126,37 +100,30 @@ def _checked(target: ArrayLike) -> _Target:
     return _Target(array[:3, 3], rotation)
 
 
-def _sigma(model: ReducedModel, q: Array, near: Array) -> ClosedPoint | None:
+def _start(model: ReducedModel, guess: Near) -> State:
+    if isinstance(guess, State):
+        return model.at(guess)
+    configuration = model.mechanism.q_reference if guess is None else guess
+    return model.at(model.alpha(configuration), configuration)
+
+
+def _moved(here: State, step: Array) -> State | None:
     try:
-        return model.parametrization.sigma(q, near)
+        return here.model.at(here.model.coordinates.integrate(here.q, step), here)
     except (ConvergenceError, SingularConfigurationError):
         return None
 
 
-def _damped_step(jacobian: Array, error: Array, damping: float) -> Array:
-    """The step of least damped residual ‖J Δ − e‖² + (μ s₁)²‖Δ‖², of length at most 0.3."""
-    u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
-    if s[0] == 0.0:
-        return np.zeros(jacobian.shape[1])
-    keep = s > 1e-10 * s[0]
-    gain = np.where(keep, s / (s**2 + (damping * s[0]) ** 2), 0.0)
-    step = np.asarray(vt.T @ (gain * (u.T @ error)))
-    length = float(np.linalg.norm(step))
-    return step if length <= _LARGEST_STEP else step * (_LARGEST_STEP / length)
-
-
-def _unreachable(
-    model: ReducedModel, target: _Target, q: Array, here: ClosedPoint, error: Array
-) -> UnreachableTargetError:
+def _unreachable(target: _Target, here: State, error: Array) -> UnreachableTargetError:
     distance = float(np.linalg.norm(error[:3]))
     angle = float(np.linalg.norm(error[3:]))
     turned = f" and {np.degrees(angle):.4g}° of turning" if target.rotation is not None else ""
     return UnreachableTargetError(
-        f"the target at {np.array2string(target.position, precision=6)} m was not reached on this branch: the nearest "
-        f"the iteration came leaves {distance:.4g} m{turned}, at q = {np.array2string(q, precision=6)} (reciprocal "
-        f"condition number of ψ_q′ {here.factor.rcond:.1e}); the mechanism moves in {model.n} directions; pass a guess "
-        "nearer to it, or on the other branch",
-        q=q,
+        f"the target at {np.array2string(target.position, precision=6)} m was not reached on this branch: the "
+        f"nearest the iteration came leaves {distance:.4g} m{turned}, at q = {np.array2string(here.q, precision=6)} "
+        f"(reciprocal condition number of ψ_q′ {here.rcond:.1e}); the mechanism moves in {here.model.n} directions; "
+        "pass a guess nearer to it, or on the other branch",
+        q=here.q,
         q_free=here.q_free,
         distance=distance,
         angle=angle,

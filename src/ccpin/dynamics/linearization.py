@@ -8,13 +8,11 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
-from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.errors import InvalidInputError
+from ccpin.arrays import Array, matrix, vector
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.state import Near, State
 from ccpin.kinematics.coordinates import IndependentCoordinates
-
-# Where a joint's velocity components stand in a (linear, angular) velocity of its moving frame.
-_ENTRIES = {"spherical": [3, 4, 5], "planar": [0, 1, 5], "floating": [0, 1, 2, 3, 4, 5]}
+from ccpin.mechanism.mechanism import Mechanism
 
 
 class Linearization(NamedTuple):
@@ -30,7 +28,11 @@ class Linearization(NamedTuple):
 
 
 def linearize(
-    model: ReducedModel, q: ArrayLike, u: ArrayLike, v: ArrayLike | None = None, guess: ArrayLike | None = None
+    model: ReducedModel | Mechanism,
+    q: ArrayLike | State,
+    u: ArrayLike,
+    v: ArrayLike | None = None,
+    guess: Near = None,
 ) -> Linearization:
     """A = [−ad_q̇ I; ∂q̈/∂q ∂q̈/∂q̇], B = [0; ∂q̈/∂u] at the state (q, v) and effort u, exact.
 
@@ -39,19 +41,20 @@ def linearize(
     spherical, planar and floating independent joints that move.
 
     Args:
-        model: The reduced model.
-        q: Independent coordinates, of shape (nq_independent,).
+        model: The reduced model, or a mechanism.
+        q: Independent coordinates, of shape (model.nq,), or a State.
         u: Actuated joints' efforts, of shape (motors,).
         v: Velocity, of shape (n,); default at rest.
-        guess: As for `ReducedModel.sigma`.
+        guess: Chooses the assembly mode, as `near` of `ReducedModel.at`.
 
     Raises:
         CcpinError: As `ReducedModel.forward_dynamics_derivatives` does.
     """
-    velocity = np.zeros(model.n) if v is None else model.checked(v, "v", model.n)
-    slopes = model.forward_dynamics_derivatives(q, velocity, u, guess)
-    n = model.n
-    top = np.hstack([-_bracket(model.coordinates, velocity), np.eye(n)])
+    state = model_of(model).at(q, guess)
+    n = state.model.n
+    velocity = np.zeros(n) if v is None else vector(v, "v", n)
+    slopes = state.forward_dynamics_derivatives(velocity, u)
+    top = np.hstack([-_bracket(state.model.coordinates, velocity), np.eye(n)])
     return Linearization(
         A=np.vstack([top, np.hstack([slopes.da_dq, slopes.da_dv])]),
         B=np.vstack([np.zeros((n, slopes.da_du.shape[1])), slopes.da_du]),
@@ -67,15 +70,11 @@ def closed_loop_derivative(linearization: Linearization, du_dq: ArrayLike, du_dv
         du_dv: ∂u/∂q̇, of shape (motors, n); −K_v for PD control.
 
     Raises:
-        InvalidInputError: Wrong shapes.
+        InvalidInputError: Wrong shapes, or entries that are not finite.
     """
     states, motors = linearization.B.shape
-    gains = []
-    for name, value in (("du_dq", du_dq), ("du_dv", du_dv)):
-        gain = np.asarray(value, dtype=np.float64)
-        if gain.shape != (motors, states // 2):
-            raise InvalidInputError(f"{name} has shape {gain.shape}; it must be {(motors, states // 2)}")
-        gains.append(gain)
+    shape = (motors, states // 2)
+    gains = [matrix(du_dq, "du_dq", shape), matrix(du_dv, "du_dv", shape)]
     return np.asarray(linearization.A + linearization.B @ np.hstack(gains))
 
 
@@ -83,9 +82,7 @@ def _bracket(coordinates: IndependentCoordinates, v: Array) -> Array:
     """ad_v, of shape (n, n): how fast a fixed tangent step turns as seen from the moving frames."""
     bracket = np.zeros((coordinates.n, coordinates.n))
     for part in coordinates.parts:
-        if part.component is None and part.kind in _ENTRIES:
-            entries = _ENTRIES[part.kind]
-            motion = np.zeros(6)
-            motion[entries] = v[part.v]
-            bracket[part.v, part.v] = pin.Motion(motion).action[np.ix_(entries, entries)]
+        if part.whole is not None:
+            action, entries = pin.Motion(part.whole.twist(v[part.v])).action, part.whole.entries
+            bracket[part.v, part.v] = action[np.ix_(entries, entries)]
     return bracket

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +11,15 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError
+from ccpin.kinematics.checked import checked_q
+from ccpin.kinematics.levenberg_marquardt import Linearized
 from ccpin.kinematics.linear import factorize
 from ccpin.kinematics.parametrization import SINGULAR_RCOND, Parametrization
-from ccpin.mechanism.closing import descend
+from ccpin.kinematics.points import joint_poses
+from ccpin.mechanism.closing import solve
+from ccpin.mechanism.mechanism import Mechanism
 
 _SAME = 1e-6
 
@@ -51,28 +56,33 @@ class AssemblyModes(NamedTuple):
     singular: int
 
 
-def assembly_modes(model: ReducedModel, q: ArrayLike, *, patience: int = 60, limit: int = 2000) -> AssemblyModes:
+def assembly_modes(
+    model: ReducedModel | Mechanism, q: ArrayLike, *, patience: int = 60, limit: int = 2000
+) -> AssemblyModes:
     """Enumerate the σ branches over q from deterministic starts spread over the free system's configurations.
 
     Args:
-        model: The reduced model.
-        q: Independent coordinates, of shape (nq_independent,).
+        model: The reduced model, or a mechanism.
+        q: Independent coordinates, of shape (model.nq,).
         patience: End after this many starts in a row that find nothing new.
         limit: Largest number of starts.
 
     Raises:
         InvalidInputError: q has the wrong shape or is not finite.
     """
-    target = model.checked_q(q)
+    model = model_of(model)
+    target = checked_q(model.coordinates, q)
     parametrization = model.parametrization
     generator = np.random.default_rng(20003)
     found: list[AssemblyMode] = []
     idle = starts = singular = 0
-    reference = _on_reference_branch(model, target)
+    reference = None
+    with suppress(CcpinError):
+        reference = model.sigma(target)
     while idle < patience and starts < limit:
         start = _start(model, target, starts, generator)
         starts, idle = starts + 1, idle + 1
-        attempt = descend(model.mechanism.pin_model, _equations(parametrization, target), start)
+        attempt = solve(model.mechanism.tree.model, _equations(parametrization, target), start)
         if not attempt.closed or not parametrization.constraints.aligned(attempt.q_free):
             continue
         factor = factorize(parametrization.psi_jacobian(attempt.q_free))
@@ -87,59 +97,46 @@ def assembly_modes(model: ReducedModel, q: ArrayLike, *, patience: int = 60, lim
     return AssemblyModes(tuple(found), starts, singular)
 
 
-def _on_reference_branch(model: ReducedModel, q: Array) -> Array | None:
-    try:
-        return model.sigma(q)
-    except CcpinError:
-        return None
-
-
-def _equations(parametrization: Parametrization, q: Array) -> Callable[[Array], tuple[Array, Array]]:
+def _equations(parametrization: Parametrization, q: Array) -> Callable[[Array], Linearized]:
     """ψ̄(q′, q) = ψ(q′) − [0; q] (11) and ψ_q′."""
     constraints, coordinates = parametrization.constraints, parametrization.coordinates
 
-    def equations(q_free: Array) -> tuple[Array, Array]:
+    def equations(q_free: Array) -> Linearized:
         value = constraints.value(q_free)
         gap = -coordinates.difference(coordinates.alpha(q_free), q)
-        return np.concatenate([value.phi, gap]), np.vstack([value.jacobian, coordinates.jacobian(q_free)])
+        jacobian = np.vstack([value.jacobian, coordinates.jacobian(q_free)])
+        return Linearized(np.concatenate([value.phi, gap]), jacobian)
 
     return equations
 
 
 def _start(model: ReducedModel, q: Array, number: int, generator: np.random.Generator) -> Array:
     """The reference first, then configurations spread over circles, spheres and ranges, with q put in."""
-    pin_model, reference = model.mechanism.pin_model, model.mechanism.q_reference
+    pin_model, reference = model.mechanism.tree.model, model.mechanism.q_reference
     start = reference
     if number > 0:
         spread = np.full(pin_model.nv, np.pi)
-        for joint in range(1, pin_model.njoints):
-            if model.mechanism.tree.kinds[pin_model.names[joint]] == "prismatic":
-                i = pin_model.idx_qs[joint]
+        for joint in model.mechanism.tree.joints:
+            if joint.kind.sliding and joint.kind.nq == 1:
+                i = joint.q.start
                 low, high = pin_model.lowerPositionLimit[i], pin_model.upperPositionLimit[i]
                 bounded = np.isfinite(low) and np.isfinite(high) and high > low
-                spread[pin_model.idx_vs[joint]] = 0.5 * (high - low) if bounded else 1.0
+                spread[joint.v] = 0.5 * (high - low) if bounded else 1.0
         start = pin.integrate(pin_model, reference, spread * generator.uniform(-1.0, 1.0, pin_model.nv))
     return model.coordinates.embed(q, start)
 
 
 def _unwound(model: ReducedModel, q_free: Array) -> Array:
     """Turn dependent revolute joints by whole turns to lie nearest the reference."""
-    pin_model, mechanism = model.mechanism.pin_model, model.mechanism
-    unwound = q_free.copy()
-    for joint in range(1, pin_model.njoints):
-        name = pin_model.names[joint]
-        if mechanism.tree.kinds[name] == "revolute" and name not in mechanism.independent and not mechanism.couplings:
-            i = pin_model.idx_qs[joint]
-            turns = np.round((q_free[i] - mechanism.q_reference[i]) / (2 * np.pi))
-            unwound[i] -= 2 * np.pi * turns
+    mechanism, unwound = model.mechanism, q_free.copy()
+    for joint in mechanism.tree.joints:
+        if joint.kind.angle and joint.name not in mechanism.independent and not mechanism.couplings:
+            i = joint.q.start
+            unwound[i] -= 2 * np.pi * np.round((q_free[i] - mechanism.q_reference[i]) / (2 * np.pi))
     return unwound
 
 
 def _distance(model: ReducedModel, a: Array, b: Array) -> float:
     """Largest displacement between the joints' placements: turns of a revolute joint by 2π do not count."""
-    pin_model = model.mechanism.pin_model
-    first, second = pin_model.createData(), pin_model.createData()
-    pin.forwardKinematics(pin_model, first, a)
-    pin.forwardKinematics(pin_model, second, b)
-    gaps = (np.abs(p.homogeneous - q.homogeneous).max() for p, q in zip(first.oMi, second.oMi, strict=True))
-    return float(max(gaps))
+    scratch = model.free_system.scratch
+    return float(np.abs(joint_poses(scratch, a) - joint_poses(scratch, b)).max())

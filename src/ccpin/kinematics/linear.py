@@ -41,8 +41,8 @@ class Factor(NamedTuple):
             return np.zeros((self.columns, *right.shape[1:]))
         if right.ndim == 2:
             return _by_columns(self.solve, right)
-        if self.lu is not None:
-            return np.asarray(lapack.dgetrs(self.lu, self.pivots, right)[0])
+        if self.pivots is not None:
+            return np.asarray(lapack.dgetrs(self.lu, self.pivots.copy(), right)[0])  # SciPy writes to the pivots
         assert self.q is not None
         return np.asarray(lapack.dtrtrs(self.r, self.q.T.dot(right))[0])
 
@@ -50,8 +50,8 @@ class Factor(NamedTuple):
         """The least-norm solution x of ψ_q′ᵀ x = right."""
         if right.ndim == 2:
             return _by_columns(self.solve_transposed, right)
-        if self.lu is not None:
-            return np.asarray(lapack.dgetrs(self.lu, self.pivots, right, trans=1)[0])
+        if self.pivots is not None:
+            return np.asarray(lapack.dgetrs(self.lu, self.pivots.copy(), right, trans=1)[0])
         assert self.q is not None
         return np.asarray(self.q.dot(lapack.dtrtrs(self.r, right, trans=1)[0]))
 

@@ -1,4 +1,4 @@
-"""Closures placed in the tree: who carries each end, their nearest common ancestor, and what planarity proves.
+"""Closures and couplings placed in the tree: who carries each end, and what planarity proves.
 
 A loop is planar if every revolute axis on it is parallel to one direction n, every prismatic axis is
 perpendicular to it and no other joint lies on it. All its links then move parallel to the plane ⟂ n in every
@@ -9,30 +9,33 @@ dropped by proof, not by numerical rank at one configuration. Rows that are redu
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
 from ccpin.arrays import Array
-from ccpin.description.model import LoopClosure
-from ccpin.kinematics.rows import PARALLEL, DirectionRow, KindRows, PlaneNormal, rows_of
+from ccpin.description.closure_kinds import PARALLEL, LoopRows, PlaneNormal, rows_of
+from ccpin.description.model import Coupling, LoopClosure
+from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.tree import Tree
 
 
-class Loop(NamedTuple):
-    """One closure, resolved.
+class ResolvedClosure(NamedTuple):
+    """One closure, placed.
 
     Attributes:
         closure: What was declared.
         joint_a, joint_b: Indices of the joints that carry the two ends (0: the world).
         ancestor: Index of their nearest common ancestor joint C (0: the world).
         frame_a, frame_b: 4×4 closure frames in those joints' frames.
-        path_a, path_b: 1.0 for velocity components between C and the end, else 0.0; shape (n′,).
-        basis: E of the point row, in C, of shape (k, 3); k = 2 where the loop is planar, 0 without point rows.
-        rows: The other rows, in the closure's frames A and B.
+        path_a, path_b: The joints between C and each end, root first.
+        mask_a, mask_b: 1.0 for their velocity components, else 0.0, of shape (n′,).
+        rows: Its rows of φ.
         normal: Plane normal of a planar loop in C, or ``None``.
-        size: Number of rows.
     """
 
     closure: LoopClosure
@@ -41,71 +44,56 @@ class Loop(NamedTuple):
     ancestor: int
     frame_a: Array
     frame_b: Array
-    path_a: Array
-    path_b: Array
-    basis: Array
-    rows: KindRows
+    path_a: tuple[int, ...]
+    path_b: tuple[int, ...]
+    mask_a: Array
+    mask_b: Array
+    rows: LoopRows
     normal: Array | None
-    size: int
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.rows.rows)
+
+    def orientations(self, data: pin.Data) -> tuple[Array, Array]:
+        """The world's view (3, 3) of frames A and B, from forward kinematics."""
+        ends = ((self.joint_a, self.frame_a), (self.joint_b, self.frame_b))
+        a, b = (data.oMi[joint].rotation @ frame[:3, :3] for joint, frame in ends)
+        return a, b
 
 
-def resolve_loop(tree: Tree, closure: LoopClosure, reduce_planar: bool = True) -> Loop:
-    """Place a closure in the tree; with `reduce_planar` drop the rows that planarity proves constant."""
-    model = tree.model
+def resolve_closures(
+    tree: Tree, closures: Iterable[LoopClosure], reduce_planar: bool = True
+) -> tuple[ResolvedClosure, ...]:
+    """Place closures in the tree; with `reduce_planar` drop the rows that planarity proves constant."""
+    data = tree.model.createData()
+    pin.computeJointJacobians(tree.model, data, pin.neutral(tree.model))
+    return tuple(_resolve(tree, data, closure, reduce_planar) for closure in closures)
+
+
+def _resolve(tree: Tree, data: pin.Data, closure: LoopClosure, reduce_planar: bool) -> ResolvedClosure:
     carrier_a, carrier_b = tree.attachments[closure.link_a], tree.attachments[closure.link_b]
     frame_a, frame_b = carrier_a.placement @ closure.placement_a, carrier_b.placement @ closure.placement_b
-    supports_a, supports_b = list(model.supports[carrier_a.joint]), list(model.supports[carrier_b.joint])
+    supports_a, supports_b = (list(tree.model.supports[carrier.joint]) for carrier in (carrier_a, carrier_b))
     shared = [a for a, b in zip(supports_a, supports_b, strict=False) if a == b]
-    path_a = _velocity_mask(model, supports_a[len(shared) :])
-    path_b = _velocity_mask(model, supports_b[len(shared) :])
-    data = model.createData()
-    pin.computeJointJacobians(model, data, pin.neutral(model))
-    on_loop = supports_a[len(shared) :] + supports_b[len(shared) :]
-    normal = plane_normal(tree, data, on_loop) if reduce_planar else None
-    hint = PlaneNormal()
-    if normal is not None:
-        turn_a = data.oMi[carrier_a.joint].rotation @ frame_a[:3, :3]
-        turn_b = data.oMi[carrier_b.joint].rotation @ frame_b[:3, :3]
-        hint = PlaneNormal(turn_a.T @ normal, turn_b.T @ normal)
-        normal = data.oMi[shared[-1]].rotation.T @ normal
-    rows = rows_of(closure, hint)
-    basis = np.zeros((0, 3))
-    if rows.point:
-        basis = np.eye(3) if normal is None else _in_plane(normal)
-    if normal is not None:
-        rows = _without_constant_rows(rows, hint)
-    size = len(basis) + len(rows.directions) + len(rows.offsets) + (rows.distance is not None)
-    return Loop(
-        closure,
-        carrier_a.joint,
-        carrier_b.joint,
-        int(shared[-1]),
-        frame_a,
-        frame_b,
-        path_a,
-        path_b,
-        basis,
-        rows,
-        normal,
-        size,
+    path_a, path_b = (tuple(int(j) for j in supports[len(shared) :]) for supports in (supports_a, supports_b))
+    normal = PlaneNormal()
+    world = plane_normal(tree, data, (*path_a, *path_b)) if reduce_planar else None
+    if world is not None:
+        turns = [data.oMi[joint].rotation for joint in (carrier_a.joint, carrier_b.joint, shared[-1])]
+        frames = (turns[0] @ frame_a[:3, :3], turns[1] @ frame_b[:3, :3], turns[2])
+        normal = PlaneNormal(*(np.asarray(frame.T @ world) for frame in frames))
+    return ResolvedClosure(
+        *(closure, carrier_a.joint, carrier_b.joint, int(shared[-1]), frame_a, frame_b, path_a, path_b),
+        mask_a=tree.support(carrier_a.joint) - tree.support(shared[-1]),
+        mask_b=tree.support(carrier_b.joint) - tree.support(shared[-1]),
+        rows=rows_of(closure, normal),
+        normal=normal.C,
     )
 
 
-def is_turned(loop: Loop, data: pin.Data) -> bool:
-    """Whether the axes of a closure with direction rows are turned end for end, after forward kinematics."""
-    rotation_a = data.oMi[loop.joint_a].rotation @ loop.frame_a[:3, :3]
-    rotation_b = data.oMi[loop.joint_b].rotation @ loop.frame_b[:3, :3]
-    return any((rotation_a @ a) @ (rotation_b @ b) <= 0 for a, b in loop.rows.alignment)
-
-
-def _velocity_mask(model: pin.Model, joints: list[int]) -> Array:
-    mask = np.zeros(model.nv)
-    for joint in joints:
-        mask[model.idx_vs[joint] : model.idx_vs[joint] + model.nvs[joint]] = 1.0
-    return mask
-
-
-def plane_normal(tree: Tree, data: pin.Data, joints: list[int]) -> Array | None:
+def plane_normal(tree: Tree, data: pin.Data, joints: Iterable[int]) -> Array | None:
     """Unit normal (3,) in the world of the plane the joints' bodies move parallel to, or ``None`` if there is none.
 
     Args:
@@ -113,46 +101,86 @@ def plane_normal(tree: Tree, data: pin.Data, joints: list[int]) -> Array | None:
         data: After Pinocchio's `computeJointJacobians` at any configuration.
         joints: Indices of the joints on the loop, or of all joints.
     """
-    model = tree.model
-    jacobian = data.J
-    rotations, translations = [], []
+    turns, slides = list[Array](), list[Array]()
     for joint in joints:
-        kind = tree.kinds[model.names[joint]]
-        column = model.idx_vs[joint]
-        if kind in ("revolute", "continuous"):
-            rotations.append(jacobian[3:, column])
-        elif kind == "prismatic":
-            translations.append(jacobian[:3, column])
-        elif kind == "planar":
-            rotations.append(data.oMi[joint].rotation[:, 2])
-        else:
-            return None
-    if not rotations:
+        for column in data.J[:, tree.joints[joint - 1].v].T:
+            turning = float(np.linalg.norm(column[3:])) > PARALLEL
+            (turns if turning else slides).append(column[3:] if turning else column[:3])
+    if not turns:
         return None
-    normal = rotations[0]
-    parallel = all(np.linalg.norm(np.cross(normal, axis)) < PARALLEL for axis in rotations)
-    in_plane = all(abs(normal @ axis) < PARALLEL for axis in translations)
-    return np.array(normal) if parallel and in_plane else None
+    normal = np.array(turns[0])
+    parallel = all(np.linalg.norm(np.cross(normal, axis)) < PARALLEL for axis in turns)
+    return normal if parallel and all(abs(normal @ axis) < PARALLEL for axis in slides) else None
 
 
-def _in_plane(normal: Array) -> Array:
-    """Two unit vectors spanning the plane, the coordinate axes where they do."""
-    main = int(np.argmax(np.abs(normal)))
-    axes = [np.eye(3)[i] for i in range(3) if i != main]
-    first = axes[0] - (axes[0] @ normal) * normal
-    first = first / np.linalg.norm(first)
-    second = np.cross(normal, first) * (1.0 if main == 2 or main == 0 else -1.0) * np.sign(normal[main])
-    return np.vstack([first, second])
+class ResolvedTerm(NamedTuple):
+    """One joint's part of a coupling.
+
+    Attributes:
+        idx_q, idx_v: Where the joint sits in q′ and q̇′.
+        wrapped: Whether it is an angle on the circle.
+        coefficients: Of the polynomial in the displacement from the reference, lowest power first.
+        reference: Where displacements are counted from.
+    """
+
+    idx_q: int
+    idx_v: int
+    wrapped: bool
+    coefficients: Array
+    reference: float
+
+    def angle(self, q_free: Array) -> float:
+        """The joint's displacement from the term's reference; on the circle in (−π, π] before the reference."""
+        i = self.idx_q
+        return float((math.atan2(q_free[i + 1], q_free[i]) if self.wrapped else q_free[i]) - self.reference)
+
+    def slope(self, order: int, q_free: Array) -> float:
+        """The polynomial's derivative of an order there."""
+        if len(self.coefficients) <= order:
+            return 0.0
+        derivative = np.polynomial.polynomial.polyder(self.coefficients, order)
+        return float(np.polynomial.polynomial.polyval(self.angle(q_free), derivative))
 
 
-def _without_constant_rows(rows: KindRows, normal: PlaneNormal) -> KindRows:
-    def along(vector: Array, other: Array | None) -> bool:
-        return other is not None and float(np.linalg.norm(np.cross(vector, other))) < PARALLEL
+class ResolvedCoupling(NamedTuple):
+    """A coupling placed in the tree; its row of φ holds modulo `modulus` (0: exactly)."""
 
-    def varies(row: DirectionRow) -> bool:
-        return not all(along(a, normal.a) or along(b, normal.b) for _, a, b in row.products)
+    coupling: Coupling
+    terms: tuple[ResolvedTerm, ...]
+    modulus: float
 
-    return rows._replace(
-        directions=tuple(row for row in rows.directions if varies(row)),
-        offsets=tuple(a for a in rows.offsets if not along(a, normal.a)),
-    )
+    def value(self, q_free: Array) -> float:
+        """The row of φ."""
+        total = sum(term.slope(0, q_free) for term in self.terms)
+        return math.remainder(total, self.modulus) if self.modulus else total
+
+
+def resolve_coupling(tree: Tree, coupling: Coupling) -> ResolvedCoupling:
+    """Place a coupling; where a continuous joint takes part the row is read modulo what whole turns add to it.
+
+    Raises:
+        UnsupportedMechanismError: A continuous joint enters with a power above one or an irrational ratio: the
+            relation then depends on the number of turns, which a configuration on the circle does not hold.
+    """
+    terms, ratios = [], []
+    for term in coupling.terms:
+        joint = tree.joint(term.joint)
+        wrapped = joint.kind.unit == 2
+        if wrapped:
+            slope = term.coefficients[1] if len(term.coefficients) > 1 else 0.0
+            ratio = Fraction(slope).limit_denominator(1000)
+            if any(term.coefficients[2:]) or abs(float(ratio) - slope) > 1e-12:
+                raise UnsupportedMechanismError(
+                    f"coupling '{coupling.name}': joint '{term.joint}' is continuous, so its ratio must be a "
+                    "fraction of whole numbers up to 1000; make the joint revolute for any other relation"
+                )
+            ratios.append(ratio)
+        coefficients = np.array(term.coefficients, dtype=np.float64)
+        terms.append(ResolvedTerm(joint.q.start, joint.v.start, wrapped, coefficients, term.reference))
+    return ResolvedCoupling(coupling, tuple(terms), 2 * math.pi * _common_divisor(ratios))
+
+
+def _common_divisor(ratios: list[Fraction]) -> float:
+    """The largest number of which every ratio is a whole multiple (0 without ratios)."""
+    denominator = math.lcm(*(r.denominator for r in ratios))
+    return math.gcd(*(int(r * denominator) for r in ratios)) / denominator

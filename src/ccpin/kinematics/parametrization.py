@@ -14,16 +14,17 @@ import pinocchio as pin
 
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
-from ccpin.kinematics.constraints import Constraints
+from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.linear import Factor, factorize
+from ccpin.kinematics.points import moved
 
 SINGULAR_RCOND = 1e-10
-CLOSED = 1e-10
 _CONTRACTION = 0.125
+_NOISE = 1e-9
 _SHORTEST_STEP = 2.0**-30
 _LARGEST_MOVE = 1.0
-_MAX_NEWTON = 12
+_MOST_STEPS = 11
 
 
 class ClosedPoint(NamedTuple):
@@ -33,17 +34,55 @@ class ClosedPoint(NamedTuple):
         q_free: q′, of shape (nq,).
         factor: The factorised ψ_q′(q′).
         rho: ρ(q′), of shape (n′, n).
+        constraints: φ and φ_q′ there.
     """
 
     q_free: Array
     factor: Factor
     rho: Array
+    constraints: ConstraintValue
+
+
+class NewtonRules(NamedTuple):
+    """When Newton's method on ψ̄ is trusted, and when it is done.
+
+    Attributes:
+        tolerance: Largest |ψ̄| of a solution, metres and radians.
+        most_steps: Hard cap on linear solves.
+        contraction: A correction may be at most this part of the one before (or `noise`).
+        noise: Corrections below this length are rounding.
+        stalled: Largest |ψ̄| of a solution whose last correction was rounding.
+    """
+
+    tolerance: float
+    most_steps: int
+    contraction: float = _CONTRACTION
+    noise: float = _NOISE
+    stalled: float = 0.0
+
+
+class NewtonSolve(NamedTuple):
+    """How Newton's method ended.
+
+    Attributes:
+        point: σ(q), or ``None`` where an iteration was not trusted, did not converge or met a singularity.
+        steps: Newton steps taken.
+        residual: Largest |ψ̄| at the last iterate, metres and radians.
+        started_open: Whether the start was not closed.
+    """
+
+    point: ClosedPoint | None
+    steps: int
+    residual: float
+    started_open: bool
 
 
 class Parametrization:
-    """σ, ρ and ρ̇ of a mechanism's constraints φ and independent coordinates α.
+    """σ, ρ and ρ̇ of a mechanism's constraints φ and independent coordinates α; a pure function of them.
 
-    Holds scratch memory: one instance a thread.
+    Attributes:
+        rules: When σ's Newton steps are trusted and done.
+        turnable: Whether some closure's rows vanish with its axes turned end for end too.
     """
 
     def __init__(self, constraints: Constraints, coordinates: IndependentCoordinates, q_reference: Array) -> None:
@@ -51,15 +90,14 @@ class Parametrization:
         self.coordinates = coordinates
         self.q_reference = q_reference
         self.model = constraints.model
-        rows = constraints.size + coordinates.n
         self._unit = np.vstack([np.zeros((constraints.size, coordinates.n)), np.eye(coordinates.n)])
-        self.tolerance = 1e-14 * max(1.0, _reach(self.model))
-        self._psi = np.empty((rows, self.model.nv))
-        self.turnable = any(loop.rows.directions and loop.rows.alignment for loop in constraints.loops)
+        tolerance = 1e-14 * max(1.0, _reach(self.model))
+        self.rules = NewtonRules(tolerance, _MOST_STEPS, stalled=100 * tolerance)
+        self.turnable = any(any(loop.rows.direction_rows) and loop.rows.alignment for loop in constraints.loops)
 
     def psi_jacobian(self, q_free: Array) -> Array:
         """ψ_q′ = [φ_q′; α_q′] (10), of shape (m + n, n′)."""
-        return np.vstack([self.constraints.value(q_free).jacobian, self.coordinates.jacobian(q_free)])
+        return self._stacked(self.constraints.value(q_free))
 
     def rcond(self, q_free: Array) -> float:
         """Reciprocal condition number of ψ_q′: 0 at a singular configuration."""
@@ -71,15 +109,27 @@ class Parametrization:
         Raises:
             SingularConfigurationError: ψ_q′ has not full column rank there.
         """
-        return self._closed_point(q_free, factorize(self.psi_jacobian(q_free)))
+        point = self.constraints.value(q_free)
+        return self._closed_point(point, factorize(self._stacked(point)))
 
     def rho_dot(self, point: ClosedPoint, v_free: Array) -> Array:
         """ρ̇ = −ψ_q′⁻¹ ψ̇_q′ ρ (35), of shape (n′, n)."""
-        return -point.factor.solve(self._psi_rate(point.q_free, v_free) @ point.rho)
+        rows = self.constraints.rate(point.constraints, v_free) @ point.rho
+        return self._against(rows, point, v_free, point.rho)
 
     def bias(self, point: ClosedPoint, v_free: Array) -> Array:
         """ρ̇ q̇ = −ψ_q′⁻¹ ψ̇_q′ q̇′, of shape (n′,), for q̇′ = ρ q̇."""
-        return -point.factor.solve(self._psi_rate(point.q_free, v_free) @ v_free)
+        return self._against(self.constraints.bias(point.constraints, v_free), point, v_free, v_free)
+
+    def _against(self, rows: Array, point: ClosedPoint, v_free: Array, w: Array) -> Array:
+        """−ψ_q′⁻¹ [rows; α̇_q′ w]: `rows` is φ̇_q′ w."""
+        m = len(rows)
+        right = np.zeros((m + self.coordinates.n, *rows.shape[1:]))
+        right[:m] = rows
+        alpha_rate = self.coordinates.jacobian_rate(point.q_free, v_free)
+        if alpha_rate is not None:
+            right[m:] = alpha_rate @ w
+        return -point.factor.solve(right)
 
     def sigma(self, q: Array, guess: Array | ClosedPoint | None = None) -> ClosedPoint:
         """q′ = σ(q) (12), on the branch of `guess`.
@@ -92,7 +142,7 @@ class Parametrization:
         depends on q and guess only.
 
         Args:
-            q: Independent coordinates, of shape (nq_independent,).
+            q: Independent coordinates, of shape (model.nq,).
             guess: A configuration (closed or nearly so) on the branch wanted; default the reference. A closed point
                 spares the first evaluation.
 
@@ -101,10 +151,11 @@ class Parametrization:
             SingularConfigurationError: q itself is singular.
             InvalidInputError: The guess cannot be closed, or only with a closure's axes turned end for end.
         """
-        point, blocked = self._step(self.q_reference if guess is None else guess, q)
+        solve = self.newton(self.q_reference if guess is None else guess, q, self.rules)
+        point = solve.point
         if point is None:
             start = guess.q_free if isinstance(guess, ClosedPoint) else self.q_reference if guess is None else guess
-            point = self._walk(self._closed_start(start) if blocked else start, q)
+            point = self._walk(self._closed_start(start) if solve.started_open else start, q)
         if isinstance(guess, np.ndarray) and self.turnable and not self.constraints.aligned(point.q_free):
             raise InvalidInputError(
                 "the guess satisfies φ = 0 with a closure's axes turned end for end; pass a configuration closed the "
@@ -116,17 +167,20 @@ class Parametrization:
         coordinates = self.coordinates
         q_start = coordinates.alpha(start)
         line = coordinates.difference(q_start, q)
-        here, done, stride = start, 0.0, 0.5
+        here: Array | ClosedPoint = start
+        done, stride = 0.0, 0.5
         while stride >= _SHORTEST_STEP:
             ahead = min(1.0, done + stride)
             target = q if ahead == 1.0 else coordinates.integrate(q_start, ahead * line)
-            point, _ = self._step(here, target)
+            point = self.newton(here, target, self.rules).point
             if point is None:
                 stride *= 0.5
                 continue
             if ahead == 1.0:
                 return point
-            here, done, stride = point.q_free, ahead, 2.0 * stride
+            here, done, stride = point, ahead, 2.0 * stride
+        if isinstance(here, ClosedPoint):
+            here = here.q_free
         rcond = self.rcond(here)
         left = float(np.linalg.norm((1.0 - done) * line))
         if left <= 1e-6:
@@ -147,50 +201,46 @@ class Parametrization:
             rcond=rcond,
         )
 
-    def _step(self, start: Array | ClosedPoint, q: Array) -> tuple[ClosedPoint | None, bool]:
-        """One trusted Newton solve from a start; (``None``, whether the start was open) where it is not trusted."""
+    def newton(self, start: Array | ClosedPoint, q: Array, rules: NewtonRules) -> NewtonSolve:
+        """Newton's method on ψ̄(q′, q) = 0 (11) from a start, given up where it is not to be trusted.
+
+        Pure: the same arguments give the same answer. The time it takes is bounded by `most_steps` + 1 evaluations and
+        factorisations of ψ_q′. A closed point spares the first.
+        """
         known = start if isinstance(start, ClosedPoint) else None
-        q_free: Array = start.q_free if isinstance(start, ClosedPoint) else start
-        first, sign, last, trusted, start_open = q_free, 0, 0.0, False, False
-        for iteration in range(_MAX_NEWTON):
-            if known is not None and iteration == 0:
-                gap, factor = self._gap(np.zeros(self.constraints.size), q_free, q), known.factor
+        q_free: Array = start.q_free if isinstance(start, ClosedPoint) else start.copy()
+        sign, last, residual, started_open = 0, np.inf, np.inf, False
+        for steps in range(rules.most_steps + 1):
+            if known is not None and not steps:
+                point, factor = known.constraints, known.factor
             else:
-                gap, factor = self._linearized(q_free, q)
-            if iteration == 0:
-                sign = factor.sign
-                start_open = bool(np.abs(gap[: self.constraints.size]).max(initial=0.0) > 1e-6)
-            if factor.rcond < SINGULAR_RCOND:
-                return None, start_open
-            size = float(np.abs(gap).max()) if gap.size else 0.0
-            if size <= self.tolerance or (trusted and last <= 1e-9 and size <= 100 * self.tolerance):
-                if factor.sign != sign:
-                    return None, start_open
-                return self._closed_point(q_free if iteration else first.copy(), factor), start_open
+                point = self.constraints.value(q_free)
+                factor = factorize(self._stacked(point))
+            gap = self._gap(point, q)
+            residual = float(np.abs(gap).max(initial=0.0))
+            if not steps:
+                sign, started_open = factor.sign, bool(np.abs(point.phi).max(initial=0.0) > 1e-6)
+            if factor.rcond < SINGULAR_RCOND or factor.sign != sign:
+                break
+            if residual <= rules.tolerance or (last <= rules.noise and residual <= rules.stalled):
+                return NewtonSolve(self._closed_point(point, factor), steps, residual, started_open)
+            if steps == rules.most_steps:
+                break
             step = factor.solve(gap)
             length = float(np.linalg.norm(step))
-            if not length <= _LARGEST_MOVE:
-                return None, start_open
-            if iteration and length > _CONTRACTION * last and length > 1e-9:
-                return None, start_open
-            trusted, last = True, length
-            q_free = q_free + step if self.model.nq == self.model.nv else pin.integrate(self.model, q_free, step)
-        return None, start_open
+            if not length <= _LARGEST_MOVE or length > max(rules.contraction * last, rules.noise):
+                return NewtonSolve(None, steps + 1, residual, started_open)
+            q_free, last = moved(self.model, q_free, step), length
+        return NewtonSolve(None, steps, residual, started_open)
 
-    def _linearized(self, q_free: Array, q: Array) -> tuple[Array, Factor]:
-        """−ψ̄(q′, q) and the factorised ψ_q′."""
-        value = self.constraints.value(q_free)
-        m = self.constraints.size
-        self._psi[:m] = value.jacobian
-        self._psi[m:] = self.coordinates.jacobian(q_free)
-        return self._gap(value.phi, q_free, q), factorize(self._psi)
+    def _stacked(self, point: ConstraintValue) -> Array:
+        """ψ_q′ (10), of shape (m + n, n′)."""
+        return np.concatenate([point.jacobian, self.coordinates.jacobian(point.q_free)])
 
-    def _gap(self, phi: Array, q_free: Array, q: Array) -> Array:
+    def _gap(self, point: ConstraintValue, q: Array) -> Array:
         """−ψ̄(q′, q) = [−φ; q − α(q′)] (11)."""
-        gap = np.empty(len(self._psi))
-        gap[: len(phi)] = -phi
-        gap[len(phi) :] = self.coordinates.difference(self.coordinates.alpha(q_free), q)
-        return gap
+        missing = self.coordinates.difference(self.coordinates.alpha(point.q_free), q)
+        return np.concatenate([-point.phi, missing])
 
     def _closed_start(self, start: Array) -> Array:
         """Close an open guess at its own q.
@@ -199,39 +249,24 @@ class Parametrization:
             InvalidInputError: It is too far open for that.
         """
         q = self.coordinates.alpha(start)
-        q_free = start
-        for _ in range(_MAX_NEWTON):
-            gap, factor = self._linearized(q_free, q)
-            if float(np.abs(gap).max()) <= self.tolerance:
-                return q_free
-            step = factor.solve(gap) if factor.rcond >= SINGULAR_RCOND else np.full(self.model.nv, np.inf)
-            if not float(np.linalg.norm(step)) <= _LARGEST_MOVE:
-                break
-            q_free = pin.integrate(self.model, q_free, step)
+        solve = self.newton(start, q, self.rules._replace(contraction=np.inf))
+        if solve.point is not None:
+            return solve.point.q_free
         error = float(np.abs(self.constraints.residual(start)).max())
         raise InvalidInputError(
             f"the guess is open by {error:.3g} (m or rad) and cannot be closed at its own q = {_show(q)}; "
             "pass a closed configuration of the branch wanted"
         )
 
-    def _closed_point(self, q_free: Array, factor: Factor) -> ClosedPoint:
+    def _closed_point(self, point: ConstraintValue, factor: Factor) -> ClosedPoint:
         if factor.rcond < SINGULAR_RCOND:
             raise SingularConfigurationError(
-                f"q′ = {_show(q_free)} is a singular configuration: ψ_q′ has a reciprocal condition number of "
+                f"q′ = {_show(point.q_free)} is a singular configuration: ψ_q′ has a reciprocal condition number of "
                 f"{factor.rcond:.1e}, so the independent coordinates do not fix the motion there",
-                q_free=q_free,
+                q_free=point.q_free,
                 rcond=factor.rcond,
             )
-        return ClosedPoint(q_free, factor, factor.solve(self._unit))
-
-    def _psi_rate(self, q_free: Array, v_free: Array) -> Array:
-        """ψ̇_q′ along q̇′, of shape (m + n, n′)."""
-        rate = np.zeros_like(self._psi)
-        rate[: self.constraints.size] = self.constraints.rate(q_free, v_free).jacobian_rate
-        alpha_rate = self.coordinates.jacobian_rate(q_free, v_free)
-        if alpha_rate is not None:
-            rate[self.constraints.size :] = alpha_rate
-        return rate
+        return ClosedPoint(point.q_free, factor, factor.solve(self._unit), point)
 
 
 def _reach(model: pin.Model) -> float:

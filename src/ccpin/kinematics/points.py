@@ -12,8 +12,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, cross, skew
+from ccpin.description.model import frame
 from ccpin.errors import InvalidInputError
+from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import Tree
 
 
@@ -32,9 +34,7 @@ class Motion(NamedTuple):
 
 
 class LinkPoint:
-    """A point fixed on a link of the free system.
-
-    Holds scratch memory: one instance a thread.
+    """A point fixed on a link of the free system; any number of threads may share one.
 
     Args:
         tree: The free system.
@@ -54,33 +54,35 @@ class LinkPoint:
         attachment = tree.attachments[link]
         if attachment.joint == 0:
             raise InvalidInputError(f"link '{link}' is fixed to the world; the end effector must be on a moving link")
-        self.model = tree.model
-        self._data = tree.model.createData()
+        self._scratch = Scratch(tree.model)
         self._joint = attachment.joint
-        frame = np.eye(4)
-        frame[:3, 3] = offset
-        self._frame = attachment.placement @ frame
-        self._path = _support(tree.model, attachment.joint)
+        self._frame = attachment.placement @ frame(offset)
+        self._path = tree.support(attachment.joint)
 
     def pose(self, q_free: Array) -> Array:
         """The link's axes at the point, 4×4, in the world."""
-        pin.forwardKinematics(self.model, self._data, q_free)
-        return np.asarray(self._data.oMi[self._joint].homogeneous @ self._frame)
+        return np.asarray(joint_poses(self._scratch, q_free)[self._joint] @ self._frame)
 
     def jacobian(self, q_free: Array) -> Array:
         """J with twist = J q̇′, of shape (6, n′)."""
-        columns = np.array(pin.computeJointJacobians(self.model, self._data, q_free)) * self._path
-        return _shifted(columns, (self._data.oMi[self._joint].homogeneous @ self._frame)[:3, 3])
+        data = self._scratch.take()
+        columns = pin.computeJointJacobians(self._scratch.model, data, q_free) * self._path
+        jacobian = _shifted(columns, self._placed(data)[:3, 3])
+        self._scratch.give(data)
+        return jacobian
 
     def motion(self, q_free: Array, v_free: Array) -> Motion:
         """Pose, J and J̇ along q̇′."""
-        pin.computeJointJacobiansTimeVariation(self.model, self._data, q_free, v_free)
-        columns, rates = self._data.J * self._path, self._data.dJ * self._path
-        pose = self._data.oMi[self._joint].homogeneous @ self._frame
-        jacobian = _shifted(columns, pose[:3, 3])
-        rate = _shifted(rates, pose[:3, 3])
-        rate[:3] -= _skew(jacobian[:3] @ v_free) @ columns[3:]
+        data = self._scratch.take()
+        pin.computeJointJacobiansTimeVariation(self._scratch.model, data, q_free, v_free)
+        columns, rates, pose = data.J * self._path, data.dJ * self._path, self._placed(data)
+        self._scratch.give(data)
+        jacobian, rate = _shifted(columns, pose[:3, 3]), _shifted(rates, pose[:3, 3])
+        rate[:3] -= skew(jacobian[:3] @ v_free) @ columns[3:]
         return Motion(pose, jacobian, rate)
+
+    def _placed(self, data: pin.Data) -> Array:
+        return np.asarray(data.oMi[self._joint].homogeneous @ self._frame)
 
 
 def rotation_error(turned: Array, wanted: Array) -> Array:
@@ -88,15 +90,13 @@ def rotation_error(turned: Array, wanted: Array) -> Array:
     return np.asarray(pin.log3(wanted @ turned.T))
 
 
-def joint_poses(model: pin.Model, data: pin.Data, q_free: Array) -> Array:
+def joint_poses(scratch: Scratch, q_free: Array) -> Array:
     """Where the moving joint frames are in the world, of shape (joints, 4, 4); entry 0 is the world itself."""
-    pin.forwardKinematics(model, data, q_free)
-    return joint_frames(data)
-
-
-def joint_frames(data: pin.Data) -> Array:
-    """The joint frames' world poses after a kinematics call, of shape (joints, 4, 4)."""
-    return np.array([placement.homogeneous for placement in data.oMi])
+    data = scratch.take()
+    pin.forwardKinematics(scratch.model, data, q_free)
+    poses = _joint_frames(data)
+    scratch.give(data)
+    return poses
 
 
 class BodyMotion(NamedTuple):
@@ -116,18 +116,24 @@ class BodyMotion(NamedTuple):
     alpha: Array
 
 
-def body_motion(model: pin.Model, data: pin.Data, q_free: Array, v_free: Array, a_free: Array) -> BodyMotion:
+def body_motion(scratch: Scratch, q_free: Array, v_free: Array, a_free: Array) -> BodyMotion:
     """The bodies' motion at (q′, q̇′, q̈′)."""
+    model, data = scratch.model, scratch.take()
     pin.forwardKinematics(model, data, q_free, v_free, a_free)
-    found = BodyMotion(joint_frames(data), *(np.zeros((model.njoints, 3)) for _ in range(4)))
+    found = BodyMotion(_joint_frames(data), *(np.zeros((model.njoints, 3)) for _ in range(4)))
     for j in range(1, model.njoints):
         turn, lever = data.oMi[j].rotation, np.array(model.inertias[j].lever)
         v, a = data.v[j], data.a[j]
-        swing = np.cross(a.angular, lever) + np.cross(v.angular, v.linear + np.cross(v.angular, lever))
+        swing = cross(a.angular, lever) + cross(v.angular, v.linear + cross(v.angular, lever))
         found.centres[j] = data.oMi[j].act(lever)
         found.accelerations[j] = turn @ (a.linear + swing)
         found.omega[j], found.alpha[j] = turn @ v.angular, turn @ a.angular
+    scratch.give(data)
     return found
+
+
+def _joint_frames(data: pin.Data) -> Array:
+    return np.array([placement.homogeneous for placement in data.oMi])
 
 
 def moved(model: pin.Model, q_free: Array, step: Array) -> Array:
@@ -135,21 +141,8 @@ def moved(model: pin.Model, q_free: Array, step: Array) -> Array:
     return q_free + step if model.nq == model.nv else np.asarray(pin.integrate(model, q_free, step))
 
 
-def _support(model: pin.Model, joint: int) -> Array:
-    """1.0 for the velocity components between the world and a joint, else 0.0."""
-    mask = np.zeros(model.nv)
-    for j in list(model.supports[joint])[1:]:
-        mask[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]] = 1.0
-    return mask
-
-
 def _shifted(columns: Array, point: Array) -> Array:
     """Spatial velocities at the world's origin, as columns of a 6×n′ matrix, seen at a point."""
     shifted = np.array(columns)
-    shifted[:3] -= _skew(point) @ columns[3:]
+    shifted[:3] -= skew(point) @ columns[3:]
     return shifted
-
-
-def _skew(p: Array) -> Array:
-    x, y, z = p
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

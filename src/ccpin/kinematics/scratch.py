@@ -8,8 +8,8 @@ import pinocchio as pin
 class Scratch:
     """A pool of `pin.Data` of one model: as many as were ever in use at the same time.
 
-    `take` one, read what Pinocchio wrote into it, and `give` it back. Both are single operations on a list and so safe
-    among threads; results must be copied out before giving back.
+    `take` one, read what Pinocchio wrote into it, and `give` it back; one lost to an error is replaced. Both are single
+    operations on a list and so safe among threads; results must be copied out before giving back.
 
     Args:
         model: The Pinocchio model; not to be changed afterwards.

@@ -20,9 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.kinematics.acceleration_derivatives import Directions
-from ccpin.kinematics.coordinate_derivatives import alpha_bias_derivative
 from ccpin.kinematics.parametrization import ClosedPoint, Parametrization
+from ccpin.kinematics.rows import Directions
 
 
 class BiasDerivatives(NamedTuple):
@@ -61,9 +60,8 @@ class SigmaDerivatives:
         v_free = point.rho @ v
         gamma = parametrization.bias(point, v_free)
         directions = Directions(np.hstack([point.rho, np.zeros_like(point.rho)]), np.hstack([spread, point.rho]))
-        constraints, coordinates, q_free = parametrization.constraints, parametrization.coordinates, point.q_free
-        rows = constraints.acceleration_derivative(q_free, v_free, gamma, directions)
-        alpha = alpha_bias_derivative(coordinates, q_free, v_free, directions)
+        rows = parametrization.constraints.acceleration_derivative(point.constraints, v_free, gamma, directions)
+        alpha = parametrization.coordinates.bias_derivative(point.q_free, v_free, directions.dq, directions.dv)
         alpha[:, :n] += self._alpha_second(gamma[:, None])[:, 0]
         change = -point.factor.solve(np.vstack([rows, alpha]))
         return BiasDerivatives(gamma, change[:, :n], change[:, n:])
@@ -71,7 +69,7 @@ class SigmaDerivatives:
     def _psi_second(self) -> Array:
         """D_k (ψ_q′ ρ_j), of shape (m + n, n, n): axes (row, j, k)."""
         rho = self._point.rho
-        rows = self._parametrization.constraints.second_derivative(self._point.q_free, rho, rho)
+        rows = self._parametrization.constraints.second_derivative(self._point.constraints, rho, rho)
         return np.concatenate([rows, self._alpha_second(rho)])
 
     def _alpha_second(self, w: Array) -> Array:

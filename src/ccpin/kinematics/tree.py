@@ -2,54 +2,116 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 import pinocchio as pin
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, FrozenMapping, Record, frozen
+from ccpin.description.joint_kinds import FIXED, JOINT_KINDS, JointKind
 from ccpin.description.model import Joint, Link, MechanismDescription, rotation_to
-from ccpin.errors import DescriptionError
+from ccpin.errors import DescriptionError, InvalidInputError
 
 ROOT_JOINT = "root_joint"
-ONE_DOF = ("revolute", "continuous", "prismatic")
 
 
-class Attachment(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Attachment(Record):
     """Where a link sits: the movable joint that carries it (0: the world) and its 4×4 frame in that joint's frame."""
 
     joint: int
     placement: Array
 
 
-class Tree(NamedTuple):
-    """The free system.
+@dataclass(frozen=True, eq=False)
+class TreeJoint(Record):
+    """A movable joint of the free system.
+
+    Attributes:
+        number: Its number in Pinocchio's model (0 is the world).
+        name: Its name.
+        kind: What it moves.
+        parent: Number of the joint whose body carries it.
+        q, v: Where its configuration stands in q′ and its velocity in q̇′.
+        placement: Its 4×4 frame at zero displacement in the parent joint's frame.
+        axis: Its unit axis, of shape (3,), in its own frame; z where its kind turned that frame or has no axis.
+    """
+
+    number: int
+    name: str
+    kind: JointKind
+    parent: int
+    q: slice
+    v: slice
+    placement: Array
+    axis: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """The free system; its arrays are read-only, also after unpickling.
 
     Attributes:
         model: Pinocchio model with one joint for each movable joint, in depth-first order.
+        joints: The movable joints; number k of `model` is joints[k − 1] (the free-flyer of a floating base included).
         attachments: Where each link sits, by link name.
-        kinds: Kind of each movable joint, by joint name (the free-flyer of a floating base included).
     """
 
     model: pin.Model
-    attachments: dict[str, Attachment]
-    kinds: dict[str, str]
+    joints: tuple[TreeJoint, ...]
+    attachments: FrozenMapping[str, Attachment]
+    _numbers: FrozenMapping[str, int] = field(init=False, repr=False)
+    _supports: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        supports = np.zeros((len(self.joints) + 1, self.model.nv))
+        for joint in self.joints:
+            supports[joint.number] = supports[joint.parent]
+            supports[joint.number, joint.v] = 1.0
+        object.__setattr__(self, "_supports", frozen(supports))
+        object.__setattr__(self, "_numbers", FrozenMapping({joint.name: joint.number for joint in self.joints}))
+
+    def __repr__(self) -> str:
+        return f"Tree({self.model.name!r}, nq = {self.model.nq}, n′ = {self.model.nv})"
+
+    def __reduce__(self) -> tuple[type[Tree], tuple[object, ...]]:
+        return Tree, (self.model, self.joints, self.attachments)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The movable joints' names, in order."""
+        return tuple(self._numbers)
+
+    def joint(self, name: str) -> TreeJoint:
+        """The movable joint of a name.
+
+        Raises:
+            InvalidInputError: There is none.
+        """
+        if name not in self._numbers:
+            raise InvalidInputError(f"'{name}' is not a movable joint; the movable joints are {', '.join(self.names)}")
+        return self.joints[self._numbers[name] - 1]
+
+    def support(self, joint: int) -> Array:
+        """1.0 for the velocity components between the world and a joint (by number), else 0.0; of shape (n′,)."""
+        mask: Array = self._supports[joint]
+        return mask
 
 
 def build_tree(description: MechanismDescription, floating_base: bool = False) -> Tree:
     """Build the Pinocchio model of a description's tree.
 
-    Fixed joints merge their child into the body that carries it. A continuous joint has nq = 2 (cosine, sine),
-    a spherical joint a unit quaternion (x, y, z, w), planar (x, y, cosine, sine), floating position and
-    quaternion. `floating_base` frees the root link with a joint named ``root_joint``.
+    Fixed joints merge their child into the body that carries it; how q′ holds the others is in
+    `ccpin.description.joint_kinds`. `floating_base` frees the root link with a joint named ``root_joint``.
 
     Raises:
-        DescriptionError: A moving body has no mass anywhere beyond its joint.
+        DescriptionError: A joint's name is reserved, or a joint is of no kind that Pinocchio has.
     """
     builder = _Builder(description)
     builder.add_root(floating_base)
     builder.add_subtree(description.root)
-    return Tree(builder.model, builder.attachments, builder.kinds)
+    return Tree(builder.model, tuple(builder.joints), FrozenMapping(builder.attachments))
 
 
 class _Builder:
@@ -58,19 +120,18 @@ class _Builder:
         self.model = pin.Model()
         self.model.name = description.name
         self.model.gravity = pin.Motion(np.array(description.gravity), np.zeros(3))
+        self.joints: list[TreeJoint] = []
         self.attachments: dict[str, Attachment] = {}
-        self.kinds: dict[str, str] = {}
         self.links = {link.name: link for link in description.links}
         self.joints_of: dict[str, list[Joint]] = {}
         for joint in description.joints:
             self.joints_of.setdefault(joint.parent, []).append(joint)
 
     def add_root(self, floating_base: bool) -> None:
-        joint_id = 0
+        carrier, root = Attachment(0, np.eye(4)), self.description.root
         if floating_base:
-            joint_id = self.model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), ROOT_JOINT)
-            self.kinds[ROOT_JOINT] = "floating"
-        self.attach(self.links[self.description.root], Attachment(joint_id, np.eye(4)))
+            carrier = self.add_joint(Joint(ROOT_JOINT, "floating", "", root), carrier)
+        self.attach(self.links[root], carrier)
 
     def attach(self, link: Link, attachment: Attachment) -> None:
         self.attachments[link.name] = attachment
@@ -90,58 +151,53 @@ class _Builder:
         while stack:
             joint = stack.pop()
             carrier = self.attachments[joint.parent]
-            placement = carrier.placement @ joint.placement
-            if joint.kind == "fixed":
-                attachment = Attachment(carrier.joint, placement)
-            else:
-                turn = _turn(joint)
-                attachment = Attachment(self.add_joint(joint, carrier.joint, placement @ turn), turn.T)
-            self.attach(self.links[joint.child], attachment)
+            placed = Attachment(carrier.joint, carrier.placement @ joint.placement)
+            self.attach(self.links[joint.child], placed if joint.kind == FIXED else self.add_joint(joint, placed))
             stack.extend(reversed(self.joints_of.get(joint.child, [])))
 
-    def add_joint(self, joint: Joint, parent: int, placement: Array) -> int:
+    def add_joint(self, joint: Joint, carrier: Attachment) -> Attachment:
+        """Add a movable joint where its frame sits at zero displacement; returns where its child link sits."""
         if self.model.existJointName(joint.name) or joint.name == "universe":
-            raise DescriptionError(
-                "the name is reserved", source=self.description.source, element=f"joint '{joint.name}'"
-            )
-        joint_id = self.model.addJoint(parent, _joint_model(joint), pin.SE3(placement), joint.name)
-        self.kinds[joint.name] = joint.kind
-        added = self.model.joints[joint_id]
+            raise self.fail(joint, "the name is reserved")
+        kind, turn = JOINT_KINDS[joint.kind], np.eye(4)
+        if kind.turned:
+            turn[:3, :3] = rotation_to(joint.axis)
+        placement, axis = carrier.placement @ turn, kind.own_axis(joint.axis)
+        number = int(self.model.addJoint(carrier.joint, self.pin_joint(joint), pin.SE3(placement), joint.name))
+        added = self.model.joints[number]
+        q, v = slice(added.idx_q, added.idx_q + kind.nq), slice(added.idx_v, added.idx_v + kind.nv)
+        self.joints.append(TreeJoint(number, joint.name, kind, carrier.joint, q, v, placement, axis))
         armature = np.array(self.model.armature)
-        armature[added.idx_v : added.idx_v + added.nv] = joint.armature
-        self.model.armature = armature
-        self.set_limits(joint, added)
-        return int(joint_id)
-
-    def set_limits(self, joint: Joint, added: pin.JointModel) -> None:
         lower, upper = np.array(self.model.lowerPositionLimit), np.array(self.model.upperPositionLimit)
-        window = slice(added.idx_q, added.idx_q + added.nq)
-        lower[window], upper[window] = (joint.lower, joint.upper) if added.nq == 1 else (-np.inf, np.inf)
-        self.model.lowerPositionLimit, self.model.upperPositionLimit = lower, upper
+        armature[v] = joint.armature
+        lower[q], upper[q] = (joint.lower, joint.upper) if kind.nq == 1 else (-np.inf, np.inf)
+        self.model.armature, self.model.lowerPositionLimit, self.model.upperPositionLimit = armature, lower, upper
+        return Attachment(number, turn.T)
+
+    def pin_joint(self, joint: Joint) -> pin.JointModel:
+        """Pinocchio's joint of a description's; the kind's steps composed where the kind names none.
+
+        Raises:
+            DescriptionError: Steps that do not commute: Pinocchio's rates of such a joint's Jacobian are wrong.
+        """
+        kind, axis = JOINT_KINDS[joint.kind], np.array(joint.axis)
+        if kind.models:
+            return _pin_joint(kind, axis)
+        steps = list(zip(kind.directions(axis), kind.slides, strict=True))
+        if any(np.any(np.cross(a, b)) and not (s and t) for (a, s), (b, t) in combinations(steps, 2)):
+            raise self.fail(joint, f"the steps of a {kind.name} joint do not commute; describe it as several joints")
+        composed = pin.JointModelComposite()
+        for direction, slides in steps:
+            composed.addJoint(_pin_joint(JOINT_KINDS["prismatic" if slides else "revolute"], direction))
+        return composed
+
+    def fail(self, joint: Joint, message: str) -> DescriptionError:
+        return DescriptionError(message, source=self.description.source, element=f"joint '{joint.name}'")
 
 
-def _joint_model(joint: Joint) -> pin.JointModel:
-    axis = np.array(joint.axis)
+def _pin_joint(kind: JointKind, axis: Array) -> pin.JointModel:
+    names = [f"JointModel{name}" for name in kind.models]
+    if len(names) == 1:
+        return getattr(pin, names[0])()
     main = int(np.argmax(np.abs(axis)))
-    aligned = bool(np.all(axis == np.eye(3)[main]))
-    if joint.kind == "revolute":
-        exact = (pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)[main]
-        return exact() if aligned else pin.JointModelRevoluteUnaligned(axis)
-    if joint.kind == "continuous":
-        return pin.JointModelRUBZ()
-    if joint.kind == "prismatic":
-        exact = (pin.JointModelPX, pin.JointModelPY, pin.JointModelPZ)[main]
-        return exact() if aligned else pin.JointModelPrismaticUnaligned(axis)
-    return {
-        "spherical": pin.JointModelSpherical,
-        "planar": pin.JointModelPlanar,
-        "floating": pin.JointModelFreeFlyer,
-    }[joint.kind]()
-
-
-def _turn(joint: Joint) -> Array:
-    """The 4×4 rotation that turns z into the axis of a planar or continuous joint (identity for other kinds)."""
-    turn = np.eye(4)
-    if joint.kind in ("planar", "continuous"):
-        turn[:3, :3] = rotation_to(joint.axis)
-    return turn
+    return getattr(pin, names[main])() if np.all(axis == np.eye(3)[main]) else getattr(pin, names[3])(axis)

@@ -1,1 +1,8 @@
 """From a description to a closed, analysed mechanism."""
+
+from __future__ import annotations
+
+from ccpin.mechanism.mechanism import Mechanism, load
+from ccpin.mechanism.mobility import Mobility
+
+__all__ = ["Mechanism", "Mobility", "load"]

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, cross, skew
 from ccpin.errors import LoopNotClosedError
-from ccpin.kinematics.constraints import Constraints, ConstraintValue
-from ccpin.kinematics.loops import Loop
+from ccpin.kinematics.constraints import Constraints
+from ccpin.kinematics.levenberg_marquardt import Linearized, levenberg_marquardt
+from ccpin.kinematics.loops import ResolvedClosure
 
 TOLERANCE = 1e-12
-_LARGEST_STEP = 0.3
-_MAX_ITERATIONS = 200
-_PATIENCE = 20
+_NEARLY_PARALLEL = 1e-6
 
 
 class Closed(NamedTuple):
@@ -35,57 +35,19 @@ class Attempt(NamedTuple):
 
 
 def close(constraints: Constraints, start: Array) -> Attempt:
-    """Close the loops from `start`: `descend` on φ."""
-    return descend(constraints.model, constraints.value, start)
+    """Close the loops from `start`: Levenberg–Marquardt on φ."""
+
+    def linearize(q_free: Array) -> Linearized:
+        point = constraints.value(q_free)
+        return Linearized(point.phi, point.jacobian)
+
+    return solve(constraints.model, linearize, start)
 
 
-def descend(model: pin.Model, equations: Callable[[Array], tuple[Array, Array]], start: Array) -> Attempt:
-    """Solve equations in q′ by damped Gauss–Newton steps of bounded length.
-
-    Each step solves min ‖φ + φ_q′ Δ‖² + μ²‖Δ‖², the damping μ following the residual (Levenberg–Marquardt), and
-    no step moves the joints by more than 0.3 in norm. Given up where 20 steps gain less than a fifth.
-
-    Args:
-        model: The free system.
-        equations: q′ → (residual, Jacobian).
-        start: Where to begin, of shape (nq,).
-    """
-    q_free, damping = start, 1e-2
-    residual, jacobian = equations(start)
-    best, earlier = float(residual @ residual), np.inf
-    for iteration in range(_MAX_ITERATIONS):
-        if iteration % _PATIENCE == 0:
-            if best > 0.8 * earlier:
-                break
-            earlier = best
-        if np.abs(residual).max(initial=0.0) <= TOLERANCE:
-            return Attempt(q_free, True)
-        step = _damped_step(jacobian, residual, damping)
-        length = float(np.linalg.norm(step))
-        if length > _LARGEST_STEP:
-            step *= _LARGEST_STEP / length
-        trial = pin.integrate(model, q_free, step)
-        trial_residual, trial_jacobian = equations(trial)
-        now = float(trial_residual @ trial_residual)
-        if now < best:
-            if now > 0.999999 * best and length < 1e-9:
-                break
-            q_free, residual, jacobian = trial, trial_residual, trial_jacobian
-            best, damping = now, max(damping * 0.2, 1e-14)
-        elif damping > 1e8:
-            break
-        else:
-            damping = max(damping * 8.0, 1e-12)
-    return Attempt(q_free, bool(np.abs(residual).max(initial=0.0) <= 10 * TOLERANCE))
-
-
-def _damped_step(jacobian: Array, phi: Array, damping: float) -> Array:
-    u, s, vt = np.linalg.svd(jacobian, full_matrices=False)
-    if s.size == 0 or s[0] == 0.0:
-        return np.zeros(jacobian.shape[1])
-    keep = s > 1e-9 * s[0]
-    gain = np.where(keep, s / (s**2 + (damping * s[0]) ** 2), 0.0)
-    return np.asarray(-vt.T @ (gain * (u.T @ phi)))
+def solve(model: pin.Model, linearize: Callable[[Array], Linearized], start: Array) -> Attempt:
+    """Solve equations in q′ from a start of shape (nq,)."""
+    found = levenberg_marquardt(start, linearize, lambda q, step: np.asarray(pin.integrate(model, q, step)), TOLERANCE)
+    return Attempt(found.place, found.error <= 10 * TOLERANCE)
 
 
 def starts(model: pin.Model, reference: Array, count: int) -> Iterator[tuple[str, Array]]:
@@ -100,19 +62,14 @@ def starts(model: pin.Model, reference: Array, count: int) -> Iterator[tuple[str
     yield "the middle of the joint ranges", pin.normalize(model, middle)
     generator = np.random.default_rng(20001)
     for k in range(count):
-        spread = 0.3 * 1.15**k if k < 14 else 2.0
-        yield (
-            f"start {k + 1}",
-            pin.integrate(model, reference if k % 2 == 0 else middle, spread * generator.standard_normal(model.nv)),
-        )
+        step = (0.3 * 1.15**k if k < 14 else 2.0) * generator.standard_normal(model.nv)
+        yield f"start {k + 1}", pin.integrate(model, reference if k % 2 == 0 else middle, step)
 
 
 def within_limits(model: pin.Model, q_free: Array) -> bool:
     """Whether every scalar joint is inside its limits (to 1e-9)."""
-    slack = 1e-9
-    return bool(
-        np.all(q_free >= model.lowerPositionLimit - slack) and np.all(q_free <= model.upperPositionLimit + slack)
-    )
+    outside = np.maximum(model.lowerPositionLimit - q_free, q_free - model.upperPositionLimit)
+    return not np.any(outside > 1e-9)
 
 
 def close_from_afar(constraints: Constraints, start: Array) -> Attempt:
@@ -125,8 +82,8 @@ def close_from_afar(constraints: Constraints, start: Array) -> Attempt:
     if attempt.closed and constraints.aligned(attempt.q_free):
         return attempt
     if any(loop.rows.alignment for loop in constraints.loops):
-        for stage in (PointConstraints(constraints).value, AligningConstraints(constraints).value):
-            start = descend(constraints.model, stage, start).q_free
+        for rows in (position_rows, aligning_rows):
+            start = solve(constraints.model, partial(rows, constraints), start).q_free
         staged = close(constraints, start)
         if staged.closed and constraints.aligned(staged.q_free):
             return staged
@@ -162,96 +119,71 @@ def find_closed(constraints: Constraints, reference: Array, count: int = 40) -> 
     residual = constraints.residual(least)
     errors = {name: float(np.linalg.norm(residual[rows])) for name, rows in constraints.row_slices().items()}
     worst = max(errors, key=lambda name: errors[name])
-    if errors[worst] <= 1e-9 and not constraints.aligned(least):
-        turned = ", ".join(f"loop '{name}'" for name in constraints.turned(least))
-        raise LoopNotClosedError(
-            f"the loops close only with the axes of {turned} turned end for end ({count + 3} starts tried); "
-            "turn one of its frames by half a turn",
-            q_free=least,
-            errors=errors,
-        )
-    raise LoopNotClosedError(
+    message = (
         f"no closed configuration was found from {count + 3} starts; the least open one leaves loop '{worst}' open by "
         f'{errors[worst]:.4g} (m or rad). State a pose near a closed one (<group_state name="reference">), or check '
-        "the loop's frames and lengths",
-        q_free=least,
-        errors=errors,
+        "the loop's frames and lengths"
     )
+    if errors[worst] <= 1e-9 and not constraints.aligned(least):
+        turned = ", ".join(f"loop '{name}'" for name in constraints.turned(least))
+        message = (
+            f"the loops close only with the axes of {turned} turned end for end ({count + 3} starts tried); "
+            "turn one of its frames by half a turn"
+        )
+    raise LoopNotClosedError(message, q_free=least, errors=errors)
 
 
-# Residuals for closing loops from afar: positions alone, and rotations with a single zero.
+def position_rows(constraints: Constraints, q_free: Array) -> Linearized:
+    """φ without its direction rows: loops closed in position, whatever way their ends are turned."""
+    point = constraints.value(q_free)
+    turning = [turns for loop in constraints.loops for turns in loop.rows.direction_rows]
+    keep = ~np.array([*turning, *(False for _ in constraints.couplings)], dtype=bool)
+    return Linearized(point.phi[keep], point.jacobian[keep])
 
-_NEARLY_PARALLEL = 1e-6
 
+def aligning_rows(constraints: Constraints, q_free: Array) -> Linearized:
+    """`position_rows` followed by three rows θ n of every closure that asks for directions to coincide.
 
-class PointConstraints:
-    """The rows of φ without its direction rows: loops closed in position, whatever way their ends are turned.
-
-    Holds scratch memory: one instance a thread.
+    The direction rows of φ vanish, and attract, where axes are turned end for end as well. These vanish at θ = 0 only:
+    the smallest rotation that takes a closure's directions on B to those on A is by θ about the unit vector n. They
+    lead away from θ = π, where n is one of several. A single direction's rows are in axes that turn with the ancestor.
     """
-
-    def __init__(self, constraints: Constraints) -> None:
-        self.model = constraints.model
-        self._constraints = constraints
-        keep = np.ones(constraints.size, dtype=bool)
-        for loop, window in zip(constraints.loops, constraints.row_slices().values(), strict=False):
-            first = window.start + len(loop.basis)
-            keep[first : first + len(loop.rows.directions)] = False
-        self._keep = keep
-
-    def value(self, q_free: Array) -> ConstraintValue:
-        """The rows and their Jacobian."""
-        phi, jacobian = self._constraints.value(q_free)
-        return ConstraintValue(phi[self._keep], jacobian[self._keep])
-
-
-class AligningConstraints:
-    """The rows of `PointConstraints` followed by three rows θ n of every closure that asks for directions to coincide.
-
-    Holds scratch memory: one instance a thread.
-    """
-
-    def __init__(self, constraints: Constraints) -> None:
-        self.model = constraints.model
-        self._constraints = PointConstraints(constraints)
-        self._loops = tuple(loop for loop in constraints.loops if loop.rows.alignment)
-        self._data = constraints.model.createData()
-
-    def value(self, q_free: Array) -> ConstraintValue:
-        """The rows and their Jacobian; a single direction's rows are in axes that turn with the common ancestor."""
-        phi, jacobian = self._constraints.value(q_free)
-        pin.computeJointJacobians(self.model, self._data, q_free)
-        rows, derivatives = [phi], [jacobian]
-        for loop in self._loops:
-            row, derivative = self._rotation(loop)
+    phi, jacobian = position_rows(constraints, q_free)
+    rows, derivatives = [phi], [jacobian]
+    data = constraints.scratch.take()
+    pin.computeJointJacobians(constraints.model, data, q_free)
+    for loop in constraints.loops:
+        if loop.rows.alignment:
+            row, derivative = _rotation(loop, data)
             rows.append(row)
             derivatives.append(derivative)
-        return ConstraintValue(np.concatenate(rows), np.vstack(derivatives))
+    constraints.scratch.give(data)
+    return Linearized(np.concatenate(rows), np.vstack(derivatives))
 
-    def _rotation(self, loop: Loop) -> tuple[Array, Array]:
-        """The rows θ n of one closure and their derivative."""
-        turn_a = self._data.oMi[loop.joint_a].rotation @ loop.frame_a[:3, :3]
-        turn_b = self._data.oMi[loop.joint_b].rotation @ loop.frame_b[:3, :3]
-        turning_a, turning_b = self._data.J[3:] * loop.path_a, self._data.J[3:] * loop.path_b
-        if len(loop.rows.alignment) == 3:
-            rotation = turn_b.T @ turn_a
-            body_rate = turn_a.T @ turning_a - rotation.T @ (turn_b.T @ turning_b)
-            return np.array(pin.log3(rotation)), pin.Jlog3(rotation) @ body_rate
-        (a_local, b_local) = loop.rows.alignment[0]
-        return _between(turn_a @ a_local, turn_b @ b_local, turning_a, turning_b)
+
+def _rotation(loop: ResolvedClosure, data: pin.Data) -> tuple[Array, Array]:
+    """The rows θ n of one closure and their derivative."""
+    turn_a, turn_b = loop.orientations(data)
+    turning_a, turning_b = data.J[3:] * loop.mask_a, data.J[3:] * loop.mask_b
+    if len(loop.rows.alignment) == 3:
+        rotation = turn_b.T @ turn_a
+        body_rate = turn_a.T @ turning_a - rotation.T @ (turn_b.T @ turning_b)
+        return np.array(pin.log3(rotation)), pin.Jlog3(rotation) @ body_rate
+    a_local, b_local = loop.rows.alignment[0]
+    return _between(turn_a @ a_local, turn_b @ b_local, turning_a, turning_b)
 
 
 def _between(a: Array, b: Array, turning_a: Array, turning_b: Array) -> tuple[Array, Array]:
     """θ n from the unit vector b to a, and its derivative: θ n = f k with k = b × a = sin θ n, f = θ / sin θ."""
-    k, c = np.cross(b, a), float(a @ b)
+    k, c = cross(b, a), float(a @ b)
     s = float(np.linalg.norm(k))
     theta = float(np.arctan2(s, c))
     if s < _NEARLY_PARALLEL and c < 0:
-        axis = np.cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
+        axis = cross(a, np.eye(3)[int(np.argmin(np.abs(a)))])
         axis = axis / np.linalg.norm(axis)
         return theta * axis, np.outer(axis, axis) @ (turning_a - turning_b)
-    da, db = -pin.skew(a) @ turning_a, -pin.skew(b) @ turning_b
-    dk, dc = pin.skew(b) @ da - pin.skew(a) @ db, b @ da + a @ db
+    da, db = -skew(a) @ turning_a, -skew(b) @ turning_b
+    dk, dc = skew(b) @ da - skew(a) @ db, b @ da + a @ db
     if s < _NEARLY_PARALLEL:
         return k, dk
     return theta / s * k, theta / s * dk + np.outer(k, (theta * c - s) / s**3 * dc)

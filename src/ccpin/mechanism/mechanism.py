@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from functools import cached_property
+from html import escape
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Record
 from ccpin.description import read_description
 from ccpin.description.checks import check
-from ccpin.description.model import Coupling, LoopClosure, MechanismDescription, frozen
+from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
 from ccpin.errors import (
     DescriptionError,
     IndependentSetError,
@@ -32,12 +35,14 @@ from ccpin.mechanism.selection import choose_independent
 
 
 @dataclass(frozen=True, eq=False)
-class Mechanism:
+class Mechanism(Record):
     """A closed-chain mechanism: the free system, its closures, and which coordinates are independent.
+
+    Nothing in it can be written to; it is equal to itself only, hashable and picklable.
 
     Attributes:
         description: What the file says.
-        tree: The free system Σ′ as a Pinocchio model, with where each link sits.
+        tree: The free system Σ′ as the Pinocchio model ccpin computes with, and where each link sits.
         independent: Names of the independent joints (or ``joint:axis`` components), in the order of q.
         actuated: Names of the actuated joints, in the order of u.
         q_reference: A closed, nonsingular configuration, of shape (nq,); defines the default assembly mode.
@@ -51,17 +56,20 @@ class Mechanism:
     actuated: tuple[str, ...]
     q_reference: Array
     mobility: Mobility
-    notes: tuple[str, ...] = field(default=())
+    notes: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
         """The mechanism's name in its file."""
         return self.description.name
 
-    @property
+    @cached_property
     def pin_model(self) -> pin.Model:
-        """The Pinocchio model of the free system."""
-        return self.tree.model
+        """A copy of the free system's Pinocchio model, the caller's own: ccpin reads nothing written to it.
+
+        One copy a mechanism, made when first asked for; a pickle does not carry it.
+        """
+        return self.tree.model.copy()
 
     @property
     def closures(self) -> tuple[LoopClosure, ...]:
@@ -94,21 +102,66 @@ class Mechanism:
 
         Raises:
             UnsupportedMechanismError: A single component of a joint is actuated, so that S depends on q′
-                (`ReducedModel.joint_efforts` gives Sᵀu then).
+                (`State.joint_efforts` gives Sᵀu then).
         """
         coordinates = IndependentCoordinates(self.tree, self.actuated, self.q_reference)
         if not coordinates.constant:
             raise UnsupportedMechanismError("S is not constant: a single component of a joint is actuated")
         return coordinates.jacobian(self.q_reference)
 
+    def __repr__(self) -> str:
+        return f"Mechanism({', '.join(f'{key}: {value}' for key, value in self._summary())})"
+
+    def _repr_html_(self) -> str:
+        """A small table for notebooks."""
+        gravity = ", ".join(f"{g:g}" for g in self.description.gravity)
+        rows = [*self._summary(), ("gravity", f"({gravity}) m/s²"), *(("note", note) for note in self.notes)]
+        cells = (f"<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in rows)
+        return f"<table>{''.join(cells)}</table>"
+
+    def _summary(self) -> list[tuple[str, str]]:
+        """What identifies the mechanism to its reader, in words."""
+        lists = {
+            "loops": [closure.name for closure in self.closures],
+            "couplings": [coupling.name for coupling in self.couplings],
+            "independent": self.independent,
+            "actuated": self.actuated,
+        }
+        sizes = [("name", self.name), ("n", str(self.n)), ("n′", str(self.n_free))]
+        return sizes + [(key, " ".join(names)) for key, names in lists.items() if names]
+
     def constraints(self) -> Constraints:
-        """φ with its own scratch memory."""
-        return Constraints(self.tree, self.closures, self.couplings)
+        """φ; one for all who ask."""
+        return self._parametrization.constraints
 
     def parametrization(self) -> Parametrization:
-        """ψ, σ, ρ with their own scratch memory."""
+        """ψ, σ, ρ; one for all who ask."""
+        return self._parametrization
+
+    @cached_property
+    def _parametrization(self) -> Parametrization:
         coordinates = IndependentCoordinates(self.tree, self.independent, self.q_reference)
-        return Parametrization(self.constraints(), coordinates, self.q_reference)
+        return Parametrization(Constraints(self.tree, self.closures, self.couplings), coordinates, self.q_reference)
+
+
+class HasMechanism(Protocol):
+    """What a mechanism can be read off: a `ReducedModel`, say."""
+
+    @property
+    def mechanism(self) -> Mechanism:
+        """The mechanism."""
+
+
+def mechanism_of(thing: Mechanism | HasMechanism) -> Mechanism:
+    """The mechanism itself, or that of a model.
+
+    Raises:
+        InvalidInputError: It is neither.
+    """
+    found = getattr(thing, "mechanism", thing)
+    if not isinstance(found, Mechanism):
+        raise InvalidInputError(f"a mechanism (`ccpin.load`) or a ReducedModel is needed, not {type(thing).__name__}")
+    return found
 
 
 _FROM_SINGULAR = "a step away from a singular closed pose"
@@ -145,15 +198,14 @@ def load(
     """
     _check_arguments(path, independent, actuated)
     description = path if isinstance(path, MechanismDescription) else read_description(path, format)
-    description = check(
-        replace(
-            description,
-            closures=description.closures + tuple(closures or ()),
-            couplings=description.couplings + tuple(couplings or ()),
+    if description is path or closures or couplings:
+        description = check(
+            replace(
+                description,
+                closures=description.closures + tuple(closures or ()),
+                couplings=description.couplings + tuple(couplings or ()),
+            )
         )
-        if closures or couplings
-        else description
-    )
     if not description.closures and not description.couplings:
         raise NoLoopError(_no_loop_message(description), source=description.source)
     try:
@@ -190,16 +242,9 @@ def _analysed(
             "branches of σ meet at that pose, so which of them the reference lies on is arbitrary; a stated pose "
             '(<group_state name="reference">) chooses'
         )
-    mechanism = Mechanism(
-        description,
-        tree,
-        choice.independent,
-        choice.actuated,
-        frozen(closed.q_free),
-        mobility,
-        tuple(dict.fromkeys(notes)),
-    )
-    IndependentCoordinates(tree, mechanism.actuated, closed.q_free)
+    chosen = choice.independent, choice.actuated, closed.q_free
+    mechanism = Mechanism(description, tree, *chosen, mobility, tuple(dict.fromkeys(notes)))
+    IndependentCoordinates(tree, mechanism.actuated, closed.q_free)  # refuses names that cannot be actuated
     mechanism.parametrization().at(closed.q_free)
     return mechanism
 
@@ -232,23 +277,14 @@ def stated_pose(tree: Tree, description: MechanismDescription) -> Array:
     model = tree.model
     q_free = pin.neutral(model)
     for name, values in description.reference.items():
-        if name not in tree.kinds:
+        if name not in tree.names:
             continue
-        joint = model.getJointId(name)
-        window = slice(model.idx_qs[joint], model.idx_qs[joint] + model.nqs[joint])
-        value = np.array(values, dtype=np.float64)
-        kind = tree.kinds[name]
-        if kind == "continuous" and value.size == 1:
-            value = np.array([np.cos(value[0]), np.sin(value[0])])
-        elif kind == "planar" and value.size == 3:
-            value = np.array([value[0], value[1], np.cos(value[2]), np.sin(value[2])])
-        if value.size != window.stop - window.start:
-            raise DescriptionError(
-                f"the reference value has {value.size} numbers; a {kind} joint needs {window.stop - window.start}",
-                source=description.source,
-                element=f"joint '{name}'",
-            )
-        q_free[window] = value
+        joint = tree.joint(name)
+        value = joint.kind.stated(np.array(values, dtype=np.float64))
+        if value.size != joint.kind.nq:
+            message = f"the reference value has {value.size} numbers; a {joint.kind.name} joint needs {joint.kind.nq}"
+            raise DescriptionError(message, source=description.source, element=f"joint '{name}'")
+        q_free[joint.q] = value
     return np.asarray(pin.normalize(model, q_free))
 
 
@@ -258,7 +294,7 @@ def _reference(
     """A closed, nonsingular configuration, checked against the rows that planarity made superfluous."""
     closed = find_closed(constraints, stated_pose(tree, description))[0]
     rank, candidates = generic_rank(constraints, closed.q_free)
-    names = [name for name in wanted if name.partition(":")[0] in tree.kinds]
+    names = [name for name in wanted if name.partition(":")[0] in tree.names]
     scores = [independence(tree, null_space(constraints, q, rank), names) for q in candidates]
     if candidates[0] is not closed.q_free or scores[0] < 1e-3:
         quality = [score * conditioning(constraints, q, rank) for score, q in zip(scores, candidates, strict=True)]
@@ -269,10 +305,9 @@ def _reference(
     errors = {name: float(np.abs(residual[rows]).max()) for name, rows in complete.row_slices().items()}
     worst = max(errors, key=lambda name: errors[name])
     if errors[worst] > 1e-6:
-        raise LoopNotClosedError(
+        message = (
             f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are {errors[worst]:.4g} "
-            "(m or rad) apart across it",
-            q_free=closed.q_free,
-            errors=errors,
+            "(m or rad) apart across it"
         )
+        raise LoopNotClosedError(message, q_free=closed.q_free, errors=errors)
     return closed, rank

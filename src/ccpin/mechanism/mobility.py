@@ -103,18 +103,18 @@ def idle_motions(tree: Tree, constraints: Constraints, q_free: Array, basis: Arr
     model, data = tree.model, tree.model.createData()
     pin.computeJointJacobians(model, data, q_free)
     spatial = np.array(data.J)
-    on_loop = _loop_joints(constraints)
+    on_loop = {joint for loop in constraints.loops for joint in (*loop.path_a, *loop.path_b)}
     masses = {j: float(model.inertias[j].mass) for j in range(1, model.njoints)}
     heaviest = max([0.0, *masses.values()])
     heavy = [j for j, mass in masses.items() if mass > 1e-6 * heaviest]
-    twists = {j: (spatial * _support_mask(model, j)) @ basis for j in heavy}
+    twists = {j: (spatial * tree.support(j)) @ basis for j in heavy}
     sentences = []
     for group in _welded_groups(constraints, heavy):
         if not on_loop & group:
             continue
         rest = [twists[j] for j in heavy if j not in group]
         allowed = _kernel(np.vstack(rest)) if rest else np.eye(basis.shape[1])
-        if allowed.shape[1] == 0:
+        if not allowed.shape[1]:
             continue
         twist = np.vstack([twists[j] for j in sorted(group) if j in twists]) @ allowed
         if np.abs(twist).max(initial=0.0) < 1e-9:
@@ -128,11 +128,8 @@ def _describe(tree: Tree, group: set[int], twist: Array, count: int) -> str:
     named = " with ".join(sorted(b for b in bodies if tree.model.inertias[tree.attachments[b].joint].mass > 0)[:2])
     linear, angular = twist[:3], twist[3:]
     turning = float(np.linalg.norm(angular))
-    if (
-        count == 1
-        and turning > 1e-9
-        and abs(linear @ angular) < 1e-6 * turning * max(float(np.linalg.norm(linear)), 1.0)
-    ):
+    pitch = abs(linear @ angular)
+    if count == 1 and turning > 1e-9 and pitch < 1e-6 * turning * max(float(np.linalg.norm(linear)), 1.0):
         axis = angular / turning
         point = np.cross(angular, linear) / turning**2
         return (
@@ -146,21 +143,6 @@ def _vector(v: Array) -> str:
     return "(" + ", ".join(f"{x:.4g}" for x in np.where(np.abs(v) < 5e-7, 0.0, v)) + ")"
 
 
-def _support_mask(model: pin.Model, joint: int) -> Array:
-    mask = np.zeros(model.nv)
-    for j in list(model.supports[joint])[1:]:
-        mask[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]] = 1.0
-    return mask
-
-
-def _loop_joints(constraints: Constraints) -> set[int]:
-    model, joints = constraints.model, set[int]()
-    for loop in constraints.loops:
-        on_path = loop.path_a + loop.path_b
-        joints |= {j for j in range(1, model.njoints) if on_path[model.idx_vs[j]] > 0}
-    return joints
-
-
 def _welded_groups(constraints: Constraints, heavy: list[int]) -> list[set[int]]:
     groups = [{j} for j in heavy]
     for loop in constraints.loops:
@@ -172,8 +154,6 @@ def _welded_groups(constraints: Constraints, heavy: list[int]) -> list[set[int]]
 
 
 def _kernel(matrix: Array) -> Array:
-    if matrix.shape[1] == 0:
-        return np.zeros((0, 0))
     _, s, vt = np.linalg.svd(matrix, full_matrices=True)
     rank = int(np.count_nonzero(s > 1e-8 * max(float(s.max(initial=0.0)), 1.0)))
     return np.asarray(vt[rank:].T)
@@ -191,7 +171,7 @@ def independence(tree: Tree, basis: Array, wanted: list[str]) -> float:
     It is the smallest nonzero singular value of their rows of the basis (1 where none are wanted).
     """
     names = component_names(tree)
-    rows = [basis[names.index(name)] for name in _components_of(names, tuple(wanted)) if name in names]
+    rows = [basis[names.index(name)] for name in components_of(names, tuple(wanted)) if name in names]
     if not rows or not basis.shape[1]:
         return 1.0
     singular = np.linalg.svd(np.array(rows), compute_uv=False)
@@ -203,16 +183,9 @@ def complete_independent(
 ) -> tuple[str, ...]:
     """Extend `required` to `count` components whose velocities fix the motion best.
 
-    Components are taken one by one, each the one whose row of the null-space basis is largest in the part the
-    earlier ones leave undetermined; `preferred` ones win unless they are a hundred times worse. Whole multi-dof joints
-    are named as such where all their components are chosen.
-
-    Args:
-        tree: The free system.
-        basis: Null-space basis at the reference, of shape (n′, n).
-        required: Joints or components that must be in, in this order.
-        preferred: Joints taken first among the rest (motors, say).
-        count: n.
+    Components are taken one by one, each the one whose row of the null-space basis (n′, n) at the reference is largest
+    in the part the earlier ones leave undetermined; `preferred` ones (motors, say) win unless they are a hundred times
+    worse. Whole multi-dof joints are named as such where all their components are chosen.
 
     Raises:
         IndependentSetError: Components of `required` depend on one another.
@@ -221,7 +194,7 @@ def complete_independent(
     rows = {name: basis[i] for i, name in enumerate(names)}
     remaining = np.eye(basis.shape[1])
     chosen: list[str] = []
-    for name in _components_of(names, required):
+    for name in components_of(names, required):
         row = rows[name] @ remaining
         length = float(np.linalg.norm(row))
         if length < 1e-7:
@@ -231,18 +204,18 @@ def complete_independent(
             )
         remaining = remaining - np.outer(remaining @ row, row) / length**2
         chosen.append(name)
-    favoured = set(_components_of(names, preferred))
+    favoured = set(components_of(names, preferred))
     while len(chosen) < count:
         lengths = {n: float(np.linalg.norm(rows[n] @ remaining)) for n in names if n not in chosen}
-        score = {n: value * (100.0 if n in favoured else 1.0) for n, value in lengths.items()}
-        best = max(score, key=lambda n: score[n])
+        best = max(lengths, key=lambda n: lengths[n] * (100.0 if n in favoured else 1.0))
         row = rows[best] @ remaining
         remaining = remaining - np.outer(remaining @ row, row) / float(row @ row)
         chosen.append(best)
     return _merge(names, chosen)
 
 
-def _components_of(names: list[str], joints: tuple[str, ...]) -> list[str]:
+def components_of(names: list[str], joints: tuple[str, ...]) -> list[str]:
+    """The velocity components, as named in `names`, that joints or components stand for."""
     result = []
     for joint in joints:
         result += [joint] if joint in names else [n for n in names if n.startswith(f"{joint}:")]

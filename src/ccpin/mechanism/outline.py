@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 from numpy.typing import NDArray
 
 from ccpin.arrays import Array
+from ccpin.kinematics.points import joint_poses
+from ccpin.kinematics.scratch import Scratch
 from ccpin.mechanism.mechanism import Mechanism
 
 
@@ -31,9 +32,8 @@ class Outline(NamedTuple):
 def outline(mechanism: Mechanism, q_free: Array) -> Outline:
     """The lines and points of a configuration, of shape (nq,)."""
     model = mechanism.tree.model
-    data = model.createData()
-    pin.forwardKinematics(model, data, np.asarray(q_free, dtype=np.float64))
-    origins = np.array([placement.translation for placement in data.oMi])
+    poses = joint_poses(Scratch(model), np.asarray(q_free, dtype=np.float64))
+    origins = poses[:, :3, 3]
     segments, bodies, loops = [], [], []
     for joint in range(1, model.njoints):
         parent = model.parents[joint]
@@ -42,11 +42,10 @@ def outline(mechanism: Mechanism, q_free: Array) -> Outline:
             bodies.append(parent)
     for loop in mechanism.constraints().loops:
         for joint, frame in ((loop.joint_a, loop.frame_a), (loop.joint_b, loop.frame_b)):
-            tip = data.oMi[joint].act(np.array(frame[:3, 3]))
             if joint > 0:
-                segments.append((origins[joint], tip))
+                segments.append((origins[joint], (poses[joint] @ frame[:, 3])[:3]))
                 bodies.append(joint)
-        loops.append(data.oMi[loop.joint_a].act(np.array(loop.frame_a[:3, 3])))
+        loops.append((poses[loop.joint_a] @ loop.frame_a[:, 3])[:3])
     return Outline(
         np.array(segments, dtype=np.float64).reshape(-1, 2, 3),
         np.array(bodies, dtype=np.int64),

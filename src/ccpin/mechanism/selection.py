@@ -13,7 +13,7 @@ from ccpin.errors import IndependentSetError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.coordinates import IndependentCoordinates, component_names
 from ccpin.kinematics.tree import ROOT_JOINT, Tree
-from ccpin.mechanism.mobility import complete_independent, null_space
+from ccpin.mechanism.mobility import complete_independent, components_of, null_space
 
 
 class Choice(NamedTuple):
@@ -37,11 +37,10 @@ def choose_independent(
     basis, n = null_space(constraints, q_free, rank), int(tree.model.nv) - rank
     motors = tuple(actuated) if actuated is not None else (description.actuated or ())
     for name in motors:
-        if name.partition(":")[0] not in tree.kinds:
-            raise IndependentSetError(
-                f"actuated joint '{name}' is not a movable joint; those are {', '.join(tree.kinds)}"
-            )
-    base = (ROOT_JOINT,) if ROOT_JOINT in tree.kinds and tree.kinds[ROOT_JOINT] == "floating" else ()
+        if name.partition(":")[0] not in tree.names:
+            known = ", ".join(tree.names)
+            raise IndependentSetError(f"actuated joint '{name}' is not a movable joint; those are {known}")
+    base = (ROOT_JOINT,) if ROOT_JOINT in tree.names and tree.joint(ROOT_JOINT).kind.nv == 6 else ()
     notes: list[str] = []
     if independent is not None:
         names = tuple(independent)
@@ -51,7 +50,7 @@ def choose_independent(
         names = _marked(tree, description, basis, base, n, notes)
     else:
         hinted = description.dependent_hint
-        masters = tuple(name for name in tree.kinds if hinted and name not in hinted)
+        masters = tuple(name for name in tree.names if hinted and name not in hinted)
         names = complete_independent(tree, basis, (), (*base, *(motors or masters)), n)
         added = [name for name in names if name not in motors]
         if motors and added:
@@ -91,16 +90,12 @@ def _marked(
 
 
 def _count(tree: Tree, names: tuple[str, ...]) -> int:
-    components = component_names(tree)
-    return sum(1 if name in components else max(1, sum(c.startswith(f"{name}:") for c in components)) for name in names)
+    """How many velocity components joints and components have."""
+    return len(components_of(component_names(tree), names))
 
 
 def _check_size(tree: Tree, names: tuple[str, ...], n: int, basis: Array) -> None:
-    """Raise where the set has the wrong size, saying what to add or take away.
-
-    Raises:
-        IndependentSetError: Always, unless the set has n velocity components.
-    """
+    """Raise an IndependentSetError unless the set has n velocity components, saying what to add or take away."""
     IndependentCoordinates(tree, names, pin.neutral(tree.model))
     count = _count(tree, names)
     if count == n:
@@ -108,8 +103,7 @@ def _check_size(tree: Tree, names: tuple[str, ...], n: int, basis: Array) -> Non
     given = f"{count} independent velocities are named ({', '.join(names) or 'none'}) but the mobility is {n}"
     if count < n:
         whole = complete_independent(tree, basis, names, (), n)
-        raise IndependentSetError(
-            f"{given}: add {', '.join(name for name in whole if name not in names)}, for instance"
-        )
+        missing = ", ".join(name for name in whole if name not in names)
+        raise IndependentSetError(f"{given}: add {missing}, for instance")
     suggestion = complete_independent(tree, basis, (), names, n)
     raise IndependentSetError(f"{given}: {', '.join(suggestion) or 'none'} would do")

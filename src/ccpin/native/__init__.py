@@ -11,6 +11,8 @@ import os
 from typing import TYPE_CHECKING, Literal, NamedTuple
 from weakref import WeakKeyDictionary
 
+import numpy as np
+
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
@@ -72,13 +74,14 @@ def kernel(mechanism: Mechanism, gravity: Array | None = None) -> Kernel | None:
     if backend().name == "numpy":
         return None
     made = _MADE.setdefault(mechanism, {})
-    key = None if gravity is None else gravity.tobytes()
+    pull = np.array(mechanism.description.gravity if gravity is None else gravity, dtype=np.float64)
+    key = pull.tobytes()
     if key not in made:
-        made[key] = _made(mechanism, gravity)
+        made[key] = _made(mechanism, pull)
     return made[key]
 
 
-def _made(mechanism: Mechanism, gravity: Array | None) -> Kernel | None:
+def _made(mechanism: Mechanism, gravity: Array) -> Kernel | None:
     import ccpin.native._core as core
 
     try:
@@ -87,7 +90,7 @@ def _made(mechanism: Mechanism, gravity: Array | None) -> Kernel | None:
         return None
 
 
-_MADE: WeakKeyDictionary[Mechanism, dict[bytes | None, Kernel | None]] = WeakKeyDictionary()
+_MADE: WeakKeyDictionary[Mechanism, dict[bytes, Kernel | None]] = WeakKeyDictionary()
 
 
 __all__ = ["Backend", "Kernel", "backend", "kernel"]

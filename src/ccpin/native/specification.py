@@ -12,14 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
+from ccpin.description.closure_kinds import GAP, Fixed, LoopRows, Row, Vector
+from ccpin.description.joint_kinds import JointKind
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.kinematics.constraints import Constraints
-from ccpin.kinematics.coordinates import COMPONENTS, IndependentCoordinates
-from ccpin.kinematics.loops import Loop
+from ccpin.kinematics.coordinates import IndependentCoordinates, Part
+from ccpin.kinematics.loops import ResolvedClosure, ResolvedCoupling
+from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism
 
 Numbers = dict[str, Any]
 _ENTRIES = ("tx", "ty", "tz", "rx", "ry", "rz")
+_KINDS = ("revolute", "continuous", "prismatic", "spherical", "planar", "floating")
 
 
 class Cluster(NamedTuple):
@@ -42,15 +45,15 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
         gravity: In world axes, m/s², of shape (3,); default the mechanism's.
 
     Raises:
-        UnsupportedMechanismError: A closure joins two frames of one body.
+        UnsupportedMechanismError: A closure joins two frames of one body, or a joint kind, a row of a closure or the
+            place of a motor is none that the core knows.
     """
-    model, parametrization = mechanism.pin_model, mechanism.parametrization()
+    tree, parametrization = mechanism.tree, mechanism.parametrization()
     constraints, coordinates = parametrization.constraints, parametrization.coordinates
-    parents = [int(p) for p in model.parents]
-    owner = np.repeat(np.arange(model.njoints), list(model.nvs)).tolist()
-    loops = [_loop(loop, parents) for loop in constraints.loops]
-    paths = [[*loop[-2], *loop[-1]] for loop in loops]
-    couplings, coupled = _couplings(constraints, owner)
+    parents = [0, *(joint.parent for joint in tree.joints)]
+    owner = [joint.number for joint in tree.joints for _ in joint.kind.steps]
+    paths = [[*loop.path_a, *loop.path_b] for loop in constraints.loops]
+    coupled = [[owner[term.idx_v] for term in coupling.terms] for coupling in constraints.couplings]
     found = clusters(parents, [*paths, *coupled])
     where = {joint: k for k, cluster in enumerate(found) for joint in cluster.joints}
     places = [_coordinate(coordinates, part, owner) for part in coordinates.parts]
@@ -58,12 +61,11 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
     def inside(k: int, joints: Sequence[int]) -> list[int]:
         return [i for i, joint in enumerate(joints) if where[joint] == k]
 
-    axes = {joint.name: np.array(joint.axis, dtype=np.float64) for joint in mechanism.description.joints}
     direct = mechanism.actuated == mechanism.independent
     return {
-        "joints": [_joint(mechanism, joint, axes) for joint in range(1, model.njoints)],
-        "loops": loops,
-        "couplings": couplings,
+        "joints": [_joint(mechanism, joint) for joint in tree.joints],
+        "loops": [_loop(loop) for loop in constraints.loops],
+        "couplings": [_coupling(coupling) for coupling in constraints.couplings],
         "coordinates": places,
         "clusters": [
             (
@@ -82,8 +84,8 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
         "direct": direct,
         "motors": [] if direct else [int(np.flatnonzero(row)[0]) for row in mechanism.actuation],
         "turnable": parametrization.turnable,
-        "tolerance": parametrization.tolerance,
-        "gravity": np.array(model.gravity.linear if gravity is None else gravity, dtype=np.float64),
+        "tolerance": parametrization.rules.tolerance,
+        "gravity": np.array(mechanism.description.gravity if gravity is None else gravity, dtype=np.float64),
         "reference": np.array(mechanism.q_reference).tolist(),
     }
 
@@ -141,67 +143,110 @@ def _support(joint: int, parents: Sequence[int], ancestor: int = 0) -> list[int]
     return path
 
 
-def _joint(mechanism: Mechanism, joint: int, axes: dict[str, Array]) -> tuple[Any, ...]:
+def _joint(mechanism: Mechanism, joint: TreeJoint) -> tuple[Any, ...]:
     """Kind, parent, (q, v, nq, nv), placement, axis, mass, centre, inertia about it, rotor inertias."""
-    model = mechanism.pin_model
-    name, inertia, v = model.names[joint], model.inertias[joint], int(model.idx_vs[joint])
-    axis = axes.get(name, np.array([0.0, 0.0, 1.0]))
+    model = mechanism.tree.model
+    inertia = model.inertias[joint.number]
     return (
-        mechanism.tree.kinds[name],
-        int(model.parents[joint]),
-        [int(model.idx_qs[joint]), v, int(model.nqs[joint]), int(model.nvs[joint])],
-        np.array(model.jointPlacements[joint].homogeneous),
-        axis / np.linalg.norm(axis),
+        _known(joint.kind),
+        joint.parent,
+        [joint.q.start, joint.v.start, joint.kind.nq, joint.kind.nv],
+        np.array(joint.placement),
+        joint.axis / np.linalg.norm(joint.axis),
         float(inertia.mass),
         np.array(inertia.lever),
         np.array(inertia.inertia),
-        model.armature[v : v + model.nvs[joint]].tolist(),
+        model.armature[joint.v].tolist(),
     )
 
 
-def _loop(loop: Loop, parents: Sequence[int]) -> tuple[Any, ...]:
-    """Ends and ancestor, frames, E, directions, offsets, length, alignment, and the joints on the two paths."""
-    path_a = _support(loop.joint_a, parents, loop.ancestor)[::-1]
-    path_b = _support(loop.joint_b, parents, loop.ancestor)[::-1]
-    if not path_a and not path_b:
+def _known(kind: JointKind) -> str:
+    if kind.name not in _KINDS:
+        raise UnsupportedMechanismError(f"the compiled core knows no {kind.name} joint, but {', '.join(_KINDS)}")
+    return kind.name
+
+
+class RowForms(NamedTuple):
+    """A closure's rows sorted by their form, as the core evaluates them: points, directions, offsets, distance.
+
+    Attributes:
+        points: e of the rows −e·(p_B − p_A), e fixed in C.
+        directions: Products (w, a, b) of each row Σ w (a·b).
+        offsets: a of the rows a·(p_B − p_A).
+        length: L of the row (|p_B − p_A|² − L²) / 2L, or 0.
+    """
+
+    points: list[Array]
+    directions: list[list[tuple[float, Array, Array]]]
+    offsets: list[Array]
+    length: float
+
+
+def row_forms(name: str, rows: LoopRows) -> RowForms:
+    """Sort a closure's rows by their form.
+
+    Raises:
+        UnsupportedMechanismError: A row of another form, or rows in another order.
+    """
+    found: tuple[list[Any], ...] = ([], [], [], [])
+    last = 0
+    for row in rows.rows:
+        form, value = _form(row)
+        if form < last or (form == 3 and found[3]):
+            raise UnsupportedMechanismError(f"closure '{name}' has rows that the compiled core does not know")
+        found[form].append(value)
+        last = form
+    points, directions, offsets, lengths = found
+    return RowForms(points, directions, offsets, lengths[0] if lengths else 0.0)
+
+
+def _form(row: Row) -> tuple[int, Any]:
+    """Which list of `RowForms` a row belongs to, −1: none; and what stands there."""
+    if all(_fixed(left, "A") and _fixed(right, "B") for _, left, right in row):
+        return 1, [(float(w), np.array(a.local), np.array(b.local)) for w, a, b in row]  # type: ignore[union-attr]
+    weight, left, right = row[0]
+    if len(row) == 1 and right == GAP and isinstance(left, Fixed):
+        form = {("C", -1.0): 0, ("A", 1.0): 2}.get((left.frame, weight), -1)
+        return form, np.array(left.local)
+    if len(row) == 2 and left == right == GAP:
+        scale, rod, same = row[1]
+        length = 0.5 / weight
+        if scale == -weight and _fixed(rod, "C") and rod is same and np.isclose(np.linalg.norm(rod.local), length):  # type: ignore[union-attr]
+            return 3, length
+    return -1, None
+
+
+def _fixed(vector: Vector, frame: str) -> bool:
+    return isinstance(vector, Fixed) and vector.frame == frame
+
+
+def _loop(loop: ResolvedClosure) -> tuple[Any, ...]:
+    """Ends and ancestor, frames, the rows by form, alignment, and the joints on the two paths."""
+    if not loop.path_a and not loop.path_b:
         raise UnsupportedMechanismError(f"closure '{loop.closure.name}' joins two frames of one body")
-    rows = loop.rows
     return (
         [loop.joint_a, loop.joint_b, loop.ancestor],
         np.array(loop.frame_a),
         np.array(loop.frame_b),
-        [np.array(e) for e in loop.basis],
-        [[(float(w), np.array(a), np.array(b)) for w, a, b in row.products] for row in rows.directions],
-        [np.array(a) for a in rows.offsets],
-        float(rows.distance or 0.0),
-        [(1.0, np.array(a), np.array(b)) for a, b in rows.alignment],
-        path_a,
-        path_b,
+        *row_forms(loop.closure.name, loop.rows),
+        [(1.0, np.array(a), np.array(b)) for a, b in loop.rows.alignment],
+        list(loop.path_a),
+        list(loop.path_b),
     )
 
 
-def _couplings(constraints: Constraints, owner: Sequence[int]) -> tuple[list[tuple[Any, ...]], list[list[int]]]:
-    """Terms (q, v, wrapped, coefficients, reference) and modulus of each coupling; and the joints it ties."""
-    numbers = [
-        (
-            [(t.idx_q, t.idx_v, t.wrapped, t.coefficients.tolist(), float(t.reference)) for t in g.terms],
-            float(g.modulus),
-        )
-        for g in constraints.gears
-    ]
-    return numbers, [[owner[t.idx_v] for t in gear.terms] for gear in constraints.gears]
+def _coupling(coupling: ResolvedCoupling) -> tuple[Any, ...]:
+    """Terms (q, v, wrapped, coefficients, reference) and modulus."""
+    terms = [(t.idx_q, t.idx_v, t.wrapped, t.coefficients.tolist(), float(t.reference)) for t in coupling.terms]
+    return terms, float(coupling.modulus)
 
 
-def _coordinate(coordinates: IndependentCoordinates, part: Any, owner: Sequence[int]) -> tuple[Any, ...]:
+def _coordinate(coordinates: IndependentCoordinates, part: Part, owner: Sequence[int]) -> tuple[Any, ...]:
     """Kind, joint, component (−1: the whole joint), (q, v, nq, nv), the joint's configuration at the chart's centre."""
-    component = -1
-    if part.component is not None:
-        assert part.component in COMPONENTS[part.kind]
-        component = _ENTRIES.index(part.component)
     return (
-        part.kind,
+        _known(part.kind),
         owner[part.v_free.start],
-        component,
+        -1 if part.component is None else _ENTRIES.index(part.component),
         [part.q.start, part.v.start, part.q.stop - part.q.start, part.v.stop - part.v.start],
         coordinates.q_reference[part.q_free].tolist(),
     )

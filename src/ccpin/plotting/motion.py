@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.outline import outline, plane_of_motion
-from ccpin.plotting.style import COLOURS, STYLE
+from ccpin.plotting.style import COLOURS, drawing
 from ccpin.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -28,15 +28,12 @@ def plot_motion(
     Args:
         trajectory: The motion.
         mechanism: What moves.
-        goal: q_d to draw dashed: (nq_independent,), or (T, nq_independent) where it changes.
+        goal: q_d to draw dashed: (model.nq,), or (T, model.nq) where it changes.
         title: The figure's title.
     """
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
     columns = max(trajectory.q.shape[1], trajectory.u.shape[1])
-    with rc_context(STYLE):
-        figure = Figure(figsize=(max(7.0, 3.6 * columns), 7.2), layout="constrained")
+    title = title or f"{mechanism.name}: {trajectory.message}"
+    with drawing(title, (max(7.0, 3.6 * columns), 7.2)) as figure:
         axes = figure.subplots(3, columns, sharex=True, squeeze=False)
         goals = None if goal is None else np.broadcast_to(np.asarray(goal, dtype=np.float64), trajectory.q.shape)
         rows: tuple[tuple[str, Array, tuple[str, ...], bool], ...] = (
@@ -61,19 +58,19 @@ def plot_motion(
                 if row == 2:
                     panel.set_xlabel("time [s]")
         figure.align_ylabels(axes)
-        figure.suptitle(title or f"{mechanism.name}: {trajectory.message}")
     return figure
 
 
 def _scale(mechanism: Mechanism, name: str, quantity: str) -> tuple[float, str]:
     """Factor and unit for drawing: degrees for angles, millimetres never."""
-    kind = mechanism.tree.kinds.get(name.partition(":")[0], "")
-    linear = kind == "prismatic" or ":t" in name
+    joint = name.partition(":")[0]
+    kind = mechanism.tree.joint(joint).kind if joint in mechanism.tree.names else None
+    linear = (kind is not None and kind.sliding) or ":t" in name
     if quantity == "effort":
         return 1.0, "N" if linear else "N m"
     if linear:
         return 1.0, "m" if quantity == "position" else "m/s"
-    if kind not in ("revolute", "continuous") and ":r" not in name:
+    if (kind is None or kind.nv > 1) and ":r" not in name:
         return 1.0, "–" if quantity == "position" else "rad/s"
     return float(np.degrees(1.0)), "°" if quantity == "position" else "°/s"
 
@@ -99,16 +96,11 @@ def plot_configuration_panels(
         labels: What each configuration of a drawing is called.
         title: The figure's title.
     """
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
     plane = plane_of_motion(mechanism)
     columns = min(2, len(panels))
     rows = -(-len(panels) // columns)
-    with rc_context(STYLE):
-        figure = Figure(
-            figsize=(7.0 if columns == 1 else 5.2 * columns, 6.4 if rows == 1 else 4.4 * rows), layout="constrained"
-        )
+    size = (7.0 if columns == 1 else 5.2 * columns, 6.4 if rows == 1 else 4.4 * rows)
+    with drawing(title or mechanism.name, size) as figure:
         for k, (heading, configurations) in enumerate(panels):
             projection = {} if plane is not None else {"projection": "3d"}
             axes: Any = figure.add_subplot(rows, columns, k + 1, **projection)
@@ -116,24 +108,22 @@ def plot_configuration_panels(
                 colour = COLOURS[i % len(COLOURS)]
                 _draw(axes, mechanism, np.asarray(q_free, dtype=np.float64), plane, colour, label)
             axes.set_aspect("equal", adjustable="datalim" if plane is not None else "box")
-            names = _plane_axes(plane)
-            axes.set_xlabel(f"{names[0]} [m]")
-            axes.set_ylabel(f"{names[1]} [m]")
+            labelled = zip("xyz", _axis_names(plane), strict=False)
+            axes.set(**{f"{axis}label": f"{name} [m]" for axis, name in labelled})
             axes.set_title(heading, fontsize=11)
             if k == 0:
                 axes.legend(loc="best", framealpha=0.85, edgecolor="none")
-        figure.suptitle(title or mechanism.name)
     return figure
 
 
-def _plane_axes(plane: Array | None) -> tuple[str, str]:
+def _axis_names(plane: Array | None) -> list[str]:
     if plane is None:
-        return "x", "y"
+        return ["x", "y", "z"]
     names = []
     for axis, fallback in zip(plane, ("right", "up"), strict=True):
         main = int(np.argmax(np.abs(axis)))
         names.append("xyz"[main] if abs(axis[main]) > 1 - 1e-9 else fallback)
-    return names[0], names[1]
+    return names
 
 
 def _draw(axes: Any, mechanism: Mechanism, q_free: Array, plane: Array | None, colour: str, label: str) -> None:
@@ -147,6 +137,6 @@ def _draw(axes: Any, mechanism: Mechanism, q_free: Array, plane: Array | None, c
     axes.plot(*project(shape.joints).T, "o", color="white", markeredgecolor=colour, markersize=7, zorder=3)
     if len(shape.loops):
         axes.plot(*project(shape.loops).T, "D", color=colour, markersize=7, zorder=4)
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     grounded = np.array([model.parents[j] == 0 for j in range(1, model.njoints)])
     axes.plot(*project(shape.joints[grounded]).T, "s", color="0.2", markersize=9, zorder=5)

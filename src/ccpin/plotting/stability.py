@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.theorem3 import SetPointCertificate
+from ccpin.domain.atlas.cells import Corners, corners_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
-from ccpin.plotting.style import COLOURS, STYLE
+from ccpin.plotting.style import COLOURS, drawing
 from ccpin.simulation.metrics import LyapunovHistory
 
 if TYPE_CHECKING:
@@ -33,12 +34,8 @@ def plot_lyapunov(
         level: c in joules.
         title: The figure's title.
     """
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
     times = np.asarray(t, dtype=np.float64)
-    with rc_context(STYLE):
-        figure = Figure(figsize=(7.0, 5.6), layout="constrained")
+    with drawing(title or "Lyapunov function along the motion", (7.0, 5.6)) as figure:
         above, below = figure.subplots(2, 1, sharex=True)
         above.plot(times, history.V, color=COLOURS[1], linewidth=1.8, label=r"$\mathcal{V}$")
         if level is not None:
@@ -50,14 +47,13 @@ def plot_lyapunov(
         below.set_ylabel("rate [W]")
         below.set_xlabel("time [s]")
         below.legend(loc="best", framealpha=0.85, edgecolor="none")
-        figure.suptitle(title or "Lyapunov function along the motion")
     return figure
 
 
 def plot_sublevel(
     certificate: SetPointCertificate,
     starts: Sequence[ArrayLike] = (),
-    window: tuple[ArrayLike, ArrayLike] | None = None,
+    window: Corners | None = None,
     title: str | None = None,
 ) -> Figure:
     """U over the plane of two coordinates: the certified cells and {U < c}, the set point and starts.
@@ -65,52 +61,39 @@ def plot_sublevel(
     Args:
         certificate: Of a mechanism with two independent coordinates.
         starts: Initial positions to mark, each of shape (2,).
-        window: Lower and upper corner of the picture; default about the certified cells and the starts.
+        window: (lower, upper) corners of the picture; default about the certified cells and the starts.
         title: The figure's title.
 
     Raises:
         UnsupportedMechanismError: Other than two coordinates.
     """
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
     law, mechanism = certificate.law, certificate.law.model.mechanism
     if mechanism.n != 2:
         raise UnsupportedMechanismError(f"{mechanism.name} has {mechanism.n} coordinates; the picture is of two")
     points = [np.asarray(start, dtype=np.float64) for start in starts]
-    lower, upper = _window(certificate, points) if window is None else (np.asarray(w, np.float64) for w in window)
-    scale = np.array([_scale(mechanism.tree.kinds[name]) for name in mechanism.independent])
-    with rc_context(STYLE):
-        figure = Figure(figsize=(7.2, 6.4), layout="constrained")
+    lower, upper = corners_of(_window(certificate, points) if window is None else window, mechanism.independent)
+    scale = np.where([mechanism.tree.joint(name).kind.sliding for name in mechanism.independent], 1.0, np.degrees(1.0))
+    title = title or f"{mechanism.name}: the potential well U and the set that Theorem 3 covers"
+    with drawing(title, (7.2, 6.4)) as figure:
         axes = figure.add_subplot()
         _cells(axes, certificate, scale)
         x, y, well = _well_over(law, lower, upper)
-        lines = axes.contour(x * scale[0], y * scale[1], well, levels=12, linewidths=0.7, colors="0.45")
+        x, y = x * scale[0], y * scale[1]
+        lines = axes.contour(x, y, well, levels=12, linewidths=0.7, colors="0.45")
         axes.clabel(lines, fmt="%g J", fontsize=8)
         if certificate.holds:
-            axes.contour(
-                x * scale[0], y * scale[1], well, levels=[certificate.level], colors=COLOURS[2], linewidths=2.2
-            )
+            axes.contour(x, y, well, levels=[certificate.level], colors=COLOURS[2], linewidths=2.2)
             axes.plot([], [], color=COLOURS[2], linewidth=2.2, label=f"U = c = {certificate.level:.4g} J")
             axes.plot(*(certificate.touch * scale), "x", color=COLOURS[3], markersize=9, label="what limits c")
         axes.plot(*(law.q_d * scale), "o", color=COLOURS[0], markersize=8, label="set point")
         for k, point in enumerate(points):
-            inside = certificate.contains(point)
-            axes.plot(*(point * scale), "s" if inside else "D", color="0.15", label=f"start {k + 1}: {_word(inside)}")
-        units = ["m" if value == 1.0 else "°" for value in scale]
-        axes.set_xlabel(f"{mechanism.independent[0]} [{units[0]}]")
-        axes.set_ylabel(f"{mechanism.independent[1]} [{units[1]}]")
+            mark, word = ("s", "in B₂") if certificate.contains(point) else ("D", "outside of B₂")
+            axes.plot(*(point * scale), mark, color="0.15", label=f"start {k + 1}: {word}")
+        units = ("m" if value == 1.0 else "°" for value in scale)
+        xlabel, ylabel = (f"{name} [{unit}]" for name, unit in zip(mechanism.independent, units, strict=True))
+        axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
-        figure.suptitle(title or f"{mechanism.name}: the potential well U and the set that Theorem 3 covers")
     return figure
-
-
-def _word(inside: bool) -> str:
-    return "in B₂" if inside else "outside of B₂"
-
-
-def _scale(kind: str) -> float:
-    return 1.0 if kind == "prismatic" else float(np.degrees(1.0))
 
 
 def _window(certificate: SetPointCertificate, points: list[Array]) -> tuple[Array, Array]:
@@ -124,8 +107,8 @@ def _cells(axes: Any, certificate: SetPointCertificate, scale: Array) -> None:
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Rectangle
 
-    corners, ends = certificate.cells
-    patches = [Rectangle(tuple(low * scale), *((high - low) * scale)) for low, high in zip(corners, ends, strict=True)]
+    cells = zip(*certificate.cells, strict=True)
+    patches = [Rectangle(tuple(low * scale), *((high - low) * scale)) for low, high in cells]
     axes.add_collection(PatchCollection(patches, facecolor=COLOURS[2], alpha=0.18, edgecolor=COLOURS[2], linewidth=0.3))
 
 

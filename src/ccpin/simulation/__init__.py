@@ -3,23 +3,31 @@
 from __future__ import annotations
 
 from ccpin.simulation.forces import BearingForce, PeakForce, closure_forces, closure_forces_at, joint_forces
-from ccpin.simulation.in_core import Settling
-from ccpin.simulation.metrics import LyapunovHistory, lyapunov_along
-from ccpin.simulation.simulate import simulate
+from ccpin.simulation.friction import JointFriction
+from ccpin.simulation.metrics import LyapunovHistory, Metrics, lyapunov_along, set_point_metrics
+from ccpin.simulation.simulate import Settling, simulate
 from ccpin.simulation.stick_slip import FrictionForce, friction_force
-from ccpin.simulation.trajectory import Trajectory
+from ccpin.simulation.supervision import Move, SupervisedMotion, supervise
+from ccpin.simulation.trajectory import Trajectory, load_npz
 
 __all__ = [
     "BearingForce",
     "FrictionForce",
+    "JointFriction",
     "LyapunovHistory",
+    "Metrics",
+    "Move",
     "PeakForce",
     "Settling",
+    "SupervisedMotion",
     "Trajectory",
     "closure_forces",
     "closure_forces_at",
     "friction_force",
     "joint_forces",
+    "load_npz",
     "lyapunov_along",
+    "set_point_metrics",
     "simulate",
+    "supervise",
 ]

@@ -8,18 +8,18 @@ and the bodies' accelerations follow, by Newton and Euler, those of the tree's j
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.linalg import null_space
 
-from ccpin.arrays import Array
-from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.errors import InvalidInputError
+from ccpin.arrays import Array, Mask, cross, skew
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.state import Near, State
 from ccpin.kinematics.constraints import Constraints
-from ccpin.kinematics.loops import Loop
 from ccpin.kinematics.points import BodyMotion, body_motion, joint_poses
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.trajectory import Trajectory
 
 _NULL = 1e-9
@@ -71,7 +71,7 @@ class BearingForce(NamedTuple):
     axis: Array
     force: Array
     moment: Array
-    determined: NDArray[np.bool_]
+    determined: Mask
 
     def peak(self) -> PeakForce:
         """The largest loads of the motion, for choosing the bearing."""
@@ -92,58 +92,37 @@ class BearingForce(NamedTuple):
         )
 
 
-def closure_forces(model: ReducedModel, trajectory: Trajectory) -> tuple[BearingForce, ...]:
+def closure_forces(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[BearingForce, ...]:
     """The wrench each closure exerts on its end A at every sample of a motion, closure by closure.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         trajectory: A motion of it under the motors' efforts alone (friction is not in its u, so its share would be
             missing here).
 
     Raises:
         InvalidInputError: The trajectory is not this model's.
     """
-    _check(model, trajectory)
-    wrenches = _Wrenches(model)
-    return _histories(trajectory.t, [wrenches.closures(*row).loads for row in _rows(trajectory)])
+    wrenches = _Wrenches(model_of(model))
+    return _histories(trajectory.t, [wrenches.closures(*row).loads for row in trajectory.states(wrenches.model)])
 
 
 def closure_forces_at(
-    model: ReducedModel, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: ArrayLike | None = None
+    model: ReducedModel | Mechanism, q: ArrayLike | State, v: ArrayLike, u: ArrayLike, guess: Near = None
 ) -> tuple[BearingForce, ...]:
-    """`closure_forces` at one state; every field has a leading axis of length one, and t = 0."""
-    velocity, effort = model.checked(v, "v", model.n), model.checked(u, "u", model.n_actuated)
-    wrenches = _Wrenches(model)
-    loads = wrenches.closures(model.checked_q(q), velocity, effort, model.sigma(q, guess)).loads
-    return _histories(np.zeros(1), [loads])
+    """`closure_forces` at one q or State; every field has a leading axis of length one, and t = 0."""
+    wrenches = _Wrenches(model_of(model))
+    return _histories(np.zeros(1), [wrenches.closures(wrenches.model.at(q, guess), v, u).loads])
 
 
-def joint_forces(model: ReducedModel, trajectory: Trajectory) -> tuple[BearingForce, ...]:
+def joint_forces(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[BearingForce, ...]:
     """The wrench each joint of the tree passes from parent to child at every sample, joint by joint.
 
     Along a joint's free directions it is the effort of its motor less what accelerates its rotor, or that of its
     couplings; across them it is what the bearing carries. Arguments and errors as for `closure_forces`.
     """
-    _check(model, trajectory)
-    wrenches = _Wrenches(model)
-    return _histories(trajectory.t, [wrenches.joints(*row) for row in _rows(trajectory)])
-
-
-def _rows(trajectory: Trajectory) -> Iterator[tuple[Array, Array, Array, Array]]:
-    return zip(trajectory.q, trajectory.v, trajectory.u, trajectory.q_free, strict=True)
-
-
-def _check(model: ReducedModel, trajectory: Trajectory) -> None:
-    """Refuse a trajectory of another mechanism.
-
-    Raises:
-        InvalidInputError: Its configurations or efforts have the wrong size.
-    """
-    if trajectory.q_free.shape[1:] != (model.mechanism.nq,) or trajectory.u.shape[1:] != (model.n_actuated,):
-        raise InvalidInputError(
-            f"the trajectory has configurations of {trajectory.q_free.shape[1:]} entries and {trajectory.u.shape[1:]} "
-            f"efforts; this model has {model.mechanism.nq} and {model.n_actuated}"
-        )
+    wrenches = _Wrenches(model_of(model))
+    return _histories(trajectory.t, [wrenches.joints(*row) for row in trajectory.states(wrenches.model)])
 
 
 class _Load(NamedTuple):
@@ -153,7 +132,7 @@ class _Load(NamedTuple):
     point: Array
     axis: Array
     wrench: Array
-    determined: NDArray[np.bool_]
+    determined: Mask
 
 
 class _Closures(NamedTuple):
@@ -164,46 +143,45 @@ class _Closures(NamedTuple):
 
 
 class _Wrenches:
-    """λ as wrenches on the bodies, with the scratch memory that takes."""
+    """λ as wrenches on the bodies."""
 
     def __init__(self, model: ReducedModel) -> None:
         mechanism = model.mechanism
         self.model = model
-        self.pin_model = mechanism.pin_model
+        self.free = model.free_system.model
         self.loops = model.parametrization.constraints.loops
         self.slices = model.parametrization.constraints.row_slices()
         self.complete = Constraints(mechanism.tree, mechanism.closures, mechanism.couplings, reduce_planar=False)
         self.complete_slices = self.complete.row_slices()
-        self.data = self.pin_model.createData()
-        self.masses = np.array([inertia.mass for inertia in self.pin_model.inertias])
-        self.inertias = np.array([inertia.inertia for inertia in self.pin_model.inertias])
+        self.masses = np.array([inertia.mass for inertia in self.free.inertias])
+        self.inertias = np.array([inertia.inertia for inertia in self.free.inertias])
         self.masses[0] = 0.0
-        kinds, along = mechanism.tree.kinds, {joint.name: joint.axis for joint in mechanism.description.joints}
-        own = ("revolute", "prismatic")  # joints of the other kinds turn about their frame's z, if about anything
-        self.axes = {name: along[name] if kind in own else np.array([0.0, 0.0, 1.0]) for name, kind in kinds.items()}
 
-    def closures(self, q: Array, v: Array, u: Array, q_free: Array) -> _Closures:
+    def closures(self, state: State, v: ArrayLike, u: ArrayLike) -> _Closures:
         """The wrenches on the closures' ends A at one state."""
-        multipliers = self.model.constraint_forces(q, v, u, q_free)
-        poses = joint_poses(self.pin_model, self.data, q_free)
-        loose = _left_null_space(self.complete.value(q_free).jacobian)
+        multipliers = state.constraint_forces(v, u)
+        poses = joint_poses(self.model.free_system.scratch, state.q_free)
+        constraints, complete = self.model.parametrization.constraints, self.complete.value(state.q_free)
+        loose = _left_null_space(complete.jacobian)
+        wrenches = constraints.wrenches(state._point.constraints)
+        all_wrenches = self.complete.wrenches(complete)
         loads, freedoms = [], []
-        for loop, whole in zip(self.loops, self.complete.loops, strict=True):
+        for loop in self.loops:
             name, frame = loop.closure.name, poses[loop.joint_a] @ loop.frame_a
-            wrench = wrench_map(loop, poses) @ multipliers[self.slices[name]]
-            freedoms.append(wrench_map(whole, poses) @ loose[self.complete_slices[name]])
+            rows, all_rows = self.slices[name], self.complete_slices[name]
+            freedoms.append(all_wrenches[all_rows].T @ loose[all_rows])
+            wrench = wrenches[rows].T @ multipliers[rows]
             loads.append(_Load(name, frame[:3, 3], frame[:3, 2], wrench, _determined(freedoms[-1])))
         return _Closures(loads, freedoms)
 
-    def joints(self, q: Array, v: Array, u: Array, q_free: Array) -> list[_Load]:
+    def joints(self, state: State, v: Array, u: Array) -> list[_Load]:
         """Newton and Euler for what each joint carries: its subtree's momentum, weight and closure wrenches."""
-        closures = self.closures(q, v, u, q_free)
-        motion, forces, moments = self.momentum_rates(v, u, q_free)
+        closures = self.closures(state, v, u)
+        motion, forces, moments = self.momentum_rates(state, v, u)
         loads = []
-        for name, axis in self.axes.items():
-            joint = self.pin_model.getJointId(name)
-            carried, origin = list(self.pin_model.subtrees[joint]), motion.poses[joint, :3, 3]
-            turning = moments[carried] + np.cross(motion.centres[carried] - origin, forces[carried])
+        for joint in self.model.mechanism.tree.joints:
+            carried, origin = list(self.free.subtrees[joint.number]), motion.poses[joint.number, :3, 3]
+            turning = moments[carried] + cross(motion.centres[carried] - origin, forces[carried])
             wrench = np.concatenate([forces[carried].sum(axis=0), turning.sum(axis=0)])
             freedom = np.zeros((6, closures.freedoms[0].shape[1] if closures.freedoms else 0))
             for loop, load, loose in zip(self.loops, *closures, strict=True):
@@ -211,87 +189,44 @@ class _Wrenches:
                 shift = _shift(load.point - origin)
                 wrench -= side * (shift @ load.wrench)
                 freedom -= side * (shift @ loose)
-            turned = motion.poses[joint, :3, :3] @ axis
-            loads.append(_Load(name, origin, turned, wrench, _determined(freedom)))
+            turned = motion.poses[joint.number, :3, :3] @ joint.axis
+            loads.append(_Load(joint.name, origin, turned, wrench, _determined(freedom)))
         return loads
 
-    def momentum_rates(self, v: Array, u: Array, q_free: Array) -> tuple[BodyMotion, Array, Array]:
+    def momentum_rates(self, state: State, v: Array, u: Array) -> tuple[BodyMotion, Array, Array]:
         """The bodies' motion, and the force and the moment about its centre that each one's motion and weight take."""
-        point = self.model.parametrization.at(q_free)
-        v_free = point.rho @ v
-        a_free = point.rho @ self.model.acceleration(point, v, u) + self.model.parametrization.bias(point, v_free)
-        motion = body_motion(self.pin_model, self.data, q_free, v_free, a_free)
+        a_free = state.a_free(v, state.forward_dynamics(v, u))
+        motion = body_motion(self.model.free_system.scratch, state.q_free, state.v_free(v), a_free)
         turns = motion.poses[:, :3, :3]
         inertias = turns @ self.inertias @ turns.transpose(0, 2, 1)
-        forces = self.masses[:, None] * (motion.accelerations - np.array(self.pin_model.gravity.linear))
+        forces = self.masses[:, None] * (motion.accelerations - self.model.gravity_vector)
         spins = np.einsum("bij,bj->bi", inertias, motion.omega)
-        moments = np.einsum("bij,bj->bi", inertias, motion.alpha) + np.cross(motion.omega, spins)
+        moments = np.einsum("bij,bj->bi", inertias, motion.alpha) + cross(motion.omega, spins)
         return motion, forces, moments
 
 
 def _histories(t: Array, samples: list[list[_Load]]) -> tuple[BearingForce, ...]:
-    return tuple(_history(t, list(loads)) for loads in zip(*samples, strict=True))
+    """The samples' loads, one closure or joint after the other."""
+    histories = []
+    for loads in zip(*samples, strict=True):
+        (name, *_), *columns = zip(*loads, strict=True)
+        point, axis, wrench, determined = map(np.array, columns)
+        histories.append(BearingForce(name, t.copy(), point, axis, wrench[:, :3], wrench[:, 3:], determined))
+    return tuple(histories)
 
 
-def _history(t: Array, loads: list[_Load]) -> BearingForce:
-    wrench = np.array([load.wrench for load in loads])
-    return BearingForce(
-        loads[0].name,
-        t.copy(),
-        point=np.array([load.point for load in loads]),
-        axis=np.array([load.axis for load in loads]),
-        force=wrench[:, :3],
-        moment=wrench[:, 3:],
-        determined=np.array([load.determined for load in loads]),
-    )
-
-
-def _determined(freedom: Array) -> NDArray[np.bool_]:
+def _determined(freedom: Array) -> Mask:
     """Which components no null vector of φ_q′ᵀ changes, of shape (6,)."""
     return np.asarray(np.abs(freedom).max(axis=1, initial=0.0) < _SEEN)
 
 
 def _shift(arm: Array) -> Array:
     """The 6×6 matrix that takes a wrench about origin + arm to the same wrench about the origin."""
-    x, y, z = arm
     shift = np.eye(6)
-    shift[3:, :3] = [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]
+    shift[3:, :3] = skew(arm)
     return shift
-
-
-def wrench_map(loop: Loop, poses: Array) -> Array:
-    """W with (force, moment) on end A = W λ, λ being the loop's rows of λ; world axes, about A's closure point.
-
-    The columns follow from the rows' rates (`ccpin.kinematics.rows`) by equal power: a point row e pushes A along e; a
-    direction row Σ w (a·b) turns A about Σ w a × b; an offset row a pushes A along −a at B's closure point; a
-    distance row pushes A along −(p_B − p_A)/L.
-
-    Args:
-        loop: The loop.
-        poses: World poses of the joint frames, of shape (joints, 4, 4).
-
-    Returns:
-        Array: Of shape (6, loop.size).
-    """
-    frame_a, frame_b = poses[loop.joint_a] @ loop.frame_a, poses[loop.joint_b] @ loop.frame_b
-    gap = frame_b[:3, 3] - frame_a[:3, 3]
-    turn_a, turn_b = frame_a[:3, :3], frame_b[:3, :3]
-    axes = poses[loop.ancestor][:3, :3] @ loop.basis.T
-    columns = [np.concatenate([axis, np.zeros(3)]) for axis in axes.T]
-    for row in loop.rows.directions:
-        normal = sum((w * np.cross(turn_a @ a, turn_b @ b) for w, a, b in row.products), np.zeros(3))
-        columns.append(np.concatenate([np.zeros(3), normal]))
-    for a in loop.rows.offsets:
-        along = turn_a @ a
-        columns.append(np.concatenate([-along, np.cross(along, gap)]))
-    if loop.rows.distance is not None:
-        columns.append(np.concatenate([-gap / loop.rows.distance, np.zeros(3)]))
-    return np.array(columns).reshape(-1, 6).T
 
 
 def _left_null_space(jacobian: Array) -> Array:
     """An orthonormal basis of {λ : φ_q′ᵀλ = 0}, of shape (m, r)."""
-    if jacobian.size == 0:
-        return np.eye(len(jacobian))
-    u, s, _ = np.linalg.svd(jacobian)
-    return np.asarray(u[:, int(np.count_nonzero(s > _NULL * s[0])) :])
+    return null_space(jacobian.T, rcond=_NULL) if jacobian.size else np.eye(len(jacobian))

@@ -19,9 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ccpin.arrays import Array
+from ccpin.dynamics.reduced_model import ReducedModel, coordinates_of
 from ccpin.errors import InvalidInputError
-from ccpin.kinematics.coordinates import IndependentCoordinates, component_names
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.kinematics.coordinates import component_names
+from ccpin.mechanism.mechanism import Mechanism, mechanism_of
 
 FrictionLike = Mapping[str, tuple[float, float]] | tuple[ArrayLike, ArrayLike]
 
@@ -45,11 +46,11 @@ class JointFriction:
     viscous: Array
 
 
-def joint_friction(mechanism: Mechanism, friction: FrictionLike | JointFriction) -> JointFriction:
+def joint_friction(mechanism: Mechanism | ReducedModel, friction: FrictionLike | JointFriction) -> JointFriction:
     """Check friction against a mechanism.
 
     Args:
-        mechanism: What rubs.
+        mechanism: What rubs: a mechanism or model.
         friction: ``{joint: (coulomb, viscous)}`` for any joints, dependent or not (a component of a joint with
             several freedoms by ``joint:axis``); or a pair of arrays (coulomb, viscous), numbers or of shape (n,), for
             the independent joints in their order.
@@ -59,16 +60,16 @@ def joint_friction(mechanism: Mechanism, friction: FrictionLike | JointFriction)
     """
     if isinstance(friction, JointFriction):
         return friction
-    entries = dict(friction) if isinstance(friction, Mapping) else _of_independent(mechanism, friction)
-    known = component_names(mechanism.tree)
+    whole = mechanism_of(mechanism)
+    entries = dict(friction) if isinstance(friction, Mapping) else _of_independent(whole, friction)
+    known = component_names(whole.tree)
     for name in entries:
         if name not in known:
             raise InvalidInputError(f"friction: '{name}' is not one of the joints {', '.join(known)}")
     levels = np.array([_levels(name, pair) for name, pair in entries.items()]).reshape(-1, 2)
     index = np.array([known.index(name) for name in entries], dtype=np.intp)
-    coordinates = IndependentCoordinates(mechanism.tree, mechanism.independent, mechanism.q_reference)
     owner = np.full(len(known), -1, dtype=np.intp)
-    for part in coordinates.parts:
+    for part in coordinates_of(mechanism).parts:
         if part.component is None:
             owner[part.v_free] = np.arange(part.v.start, part.v.stop)
     return JointFriction(tuple(entries), index, owner[index], levels[:, 0].copy(), levels[:, 1].copy())

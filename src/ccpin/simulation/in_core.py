@@ -2,35 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.integrate import DOP853, RK45
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
-from ccpin.control.references import Hold, PiecewisePolynomial, Reference
-from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus
+from ccpin.control.laws import ControlLaw, ModelLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.control.references import Hold, PiecewisePolynomial
+from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.native import Kernel
 from ccpin.simulation.trajectory import Trajectory
 
-_TRACKING = {ComputedTorque: "computed_torque", PDPlus: "pd_plus", PDOnlineGravity: "pd_gravity"}
-
-
-class Settling(NamedTuple):
-    """When a motion counts as settled: |q − goal| ≤ band and |v| ≤ speed in every component, for `hold` seconds.
-
-    band in radians (or metres), speed in rad/s (or m/s).
-    """
-
-    goal: Array
-    band: float = 0.0017453292519943296
-    speed: float = 0.01
-    hold: float = 0.05
-
-
-_NEVER = Settling(np.empty(0))
+_TRACKING: dict[type[ControlLaw], str] = {
+    ComputedTorque: "computed_torque",
+    PDPlus: "pd_plus",
+    PDOnlineGravity: "pd_gravity",
+}
 
 
 def simulate_in_core(
@@ -40,7 +29,6 @@ def simulate_in_core(
     method: str,
     guess: Array | None,
     run: dict[str, Any],
-    settling: Settling | None,
 ) -> Trajectory | None:
     """The trajectory, or ``None`` where the law, the method or the motion is not one the core can answer for.
 
@@ -50,13 +38,13 @@ def simulate_in_core(
         law: The law.
         method: The integrator.
         guess: As for `simulate`.
-        run: times (N,), start (q, q̇), rtol, atol, max_step and singular_rcond.
-        settling: When to stop before the last time.
+        run: times (N,), start (q, q̇), rtol, atol, max_step, singular_rcond, and a `Settling`'s fields (an empty goal:
+            run to the end).
     """
     tableau, numbers = TABLEAUX.get(method), law_numbers(model, law)
     if tableau is None or numbers is None:
         return None
-    answer = kernel.simulate(guess, numbers, run | (settling or _NEVER)._asdict(), tableau)
+    answer = kernel.simulate(guess, numbers, run, tableau)
     if answer is None:
         return None
     done, q, v, u, q_free, closure, status, since, evaluations = answer
@@ -72,20 +60,21 @@ def simulate_in_core(
 def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
     """A law in plain numbers: its kind, gains, constant part and reference; ``None`` where the core has none."""
     n, zero = model.n, np.zeros((model.n, model.n))
-    if isinstance(law, NoTorque):
+    kind = type(law)
+    if kind is NoTorque:
         path = Hold(model, model.alpha(model.mechanism.q_reference)).as_polynomial()
         return _numbers("pd", path, zero, zero, np.zeros(n))
-    if isinstance(law, PDSimpleGravity | PDFullGravity):
+    if not isinstance(law, ModelLaw) or law.model.mechanism is not model.mechanism:
+        return None
+    if isinstance(law, PDSimpleGravity | PDFullGravity) and kind in (PDSimpleGravity, PDFullGravity):
         simple = isinstance(law, PDSimpleGravity)
         path = Hold(model, law.q_d).as_polynomial()
         constant = law.gravity_d if simple else np.zeros(n)
         return _numbers("pd" if simple else "pd_gravity", path, law.K_p, law.K_v, constant)
-    kind = _TRACKING.get(type(law))  # type: ignore[arg-type]
-    if kind is None:
+    if not isinstance(law, TrackingLaw) or kind not in _TRACKING:
         return None
-    reference: Reference = law.reference  # type: ignore[attr-defined]
-    found = reference.as_polynomial()
-    return None if found is None else _numbers(kind, found, law.K_p, law.K_v, np.zeros(n))  # type: ignore[attr-defined]
+    found = law.reference.as_polynomial()
+    return None if found is None else _numbers(_TRACKING[kind], found, law.K_p, law.K_v, np.zeros(n))
 
 
 def _numbers(kind: str, path: PiecewisePolynomial, K_p: Array, K_v: Array, constant: Array) -> dict[str, Any]:

@@ -9,7 +9,9 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
 from ccpin.control.laws import PDFullGravity, PDSimpleGravity
-from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.dynamics.reduced_model import ReducedModel, coordinates_of
+from ccpin.kinematics.checked import checked_q
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.trajectory import Trajectory
 
 
@@ -40,17 +42,21 @@ class Metrics(NamedTuple):
 
 
 def set_point_metrics(
-    trajectory: Trajectory, coordinates: IndependentCoordinates, goal: ArrayLike, band: float = np.radians(2.0)
+    trajectory: Trajectory, mechanism: Mechanism | ReducedModel, goal: ArrayLike, band: float = np.radians(2.0)
 ) -> Metrics:
     """Summarise a motion towards a goal.
 
     Args:
         trajectory: The motion.
-        coordinates: The model's independent coordinates.
-        goal: q_d, of shape (nq_independent,).
+        mechanism: What moved: a mechanism or model.
+        goal: q_d, of shape (model.nq,).
         band: Settling band, rad or m.
+
+    Raises:
+        InvalidInputError: The goal has the wrong shape or is not finite.
     """
-    q_d = np.asarray(goal, dtype=np.float64)
+    coordinates = coordinates_of(mechanism)
+    q_d = checked_q(coordinates, goal, "goal")
     error = np.array([coordinates.difference(q, q_d) for q in trajectory.q])
     outside = np.flatnonzero(np.abs(error).max(axis=1) > band)
     settled: float | None = 0.0
@@ -91,13 +97,9 @@ def lyapunov_along(law: PDSimpleGravity | PDFullGravity, trajectory: Trajectory)
     (28) and q̇ᵀ(ρᵀSᵀu − K_p q̃ − g(q)) with full compensation (30), whatever u was. Under the law itself this is
     −q̇ᵀK_v q̇; a saturated or sampled controller departs from it.
     """
-    model, full = law.model, isinstance(law, PDFullGravity)
-    values, rates, losses = [], [], []
-    for q, v, u, q_free in zip(trajectory.q, trajectory.v, trajectory.u, trajectory.q_free, strict=True):
-        point = model.closed_point(q, q_free)
-        gravity = model.gravity(q, point.q_free) if full else law.gravity_d
-        force = model.generalized_force(point, u) - law.K_p @ law.error(q) - gravity
-        values.append(law.lyapunov(q, v, point.q_free))
-        rates.append(float(v @ force))
-        losses.append(-float(v @ law.K_v @ v))
-    return LyapunovHistory(np.array(values), np.array(rates), np.array(losses))
+    full = isinstance(law, PDFullGravity)
+    samples = []
+    for state, v, u in trajectory.states(law.model):
+        force = state.generalized_force(u) - law.K_p @ law.error(state.q) - (state.g if full else law.gravity_d)
+        samples.append((law.lyapunov(state, v), v @ force, -(v @ law.K_v @ v)))
+    return LyapunovHistory(*np.array(samples).T)

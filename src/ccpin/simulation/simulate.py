@@ -1,9 +1,9 @@
 """Simulation of the reduced model under a control law, with SciPy's integrators.
 
-The state is (q, q̇); q′ = σ(q) is found by Newton at every evaluation, started from the last accepted step, so
-the loops are closed to solver tolerance at every sample and never drift. The integrator starts afresh where the
-equations of motion change: at every command of a sampled controller, and where a joint with dry friction halts or
-breaks loose.
+The integrator's vector is x = (q, q̇). At every evaluation q′ = σ(q) is found once, by Newton from the last accepted
+step's State, and both the law and the dynamics read the State found; so the loops are closed to solver tolerance at
+every sample and never drift. The integrator starts afresh where the equations of motion change: at every command of a
+sampled controller, and where a joint with dry friction halts or breaks loose.
 """
 
 from __future__ import annotations
@@ -15,16 +15,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import integrate
 
-from ccpin import native
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Mask, positive, vector
 from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
-from ccpin.control.sampling import ContinuousLoop, Loop, SampledLoop, Sampling
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.state import Near, State
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, SingularConfigurationError
-from ccpin.kinematics.parametrization import ClosedPoint
+from ccpin.kinematics.checked import checked_q
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.native import kernel
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
-from ccpin.simulation.in_core import Settling, simulate_in_core
-from ccpin.simulation.stick_slip import Contact, Mask, Smooth, StickSlip
+from ccpin.simulation.in_core import simulate_in_core
+from ccpin.simulation.stick_slip import StickSlip
 from ccpin.simulation.trajectory import Status, Trajectory
 
 METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
@@ -34,19 +36,34 @@ _EVENT_WIDTH = 1e-10
 _MOST_EVENTS = 200
 
 
+class Settling(NamedTuple):
+    """When a motion counts as settled: |q − goal| ≤ band and |v| ≤ speed in every component, for `hold` seconds.
+
+    band in radians (or metres), speed in rad/s (or m/s).
+    """
+
+    goal: Array
+    band: float = 0.0017453292519943296
+    speed: float = 0.01
+    hold: float = 0.05
+
+
+_NEVER = Settling(np.empty(0))
+
+
 class _Stop(NamedTuple):
     status: Status
     message: str
 
 
 def simulate(
-    model: ReducedModel,
+    model: ReducedModel | Mechanism,
     controller: ControlLaw | Callable[[float, Array, Array], ArrayLike] | None,
     q0: ArrayLike,
     v0: ArrayLike | None = None,
     *,
     duration: float,
-    guess: ArrayLike | None = None,
+    guess: Near = None,
     method: str = "RK45",
     rtol: float = 1e-9,
     atol: float = 1e-11,
@@ -61,9 +78,9 @@ def simulate(
     """Integrate D q̈ + C q̇ + g = ρᵀ(Sᵀu + f) (22), q′ = σ(q) (27) under a control law, with joint friction f or none.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         controller: A `ControlLaw`, a function (t, q, v) → u, or ``None`` for no torque.
-        q0: Start, of shape (nq_independent,).
+        q0: Start, of shape (model.nq,).
         v0: Velocity at the start, of shape (n,); default at rest.
         duration: Longest time in seconds.
         guess: Chooses the assembly mode of σ(q0); default the mechanism's reference.
@@ -88,34 +105,34 @@ def simulate(
         InvalidInputError: A bad argument.
         UnreachableError, SingularConfigurationError: σ(q0) does not exist. Nothing is raised once the motion has begun.
     """
+    model = model_of(model)
     law = _law(model, controller)
-    q_start = model.checked_q(q0)
-    v_start = np.zeros(model.n) if v0 is None else model.checked(v0, "v0", model.n)
+    start = model.at(q0, guess)
+    v_start = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
     for name, value in (("duration", duration), ("sample_period", sample_period), ("rtol", rtol), ("atol", atol)):
-        if not (np.isfinite(value) and value > 0):
-            raise InvalidInputError(f"{name} = {value} must be a positive number")
+        positive(value, name)
     if method not in METHODS:
         raise InvalidInputError(f"method '{method}' is not one of {', '.join(METHODS)}")
     if not max_step > 0:
         raise InvalidInputError(f"max_step = {max_step} must be a positive number")
     if settling is not None:
-        settling = settling._replace(goal=model.checked_q(settling.goal))
-    start = model.closed_point(q_start, guess)
-    contact = Smooth(model) if friction is None else StickSlip(model, joint_friction(model.mechanism, friction))
-    loop = ContinuousLoop(law) if sampling is None else SampledLoop(model, law, sampling, q_start, v_start)
-    count = int(np.floor(duration / sample_period * (1 + 1e-12))) + 1
-    times = np.asarray(np.arange(count) * sample_period, dtype=np.float64)
+        settling = settling._replace(goal=checked_q(model.coordinates, settling.goal))
+    contact = StickSlip(model, joint_friction(model, {} if friction is None else friction))
+    times = np.arange(np.floor(duration / sample_period * (1 + 1e-12)) + 1) * sample_period
     if times[-1] < duration * (1 - 1e-9):
         times = np.append(times, duration)
-    options, state = {"rtol": rtol, "atol": atol, "max_step": max_step}, np.concatenate([q_start, v_start])
-    kernel = native.kernel(model.mechanism) if friction is None and sampling is None and region is None else None
-    if kernel is not None:
-        run_numbers = {"times": times, "start": state, "singular_rcond": singular_rcond, **options}
-        found = simulate_in_core(kernel, model, law, method, start.q_free, run_numbers, settling)
+    options = {"rtol": rtol, "atol": atol, "max_step": max_step}
+    plain = friction is None and sampling is None and region is None
+    core = kernel(model.mechanism, model.gravity_vector) if plain else None
+    if core is not None:
+        numbers = {"times": times, "start": np.concatenate([start.q, v_start]), "singular_rcond": singular_rcond}
+        numbers |= options | (settling or _NEVER)._asdict()
+        found = simulate_in_core(core, model, law, method, start.q_free, numbers)
         if found is not None:
             return found
-    run = _Run(model, loop, contact, start, settling, region, singular_rcond)
-    return run.integrate(state, times, getattr(integrate, method), options)
+    commands = ContinuousCommands(law) if sampling is None else SampledCommands(model, law, sampling, start.q, v_start)
+    run = _Run(commands, contact, start, v_start, settling, region, singular_rcond)
+    return run.integrate(times, getattr(integrate, method), options)
 
 
 def _law(model: ReducedModel, controller: ControlLaw | Callable[..., ArrayLike] | None) -> ControlLaw:
@@ -134,30 +151,34 @@ class _Event(NamedTuple):
 
 
 class _Run:
-    """One integration: the right-hand side, the samples taken so far and the stop conditions."""
+    """One integration: the right-hand side, the samples taken so far and the stop conditions.
+
+    Attributes:
+        near: The State σ starts from; between steps that of x itself.
+        x: (q, q̇) at time t.
+    """
 
     def __init__(
         self,
-        model: ReducedModel,
-        loop: Loop,
-        contact: Contact,
-        start: ClosedPoint,
+        commands: ContinuousCommands | SampledCommands,
+        contact: StickSlip,
+        start: State,
+        v_start: Array,
         settling: Settling | None,
         region: Callable[[Array], bool] | None,
         singular_rcond: float,
     ) -> None:
-        self.model, self.loop, self.contact = model, loop, contact
+        self.model, self.commands, self.contact = start.model, commands, contact
         self.settling, self.region, self.singular_rcond = settling, region, singular_rcond
         self.near = start
-        self.t, self.state = 0.0, np.empty(0)
+        self.t, self.x = 0.0, np.concatenate([start.q, v_start])
         self.first_step: float | None = None
         self.recent_events: list[float] = []
         self.settled_since: float | None = None
         self.evaluations = 0
         self.samples: list[tuple[float, Array, Array, Array, Array, float]] = []
 
-    def integrate(self, state: Array, times: Array, solver_class: Any, options: dict[str, float]) -> Trajectory:
-        self.state = state
+    def integrate(self, times: Array, solver_class: Any, options: dict[str, float]) -> Trajectory:
         try:
             stop = self.march(times, solver_class, options)
         except KeyboardInterrupt:
@@ -168,18 +189,19 @@ class _Run:
             if not self.samples:
                 raise
             stop = _Stop("failed", str(error))
-        return self.trajectory(stop)
+        columns = (np.array(column) for column in zip(*self.samples, strict=True))
+        return Trajectory._make([*columns, *stop, self.evaluations])
 
     def march(self, times: Array, solver_class: Any, options: dict[str, float]) -> _Stop:
         """From command to command; between them from event to event."""
         end = float(times[-1])
         while True:
-            command = self.loop.instant(self.t, *self.split(self.state), self.near.q_free)
+            command = self.commands.instant(self.t, self.near, self.x[self.model.nq :])
             until = command if command < end - 1e-9 * (command - self.t) else end
             self.begin()
             here = self.t + 1e-9 * (until - self.t)
             while len(self.samples) < len(times) and times[len(self.samples)] <= here:
-                stop = self.sample(times[len(self.samples)], self.state)
+                stop = self.sample(times[len(self.samples)], self.x)
                 if stop is not None:
                     return stop
             if self.t >= end:
@@ -194,10 +216,9 @@ class _Run:
         """Let every joint with friction rest or slide from here on."""
         if not self.contact.eventful:
             return
-        q, v = self.split(self.state)
-        point = self.point(self.state)
-        v = self.contact.begin(point, v, self.loop.effort(self.t, q, v, point.q_free), halted)
-        self.state = np.concatenate([self.state[: self.model.nq], v])
+        v = self.x[self.model.nq :]
+        v = self.contact.begin(self.near, v, self.commands.effort(self.t, self.near, v), halted)
+        self.x = np.concatenate([self.x[: self.model.nq], v])
 
     def leg(self, until: float, due: Array, solver_class: Any, options: dict[str, float]) -> _Stop | None:
         """Integrate smooth equations up to `until` or an event, sampling at the times due.
@@ -213,7 +234,8 @@ class _Run:
             try:
                 message = solver.step()
             except (ConvergenceError, SingularConfigurationError) as error:
-                shortened = 0.25 * (shortened if shortened is not None else self.trial_step(solver, until - self.t))
+                trial = shortened or min(getattr(solver, "h_abs", None) or np.inf, until - self.t)
+                shortened = 0.25 * trial
                 if shortened < _SHORTEST_STEP:
                     return _Stop("singular", f"stopped at t = {self.t:.6g} s: {error}")
                 solver = self.solver(until, solver_class, options, shortened)
@@ -229,14 +251,11 @@ class _Run:
                 if stop is not None:
                     return stop
             short = reached - self.t < _CREEPING
-            self.t, self.state = reached, solver.y if reached == solver.t else dense(reached)
-            point = self.point(self.state)
-            self.near = point
-            creeping = creeping + 1 if short and point.factor.rcond < _CREEPING_RCOND else 0
-            if point.factor.rcond < self.singular_rcond or creeping >= _MOST_CREEPING:
-                return _Stop(
-                    "singular", f"at t = {self.t:.6g} s ψ_q′ is nearly singular (rcond {point.factor.rcond:.1e})"
-                )
+            self.t, self.x = reached, solver.y if reached == solver.t else dense(reached)
+            self.near = self.closed(self.x)[0]
+            creeping = creeping + 1 if short and self.near.rcond < _CREEPING_RCOND else 0
+            if self.near.rcond < self.singular_rcond or creeping >= _MOST_CREEPING:
+                return self.nearly_singular(self.t)
             if event is not None:
                 self.begin(event.halted)
                 return None
@@ -244,7 +263,7 @@ class _Run:
 
     def solver(self, until: float, solver_class: Any, options: dict[str, float], first_step: float | None) -> Any:
         first = None if first_step is None else min(first_step, until - self.t)
-        return solver_class(self.derivative, self.t, self.state, until, first_step=first, **options)
+        return solver_class(self.derivative, self.t, self.x, until, first_step=first, **options)
 
     def event(self, solver: Any, dense: Callable[[float], Array], checks: Array) -> _Event | None:
         """The first moment of a step at which a joint halts or breaks loose, to 1e-10 s."""
@@ -268,44 +287,39 @@ class _Run:
         if len(self.recent_events) == _MOST_EVENTS and t - self.recent_events[0] < 1e-6:
             raise ConvergenceError(f"friction: joints halt and break loose without end at t = {t:.6g} s")
 
-    def broken(self, t: float, state: Array) -> Mask | None:
-        q, v = self.split(state)
-        point = self.point(state)
-        return self.contact.broken(point, v, self.loop.effort(t, q, v, point.q_free))
+    def broken(self, t: float, x: Array) -> Mask | None:
+        state, v = self.closed(x)
+        return self.contact.broken(state, v, self.commands.effort(t, state, v))
 
-    def trial_step(self, solver: Any, remaining: float) -> float:
-        step = getattr(solver, "h_abs", None)
-        return float(min(step, remaining)) if step else float(remaining)
+    def closed(self, x: Array) -> tuple[State, Array]:
+        """The State at x's q, and q̇."""
+        q, near = self.model.coordinates.normalize(x[: self.model.nq]), self.near
+        return near if (q == near.q).all() else self.model.at(q, near), x[self.model.nq :]
 
-    def split(self, state: Array) -> tuple[Array, Array]:
-        return self.model.coordinates.normalize(state[: self.model.nq]), state[self.model.nq :]
-
-    def point(self, state: Array) -> ClosedPoint:
-        return self.model.parametrization.sigma(self.split(state)[0], self.near)
-
-    def derivative(self, t: float, state: Array) -> Array:
-        """(q̇, q̈) at a state."""
+    def derivative(self, t: float, x: Array) -> Array:
+        """(q̇, q̈) at x."""
         self.evaluations += 1
-        q, v = self.split(state)
-        if not np.isfinite(state).all():
+        if not np.isfinite(x).all():
             raise ConvergenceError("the state is no longer finite")
-        point = self.model.parametrization.sigma(q, self.near)
-        a = self.contact.acceleration(point, v, self.loop.effort(t, q, v, point.q_free))
-        return np.concatenate([self.model.coordinates.rate(q, v), a])
+        state, v = self.closed(x)
+        a = self.contact.acceleration(state, v, self.commands.effort(t, state, v))
+        return np.concatenate([self.model.coordinates.rate(state.q, v), a])
 
-    def sample(self, t: float, state: Array) -> _Stop | None:
+    def sample(self, t: float, x: Array) -> _Stop | None:
         """Record one sample and judge the stop conditions there."""
-        q, v = self.split(state)
-        point = self.model.parametrization.sigma(q, self.near)
-        self.near = point
-        u = self.loop.effort(t, q, v, point.q_free)
-        phi = self.model.parametrization.constraints.residual(point.q_free)
-        self.samples.append((float(t), q.copy(), v.copy(), u, point.q_free, float(np.linalg.norm(phi))))
-        if point.factor.rcond < self.singular_rcond:
-            return _Stop("singular", f"at t = {t:.6g} s ψ_q′ is nearly singular (rcond {point.factor.rcond:.1e})")
-        if self.region is not None and not self.region(q):
+        state, v = self.closed(x)
+        self.near = state
+        u = self.commands.effort(t, state, v)
+        phi = self.model.parametrization.constraints.residual(state.q_free)
+        self.samples.append((float(t), state.q, v.copy(), u, state.q_free, float(np.linalg.norm(phi))))
+        if state.rcond < self.singular_rcond:
+            return self.nearly_singular(t)
+        if self.region is not None and not self.region(state.q):
             return _Stop("outside", f"at t = {t:.6g} s q left the region given")
-        return self.settled(t, q, v)
+        return self.settled(t, state.q, v)
+
+    def nearly_singular(self, t: float) -> _Stop:
+        return _Stop("singular", f"at t = {t:.6g} s ψ_q′ is nearly singular (rcond {self.near.rcond:.1e})")
 
     def settled(self, t: float, q: Array, v: Array) -> _Stop | None:
         if self.settling is None:
@@ -318,8 +332,3 @@ class _Run:
         if t - self.settled_since < self.settling.hold * (1 - 1e-12):
             return None
         return _Stop("settled", f"settled since t = {self.settled_since:.6g} s")
-
-    def trajectory(self, stop: _Stop) -> Trajectory:
-        columns = [np.array(column) for column in zip(*self.samples, strict=True)]
-        t, q, v, u, q_free, closure = columns
-        return Trajectory(t, q, v, u, q_free, closure, stop.status, stop.message, self.evaluations)

@@ -20,66 +20,25 @@ positive.
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import lapack
 from scipy.optimize import lsq_linear
 
-from ccpin.arrays import Array
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.arrays import Array, Mask, vector
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.state import Model, Near, State
 from ccpin.errors import ConvergenceError, UnsupportedMechanismError
-from ccpin.kinematics.parametrization import ClosedPoint
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
-
-Mask = NDArray[np.bool_]
 
 REST = 1e-8
 _REVERSED = 1e-14
 _WITHIN = 1e-8
 _RELEASED = 1e-9
 _PULL = 50.0
-
-
-class Contact(Protocol):
-    """What `simulate` asks of the joints.
-
-    Attributes:
-        eventful: Whether there is anything to decide, ever.
-    """
-
-    eventful: bool
-
-    def begin(self, point: ClosedPoint, v: Array, u: Array, halted: Mask | None = None) -> Array:
-        """Decide what each joint does from here on; returns q̇ with resting joints exactly at rest."""
-
-    def acceleration(self, point: ClosedPoint, v: Array, u: Array) -> Array:
-        """Q̈ while every joint does what was decided."""
-
-    def broken(self, point: ClosedPoint, v: Array, u: Array) -> Mask | None:
-        """``None`` while what was decided still holds, else the sliding joints that have come to a halt."""
-
-
-class Smooth:
-    """No friction: nothing to decide."""
-
-    eventful = False
-
-    def __init__(self, model: ReducedModel) -> None:
-        self._model = model
-
-    def begin(self, point: ClosedPoint, v: Array, u: Array, halted: Mask | None = None) -> Array:
-        """Q̇ as it is."""
-        return v
-
-    def acceleration(self, point: ClosedPoint, v: Array, u: Array) -> Array:
-        """Q̈ of (22)."""
-        return self._model.acceleration(point, v, u)
-
-    def broken(self, point: ClosedPoint, v: Array, u: Array) -> Mask | None:
-        """Never."""
-        return None
 
 
 class FrictionForce(NamedTuple):
@@ -97,19 +56,19 @@ class FrictionForce(NamedTuple):
 
 
 def friction_force(
-    model: ReducedModel,
+    model: ReducedModel | Mechanism,
     friction: FrictionLike | JointFriction,
-    q: ArrayLike,
+    q: ArrayLike | State,
     v: ArrayLike,
     u: ArrayLike,
-    guess: ArrayLike | None = None,
+    guess: Near = None,
 ) -> FrictionForce:
     """Friction at a state under motor efforts u; at rest it balances as much of the load as its level allows.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         friction: As for `ccpin.simulation.friction.joint_friction`.
-        q: Independent coordinates, of shape (nq_independent,).
+        q: Independent coordinates, of shape (model.nq,), or a State.
         v: Their velocities, of shape (n,).
         u: Efforts of the actuated joints, of shape (motors,).
         guess: Chooses the assembly mode of σ(q).
@@ -118,10 +77,11 @@ def friction_force(
         InvalidInputError: A bad argument.
         UnreachableError, SingularConfigurationError: σ(q) does not exist.
     """
-    contact = StickSlip(model, joint_friction(model.mechanism, friction))
-    point, effort = model.closed_point(q, guess), model.checked(u, "u", model.n_actuated)
-    joint = contact.forces(point, contact.begin(point, model.checked(v, "v", model.n), effort), effort)
-    return FrictionForce(joint, contact.rows(point).T @ joint)
+    state = model_of(model).at(q, guess)
+    contact = StickSlip(state.model, joint_friction(state.model.mechanism, friction))
+    effort = vector(u, "u", state.model.n_actuated)
+    joint = contact.forces(state, contact.begin(state, vector(v, "v", state.model.n), effort), effort)
+    return FrictionForce(joint, contact.rows(state).T @ joint)
 
 
 class _Known(NamedTuple):
@@ -146,7 +106,7 @@ class StickSlip:
         friction: Which joints rub.
     """
 
-    def __init__(self, model: ReducedModel, friction: JointFriction) -> None:
+    def __init__(self, model: Model, friction: JointFriction) -> None:
         self._model, self._friction = model, friction
         self._own = friction.coordinate >= 0
         self._units = np.eye(model.n)[friction.coordinate[self._own]]
@@ -156,15 +116,15 @@ class StickSlip:
         self._rest = np.zeros(len(friction.names), dtype=bool)
         self._locked = False
 
-    def rows(self, point: ClosedPoint) -> Array:
+    def rows(self, state: State) -> Array:
         """ρ's rows of the rubbing joints, of shape (k, n)."""
-        rows = point.rho[self._friction.index]
+        rows = state.rho[self._friction.index]
         rows[self._own] = self._units
         return rows
 
-    def begin(self, point: ClosedPoint, v: Array, u: Array, halted: Mask | None = None) -> Array:
+    def begin(self, state: State, v: Array, u: Array, halted: Mask | None = None) -> Array:
         """Decide which joints rest and which way the others slide, from the state, the load and who just halted."""
-        rows = self.rows(point)
+        rows = self.rows(state)
         rates = rows @ v
         rest = self._rest | (self._dry & (np.abs(rates) <= REST))
         if halted is not None:
@@ -174,20 +134,22 @@ class StickSlip:
         if not rest.any():
             return v
         v = self._brought_to_rest(v, rows)
-        starts, _ = self._at_rest(self._known(point, v, u))
+        starts, _ = self._at_rest(self._known(state, v, u))
         self._signs[rest] = starts
         self._rest = rest & (self._signs == 0)
         self._locked = bool(self._rest.any() and np.linalg.matrix_rank(rows[self._rest], 1e-9) == self._model.n)
         return v
 
-    def acceleration(self, point: ClosedPoint, v: Array, u: Array) -> Array:
-        """Q̈ with sliding joints' friction as a force and resting joints kept at rest.
+    def acceleration(self, state: State, v: Array, u: Array) -> Array:
+        """q̈ with sliding joints' friction as a force and resting joints kept at rest.
 
         A resting dependent joint's rate would collect the integrator's error; it is pulled back to zero at 50 1/s.
         """
+        if not len(self._signs):
+            return state.forward_dynamics(v, u)
         if self._locked:
             return np.zeros(self._model.n)
-        known = self._known(point, v, u)
+        known = self._known(state, v, u)
         if not self._rest.any():
             return known.a
         rows = known.rows[self._rest]
@@ -196,37 +158,37 @@ class StickSlip:
         a[self._friction.coordinate[self._rest & self._own]] = 0.0
         return np.asarray(a)
 
-    def broken(self, point: ClosedPoint, v: Array, u: Array) -> Mask | None:
+    def broken(self, state: State, v: Array, u: Array) -> Mask | None:
         """``None`` while no sliding joint has turned back and no resting joint is overloaded."""
-        halted: Mask = self._signs * (self.rows(point) @ v) < -_REVERSED
+        halted: Mask = self._signs * (self.rows(state) @ v) < -_REVERSED
         if halted.any():
             return halted
-        if self._rest.any() and self._at_rest(self._known(point, v, u))[0].any():
+        if self._rest.any() and self._at_rest(self._known(state, v, u))[0].any():
             return halted
         return None
 
-    def forces(self, point: ClosedPoint, v: Array, u: Array) -> Array:
+    def forces(self, state: State, v: Array, u: Array) -> Array:
         """f of every rubbing joint in the present mode, of shape (k,)."""
-        known = self._known(point, v, u)
+        known = self._known(state, v, u)
         force = known.force.copy()
         if self._rest.any():
             force[self._rest] += self._at_rest(known)[1]
         return force
 
-    def _known(self, point: ClosedPoint, v: Array, u: Array) -> _Known:
-        friction, model = self._friction, self._model
-        rows = self.rows(point)
+    def _known(self, state: State, v: Array, u: Array) -> _Known:
+        friction = self._friction
+        rows = self.rows(state)
         rates = rows @ v
         force = -friction.viscous * rates - friction.coulomb * self._signs
-        inverse = _inverse(point.rho.T @ (model.free_system.mass_matrix(point.q_free) @ point.rho))
-        a = model.acceleration(point, v, u) + inverse @ (rows.T @ force)
+        inverse = _inverse(state.D)
+        a = state.forward_dynamics(v, u) + inverse @ (rows.T @ force)
         bias = np.zeros(len(rates))
         if v.any() and (self._rest & ~self._own).any():
-            bias = np.where(self._own, 0.0, model.parametrization.bias(point, point.rho @ v)[friction.index])
+            bias = np.where(self._own, 0.0, state.bias(v)[friction.index])
         return _Known(rows, rates, force, inverse, a, bias[self._rest])
 
     def _brought_to_rest(self, v: Array, rows: Array) -> Array:
-        """Q̇ with the resting joints' rates removed, exactly where they are independent coordinates."""
+        """q̇ with the resting joints' rates removed, exactly where they are independent coordinates."""
         resting = rows[self._rest]
         if np.linalg.matrix_rank(resting, 1e-9) == self._model.n:
             return np.zeros(self._model.n)

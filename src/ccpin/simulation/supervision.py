@@ -11,10 +11,12 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError
-from ccpin.simulation.in_core import Settling
-from ccpin.simulation.simulate import simulate
+from ccpin.kinematics.checked import checked_q
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.simulate import Settling, simulate
 from ccpin.simulation.trajectory import Trajectory
 
 
@@ -22,7 +24,7 @@ class Move(NamedTuple):
     """One move of a supervised motion.
 
     Attributes:
-        goal: q_d, of shape (nq_independent,).
+        goal: q_d, of shape (model.nq,).
         start: Time at which q_d was set. settled: time at which the motion had settled, ``None`` if it did not.
         end: Time at which the wait was over.
         trajectory: The motion from start to end, its time beginning at zero.
@@ -43,7 +45,7 @@ class SupervisedMotion(NamedTuple):
 
 
 def supervise(
-    model: ReducedModel,
+    model: ReducedModel | Mechanism,
     law_to: Callable[[Array, Array], ControlLaw],
     q0: ArrayLike,
     goals: Sequence[ArrayLike],
@@ -51,15 +53,15 @@ def supervise(
     wait: float,
     settling: Settling | None = None,
     timeout: float = 10.0,
-    guess: ArrayLike | None = None,
+    guess: Near = None,
     **options: Any,
 ) -> SupervisedMotion:
     """Visit goals one after the other: set q_d, move until settled, wait, set the next.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         law_to: Makes the law for a goal: (q_d, a configuration on the current branch) → law.
-        q0: Start at rest, of shape (nq_independent,).
+        q0: Start at rest, of shape (model.nq,).
         goals: The set points in order (repeat them for cycles).
         wait: Seconds to wait once settled (the settled band's hold time counts as waiting).
         settling: Band, speed and hold; its goal is replaced by each move's. Default `Settling`'s.
@@ -77,29 +79,25 @@ def supervise(
     """
     if not len(goals):
         raise InvalidInputError("goals is empty: at least one set point is needed")
+    model = model_of(model)
     rule = settling or Settling(goal=np.zeros(model.nq))
-    q, v = model.checked_q(q0), np.zeros(model.n)
-    q_free = model.sigma(q, guess)
+    here = model.at(q0, guess)
+    q, v, q_free = here.q, np.zeros(model.n), here.q_free
     moves: list[Move] = []
     whole: Trajectory | None = None
     for raw_goal in goals:
-        goal = model.checked_q(raw_goal)
+        goal = checked_q(model.coordinates, raw_goal)
         law = law_to(goal, q_free)
         start = 0.0 if whole is None else float(whole.t[-1])
         motion = simulate(
             model, law, q, v, duration=timeout, guess=q_free, settling=rule._replace(goal=goal), **options
         )
-        settled = None
-        if motion.status == "settled":
-            settled = start + float(motion.t[-1]) - rule.hold
-            rest = max(0.0, wait - rule.hold)
+        settled = start + float(motion.t[-1]) - rule.hold if motion.status == "settled" else None
+        options = _carried_on(options, motion)
+        if settled is not None and wait > rule.hold:
+            q, v, q_free = motion.q[-1], motion.v[-1], motion.q_free[-1]
+            motion = motion.then(simulate(model, law, q, v, duration=wait - rule.hold, guess=q_free, **options))
             options = _carried_on(options, motion)
-            if rest > 0:
-                tail = simulate(
-                    model, law, motion.q[-1], motion.v[-1], duration=rest, guess=motion.q_free[-1], **options
-                )
-                motion = motion.then(tail)
-                options = _carried_on(options, motion)
         whole = motion if whole is None else whole.then(motion)
         moves.append(Move(goal, start, settled, float(whole.t[-1]), motion))
         if settled is None:

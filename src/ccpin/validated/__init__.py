@@ -6,6 +6,6 @@ Needs python-flint (the extra ``validated``), which is imported when a function 
 from __future__ import annotations
 
 from ccpin.validated.certificate import MoveCertificate, certify_move
-from ccpin.validated.enclose import Bounds, Enclosure, enclose
+from ccpin.validated.enclose import Enclosure, StateBox, enclose
 
-__all__ = ["Bounds", "Enclosure", "MoveCertificate", "certify_move", "enclose"]
+__all__ = ["Enclosure", "MoveCertificate", "StateBox", "certify_move", "enclose"]

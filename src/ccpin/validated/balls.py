@@ -9,7 +9,8 @@ from __future__ import annotations
 import importlib
 import math
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from functools import reduce
+from typing import Any
 
 import numpy as np
 
@@ -55,17 +56,9 @@ def magnitude(x: Ball) -> Ball:
     return flint().arb(x.abs_upper())
 
 
-def midpoints(box: Sequence[Ball]) -> list[Ball]:
-    """The centres of a box, as exact balls."""
-    return [x.mid() for x in box]
-
-
 def hull(boxes: Sequence[Sequence[Ball]]) -> list[Ball]:
     """A box around several boxes."""
-    found = list(boxes[0])
-    for box in boxes[1:]:
-        found = [a.union(b) for a, b in zip(found, box, strict=True)]
-    return found
+    return [reduce(lambda a, b: a.union(b), sides) for sides in zip(*boxes, strict=True)]
 
 
 def finite(box: Iterable[Ball]) -> bool:
@@ -73,35 +66,19 @@ def finite(box: Iterable[Ball]) -> bool:
     return all(x.is_finite() for x in box)
 
 
-class Interval(NamedTuple):
-    """An interval of doubles."""
-
-    lower: float
-    upper: float
-
-
-def interval(x: Ball) -> Interval:
-    """The ball as an interval of doubles, rounded outwards."""
-    return Interval(
-        math.nextafter(float(x.lower()), -math.inf),
-        math.nextafter(float(x.upper()), math.inf),
-    )
+def lower(x: Ball) -> float:
+    """A double not above any number of the ball."""
+    return math.nextafter(float(x.lower()), -math.inf)
 
 
 def upper(x: Ball) -> float:
     """A double not below any number of the ball."""
-    return interval(x).upper
-
-
-def lower(x: Ball) -> float:
-    """A double not above any number of the ball."""
-    return interval(x).lower
+    return math.nextafter(float(x.upper()), math.inf)
 
 
 def bounds(box: Sequence[Ball]) -> tuple[Array, Array]:
     """Lower and upper ends of a box, each of shape (len(box),), rounded outwards."""
-    ends = [interval(x) for x in box]
-    return np.array([end.lower for end in ends]), np.array([end.upper for end in ends])
+    return np.array([lower(x) for x in box]), np.array([upper(x) for x in box])
 
 
 def inverse(matrix: Any) -> Any:

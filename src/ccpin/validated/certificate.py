@@ -36,11 +36,12 @@ from numpy.typing import ArrayLike
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
-from ccpin.validated.balls import Ball, ball, flint, interval, upper
+from ccpin.validated.balls import Ball, ball, flint, lower, upper
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
 from ccpin.validated.enclose import (
     SHORTEST_STEP,
     Enclosure,
+    at_rest,
     checked_options,
     closed_start,
     collect,
@@ -61,7 +62,7 @@ class Certificate(Protocol):
 
     @property
     def level(self) -> float:
-        """C in joules."""
+        """The level c in joules."""
 
     @property
     def rigorous(self) -> bool:
@@ -140,7 +141,7 @@ def certify_move(
     if not isinstance(law, PDSimpleGravity):
         raise InvalidInputError("the level certified is about PD with simple gravity compensation: pass that law")
     level, rigorous = _level(arrival, law)
-    options = checked_options(duration, precision, order, tolerance, pieces, SHORTEST_STEP, np.inf)
+    options = checked_options(duration, precision, Options(order, tolerance, pieces, SHORTEST_STEP, np.inf))
     with flint().ctx.workprec(precision):
         loop = closed_loop(model, law)
         start = exact_start(model, loop, q0, v0, guess, spread)
@@ -152,7 +153,7 @@ def certify_move(
             run.covered,
             run.message,
             float(enclosure.times[-1]),
-            interval(_lyapunov(loop, goal, start)).lower,
+            lower(_lyapunov(loop, goal, start)),
             upper(_lyapunov(loop, goal, end)),
             level,
             rigorous,
@@ -195,7 +196,7 @@ def _unconnected(loop: ClosedLoop, end: Sequence[Ball], goal: _Goal, options: Op
     def room(box: list[Ball]) -> float:
         """Positive where ψ_q′ is nonsingular and U below the level."""
         regularity = determinant_bound(loop, box)
-        room_left = goal.level - upper(_lyapunov(loop, goal, _at_rest(loop, box)))
+        room_left = goal.level - upper(_lyapunov(loop, goal, at_rest(loop, box)))
         return min(regularity, room_left) if regularity > 0 and room_left > 0 else 0.0
 
     here = [*q_free, *line]
@@ -207,13 +208,9 @@ def _unconnected(loop: ClosedLoop, end: Sequence[Ball], goal: _Goal, options: Op
     if not unique_there(loop, joint, here, goal.law.q_free_d):
         return "the state reached is not proven to be on the set point's branch of σ"
     around_goal = closed_start(loop, joint, goal.law.q_free_d)
-    if upper(_lyapunov(loop, goal, _at_rest(loop, around_goal))) < goal.level:
+    if upper(_lyapunov(loop, goal, at_rest(loop, around_goal))) < goal.level:
         return ""
     return "𝒱 is not proven to be below the level next to the set point"
-
-
-def _at_rest(loop: ClosedLoop, box: Sequence[Ball]) -> list[Ball]:
-    return [*box[: loop.n_free], *[ball(0)] * loop.n]
 
 
 def _lyapunov(loop: ClosedLoop, goal: _Goal, box: Sequence[Ball]) -> Ball:
@@ -225,7 +222,7 @@ def _lyapunov(loop: ClosedLoop, goal: _Goal, box: Sequence[Ball]) -> Ball:
 
 def _goal(loop: ClosedLoop, law: PDSimpleGravity, level: float) -> _Goal:
     q_free = closed_start(loop, [ball(float(x)) for x in law.q_d], law.q_free_d)
-    return _Goal(level * (1 - _MARGIN), values(loop.energies, _at_rest(loop, q_free))[1], law)
+    return _Goal(level * (1 - _MARGIN), values(loop.energies, at_rest(loop, q_free))[1], law)
 
 
 def _level(arrival: Certificate | float, law: PDSimpleGravity) -> tuple[float, bool]:

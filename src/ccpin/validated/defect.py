@@ -1,7 +1,7 @@
 """How far a solution's Taylor polynomial p is from solving x′ = f(x): a bound of |p′(t) − f(p(t))| on [0, h].
 
 Let p be the Taylor polynomial of degree N of the exact solution from a point. Every value of f's program, taken along
-p, is a function w(t) whose Taylor coefficients w₀, …, w_{N−1} at 0 are those along the solution: `taylor` encloses
+p, is a function w(t) whose Taylor coefficients w₀, …, w_{N−1} at 0 are those along the solution: `all_series` encloses
 them. Beside them goes a bound ω ≥ |w(t) − Σ_{k<N} w_k tᵏ| on [0, h], from value to value, with |·| the bound
 ‖w‖ = Σ |w_k| hᵏ, and the tail of a truncated product T(u, w) = Σ_{i+j≥N} |u_i| |w_j| hⁱ⁺ʲ:
 
@@ -59,7 +59,7 @@ def defect(program: Program, series: Sequence[Any], length: Ball) -> list[Ball]:
     powers = [ball(1)]
     for _ in range(order):
         powers.append((powers[-1] * length).upper())
-    run = _Run(series, powers, length)
+    run = _AlongPolynomial(series, powers, length)
     for k in range(program.inputs):
         run.bounds[k] = run.bound(series[k][:order], magnitude(series[k][order]) * powers[order])
     for item in program.instructions:
@@ -67,7 +67,7 @@ def defect(program: Program, series: Sequence[Any], length: Ball) -> list[Ball]:
     return [run.bounds[number].rest for number in program.outputs]
 
 
-class _Run:
+class _AlongPolynomial:
     def __init__(self, series: Sequence[Any], powers: list[Ball], length: Ball) -> None:
         self.series, self.powers, self.length = series, powers, length
         self.bounds: list[Any] = [None] * len(series)
@@ -109,24 +109,20 @@ class _Run:
     def solution(self, item: Instruction) -> list[_Bound]:
         """Bounds of the entries of z = A⁻¹B, row-major."""
         matrix, right = item.b.matrix, item.b.right
-        m, columns = len(matrix), len(right[0])
+        m, columns, table = len(matrix), len(right[0]), flint().arb_mat
         parts = [self.bound([row[k] for row in self.series[item.target]], ball(0)) for k in range(m * columns)]
-        inverted = inverse(flint().arb_mat([[self.range(number) for number in row] for row in matrix]))
+        inverted = inverse(table([[self.range(number) for number in row] for row in matrix]))
         if inverted is None:
             raise NotInvertibleError
-        result = list(parts)
-        for column in range(columns):
-            residual = []
-            for row in range(m):
-                total = self.bounds[right[row][column]].rest
-                for k in range(m):
-                    a, z = self.bounds[matrix[row][k]], parts[k * columns + column]
-                    total = total + _tail(a, z) + a.rest * z.size
-                residual.append(total)
-            for row in range(m):
-                rest = sum(magnitude(inverted[row, k]) * residual[k] for k in range(m))
-                result[row * columns + column] = parts[row * columns + column]._replace(rest=magnitude(rest))
-        return result
+        residual = []
+        for row, numbers in zip(matrix, right, strict=True):
+            for column, number in enumerate(numbers):
+                pairs = [(self.bounds[a], z) for a, z in zip(row, parts[column::columns], strict=True)]
+                known = self.bounds[number].rest
+                residual.append(sum((_tail(a, z) + a.rest * z.size for a, z in pairs), known))
+        sizes = table(m, m, [magnitude(entry) for entry in inverted.entries()])
+        rests = (sizes * table(m, columns, residual)).entries()
+        return [part._replace(rest=magnitude(rest)) for part, rest in zip(parts, rests, strict=True)]
 
     def range(self, number: int) -> Ball:
         """A ball around a value along p on [0, h]."""

@@ -20,12 +20,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, frozen, positive, vector
 from ccpin.control.laws import ControlLaw
-from ccpin.description.model import frozen
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import ConvergenceError, InvalidInputError
-from ccpin.validated.balls import Ball, around, ball, bounds, determinant, flint, hull, lower, midpoints, upper
+from ccpin.validated.balls import Ball, around, ball, bounds, determinant, flint, hull, lower, upper
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
 from ccpin.validated.series import values
 from ccpin.validated.step import QUANTUM, Field, Options, Step, evaluate, march, start_box, start_of
@@ -33,7 +32,7 @@ from ccpin.validated.step import QUANTUM, Field, Options, Step, evaluate, march,
 SHORTEST_STEP = 2.0**-20
 
 
-class Bounds(NamedTuple):
+class StateBox(NamedTuple):
     """A box of states of doubles, rounded outwards.
 
     Attributes:
@@ -106,7 +105,7 @@ class Enclosure:
             path = evaluate(step.polynomial, ball(float(t)) - ball(float(self.times[k])))
             return [around(x, e) for x, e in zip(path, step.error, strict=True)]
 
-    def at(self, t: float) -> Bounds:
+    def at(self, t: float) -> StateBox:
         """The box of `box` in doubles."""
         return _bounds(self.box(t), self.loop.n_free)
 
@@ -163,7 +162,7 @@ def enclose(
         UnsupportedMechanismError: A mechanism or law outside the scope.
         ConvergenceError: The exact closed start is not proven to exist.
     """
-    options = checked_options(duration, precision, order, tolerance, pieces, shortest_step, longest_step)
+    options = checked_options(duration, precision, Options(order, tolerance, pieces, shortest_step, longest_step))
     with flint().ctx.workprec(precision):
         loop = closed_loop(model, law)
         start = exact_start(model, loop, q0, v0, guess, spread)
@@ -176,22 +175,14 @@ def enclose(
         return collect(loop, start, steps, reason, precision)
 
 
-def checked_options(
-    duration: float,
-    precision: int,
-    order: int,
-    tolerance: float,
-    pieces: int,
-    shortest_step: float,
-    longest_step: float,
-) -> Options:
+def checked_options(duration: float, precision: int, options: Options) -> Options:
     """The stepping options, checked.
 
     Raises:
         InvalidInputError: One is out of its range.
     """
-    if not (np.isfinite(duration) and duration > 0):
-        raise InvalidInputError(f"duration = {duration} must be a positive number")
+    positive(duration, "duration")
+    order, tolerance, pieces, shortest_step, longest_step = options
     if not (53 <= precision <= 100_000 and 2 <= order <= 1000):
         raise InvalidInputError(f"precision = {precision} must be 53 bits or more and order = {order} 2 or more")
     if not 1 <= pieces <= 10_000:
@@ -200,7 +191,7 @@ def checked_options(
         raise InvalidInputError(f"tolerance = {tolerance} must lie between 2^-precision and 1")
     if not QUANTUM <= shortest_step <= longest_step:
         raise InvalidInputError(f"the shortest step {shortest_step} must be at least 2⁻⁴⁰ s and at most the longest")
-    return Options(order, tolerance, pieces, shortest_step, longest_step)
+    return options
 
 
 def exact_start(
@@ -214,10 +205,10 @@ def exact_start(
     """The exact closed start (q′, q̇) as balls, or all closed starts within a spread."""
     if not (np.isfinite(spread) and spread >= 0):
         raise InvalidInputError(f"spread = {spread} must be zero or a positive number")
-    q = model.checked_q(q0)
-    v = np.zeros(model.n) if v0 is None else model.checked(v0, "v0", model.n)
+    start = model.at(q0, guess)
+    v = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
     wide = ball(spread)
-    q_free = closed_start(loop, [around(ball(float(x)), wide) for x in q], model.sigma(q, guess))
+    q_free = closed_start(loop, [around(ball(float(x)), wide) for x in start.q], start.q_free)
     return [*q_free, *[around(ball(float(x)), wide) for x in v]]
 
 
@@ -237,22 +228,18 @@ def determinant_bound(loop: ClosedLoop, box: Sequence[Ball]) -> float:
 def collect(loop: ClosedLoop, start: Sequence[Ball], steps: Sequence[Step], reason: str, precision: int) -> Enclosure:
     """The enclosure that proven steps make; `reason` says why it ended early, if it did."""
     nodes = [_bounds(start_box(s), loop.n_free) for s in (start_of(start), *(step.end for step in steps))]
+    columns: StateBox = StateBox(*(frozen(column) for column in zip(*nodes, strict=True)))
     during = [bounds(hull(step.boxes)) for step in steps]
     size = loop.n_free + loop.n
-    below = np.array([b[0] for b in during]).reshape(len(steps), size)
-    above = np.array([b[1] for b in during]).reshape(len(steps), size)
+    below, above = np.moveaxis(np.reshape(during, (len(steps), 2, size)), 1, 0)
     times = np.concatenate([[0.0], np.cumsum([step.length for step in steps])])
     message = f"enclosed for {times[-1]:.9g} s in {len(steps)} steps"
     if reason:
         message = f"rigour stops at t = {times[-1]:.9g} s after {len(steps)} steps: {reason}"
-    columns: Bounds = Bounds(*(frozen(column) for column in zip(*nodes, strict=True)))
     split = loop.n_free
     return Enclosure(
+        **columns._asdict(),
         times=frozen(times),
-        q_free=columns.q_free,
-        q_free_radius=columns.q_free_radius,
-        v=columns.v,
-        v_radius=columns.v_radius,
         q_free_lower=frozen(below[:, :split]),
         q_free_upper=frozen(above[:, :split]),
         v_lower=frozen(below[:, split:]),
@@ -267,10 +254,10 @@ def collect(loop: ClosedLoop, start: Sequence[Ball], steps: Sequence[Step], reas
     )
 
 
-def _bounds(box: Sequence[Ball], n_free: int) -> Bounds:
+def _bounds(box: Sequence[Ball], n_free: int) -> StateBox:
     centre = np.array([float(x.mid()) for x in box])
     radius = np.array([upper(abs(x - ball(c))) for x, c in zip(box, centre.tolist(), strict=True)])
-    return Bounds(centre[:n_free], radius[:n_free], centre[n_free:], radius[n_free:])
+    return StateBox(centre[:n_free], radius[:n_free], centre[n_free:], radius[n_free:])
 
 
 # The exact closed start: existence and uniqueness of y with φ(q, y) = 0 near a computed one.
@@ -287,8 +274,7 @@ def closed_start(loop: ClosedLoop, q: Sequence[Ball], q_free: Array) -> list[Bal
     Raises:
         ConvergenceError: It is not proven; most likely q′ is open or nearly singular.
     """
-    near = [ball(float(q_free[k])) for k in loop.dependent]
-    y = _newton(loop, midpoints(q), near)
+    near, y = _newton(loop, q, q_free)
     far = max((abs(a - b).upper() for a, b in zip(y, near, strict=True)), default=ball(0))
     for radius in _UNIQUE:
         proven = krawczyk(loop, q, y, [ball(radius)] * len(y))
@@ -302,8 +288,7 @@ def closed_start(loop: ClosedLoop, q: Sequence[Ball], q_free: Array) -> list[Bal
 
 def unique_there(loop: ClosedLoop, q: Sequence[Ball], box: Sequence[Ball], q_free: Array) -> bool:
     """Whether a box of closed configurations belongs to the branch of the computed q′: q is one box for both."""
-    near = [ball(float(q_free[k])) for k in loop.dependent]
-    y = _newton(loop, midpoints(q), near)
+    near, y = _newton(loop, q, q_free)
     for radius in _UNIQUE:
         reach = [ball(radius)] * len(y)
         inside = all(
@@ -319,16 +304,16 @@ def krawczyk(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball], radius: Seq
     """K of the theorem where it lies in the interior of Y = y ± radius, else ``None``."""
     if not y:
         return []
-    matrix = flint().arb_mat
+    size, matrix = len(y), flint().arb_mat
     box = [around(centre, r) for centre, r in zip(y, radius, strict=True)]
     try:
         near = _jacobian(loop, q, y).mid().inv().mid()
     except ZeroDivisionError:
         return None
-    residual = matrix([[phi] for phi in values(loop.closure, _inputs(loop, q, y))])
-    identity = matrix([[int(i == j) for j in range(len(y))] for i in range(len(y))])
-    spread = matrix([[inside - centre] for inside, centre in zip(box, y, strict=True)])
-    image = matrix([[centre] for centre in y]) - near * residual + (identity - near * _jacobian(loop, q, box)) * spread
+    centre = matrix(size, 1, list(y))
+    spread = matrix(size, 1, [inside - middle for inside, middle in zip(box, y, strict=True)])
+    identity = matrix(np.eye(size, dtype=int).tolist())
+    image = centre - near * _residual(loop, q, y) + (identity - near * _jacobian(loop, q, box)) * spread
     found = list(image.entries())
     return found if all(b.contains_interior(k) for b, k in zip(box, found, strict=True)) else None
 
@@ -345,21 +330,25 @@ def _sharpened(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball], proven: l
     return best
 
 
-def _newton(loop: ClosedLoop, q: Sequence[Ball], start: Sequence[Ball]) -> list[Ball]:
-    """Newton's method on midpoints; a start for the proof, not a proof."""
-    matrix, y = flint().arb_mat, list(start)
+def _newton(loop: ClosedLoop, q: Sequence[Ball], q_free: Array) -> tuple[list[Ball], list[Ball]]:
+    """The computed y, and y after Newton's method at the centre of q: a start for the proof, not a proof."""
+    near = [ball(float(q_free[k])) for k in loop.dependent]
+    centre, y = [x.mid() for x in q], near
     for _ in range(_NEWTON_STEPS if y else 0):
-        residual = matrix([[phi] for phi in values(loop.closure, _inputs(loop, q, y))])
         try:
-            step = _jacobian(loop, q, y).mid().inv() * residual
+            step = _jacobian(loop, centre, y).mid().inv() * _residual(loop, centre, y)
         except ZeroDivisionError:
-            return y
+            break
         y = [(a - b).mid() for a, b in zip(y, step.entries(), strict=True)]
-    return y
+    return near, y
+
+
+def _residual(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> Any:
+    return flint().arb_mat(len(y), 1, values(loop.closure, at_rest(loop, _assemble(loop, q, y))))
 
 
 def _jacobian(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> Any:
-    return flint().arb_mat(len(y), len(y), values(loop.jacobian, _inputs(loop, q, y)))
+    return flint().arb_mat(len(y), len(y), values(loop.jacobian, at_rest(loop, _assemble(loop, q, y))))
 
 
 def _assemble(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> list[Ball]:
@@ -370,6 +359,6 @@ def _assemble(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> list[Ba
     return q_free
 
 
-def _inputs(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> list[Ball]:
-    """A configuration at rest as inputs of the programs."""
-    return [*_assemble(loop, q, y), *[ball(0)] * loop.n]
+def at_rest(loop: ClosedLoop, box: Sequence[Ball]) -> list[Ball]:
+    """The configurations of a box of states, or a box of configurations, at rest: inputs of the programs."""
+    return [*box[: loop.n_free], *[ball(0)] * loop.n]

@@ -2,24 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from operator import mul
 from typing import Any
 
+import numpy as np
+
 from ccpin.validated.balls import Ball, ball, flint, inverse
-from ccpin.validated.tape import (
-    ADD,
-    COSINE,
-    MULTIPLY,
-    PART,
-    SCALE,
-    SINE,
-    SOLVE,
-    SUBTRACT,
-    Instruction,
-    LinearSystem,
-    Program,
-)
+from ccpin.validated.tape import ADD, COSINE, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
 
 Inverses = dict[Any, Any]  # a system's matrix (numbers of values) -> enclosure of its inverse
 
@@ -58,7 +48,8 @@ def _values(program: Program, inputs: Sequence[Ball], inverses: Inverses) -> lis
         elif item.kind == PART:
             result = found[a][b]
         elif item.kind == SOLVE:
-            result = _entries(_inverse(b, found, inverses) * _matrix(b.right, found))
+            right = flint().arb_mat([[found[number] for number in row] for row in b.right])
+            result = (_inverse(b.matrix, found.__getitem__, inverses) * right).entries()
         else:
             result = item.constant
         found[item.target] = result
@@ -73,65 +64,49 @@ def gradients(program: Program, inputs: Sequence[Ball]) -> list[list[Ball]]:
     """
     inverses: Inverses = {}
     found = _values(program, inputs, inverses)
-    size, zero = program.inputs, ball(0)
-    slopes: list[Any] = [None] * program.size  # None: constant
-    for k in range(size):
-        slopes[k] = [ball(int(i == k)) for i in range(size)]
+    size = program.inputs
+    zero = np.full(size, ball(0), dtype=object)
+    slopes: list[Any] = [None] * program.size  # 0: constant
+    slopes[:size] = zero + np.eye(size, dtype=object)
     for item in program.instructions:
-        slopes[item.target] = _gradient(item, found, slopes, inverses)
-    return [slopes[number] or [zero] * size for number in program.outputs]
+        slopes[item.target] = _gradient(item, found, slopes, zero, inverses)
+    return [list(zero + slopes[number]) for number in program.outputs]
 
 
-def _gradient(item: Instruction, found: list[Any], slopes: list[Any], inverses: Inverses) -> Any:
+def _gradient(item: Instruction, found: list[Any], slopes: list[Any], zero: Any, inverses: Inverses) -> Any:
     a, b = item.a, item.b
     if item.kind == MULTIPLY:
-        return _combined(_scaled(slopes[a], found[b]), _scaled(slopes[b], found[a]))
+        return slopes[a] * found[b] + slopes[b] * found[a]
     if item.kind == ADD:
-        return _combined(slopes[a], slopes[b])
+        return slopes[a] + slopes[b]
     if item.kind == SUBTRACT:
-        return _combined(slopes[a], _scaled(slopes[b], -1))
+        return slopes[a] - slopes[b]
     if item.kind == SCALE:
-        return _scaled(slopes[a], item.constant)
+        return slopes[a] * item.constant
     if item.kind == SINE:
-        return _scaled(slopes[a], found[b])
+        return slopes[a] * found[b]
     if item.kind == COSINE:
-        return _scaled(slopes[a], -found[b])
+        return slopes[a] * -found[b]
     if item.kind == PART:
         return slopes[a][b]
     if item.kind == SOLVE:
-        return _solution_gradient(item, found, slopes, inverses)
-    return None
+        return _solution_gradient(item, found, slopes, zero, inverses)
+    return 0
 
 
-def _scaled(slope: Any, factor: Any) -> Any:
-    return None if slope is None else [factor * entry for entry in slope]
+def _solution_gradient(item: Instruction, found: list[Any], slopes: list[Any], zero: Any, inverses: Inverses) -> Any:
+    """From A z = B: ∂z = A⁻¹(∂B − ∂A z), of shape (mk, inputs)."""
 
+    def table(numbers: tuple[tuple[int, ...], ...]) -> Any:
+        """The slopes of a matrix, of shape (rows, inputs, columns)."""
+        return np.array([[zero + slopes[number] for number in row] for row in numbers], dtype=object).swapaxes(1, 2)
 
-def _combined(first: Any, second: Any) -> Any:
-    if first is None or second is None:
-        return second if first is None else first
-    return [a + b for a, b in zip(first, second, strict=True)]
-
-
-def _solution_gradient(item: Instruction, found: list[Any], slopes: list[Any], inverses: Inverses) -> list[Any]:
-    """From A z = B: ∂z = A⁻¹(∂B − ∂A z)."""
-    system, solution = item.b, found[item.target]
-    matrix, right = system.matrix, system.right
-    m, columns = len(matrix), len(right[0])
-    inverted = _inverse(system, found, inverses)
-    found_slopes: list[Any] = [None] * (m * columns)
-    for column in range(columns):
-        residual = [slopes[right[row][column]] for row in range(m)]
-        for row in range(m):
-            for k in range(m):
-                change = _scaled(slopes[matrix[row][k]], -solution[k * columns + column])
-                residual[row] = _combined(residual[row], change)
-        for row in range(m):
-            total: Any = None
-            for k in range(m):
-                total = _combined(total, _scaled(residual[k], inverted[row, k]))
-            found_slopes[row * columns + column] = total
-    return found_slopes
+    right = table(item.b.right)
+    m, size, columns = right.shape
+    residual = right - table(item.b.matrix) @ np.array(found[item.target], dtype=object).reshape(m, columns)
+    inverted = _inverse(item.b.matrix, found.__getitem__, inverses)
+    solved = (inverted * flint().arb_mat(m, size * columns, list(residual.ravel()))).entries()
+    return np.array(solved, dtype=object).reshape(m, size, columns).swapaxes(1, 2).reshape(m * columns, size)
 
 
 def all_series(program: Program, start: Sequence[Ball], order: int) -> list[Any]:
@@ -156,11 +131,6 @@ def all_series(program: Program, start: Sequence[Ball], order: int) -> list[Any]
     return series
 
 
-def taylor(program: Program, start: Sequence[Ball], order: int) -> list[list[Ball]]:
-    """Coefficients x₀, …, x_order of the solution of x′ = f(x) alone, one list a component; see `all_series`."""
-    return all_series(program, start, order)[: program.inputs]
-
-
 def _advance(item: Instruction, degree: int, series: list[Any], inverses: Inverses) -> None:
     """Append the coefficient of one degree to one value."""
     a, b = item.a, item.b
@@ -177,7 +147,7 @@ def _advance(item: Instruction, degree: int, series: list[Any], inverses: Invers
     elif item.kind == PART:
         result = series[a][degree][b]
     elif item.kind == SOLVE:
-        result = _solution(item.b, degree, series, series[item.target], inverses)
+        result = _solution(item, degree, series, inverses)
     else:
         result = item.constant if degree == 0 else ball(0)
     series[item.target].append(result)
@@ -192,44 +162,21 @@ def _trigonometric(item: Instruction, degree: int, series: list[Any]) -> Ball:
     return total / (degree if item.kind == SINE else -degree)
 
 
-def _solution(
-    system: LinearSystem, degree: int, series: list[Any], solved: list[Any], inverses: Inverses
-) -> list[Ball]:
+def _solution(item: Instruction, degree: int, series: list[Any], inverses: Inverses) -> list[Ball]:
     """From A z = B: z_k = A₀⁻¹(B_k − Σ_{j≥1} A_j z_{k−j})."""
-    matrix, right = system.matrix, system.right
-    m, columns = len(matrix), len(right[0])
-    if system.matrix not in inverses:
-        inverses[system.matrix] = _invert([[series[number][0] for number in row] for row in matrix])
-    table = []
-    for row in range(m):
-        known = []
-        for column in range(columns):
-            total = series[right[row][column]][degree]
-            for k in range(m):
-                factor, place = series[matrix[row][k]], k * columns + column
-                for j in range(1, degree + 1):
-                    total = total - factor[j] * solved[degree - j][place]
-            known.append(total)
-        table.append(known)
-    return _entries(inverses[system.matrix] * flint().arb_mat(table))
+    matrix, right = item.b.matrix, item.b.right
+    inverted = _inverse(matrix, lambda number: series[number][0], inverses)
+    known = np.array([[series[number][degree] for number in row] for row in right], dtype=object)
+    if degree:
+        past = np.array(series[item.target][::-1], dtype=object).reshape(degree, *known.shape)
+        factors = np.array([[series[number][1 : degree + 1] for number in row] for row in matrix], dtype=object)
+        known = known - np.tensordot(factors, past, axes=([1, 2], [1, 0]))
+    return list((inverted * flint().arb_mat(known.tolist())).entries())
 
 
-def _inverse(system: LinearSystem, found: list[Any], inverses: Inverses) -> Any:
-    if system.matrix not in inverses:
-        inverses[system.matrix] = _invert([[found[number] for number in row] for row in system.matrix])
-    return inverses[system.matrix]
-
-
-def _invert(table: list[list[Ball]]) -> Any:
-    inverted = inverse(flint().arb_mat(table))
-    if inverted is None:
-        raise NotInvertibleError
-    return inverted
-
-
-def _matrix(numbers: tuple[tuple[int, ...], ...], found: list[Any]) -> Any:
-    return flint().arb_mat([[found[number] for number in row] for row in numbers])
-
-
-def _entries(matrix: Any) -> list[Ball]:
-    return list(matrix.entries())
+def _inverse(matrix: tuple[tuple[int, ...], ...], value: Callable[[int], Ball], inverses: Inverses) -> Any:
+    if matrix not in inverses:
+        inverses[matrix] = inverse(flint().arb_mat([[value(number) for number in row] for row in matrix]))
+        if inverses[matrix] is None:
+            raise NotInvertibleError
+    return inverses[matrix]

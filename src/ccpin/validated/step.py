@@ -216,7 +216,7 @@ def march(field: Field, box: Sequence[Ball], duration: float, options: Options) 
             yield Stuck(step)
             return
         ratio = step.length / guess
-        boldness = min(1.0, 1.3 * ratio, 0.95 * ratio * _correction(step, options))
+        boldness = min(1.0, 1.3 * ratio, 0.95 * ratio * _correction(step.remainder, options))
         time += step.length
         start = step.end
         yield step
@@ -234,7 +234,7 @@ def _longest(field: Field, start: Start, series: Sequence[Any], length: float, o
         if isinstance(step, str):
             failed, length = step, 0.5 * length
         elif step.remainder > 2 * options.tolerance:
-            failed, length = "the remainder is above the tolerance", 0.9 * length * _correction(step, options)
+            failed, length = "the remainder is above the tolerance", 0.9 * length * _correction(step.remainder, options)
         elif _blown_up(start, step, options):
             failed, length = "the enclosure grows too fast", 0.5 * length
         else:
@@ -247,14 +247,12 @@ def _blown_up(start: Start, step: Step, options: Options) -> bool:
     return after > _GROWTH * (before + 2 * options.tolerance)
 
 
-def _correction(step: Step, options: Options) -> float:
-    """By how much the length may change for the remainder to become the tolerance."""
-    return float((options.tolerance / max(step.remainder, 1e-300)) ** (1 / options.order))
+def _correction(remainder: float, options: Options) -> float:
+    """By how much the length may change for a remainder of order N to become the tolerance."""
+    return float((options.tolerance / max(remainder, 1e-300)) ** (1 / options.order))
 
 
 def _affordable(polynomial: Sequence[Sequence[Ball]], options: Options) -> float:
     """The step whose last term is the tolerance."""
     largest = max(upper(magnitude(coefficients[options.order])) for coefficients in polynomial)
-    if not math.isfinite(largest):
-        return 0.0
-    return float((options.tolerance / max(largest, 1e-300)) ** (1 / options.order))
+    return _correction(largest, options) if math.isfinite(largest) else 0.0

@@ -11,6 +11,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ccpin.validated.balls import ball, flint
 
 INPUT, CONSTANT, ADD, SUBTRACT, MULTIPLY, SCALE, SINE, COSINE, SOLVE, PART = range(10)
@@ -99,7 +101,7 @@ class Tape:
         return value if isinstance(value, Node) else self._record(CONSTANT, constant=_number(value))
 
     def add(self, a: Expression, b: Expression) -> Expression:
-        """A + b."""
+        """The sum a + b."""
         if is_zero(a):
             return b
         if is_zero(b):
@@ -108,7 +110,7 @@ class Tape:
         return self._record(ADD, first, second)
 
     def subtract(self, a: Expression, b: Expression) -> Expression:
-        """A − b."""
+        """The difference a − b."""
         if is_zero(b):
             return a
         if is_zero(a):
@@ -116,7 +118,7 @@ class Tape:
         return self._record(SUBTRACT, self.node(a).index, self.node(b).index)
 
     def multiply(self, a: Expression, b: Expression) -> Expression:
-        """A · b."""
+        """The product a b."""
         if not isinstance(a, Node):
             a, b = b, a
         if isinstance(b, Node):
@@ -126,7 +128,7 @@ class Tape:
         inner = self.instructions[a.index]
         if inner.kind == SCALE:
             a, b = Node(self, inner.a), inner.constant * b
-        return a if _is_one(b) else self._record(SCALE, a.index, constant=_number(b))
+        return a if b == 1 else self._record(SCALE, a.index, constant=_number(b))
 
     def sincos(self, a: Node) -> tuple[Node, Node]:
         """Sine and cosine of a node."""
@@ -137,17 +139,13 @@ class Tape:
         self._known[SINE, a.index] = sine
         return sine, self._record(COSINE, a.index, sine.index)
 
-    def solve(self, matrix: Sequence[Sequence[Expression]], right: Sequence[Sequence[Expression]]) -> list[list[Node]]:
-        """A⁻¹B, of B's shape (m, k)."""
-        if not matrix:
-            return []
-        system = LinearSystem(self._numbers(matrix), self._numbers(right))
-        head = self._record(SOLVE, b=system)
-        columns = len(right[0])
-        return [
-            [self._record(PART, head.index, row * columns + column) for column in range(columns)]
-            for row in range(len(right))
-        ]
+    def solve(self, matrix: Any, right: Any) -> Any:
+        """A⁻¹B for A of shape (m, m): an array of nodes of B's shape (m, k)."""
+        if not len(matrix):
+            return np.zeros(np.shape(right), dtype=object)
+        head = self._record(SOLVE, b=LinearSystem(self._numbers(matrix), self._numbers(right)))
+        parts = [self._record(PART, head.index, place) for place in range(np.size(right))]
+        return np.array(parts, dtype=object).reshape(np.shape(right))
 
     def derivative(self, expressions: Sequence[Expression], direction: dict[int, Expression]) -> list[Expression]:
         """The derivative of expressions along a direction of the inputs, by input number.
@@ -187,7 +185,7 @@ class Tape:
 
         if item.kind == INPUT:
             return direction.get(item.target, 0)
-        if item.kind == CONSTANT or item.kind in (SOLVE, PART):
+        if item.kind in (CONSTANT, SOLVE, PART):
             return 0
         if item.kind == ADD:
             return slopes[item.a] + slopes[item.b]
@@ -219,10 +217,6 @@ class Tape:
 def is_zero(value: Expression) -> bool:
     """Whether an expression is the constant 0, exactly."""
     return not isinstance(value, Node) and bool(value == 0)
-
-
-def _is_one(value: Any) -> bool:
-    return bool(value == 1)
 
 
 def _number(value: Any) -> Any:

@@ -54,9 +54,7 @@ def animate(
     target = writable_target(path)
     recorder = Recorder()
     _, clock = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, loop=True)
-    document = render_page(title or mechanism.name, recorder.commands, clock)
-    write_atomically(target, "w", lambda file: file.write(document))
-    return target
+    return _written(target, render_page(title or mechanism.name, recorder.commands, clock))
 
 
 def snapshot_html(
@@ -69,9 +67,7 @@ def snapshot_html(
     target = writable_target(path)
     recorder = Recorder()
     _pose(mechanism, recorder, q_free)
-    document = render_page(title or mechanism.name, recorder.commands, Clock())
-    write_atomically(target, "w", lambda file: file.write(document))
-    return target
+    return _written(target, render_page(title or mechanism.name, recorder.commands, Clock()))
 
 
 def view(
@@ -106,6 +102,11 @@ def view(
             raise InvalidInputError("q_free is a trajectory, of shape (T, nq); give its times t, of shape (T,), too")
         scene = _pose(mechanism, recorder, q_free)
     return Viewer(scene, Server(render_page(title or mechanism.name, (), clock, live=True), recorder), open_browser)
+
+
+def _written(target: Path, document: str) -> Path:
+    write_atomically(target, "w", lambda file: file.write(document))
+    return target
 
 
 def _scene(mechanism: Mechanism, recorder: Recorder) -> Scene:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import threading
 import webbrowser
-from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
@@ -60,11 +59,7 @@ class LiveRecorder(Recorder):
 
 
 class Server:
-    """Serves one page and its scene on a free loopback port, until closed.
-
-    Args:
-        text: The page, which connects to ``/scene``.
-        recorder: The scene.
+    """Serves one page, which connects to ``/scene``, and the recorded scene on a free loopback port, until closed.
 
     Raises:
         CcpinError: No loopback port can be opened.
@@ -116,13 +111,7 @@ class Server:
 
 
 class Viewer:
-    """An open live viewer; close it, or use it as a context manager.
-
-    Args:
-        scene: The scene, drawn into a `LiveRecorder`.
-        server: The server that shows it.
-        open_browser: Open the system's browser on it.
-    """
+    """An open live viewer of a scene drawn into a `LiveRecorder`; close it, or use it as a context manager."""
 
     def __init__(self, scene: Scene, server: Server, open_browser: bool = False) -> None:
         self.scene = scene
@@ -163,9 +152,7 @@ class Viewer:
     def __enter__(self) -> Viewer:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

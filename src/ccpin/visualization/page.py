@@ -38,14 +38,12 @@ class Recorder:
         """What else to do with a command: nothing, unless browsers are watching."""
 
 
-class Command(NamedTuple):
+class Command(dict[str, Any]):
     """A MeshCat message given as it goes over the wire."""
-
-    message: dict[str, Any]
 
     def lower(self) -> dict[str, Any]:
         """The message itself."""
-        return self.message
+        return self
 
 
 class Clock(NamedTuple):

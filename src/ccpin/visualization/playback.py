@@ -34,7 +34,7 @@ def checked_poses(mechanism: Mechanism, q_free: ArrayLike) -> Array:
         raise InvalidInputError(
             f"q_free has shape {shape}; each configuration of {mechanism.name} has nq = {mechanism.nq} numbers"
         )
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     for index, pose in enumerate(poses):
         if not np.all(np.isfinite(pose)):
             raise InvalidInputError(f"q_free[{index}] is not finite")
@@ -76,24 +76,19 @@ def frame_times(t: Array, fps: float, speed: float) -> Array:
             raise InvalidInputError(f"{name} must be a positive number, not {value}")
     steps = math.ceil((t[-1] - t[0]) * fps / speed - 1e-9)
     if steps >= MAX_FRAMES:
-        raise InvalidInputError(
-            f"{steps + 1} frames are too many (at most {MAX_FRAMES}); take a larger speed or a smaller fps"
-        )
+        message = f"{steps + 1} frames are too many (at most {MAX_FRAMES}); take a larger speed or a smaller fps"
+        raise InvalidInputError(message)
     return np.asarray(np.minimum(t[0] + np.arange(max(steps, 1) + 1) * speed / fps, t[-1]))
 
 
 def sample(mechanism: Mechanism, t: Array, q_free: Array, times: Array) -> Array:
     """Configurations (len(times), nq) at `times`, along the geodesics between the samples (t, q_free)."""
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     after = np.clip(np.searchsorted(t, times, side="right"), 1, len(t) - 1)
     before = after - 1
     fractions = (times - t[before]) / (t[after] - t[before])
-    return np.array(
-        [
-            q_free[i] if u <= 0 else q_free[k] if u >= 1 else pin.interpolate(model, q_free[i], q_free[k], float(u))
-            for i, k, u in zip(before, after, fractions, strict=True)
-        ]
-    )
+    moments = zip(q_free[before], q_free[after], fractions.tolist(), strict=True)
+    return np.array([a if u <= 0 else b if u >= 1 else pin.interpolate(model, a, b, u) for a, b, u in moments])
 
 
 def _array(value: ArrayLike, name: str) -> Array:

@@ -9,9 +9,11 @@ import numpy as np
 import pinocchio as pin
 
 from ccpin.arrays import Array
-from ccpin.description.model import Visual, rotation_to
+from ccpin.description.model import Visual, frame, rotation_to
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics import loops
+from ccpin.kinematics.points import joint_poses
+from ccpin.kinematics.scratch import Scratch
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.visualization.page import Command
 from ccpin.visualization.shapes import corners, material, missing, parts, triangles, tube
@@ -46,7 +48,7 @@ class Scene:
         self.mechanism = mechanism
         self.visualizer = visualizer
         self.root = visualizer[_node(mechanism.name)]
-        self._data = mechanism.pin_model.createData()
+        self._scratch = Scratch(mechanism.tree.model)
         self.bodies, self.notes = _bodies(mechanism)
         self._set_stage()
         for body in self.bodies:
@@ -54,24 +56,24 @@ class Scene:
 
     def place(self, q_free: Array) -> None:
         """Move all bodies to the configuration q′ of shape (nq,)."""
-        for body, frame in zip(self.bodies, self.frames(q_free), strict=True):
-            self.root[_node(body.name)].set_transform(frame)
+        for body, placement in zip(self.bodies, self.frames(q_free), strict=True):
+            self.root[_node(body.name)].set_transform(placement)
 
     def frames(self, q_free: Array) -> Array:
         """World frames of all bodies at q′, of shape (bodies, 4, 4)."""
-        pin.forwardKinematics(self.mechanism.pin_model, self._data, q_free)
-        frames = [self._data.oMi[body.joint].homogeneous @ body.placement for body in self.bodies]
-        return np.array(frames).reshape(-1, 4, 4)
+        poses = joint_poses(self._scratch, q_free)
+        return np.array([poses[body.joint] @ body.placement for body in self.bodies]).reshape(-1, 4, 4)
 
     def frame_camera(self, q_free: Array) -> Framing:
         """Point the camera so that the mechanism fills the frame over all configurations (T, nq); return how."""
         chosen = q_free[np.unique(np.linspace(0, len(q_free) - 1, FRAMED_SAMPLES).astype(int))]
         held = [np.concatenate([_moved(v.placement, corners(v.shape)) for v in body.visuals]) for body in self.bodies]
-        points = [_moved(frame, held[i]) for q in chosen for i, frame in enumerate(self.frames(q))]
+        points = [_moved(placement, held[i]) for q in chosen for i, placement in enumerate(self.frames(q))]
         up = up_axes(self.mechanism)
         seen = np.concatenate([*points, np.zeros((0, 3))])
-        direction = view_direction(self.mechanism, up)
-        framing = frame_points(seen if len(seen) else 0.5 * np.array([[1.0, 1, 1], [-1, -1, -1]]), direction, up)
+        if not len(seen):
+            seen = np.array([[0.5, 0.5, 0.5], [-0.5, -0.5, -0.5]])
+        framing = frame_points(seen, view_direction(self.mechanism, up), up)
         self._set_camera(framing)
         return framing
 
@@ -105,16 +107,12 @@ class Scene:
         Raises:
             InvalidInputError: No link and no loop has that name.
         """
-        carrier = self._tracked(name)
-        points = np.array([self._world(carrier[0], q) @ carrier[1] for q in q_free])[:, :3]
+        joint, point = self._tracked(name)
+        points = np.array([joint_poses(self._scratch, q)[joint] @ point for q in q_free])[:, :3]
         spread = float(np.linalg.norm(np.ptp(points, axis=0)))
         mesh = tube(points, max(0.006 * spread, 1e-9))
         if mesh is not None:
             self.root["trace"].set_object(triangles(mesh), material(TRACE_COLOUR))
-
-    def _world(self, joint: int, q_free: Array) -> Array:
-        pin.forwardKinematics(self.mechanism.pin_model, self._data, q_free)
-        return np.asarray(self._data.oMi[joint].homogeneous)
 
     def _tracked(self, name: str) -> tuple[int, Array]:
         """The joint that carries a named link or loop point, and the homogeneous point (4,) in its frame."""
@@ -155,26 +153,21 @@ class Scene:
 
     def _set_property(self, path: str, name: str, value: object) -> None:
         """Set a property by its exact name: MeshCat 0.3's own `set_property` puts names in lower case."""
-        message = {"type": "set_property", "path": path, "property": name, "value": value}
-        self.visualizer.window.send(Command(message))
+        self.visualizer.window.send(Command(type="set_property", path=path, property=name, value=value))
 
     def _set_lights(self, direction: Array) -> None:
-        right = np.cross([0.0, 0.0, 1.0], direction)
-        right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array([1.0, 0.0, 0.0])
-        seen = np.column_stack([right, np.cross(direction, right), direction])
+        seen = _screen(direction)
         self._set_property("/Lights/AmbientLight/<object>", "intensity", AMBIENT)
         for name, (towards, intensity) in LIGHTS.items():
-            placement = np.eye(4)
-            placement[:3, 3] = seen @ np.array(towards)
             light = {
                 "uuid": f"light-{name}",
                 "type": "DirectionalLight",
                 "color": 0xFFFFFF,
                 "intensity": intensity,
-                "matrix": placement.T.ravel().tolist(),
+                "matrix": frame(seen @ np.array(towards)).T.ravel().tolist(),
             }
-            message = {"type": "set_object", "path": f"/Lights/{name}", "object": {"metadata": {}, "object": light}}
-            self.visualizer.window.send(Command(message))
+            shown = {"metadata": {}, "object": light}
+            self.visualizer.window.send(Command(type="set_object", path=f"/Lights/{name}", object=shown))
             self._set_property(f"/Lights/{name}/<object>", "castShadow", False)
 
 
@@ -185,10 +178,8 @@ def _bodies(mechanism: Mechanism) -> tuple[tuple[Body, ...], tuple[str, ...]]:
         drawn: list[Visual] = []
         for visual in link.visuals:
             reason = missing(visual.shape)
-            if reason is None:
-                drawn.append(visual)
-            else:
-                notes.append(f"link '{link.name}': {reason}")
+            drawn += [visual] if reason is None else []
+            notes += [] if reason is None else [f"link '{link.name}': {reason}"]
         if drawn:
             carrier = mechanism.tree.attachments[link.name]
             bodies.append(Body(link.name, carrier.joint, carrier.placement, tuple(drawn)))
@@ -244,7 +235,7 @@ class Framing(NamedTuple):
 
 def plane_normal(mechanism: Mechanism) -> Array | None:
     """Unit normal (3,) in the world of the plane all links move parallel to, or ``None`` if there is none."""
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     data = model.createData()
     pin.computeJointJacobians(model, data, mechanism.q_reference)
     return loops.plane_normal(mechanism.tree, data, list(range(1, model.njoints)))
@@ -272,21 +263,24 @@ def frame_points(points: Array, direction: Array, up: Array) -> Framing:
     With x to the right, y up the picture and z towards the camera at (c_x, c_y, d), a point is inside the frame iff
     |x − c_x| ≤ τ_x (d − z), so d ≥ (max(x + τ_x z) + max(−x + τ_x z)) / 2τ_x; likewise for y.
     """
-    right = np.cross([0.0, 0.0, 1.0], direction)
-    size = np.linalg.norm(right)
-    right = right / size if size > 1e-6 else np.array([1.0, 0.0, 0.0])
-    screen = np.column_stack([right, np.cross(direction, right), direction])
+    screen = _screen(direction)
     x, y, z = (points @ up @ screen).T
     tangent = FILL * np.tan(np.deg2rad(FIELD_OF_VIEW) / 2)
     middle = (z.min() + z.max()) / 2
     (centre_x, near_x), (centre_y, near_y) = _fit(x, z, ASPECT * tangent), _fit(y, z, tangent)
     camera = max(near_x, near_y, z.max() + 0.05 * (np.ptp(z) + 1e-3))
     target = screen @ np.array([centre_x, centre_y, middle])
-    origin = np.eye(4)
-    origin[:3, :3], origin[:3, 3] = up.T, -target
     depth = camera - z
     half_width, half_height = np.max(np.abs(x - centre_x) / depth), np.max(np.abs(y - centre_y) / depth)
-    return Framing(origin, direction, float(camera - middle), float(half_width), float(half_height))
+    return Framing(frame(-target, up.T), direction, float(camera - middle), float(half_width), float(half_height))
+
+
+def _screen(direction: Array) -> Array:
+    """Axes (columns) to the right, up the picture and towards a camera in that direction, all in view axes."""
+    right = np.cross([0.0, 0.0, 1.0], direction)
+    size = np.linalg.norm(right)
+    right = right / size if size > 1e-6 else np.array([1.0, 0.0, 0.0])
+    return np.column_stack([right, np.cross(direction, right), direction])
 
 
 def _fit(x: Array, z: Array, tangent: float) -> tuple[float, float]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.arrays import Array
-from ccpin.description.model import Shape, frozen
+from ccpin.arrays import Array, frozen
+from ccpin.description.model import Shape, frame
 
 MAX_FACES_SMOOTHED = 50_000
 Z_TO_Y: Array = frozen([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
@@ -23,7 +24,7 @@ class Triangles(NamedTuple):
     faces: NDArray[np.int64]
 
 
-class Part(NamedTuple):
+class ShapePart(NamedTuple):
     """A MeshCat geometry and the 4×4 frame of its own axes in the shape's frame."""
 
     geometry: Any
@@ -59,53 +60,44 @@ def missing(shape: Shape) -> str | None:
     return mesh if isinstance(mesh, str) else None
 
 
-def half_extents(shape: Shape) -> Array:
-    """Half edge lengths (3,) of the smallest box along the shape's axes, centred on its origin, that holds it.
-
-    A mesh need not be centred on its origin: use `corners`.
-    """
-    size = shape.size
-    if shape.kind == "box":
-        return np.array(size) / 2
-    if shape.kind == "cylinder":
-        return np.array([size[0], size[0], size[1] / 2])
-    if shape.kind == "capsule":
-        return np.array([size[0], size[0], size[1] / 2 + size[0]])
-    return np.full(3, size[0]) if shape.kind == "sphere" else np.array(size)
-
-
 def corners(shape: Shape) -> Array:
     """The eight corners (8, 3) of the smallest box along the shape's axes that holds it."""
-    low, high = -half_extents(shape), half_extents(shape)
+    size = shape.size
     if shape.kind == "mesh":
         mesh = read_mesh(shape.mesh or "")
         if isinstance(mesh, str):
             return np.zeros((0, 3))
-        scaled = mesh.vertices * np.array(shape.size)
-        low, high = scaled.min(axis=0), scaled.max(axis=0)
-    return np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+        points = mesh.vertices * np.array(size)
+    elif shape.kind == "box":
+        points = np.array([size, np.negative(size)]) / 2
+    elif shape.kind in ("cylinder", "capsule"):
+        half = [size[0], size[0], size[1] / 2 + (size[0] if shape.kind == "capsule" else 0.0)]
+        points = np.array([half, np.negative(half)])
+    else:
+        points = np.array([np.ones(3), -np.ones(3)]) * size
+    return np.array(list(product(*zip(points.min(axis=0), points.max(axis=0), strict=True))))
 
 
-def parts(shape: Shape) -> list[Part]:
+def parts(shape: Shape) -> list[ShapePart]:
     """The MeshCat geometries a shape is made of (MeshCat's cylinders lie along y, a description's along z)."""
     import meshcat.geometry as g
 
     size = shape.size
     if shape.kind == "box":
-        return [Part(g.Box(list(size)), np.eye(4))]
+        return [ShapePart(g.Box(list(size)), np.eye(4))]
     if shape.kind == "cylinder":
-        return [Part(g.Cylinder(size[1], size[0]), Z_TO_Y)]
+        return [ShapePart(g.Cylinder(size[1], size[0]), Z_TO_Y)]
     if shape.kind == "capsule":
-        ends = [Part(g.Sphere(size[0]), _shift(sign * size[1] / 2)) for sign in (-1.0, 1.0)]
-        return [Part(g.Cylinder(size[1], size[0]), Z_TO_Y), *ends]
+        ends = [ShapePart(g.Sphere(size[0]), frame([0.0, 0.0, sign * size[1] / 2])) for sign in (-1.0, 1.0)]
+        return [ShapePart(g.Cylinder(size[1], size[0]), Z_TO_Y), *ends]
     if shape.kind == "sphere":
-        return [Part(g.Sphere(size[0]), np.eye(4))]
+        return [ShapePart(g.Sphere(size[0]), np.eye(4))]
     if shape.kind == "ellipsoid":
-        return [Part(g.Ellipsoid(list(size)), np.eye(4))]
+        return [ShapePart(g.Ellipsoid(list(size)), np.eye(4))]
     mesh = read_mesh(shape.mesh or "")
     if isinstance(mesh, str):
         return []
-    return [Part(triangles(Triangles(mesh.vertices * np.array(size), mesh.faces)), np.eye(4))]
+    return [ShapePart(triangles(Triangles(mesh.vertices * np.array(size), mesh.faces)), np.eye(4))]
 
 
 def triangles(mesh: Triangles) -> Any:
@@ -153,9 +145,3 @@ def tube(points: Array, radius: float, sides: int = 8) -> Triangles | None:
         [np.stack([first, turned, first + sides], 1), np.stack([turned, turned + sides, first + sides], 1)]
     )
     return Triangles(np.concatenate(rings), faces)
-
-
-def _shift(z: float) -> Array:
-    placement = np.eye(4)
-    placement[2, 3] = z
-    return placement

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ccpin.arrays import Array
-from ccpin.description.model import Shape, Visual, rotation_to
+from ccpin.description.model import Shape, Visual, frame, rotation_to
+from ccpin.description.xml import Colour
+from ccpin.kinematics.points import joint_poses
+from ccpin.kinematics.scratch import Scratch
+from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism
-
-Colour = tuple[float, float, float, float]
 
 GROUND: Colour = (0.36, 0.39, 0.43, 1.0)
 JOINT: Colour = (0.20, 0.22, 0.26, 1.0)
@@ -47,7 +48,7 @@ class _Points(NamedTuple):
 
 def skeleton(mechanism: Mechanism) -> list[Body]:
     """One body for each movable joint and one for the ground, sized by the mechanism's extent in its reference."""
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     points = _points(mechanism)
     radius = LIMB_RADIUS * _extent(mechanism, points)
     bodies = []
@@ -55,22 +56,22 @@ def skeleton(mechanism: Mechanism) -> list[Body]:
         name = mechanism.description.root if joint == 0 else model.names[joint]
         colour = GROUND if joint == 0 else LIMBS[(joint - 1) % len(LIMBS)]
         visuals = [
-            *_limbs(_anchor(mechanism, joint, points[joint]), points[joint], radius, colour),
+            *_limbs(_anchor(joint, points[joint]), points[joint], radius, colour),
             *_rails(mechanism, joint, radius),
             *(_ball(point, 1.9 * radius, JOINT) for point in points[joint].joints),
             *(_ball(point, 1.9 * radius, LOOP) for point in points[joint].loops),
         ]
-        if joint > 0 and mechanism.tree.kinds[model.names[joint]] == "prismatic":
-            axis = rotation_to(_axis(model, joint))
+        if joint > 0 and _on_rail(mechanism.tree.joints[joint - 1]):
+            turned = rotation_to(mechanism.tree.joints[joint - 1].axis)
             block = Shape("box", (4 * radius, 4 * radius, 5 * radius))
-            visuals.append(Visual(block, _frame(np.zeros(3), axis), colour))
+            visuals.append(Visual(block, frame(np.zeros(3), turned), colour))
         if visuals:
             bodies.append(Body(name, joint, np.eye(4), tuple(visuals)))
     return bodies
 
 
 def _points(mechanism: Mechanism) -> list[_Points]:
-    model, attachments = mechanism.pin_model, mechanism.tree.attachments
+    model, attachments = mechanism.tree.model, mechanism.tree.attachments
     points = [_Points([], []) for _ in range(model.njoints)]
     for joint in range(1, model.njoints):
         points[model.parents[joint]].joints.append(np.array(model.jointPlacements[joint].translation))
@@ -87,16 +88,14 @@ def _points(mechanism: Mechanism) -> list[_Points]:
 
 def _extent(mechanism: Mechanism, points: list[_Points]) -> float:
     """Diagonal (m) of the box around all joints and loop points in the reference pose; 1 where there is none."""
-    model = mechanism.pin_model
-    data = model.createData()
-    pin.forwardKinematics(model, data, mechanism.q_reference)
-    world = [data.oMi[i].act(p) for i, held in enumerate(points) for p in (*held.joints, *held.loops)]
-    world.extend(np.array(data.oMi[i].translation) for i in range(1, model.njoints))
+    poses = joint_poses(Scratch(mechanism.tree.model), mechanism.q_reference)
+    held = [(pose, point) for pose, held in zip(poses, points, strict=True) for point in (*held.joints, *held.loops)]
+    world = [*(pose[:3, :3] @ point + pose[:3, 3] for pose, point in held), *poses[1:, :3, 3]]
     diagonal = float(np.linalg.norm(np.ptp(np.array(world), axis=0))) if world else 0.0
     return diagonal or 1.0
 
 
-def _anchor(mechanism: Mechanism, joint: int, held: _Points) -> Array:
+def _anchor(joint: int, held: _Points) -> Array:
     """Where a body's limbs start: its own joint, else the only pair's first point, else the middle."""
     every = [*held.joints, *held.loops]
     if joint > 0 or not every:
@@ -109,39 +108,32 @@ def _limbs(start: Array, held: _Points, radius: float, colour: Colour) -> list[V
     for end in (*held.joints, *held.loops):
         length = float(np.linalg.norm(end - start))
         if length > 1e-9:
-            frame = _frame((start + end) / 2, rotation_to((end - start) / length))
-            limbs.append(Visual(Shape("capsule", (radius, length)), frame, colour))
+            middle = frame((start + end) / 2, rotation_to((end - start) / length))
+            limbs.append(Visual(Shape("capsule", (radius, length)), middle, colour))
     return limbs
 
 
 def _rails(mechanism: Mechanism, joint: int, radius: float) -> list[Visual]:
     """A thin rod along the travel of every prismatic joint that a body carries."""
-    model = mechanism.pin_model
+    model = mechanism.tree.model
     rails = []
-    for child in range(1, model.njoints):
-        if model.parents[child] != joint or mechanism.tree.kinds[model.names[child]] != "prismatic":
+    for child in mechanism.tree.joints:
+        if child.parent != joint or not _on_rail(child):
             continue
-        index = model.idx_qs[child]
+        index = child.q.start
         low, high = float(model.lowerPositionLimit[index]), float(model.upperPositionLimit[index])
         if high - low > LONGEST_RAIL * radius:
             middle = float(mechanism.q_reference[index])
             low, high = max(low, middle - SHORT_RAIL * radius), min(high, middle + SHORT_RAIL * radius)
-        placement, axis = model.jointPlacements[child], _axis(model, child)
-        frame = _frame(placement.act(axis * (low + high) / 2), rotation_to(placement.rotation @ axis))
-        rails.append(Visual(Shape("cylinder", (0.6 * radius, max(high - low, radius))), frame, GROUND))
+        axis = child.placement[:3, :3] @ child.axis
+        centre = frame(child.placement[:3, 3] + axis * (low + high) / 2, rotation_to(axis))
+        rails.append(Visual(Shape("cylinder", (0.6 * radius, max(high - low, radius))), centre, GROUND))
     return rails
 
 
-def _axis(model: pin.Model, joint: int) -> Array:
-    """Unit axis (3,) of a prismatic joint in its own frame."""
-    return np.ravel(model.joints[joint].createData().S)[:3]
+def _on_rail(joint: TreeJoint) -> bool:
+    return joint.kind.nq == 1 and joint.kind.sliding
 
 
 def _ball(point: Array, radius: float, colour: Colour) -> Visual:
-    return Visual(Shape("sphere", (radius,)), _frame(point, np.eye(3)), colour)
-
-
-def _frame(origin: Array, rotation: Array) -> Array:
-    frame = np.eye(4)
-    frame[:3, :3], frame[:3, 3] = rotation, origin
-    return frame
+    return Visual(Shape("sphere", (radius,)), frame(point), colour)

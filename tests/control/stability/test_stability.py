@@ -11,20 +11,18 @@ from scipy.optimize import brentq
 
 import ccpin
 from ccpin import plotting
-from ccpin.control import PDFullGravity, PDSimpleGravity
-from ccpin.control.stability.flood import Effort
-from ccpin.control.stability.gains import gravity_slope_over, suggest_gains
+from ccpin.control import PDFullGravity, PDSimpleGravity, certify_law, certify_set_point, suggest_gains
+from ccpin.control.stability.flood import Budget
+from ccpin.control.stability.gains import gravity_slope_over
 from ccpin.control.stability.set_point_cells import cells_of_atlas
-from ccpin.control.stability.theorem3 import certify_law, certify_set_point
 from ccpin.control.stability.well import Well
-from ccpin.domain.atlas.atlas import certify
-from ccpin.dynamics.linearization import closed_loop_derivative, linearize
+from ccpin.domain import certify
+from ccpin.dynamics import closed_loop_derivative, linearize
 from ccpin.errors import CcpinError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
-from ccpin.simulation.metrics import lyapunov_along
+from ccpin.simulation import lyapunov_along
 from tests.oracles import rpdr as oracle
+from tests.support.paper import GOAL, K_P, K_V, START
 
-Q_START, Q_GOAL = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
-K_P, K_V = np.array([11.0, 11.0]), np.array([0.65, 0.60])
 UPRIGHT, UPRIGHT_MODE = np.radians([90.0, 90.0]), np.radians([90.0, -30.0, 90.0, 30.0])
 
 
@@ -32,14 +30,14 @@ UPRIGHT, UPRIGHT_MODE = np.radians([90.0, 90.0]), np.radians([90.0, -30.0, 90.0,
 def _case(name):
     """A law, its certificate and how long its motions take to settle."""
     model = ccpin.ReducedModel(ccpin.load(name))
-    q_d, k_p, k_v, effort, duration = {
-        "rpdr": (Q_GOAL, K_P, K_V, Effort(11, 700), 1.0),
-        "delta": (np.zeros(3), np.full(3, 30.0), np.full(3, 4.0), Effort(9, 150), 2.0),
+    q_d, k_p, k_v, budget, duration = {
+        "rpdr": (GOAL, K_P, K_V, Budget(11, 700), 1.0),
+        "delta": (np.zeros(3), np.full(3, 30.0), np.full(3, 4.0), Budget(9, 150), 2.0),
         "stewart": (model.alpha(model.mechanism.q_reference), np.full(6, 4e3), np.full(6, 300.0), None, 0.8),
         "hexa": (model.alpha(model.mechanism.q_reference), np.full(6, 100.0), np.full(6, 5.0), None, 1.0),
     }[name]
     law = PDSimpleGravity(model, q_d, k_p, k_v)
-    return law, certify_law(law, effort=effort), duration
+    return law, certify_law(law, budget=budget), duration
 
 
 def _closed_form_potential(paper):
@@ -58,9 +56,9 @@ def _closed_form_gravity(q):
 
 def _closed_form_well(q):
     """U of the paper's law, with NumPy alone."""
-    error = Q_GOAL - q
-    potential = _closed_form_potential(oracle.sigma(q, 1)) - _closed_form_potential(oracle.sigma(Q_GOAL, 1))
-    return potential + error @ _closed_form_gravity(Q_GOAL) + 0.5 * error @ (K_P * error)
+    error = GOAL - q
+    potential = _closed_form_potential(oracle.sigma(q, 1)) - _closed_form_potential(oracle.sigma(GOAL, 1))
+    return potential + error @ _closed_form_gravity(GOAL) + 0.5 * error @ (K_P * error)
 
 
 def _closed_form_slope(q, step=1e-5):
@@ -72,7 +70,7 @@ def _closed_form_slope(q, step=1e-5):
 def _grid():
     """Well and slope of the closed form on a 1° grid over ±65° about the set point, where it can be assembled."""
     axis = np.radians(np.arange(-65.0, 65.5, 1.0))
-    points = [Q_GOAL + np.array([x, y]) for x in axis for y in axis]
+    points = [GOAL + np.array([x, y]) for x in axis for y in axis]
     points = np.array([q for q in points if 0.01 < oracle.elongation(q) < 0.995])
     return points, np.array([_closed_form_well(q) for q in points]), np.array([_closed_form_slope(q) for q in points])
 
@@ -101,8 +99,8 @@ def _starts(certificate, rng, count):
 @pytest.mark.parametrize("kind", [PDSimpleGravity, PDFullGravity])
 def test_rate_along_solutions(rpdr_model, kind):
     """𝒱̇ = −q̇ᵀK_v q̇ along the paper's motion, and 𝒱 is its integral."""
-    law = kind(rpdr_model, Q_GOAL, K_P, K_V)
-    trajectory = ccpin.simulate(rpdr_model, law, Q_START, duration=0.4, sample_period=5e-4, rtol=1e-10, atol=1e-12)
+    law = kind(rpdr_model, GOAL, K_P, K_V)
+    trajectory = ccpin.simulate(rpdr_model, law, START, duration=0.4, sample_period=5e-4, rtol=1e-10, atol=1e-12)
     history = lyapunov_along(law, trajectory)
     np.testing.assert_allclose(history.V_dot, history.dissipation, atol=1e-7)
     fallen = cumulative_simpson(history.V_dot, x=trajectory.t, initial=0.0)
@@ -111,8 +109,8 @@ def test_rate_along_solutions(rpdr_model, kind):
 
 def test_rate_of_another_controller(rpdr_model):
     """The rate is that of the efforts that acted: without a motor it is not the law's."""
-    law = PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V)
-    trajectory = ccpin.simulate(rpdr_model, None, Q_START, duration=0.2, sample_period=5e-4)
+    law = PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
+    trajectory = ccpin.simulate(rpdr_model, None, START, duration=0.2, sample_period=5e-4)
     history = lyapunov_along(law, trajectory)
     fallen = cumulative_simpson(history.V_dot, x=trajectory.t, initial=0.0)
     np.testing.assert_allclose(history.V - history.V[0], fallen, atol=1e-6)
@@ -157,9 +155,9 @@ def test_rpdr_sublevel_is_the_closed_forms():
 def test_paper_start_is_not_covered(rpdr_model):
     """𝒱 at the paper's start is far above any level, though the gain condition holds on 𝒟."""
     law, certificate, _ = _case("rpdr")
-    assert law.lyapunov(Q_START, np.zeros(2)) == pytest.approx(_closed_form_well(Q_START), abs=1e-9)
-    assert _closed_form_well(Q_START) > 4.0 * certificate.level_domain
-    assert not certificate.contains(Q_START)
+    assert law.lyapunov(START, np.zeros(2)) == pytest.approx(_closed_form_well(START), abs=1e-9)
+    assert _closed_form_well(START) > 4.0 * certificate.level_domain
+    assert not certificate.contains(START)
     grid = [np.radians([a, b]) for a in np.arange(-150.0, -89.0, 4.0) for b in np.arange(-160.0, -99.0, 4.0)]
     assert max(_closed_form_slope(q) for q in grid) < 11.0
 
@@ -167,11 +165,11 @@ def test_paper_start_is_not_covered(rpdr_model):
 def test_kinetic_energy_counts():
     """At q_d a velocity is in B₂ exactly while its kinetic energy is below c."""
     certificate = _case("rpdr")[1]
-    paper = oracle.sigma(Q_GOAL, 1)
+    paper = oracle.sigma(GOAL, 1)
     mass = oracle.reduced_terms(paper, np.zeros(2))[0]
     speed = np.sqrt(2.0 * certificate.level / mass[0, 0])
-    assert certificate.contains(Q_GOAL, [0.999 * speed, 0.0])
-    assert not certificate.contains(Q_GOAL, [1.001 * speed, 0.0])
+    assert certificate.contains(GOAL, [0.999 * speed, 0.0])
+    assert not certificate.contains(GOAL, [1.001 * speed, 0.0])
 
 
 @pytest.mark.parametrize("name", ["rpdr", "delta", "stewart", "hexa"])
@@ -292,7 +290,7 @@ def test_gain_below_the_slope_is_refused_and_runs_away(rpdr_model):
     gone = ccpin.simulate(rpdr_model, weak, off, duration=4.0, guess=UPRIGHT_MODE)
     assert np.abs(gone.q[-1] - UPRIGHT).max() > 0.3
     strong = PDSimpleGravity(rpdr_model, UPRIGHT, K_P, K_V, UPRIGHT_MODE)
-    certificate = certify_law(strong, effort=Effort(8, 120))
+    certificate = certify_law(strong, budget=Budget(8, 120))
     assert certificate.holds
     assert certificate.contains(off)
     back = ccpin.simulate(rpdr_model, strong, off, duration=4.0, guess=UPRIGHT_MODE)
@@ -311,7 +309,7 @@ def test_gain_condition_is_sufficient_only(rpdr_model):
 def test_full_matrix_gains(rpdr_model):
     """k is the least eigenvalue of a K_p that is not diagonal."""
     matrix = np.array([[14.0, 4.0], [4.0, 9.0]])
-    certificate = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, matrix, K_V), effort=Effort(8, 100))
+    certificate = certify_law(PDSimpleGravity(rpdr_model, GOAL, matrix, K_V), budget=Budget(8, 100))
     assert certificate.gain == pytest.approx(11.5 - np.sqrt(2.5**2 + 16.0))
     assert certificate.holds
 
@@ -319,12 +317,16 @@ def test_full_matrix_gains(rpdr_model):
 def test_bad_input_is_refused(rpdr_model):
     """Another law, a region that does not hold q_d, motors elsewhere: each is named."""
     with pytest.raises(InvalidInputError, match="simple gravity"):
-        certify_law(PDFullGravity(rpdr_model, Q_GOAL, K_P, K_V))
-    law = PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V)
+        certify_law(PDFullGravity(rpdr_model, GOAL, K_P, K_V))
+    law = PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
     with pytest.raises(InvalidInputError, match="outside of the region"):
-        certify_law(law, (Q_GOAL + 0.1, Q_GOAL + 0.2))
+        certify_law(law, (GOAL + 0.1, GOAL + 0.2))
     with pytest.raises(InvalidInputError, match="below its upper corner"):
-        certify_law(law, (Q_GOAL + 0.1, Q_GOAL - 0.2))
+        certify_law(law, (GOAL + 0.1, GOAL - 0.2))
+    with pytest.raises(InvalidInputError, match=r"\(lower, upper\), each of shape"):
+        certify_law(law, np.zeros((3, 2)))
+    with pytest.raises(InvalidInputError, match="masses are needed"):
+        certify_set_point(rpdr_model.mechanism, GOAL, K_P, K_V)
     other = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint3"], actuated=["joint1", "joint2"]))
     q_d = other.alpha(other.mechanism.q_reference)
     with pytest.raises(UnsupportedMechanismError, match="motors on the independent"):
@@ -337,30 +339,30 @@ def test_bad_input_is_refused(rpdr_model):
 @pytest.fixture(scope="module")
 def atlas(rpdr):
     """A square of ±30° about the goal."""
-    region = np.column_stack([Q_GOAL - np.radians(30.0), Q_GOAL + np.radians(30.0)])
-    return certify(rpdr, Q_GOAL, region, max_depth=8)
+    region = GOAL - np.radians(30.0), GOAL + np.radians(30.0)
+    return certify(rpdr, GOAL, region, max_depth=8)
 
 
 def test_atlas_as_domain(rpdr_model, atlas):
     """With an atlas the level is limited by its edge, and below the closed form's least U there."""
-    law = PDSimpleGravity(rpdr_model, Q_GOAL, [20.0, 20.0], K_V)
+    law = PDSimpleGravity(rpdr_model, GOAL, [20.0, 20.0], K_V)
     certificate = certify_law(law, atlas)
     assert certificate.rigorous
     assert certificate.limit == "domain"
     assert "boxes of an atlas" in certificate.method
     side = np.linspace(-1.0, 1.0, 121) * np.radians(30.0)
-    edges = [Q_GOAL + np.radians(30.0) * s * e + t * e[::-1] for s in (-1, 1) for e in np.eye(2) for t in side]
-    least = min(_closed_form_well(q) + 4.5 * (q - Q_GOAL) @ (q - Q_GOAL) for q in edges)
+    edges = [GOAL + np.radians(30.0) * s * e + t * e[::-1] for s in (-1, 1) for e in np.eye(2) for t in side]
+    least = min(_closed_form_well(q) + 4.5 * (q - GOAL) @ (q - GOAL) for q in edges)
     assert 0.98 * least < certificate.level <= least
-    assert certificate.contains(Q_GOAL + np.radians([15.0, -15.0]))
-    assert not certificate.contains(Q_GOAL + np.radians([29.9, 0.0]))
+    assert certificate.contains(GOAL + np.radians([15.0, -15.0]))
+    assert not certificate.contains(GOAL + np.radians([29.9, 0.0]))
 
 
 def test_atlas_in_space():
     """Delta, a cube of ±10°: the proved level is just below the least U of samples on its faces; β bounds samples."""
     law = _case("delta")[0]
     half, model = np.radians(10.0), law.model
-    region = np.tile([-half, half], (3, 1))
+    region = np.full(3, -half), np.full(3, half)
     cube = certify(model.mechanism, np.zeros(3), region, max_depth=4)
     certificate = certify_law(law, cube)
     rng = np.random.default_rng(2)
@@ -380,9 +382,9 @@ def test_atlas_of_another_branch_or_place(rpdr_model, atlas):
     elsewhere = PDSimpleGravity(rpdr_model, np.radians([-150.0, -150.0]), K_P, K_V)
     with pytest.raises(InvalidInputError, match="not in the atlas"):
         certify_law(elsewhere, atlas)
-    up = oracle.sigma(Q_GOAL, -1)[[0, 2, 1, 3]]
+    up = oracle.sigma(GOAL, -1)[[0, 2, 1, 3]]
     with pytest.raises(InvalidInputError, match="another branch"):
-        certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V, up), atlas)
+        certify_law(PDSimpleGravity(rpdr_model, GOAL, K_P, K_V, up), atlas)
     slider = ccpin.ReducedModel(ccpin.load("slider_crank"))
     law = PDSimpleGravity(slider, slider.alpha(slider.mechanism.q_reference), [1.0], [1.0])
     with pytest.raises(InvalidInputError, match="the law's coordinates"):
@@ -391,22 +393,22 @@ def test_atlas_of_another_branch_or_place(rpdr_model, atlas):
 
 def test_plain_region_says_it_is_sampled(rpdr_model):
     """Over a region the figures are estimates that say so, close to those of an atlas of the same region."""
-    law = PDSimpleGravity(rpdr_model, Q_GOAL, [20.0, 20.0], K_V)
+    law = PDSimpleGravity(rpdr_model, GOAL, [20.0, 20.0], K_V)
     half = np.radians(30.0)
-    certificate = certify_law(law, (Q_GOAL - half, Q_GOAL + half))
+    certificate = certify_law(law, (GOAL - half, GOAL + half))
     assert not certificate.rigorous
     assert "sampled" in certificate.method
     side = np.linspace(-half, half, 400)
-    edges = [Q_GOAL + half * s * e + t * e[::-1] for s in (-1, 1) for e in np.eye(2) for t in side]
-    least = min(_closed_form_well(q) + 4.5 * (q - Q_GOAL) @ (q - Q_GOAL) for q in edges)
+    edges = [GOAL + half * s * e + t * e[::-1] for s in (-1, 1) for e in np.eye(2) for t in side]
+    least = min(_closed_form_well(q) + 4.5 * (q - GOAL) @ (q - GOAL) for q in edges)
     assert certificate.level == pytest.approx(least, rel=5e-3)
-    assert certificate.contains(Q_GOAL)
-    assert not certificate.contains(Q_GOAL - 2 * half)
+    assert certificate.contains(GOAL)
+    assert not certificate.contains(GOAL - 2 * half)
 
 
 def test_region_with_the_goal_at_its_corner(rpdr_model):
     """𝒟 itself holds no B₂: the paper's goal is a corner of it."""
-    certificate = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V), (Q_START, Q_GOAL))
+    certificate = certify_law(PDSimpleGravity(rpdr_model, GOAL, K_P, K_V), (START, GOAL))
     assert not certificate.holds
     assert certificate.beta < 11.0
 
@@ -417,16 +419,16 @@ def test_region_with_the_goal_at_its_corner(rpdr_model):
 def test_suggested_gains_damp_every_mode(rpdr, rpdr_model):
     """K_p is the margin over a proved β, and the linearised loop's poles all have the damping asked for."""
     half = np.radians(16.0)
-    atlas = certify(rpdr, Q_GOAL, np.column_stack([Q_GOAL - half, Q_GOAL + half]), max_depth=8)
-    gains = suggest_gains(rpdr_model, Q_GOAL, atlas, margin=1.3, damping=0.6)
+    atlas = certify(rpdr, GOAL, (GOAL - half, GOAL + half), max_depth=8)
+    gains = suggest_gains(rpdr_model, GOAL, atlas, margin=1.3, damping=0.6)
     points, _, slope = _grid()
-    inside = np.all(np.abs(points - Q_GOAL) <= half + 1e-9, axis=1)
+    inside = np.all(np.abs(points - GOAL) <= half + 1e-9, axis=1)
     assert gains.rigorous
     assert slope[inside].max() <= gains.beta <= 1.07 * slope[inside].max()
     assert 0.95 * gains.beta <= gains.beta_seen <= gains.beta
     np.testing.assert_allclose(gains.K_p, 1.3 * gains.beta * np.eye(2))
-    law = PDSimpleGravity(rpdr_model, Q_GOAL, gains.K_p, gains.K_v)
-    loop = closed_loop_derivative(linearize(rpdr_model, Q_GOAL, law.gravity_d), -gains.K_p, -gains.K_v)
+    law = PDSimpleGravity(rpdr_model, GOAL, gains.K_p, gains.K_v)
+    loop = closed_loop_derivative(linearize(rpdr_model, GOAL, law.gravity_d), -gains.K_p, -gains.K_v)
     poles = np.linalg.eigvals(loop)
     np.testing.assert_allclose(-poles.real / np.abs(poles), 0.6, atol=1e-8)
     np.testing.assert_allclose(np.sort(np.abs(poles))[::2], gains.frequencies, rtol=1e-8)
@@ -435,14 +437,14 @@ def test_suggested_gains_damp_every_mode(rpdr, rpdr_model):
 
 def test_no_gains_beside_a_singularity(rpdr_model, atlas):
     """The ±30° square ends 3° from the isolated singular point, where ∂g/∂q has no useful bound: that is said."""
-    store = cells_of_atlas(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V), atlas)
+    store = cells_of_atlas(PDSimpleGravity(rpdr_model, GOAL, K_P, K_V), atlas)
     with pytest.raises(SingularConfigurationError, match="ends near a singularity"):
         gravity_slope_over(store, cells=200)
 
 
 def test_gains_over_a_region(rpdr_model):
     """Over a plain region β is the largest sample: 7.25 N m/rad on 𝒟 by the closed form."""
-    gains = suggest_gains(rpdr_model, Q_GOAL, (Q_START, Q_GOAL))
+    gains = suggest_gains(rpdr_model, GOAL, (START, GOAL))
     expected = max(_closed_form_slope(np.radians([-90.0, b])) for b in np.arange(-160.0, -99.0, 0.5))
     assert not gains.rigorous
     assert gains.beta == pytest.approx(expected, rel=5e-3)
@@ -452,7 +454,7 @@ def test_gains_over_a_region(rpdr_model):
 def test_bad_margins(rpdr_model, bad):
     """A margin of one or less, or no damping, is refused."""
     with pytest.raises(InvalidInputError, match="must be above"):
-        suggest_gains(rpdr_model, Q_GOAL, (Q_START, Q_GOAL), **bad)
+        suggest_gains(rpdr_model, GOAL, (START, GOAL), **bad)
 
 
 # ---- pictures -------------------------------------------------------------------------------------------------------
@@ -461,11 +463,11 @@ def test_bad_margins(rpdr_model, bad):
 def test_pictures(tmp_path, rpdr_model):
     """Both figures are written; the sublevel picture refuses other than two coordinates."""
     law, certificate, _ = _case("rpdr")
-    trajectory = ccpin.simulate(rpdr_model, law, Q_START, duration=0.05)
+    trajectory = ccpin.simulate(rpdr_model, law, START, duration=0.05)
     history = lyapunov_along(law, trajectory)
     plotting.save(plotting.plot_lyapunov(trajectory.t, history, certificate.level), tmp_path / "v.png")
-    window = (Q_GOAL - 0.6, Q_GOAL + 0.6)
-    figure = plotting.plot_sublevel(certificate, [Q_GOAL + 0.1, Q_START], window)
+    window = (GOAL - 0.6, GOAL + 0.6)
+    figure = plotting.plot_sublevel(certificate, [GOAL + 0.1, START], window)
     words = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
     assert "start 1: in B₂" in words
     assert "start 2: outside of B₂" in words
@@ -477,8 +479,8 @@ def test_pictures(tmp_path, rpdr_model):
 
 def test_the_call_by_set_point_is_that_of_its_law(rpdr_model):
     """certify_set_point(model, q_d, K_p, K_v) makes the law (28) and certifies it."""
-    effort = Effort(8, 100)
-    by_gains = certify_set_point(rpdr_model, Q_GOAL, K_P, K_V, effort=effort)
-    by_law = certify_law(PDSimpleGravity(rpdr_model, Q_GOAL, K_P, K_V), effort=effort)
+    budget = Budget(8, 100)
+    by_gains = certify_set_point(rpdr_model, GOAL, K_P, K_V, budget=budget)
+    by_law = certify_law(PDSimpleGravity(rpdr_model, GOAL, K_P, K_V), budget=budget)
     assert by_gains.level == by_law.level > 0.0
     assert by_gains.rigorous

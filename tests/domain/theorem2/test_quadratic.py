@@ -10,10 +10,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin import Coupling, CouplingTerm, Joint, Link
-from ccpin.description.model import CLOSURE_KINDS, MechanismDescription
+from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Joint, Link, MechanismDescription
+from ccpin.domain import QuadraticSystem
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
-from ccpin.domain.theorem2.system import QuadraticSystem
+from ccpin.domain.theorem2.system import Polynomial
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from tests.oracles import rpdr as closed_form
 from tests.oracles.finite_differences import assert_close, derivative
@@ -39,6 +39,17 @@ def random_expressions(rng, names):
     return [sum(int(c) * m for c, m in zip(rng.integers(-3, 4, len(monomials)), monomials, strict=True)) for _ in names]
 
 
+def system_of(names, expressions, free=1, right_side=None):
+    """The system of equations written by hand: strings or sympy expressions."""
+    symbols = sympy.symbols(names)
+    polynomials = []
+    for expression in expressions:
+        terms = sympy.Poly(sympy.sympify(expression), *symbols).terms()
+        monomials = {tuple(i for i, power in enumerate(m) for _ in range(power)): float(c) for m, c in terms}
+        polynomials.append(Polynomial({m: c for m, c in monomials.items() if c}))
+    return QuadraticSystem.from_polynomials(names, polynomials, free=free, right_side=right_side)
+
+
 def v_by_the_rule(expressions, names):
     """Theorem 2's v word by word: per entry of the Jacobian drop constants, make signs +, set variables to 1; sum."""
     symbols = sympy.symbols(names)
@@ -57,32 +68,11 @@ def shifted(mechanism, q_free, size, seed):
 
 def test_the_papers_worked_example():
     """The vector is v = (2, 2, 4, 2, 2, 8) and c = 8, the right side (0, 0, 0, 0, 0, r)."""
-    system = QuadraticSystem.from_expressions(PAPER_UNKNOWNS, PAPER_EQUATIONS, right_side=[0, 0, 0, 0, 0, 0.25])
+    system = system_of(PAPER_UNKNOWNS, PAPER_EQUATIONS, right_side=[0, 0, 0, 0, 0, 0.25])
     assert system.v.tolist() == [2.0, 2.0, 4.0, 2.0, 2.0, 8.0]
     assert system.c == 8.0
     z = np.array([1.0, 2.0, 3.0, 5.0, 7.0, 11.0])
     assert system.value(z).tolist() == [2.0, 1.0, 33.0, -6.0, -7.0, 22.0 - 42.0 - 0.25]
-
-
-def test_three_ways_to_write_a_system():
-    """Strings, sympy expressions and coefficients by monomial give the same system."""
-    z = np.array([1.0, 2.0, 3.0, 5.0, 7.0, 11.0])
-    mapping = [
-        {("x", "u"): 1.0, (): -1.0},
-        {("x", "v"): 1.0, ("y",): -2.0},
-        {("u", "u"): 1.0, ("v", "v"): 1.0, (): -1.0},
-        {("x", "x"): 1.0, ("w",): -1.0},
-        {("y", "y"): 1.0, ("s",): -1.0},
-        {("s", "y"): 1.0, ("w", "y"): -1.5, ("y", "w"): -1.5},
-    ]
-    systems = [
-        QuadraticSystem.from_expressions(PAPER_UNKNOWNS, expressions)
-        for expressions in (PAPER_EQUATIONS, [sympy.sympify(e) for e in PAPER_EQUATIONS], mapping)
-    ]
-    for system in systems[1:]:
-        np.testing.assert_array_equal(system.value(z), systems[0].value(z))
-        np.testing.assert_array_equal(system.jacobian(z), systems[0].jacobian(z))
-        np.testing.assert_array_equal(system.v, systems[0].v)
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -90,7 +80,7 @@ def test_system_against_sympy(seed):
     """Value, Jacobian and v of random systems are sympy's."""
     rng, names = np.random.default_rng(seed), ("a", "b", "c", "d")
     expressions, z = random_expressions(rng, names), rng.normal(size=4)
-    system = QuadraticSystem.from_expressions(names, expressions)
+    system = system_of(names, expressions)
     at = dict(zip(sympy.symbols(names), z, strict=True))
     matrix = sympy.Matrix(expressions)
     np.testing.assert_allclose(system.value(z), np.array(matrix.subs(at), dtype=float)[:, 0], rtol=0, atol=1e-12)
@@ -103,7 +93,7 @@ def test_system_against_sympy(seed):
 def test_v_bounds_the_change_of_the_jacobian(seed):
     """Row sums of |P_z(x) − P_z(y)| are at most v ‖x − y‖∞, also after rescaling the unknowns."""
     rng, names = np.random.default_rng(seed), ("a", "b", "c", "d")
-    system = QuadraticSystem.from_expressions(names, random_expressions(rng, names))
+    system = system_of(names, random_expressions(rng, names))
     scaled = system.rescaled(rng.uniform(0.1, 10.0, 4))
     for one in (system, scaled):
         for x, y in rng.normal(size=(50, 2, 4)):
@@ -113,7 +103,7 @@ def test_v_bounds_the_change_of_the_jacobian(seed):
 
 def test_radius_is_sharp_for_a_square_root():
     """x² = 1 + δ about x = 1 has the radius 1, and is singular at δ = −1."""
-    system = QuadraticSystem.from_expressions(["x"], ["x**2 - 1"])
+    system = system_of(["x"], ["x**2 - 1"])
     assert system.radius(np.array([1.0])) == 1.0
     assert system.jacobian(np.array([0.0]))[0, 0] == 0.0
 
@@ -123,36 +113,27 @@ def test_radius_does_not_depend_on_the_equations_scales():
     z = np.array([1.0, 0.5, 1.0, 1.0, 1.0, 0.25])
     factors = (3.0, -0.2, 7.0, 1e3, -5.0, 1.0)
     scaled = [f"{k}*({e})" for k, e in zip(factors, PAPER_EQUATIONS, strict=True)]
-    plain, other = (QuadraticSystem.from_expressions(PAPER_UNKNOWNS, e) for e in (PAPER_EQUATIONS, scaled))
+    plain, other = (system_of(PAPER_UNKNOWNS, e) for e in (PAPER_EQUATIONS, scaled))
     assert plain.radius(z) == pytest.approx(other.radius(z), rel=1e-12)
 
 
 def test_singular_centre():
     """There is no radius about a point where P_z is singular."""
     with pytest.raises(SingularConfigurationError):
-        QuadraticSystem.from_expressions(["x"], ["x**2"]).radius(np.array([0.0]))
+        system_of(["x"], ["x**2"]).radius(np.array([0.0]))
 
 
 @pytest.mark.parametrize(
     ("expressions", "message"),
     [
         (["x*y*y", "y"], "above degree two"),
-        (["x + z", "y"], "'z' is not an unknown"),
-        (["sin(x)", "y"], "only numbers, unknowns"),
-        (["__import__('os').getcwd()", "y"], "only numbers, unknowns"),
-        (["x**0.5", "y"], "whole|powers 0, 1, 2"),
-        (["x/y", "y"], "divide by numbers"),
-        (["1/0", "y"], "divide by numbers"),
-        (["1e999*x", "y"], "only numbers, unknowns"),
-        (["x +", "y"], "not a polynomial"),
         (["x"], "square system"),
-        ([{("x", "t"): 1.0}, "y"], "'t' is not an unknown"),
     ],
 )
 def test_what_is_not_a_quadratic_system(expressions, message):
     """Whatever is not a square polynomial system of degree two is refused with the reason."""
     with pytest.raises(InvalidInputError, match=message):
-        QuadraticSystem.from_expressions(["x", "y"], expressions)
+        system_of(["x", "y"], expressions)
 
 
 def assert_form_is_psi(mechanism, form, seeds=range(3), size=0.4):
@@ -165,13 +146,13 @@ def assert_form_is_psi(mechanism, form, seeds=range(3), size=0.4):
     quadratic = quadratic_form(mechanism, centre, form)
     system, window = quadratic.system, quadratic.closures
     np.testing.assert_allclose(quadratic.lift(centre), quadratic.centre, rtol=0, atol=1e-13)
-    assert_close(system.value(quadratic.centre), np.zeros(system.size), 1e-11)
+    assert_close(system.value(quadratic.centre), np.zeros(system.size), 1e-11, scale=1.0)
     for seed in seeds:
         q_free = shifted(mechanism, centre, size, seed)
         value = system.value(quadratic.lift(q_free))
         np.testing.assert_allclose(value[: window.start], 0.0, rtol=0, atol=1e-12)
         phi = constraints.residual(q_free)[: sum(loop.size for loop in constraints.loops)]
-        assert_close(value[window][: len(phi)], phi, quadratic.error)
+        assert_close(value[window][: len(phi)], phi, quadratic.error, scale=1.0)  # an error in metres
     return quadratic
 
 

@@ -9,9 +9,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin import Coupling, CouplingTerm, Joint, Link, LoopClosure, MechanismDescription
+from ccpin.description import Coupling, CouplingTerm, Joint, Link, LoopClosure, MechanismDescription
+from ccpin.domain import theorem2, theorem2_radius
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
-from ccpin.domain.theorem2.theorem2 import theorem2, theorem2_radius
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from tests.oracles import rpdr as closed_form
 from tests.support.places import SHARED

@@ -9,28 +9,27 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, joined
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.well import Well, wells
-from ccpin.domain.atlas.tasks import Cells as Trial
-from ccpin.domain.atlas.tasks import prove
+from ccpin.domain.atlas.tasks import CellsToProve, prove
 from ccpin.domain.boxes import Boxes, Problem, verify
 from ccpin.domain.gravity_bounds import Potential, gravity_bounds
 from ccpin.domain.newton import glued, predict
 
-State = Literal["untried", "proved", "failed"]
+Proof = Literal["untried", "proved", "failed"]
 _SHARED = 1e-9
 _COVERED = 1e-11
 _WIDER = 1e-14
 _ROOM, _ROOM_AT_LEAST = 0.01, 1e-11
 
 
-def holding(lower: Array, upper: Array, q: Array) -> NDArray[np.intp]:
+def holding(lower: Array, upper: Array, q: Array) -> Indices:
     """Which boxes (K, n) hold a point, to the 1e-14 by which Theorem K's boxes are wider than their corners say."""
     return np.flatnonzero(np.all((lower <= q + _WIDER) & (q - _WIDER <= upper), axis=1))
 
@@ -67,7 +66,7 @@ class Cell:
     depth: int
     lattice: tuple[int, ...] | None
     neighbours: set[int] = field(default_factory=set)
-    state: State = "untried"
+    state: Proof = "untried"
     box: Boxes | None = None
     well: Well | None = None
     live: bool = True
@@ -114,6 +113,16 @@ class CellStore:
         self._settle([number], box)
         return number
 
+    def boxes(self, numbers: Iterable[int]) -> Boxes:
+        """The boxes of proved cells, one row each."""
+        return joined(box for box in (self.cells[k].box for k in numbers) if box is not None)
+
+    def well(self, number: int) -> Well:
+        """U over a proved cell."""
+        well = self.cells[number].well
+        assert well is not None
+        return well
+
     def face(self, i: int, j: int) -> Face | None:
         """What two cells share: a face of positive area, or ``None``."""
         a, b = self.cells[i], self.cells[j]
@@ -151,15 +160,12 @@ class CellStore:
         if self._lattice is None or place is None:
             return
         corner, edges = self._lattice
-        for k in range(len(place)):
-            for step in (-1, 1):
-                beside = (*place[:k], place[k] + step, *place[k + 1 :])
-                if beside in self._places:
-                    continue
+        for beside in _places_beside(place):
+            if beside not in self._places:
                 index = np.array(beside)
                 new = self._append(Cell(corner + edges * index, corner + edges * (index + 1), 0, beside))
                 self._places[beside] = [new]
-                self._meet([new], self._around(beside))
+                self._meet([new], [k for near in _places_beside(beside) for k in self._places.get(near, [])])
 
     def split(self, number: int, stretch: Array) -> tuple[int, int]:
         """Halve a cell along the edge that σ stretches most; the two halves are untried."""
@@ -182,21 +188,19 @@ class CellStore:
 
     def stretch(self, number: int) -> Array:
         """‖D_k‖ of a proved cell: how far σ moves the joints for each coordinate, of shape (n,)."""
-        box = self.cells[number].box
-        assert box is not None
-        return np.asarray(np.linalg.norm(box.directions[0], axis=0))
+        return np.asarray(np.linalg.norm(self.boxes([number]).directions[0], axis=0))
 
     def prove_from(self, origins: Sequence[tuple[int, Array, int]]) -> None:
         """Prove untried cells: (proved cell, a point of q-space common to both, untried cell)."""
         targets = [self.cells[j] for _, _, j in origins]
-        parents = _stacked([self.cells[i] for i, _, _ in origins])
+        parents = self.boxes(i for i, _, _ in origins)
         points = np.array([point for _, point, _ in origins])
         at_parent = points - parents.centre[:, self.problem.system.independent]
         start = predict(self.problem, parents, at_parent)
         start[:, self.problem.system.independent] = points
         centre = np.array([0.5 * (cell.lower + cell.upper) for cell in targets])
         half = np.array([0.5 * (cell.upper - cell.lower) for cell in targets])
-        found = prove(self.problem, Trial(centre, half, start, parents.centre))
+        found = prove(self.problem, CellsToProve(centre, half, start, parents.centre))
         rows = np.flatnonzero(found.proved)
         for cell in targets:
             cell.state = "failed"
@@ -219,20 +223,12 @@ class CellStore:
         """Whether a proved cell carries the same σ as its proved neighbours (at the middle of the common faces)."""
         if not others:
             return []
-        own, boxes = self.cells[number].box, _stacked([self.cells[j] for j in others])
-        assert own is not None
+        repeated, boxes = self.boxes([number] * len(others)), self.boxes(others)
         faces = [self.face(number, j) for j in others]
         points = np.array([face.middle for face in faces if face is not None])
-        repeated = own.take(np.zeros(len(others), dtype=np.intp))
         independent = self.problem.system.independent
-        same = glued(
-            self.problem,
-            boxes,
-            points - boxes.centre[:, independent],
-            repeated,
-            points - repeated.centre[:, independent],
-        )
-        return [bool(value) for value in same]
+        there, here = points - boxes.centre[:, independent], points - repeated.centre[:, independent]
+        return [bool(value) for value in glued(self.problem, boxes, there, repeated, here)]
 
     def _append(self, cell: Cell) -> int:
         self.cells.append(cell)
@@ -247,40 +243,26 @@ class CellStore:
             cell.box, cell.well, cell.state = boxes.take(np.array([row])), well, "proved"
         self.proved += len(numbers)
 
-    def _around(self, place: tuple[int, ...]) -> list[int]:
-        found = list[int]()
-        for k in range(len(place)):
-            for step in (-1, 1):
-                found += self._places.get((*place[:k], place[k] + step, *place[k + 1 :]), [])
-        return found
-
     def _meet(self, new: Iterable[int], others: Iterable[int]) -> None:
         """Make cells that share a face neighbours."""
-        pairs = [(i, j) for i in new for j in others if i != j]
-        for i, j in pairs:
-            if self.face(i, j) is not None:
+        for i, j in product(new, others):
+            if i != j and self.face(i, j) is not None:
                 self.cells[i].neighbours.add(j)
                 self.cells[j].neighbours.add(i)
+
+
+def _places_beside(place: tuple[int, ...]) -> list[tuple[int, ...]]:
+    return [(*place[:k], place[k] + step, *place[k + 1 :]) for k in range(len(place)) for step in (-1, 1)]
 
 
 def _roomier(problem: Problem, boxes: Boxes) -> Boxes:
     """Boxes with somewhat larger tubes where Theorem K, checked again, allows it.
 
-    Theorem K's least R leaves a small box's solution at a corner a margin below the rounding errors that gluing
-    allows for.
+    Theorem K's least R leaves a small box's solution at a corner a margin below the rounding that gluing allows for.
     """
     radius = boxes.radius * (1.0 + _ROOM) + _ROOM_AT_LEAST
-    larger = boxes._replace(radius=radius, kappa=np.minimum(boxes.kappa * (1.0 + _ROOM) + _ROOM, 0.999))
-    usable = verify(problem, larger)
-    return Boxes(
-        *(
-            np.where(usable.reshape(-1, *([1] * (new.ndim - 1))), new, old)
-            for new, old in zip(larger, boxes, strict=True)
-        )
+    kappa = np.minimum(boxes.kappa * (1.0 + _ROOM) + _ROOM, 0.999)
+    usable = verify(problem, boxes._replace(radius=radius, kappa=kappa))
+    return boxes._replace(
+        radius=np.where(usable[:, None], radius, boxes.radius), kappa=np.where(usable, kappa, boxes.kappa)
     )
-
-
-def _stacked(cells: Sequence[Cell]) -> Boxes:
-    """The boxes of proved cells, one row each."""
-    rows = [cell.box for cell in cells if cell.box is not None]
-    return Boxes(*(np.concatenate(arrays) for arrays in zip(*rows, strict=True)))

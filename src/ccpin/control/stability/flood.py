@@ -19,18 +19,19 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.control.stability.cells import Cell, CellStore, Face, holding
-from ccpin.control.stability.well import Range, Well
+from ccpin.control.stability.well import Well
 
+Limit = Literal["domain", "gain", "budget"]
 _AHEAD = 16
 
 
-class Effort(NamedTuple):
+class Budget(NamedTuple):
     """How much work a flood may do.
 
     Attributes:
@@ -51,14 +52,14 @@ class Sublevel(NamedTuple):
         level: c in joules; {U < c} around q_d lies in the members (0: nothing proved).
         members: Numbers of the cells.
         beta: Largest bound of ‖∂g/∂q‖ over the members that meet {U < c}; NaN without members.
-        limit: What ended the flood: "domain", "gain" or "effort".
+        limit: What ended the flood.
         point: Where, of shape (n,).
     """
 
     level: float
     members: tuple[int, ...]
     beta: float
-    limit: str
+    limit: Limit
     point: Array
 
 
@@ -75,16 +76,10 @@ class _Entry(NamedTuple):
 
 
 class Flood:
-    """One flood; see the module's text.
+    """One flood; see the module's text. `good` says which wells may be members, `budget` when to give up."""
 
-    Args:
-        store: The cells.
-        good: Which wells may be members.
-        effort: When to give up.
-    """
-
-    def __init__(self, store: CellStore, good: Callable[[Well], bool], effort: Effort) -> None:
-        self._store, self._good, self._effort = store, good, effort
+    def __init__(self, store: CellStore, good: Callable[[Well], bool], budget: Budget) -> None:
+        self._store, self._good, self._budget = store, good, budget
         self._members: dict[int, int] = {}
         self._heap: list[_Entry] = []
         self._serial = 0
@@ -102,7 +97,12 @@ class Flood:
         chosen = tuple(number for number, order in self._members.items() if order <= self._at_level)
         if self._level <= 0.0:
             return Sublevel(0.0, (), float("nan"), limit, point)
-        return Sublevel(self._level, chosen, self._beta(chosen), limit, point)
+        wells = [
+            cell.well
+            for cell in map(self._store.__getitem__, chosen)
+            if cell.well is not None and cell.well.range_over(cell.lower, cell.upper).lower < self._level
+        ]
+        return Sublevel(self._level, chosen, max(well.beta for well in wells), limit, point)
 
     def _start(self, q_d: Array) -> list[int] | None:
         """Good cells around q_d, halved until they are."""
@@ -114,7 +114,7 @@ class Flood:
             if cell.well is not None and self._good(cell.well):
                 found.append(number)
                 continue
-            if cell.well is None or cell.depth >= self._effort.depth or self._spent():
+            if cell.well is None or cell.depth >= self._budget.depth or self._spent():
                 return None
             children = self._store.halve_proved(number)
             if children is None:
@@ -122,7 +122,7 @@ class Flood:
             pending += [k for k in children if _holds(self._store[k], q_d)]
         return found or None
 
-    def _flood(self, q_d: Array) -> tuple[str, Array]:
+    def _flood(self, q_d: Array) -> tuple[Limit, Array]:
         while self._heap:
             entry = heapq.heappop(self._heap)
             if not self._current(entry):
@@ -130,13 +130,13 @@ class Flood:
             if entry.level > self._level:
                 self._level, self._at_level = entry.level, self._added
             if self._spent():
-                return "effort", entry.point
+                return "budget", entry.point
             limit = self._cross(entry)
             if limit is not None and not self._tighten(entry):
                 return limit, entry.point
         return "domain", q_d
 
-    def _cross(self, entry: _Entry) -> str | None:
+    def _cross(self, entry: _Entry) -> Limit | None:
         """Take the cell behind a face, or halve it; what forbids both."""
         if entry.beyond < 0:
             return "domain"
@@ -146,7 +146,7 @@ class Flood:
         if cell.well is not None and self._good(cell.well):
             self._add(entry.beyond, entry.inside)
             return None
-        if cell.depth >= self._effort.depth or self._rise(entry) <= 0.1 * self._effort.tolerance * self._level:
+        if cell.depth >= self._budget.depth or self._rise(entry) <= 0.1 * self._budget.tolerance * self._level:
             return "gain" if cell.well is not None else "domain"
         number = entry.beyond if cell.well is not None else entry.inside
         for child in self._store.split(entry.beyond, self._store.stretch(number)):
@@ -157,7 +157,7 @@ class Flood:
     def _rise(self, entry: _Entry) -> float:
         """About how much U rises from a face across the cell behind it: what halving that cell could gain."""
         cell = self._store[entry.beyond]
-        well = cell.well or _well(self._store, entry.inside)
+        well = cell.well or self._store.well(entry.inside)
         slope = well.gradient + well.hessian @ (entry.point - well.centre)
         return float(np.abs(slope) @ (cell.upper - cell.lower))
 
@@ -174,15 +174,14 @@ class Flood:
     def _tighten(self, entry: _Entry) -> bool:
         """Halve the member before a face whose level is not sharp; False where it is, or may not be halved."""
         cell = self._store[entry.inside]
-        if entry.slack <= self._effort.tolerance * max(entry.level, 0.0) or cell.depth >= self._effort.depth:
+        if entry.slack <= self._budget.tolerance * max(entry.level, 0.0) or cell.depth >= self._budget.depth:
             return False
         order = self._members[entry.inside]
         children = self._store.halve_proved(entry.inside)
         if children is None:
             return False
         del self._members[entry.inside]
-        for child in children:
-            self._members[child] = order
+        self._members |= dict.fromkeys(children, order)
         for child in children:
             self._push_faces(child)
         return True
@@ -212,7 +211,7 @@ class Flood:
             self._push_face(inside, beyond, face)
 
     def _push_face(self, inside: int, beyond: int, face: Face) -> None:
-        found = _well(self._store, inside).range_over(face.lower, face.upper)
+        found = self._store.well(inside).range_over(face.lower, face.upper)
         self._serial += 1
         slack = found.upper - found.lower
         heapq.heappush(self._heap, _Entry(found.lower, self._serial, inside, beyond, face, found.point, slack))
@@ -223,15 +222,7 @@ class Flood:
         return entry.beyond < 0 or (self._store[entry.beyond].live and entry.beyond not in self._members)
 
     def _spent(self) -> bool:
-        return self._store.proved >= self._effort.cells
-
-    def _beta(self, members: tuple[int, ...]) -> float:
-        low = [self._whole(number).lower < self._level for number in members]
-        return max(_well(self._store, k).beta for k, meets in zip(members, low, strict=True) if meets)
-
-    def _whole(self, number: int) -> Range:
-        cell = self._store[number]
-        return _well(self._store, number).range_over(cell.lower, cell.upper)
+        return self._store.proved >= self._budget.cells
 
 
 def connected(store: CellStore, found: Sublevel, q_d: Array) -> tuple[int, ...]:
@@ -243,16 +234,10 @@ def connected(store: CellStore, found: Sublevel, q_d: Array) -> tuple[int, ...]:
         number = pending.pop()
         for other in (store[number].neighbours & members) - reached:
             face = store.face(number, other)
-            if face is not None and _well(store, number).range_over(face.lower, face.upper).upper < found.level:
+            if face is not None and store.well(number).range_over(face.lower, face.upper).upper < found.level:
                 reached.add(other)
                 pending.append(other)
     return tuple(sorted(reached))
-
-
-def _well(store: CellStore, number: int) -> Well:
-    well = store[number].well
-    assert well is not None
-    return well
 
 
 def _holds(cell: Cell, q: Array) -> bool:

@@ -21,8 +21,9 @@ from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore
 from ccpin.control.stability.set_point_cells import cells_of_atlas
-from ccpin.control.stability.well import checked_region, sample_region
+from ccpin.control.stability.well import checked_model, checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.cells import Corners
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError, SingularConfigurationError
 
@@ -53,7 +54,7 @@ class Gains(NamedTuple):
 def suggest_gains(
     model: ReducedModel,
     q_d: ArrayLike,
-    domain: Atlas | tuple[ArrayLike, ArrayLike],
+    domain: Atlas | Corners,
     *,
     margin: float = 1.5,
     damping: float = 0.7,
@@ -77,9 +78,9 @@ def suggest_gains(
     """
     if not (np.isfinite(margin) and margin > 1.0 and np.isfinite(damping) and damping > 0.0):
         raise InvalidInputError(f"margin = {margin} must be above 1 and damping = {damping} above 0")
-    ones = np.ones(model.n)
+    ones = np.ones(checked_model(model).n)
     law = PDSimpleGravity(model, q_d, ones, ones, guess)
-    if isinstance(domain, tuple):
+    if not isinstance(domain, Atlas):
         lower, upper = checked_region(model, domain, law.q_d)
         largest = float(sample_region(model, lower, upper, law.q_free_d).norm.max())
         slope = SlopeBound(largest, largest)
@@ -100,7 +101,7 @@ def suggest_gains(
         beta=beta,
         beta_seen=slope.seen,
         frequencies=frequencies,
-        rigorous=not isinstance(domain, tuple),
+        rigorous=isinstance(domain, Atlas),
     )
 
 
@@ -112,7 +113,7 @@ class SlopeBound(NamedTuple):
 
 
 def gravity_slope_over(store: CellStore, cells: int = _CELLS) -> SlopeBound:
-    """Sup ‖∂g/∂q‖₂ over proved cells: the cell with the largest bound is halved until its centre bears the bound out.
+    """A bound of sup ‖∂g/∂q‖₂ over proved cells: the one with the largest is halved until its centre bears it out.
 
     Raises:
         SingularConfigurationError: With the number of cells allowed the bound is still more than twice what was seen.
@@ -122,9 +123,7 @@ def gravity_slope_over(store: CellStore, cells: int = _CELLS) -> SlopeBound:
     seen, bound = 0.0, 0.0
     while heap:
         bound, number = -heap[0][0], heap[0][1]
-        well = store[number].well
-        assert well is not None
-        seen = max(seen, float(np.linalg.norm(well.hessian - store.law.K_p, 2)))
+        seen = max(seen, float(np.linalg.norm(store.well(number).hessian - store.law.K_p, 2)))
         if bound <= (1.0 + _ACCURACY) * seen + 1e-12 or store.proved >= cells:
             break
         children = store.halve_proved(number)
@@ -132,9 +131,7 @@ def gravity_slope_over(store: CellStore, cells: int = _CELLS) -> SlopeBound:
             break
         heapq.heappop(heap)
         for child in children:
-            found = store[child].well
-            assert found is not None
-            heapq.heappush(heap, (-found.beta, child))
+            heapq.heappush(heap, (-store.well(child).beta, child))
     if bound > 2.0 * seen + 1e-12:
         raise SingularConfigurationError(
             f"‖∂g/∂q‖ could not be bounded usefully with {cells} cells (it is between {seen:.4g} and {bound:.4g}); the "

@@ -7,11 +7,11 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore, holding
-from ccpin.control.stability.flood import Effort
+from ccpin.control.stability.flood import Budget
 from ccpin.control.stability.well import Well, wells
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.boxes import Boxes, Problem, certify_boxes, problem_of
-from ccpin.domain.chains import Seed, seed_of
+from ccpin.domain.chains import Seed, seed_at_coordinates
 from ccpin.domain.gravity_bounds import Potential, gravity_bounds, potential_of
 from ccpin.domain.newton import encloses
 from ccpin.errors import InvalidInputError, SingularConfigurationError
@@ -43,12 +43,12 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
     delta = law.q_d - boxes.centre[:, system.independent]
     if not np.all(encloses(atlas.problem, boxes, delta, theta, np.zeros((len(around), system.m)))):
         raise InvalidInputError("the set point's configuration is on another branch (assembly mode) than the atlas")
-    store = CellStore(atlas.problem, potential_of(mechanism, system), law, None)
+    store = CellStore(atlas.problem, potential_of(mechanism, system, law.model.gravity_vector), law, None)
     store.add_proved(atlas.boxes, atlas.lower, atlas.upper, [(int(i), int(j)) for i, j in atlas.unglued])
     return store
 
 
-def cells_around(law: PDSimpleGravity, gain: float, effort: Effort) -> CellStore:
+def cells_around(law: PDSimpleGravity, gain: float, budget: Budget) -> CellStore:
     """One cell centred at q_d, beside which others can be laid.
 
     Its edges are in the proportions of the ellipsoid q̃ᵀ(K_p + ∂g/∂q)q̃ ≤ 1, so that the well rises equally to all
@@ -59,11 +59,11 @@ def cells_around(law: PDSimpleGravity, gain: float, effort: Effort) -> CellStore
         SingularConfigurationError: No cell around q_d can be proved.
     """
     model = law.model
-    seed = seed_of(model.mechanism, law.q_d, law.q_free_d)
+    seed = seed_at_coordinates(model.mechanism, law.q_d, law.q_free_d)
     problem = problem_of(seed.system)
-    potential = potential_of(model.mechanism, seed.system)
+    potential = potential_of(model.mechanism, seed.system, model.gravity_vector)
     trials = _Trials(law, seed, problem, potential)
-    single = effort.cells <= 1
+    single = budget.cells <= 1
     best, level, factor = None, -np.inf, _LARGEST
     for _ in range(_TRIES):
         boxes = trials.box(factor)
@@ -114,10 +114,7 @@ class _Trials:
 
 def _height(well: Well, half: Array) -> float:
     """The least U on the faces of a box around q_d."""
-    levels = []
-    for k in range(len(half)):
-        for end in (-1.0, 1.0):
-            lower, upper = well.centre - half, well.centre + half
-            lower[k] = upper[k] = well.centre[k] + end * half[k]
-            levels.append(well.range_over(lower, upper).lower)
-    return min(levels)
+    lower, upper, faces = well.centre - half, well.centre + half, np.diag(np.ones(len(half), dtype=np.bool_))
+    ends = [(lower, np.where(face, lower, upper)) for face in faces]
+    ends += [(np.where(face, upper, lower), upper) for face in faces]
+    return min(well.range_over(*corners).lower for corners in ends)

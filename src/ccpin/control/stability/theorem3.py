@@ -6,7 +6,7 @@ positive definite, D positive definite and q̃ = q_d − q in plain (scalar) coo
     𝒱(q, q̇) = ½ q̇ᵀDq̇ + U(q),        U(q) = V(σ(q)) − V(q_d) + q̃ᵀg(q_d) + ½ q̃ᵀK_p q̃.
 
 Let G be compact, σ smooth and nonsingular on a neighbourhood of it (G ⊂ Ω), q_d in its interior, c > 0 with U ≥ c on
-G's boundary, and 𝒬 the connected component of {U < c} that holds q_d, so that 𝒬 ⊂ G (`sublevel`). Suppose
+G's boundary, and 𝒬 the connected component of {U < c} that holds q_d, so that 𝒬 ⊂ G (`flood`). Suppose
 
     ‖∂g/∂q‖₂ ≤ β on 𝒬        and        β < k,    k the least eigenvalue of K_p (the least k_pi where K_p is diagonal).
 
@@ -34,31 +34,29 @@ theorem.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, vector
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore, holding
-from ccpin.control.stability.flood import Effort, Flood, Sublevel, connected
+from ccpin.control.stability.flood import Budget, Flood, Limit, Sublevel, connected
 from ccpin.control.stability.set_point_cells import cells_around, cells_of_atlas
-from ccpin.control.stability.well import checked_region, sample_region
+from ccpin.control.stability.well import checked_model, checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.newton import predict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
+from ccpin.kinematics.checked import checked_q
 
-Limit = Literal["domain", "gain", "effort"]
-Region = tuple[ArrayLike, ArrayLike]
-
-_EFFORTS = {1: Effort(12, 400), 2: Effort(14, 2000), 3: Effort(9, 1500)}
-_ONE_BOX = Effort(0, 1)
+_BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
+_ONE_BOX = Budget(0, 1)
 _LIMITS = {
     "domain": "the edge of the domain",
     "gain": "where ‖∂g/∂q‖ is not below the gains",
-    "effort": "the number of cells allowed",
+    "budget": "the number of cells allowed",
 }
 
 
@@ -75,7 +73,7 @@ class SetPointCertificate:
         stiffness: Least eigenvalue of K_p + ∂g/∂q at q_d; the set point is unstable where it is negative.
         rigorous: Whether `level` and `beta` are bounds (else estimates from samples).
         method: How they were found, in words.
-        limit: What keeps c from being larger: the domain, the gain condition or the effort allowed.
+        limit: What keeps c from being larger: the domain, the gain condition or the budget.
         touch: Where, of shape (n,).
     """
 
@@ -89,7 +87,7 @@ class SetPointCertificate:
     method: str
     limit: Limit
     touch: Array
-    _region: _Cells | _Box | None = field(repr=False)
+    _region: _MemberCells | _SampledRegion | None = field(repr=False)
 
     @property
     def holds(self) -> bool:
@@ -117,14 +115,14 @@ class SetPointCertificate:
 
     def contains(self, q: ArrayLike, v: ArrayLike | None = None) -> bool:
         """Whether the state (q, v) (default at rest) is in B₂: q in cells whose part of {U < c} is 𝒬's, and 𝒱 < c."""
-        point = self.law.model.checked_q(q)
-        velocity = np.zeros(self.law.model.n) if v is None else self.law.model.checked(v, "v", self.law.model.n)
+        point = checked_q(self.law.model.coordinates, q)
+        velocity = np.zeros(self.law.model.n) if v is None else vector(v, "v", self.law.model.n)
         guess = None if self._region is None else self._region.guess(point)
         return guess is not None and self.law.lyapunov(point, velocity, guess) < self.level
 
 
 @dataclass(frozen=True, eq=False)
-class _Cells:
+class _MemberCells:
     """Cells that hold 𝒬."""
 
     store: CellStore
@@ -137,15 +135,14 @@ class _Cells:
         inside = holding(self.lower, self.upper, q)
         if not inside.size:
             return None
-        box = self.store[self.members[int(inside[0])]].box
-        assert box is not None
+        box = self.store.boxes([self.members[int(inside[0])]])
         system = self.store.problem.system
         theta = predict(self.store.problem, box, q[None] - box.centre[:, system.independent])
         return np.asarray(system.chart.configuration(theta[0]))
 
 
 @dataclass(frozen=True, eq=False)
-class _Box:
+class _SampledRegion:
     """A plain region."""
 
     law: PDSimpleGravity
@@ -167,10 +164,10 @@ def certify_set_point(
     q_d: ArrayLike,
     K_p: ArrayLike,
     K_v: ArrayLike,
-    domain: Atlas | Region | None = None,
+    domain: Atlas | Corners | None = None,
     *,
     guess: ArrayLike | None = None,
-    effort: Effort | None = None,
+    budget: Budget | None = None,
 ) -> SetPointCertificate:
     """Theorem 3 for PD with simple gravity compensation (28) at a set point: `certify_law` of that law.
 
@@ -181,26 +178,26 @@ def certify_set_point(
         K_v: Velocity gains, (n,) or (n, n).
         domain: As for `certify_law`.
         guess: Chooses the assembly mode of σ(q_d).
-        effort: As for `certify_law`.
+        budget: As for `certify_law`.
 
     Raises:
         InvalidInputError, UnsupportedMechanismError, UnreachableError, SingularConfigurationError: As `certify_law`
             and `PDSimpleGravity` do.
     """
-    return certify_law(PDSimpleGravity(model, q_d, K_p, K_v, guess), domain, effort=effort)
+    return certify_law(PDSimpleGravity(checked_model(model), q_d, K_p, K_v, guess), domain, budget=budget)
 
 
 def certify_law(
-    law: PDSimpleGravity, domain: Atlas | Region | None = None, *, effort: Effort | None = None
+    law: PDSimpleGravity, domain: Atlas | Corners | None = None, *, budget: Budget | None = None
 ) -> SetPointCertificate:
     """Theorem 3 for a law: β, the gain condition, and the largest c found with B₂ in the domain.
 
     Args:
         law: PD with simple gravity compensation: the model, q_d, K_p and K_v.
         domain: A certified atlas on whose branch q_d lies; ``None``: cells are proved around q_d as far as needed
-            (with more than three coordinates a single box, unless `effort` says otherwise); or a plain region
+            (with more than three coordinates a single box, unless `budget` says otherwise); or a plain region
             (lower, upper), taken to lie in Ω, over which everything is only sampled.
-        effort: How much work to do; default by the number of coordinates.
+        budget: How much work to do; default by the number of coordinates.
 
     Raises:
         InvalidInputError: Another law, or q_d is not in the domain or not on its branch.
@@ -213,19 +210,19 @@ def certify_law(
     gain = float(np.linalg.eigvalsh(law.K_p)[0])
     least = float(np.linalg.eigvalsh(law.K_p + stiffness)[0])
     norm_d = float(np.linalg.norm(stiffness, 2))
-    if isinstance(domain, tuple):
+    if domain is not None and not isinstance(domain, Atlas):
         return _sampled(law, domain, gain, least, norm_d)
-    effort = effort or _EFFORTS.get(law.model.n, _ONE_BOX)
+    budget = budget or _BUDGETS.get(law.model.n, _ONE_BOX)
     if domain is None:
-        store = cells_around(law, gain, effort)
-        method = f"cells proved around q_d, {effort.cells} at most"
+        store = cells_around(law, gain, budget)
+        method = f"cells proved around q_d, {budget.cells} at most"
     else:
         store = cells_of_atlas(law, domain)
         method = f"the {len(domain.boxes.kappa)} boxes of an atlas, halved where needed"
-    found = Flood(store, lambda well: well.beta < gain, effort).run(law.q_d)
+    found = Flood(store, lambda well: well.beta < gain, budget).run(law.q_d)
     level_domain, region = found.level, _members(store, found, law.q_d)
     if found.limit == "gain":
-        more = effort._replace(cells=effort.cells + store.proved)
+        more = budget._replace(cells=budget.cells + store.proved)
         level_domain = max(level_domain, Flood(store, lambda well: True, more).run(law.q_d).level)
     return SetPointCertificate(
         law=law,
@@ -236,25 +233,23 @@ def certify_law(
         stiffness=least,
         rigorous=True,
         method=method,
-        limit=_limit(found.limit),
+        limit=found.limit,
         touch=found.point,
         _region=region,
     )
 
 
-def _limit(name: str) -> Limit:
-    return "gain" if name == "gain" else "effort" if name == "effort" else "domain"
-
-
-def _members(store: CellStore, found: Sublevel, q_d: Array) -> _Cells | None:
+def _members(store: CellStore, found: Sublevel, q_d: Array) -> _MemberCells | None:
     members = connected(store, found, q_d)
     if not members:
         return None
     cells = [store[k] for k in members]
-    return _Cells(store, members, np.array([cell.lower for cell in cells]), np.array([cell.upper for cell in cells]))
+    return _MemberCells(
+        store, members, np.array([cell.lower for cell in cells]), np.array([cell.upper for cell in cells])
+    )
 
 
-def _sampled(law: PDSimpleGravity, region: Region, gain: float, least: float, norm_d: float) -> SetPointCertificate:
+def _sampled(law: PDSimpleGravity, region: Corners, gain: float, least: float, norm_d: float) -> SetPointCertificate:
     """The same figures from a grid: the least U on the edge, and among samples where the gain condition fails."""
     lower, upper = checked_region(law.model, region, law.q_d)
     samples = sample_region(law.model, lower, upper, law.q_free_d)
@@ -277,7 +272,7 @@ def _sampled(law: PDSimpleGravity, region: Region, gain: float, least: float, no
         method=f"sampled at {len(samples.q)} points of the region, nothing is proved",
         limit="gain" if norm_d >= gain or stop < level_domain else "domain",
         touch=samples.q[int(np.argmin(np.minimum(edge, failing)))],
-        _region=_Box(law, lower, upper),
+        _region=_SampledRegion(law, lower, upper),
     )
 
 

@@ -10,10 +10,10 @@ from itertools import product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, Mask
 from ccpin.control.laws import PDSimpleGravity
+from ccpin.domain.atlas.cells import Corners, corners_of
 from ccpin.domain.gravity_bounds import GravityBounds
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
@@ -61,24 +61,21 @@ class Well(NamedTuple):
         curvature = float(np.linalg.eigvalsh(self.hessian[np.ix_(free, free)])[0]) if free.size else 0.0
         half = 0.5 * (high - low)
         if curvature > 0.0:
-            point = self._descend(start, low, high, free)
+            start = point = self._descend(start, low, high, free)
             slope = self.gradient + self.hessian @ point
             drop = np.maximum(slope * (point - low), slope * (point - high)).sum()
         else:
             slope = self.gradient + self.hessian @ start
             drop = np.abs(slope) @ half - 0.5 * curvature * (half @ half)
             point = start - np.sign(slope) * half
-            return self._range(self.quadratic(start) - float(drop), point)
-        return self._range(self.quadratic(point) - float(drop), point)
-
-    def quadratic(self, delta: Array) -> float:
-        """Value + gradient·δ + ½ δᵀ hessian δ."""
-        return float(self.value + self.gradient @ delta + 0.5 * delta @ self.hessian @ delta)
-
-    def _range(self, least: float, point: Array) -> Range:
+        least = self.quadratic(start) - float(drop)
         return Range(least - self.remainder, self.quadratic(point) + self.remainder, self.centre + point)
 
-    def _descend(self, point: Array, low: Array, high: Array, free: NDArray[np.intp]) -> Array:
+    def quadratic(self, delta: Array) -> float:
+        """The value + gradient·δ + ½ δᵀ hessian δ."""
+        return float(self.value + self.gradient @ delta + 0.5 * delta @ self.hessian @ delta)
+
+    def _descend(self, point: Array, low: Array, high: Array, free: Indices) -> Array:
         """Minimise the quadratic over the box one coordinate after the other."""
         point = point.copy()
         for _ in range(_SWEEPS if free.size > 1 else 1):
@@ -130,20 +127,27 @@ class RegionSamples(NamedTuple):
     q: Array
     potential: Array
     norm: Array
-    edge: NDArray[np.bool_]
+    edge: Mask
 
 
-def checked_region(model: ReducedModel, region: tuple[ArrayLike, ArrayLike], q_d: Array) -> tuple[Array, Array]:
+def checked_model(model: object) -> ReducedModel:
+    """The model itself.
+
+    Raises:
+        InvalidInputError: It is a mechanism or something else: masses are needed here.
+    """
+    if not isinstance(model, ReducedModel):
+        raise InvalidInputError(f"masses are needed here: pass a ReducedModel(mechanism), not a {type(model).__name__}")
+    return model
+
+
+def checked_region(model: ReducedModel, region: Corners, q_d: Array) -> tuple[Array, Array]:
     """The corners of a region that holds q_d.
 
     Raises:
         InvalidInputError: Corners of the wrong shape or order, or q_d outside.
     """
-    lower, upper = (
-        model.checked(corner, name, model.n) for corner, name in zip(region, ("lower", "upper"), strict=True)
-    )
-    if not np.all(lower < upper):
-        raise InvalidInputError(f"the region's lower corner {lower} must be below its upper corner {upper}")
+    lower, upper = corners_of(region, model.mechanism.independent)
     if not np.all((lower <= q_d) & (q_d <= upper)):
         raise InvalidInputError(f"the set point {q_d} lies outside of the region from {lower} to {upper}")
     return lower, upper

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from ccpin.description.mjcf.element import Angles, Element, XmlElement, label_of, merged
-from ccpin.errors import DescriptionError
+from ccpin.description.mjcf.element import Angles, Element, merged
+from ccpin.description.xml import XmlElement, fail
 
 MAIN = "main"
 
@@ -37,16 +37,18 @@ class Compiler:
     align_free: bool = False
 
 
-def read_compiler(sections: Iterable[XmlElement], source: str | None) -> Compiler:
+def read_compiler(sections: Sequence[XmlElement]) -> Compiler:
     """Merge all ``<compiler>`` elements, later attributes winning.
 
     Raises:
         DescriptionError: A setting is malformed, or asks for global coordinates.
     """
+    if not sections:
+        return Compiler()
     values: dict[str, str] = {}
     for section in sections:
-        values.update(Element.of(section, source).values)
-    said = Element("compiler", "compiler", source, values)
+        values |= Element.of(section).values
+    said = Element(sections[-1], values)
     if said.choice("coordinate", ("local", "global"), "local") == "global":
         raise said.fail('global coordinates are not supported; save the model with coordinate="local"')
     sequence = said.text("eulerseq") or "xyz"
@@ -81,32 +83,26 @@ class Defaults:
 
     Args:
         sections: The top-level ``<default>`` elements.
-        source: The file, for error messages.
 
     Raises:
         DescriptionError: A nested class has no name, a name is taken twice, or an attribute is unknown.
     """
 
-    def __init__(self, sections: Iterable[XmlElement], source: str | None) -> None:
-        self._source = source
+    def __init__(self, sections: Iterable[XmlElement]) -> None:
         self._classes: dict[str, dict[str, dict[str, str]]] = {MAIN: {}}
         for section in sections:
-            name = Element.of(section, source).text("class") or MAIN
+            name = Element.of(section).text("class") or MAIN
             self._classes[MAIN] = self._content(section, self._classes[MAIN])
             self._classes[name] = self._classes[MAIN]
             self._nest(section, MAIN)
 
     def _nest(self, section: XmlElement, parent: str) -> None:
         for child in section.iterchildren("default"):
-            name = Element.of(child, self._source).text("class")
+            name = Element.of(child).text("class")
             if not name:
-                raise DescriptionError(
-                    "a nested default needs a class name", source=self._source, element=label_of(child)
-                )
+                raise fail(child, "a nested default needs a class name")
             if name in self._classes:
-                raise DescriptionError(
-                    f"the default class '{name}' is defined twice", source=self._source, element=label_of(child)
-                )
+                raise fail(child, f"the default class '{name}' is defined twice")
             self._classes[name] = self._content(child, self._classes[parent])
             self._nest(child, name)
 
@@ -114,7 +110,7 @@ class Defaults:
         content = dict(inherited)
         for child in section.iterchildren("*"):
             if child.tag != "default":
-                own = Element.of(child, self._source).values
+                own = Element.of(child).values
                 content[child.tag] = merged(content.get(child.tag, {}), own)
         return content
 
@@ -132,6 +128,6 @@ class Defaults:
             childclass: The class in force where the element stands.
             tag: The tag its defaults are filed under, where that is not its own.
         """
-        bare = Element.of(xml, self._source)
+        bare = Element.of(xml)
         name = self.check(bare.text("class") or childclass, bare)
-        return Element.of(xml, self._source, self._classes[name].get(tag or xml.tag))
+        return Element.of(xml, self._classes[name].get(tag or xml.tag))

@@ -2,47 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.schema import ATTRIBUTES, LEAVES, NUMERIC, ORIENTATIONS
+from ccpin.description.model import frame, rotation_to
+from ccpin.description.xml import ZERO, XmlElement, fail
 from ccpin.errors import DescriptionError
 
-XmlElement = Any
 _LARGEST = 1e30
 _LONGEST = 10
 _FLAGS = {"true": True, "false": False}
-
-
-def label_of(xml: XmlElement) -> str:
-    """Name an XML element the way a reader of the file would look for it."""
-    name = xml.get("name")
-    return f"{xml.tag} '{name}'" if name else f"{xml.tag} (line {xml.sourceline})"
-
-
-def translation(vector: object) -> Array:
-    """Return the 4×4 transform that moves by `vector` (3,)."""
-    frame = np.eye(4)
-    frame[:3, 3] = np.asarray(vector, dtype=np.float64)
-    return frame
-
-
-def inverse(frame: Array) -> Array:
-    """Return the inverse of a rigid 4×4 transform."""
-    turn: Array = frame[:3, :3].T
-    return translation(-turn @ frame[:3, 3]) @ rotation(turn)
-
-
-def rotation(matrix: object) -> Array:
-    """Return the 4×4 transform that turns by the rotation matrix `matrix` (3, 3)."""
-    frame = np.eye(4)
-    frame[:3, :3] = np.asarray(matrix, dtype=np.float64)
-    return frame
 
 
 @dataclass(frozen=True)
@@ -65,26 +40,22 @@ class Element:
     """An element's attributes, checked against the format, with those of its default class merged in.
 
     Attributes:
-        tag: The element's tag.
-        label: How error messages call it.
-        source: The file, for error messages.
-        values: The attributes as written.
+        xml: The element as it stands in the file.
+        values: The attributes as written, its own and those it inherits.
     """
 
-    tag: str
-    label: str
-    source: str | None
-    values: Mapping[str, str] = field(default_factory=dict)
+    xml: XmlElement
+    values: Mapping[str, str]
 
     @classmethod
-    def of(cls, xml: XmlElement, source: str | None, inherited: Mapping[str, str] | None = None) -> Element:
+    def of(cls, xml: XmlElement, inherited: Mapping[str, str] | None = None) -> Element:
         """Read an XML element, adding what it inherits.
 
         Raises:
             DescriptionError: An attribute does not belong to this element, or two orientations are given.
         """
         own = dict(xml.attrib)
-        bare = cls(xml.tag, label_of(xml), source, own)
+        bare = cls(xml, own)
         parent = xml.getparent()
         within = f"{parent.tag}/{xml.tag}" if parent is not None else xml.tag
         allowed = ATTRIBUTES.get(within, ATTRIBUTES.get(xml.tag))
@@ -98,11 +69,11 @@ class Element:
                 raise bare.fail(f"a <{child.tag}> does not belong inside this element")
         if len(ORIENTATIONS & own.keys()) > 1:
             raise bare.fail(f"only one of {', '.join(sorted(ORIENTATIONS & own.keys()))} may be given")
-        return cls(xml.tag, bare.label, source, merged(inherited or {}, own))
+        return cls(xml, merged(inherited or {}, own))
 
     def fail(self, message: str) -> DescriptionError:
         """Return the error that blames this element."""
-        return DescriptionError(message, source=self.source, element=self.label)
+        return fail(self.xml, message)
 
     def text(self, name: str) -> str | None:
         """Return an attribute as written; ``None`` where it is absent or empty."""
@@ -131,8 +102,7 @@ class Element:
     def vector(self, name: str, count: int, default: tuple[float, ...] | None = None) -> Array:
         """Return exactly `count` finite numbers; `default` where the attribute is absent."""
         values = self.some_numbers(name, count)
-        if not values and default is not None:
-            values = default
+        values = values or default or ()
         if not values:
             raise self.fail(f"the attribute '{name}' is required ({count} numbers)")
         if len(values) != count:
@@ -163,7 +133,7 @@ class Element:
 
     def pose(self, angles: Angles) -> Array:
         """Return the frame (4, 4) of pos and the orientation attributes."""
-        return translation(self.vector("pos", 3, (0.0, 0.0, 0.0))) @ rotation(self.orientation(angles))
+        return frame(self.vector("pos", 3, ZERO), self.orientation(angles))
 
     def span(self) -> Span:
         """Return where the attribute fromto puts an elongated shape.
@@ -172,8 +142,8 @@ class Element:
         """
         ends = self.vector("fromto", 6)
         along = ends[:3] - ends[3:]
-        turn = rotation(from_z_axis(self.unit(along, "fromto")))
-        return Span(translation((ends[:3] + ends[3:]) / 2.0) @ turn, float(np.linalg.norm(along)) / 2.0)
+        turn = rotation_to(self.unit(along, "fromto"))
+        return Span(frame((ends[:3] + ends[3:]) / 2.0, turn), float(np.linalg.norm(along)) / 2.0)
 
     def unit(self, value: Array, name: str) -> Array:
         """Return `value` normalized; what has no direction is an error."""
@@ -195,22 +165,6 @@ def merged(inherited: Mapping[str, str], own: Mapping[str, str]) -> dict[str, st
     return {**{name: value for name, value in inherited.items() if name not in drop}, **own}
 
 
-def from_z_axis(direction: Array) -> Array:
-    """Return the smallest rotation (3, 3) that takes the z axis to the unit vector `direction`."""
-    axis = np.cross([0.0, 0.0, 1.0], direction)
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-10:
-        axis, sine = np.array([1.0, 0.0, 0.0]), 0.0
-    else:
-        axis = axis / sine
-    matrix: Array = Rotation.from_rotvec(axis * np.arctan2(sine, direction[2])).as_matrix()
-    return matrix
-
-
-def _quat(element: Element, _: Angles) -> Array:
-    return element.quaternion(element.vector("quat", 4), "quat")
-
-
 def _axisangle(element: Element, angles: Angles) -> Array:
     value = element.vector("axisangle", 4)
     turn = element.unit(value[:3], "the axis of axisangle") * value[3] * angles.unit
@@ -225,10 +179,6 @@ def _xyaxes(element: Element, _: Angles) -> Array:
     return np.column_stack([x, y, np.cross(x, y)])
 
 
-def _zaxis(element: Element, _: Angles) -> Array:
-    return from_z_axis(element.unit(element.vector("zaxis", 3), "zaxis"))
-
-
 def _euler(element: Element, angles: Angles) -> Array:
     """Lower-case axes turn with the frame (factors from the left), upper-case ones stay (from the right)."""
     matrix = np.eye(3)
@@ -238,4 +188,10 @@ def _euler(element: Element, angles: Angles) -> Array:
     return matrix
 
 
-_READERS = {"quat": _quat, "axisangle": _axisangle, "xyaxes": _xyaxes, "zaxis": _zaxis, "euler": _euler}
+_READERS: dict[str, Callable[[Element, Angles], Array]] = {
+    "quat": lambda element, _: element.quaternion(element.vector("quat", 4), "quat"),
+    "axisangle": _axisangle,
+    "xyaxes": _xyaxes,
+    "zaxis": lambda element, _: rotation_to(element.unit(element.vector("zaxis", 3), "zaxis")),
+    "euler": _euler,
+}

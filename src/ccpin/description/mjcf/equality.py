@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -9,19 +10,13 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import MAIN, Defaults
-from ccpin.description.mjcf.element import Element, XmlElement, label_of, rotation, translation
-from ccpin.description.mjcf.joints import Tree
+from ccpin.description.mjcf.element import Element
+from ccpin.description.mjcf.joints import Names, Tree
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import (
-    ClosureKind,
-    Coupling,
-    CouplingTerm,
-    LoopClosure,
-    frozen,
-)
-from ccpin.errors import DescriptionError
+from ccpin.description.model import Coupling, CouplingTerm, LoopClosure, frame
+from ccpin.description.xml import ZERO, XmlElement, fail
 
-_KINDS: dict[str, ClosureKind] = {"connect": "spherical", "weld": "fixed"}
+_KINDS: dict[str, str] = {"connect": "spherical", "weld": "fixed"}
 _LEFT_OUT = ("tendon", "flex", "flexvert", "flexstrain", "distance")
 _POLYNOMIAL = (0.0, 1.0, 0.0, 0.0, 0.0)
 
@@ -36,7 +31,7 @@ class Equalities:
     notes: list[str] = field(default_factory=list)
 
 
-def read_equalities(sections: Iterable[XmlElement], tree: Tree, defaults: Defaults, source: str | None) -> Equalities:
+def read_equalities(sections: Iterable[XmlElement], tree: Tree, defaults: Defaults) -> Equalities:
     """Read connect, weld and joint constraints; the others and inactive ones become notes.
 
     Raises:
@@ -44,13 +39,15 @@ def read_equalities(sections: Iterable[XmlElement], tree: Tree, defaults: Defaul
     """
     found = Equalities()
     elements = [xml for section in sections for xml in section.iterchildren("*")]
-    names = _names(elements, source)
-    for xml, name in zip(elements, names, strict=True):
+    names, count = Names("equality", elements), Counter[str]()
+    for xml in elements:
+        count[xml.tag] += 1
+        name = xml.get("name") or names.fresh(f"{xml.tag}_{count[xml.tag]}")
         if xml.tag in _LEFT_OUT:
             found.notes.append(f"The {xml.tag} equality '{name}' is left out: ccpin does not model it.")
             continue
         if xml.tag not in ("connect", "weld", "joint"):
-            raise DescriptionError("no such equality constraint", source=source, element=label_of(xml))
+            raise fail(xml, "no such equality constraint")
         said = defaults.resolve(xml, MAIN, "equality")
         constraint = _coupling(said, name, tree) if xml.tag == "joint" else _closure(said, name, tree)
         if not said.flag("active", True):
@@ -63,23 +60,6 @@ def read_equalities(sections: Iterable[XmlElement], tree: Tree, defaults: Defaul
     return found
 
 
-def _names(elements: list[XmlElement], source: str | None) -> list[str]:
-    """Return the names given, and for the others the tag with the position among its like."""
-    given = [xml.get("name") for xml in elements if xml.get("name")]
-    names: list[str] = []
-    for index, xml in enumerate(elements):
-        name = xml.get("name")
-        if name and name in names:
-            raise DescriptionError("the name is used twice", source=source, element=label_of(xml))
-        if not name:
-            position = sum(other.tag == xml.tag for other in elements[: index + 1])
-            name = f"{xml.tag}_{position}"
-            while name in given:
-                name += "_"
-        names.append(name)
-    return names
-
-
 def _closure(said: Element, name: str, tree: Tree) -> LoopClosure:
     """Return a connect or weld; a weld whose torquescale is zero leaves the bodies free to turn."""
     by_site = bool(said.text("site1") or said.text("site2"))
@@ -90,13 +70,13 @@ def _closure(said: Element, name: str, tree: Tree) -> LoopClosure:
         first, second = _site(said, "site1", tree), _site(said, "site2", tree)
     else:
         bodies = _body(said, "body1", tree), _body(said, "body2", tree)
-        read = _connected if said.tag == "connect" else _welded
+        read = _connected if said.xml.tag == "connect" else _welded
         first, second = zip(bodies, read(said, bodies, tree), strict=True)
     if first[0] == second[0]:
         raise said.fail(f"it joins body '{first[0]}' to itself")
-    turns = said.tag == "weld" and said.number("torquescale", 1.0) == 0.0
-    kind = "spherical" if turns else _KINDS[said.tag]
-    return LoopClosure(name, kind, first[0], second[0], frozen(first[1]), frozen(second[1]))
+    turns = said.xml.tag == "weld" and said.number("torquescale", 1.0) == 0.0
+    kind = "spherical" if turns else _KINDS[said.xml.tag]
+    return LoopClosure(name, kind, first[0], second[0], first[1], second[1])
 
 
 def _site(said: Element, attribute: str, tree: Tree) -> tuple[str, Array]:
@@ -115,8 +95,8 @@ def _body(said: Element, attribute: str, tree: Tree) -> str:
 
 def _connected(said: Element, bodies: tuple[str, str], tree: Tree) -> tuple[Array, Array]:
     """Return the frames of a connect: the anchor in body 1, and the same point at qpos0 in body 2."""
-    anchor = translation(said.vector("anchor", 3))
-    return anchor, translation((tree.pose_between(bodies[1], bodies[0]) @ anchor)[:3, 3])
+    anchor = frame(said.vector("anchor", 3))
+    return anchor, frame((tree.pose_between(bodies[1], bodies[0]) @ anchor)[:3, 3])
 
 
 def _welded(said: Element, bodies: tuple[str, str], tree: Tree) -> tuple[Array, Array]:
@@ -125,12 +105,12 @@ def _welded(said: Element, bodies: tuple[str, str], tree: Tree) -> tuple[Array, 
     The position in relpose is the anchor's, its quaternion (w, x, y, z) is body 2's; a zero quaternion means
     the pose at qpos0.
     """
-    anchor = translation(said.vector("anchor", 3, (0.0, 0.0, 0.0)))
+    anchor = frame(said.vector("anchor", 3, ZERO))
     relpose = said.vector("relpose", 7, (0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     if not np.any(relpose[3:]):
         return tree.pose_between(bodies[0], bodies[1]) @ anchor, anchor
     turn = said.quaternion(relpose[3:], "the quaternion of relpose")
-    return translation(relpose[:3]) @ rotation(turn), anchor
+    return frame(relpose[:3], turn), anchor
 
 
 def _coupling(said: Element, name: str, tree: Tree) -> Coupling:

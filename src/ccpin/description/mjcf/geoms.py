@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast
@@ -11,10 +11,12 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler, Defaults
-from ccpin.description.mjcf.element import Element, XmlElement, rotation, translation
-from ccpin.description.model import Inertia, Shape, Visual, frozen
+from ccpin.description.mjcf.element import Element
+from ccpin.description.model import Inertia, Shape, Visual, frame
+from ccpin.description.xml import ZERO, Colour, XmlElement, source_of
 
 Kind = Literal["sphere", "capsule", "cylinder", "ellipsoid", "box"]
+Axes = tuple[float, float, float]
 _SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
 _SURFACES = ("plane", "hfield")
 _MESHES = ("mesh", "sdf")
@@ -30,7 +32,7 @@ class MeshAsset:
     """
 
     file: str
-    scale: tuple[float, float, float]
+    scale: tuple[float, ...]
     placement: Array | None
 
 
@@ -39,7 +41,7 @@ class Assets:
     """Meshes by name (``None`` for one without a file), and colours of materials by name."""
 
     meshes: dict[str, MeshAsset | None]
-    materials: dict[str, tuple[float, float, float, float] | None]
+    materials: dict[str, Colour | None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,7 @@ class Geom:
     drawn_mesh: bool
 
 
-def read_assets(sections: Iterable[XmlElement], defaults: Defaults, compiler: Compiler, source: str | None) -> Assets:
+def read_assets(sections: Iterable[XmlElement], defaults: Defaults, compiler: Compiler) -> Assets:
     """Read the meshes and materials of the ``<asset>`` sections.
 
     Raises:
@@ -76,36 +78,35 @@ def read_assets(sections: Iterable[XmlElement], defaults: Defaults, compiler: Co
             name = said.text("name") or (Path(file).stem if file else None)
             if name is None:
                 raise said.fail("a mesh needs a name or a file")
-            assets.meshes[name] = _read_mesh(said, file, compiler, source) if file else None
+            assets.meshes[name] = _read_mesh(said, file, compiler) if file else None
         for xml in section.iterchildren("material"):
             said = defaults.resolve(xml)
             assets.materials[said.required("name")] = _rgba(said)
     return assets
 
 
-def _read_mesh(said: Element, file: str, compiler: Compiler, source: str | None) -> MeshAsset:
+def _read_mesh(said: Element, file: str, compiler: Compiler) -> MeshAsset:
     """Resolve the file; MuJoCo's vertices are S Rᵀ (v − p) with reference pose (R, p) and scale S."""
     path = Path(Path(file).name if compiler.strip_path else file)
-    folder = Path(source).parent if source else Path()
-    found = folder / compiler.mesh_folder / path
+    found = Path(source_of(said.xml) or "").parent / compiler.mesh_folder / path
     turn = said.quaternion(said.vector("refquat", 4, (1.0, 0.0, 0.0, 0.0)), "refquat").T
     scale = said.vector("scale", 3, (1.0, 1.0, 1.0))
-    shift = -scale * (turn @ said.vector("refpos", 3, (0.0, 0.0, 0.0)))
+    shift = -scale * (turn @ said.vector("refpos", 3, ZERO))
     rigid = bool(np.all(scale == scale[0]) or np.allclose(turn, np.eye(3), atol=1e-12, rtol=0.0))
     return MeshAsset(
         file=str(found.resolve()) if found.is_file() else file,
-        scale=(float(scale[0]), float(scale[1]), float(scale[2])),
-        placement=translation(shift) @ rotation(turn) if rigid else None,
+        scale=tuple(scale.tolist()),
+        placement=frame(shift, turn) if rigid else None,
     )
 
 
-def _rgba(said: Element) -> tuple[float, float, float, float] | None:
+def _rgba(said: Element) -> Colour | None:
     if "rgba" not in said.values:
         return None
     value = said.vector("rgba", 4)
     if np.any(value < 0.0) or np.any(value > 1.0):
         raise said.fail("rgba should be four numbers between 0 and 1")
-    return float(value[0]), float(value[1]), float(value[2]), float(value[3])
+    return cast(Colour, tuple(value.tolist()))
 
 
 def read_geom(said: Element, offset: Array, compiler: Compiler, assets: Assets) -> Geom:
@@ -150,13 +151,13 @@ def geom_inertia(geom: Geom) -> Inertia:
     said = geom.element
     if said.flag("shellinertia", False):
         raise said.fail("shellinertia is not supported; give the body an <inertial> element")
-    volume, diagonal = _PRIMITIVES[cast(str, geom.kind)](geom.size)
+    volume, diagonal = _PRIMITIVES[cast(str, geom.kind)](*geom.size)
     mass = said.number("mass", said.number("density", 1000.0) * volume)
     if mass < 0.0:
         raise said.fail("mass and density should not be negative")
     turn = geom.placement[:3, :3]
     rotational = turn @ np.diag(mass * np.array(diagonal)) @ turn.T
-    return Inertia(mass, frozen(geom.placement[:3, 3]), frozen(rotational))
+    return Inertia(mass, geom.placement[:3, 3], rotational)
 
 
 def weighs_nothing(geom: Geom) -> bool:
@@ -165,14 +166,9 @@ def weighs_nothing(geom: Geom) -> bool:
     return said.number("mass", said.number("density", 1000.0)) == 0.0
 
 
-def _sphere(size: tuple[float, ...]) -> tuple[float, tuple[float, float, float]]:
-    unit = 0.4 * size[0] ** 2
-    return 4.0 / 3.0 * np.pi * size[0] ** 3, (unit, unit, unit)
-
-
-def _capsule(size: tuple[float, ...]) -> tuple[float, tuple[float, float, float]]:
+def _capsule(radius: float, half: float) -> tuple[float, Axes]:
     """A cylinder of length h and two half spheres; each part weighted by its share of the volume."""
-    radius, length = size[0], 2.0 * size[1]
+    length = 2.0 * half
     ball, tube = 4.0 / 3.0 * np.pi * radius**3, np.pi * radius**2 * length
     w_ball, w_tube = ball / (ball + tube), tube / (ball + tube)
     across = w_tube * (3.0 * radius**2 + length**2) / 12.0
@@ -180,28 +176,22 @@ def _capsule(size: tuple[float, ...]) -> tuple[float, tuple[float, float, float]
     return ball + tube, (across, across, (0.5 * w_tube + 0.4 * w_ball) * radius**2)
 
 
-def _cylinder(size: tuple[float, ...]) -> tuple[float, tuple[float, float, float]]:
-    radius, length = size[0], 2.0 * size[1]
+def _cylinder(radius: float, half: float) -> tuple[float, Axes]:
+    length = 2.0 * half
     across = (3.0 * radius**2 + length**2) / 12.0
     return np.pi * radius**2 * length, (across, across, 0.5 * radius**2)
 
 
-def _ellipsoid(size: tuple[float, ...]) -> tuple[float, tuple[float, float, float]]:
-    a, b, c = (axis**2 for axis in size)
-    return 4.0 / 3.0 * np.pi * float(np.prod(size)), ((b + c) / 5.0, (a + c) / 5.0, (a + b) / 5.0)
+def _squares(a: float, b: float, c: float, share: float) -> Axes:
+    return (b**2 + c**2) / share, (a**2 + c**2) / share, (a**2 + b**2) / share
 
 
-def _box(size: tuple[float, ...]) -> tuple[float, tuple[float, float, float]]:
-    a, b, c = (half**2 for half in size)
-    return 8.0 * float(np.prod(size)), ((b + c) / 3.0, (a + c) / 3.0, (a + b) / 3.0)
-
-
-_PRIMITIVES = {
-    "sphere": _sphere,
+_PRIMITIVES: dict[str, Callable[..., tuple[float, Axes]]] = {
+    "sphere": lambda radius: (4.0 / 3.0 * np.pi * radius**3, (0.4 * radius**2,) * 3),
     "capsule": _capsule,
     "cylinder": _cylinder,
-    "ellipsoid": _ellipsoid,
-    "box": _box,
+    "ellipsoid": lambda a, b, c: (4.0 / 3.0 * np.pi * (a * b * c), _squares(a, b, c, 5.0)),
+    "box": lambda a, b, c: (8.0 * (a * b * c), _squares(a, b, c, 3.0)),
 }
 """Volume and principal moments per unit mass, from the half sizes."""
 
@@ -214,11 +204,11 @@ def geom_visual(geom: Geom, assets: Assets) -> Visual | None:
         raise said.fail(f"there is no material '{material}' among the assets")
     rgba = _rgba(said) or (assets.materials[material] if material else None) or Visual.rgba
     if geom.kind is not None:
-        return Visual(Shape(geom.kind, _drawn_size(geom.kind, geom.size)), frozen(geom.placement), rgba)
+        return Visual(Shape(geom.kind, _drawn_size(geom.kind, geom.size)), geom.placement, rgba)
     asset = assets.meshes[geom.mesh] if geom.mesh else None
     if not geom.drawn_mesh or asset is None or asset.placement is None:
         return None
-    return Visual(Shape("mesh", asset.scale, asset.file), frozen(geom.placement @ asset.placement), rgba)
+    return Visual(Shape("mesh", asset.scale, asset.file), geom.placement @ asset.placement, rgba)
 
 
 def _drawn_size(kind: Kind, size: tuple[float, ...]) -> tuple[float, ...]:

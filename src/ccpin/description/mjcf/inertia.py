@@ -3,33 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
-from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.geoms import Geom, geom_inertia, weighs_nothing
-from ccpin.description.model import Inertia, Link, frozen
+from ccpin.description.mjcf.schema import ORIENTATIONS
+from ccpin.description.model import Inertia, Link
 
 _SLACK = 1e-9
-_NOTHING = Inertia(0.0, frozen(np.zeros(3)), frozen(np.zeros((3, 3))))
+_NOTHING = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 def body_inertia(
     body: Element, inertial: Element | None, geoms: Sequence[Geom], compiler: Compiler, moves: bool
 ) -> Inertia | None:
-    """Return a body's inertia, from its ``<inertial>`` or its geoms as the compiler settings decide.
+    """Return a body's inertia in its frame, from its ``<inertial>`` or its geoms as the compiler settings decide.
 
-    Args:
-        body: The body, for error messages.
-        inertial: Its inertial element, if any.
-        geoms: Its geoms.
-        compiler: The file's settings.
-        moves: Whether the body can move; the mass of one that cannot matters to nobody.
-
-    Returns:
-        The inertia in the body's frame; ``None`` where the body has neither mass nor inertia.
+    It is ``None`` where the body has neither mass nor inertia. `moves` says whether the body can move; the mass of one
+    that cannot matters to nobody.
 
     Raises:
         DescriptionError: The numbers are no inertia of a solid, or the geoms' masses need mesh files.
@@ -53,11 +47,11 @@ def _from_inertial(said: Element, compiler: Compiler) -> Inertia:
         turn = said.orientation(compiler.angles)
         rotational = turn @ np.diag(said.vector("diaginertia", 3)) @ turn.T
     else:
-        if said.values.keys() & {"diaginertia", "quat", "axisangle", "xyaxes", "zaxis", "euler"}:
+        if said.values.keys() & {"diaginertia", *ORIENTATIONS}:
             raise said.fail("fullinertia excludes diaginertia and an orientation")
         xx, yy, zz, xy, xz, yz = said.vector("fullinertia", 6)
         rotational = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return Inertia(mass, frozen(com), frozen(rotational))
+    return Inertia(mass, com, rotational)
 
 
 def _from_geoms(body: Element, geoms: Sequence[Geom], compiler: Compiler, moves: bool) -> Inertia:
@@ -78,14 +72,11 @@ def _from_geoms(body: Element, geoms: Sequence[Geom], compiler: Compiler, moves:
     if mass == 0.0:
         return _NOTHING
     com = sum((part.mass * part.com for part in parts), np.zeros(3)) / mass
-    rotational = sum((part.rotational + _steiner(part, com) for part in parts), np.zeros((3, 3)))
-    return Inertia(mass, frozen(com), frozen(rotational))
-
-
-def _steiner(part: Inertia, com: Array) -> Array:
-    arm = part.com - com
-    about: Array = part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    return about
+    rotational = np.zeros((3, 3))
+    for part in parts:
+        arm = part.com - com
+        rotational += part.rotational + part.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return Inertia(mass, com, rotational)
 
 
 def _conditioned(said: Element, found: Inertia, compiler: Compiler) -> Inertia | None:
@@ -108,7 +99,7 @@ def _conditioned(said: Element, found: Inertia, compiler: Compiler) -> Inertia |
         return None
     if np.array_equal(bounded, moments):
         return Inertia(mass, found.com, found.rotational)
-    return Inertia(mass, found.com, frozen(axes @ np.diag(bounded) @ axes.T))
+    return Inertia(mass, found.com, axes @ np.diag(bounded) @ axes.T)
 
 
 def scaled_to_total(links: Sequence[Link], total: float) -> tuple[Link, ...]:
@@ -116,14 +107,10 @@ def scaled_to_total(links: Sequence[Link], total: float) -> tuple[Link, ...]:
     present = sum(link.inertia.mass for link in links if link.inertia)
     if total <= 0.0 or present == 0.0:
         return tuple(links)
-    factor = total / present
-    return tuple(
-        link
-        if link.inertia is None
-        else Link(
-            link.name,
-            Inertia(factor * link.inertia.mass, link.inertia.com, frozen(factor * link.inertia.rotational)),
-            link.visuals,
+    factor, scaled = total / present, []
+    for link in links:
+        i = link.inertia
+        scaled.append(
+            link if i is None else replace(link, inertia=Inertia(factor * i.mass, i.com, factor * i.rotational))
         )
-        for link in links
-    )
+    return tuple(scaled)

@@ -1,8 +1,8 @@
-"""The joints of one MJCF body as a chain of joints between massless links."""
+"""What the reader of an MJCF body tree collects, and each body's joints as a chain between massless links."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -11,21 +11,74 @@ from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
-from ccpin.description.mjcf.element import Element, XmlElement, inverse, label_of, rotation, translation
+from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import IDENTITY, Joint, JointKind, Link, frozen
-from ccpin.errors import DescriptionError
+from ccpin.description.model import IDENTITY, Joint, Link, frame
+from ccpin.description.xml import ZERO, XmlElement, fail
 
 _TYPES = ("free", "ball", "slide", "hinge")
-_KINDS: dict[str, JointKind] = {
-    "free": "floating",
-    "ball": "spherical",
-    "slide": "prismatic",
-    "hinge": "revolute",
-}
+_KINDS = {"free": "floating", "ball": "spherical", "slide": "prismatic", "hinge": "revolute"}
 _DOFS = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
 _FORCES = {"stiffness": "springs", "damping": "damping", "frictionloss": "friction"}
 _Z = (0.0, 0.0, 1.0)
+
+
+class Names:
+    """Hands out element names, each once, so that unnamed elements get names no other one has."""
+
+    def __init__(self, what: str, given: Iterable[XmlElement]) -> None:
+        self._taken: set[str] = {WORLD} if what == "body" else set()
+        for xml in given:
+            name = xml.get("name")
+            if name in self._taken:
+                raise fail(xml, f"the {what} name '{name}' is used twice")
+            if name:
+                self._taken.add(name)
+
+    def fresh(self, wanted: str) -> str:
+        """Return `wanted`, with underscores appended until no other element has that name."""
+        while wanted in self._taken:
+            wanted += "_"
+        self._taken.add(wanted)
+        return wanted
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A site: the body it is fixed to and its frame (4, 4) there."""
+
+    body: str
+    placement: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """What the worldbody says.
+
+    Attributes:
+        body_names, joint_names: Hand out names to bodies and joints without one.
+        links, joints: Parents before children, the root "world" first.
+        poses: Every body's frame (4, 4) in the world at qpos0.
+        sites: The named sites.
+        reference: Displacements of the movable joints at qpos0.
+        passive_forces: Joints with springs, damping or friction, by those words.
+        notes: What was left out.
+    """
+
+    body_names: Names
+    joint_names: Names
+    links: list[Link] = field(default_factory=list)
+    joints: list[Joint] = field(default_factory=list)
+    poses: dict[str, Array] = field(default_factory=dict)
+    sites: dict[str, Site] = field(default_factory=dict)
+    reference: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    passive_forces: dict[str, list[str]] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    def pose_between(self, first: str, second: str) -> Array:
+        """Return the frame (4, 4) of body `second` in body `first` at qpos0."""
+        turn = self.poses[first][:3, :3].T
+        return frame(-turn @ self.poses[first][:3, 3], turn) @ self.poses[second]
 
 
 class JointReader:
@@ -36,22 +89,11 @@ class JointReader:
     carries its link at the moving joint frame, so each factor T(pₖ) Jₖ(−refₖ) becomes part of a placement,
     and where the last pos is not zero a fixed joint leads back to the body frame.
 
-    Args:
-        compiler: The compiler settings.
-        tree: Where to put links, joints and reference displacements.
-        link_name: Makes a link name unique.
-        joint_name: Makes a joint name unique.
+    Links, joints and reference displacements go into `tree`.
     """
 
-    def __init__(
-        self,
-        compiler: Compiler,
-        tree: Tree,
-        link_name: Callable[[str], str],
-        joint_name: Callable[[str], str],
-    ) -> None:
+    def __init__(self, compiler: Compiler, tree: Tree) -> None:
         self._compiler, self._tree = compiler, tree
-        self._link_name, self._joint_name = link_name, joint_name
         self._count = 0
 
     def read(self, joints: Sequence[Element], parent: str, body: str, placement: Array) -> None:
@@ -63,19 +105,19 @@ class JointReader:
         self._check_together(joints, parent)
         rest, link = placement, parent
         for index, said in enumerate(joints):
-            name = said.text("name") or self._joint_name(f"joint_{self._count}")
+            name = said.text("name") or self._tree.joint_names.fresh(f"joint_{self._count}")
             self._count += 1
             kind = _type_of(said)
-            pos = np.zeros(3) if kind in ("free", "slide") else said.vector("pos", 3, (0.0, 0.0, 0.0))
+            pos = np.zeros(3) if kind in ("free", "slide") else said.vector("pos", 3, ZERO)
             ends = index == len(joints) - 1 and not np.any(pos)
-            child = body if ends else self._link_name(f"{body}.{name}")
+            child = body if ends else self._tree.body_names.fresh(f"{body}.{name}")
             if child != body:
                 self._tree.links.append(Link(child))
-            self._tree.joints.append(self._joint(said, kind, name, (link, child), rest @ translation(pos)))
-            rest, link = translation(-pos), child
+            self._tree.joints.append(self._joint(said, kind, name, (link, child), rest @ frame(pos)))
+            rest, link = frame(-pos), child
         if link != body:
-            name = self._joint_name(f"{body}.fixed")
-            self._tree.joints.append(Joint(name, "fixed", link, body, frozen(rest)))
+            name = self._tree.joint_names.fresh(f"{body}.fixed")
+            self._tree.joints.append(Joint(name, "fixed", link, body, rest))
 
     def _check_together(self, joints: Sequence[Element], parent: str) -> None:
         for said in joints:
@@ -100,25 +142,29 @@ class JointReader:
         if kind == "free":
             self._note_alignment(said, name)
             quaternion = Rotation.from_matrix(placement[:3, :3]).as_quat()
-            self._tree.reference[name] = (*map(float, placement[:3, 3]), *map(float, quaternion))
+            self._tree.reference[name] = (*placement[:3, 3].tolist(), *quaternion.tolist())
             placement = IDENTITY
         elif kind == "ball":
             self._tree.reference[name] = (0.0, 0.0, 0.0, 1.0)
         else:
             self._tree.reference[name] = (ref,)
-        undo = _motion(kind, axis, -ref)
-        self._note_forces(said, name)
+        for attribute, word in _FORCES.items():
+            if any(said.some_numbers(attribute, 3)):
+                self._tree.passive_forces.setdefault(word, []).append(name)
+        forces, armature = self._bounds(said, "actuatorfrclimited", "actuatorfrcrange"), said.number("armature", 0.0)
+        if armature < 0.0:
+            raise said.fail("armature should not be negative")
         return Joint(
             name=name,
             kind=_KINDS[kind],
             parent=ends[0],
             child=ends[1],
-            placement=frozen(placement @ undo),
-            axis=frozen(axis),
+            placement=placement @ _motion(kind, axis, -ref),
+            axis=axis,
             lower=lower,
             upper=upper,
-            effort=self._effort(said),
-            armature=self._armature(said),
+            effort=np.inf if forces is None else float(np.abs(forces).max()),
+            armature=armature,
         )
 
     def _note_alignment(self, said: Element, name: str) -> None:
@@ -131,9 +177,10 @@ class JointReader:
 
     def _range(self, said: Element, kind: str, name: str) -> tuple[float, float]:
         """Return the limits; a ball joint's cone cannot be expressed and is noted."""
-        low, high = said.vector("range", 2, (0.0, 0.0))
-        if not self._limited(said, "limited", "range"):
+        bounds = self._bounds(said, "limited", "range")
+        if bounds is None:
             return -np.inf, np.inf
+        low, high = bounds
         if low >= high:
             raise said.fail(f"range should ascend, not run from {low:g} to {high:g}")
         if kind in ("ball", "free"):
@@ -142,95 +189,22 @@ class JointReader:
         unit = self._compiler.angles.unit if kind == "hinge" else 1.0
         return float(low * unit), float(high * unit)
 
-    def _limited(self, said: Element, switch: str, range_name: str) -> bool:
+    def _bounds(self, said: Element, switch: str, range_name: str) -> Array | None:
+        """Return the two numbers of a range that is in force, or ``None``."""
         word = said.choice(switch, ("true", "false", "auto"), "auto")
-        given = bool(np.any(said.vector(range_name, 2, (0.0, 0.0))))
+        bounds = said.vector(range_name, 2, (0.0, 0.0))
+        given = bool(np.any(bounds))
         if word == "auto" and given and not self._compiler.autolimits:
             raise said.fail(f"{range_name} without {switch} is ambiguous when autolimits is off")
-        return word == "true" or (word == "auto" and given)
-
-    def _effort(self, said: Element) -> float:
-        """Return the largest force the actuators may exert together on the joint."""
-        bounds = said.vector("actuatorfrcrange", 2, (0.0, 0.0))
-        limited = self._limited(said, "actuatorfrclimited", "actuatorfrcrange")
-        return float(np.abs(bounds).max()) if limited else np.inf
-
-    def _armature(self, said: Element) -> float:
-        value = said.number("armature", 0.0)
-        if value < 0.0:
-            raise said.fail("armature should not be negative")
-        return value
-
-    def _note_forces(self, said: Element, name: str) -> None:
-        for attribute, word in _FORCES.items():
-            if any(said.some_numbers(attribute, 3)):
-                self._tree.passive_forces.setdefault(word, []).append(name)
+        return bounds if word == "true" or (word == "auto" and given) else None
 
 
 def _type_of(said: Element) -> str:
-    return "free" if said.tag == "freejoint" else said.choice("type", _TYPES, "hinge")
+    return "free" if said.xml.tag == "freejoint" else said.choice("type", _TYPES, "hinge")
 
 
 def _motion(kind: str, axis: Array, displacement: float) -> Array:
     """Return the transform (4, 4) of a hinge or slide; the identity for the others."""
     if kind == "hinge":
-        return rotation(Rotation.from_rotvec(axis * displacement).as_matrix())
-    return translation(axis * displacement)
-
-
-# What the reader of an MJCF body tree collects: links, joints, sites and the poses at qpos0.
-
-
-@dataclass(frozen=True, eq=False)
-class Site:
-    """A site: the body it is fixed to and its frame (4, 4) there."""
-
-    body: str
-    placement: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Tree:
-    """What the worldbody says.
-
-    Attributes:
-        links: All links, the root "world" first, parents before children.
-        joints: All joints, parents before children.
-        poses: Every body's frame (4, 4) in the world at qpos0.
-        sites: The named sites.
-        reference: Displacements of the movable joints at qpos0.
-        passive_forces: Joints with springs, damping or friction, by those words.
-        notes: What was left out.
-    """
-
-    links: list[Link] = field(default_factory=list)
-    joints: list[Joint] = field(default_factory=list)
-    poses: dict[str, Array] = field(default_factory=dict)
-    sites: dict[str, Site] = field(default_factory=dict)
-    reference: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    passive_forces: dict[str, list[str]] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
-
-    def pose_between(self, first: str, second: str) -> Array:
-        """Return the frame (4, 4) of body `second` in body `first` at qpos0."""
-        return inverse(self.poses[first]) @ self.poses[second]
-
-
-class Names:
-    """Hands out element names, each once, so that unnamed elements get names no other one has."""
-
-    def __init__(self, what: str, given: Iterable[XmlElement], source: str | None) -> None:
-        self._taken: set[str] = {WORLD} if what == "body" else set()
-        for xml in given:
-            name = xml.get("name")
-            if name in self._taken:
-                raise DescriptionError(f"the {what} name '{name}' is used twice", source=source, element=label_of(xml))
-            if name:
-                self._taken.add(name)
-
-    def fresh(self, wanted: str) -> str:
-        """Return `wanted`, with underscores appended until no other element has that name."""
-        while wanted in self._taken:
-            wanted += "_"
-        self._taken.add(wanted)
-        return wanted
+        return frame(ZERO, Rotation.from_rotvec(axis * displacement).as_matrix())
+    return frame(axis * displacement)

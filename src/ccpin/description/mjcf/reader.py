@@ -9,17 +9,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from ccpin.description.checks import check
 from ccpin.description.mjcf.bodies import TreeReader
 from ccpin.description.mjcf.defaults import Defaults, read_compiler
-from ccpin.description.mjcf.element import Element, XmlElement, label_of
+from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.equality import Equalities, read_equalities
 from ccpin.description.mjcf.geoms import read_assets
 from ccpin.description.mjcf.inertia import scaled_to_total
 from ccpin.description.mjcf.joints import Tree
 from ccpin.description.mjcf.schema import ATTRIBUTES, SECTIONS, WORLD
 from ccpin.description.model import MechanismDescription
-from ccpin.description.xml import parse_xml
-from ccpin.errors import DescriptionError
+from ccpin.description.xml import XmlElement, fail, label, parse_xml, source_of
 
 _UNMODELLED = {
     "tendon": "The tendons are left out: ccpin does not model them.",
@@ -45,81 +45,82 @@ def read_mjcf(text: bytes, source: str | None) -> MechanismDescription:
         InvalidXmlError: Not well-formed, or refused for safety.
         DescriptionError: An element is unknown, unsupported, incomplete or contradictory.
     """
-    root = parse_xml(text, source)
+    return mjcf_description(parse_xml(text, source))
+
+
+def mjcf_description(root: XmlElement) -> MechanismDescription:
+    """The description that a parsed MJCF file states (see `read_mjcf`)."""
+    source = source_of(root)
     if root.tag != "mujoco":
-        raise DescriptionError("an MJCF file has the root element <mujoco>", source=source, element=label_of(root))
-    expand_includes(root, source)
-    sections = _sections(root, source)
-    compiler = read_compiler(sections["compiler"], source)
-    defaults = Defaults(sections["default"], source)
-    assets = read_assets(sections["asset"], defaults, compiler, source)
-    tree = TreeReader(sections["worldbody"], defaults, compiler, assets, source).read()
-    gravity, equalities_on = _options(sections["option"], source)
-    equalities = read_equalities(sections["equality"], tree, defaults, source)
+        raise fail(root, "an MJCF file has the root element <mujoco>")
+    expand_includes(root)
+    sections = _sections(root)
+    compiler = read_compiler(sections["compiler"])
+    defaults = Defaults(sections["default"])
+    assets = read_assets(sections["asset"], defaults, compiler)
+    tree = TreeReader(sections["worldbody"], defaults, compiler, assets).read()
+    gravity, equalities_on = _options(sections["option"])
+    equalities = read_equalities(sections["equality"], tree, defaults)
     if not equalities_on:
         equalities = Equalities(notes=["The equalities are left out: the file disables them (flag equality)."])
-    actuated, actuator_notes = _actuated(sections["actuator"], tree, source)
+    actuated, actuator_notes = _actuated(sections["actuator"], tree)
     passive = [f"Left out: {word} of {', '.join(who)}." for word, who in tree.passive_forces.items()]
     notes = [note for name, note in _UNMODELLED.items() if any(len(section) for section in sections[name])]
-    return MechanismDescription(
-        name=root.get("model") or (Path(source).stem if source else "mechanism"),
-        root=WORLD,
-        links=scaled_to_total(tree.links, compiler.total_mass),
-        joints=tuple(tree.joints),
-        closures=tuple(equalities.closures),
-        couplings=tuple(equalities.couplings),
-        dependent_hint=tuple(dict.fromkeys(equalities.dependent)),
-        actuated=actuated,
-        reference=tree.reference,
-        gravity=gravity,
-        source=source,
-        notes=(*tree.notes, *passive, *equalities.notes, *actuator_notes, *notes),
+    return check(
+        MechanismDescription(
+            name=root.get("model") or (Path(source).stem if source else "mechanism"),
+            root=WORLD,
+            links=scaled_to_total(tree.links, compiler.total_mass),
+            joints=tuple(tree.joints),
+            closures=tuple(equalities.closures),
+            couplings=tuple(equalities.couplings),
+            dependent_hint=tuple(dict.fromkeys(equalities.dependent)),
+            actuated=actuated,
+            reference=tree.reference,
+            gravity=gravity,
+            source=source,
+            notes=(*tree.notes, *passive, *equalities.notes, *actuator_notes, *notes),
+        )
     )
 
 
-def _sections(root: XmlElement, source: str | None) -> dict[str, list[XmlElement]]:
+def _sections(root: XmlElement) -> dict[str, list[XmlElement]]:
     """Sort the root's children by tag; MJCF allows every section more than once."""
-    Element.of(root, source)
+    Element.of(root)
     sections: dict[str, list[XmlElement]] = {name: [] for name in SECTIONS}
     for child in root.iterchildren("*"):
         if child.tag not in sections:
-            raise DescriptionError(
-                f"MJCF has no such section; it has: {', '.join(sorted(SECTIONS))}",
-                source=source,
-                element=label_of(child),
-            )
+            raise fail(child, f"MJCF has no such section; it has: {', '.join(sorted(SECTIONS))}")
         if f"mujoco/{child.tag}" in ATTRIBUTES:
-            Element.of(child, source)
+            Element.of(child)
         sections[child.tag].append(child)
     return sections
 
 
-def _options(sections: Sequence[XmlElement], source: str | None) -> tuple[_Gravity, bool]:
+def _options(sections: Sequence[XmlElement]) -> tuple[_Gravity, bool]:
     """Return gravity, and whether equality constraints are enabled at all."""
     gravity, weightless, enabled = (0.0, 0.0, -9.81), False, True
     for section in sections:
-        said = Element.of(section, source)
+        said = Element.of(section)
         x, y, z = said.vector("gravity", 3, gravity)
         gravity = (float(x), float(y), float(z))
         for xml in section.iterchildren("flag"):
-            flags = Element.of(xml, source)
+            flags = Element.of(xml)
             words = ("enable", "disable")
             weightless = flags.choice("gravity", words, words[weightless]) == "disable"
             enabled = flags.choice("equality", words, words[not enabled]) == "enable"
     return (0.0, 0.0, 0.0) if weightless else gravity, enabled
 
 
-def _actuated(
-    sections: Sequence[XmlElement], tree: Tree, source: str | None
-) -> tuple[tuple[str, ...] | None, list[str]]:
+def _actuated(sections: Sequence[XmlElement], tree: Tree) -> tuple[tuple[str, ...] | None, list[str]]:
     """Return the joints that actuators drive, in order, and notes on actuators that drive something else."""
     driven: list[str] = []
     notes: list[str] = []
     for xml in (xml for section in sections for xml in section.iterchildren("*")):
-        said = Element.of(xml, source)
+        said = Element.of(xml)
         joint = said.text("joint") or said.text("jointinparent")
         if joint is None:
-            notes.append(f"The actuator {said.label} drives no joint; it is left out.")
+            notes.append(f"The actuator {label(xml)} drives no joint; it is left out.")
         elif joint not in tree.reference:
             known = ", ".join(tree.reference) or "none"
             raise said.fail(f"there is no joint '{joint}'; there are: {known}")
@@ -128,35 +129,31 @@ def _actuated(
     return tuple(dict.fromkeys(driven)) or None, notes
 
 
-# ``<include>``: other MJCF files inserted where they are named, from the model's own folder only.
+def expand_includes(root: XmlElement) -> None:
+    """Replace every ``<include>`` below `root` by the content of the file it names, from the model's own folder only.
 
-
-def expand_includes(root: XmlElement, source: str | None) -> None:
-    """Replace every ``<include>`` below `root` by the content of the file it names.
-
-    File names are relative to the folder of `source`, whatever file they stand in. Each file may come once.
+    File names are relative to the folder of the root's source, whatever file they stand in. Each file may come once.
 
     Raises:
-        DescriptionError: The file is absent, outside the folder of `source`, included twice, or empty.
+        DescriptionError: The file is absent, outside that folder, included twice, or empty.
         InvalidXmlError: The included file is not well-formed.
     """
+    source = source_of(root)
     seen = {Path(source).resolve()} if source else set()
     while (include := next(root.iter("include"), None)) is not None:
-        said = Element.of(include, source)
-        path = _locate(said, source)
+        path = _locate(include, source)
         if path in seen:
-            raise said.fail(f"the file '{path.name}' is included twice")
+            raise fail(include, f"the file '{path.name}' is included twice")
         seen.add(path)
         content = list(parse_xml(path.read_bytes(), str(path)).iterchildren("*"))
         if not content:
-            raise said.fail(f"the file '{path.name}' holds nothing to include")
+            raise fail(include, f"the file '{path.name}' holds nothing to include")
         parent, index = include.getparent(), include.getparent().index(include)
-        parent.remove(include)
-        for offset, child in enumerate(content):
-            parent.insert(index + offset, child)
+        parent[index : index + 1] = content
 
 
-def _locate(said: Element, source: str | None) -> Path:
+def _locate(include: XmlElement, source: str | None) -> Path:
+    said = Element.of(include)
     name = said.required("file")
     if source is None or not Path(source).is_file():
         raise said.fail(f"the file '{name}' cannot be found, because this model was not read from a file")

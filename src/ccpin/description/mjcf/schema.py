@@ -10,55 +10,48 @@ ORIENTATIONS = frozenset({"quat", "axisangle", "xyaxes", "zaxis", "euler"})
 
 _FRAME = "pos quat axisangle xyaxes zaxis euler"
 _EQUALITY = "name class active solref solimp"
-_JOINT = (
-    "name class type group pos axis springdamper limited actuatorfrclimited solreflimit solimplimit "
-    "solreffriction solimpfriction stiffness range actuatorfrcrange actuatorgravcomp margin ref springref "
-    "springyield armature damping frictionloss user"
-)
-_COMPILER = (
-    "alignfree angle assetdir autolimits balanceinertia boundinertia boundmass conflict convexhull coordinate "
-    "discardvisual eulerseq exactmeshinertia fitaabb fusestatic inertiafromgeom inertiagrouprange meshdir "
-    "passthrough savecanonical savecompiled saveinertial settotalmass strippath texturedir usethread"
-)
 _GEOM = (
     "name class type contype conaffinity condim group priority size material friction mass density "
     "shellinertia solmix solref solimp margin gap fromto hfield mesh fitscale rgba fluidshape fluidcoef "
     "adhesion castshadow surfacevel user"
 )
-_MATERIAL = "name class texture texrepeat texuniform emission specular shininess reflectance metallic roughness rgba"
-_OPTION = (
-    "timestep apirate impratio tolerance ls_tolerance noslip_tolerance mpr_tolerance ccd_tolerance sleep_tolerance "
-    "gravity wind magnetic density viscosity o_margin o_solref o_solimp o_friction integrator collision cone "
-    "jacobian solver iterations ls_iterations noslip_iterations mpr_iterations ccd_iterations sdf_iterations "
-    "sdf_initpoints actuatorgroupdisable"
-)
-_FLAG = (
-    "constraint equality frictionloss limit contact passive spring damper gravity clampctrl warmstart filterparent "
-    "actuation refsafe sensor midphase eulerdamp autoreset nativeccd island override energy fwdinv invdiscrete "
-    "multiccd sleep diagexact ipc speculative"
-)
-_MESH = (
-    "name class content_type file vertex normal texcoord face refpos refquat scale smoothnormal maxhullvert "
-    "inertia builtin params material"
-)
 
 ATTRIBUTES: dict[str, frozenset[str]] = {
     tag: frozenset(names.split())
     for tag, names in {
-        "compiler": _COMPILER,
+        "compiler": (
+            "alignfree angle assetdir autolimits balanceinertia boundinertia boundmass conflict convexhull coordinate "
+            "discardvisual eulerseq exactmeshinertia fitaabb fusestatic inertiafromgeom inertiagrouprange meshdir "
+            "passthrough savecanonical savecompiled saveinertial settotalmass strippath texturedir usethread"
+        ),
         "body": f"name childclass mocap gravcomp user simple sleep fuse {_FRAME}",
         "mujoco": "model",
         "mujoco/worldbody": "",
         "mujoco/asset": "",
         "mujoco/actuator": "",
         "mujoco/equality": "",
-        "option": _OPTION,
-        "flag": _FLAG,
+        "option": (
+            "timestep apirate impratio tolerance ls_tolerance noslip_tolerance mpr_tolerance ccd_tolerance "
+            "sleep_tolerance gravity wind magnetic density viscosity o_margin o_solref o_solimp o_friction integrator "
+            "collision cone jacobian solver iterations ls_iterations noslip_iterations mpr_iterations ccd_iterations "
+            "sdf_iterations sdf_initpoints actuatorgroupdisable"
+        ),
+        "flag": (
+            "constraint equality frictionloss limit contact passive spring damper gravity clampctrl warmstart "
+            "filterparent actuation refsafe sensor midphase eulerdamp autoreset nativeccd island override energy "
+            "fwdinv invdiscrete multiccd sleep diagexact ipc speculative"
+        ),
         "default": "class",
-        "material": _MATERIAL,
+        "material": (
+            "name class texture texrepeat texuniform emission specular shininess reflectance metallic roughness rgba"
+        ),
         "frame": f"name childclass {_FRAME}",
         "inertial": f"mass diaginertia fullinertia {_FRAME}",
-        "joint": _JOINT,
+        "joint": (
+            "name class type group pos axis springdamper limited actuatorfrclimited solreflimit solimplimit "
+            "solreffriction solimpfriction stiffness range actuatorfrcrange actuatorgravcomp margin ref springref "
+            "springyield armature damping frictionloss user"
+        ),
         "equality/joint": f"{_EQUALITY} joint1 joint2 polycoef",
         "freejoint": "name group align",
         "geom": f"{_GEOM} {_FRAME}",
@@ -66,7 +59,10 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
         "connect": f"{_EQUALITY} body1 body2 anchor site1 site2",
         "weld": f"{_EQUALITY} body1 body2 anchor relpose torquescale site1 site2",
         "equality": "active solref solimp",
-        "mesh": _MESH,
+        "mesh": (
+            "name class content_type file vertex normal texcoord face refpos refquat scale smoothnormal maxhullvert "
+            "inertia builtin params material"
+        ),
         "include": "file",
     }.items()
 }

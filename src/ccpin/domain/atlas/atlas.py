@@ -1,6 +1,6 @@
 """The atlas: a region of q-space in boxes on each of which σ is proved to exist, be unique and be smooth.
 
-What is claimed. Each box satisfies Theorem K of `krawczyk`; each was glued to an earlier one at a common face, the
+What is claimed. Each box satisfies Theorem K of `boxes`; each was glued to an earlier one at a common face, the
 first to the closed configuration at q₀. So through every certified q runs a chain of boxes along which σ(q₀) continues
 to σ(q) without meeting a singularity, and `Atlas.sigma` returns that continuation. Where, moreover, `single_valued` is
 true, the boxes on the two sides of every shared face carry the same σ: it is one continuous function on the union of
@@ -9,7 +9,7 @@ change assembly mode without meeting a singularity, and the faces where that sho
 
 What is not claimed. Undecided cells are those not proved at the depth allowed; unreached cells were not tried, as
 no neighbour is certified (σ may exist there, on this branch or another). Empty cells are proved to hold no closed
-configuration at all (`atlas_empty`). Limits of dependent joints are not looked at.
+configuration at all (`atlas.empty`). Limits of dependent joints are not looked at.
 """
 
 from __future__ import annotations
@@ -23,20 +23,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Mask
 from ccpin.domain.atlas import store as atlas_store
-from ccpin.domain.atlas.build import Builder
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region, Status
+from ccpin.domain.atlas.build import AtlasBuilder
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Corners, Region, region_of
 from ccpin.domain.atlas.empty import prove_empty
-from ccpin.domain.atlas.region import region_of
-from ccpin.domain.atlas.run import Runner, Stopped, stoppable
+from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
-from ccpin.domain.chains import seed_of
+from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.mechanism.mechanism import Mechanism
-
-Mask = NDArray[np.bool_]
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 _DEPTHS = {1: 14, 2: 12, 3: 6}
 _TOLERANCES = {1: 1e-5, 2: 1e-4, 3: 2e-3}
@@ -78,6 +75,11 @@ class Atlas:
     tree: CellTree
     seed: Array
 
+    def __repr__(self) -> str:
+        done = "" if self.complete else ", interrupted"
+        share = f"{len(self.boxes.centre)} certified boxes, {100 * self.certified_fraction:.4g} % of the region"
+        return f"Atlas({', '.join(self.names)}: {share}{done})"
+
     @property
     def single_valued(self) -> bool:
         """Whether all shared faces are glued, so that σ is one continuous function on the certified set."""
@@ -96,29 +98,29 @@ class Atlas:
     @property
     def area(self) -> float:
         """Length, area or volume of the certified set, in radⁿ (metres for sliding coordinates)."""
-        return self.fraction(Status.CERTIFIED) * float(np.prod(self.region.width))
+        return self.fraction(CellStatus.CERTIFIED) * float(np.prod(self.region.width))
 
     @property
     def certified_fraction(self) -> float:
         """The certified share of the region."""
-        return self.fraction(Status.CERTIFIED)
+        return self.fraction(CellStatus.CERTIFIED)
 
     @property
     def undecided_fraction(self) -> float:
         """The share of the region tried without a proof."""
-        return self.fraction(Status.UNDECIDED, Status.CANDIDATE)
+        return self.fraction(CellStatus.UNDECIDED, CellStatus.CANDIDATE)
 
     @property
     def unreached_fraction(self) -> float:
         """The share of the region with no certified neighbour to start from."""
-        return self.fraction(Status.UNREACHED)
+        return self.fraction(CellStatus.UNREACHED)
 
     @property
     def empty_fraction(self) -> float:
         """The share of the region proved to hold no closed configuration."""
-        return self.fraction(Status.EMPTY)
+        return self.fraction(CellStatus.EMPTY)
 
-    def fraction(self, *statuses: Status) -> float:
+    def fraction(self, *statuses: CellStatus) -> float:
         """The share of the region in cells of the given statuses."""
         leaves = self.tree.leaves()
         chosen = leaves[np.isin(self.tree.status[leaves], statuses)]
@@ -131,7 +133,7 @@ class Atlas:
         return bool(certified[0]) if np.ndim(q) == 1 else certified
 
     def status(self, q: ArrayLike) -> NDArray[np.int8]:
-        """The `Status` of the cells that hold points (K, n); −1 outside of the region."""
+        """The `CellStatus` of the cells that hold points (K, n); −1 outside of the region."""
         cells = self.tree.locate(self.region.cell_coordinates(self._points(q)))
         return np.where(cells >= 0, self.tree.status[cells], -1).astype(np.int8)
 
@@ -165,7 +167,7 @@ class Atlas:
         header, arrays = atlas_store.pack_problem(self.problem)
         header |= {"names": list(self.names), "radius": self.radius, "complete": self.complete}
         arrays |= {f"box_{name}": array for name, array in self.boxes._asdict().items()}
-        arrays |= {f"tree_{name}": array for name, array in self.tree.arrays().items()}
+        arrays |= {f"tree_{name}": array for name, array in vars(self.tree).items()}
         arrays |= {"lower": self.region.lower, "upper": self.region.upper, "wrapped": self.region.wrapped}
         arrays |= {"q0": self.q0, "seed": self.seed, "unglued": self.unglued}
         atlas_store.write(path, header, arrays)
@@ -189,7 +191,7 @@ class Atlas:
                 complete=header["complete"],
                 region=Region(arrays["lower"], arrays["upper"], found["wrapped"].astype(np.bool_)),
                 problem=atlas_store.unpack_problem(header, found),
-                tree=CellTree.restore(**{k[5:]: v for k, v in found.items() if k.startswith("tree_")}),
+                tree=CellTree(**{k[5:]: v for k, v in found.items() if k.startswith("tree_")}),  # type: ignore[arg-type]
                 seed=arrays["seed"],
             )
         except KeyError as error:
@@ -207,13 +209,14 @@ class Atlas:
 
 
 def certify(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     q0: ArrayLike,
-    region: ArrayLike | None = None,
+    region: Corners | None = None,
     guess: Array | None = None,
     *,
     max_depth: int | None = None,
     bounds: BoundsName = "auto",
+    workers: int | None = None,
     executor: Executor | None = None,
     checkpoint: str | Path | None = None,
     progress: Callable[[Progress], None] | None = None,
@@ -223,16 +226,18 @@ def certify(
     First the largest square about q₀ is certified (to 0.1 % or better for n ≤ 2), then the rest of the region.
 
     Args:
-        mechanism: A mechanism with up to three scalar independent coordinates.
+        mechanism: A mechanism (or its model) with up to three scalar independent coordinates.
         q0: The seed, of shape (n,) (rad, m).
-        region: Lower and upper bound of each coordinate, of shape (n, 2); default a full turn for a joint whose
+        region: (lower, upper), the bounds of the coordinates, each of shape (n,); default a full turn for a joint whose
             limits allow it, the limits otherwise. A full turn closes on itself.
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         max_depth: How often an edge of the region may be halved (0: the square only); default 14, 12, 6 for n = 1,
             2, 3.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
-        executor: Anything with ``submit``: a process pool, Dask's ``client.get_executor()``; default this process,
-            with worker processes of its own for long work. The result does not depend on it.
+        workers: How many processes to start for the work; default none: all is done in this one. A script that asks
+            for more than one needs the guard ``if __name__ == "__main__":``.
+        executor: In place of `workers` anything with ``submit``: a process pool, Dask's ``client.get_executor()``.
+            The result depends on neither.
         checkpoint: A folder in which finished chunks are kept; the same call finds them again after a crash.
         progress: Called after every wave.
 
@@ -241,60 +246,51 @@ def certify(
 
     Raises:
         UnsupportedMechanismError: More than three coordinates, redundant rows, or closures that cannot be bounded.
-        InvalidInputError: q₀, region or max_depth is malformed.
+        InvalidInputError: q₀, region, max_depth or workers is malformed.
         UnreachableError, SingularConfigurationError: σ(q₀) does not exist on the branch, or is singular.
     """
-    start = np.asarray(q0, dtype=np.float64)
+    mechanism, start = mechanism_of(mechanism), np.asarray(q0, dtype=np.float64)
     if mechanism.n > max(_DEPTHS):
         raise UnsupportedMechanismError(
             f"{mechanism.name} has {mechanism.n} independent coordinates; maps are drawn for up to {max(_DEPTHS)}. Use "
             "kantorovich_radius for a ball or certify_path for a path"
         )
-    seed = seed_of(mechanism, start, guess)
+    seed = seed_at_coordinates(mechanism, start, guess)
     depth = _DEPTHS[mechanism.n] if max_depth is None else max_depth
     if not 0 <= depth < LEVELS:
         raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
     problem = problem_of(seed.system, bounds)
     area = region_of(mechanism, seed, region)
     complete = True
-    with stoppable() as flag, Runner(problem, executor, checkpoint, flag) as runner:
-        builder = Builder(problem, seed.theta, area, runner, progress and _reporter(progress))
+    with stoppable() as flag, executor_for(executor, workers) as chosen:
+        runner = Runner(problem, chosen, checkpoint, flag)
+        builder = AtlasBuilder(problem, seed.theta, area, runner, progress and _reporter(progress))
         try:
-            _build(builder, depth)
+            builder.certify_square(_TOLERANCES[mechanism.n])
+            if depth:
+                builder.certify_region(depth)
+                prove_empty(problem.system, builder.tree, area, depth)
         except Stopped:
             complete = False
-    return _atlas(mechanism, builder, complete)
-
-
-def _build(builder: Builder, depth: int) -> None:
-    system, region = builder.problem.system, builder.region
-    builder.certify_square(_TOLERANCES[system.n])
-    if depth:
-        builder.certify_region(depth)
-        prove_empty(system, builder.tree, region, depth)
-
-
-def _atlas(mechanism: Mechanism, builder: Builder, complete: bool) -> Atlas:
     return Atlas(
         names=tuple(mechanism.independent),
         q0=builder.q0,
         radius=builder.radius(),
-        boxes=builder.boxes.all(),
+        boxes=builder.boxes,
         unglued=np.array(builder.unglued, dtype=np.int64).reshape(-1, 2),
         complete=complete,
-        region=builder.region,
-        problem=builder.problem,
+        region=area,
+        problem=problem,
         tree=builder.tree,
-        seed=builder.seed,
+        seed=seed.theta,
     )
 
 
 def _reporter(progress: Callable[[Progress], None]) -> Callable[[CellTree], None]:
     def report(tree: CellTree) -> None:
-        status = tree.status[: tree.count]
-        certified = status == Status.CERTIFIED
-        share = float(np.prod(tree.size[: tree.count][certified] / WHOLE, axis=1).sum())
-        waiting = int(np.count_nonzero(status == Status.CANDIDATE))
+        certified = tree.status == CellStatus.CERTIFIED
+        share = float(np.prod(tree.size[certified] / WHOLE, axis=1).sum())
+        waiting = int(np.count_nonzero(tree.status == CellStatus.CANDIDATE))
         progress(Progress(int(np.count_nonzero(certified)), waiting, share))
 
     return report

@@ -13,17 +13,15 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccpin.arrays import Array
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Contacts, Region, Status, contacts_of
+from ccpin.arrays import Array, Indices, Mask, joined, rows_of
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Contacts, Region, contacts_of
 from ccpin.domain.atlas.run import Runner, Stopped
-from ccpin.domain.atlas.tasks import BoxBuffer, Cells, Faces, Proved, glue_task, prove_task
+from ccpin.domain.atlas.tasks import Arrays, CellsToProve, Proved, glue_task, prove_task
 from ccpin.domain.boxes import Boxes, Problem, certify_points
 from ccpin.domain.newton import encloses, predict
 from ccpin.errors import SingularConfigurationError
 
-Index = NDArray[np.intp]
 _NEAREST = 48  # cells of a wave that looks for the largest square: more would refine in vain
 
 
@@ -35,7 +33,7 @@ class _Origin(NamedTuple):
     at_cell: Array
 
 
-class Builder:
+class AtlasBuilder:
     """The state of an atlas under construction.
 
     Attributes:
@@ -54,14 +52,14 @@ class Builder:
     ) -> None:
         self.problem, self.seed, self.region, self.runner, self._report = problem, seed, region, runner, report
         self.q0 = seed[problem.system.independent]
-        self.tree = CellTree(problem.system.n)
+        self.tree = CellTree.whole(problem.system.n)
         point = certify_points(problem, seed[None])
         if not point.proved[0]:
             raise SingularConfigurationError(
                 "q0 is too close to a singular configuration for a certificate", q_free=seed, rcond=0.0
             )
         self._point = point.boxes
-        self.boxes = BoxBuffer(Boxes(*(array[:0] for array in self._start_boxes())))
+        self.boxes = self._point.without_rows(problem.system.n)
         self.unglued: list[tuple[int, int]] = []
         at = (region.reduce(self.q0[None])[0] - region.lower) / region.width * WHOLE
         self._origins: dict[int, _Origin] = {}
@@ -69,20 +67,16 @@ class Builder:
         size = problem.system.m * problem.system.n_free**2
         self._chunk = int(np.clip(500_000 // size, 32, 512))
 
-    def _start_boxes(self) -> Boxes:
-        n, system = self.problem.system.n, self.problem.system
-        return self._point._replace(half=np.zeros((1, n)), directions=np.zeros((1, system.n_free, n)))
-
     def _seed_cell(self, origin: _Origin) -> None:
         """Make the leaf that holds the seed a candidate."""
         leaf = int(self.tree.locate(np.floor(origin.at_cell)[None].astype(np.int64).clip(0, WHOLE - 1))[0])
         self._origins[leaf] = origin
-        if self.tree.status[leaf] == Status.UNREACHED:
-            self.tree.status[leaf] = Status.CANDIDATE
+        if self.tree.status[leaf] == CellStatus.UNREACHED:
+            self.tree.status[leaf] = CellStatus.CANDIDATE
 
-    def candidates(self) -> Index:
+    def candidates(self) -> Indices:
         """Cells that may be tried."""
-        return np.flatnonzero(self.tree.status[: self.tree.count] == Status.CANDIDATE)
+        return np.flatnonzero(self.tree.status == CellStatus.CANDIDATE)
 
     def certify_square(self, tolerance: float) -> None:
         """Certify around the seed, nearest cells first, until the nearest undecided cell is nearer than all others.
@@ -93,8 +87,8 @@ class Builder:
         while True:
             cells = self.candidates()
             distance = self.distance(cells)
-            blocked = self.tree.status[: self.tree.count] == Status.UNDECIDED
-            limit = np.min(self.distance(np.flatnonzero(blocked)), initial=self._edge())
+            blocked = np.flatnonzero(self.tree.status == CellStatus.UNDECIDED)
+            limit = np.min(self.distance(blocked), initial=self._edge())
             if not cells.size or np.min(distance) >= limit:
                 return
             order = np.lexsort((cells, distance))[:_NEAREST]
@@ -105,16 +99,13 @@ class Builder:
     def certify_region(self, depth: int) -> None:
         """Certify all that can be reached, halving each edge `depth` times at most."""
         smallest = np.array(float(1 << (LEVELS - depth)))
-        while True:
-            cells = self.candidates()
-            if not cells.size:
-                return
+        while (cells := self.candidates()).size:
             self.wave(cells, np.broadcast_to(smallest, (len(cells), 1)))
 
     def radius(self) -> float:
         """Half width of the largest square about the seed that is certified: the distance of the nearest other cell."""
         leaves = self.tree.leaves()
-        other = self.distance(leaves[self.tree.status[leaves] != Status.CERTIFIED])
+        other = self.distance(leaves[self.tree.status[leaves] != CellStatus.CERTIFIED])
         return float(max(0.0, np.min(other, initial=self._edge()) * (1.0 - 1e-12)))
 
     def _edge(self) -> float:
@@ -123,21 +114,19 @@ class Builder:
         edges = np.where(region.wrapped, 0.5 * region.width, np.minimum(self.q0 - region.lower, region.upper - self.q0))
         return float(edges.min())
 
-    def distance(self, cells: Index) -> Array:
+    def distance(self, cells: Indices) -> Array:
         """Distance of cells from the seed in the maximum norm, periodic coordinates the short way round."""
         low, high = self.edges(cells)
-        gaps = []
-        for turn in (-1.0, 0.0, 1.0):
-            q = self.q0 + turn * np.where(self.region.wrapped, self.region.width, 0.0)
-            gaps.append(np.maximum(np.maximum(low - q, q - high), 0.0))
+        turn = np.where(self.region.wrapped, self.region.width, 0.0)
+        gaps = [np.maximum(np.maximum(low - q, q - high), 0.0) for q in (self.q0 - turn, self.q0, self.q0 + turn)]
         return np.asarray(np.max(np.min(gaps, axis=0), axis=1, initial=0.0))
 
-    def edges(self, cells: Index) -> tuple[Array, Array]:
+    def edges(self, cells: Indices) -> tuple[Array, Array]:
         """Lower and upper corners of cells in q-space."""
         lower = self.tree.lower[cells]
         return self.region.position(lower), self.region.position(lower + self.tree.size[cells])
 
-    def wave(self, cells: Index, smallest: Array) -> None:
+    def wave(self, cells: Indices, smallest: Array) -> None:
         """Prove cells; split those that fail where an edge is longer than `smallest` (whole-number units, (K, 1))."""
         if not cells.size:
             return
@@ -146,17 +135,18 @@ class Builder:
         rows = np.flatnonzero(found.proved)
         accepted[rows] = self._glued_to_origin(cells[rows], found.boxes.take(rows))
         done, failed = np.flatnonzero(accepted), np.flatnonzero(~accepted)
-        numbers = self.boxes.append(found.boxes.take(done))
-        self.tree.status[cells[done]], self.tree.box[cells[done]] = Status.CERTIFIED, numbers
+        self.tree.status[cells[done]] = CellStatus.CERTIFIED
+        self.tree.box[cells[done]] = len(self.boxes.kappa) + np.arange(len(done))
+        self.boxes = joined([self.boxes, found.boxes.take(done)])
         children = self._split(cells[failed], found.stretch[failed], smallest[failed])
         origins = [self._origins.pop(int(cell)) for cell in cells]
-        if not self.boxes.count and children.size:
+        if not len(self.boxes.kappa) and children.size:
             self._seed_cell(origins[0])
         self._spread(cells[done], children)
         if self._report is not None:
             self._report(self.tree)
 
-    def _prove(self, cells: Index) -> Proved:
+    def _prove(self, cells: Indices) -> Proved:
         origins = [self._origins[int(cell)] for cell in cells]
         boxes = np.array([origin.box for origin in origins])
         start = np.tile(self.seed, (len(cells), 1))
@@ -168,9 +158,9 @@ class Builder:
         start[:, self.problem.system.independent] = at_cell
         centre = self.region.position(self.tree.lower[cells] + 0.5 * self.tree.size[cells])
         half = 0.5 * self.region.width * (self.tree.size[cells] / WHOLE)
-        data = Cells(centre, half, start, np.tile(self.seed, (len(cells), 1)))
-        results = self.runner.map(prove_task, [data_slice(data, part) for part in self._parts(len(cells))])
-        return Proved.unpack(tuple(np.concatenate(arrays) for arrays in zip(*results, strict=True)))
+        data = CellsToProve(centre, half, start, np.tile(self.seed, (len(cells), 1)))
+        results = self.runner.map(prove_task, [rows_of(data, part) for part in self._parts(len(cells))])
+        return joined(Proved.unpack(result) for result in results)
 
     def _parts(self, count: int) -> list[slice]:
         return [slice(k, k + self._chunk) for k in range(0, count, self._chunk)]
@@ -179,31 +169,27 @@ class Builder:
         """Points in whole-number units as parameters of boxes."""
         return self.region.position(np.asarray(at)) - boxes.centre[:, self.problem.system.independent]
 
-    def _glued_to_origin(self, cells: Index, boxes: Boxes) -> NDArray[np.bool_]:
+    def _glued_to_origin(self, cells: Indices, boxes: Boxes) -> Mask:
         """Whether new boxes carry the solution of the box (or the seed) they were reached from."""
         origins = [self._origins[int(cell)] for cell in cells]
-        result = np.zeros(len(cells), dtype=np.bool_)
-        rows = np.array([k for k, origin in enumerate(origins) if origin.box >= 0], dtype=np.intp)
+        numbers = np.array([origin.box for origin in origins], dtype=np.intp)
+        result, rows = np.zeros(len(cells), dtype=np.bool_), np.flatnonzero(numbers >= 0)
         if rows.size:
-            parents = self.boxes.take(np.array([origins[k].box for k in rows]))
+            parents = self.boxes.take(numbers[rows])
             at_parent = self._delta(parents, [origins[k].at_box for k in rows])
             own = boxes.take(rows)
-            result[rows] = self._glue(
-                Faces(parents, at_parent, own, self._delta(own, [origins[k].at_cell for k in rows]))
-            )
-        for k, origin in enumerate(origins):
-            if origin.box < 0:
-                one = boxes.take(np.array([k]))
-                ball = self._point.centre, self._point.radius, self._point.modes
-                result[k] = encloses(self.problem, one, self._delta(one, [origin.at_cell]), *ball)[0]
+            result[rows] = self._glue(parents, at_parent, own, self._delta(own, [origins[k].at_cell for k in rows]))
+        for k in np.flatnonzero(numbers < 0):
+            one, ball = boxes.take(np.array([k])), (self._point.centre, self._point.radius, self._point.modes)
+            result[k] = encloses(self.problem, one, self._delta(one, [origins[k].at_cell]), *ball)[0]
         return result
 
-    def _glue(self, faces: Faces) -> NDArray[np.bool_]:
-        arrays = faces.pack()
-        chunks = [tuple(array[part] for array in arrays) for part in self._parts(len(faces.delta_first))]
+    def _glue(self, first: Boxes, delta: Array, second: Boxes, delta_second: Array) -> Mask:
+        arrays: Arrays = (*first, delta, *second, delta_second)
+        chunks = [tuple(array[part] for array in arrays) for part in self._parts(len(delta))]
         return np.concatenate([result[0] for result in self.runner.map(glue_task, chunks)]).astype(np.bool_)
 
-    def _split(self, cells: Index, stretch: Array, smallest: Array) -> Index:
+    def _split(self, cells: Indices, stretch: Array, smallest: Array) -> Indices:
         """Halve cells along the edge σ stretches most; those that may not be halved are undecided. The new leaves."""
         size = self.tree.size[cells]
         allowed = (size > smallest) & (size > 1)
@@ -212,15 +198,15 @@ class Builder:
         fair = stretched + 1e-3 * np.max(stretched, axis=1, keepdims=True, initial=1e-300) * (size / WHOLE)
         cut = np.argmax(np.where(allowed, fair, -1.0), axis=1)
         splittable = np.any(allowed, axis=1)
-        self.tree.status[cells[~splittable]] = Status.UNDECIDED
+        self.tree.status[cells[~splittable]] = CellStatus.UNDECIDED
         return self.tree.split(cells[splittable], cut[splittable])
 
-    def _spread(self, done: Index, children: Index) -> None:
+    def _spread(self, done: Indices, children: Indices) -> None:
         """Make neighbours of new boxes, and new leaves beside old boxes, candidates; glue new boxes to old ones."""
         contacts = contacts_of(self.tree, self.region, np.concatenate([done, children]))
         status = self.tree.status
-        outward = (status[contacts.cell] == Status.CERTIFIED) & (status[contacts.leaf] == Status.UNREACHED)
-        inward = (status[contacts.cell] == Status.UNREACHED) & (status[contacts.leaf] == Status.CERTIFIED)
+        outward = (status[contacts.cell] == CellStatus.CERTIFIED) & (status[contacts.leaf] == CellStatus.UNREACHED)
+        inward = (status[contacts.cell] == CellStatus.UNREACHED) & (status[contacts.leaf] == CellStatus.CERTIFIED)
         self._propose(
             np.concatenate([contacts.leaf[outward], contacts.cell[inward]]),
             self.tree.box[np.concatenate([contacts.cell[outward], contacts.leaf[inward]])],
@@ -228,35 +214,31 @@ class Builder:
             np.concatenate([contacts.at_leaf[outward], contacts.at_cell[inward]]),
             np.concatenate([contacts.area[outward], contacts.area[inward]]),
         )
-        both = (status[contacts.cell] == Status.CERTIFIED) & (status[contacts.leaf] == Status.CERTIFIED)
+        both = (status[contacts.cell] == CellStatus.CERTIFIED) & (status[contacts.leaf] == CellStatus.CERTIFIED)
         first, second = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]
-        newest = self.boxes.count - len(done)
+        newest = len(self.boxes.kappa) - len(done)
         once = (second < newest) | (first < second) | ((first == second) & contacts.upper)
-        self._check(Contacts(*(array[both & once] for array in contacts)))
+        self._check(rows_of(contacts, both & once))
 
-    def _propose(self, cells: Index, boxes: Index, at_box: Array, at_cell: Array, area: Array) -> None:
+    def _propose(self, cells: Indices, boxes: Indices, at_box: Array, at_cell: Array, area: Array) -> None:
         """Make cells candidates, each reached from the box with the largest common face (the oldest of equals)."""
         order = np.lexsort((boxes, -area, cells))
         first = order[np.flatnonzero(np.diff(cells[order], prepend=-1))]
         for k in first:
             self._origins[int(cells[k])] = _Origin(int(boxes[k]), at_box[k], at_cell[k])
-        self.tree.status[cells[first]] = Status.CANDIDATE
+        self.tree.status[cells[first]] = CellStatus.CANDIDATE
 
     def _check(self, contacts: Contacts) -> None:
         if not contacts.cell.size:
             return
         numbers = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]
         first, second = self.boxes.take(numbers[0]), self.boxes.take(numbers[1])
-        faces = Faces(first, self._delta(first, contacts.at_cell), second, self._delta(second, contacts.at_leaf))
         pairs = list(zip(numbers[0].tolist(), numbers[1].tolist(), strict=True))
         try:
-            same = self._glue(faces)
+            same = self._glue(
+                first, self._delta(first, contacts.at_cell), second, self._delta(second, contacts.at_leaf)
+            )
         except Stopped:
             self.unglued += pairs
             raise
         self.unglued += [pair for pair, agree in zip(pairs, same, strict=True) if not agree]
-
-
-def data_slice(data: Cells, part: slice) -> Cells:
-    """Some of the cells."""
-    return Cells(*(array[part] for array in data))

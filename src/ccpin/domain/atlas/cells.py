@@ -1,23 +1,30 @@
-"""The cells of a region of q-space: a binary tree of axis-parallel boxes with whole-number corners."""
+"""A region of q-space and its cells: a binary tree of axis-parallel boxes with whole-number corners."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, Mask, joined
+from ccpin.domain.chains import Seed
+from ccpin.errors import InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
 
+Corners = Sequence[ArrayLike] | Array  # (lower, upper)
 Integers = NDArray[np.int64]
 
 LEVELS = 32
 WHOLE = 1 << LEVELS
+TURN = 2.0 * np.pi
+_SLACK = 1e-9
 
 
-class Status(IntEnum):
+class CellStatus(IntEnum):
     """What is known of a cell."""
 
     UNREACHED = 0
@@ -39,7 +46,7 @@ class Region:
 
     lower: Array
     upper: Array
-    wrapped: NDArray[np.bool_]
+    wrapped: Mask
 
     @property
     def width(self) -> Array:
@@ -60,78 +67,115 @@ class Region:
     def reduce(self, q: Array) -> Array:
         """Points with their periodic coordinates turned into the region."""
         turns = np.where(self.wrapped, np.floor((q - self.lower) / self.width), 0.0)
-        return np.asarray(np.clip(q - turns * self.width, *self._clip(q)))
+        reduced = np.clip(q - turns * self.width, self.lower, self.upper)  # rounding must not pass the edge
+        return np.where(self.wrapped, reduced, q)
 
-    def _clip(self, q: Array) -> tuple[Array, Array]:
-        """Rounding must not push a reduced point over the edge; other coordinates stay as they are."""
-        return np.where(self.wrapped, self.lower, np.minimum(q, self.lower)), np.where(
-            self.wrapped, self.upper, np.maximum(q, self.upper)
+
+def corners_of(region: Corners, names: Sequence[str]) -> tuple[Array, Array]:
+    """The corners (lower, upper) of a region over named coordinates, n finite numbers each, lower below upper.
+
+    Raises:
+        InvalidInputError: They are not.
+    """
+    n = len(names)
+    try:
+        corners = np.array(region, dtype=np.float64)
+    except (TypeError, ValueError):
+        corners = np.empty(0)
+    if corners.shape != (2, n) or not np.all(np.isfinite(corners)):
+        raise InvalidInputError(
+            f"a region is (lower, upper), each of shape ({n},) and finite: one bound a coordinate ({', '.join(names)})"
         )
+    if np.any(corners[1] <= corners[0]):
+        raise InvalidInputError(
+            f"the region's lower corner {corners[0].tolist()} must be below its upper corner {corners[1].tolist()}"
+        )
+    return corners[0], corners[1]
 
 
-class Touching(NamedTuple):
-    """Pairs (query, leaf), sorted: which leaves overlap which query boxes."""
+def region_of(mechanism: Mechanism, seed: Seed, region: Corners | None) -> Region:
+    """The region asked for, or by default a full turn for a joint whose limits allow it, the limits otherwise.
 
-    query: NDArray[np.intp]
-    leaf: NDArray[np.intp]
+    A periodic coordinate given a full turn (to 1e-9) closes on itself. A default full turn is [−π, π].
+
+    Raises:
+        InvalidInputError: Bounds are malformed, do not hold q₀ or exceed a full turn; or a slide has no limits.
+    """
+    system = seed.system
+    periodic, q0 = system.periodic[system.independent], seed.theta[system.independent]
+    names = mechanism.independent
+    lower, upper = corners_of(_limits(mechanism, seed) if region is None else region, names)
+    wrapped = periodic & (upper - lower >= TURN - _SLACK)
+    if np.any(upper - lower > TURN + _SLACK, where=periodic):
+        raise InvalidInputError("a region may not exceed a full turn of a revolute joint")
+    upper[wrapped] = lower[wrapped] + TURN
+    inside = wrapped | ((q0 >= lower) & (q0 <= upper))
+    if not np.all(inside):
+        name = names[int(np.argmin(inside))]
+        raise InvalidInputError(f"q0 = {q0.tolist()} lies outside the region in '{name}'")
+    return Region(lower, upper, wrapped)
 
 
+def _limits(mechanism: Mechanism, seed: Seed) -> tuple[Array, Array]:
+    """Default bounds of the independent coordinates."""
+    system, model = seed.system, mechanism.tree.model
+    lower, upper = np.full(system.n, -np.pi), np.full(system.n, np.pi)
+    for row, index in enumerate(system.independent):
+        joint = next(joint for joint in system.chart.joints if joint.v.start <= index < joint.v.stop)
+        low, high = -np.inf, np.inf
+        if joint.kind.nq == 1:
+            low, high = float(model.lowerPositionLimit[joint.q.start]), float(model.upperPositionLimit[joint.q.start])
+        if system.periodic[index] and not high - low < TURN - _SLACK:
+            continue
+        if not np.isfinite(high - low):
+            raise InvalidInputError(f"joint '{joint.name}' has no limits: give a region")
+        lower[row], upper[row] = low, high
+    return lower, upper
+
+
+@dataclass(eq=False)
 class CellTree:
-    """Cells by number: leaves carry a `Status`, split cells their two children.
+    """Cells by number: leaves carry a `CellStatus`, split cells their two children.
 
     Attributes:
         lower: Lower corners, of shape (N, n), in units of 2⁻³² of the region.
         size: Edge lengths in the same units, of shape (N, n).
         cut: The coordinate a split cell is halved along, of shape (N,).
         child: The lower half's number (the upper half's is one more), or −1, of shape (N,).
-        status: `Status`, of shape (N,).
+        status: `CellStatus`, of shape (N,).
         box: The number of a certified cell's box, or −1, of shape (N,).
     """
 
-    def __init__(self, n: int) -> None:
-        self.count = 1
-        self.lower = np.zeros((64, n), dtype=np.int64)
-        self.size = np.full((64, n), WHOLE, dtype=np.int64)
-        self.cut = np.zeros(64, dtype=np.int64)
-        self.child = np.full(64, -1, dtype=np.int64)
-        self.status = np.zeros(64, dtype=np.int8)
-        self.box = np.full(64, -1, dtype=np.int64)
+    lower: Integers
+    size: Integers
+    cut: Integers
+    child: Integers
+    status: NDArray[np.int8]
+    box: Integers
 
     @classmethod
-    def restore(cls, **arrays: NDArray[np.generic]) -> CellTree:
-        """A tree from its arrays, as `arrays` gave them."""
-        tree = cls(arrays["lower"].shape[1])
-        tree.count = len(arrays["lower"])
-        for name, array in arrays.items():
-            setattr(tree, name, np.array(array))
-        return tree
+    def whole(cls, n: int) -> CellTree:
+        """One cell: the region."""
+        none, corner = np.array([-1]), np.zeros((1, n), dtype=np.int64)
+        return cls(corner, corner + WHOLE, np.zeros(1, dtype=np.int64), none, np.zeros(1, dtype=np.int8), none.copy())
 
-    def arrays(self) -> dict[str, NDArray[np.generic]]:
-        """The arrays that make up the tree."""
-        names = ("lower", "size", "cut", "child", "status", "box")
-        return {name: getattr(self, name)[: self.count].copy() for name in names}
-
-    def split(self, cells: NDArray[np.intp], cut: NDArray[np.intp]) -> NDArray[np.intp]:
+    def split(self, cells: Indices, cut: Indices) -> Indices:
         """Halve leaves along a coordinate each; the new cells' numbers, of shape (2 · len(cells),)."""
-        first = self.count
-        self._reserve(first + 2 * len(cells))
-        self.count += 2 * len(cells)
-        children = np.arange(first, self.count)
-        self.child[cells], self.cut[cells], self.status[cells] = children[::2], cut, Status.SPLIT
-        self.lower[children] = np.repeat(self.lower[cells], 2, axis=0)
-        self.size[children] = np.repeat(self.size[cells], 2, axis=0)
-        rows, columns = np.arange(first, self.count), np.repeat(cut, 2)
-        self.size[rows, columns] //= 2
-        self.lower[rows[1::2], cut] += self.size[rows[1::2], cut]
-        self.status[children], self.child[children], self.box[children] = Status.UNREACHED, -1, -1
+        children = len(self.child) + np.arange(2 * len(cells))
+        self.child[cells], self.cut[cells], self.status[cells] = children[::2], cut, CellStatus.SPLIT
+        for name, array in vars(self).items():
+            setattr(self, name, np.concatenate([array, np.repeat(array[cells], 2, axis=0)]))
+        self.size[children, np.repeat(cut, 2)] //= 2
+        self.lower[children[1::2], cut] += self.size[children[1::2], cut]
+        self.status[children], self.child[children], self.box[children] = CellStatus.UNREACHED, -1, -1
         return children
 
-    def leaves(self) -> NDArray[np.intp]:
+    def leaves(self) -> Indices:
         """Numbers of all cells that are not split."""
-        return np.flatnonzero(self.child[: self.count] < 0)
+        return np.flatnonzero(self.child < 0)
 
-    def overlapping(self, lower: Integers, upper: Integers) -> Touching:
-        """The leaves whose interiors meet the boxes [lower, upper), of shape (K, n) each."""
+    def overlapping(self, lower: Integers, upper: Integers) -> tuple[Indices, Indices]:
+        """Which leaves meet the boxes [lower, upper), (K, n) each, in their interiors: pairs (box, leaf), sorted."""
         query, node = np.arange(len(lower)), np.zeros(len(lower), dtype=np.int64)
         queries, leaves = [query[:0]], [node[:0]]
         while len(query):
@@ -144,9 +188,9 @@ class CellTree:
             border = self.lower[child + 1, cut]
             low, high = lower[query, cut] < border, upper[query, cut] > border
             query, node = np.concatenate([query[low], query[high]]), np.concatenate([child[low], child[high] + 1])
-        pairs = np.concatenate(queries), np.concatenate(leaves)
-        order = np.lexsort(pairs[::-1])
-        return Touching(pairs[0][order], pairs[1][order])
+        query, node = np.concatenate(queries), np.concatenate(leaves)
+        order = np.lexsort((node, query))
+        return query[order], node[order]
 
     def locate(self, coordinates: Integers) -> NDArray[np.int64]:
         """The leaf that holds each point (K, n); −1 where the point has a negative coordinate."""
@@ -161,19 +205,8 @@ class CellTree:
             border = self.lower[np.maximum(child, 0) + 1, cut]
             node = np.where(inner, child + (coordinates[rows, cut] >= border), node)
 
-    def _reserve(self, count: int) -> None:
-        have = len(self.cut)
-        if count <= have:
-            return
-        more = max(count, 2 * have) - have
-        for name in ("lower", "size", "cut", "child", "status", "box"):
-            array = getattr(self, name)
-            setattr(self, name, np.concatenate([array, np.zeros((more, *array.shape[1:]), dtype=array.dtype)]))
-
 
 # Which cells of an atlas touch which leaves, and where.
-
-Index = NDArray[np.intp]
 
 
 class Contacts(NamedTuple):
@@ -186,21 +219,20 @@ class Contacts(NamedTuple):
         upper: Whether it is the cell's upper face, of shape (K,).
     """
 
-    cell: Index
-    leaf: Index
+    cell: Indices
+    leaf: Indices
     at_cell: Array
     at_leaf: Array
     area: Array
-    upper: NDArray[np.bool_]
+    upper: Mask
 
 
-def contacts_of(tree: CellTree, region: Region, cells: Index) -> Contacts:
+def contacts_of(tree: CellTree, region: Region, cells: Indices) -> Contacts:
     """The faces that cells share with leaves, across the seam of periodic coordinates too."""
-    found = [_across(tree, region, cells, k, upper) for k in range(len(region.lower)) for upper in (False, True)]
-    return Contacts(*(np.concatenate(arrays) for arrays in zip(*found, strict=True)))
+    return joined(_across(tree, region, cells, k, upper) for k in range(len(region.lower)) for upper in (False, True))
 
 
-def _across(tree: CellTree, region: Region, cells: Index, k: int, upper: bool) -> Contacts:
+def _across(tree: CellTree, region: Region, cells: Indices, k: int, upper: bool) -> Contacts:
     """Contacts across the lower or upper faces perpendicular to coordinate k."""
     low, high = tree.lower[cells].copy(), tree.lower[cells] + tree.size[cells]
     face = high[:, k].copy() if upper else low[:, k].copy()
@@ -209,8 +241,8 @@ def _across(tree: CellTree, region: Region, cells: Index, k: int, upper: bool) -
         beyond = beyond % WHOLE
     within = np.flatnonzero((beyond >= 0) & (beyond < WHOLE))
     low[:, k], high[:, k] = beyond, beyond + 1
-    touching = tree.overlapping(low[within], high[within])
-    rows, leaf = within[touching.query], touching.leaf
+    query, leaf = tree.overlapping(low[within], high[within])
+    rows = within[query]
     start = np.maximum(low[rows], tree.lower[leaf])
     end = np.minimum(high[rows], tree.lower[leaf] + tree.size[leaf])
     at_cell = 0.5 * (start + end)

@@ -14,14 +14,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccpin.arrays import Array
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region, Status
+from ccpin.arrays import Array, Indices, Mask
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Region
 from ccpin.domain.chain_stack import move, stack_chains
 from ccpin.domain.chains import Chain, ClosureSystem
-
-Mask = NDArray[np.bool_]
 
 
 class _Anchor(NamedTuple):
@@ -32,13 +29,13 @@ class _Anchor(NamedTuple):
 
     head: Chain
     length: float
-    slides: NDArray[np.intp]
+    slides: Indices
 
 
 class _Group(NamedTuple):
     """The chains of one closure's point rows, and d in those rows."""
 
-    rows: NDArray[np.intp]
+    rows: Indices
     anchors: tuple[_Anchor, ...]
     offset: Array
 
@@ -52,7 +49,7 @@ def groups_of(system: ClosureSystem) -> tuple[_Group, ...]:
     for key, chains in by_rows.items():
         rows = np.flatnonzero(np.frombuffer(key, dtype=np.bool_))
         anchors = [_anchor(system, chain) for chain in chains]
-        plain = not any(chain.direction for chain in chains) and not np.any(system.gears[rows])
+        plain = not any(chain.direction for chain in chains) and not np.any(system.couplings[rows])
         if plain and None not in anchors and not np.any(system.moduli[rows]):
             kept = tuple(anchor for anchor in anchors if anchor is not None)
             groups.append(_Group(rows, kept, system.offset[rows]))
@@ -68,16 +65,8 @@ def _anchor(system: ClosureSystem, chain: Chain) -> _Anchor | None:
         return None
     lengths = np.linalg.norm(chain.translations[k + 1 :], axis=1).sum() + np.linalg.norm(chain.tip)
     tip, length = (chain.translations[k], float(lengths)) if k < len(chain.joints) else (chain.tip, 0.0)
-    head = Chain(
-        chain.joints[:k],
-        chain.rotations[:k],
-        chain.translations[:k],
-        chain.axes[:k],
-        chain.prismatic[:k],
-        tip,
-        False,
-        chain.weights,
-    )
+    above = {name: getattr(chain, name)[:k] for name in ("joints", "rotations", "translations", "axes", "prismatic")}
+    head = chain._replace(tip=tip, **above)
     return _Anchor(head, length, rest[chain.prismatic[k:]])
 
 
@@ -122,12 +111,12 @@ def prove_empty(system: ClosureSystem, tree: CellTree, region: Region, depth: in
         return
     smallest = 1 << (LEVELS - depth)
     leaves = tree.leaves()
-    cells = leaves[np.isin(tree.status[leaves], (Status.UNREACHED, Status.UNDECIDED))]
+    cells = leaves[np.isin(tree.status[leaves], (CellStatus.UNREACHED, CellStatus.UNDECIDED))]
     while cells.size:
         half = 0.5 * region.width * (tree.size[cells] / WHOLE)
         centre = region.position(tree.lower[cells] + 0.5 * tree.size[cells])
         empty = empty_cells(system, groups, centre, half)
-        tree.status[cells[empty]] = Status.EMPTY
-        left = cells[~empty & (tree.status[cells] == Status.UNREACHED)]
+        tree.status[cells[empty]] = CellStatus.EMPTY
+        left = cells[~empty & (tree.status[cells] == CellStatus.UNREACHED)]
         left = left[np.max(tree.size[left], axis=1, initial=0) > smallest]
         cells = tree.split(left, np.argmax(tree.size[left] * (region.width / region.width.max()), axis=1))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import WHOLE, Status
+from ccpin.domain.atlas.cells import WHOLE, CellStatus
 from ccpin.errors import InvalidInputError
 
 _CHUNK = 1_000_000
@@ -49,15 +49,15 @@ def certified_radius(atlas: Atlas, q: ArrayLike) -> Array:
     return np.asarray(radius * (1.0 - 1e-12))
 
 
-def _bordering(atlas: Atlas) -> NDArray[np.intp]:
+def _bordering(atlas: Atlas) -> Indices:
     """The cells that are not certified and touch one that is, or the region's edge: the nearest one is among them."""
     tree = atlas.tree
     leaves = tree.leaves()
-    blocked = leaves[tree.status[leaves] != Status.CERTIFIED]
+    blocked = leaves[tree.status[leaves] != CellStatus.CERTIFIED]
     lower, size = tree.lower[blocked], tree.size[blocked]
-    touching = tree.overlapping(lower - 1, lower + size + 1)
+    query, leaf = tree.overlapping(lower - 1, lower + size + 1)
     keep = ((lower == 0) | (lower + size == WHOLE)).any(axis=1)
-    keep[touching.query[tree.status[touching.leaf] == Status.CERTIFIED]] = True
+    keep[query[tree.status[leaf] == CellStatus.CERTIFIED]] = True
     return np.asarray(blocked[keep])
 
 

@@ -3,54 +3,37 @@
 from __future__ import annotations
 
 import hashlib
-import os
 import pickle
 import signal
-import tempfile
 import threading
-import time
 import zipfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ccpin.domain.atlas.tasks import Arrays
 from ccpin.domain.boxes import Problem
+from ccpin.errors import InvalidInputError
+from ccpin.files import write_atomically
 
-Arrays = tuple[NDArray[np.generic], ...]
 Task = Callable[[Problem, Arrays], Arrays]
 
 _POLL = 0.2
-_PATIENCE = 5.0
-_MOST_POOLS = 3
 
 
 class Stopped(Exception):  # noqa: N818 - not an error: the user pressed Ctrl-C
     """Raised between chunks after an interrupt."""
 
 
-class StopFlag:
-    """Whether an interrupt was asked for; set by the signal handler, read between chunks."""
-
-    def __init__(self) -> None:
-        self.raised = False
-
-    def check(self) -> None:
-        """Raise `Stopped` where an interrupt was asked for."""
-        if self.raised:
-            raise Stopped
-
-
 @contextmanager
-def stoppable() -> Iterator[StopFlag]:
-    """Make the first Ctrl-C set a flag, so that no bookkeeping is cut in half; the second acts as ever."""
-    flag = StopFlag()
+def stoppable() -> Iterator[threading.Event]:
+    """Make the first Ctrl-C set an event, so that no bookkeeping is cut in half; the second acts as ever."""
+    flag = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield flag
         return
@@ -58,7 +41,7 @@ def stoppable() -> Iterator[StopFlag]:
 
     def stop(number: int, frame: FrameType | None) -> None:
         del number, frame
-        flag.raised = True
+        flag.set()
         signal.signal(signal.SIGINT, before)
 
     signal.signal(signal.SIGINT, stop)
@@ -98,49 +81,48 @@ class ChunkStore:
     def save(self, key: str, result: Arrays) -> None:
         """Store a result."""
         if self.folder is not None:
-            save_npz(self.folder / f"{key}.npz", *result)
+            write_atomically(self.folder / f"{key}.npz", "wb", lambda file: np.savez(file, *result))
 
 
-def save_npz(path: Path, *arrays: NDArray[np.generic], **named: Any) -> None:
-    """Write an npz file beside its place and move it there, so that readers see all of it or nothing."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
+@contextmanager
+def executor_for(executor: Executor | None, workers: int | None) -> Iterator[Executor | None]:
+    """The executor given, or worker processes where more than one was asked for; ``None``: this process.
+
+    Raises:
+        InvalidInputError: Both were given, or `workers` is not a whole number of at least one.
+    """
+    if executor is not None and workers is not None:
+        raise InvalidInputError("give an executor or a number of workers, not both")
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
+        raise InvalidInputError(f"workers must be a whole number of at least 1; it is {workers!r}")
+    if workers is None or workers == 1:
+        yield executor
+        return
+    pool = ProcessPoolExecutor(workers, initializer=_leave_interrupts)
     try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, *arrays, **named)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+        yield pool
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _leave_interrupts() -> None:
+    """In a worker: Ctrl-C is the main process's business."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class Runner:
     """Maps a task over chunks, in order, with the same chunks whoever computes them.
 
-    Args:
-        problem: Sent along with every task.
-        executor: Anything with ``submit(function, *arguments) -> Future``; default this process, and a process pool
-            of its own once the work has taken five seconds.
-        checkpoint: Folder for results, or ``None``.
-        flag: Looked at between chunks.
+    An executor is anything with ``submit(function, *arguments) -> Future`` (``None``: this process); `checkpoint` is a
+    folder for results, and the flag is looked at between chunks.
     """
 
     def __init__(
-        self, problem: Problem, executor: Executor | None, checkpoint: str | Path | None, flag: StopFlag
+        self, problem: Problem, executor: Executor | None, checkpoint: str | Path | None, flag: threading.Event
     ) -> None:
-        self.problem = problem
+        self.problem, self.flag = problem, flag
         self.store = ChunkStore(checkpoint, problem)
-        self.flag = flag
         self._executor = executor
-        self._own: ProcessPoolExecutor | None = None
-        self._pools = 0
-        self._started = time.monotonic()
-
-    def __enter__(self) -> Runner:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        if self._own is not None:
-            self._own.shutdown(wait=False, cancel_futures=True)
 
     def map(self, task: Task, chunks: list[Arrays]) -> list[Arrays]:
         """The task's results for every chunk, in order.
@@ -151,12 +133,9 @@ class Runner:
         keys = [self.store.key(task, chunk) for chunk in chunks]
         results = [self.store.load(key) for key in keys]
         missing = [k for k, result in enumerate(results) if result is None]
-        executor = self._choose(len(missing))
-        futures: dict[int, Future[Arrays]] = {}
-        if executor is not None:
-            futures = self._submit(executor, task, {k: chunks[k] for k in missing})
+        futures = self._submit(task, {k: chunks[k] for k in missing})
         for k in missing:
-            self.flag.check()
+            self._check()
             result = self._result(futures[k]) if k in futures else None
             if result is None:
                 result = task(self.problem, chunks[k])
@@ -164,40 +143,27 @@ class Runner:
             results[k] = result
         return [result for result in results if result is not None]
 
-    def _submit(self, executor: Executor, task: Task, chunks: dict[int, Arrays]) -> dict[int, Future[Arrays]]:
+    def _check(self) -> None:
+        if self.flag.is_set():
+            raise Stopped
+
+    def _submit(self, task: Task, chunks: dict[int, Arrays]) -> dict[int, Future[Arrays]]:
         """Submit what the executor takes; what a broken one refuses is computed here."""
         futures: dict[int, Future[Arrays]] = {}
-        try:
-            for k, chunk in chunks.items():
-                futures[k] = executor.submit(task, self.problem, chunk)
-        except RuntimeError:
-            self._own = None
+        if self._executor is not None:
+            with suppress(RuntimeError):
+                for k, chunk in chunks.items():
+                    futures[k] = self._executor.submit(task, self.problem, chunk)
         return futures
 
     def _result(self, future: Future[Arrays]) -> Arrays | None:
         """A future's result; ``None`` where its worker was lost (or the task failed: computing it here will tell)."""
         while True:
-            self.flag.check()
+            self._check()
             try:
                 return future.result(timeout=_POLL)
             except FutureTimeoutError:
                 if future.done():
                     return None
             except (Exception, CancelledError):
-                self._own = None
                 return None
-
-    def _choose(self, tasks: int) -> Executor | None:
-        if self._executor is not None or tasks < 2:
-            return self._executor if tasks else None
-        patient = time.monotonic() - self._started < _PATIENCE
-        workers = os.cpu_count() or 1
-        if self._own is None and not patient and tasks >= workers > 1 and self._pools < _MOST_POOLS:
-            self._own = ProcessPoolExecutor(workers, initializer=_leave_interrupts)
-            self._pools += 1
-        return self._own
-
-
-def _leave_interrupts() -> None:
-    """In a worker: Ctrl-C is the main process's business."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

@@ -10,31 +10,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.domain.atlas.run import save_npz
+from ccpin.arrays import frozen
+from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.domain.boxes import Problem, problem_of
 from ccpin.domain.chains import Chain, ClosureSystem
 from ccpin.domain.chart import Chart, ChartJoint
 from ccpin.errors import InvalidInputError
+from ccpin.files import write_atomically
 
 FORMAT = "ccpin-atlas-1"
-Arrays = dict[str, NDArray[np.generic]]
-_SYSTEM_ARRAYS = ("gears", "offset", "moduli", "independent", "dependent", "periodic")
+NamedArrays = dict[str, NDArray[np.generic]]
+_SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 
 
-def write(path: str | Path, header: dict[str, Any], arrays: Arrays) -> None:
+def write(path: str | Path, header: dict[str, Any], arrays: NamedArrays) -> None:
     """Write arrays and a JSON header to a file.
 
     Raises:
-        InvalidInputError: The folder does not exist.
+        InvalidInputError: It cannot be written.
     """
-    target = Path(path)
-    if not target.parent.is_dir():
-        raise InvalidInputError(f"{target}: the folder {target.parent} does not exist")
     text = json.dumps({"format": FORMAT, **header})
-    save_npz(target, header=np.frombuffer(text.encode(), dtype=np.uint8), **arrays)
+    header_bytes = np.frombuffer(text.encode(), dtype=np.uint8)
+    write_atomically(path, "wb", lambda file: np.savez(file, header=header_bytes, **arrays))  # type: ignore[arg-type]
 
 
-def read(path: str | Path) -> tuple[dict[str, Any], Arrays]:
+def read(path: str | Path) -> tuple[dict[str, Any], NamedArrays]:
     """The header and the arrays of a file.
 
     Raises:
@@ -51,10 +51,10 @@ def read(path: str | Path) -> tuple[dict[str, Any], Arrays]:
     return header, arrays
 
 
-def pack_problem(problem: Problem) -> tuple[dict[str, Any], Arrays]:
+def pack_problem(problem: Problem) -> tuple[dict[str, Any], NamedArrays]:
     """A problem as a header and arrays."""
     system = problem.system
-    arrays: Arrays = {f"system_{name}": getattr(system, name) for name in _SYSTEM_ARRAYS}
+    arrays: NamedArrays = {f"system_{name}": getattr(system, name) for name in _SYSTEM_ARRAYS}
     for k, chain in enumerate(system.chains):
         for name, value in chain._asdict().items():
             arrays[f"chain{k}_{name}"] = np.asarray(value)
@@ -66,22 +66,20 @@ def pack_problem(problem: Problem) -> tuple[dict[str, Any], Arrays]:
         "depth": system.depth,
         "nq": system.chart.nq,
         "n_free": system.chart.n_free,
-        "joints": [[j.name, j.kind, j.q.start, j.q.stop, j.v.start, j.v.stop] for j in system.chart.joints],
+        "joints": [[j.name, j.kind.name, j.q.start, j.q.stop, j.v.start, j.v.stop] for j in system.chart.joints],
         "planar": problem.phasors is not None,
     }
     return header, arrays
 
 
-def unpack_problem(header: dict[str, Any], arrays: Arrays) -> Problem:
+def unpack_problem(header: dict[str, Any], arrays: NamedArrays) -> Problem:
     """The problem that `pack_problem` packed."""
     chains = []
     for k in range(header["chains"]):
         fields = {name: arrays[f"chain{k}_{name}"] for name in Chain._fields}
         chains.append(Chain(**{**fields, "direction": bool(fields["direction"])}))  # type: ignore[arg-type]
     joints = tuple(
-        ChartJoint(
-            name, kind, slice(q0, q1), slice(v0, v1), np.asarray(arrays[f"joint{k}_reference"], dtype=np.float64)
-        )
+        ChartJoint(name, JOINT_KINDS[kind], slice(q0, q1), slice(v0, v1), frozen(arrays[f"joint{k}_reference"]))
         for k, (name, kind, q0, q1, v0, v1) in enumerate(header["joints"])
     )
     named: dict[str, Any] = {name: arrays[f"system_{name}"] for name in _SYSTEM_ARRAYS}

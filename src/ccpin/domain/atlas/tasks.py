@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices, Mask, apply
 from ccpin.domain.boxes import Boxes, Problem, certify_boxes
 from ccpin.domain.newton import glued, newton
 
@@ -19,7 +19,7 @@ _AT_FACE, _AT_CENTRE = 5, 10
 _FIELDS = len(Boxes._fields)
 
 
-class Cells(NamedTuple):
+class CellsToProve(NamedTuple):
     """Cells to prove: centre and half widths (B, n), and a closed configuration near a point of each, θ (B, n′).
 
     `turn_to` (B, n′) is the θ near which periodic dependent coordinates of the centres are kept.
@@ -35,7 +35,7 @@ class Proved(NamedTuple):
     """What came of cells: their boxes, which are proved (B,), and how far σ stretches each coordinate (B, n)."""
 
     boxes: Boxes
-    proved: NDArray[np.bool_]
+    proved: Mask
     stretch: Array
 
     @classmethod
@@ -44,40 +44,27 @@ class Proved(NamedTuple):
         return cls(Boxes(*arrays[:_FIELDS]), *arrays[_FIELDS:])  # type: ignore[arg-type]
 
 
-class Faces(NamedTuple):
-    """Pairs of boxes with a common point in each one's parameters (B, n)."""
-
-    first: Boxes
-    delta_first: Array
-    second: Boxes
-    delta_second: Array
-
-    def pack(self) -> Arrays:
-        """As a task's argument."""
-        return (*self.first, self.delta_first, *self.second, self.delta_second)
-
-
 def prove_task(problem: Problem, arrays: Arrays) -> Arrays:
     """`prove` between plain tuples of arrays."""
-    found = prove(problem, Cells(*arrays))  # type: ignore[arg-type]
+    found = prove(problem, CellsToProve(*arrays))  # type: ignore[arg-type]
     return (*found.boxes, found.proved, found.stretch)
 
 
 def glue_task(problem: Problem, arrays: Arrays) -> Arrays:
-    """Which pairs of boxes (`Faces`) carry the same σ at their common point: one mask (B,)."""
+    """Which boxes carry the same σ as others at a common point: (*first, δ, *second, δ′) → one mask (B,)."""
     half = _FIELDS + 1
     first, second = Boxes(*arrays[:_FIELDS]), Boxes(*arrays[half : half + _FIELDS])  # type: ignore[arg-type]
     return (glued(problem, first, arrays[_FIELDS], second, arrays[-1]),)  # type: ignore[arg-type]
 
 
-def prove(problem: Problem, cells: Cells) -> Proved:
+def prove(problem: Problem, cells: CellsToProve) -> Proved:
     """Follow σ from each start to its cell's centre and try Theorem K there."""
     system = problem.system
     with np.errstate(all="ignore"):
         at_face = newton(problem, cells.start, _AT_FACE)
         step = cells.centre - cells.start[:, system.independent]
         theta = at_face.theta
-        theta[:, system.dependent] += (at_face.slopes @ step[..., None])[..., 0]
+        theta[:, system.dependent] += apply(at_face.slopes, step)
         theta[:, system.independent] = cells.centre
         at_centre = newton(problem, theta, _AT_CENTRE)
         settled = at_face.settled & at_centre.settled
@@ -92,7 +79,7 @@ def prove(problem: Problem, cells: Cells) -> Proved:
     return Proved(boxes, proved, stretch)
 
 
-def _spread(array: Array, rows: NDArray[np.intp], count: int) -> Array:
+def _spread(array: Array, rows: Indices, count: int) -> Array:
     """Rows put back where they were among `count`, zeros elsewhere."""
     result = np.zeros((count, *array.shape[1:]))
     result[rows] = array
@@ -106,36 +93,3 @@ def _turned(problem: Problem, theta: Array, turn_to: Array) -> Array:
     movable = system.periodic.copy()
     movable[system.independent] = False
     return np.where(movable & np.isfinite(turns), theta - 2.0 * np.pi * turns, theta)
-
-
-# Certified boxes as they come in.
-
-Index = NDArray[np.intp]
-
-
-class BoxBuffer:
-    """Boxes in the order they were certified."""
-
-    def __init__(self, empty: Boxes) -> None:
-        self._arrays = [array[:0].copy() for array in empty]
-        self.count = 0
-
-    def append(self, boxes: Boxes) -> Index:
-        """Add boxes; their numbers."""
-        numbers = np.arange(self.count, self.count + len(boxes.kappa))
-        for k, array in enumerate(boxes):
-            if self.count + len(array) > len(self._arrays[k]):
-                room = max(64, self.count + len(array))
-                spare = np.zeros((room, *array.shape[1:]))
-                self._arrays[k] = np.concatenate([self._arrays[k][: self.count], spare])
-            self._arrays[k][numbers] = array
-        self.count += len(numbers)
-        return numbers
-
-    def take(self, numbers: Index) -> Boxes:
-        """Boxes by number."""
-        return Boxes(*(array[numbers] for array in self._arrays))
-
-    def all(self) -> Boxes:
-        """All boxes."""
-        return Boxes(*(array[: self.count].copy() for array in self._arrays))

@@ -12,12 +12,16 @@ Rot(a, θ_k) times a constant, and a whole planar chain is affine in the (cos θ
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.domain.theorem2.polynomial import Polynomial, combine
+from ccpin.arrays import Array, skew
+from ccpin.description.joint_kinds import JOINT_KINDS, JointKind
+from ccpin.description.rotations import quaternion_matrix
+from ccpin.domain.theorem2.system import Polynomial, combine
 from ccpin.domain.theorem2.unknowns import (
     AngleTerm,
     Ball,
@@ -31,23 +35,10 @@ from ccpin.domain.theorem2.unknowns import (
     without_noise,
 )
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.kinematics.tree import Tree, TreeJoint
 
 PARALLEL = 1e-13
-ANGULAR = ("revolute", "continuous")
-SUPPORTED = (*ANGULAR, "prismatic", "spherical")
-
-
-class JointData(NamedTuple):
-    """A joint of the tree: its constant placement in the parent joint's frame, kind and axis."""
-
-    name: str
-    kind: str
-    parent: int
-    idx_q: int
-    axis: Array
-    rotation: Array
-    translation: Array
+_Rotation = Sequence[tuple[Polynomial, Array]]  # Σ polynomial · matrix, equal to a rotation
 
 
 class Run(NamedTuple):
@@ -61,36 +52,26 @@ class Run(NamedTuple):
     axis: Array
 
 
-def joint_data(mechanism: Mechanism) -> dict[int, JointData]:
-    """Every movable joint of the mechanism, by its number in the tree."""
-    model, axes = mechanism.pin_model, {joint.name: joint.axis for joint in mechanism.description.joints}
+def tree_joints(tree: Tree) -> dict[int, TreeJoint]:
+    """Every movable joint by its number, its placement's rotation without noise."""
     joints = {}
-    for j in range(1, model.njoints):
-        name, placement = model.names[j], model.jointPlacements[j]
-        kind = mechanism.tree.kinds[name]
-        axis = np.array(axes[name]) if kind in ("revolute", "prismatic") else np.array([0.0, 0.0, 1.0])
-        joints[j] = JointData(
-            name,
-            kind,
-            int(model.parents[j]),
-            int(model.idx_qs[j]),
-            axis,
-            without_noise(np.array(placement.rotation)),
-            np.array(placement.translation),
-        )
+    for joint in tree.joints:
+        placement = joint.placement.copy()
+        placement[:3, :3] = without_noise(placement[:3, :3])
+        joints[joint.number] = replace(joint, placement=placement)
     return joints
 
 
-def path(joints: dict[int, JointData], ancestor: int, tip: int) -> list[int]:
-    """The joints between an ancestor's body and a tip's, root first."""
-    chain = []
-    while tip != ancestor:
-        chain.append(tip)
-        tip = joints[tip].parent
-    return chain[::-1]
+def _angular(joint: TreeJoint) -> bool:
+    """Whether one angle is all it has."""
+    return joint.kind.nv == 1 and not joint.kind.sliding
 
 
-def find_runs(joints: dict[int, JointData], on_loops: set[int], ancestors: set[int], merge: bool) -> dict[int, Run]:
+def _covered(kind: JointKind) -> bool:
+    return kind.nv == 1 or kind.steps == ("rx", "ry", "rz")
+
+
+def find_runs(joints: dict[int, TreeJoint], on_loops: set[int], ancestors: set[int], merge: bool) -> dict[int, Run]:
     """The run each revolute joint belongs to.
 
     A run ends at every body from which some loop is measured (`ancestors`), so that each joint has one angle
@@ -98,24 +79,18 @@ def find_runs(joints: dict[int, JointData], on_loops: set[int], ancestors: set[i
     """
     runs: dict[int, Run] = {}
     for j, joint in joints.items():
-        if joint.kind not in ANGULAR:
+        if not _angular(joint):
             continue
         runs[j] = Run(None, 1.0, joint.axis)
-        axis, k = joint.rotation @ joint.axis, joint.parent
+        axis, k = joint.placement[:3, :3] @ joint.axis, joint.parent
         while merge and k and j in on_loops and k not in ancestors:
             before = joints[k]
-            if before.kind != "prismatic":
-                if before.kind in ANGULAR and np.linalg.norm(np.cross(axis, before.axis)) < PARALLEL:
+            if not before.kind.sliding:
+                if _angular(before) and np.linalg.norm(np.cross(axis, before.axis)) < PARALLEL:
                     runs[j] = Run(k, float(np.sign(axis @ before.axis)) * runs[k].sign, runs[k].axis)
                 break
-            axis, k = before.rotation @ axis, before.parent
+            axis, k = before.placement[:3, :3] @ axis, before.parent
     return runs
-
-
-class _Rotation(NamedTuple):
-    """Σ polynomial · matrix, equal to a rotation."""
-
-    parts: tuple[tuple[Polynomial, Array], ...]
 
 
 class Kinematics:
@@ -131,7 +106,7 @@ class Kinematics:
         UnsupportedMechanismError: An active joint is planar or floating.
     """
 
-    def __init__(self, joints: dict[int, JointData], runs: dict[int, Run], active: list[int], q_free: Array) -> None:
+    def __init__(self, joints: dict[int, TreeJoint], runs: dict[int, Run], active: list[int], q_free: Array) -> None:
         self.joints = joints
         self.runs = runs
         self.unknowns = Unknowns()
@@ -139,22 +114,24 @@ class Kinematics:
         self._rotations: dict[int, _Rotation] = {}
         self._slides: dict[int, float] = {}
         for j in active:
-            if joints[j].kind not in SUPPORTED:
+            if not _covered(joints[j].kind):
+                covered = ", ".join(name for name, kind in JOINT_KINDS.items() if _covered(kind))
                 raise UnsupportedMechanismError(
-                    f"Theorem 2 is implemented for {', '.join(SUPPORTED)} joints; joint '{joints[j].name}' is "
-                    f"{joints[j].kind} and lies on a loop"
+                    f"Theorem 2 is implemented for {covered} joints; joint '{joints[j].name}' is "
+                    f"{joints[j].kind.name} and lies on a loop"
                 )
             self._introduce(j, q_free)
 
     def _introduce(self, j: int, q_free: Array) -> None:
         joint = self.joints[j]
-        if joint.kind == "prismatic":
-            self._slides[j] = float(q_free[joint.idx_q])
-            self.variables[j] = self.unknowns.chart(Slide(joint.idx_q, self._slides[j], joint.name), q_free)
-        elif joint.kind == "spherical":
-            unit = q_free[joint.idx_q : joint.idx_q + 4] / np.linalg.norm(q_free[joint.idx_q : joint.idx_q + 4])
+        start = joint.q.start
+        if joint.kind.sliding:
+            self._slides[j] = float(q_free[start])
+            self.variables[j] = self.unknowns.chart(Slide(start, self._slides[j], joint.name), q_free)
+        elif joint.kind.unit == 4:
+            unit = q_free[joint.q] / np.linalg.norm(q_free[joint.q])
             x, y, z, w = (float(c) for c in unit)
-            self.variables[j] = self.unknowns.chart(Ball(joint.idx_q, (x, y, z, w), joint.name), q_free)
+            self.variables[j] = self.unknowns.chart(Ball(start, (x, y, z, w), joint.name), q_free)
             self._rotations[j] = _ball_rotation(self.variables[j], (x, y, z, w))
         else:
             terms = self._angle_terms(j)
@@ -163,12 +140,13 @@ class Kinematics:
             self._rotations[j] = _circle_rotation(self.variables[j], self.runs[j].axis, centre)
 
     def _angle_terms(self, j: int) -> tuple[AngleTerm, ...]:
-        terms: list[AngleTerm] = []
-        k: int | None = j
-        while k is not None:
-            terms.append(AngleTerm(self.joints[k].idx_q, self.joints[k].kind == "continuous", self.runs[k].sign))
-            k = self.runs[k].parent
-        return tuple(terms)
+        run = self.runs[j]
+        before = () if run.parent is None else self._angle_terms(run.parent)
+        return (self.angle_term(j)._replace(sign=run.sign), *before)
+
+    def angle_term(self, j: int) -> AngleTerm:
+        """A joint's own angle."""
+        return AngleTerm(self.joints[j].q.start, self.joints[j].kind.unit == 2, 1.0)
 
     def turn(self, j: int) -> tuple[Polynomial, Polynomial]:
         """(cos, sin) of a revolute joint's own angle from the centre."""
@@ -202,17 +180,17 @@ class Kinematics:
     def _through(self, group: list[int], vector: Vector, point: bool) -> Vector:
         """A vector in the last body of a group, seen from the body before its first joint."""
         turn = np.eye(3)
-        rotation = _Rotation(((Polynomial.constant(1.0), np.eye(3)),))
-        if self.joints[group[-1]].kind != "prismatic":
+        rotation: _Rotation = [(Polynomial.constant(1.0), np.eye(3))]
+        if not self.joints[group[-1]].kind.sliding:
             vector = self.unknowns.affine_vector(vector)
         total = constant_vector(np.zeros(3))
         for j in group:
             joint = self.joints[j]
             if j != group[0]:
                 if point:
-                    total = plus(total, self._rotate(rotation, constant_vector(turn @ joint.translation)))
-                turn = without_noise(turn @ joint.rotation)
-            if joint.kind == "prismatic":
+                    total = plus(total, self._rotate(rotation, constant_vector(turn @ joint.placement[:3, 3])))
+                turn = without_noise(turn @ joint.placement[:3, :3])
+            if joint.kind.sliding:
                 if point:
                     moved = self.variables[j][0] + Polynomial.constant(self._slides[j])
                     travel = constant_vector(without_noise(turn @ joint.axis))
@@ -221,54 +199,35 @@ class Kinematics:
             else:
                 rotation = self._rotations[j]
         total = plus(total, self._rotate(rotation, turned(turn, vector)))
-        first = self.joints[group[0]]
-        total = turned(first.rotation, total)
-        return plus(total, constant_vector(first.translation)) if point else total
+        first = self.joints[group[0]].placement
+        total = turned(first[:3, :3], total)
+        return plus(total, constant_vector(first[:3, 3])) if point else total
 
     def _rotate(self, rotation: _Rotation, vector: Vector) -> Vector:
-        if any(p.degree for p, _ in rotation.parts):
+        if any(p.degree for p, _ in rotation):
             vector = self.unknowns.affine_vector(vector)
-        terms = [(p, turned(matrix, vector)) for p, matrix in rotation.parts]
+        terms = [(p, turned(matrix, vector)) for p, matrix in rotation]
         x, y, z = (combine((1.0, self.unknowns.product(p, v[i])) for p, v in terms) for i in range(3))
         return x, y, z
 
 
 def _circle_rotation(variables: tuple[Polynomial, ...], axis: Array, centre: float) -> _Rotation:
     """Rot(a, θ₀ + Δ) = aaᵀ + cos Δ (I − aaᵀ) R₀ + sin Δ [a]× R₀, R₀ = Rot(a, θ₀)."""
-    x, y, z = axis
-    along, cross = np.outer(axis, axis), np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    along, cross = np.outer(axis, axis), skew(axis)
     across = np.eye(3) - along
     base = along + np.cos(centre) * across + np.sin(centre) * cross
-    return _Rotation(
-        (
-            (Polynomial.constant(1.0), without_noise(along)),
-            (variables[0], without_noise(across @ base)),
-            (variables[1], without_noise(cross @ base)),
-        )
-    )
+    factors = Polynomial.constant(1.0), *variables
+    return list(zip(factors, map(without_noise, (along, across @ base, cross @ base)), strict=True))
 
 
 def _ball_rotation(variables: tuple[Polynomial, ...], centre: tuple[float, float, float, float]) -> _Rotation:
     """R₀ R(δ): the nine entries of R(δ) are quadratic in the unit quaternion δ."""
     x, y, z, w = variables
-    base = _matrix(centre)
+    base = quaternion_matrix(np.array(centre))
     entries = (
         (w * w + x * x - y * y - z * z, (x * y - w * z).scaled(2.0), (x * z + w * y).scaled(2.0)),
         ((x * y + w * z).scaled(2.0), w * w - x * x + y * y - z * z, (y * z - w * x).scaled(2.0)),
         ((x * z - w * y).scaled(2.0), (y * z + w * x).scaled(2.0), w * w - x * x - y * y + z * z),
     )
     unit = np.eye(3)
-    return _Rotation(
-        tuple((entries[i][k], without_noise(np.outer(base[:, i], unit[k]))) for i in range(3) for k in range(3))
-    )
-
-
-def _matrix(quaternion: tuple[float, float, float, float]) -> Array:
-    x, y, z, w = np.array(quaternion) / np.linalg.norm(quaternion)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    return [(entries[i][k], without_noise(np.outer(base[:, i], unit[k]))) for i in range(3) for k in range(3)]

@@ -13,9 +13,9 @@ from collections.abc import Sequence
 from fractions import Fraction
 
 from ccpin.arrays import Array
-from ccpin.description.model import Coupling, CouplingTerm
-from ccpin.domain.theorem2.chain import ANGULAR, JointData, Kinematics
-from ccpin.domain.theorem2.polynomial import Polynomial, combine
+from ccpin.description.model import Coupling
+from ccpin.domain.theorem2.chain import Kinematics
+from ccpin.domain.theorem2.system import Polynomial, combine
 from ccpin.domain.theorem2.unknowns import Unknowns
 from ccpin.errors import UnsupportedMechanismError
 
@@ -31,14 +31,14 @@ def coupling_row(kinematics: Kinematics, coupling: Coupling, numbers: dict[str, 
     """
     terms = [term for term in coupling.terms if any(term.coefficients[1:])]
     joints = [numbers[term.joint] for term in terms]
-    kinds = {kinematics.joints[j].kind for j in joints}
+    sliding = {kinematics.joints[j].kind.sliding for j in joints}
     if any(any(term.coefficients[2:]) for term in terms):
         raise UnsupportedMechanismError(_not_algebraic(coupling, "it is not linear"))
     ratios = [term.coefficients[1] for term in terms]
-    constant = sum(_at(term, 0.0) for term in coupling.terms)
-    if kinds <= {"prismatic"}:
+    constant = sum(c * (-term.reference) ** k for term in coupling.terms for k, c in enumerate(term.coefficients[:2]))
+    if sliding <= {True}:
         return _displacement_row(kinematics, joints, ratios, constant, q_free)
-    if not kinds <= set(ANGULAR):
+    if True in sliding:
         raise UnsupportedMechanismError(_not_algebraic(coupling, "it joins angles with displacements"))
     powers, scale = _whole_ratios(coupling, ratios)
     return _angle_row(kinematics, joints, powers, scale * constant, q_free)
@@ -51,7 +51,7 @@ def _displacement_row(
     parts = []
     for j, ratio in zip(joints, ratios, strict=True):
         parts.append((ratio, kinematics.variables[j][0]))
-        constant += ratio * float(q_free[kinematics.joints[j].idx_q])
+        constant += ratio * float(q_free[kinematics.joints[j].q.start])
     return combine([(constant, Polynomial.constant(1.0)), *parts])
 
 
@@ -63,10 +63,11 @@ def _angle_row(
     one = (Polynomial.constant(1.0), Polynomial.constant(0.0))
     sides: dict[bool, Complex] = {True: one, False: one}
     for j, m in zip(joints, powers, strict=True):
-        phase += m * _angle(kinematics.joints[j], q_free)
+        phase += m * kinematics.angle_term(j).at(q_free)
         sides[m > 0] = _times(unknowns, sides[m > 0], _power(unknowns, kinematics.turn(j), abs(m)))
     phase = math.remainder(phase, 2 * math.pi)
-    c, s = _over(unknowns, sides[True], sides[False])
+    (c, s), (c_below, s_below) = sides[True], sides[False]
+    c, s = _times(unknowns, (c, s), (c_below, s_below.scaled(-1.0)))  # a / b is a conj(b) as |b| = 1
     return combine([(math.cos(phase), s), (math.sin(phase), c)])
 
 
@@ -74,46 +75,23 @@ def _not_algebraic(coupling: Coupling, reason: str) -> str:
     return f"coupling '{coupling.name}' has no quadratic form: {reason}"
 
 
-def _at(term: CouplingTerm, theta: float) -> float:
-    return sum(c * (theta - term.reference) ** k for k, c in enumerate(term.coefficients[:2]))
-
-
-def _angle(joint: JointData, q_free: Array) -> float:
-    if joint.kind == "continuous":
-        return math.atan2(q_free[joint.idx_q + 1], q_free[joint.idx_q])
-    return float(q_free[joint.idx_q])
-
-
 def _whole_ratios(coupling: Coupling, ratios: Sequence[float]) -> tuple[list[int], float]:
-    """Whole mₖ without a common divisor and D > 0 with ratios = mₖ / D.
-
-    Raises:
-        UnsupportedMechanismError: Some ratio is no fraction, or the whole numbers are large.
-    """
+    """Whole mₖ without a common divisor and D > 0 with ratios = mₖ / D."""
     fractions = [Fraction(r).limit_denominator(1000) for r in ratios]
     denominator = math.lcm(*(f.denominator for f in fractions))
     powers = [int(f * denominator) for f in fractions]
     common = math.gcd(*powers)
     exact = all(abs(float(f) - r) <= 1e-12 * abs(r) for f, r in zip(fractions, ratios, strict=True))
     if not exact or max(map(abs, powers)) // common > LARGEST_RATIO:
-        raise UnsupportedMechanismError(
-            _not_algebraic(
-                coupling,
-                f"its ratios {', '.join(f'{r:.12g}' for r in ratios)} are not those of whole numbers up to "
-                f"{LARGEST_RATIO}",
-            )
-        )
+        shown = ", ".join(f"{r:.12g}" for r in ratios)
+        reason = f"its ratios {shown} are not those of whole numbers up to {LARGEST_RATIO}"
+        raise UnsupportedMechanismError(_not_algebraic(coupling, reason))
     return [m // common for m in powers], denominator / common
 
 
 def _times(unknowns: Unknowns, a: Complex, b: Complex) -> Complex:
     product = unknowns.product
     return product(a[0], b[0]) - product(a[1], b[1]), product(a[0], b[1]) + product(a[1], b[0])
-
-
-def _over(unknowns: Unknowns, a: Complex, b: Complex) -> Complex:
-    """A conj(b), which is a / b as |b| = 1."""
-    return _times(unknowns, a, (b[0], b[1].scaled(-1.0)))
 
 
 def _power(unknowns: Unknowns, base: Complex, exponent: int) -> Complex:

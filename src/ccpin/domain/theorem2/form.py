@@ -5,7 +5,7 @@ unit quaternion for each spherical joint, all measured from the centre, and one 
 otherwise pass degree two. The equations, in this order:
 
 - identities: unit circles, unit quaternions, definitions of the products; they hold for every q′, closed or not;
-- closures: the very rows of φ (`ccpin.kinematics.rows`), and sin(D φ) for a coupling
+- closures: the very rows of φ (`ccpin.description.closure_kinds`), and sin(D φ) for a coupling
   (`ccpin.domain.theorem2.couplings`);
 - last n: a simple function of each independent coordinate equals its right side: sin(qᵢ − qᵢ⁰) for an angle,
   qᵢ − qᵢ⁰ for a displacement, twice the vector part of the quaternion of R₀ᵀR for a spherical joint.
@@ -22,17 +22,17 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.description.model import frozen
-from ccpin.domain.theorem2.chain import JointData, Kinematics, find_runs, joint_data, path
+from ccpin.arrays import Array, frozen
+from ccpin.description.closure_kinds import Gap
+from ccpin.description.closure_kinds import Vector as ClosureVector
+from ccpin.domain.theorem2.chain import Kinematics, find_runs, tree_joints
 from ccpin.domain.theorem2.couplings import coupling_row
-from ccpin.domain.theorem2.polynomial import Polynomial, combine
-from ccpin.domain.theorem2.system import QuadraticSystem
-from ccpin.domain.theorem2.unknowns import NOISE, Unknowns, Vector, plus, without_noise
+from ccpin.domain.theorem2.system import Polynomial, QuadraticSystem, combine
+from ccpin.domain.theorem2.unknowns import NOISE, Unknowns, Vector, plus
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
-from ccpin.kinematics.loops import Loop
-from ccpin.kinematics.rows import DirectionRow
+from ccpin.kinematics.loops import ResolvedClosure
+from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism
 
 Form = Literal["angles", "absolute"]
@@ -81,9 +81,9 @@ def quadratic_form(mechanism: Mechanism, q_free: Array, form: Form) -> Quadratic
         raise InvalidInputError(f"unknown quadratic form '{form}'; those are {', '.join(FORMS)}")
     constraints = mechanism.constraints()
     _check_square(mechanism, constraints)
-    joints = joint_data(mechanism)
+    joints = tree_joints(mechanism.tree)
     numbers = {joint.name: j for j, joint in joints.items()}
-    on_loops = {j for loop in constraints.loops for j in _loop_joints(joints, loop)}
+    on_loops = {j for loop in constraints.loops for j in (*loop.path_a, *loop.path_b)}
     coupled = {numbers[term.joint] for coupling in mechanism.couplings for term in coupling.terms}
     ancestors = {loop.ancestor for loop in constraints.loops}
     runs = find_runs(joints, on_loops, ancestors, merge=form == "absolute")
@@ -116,41 +116,28 @@ def _check_square(mechanism: Mechanism, constraints: Constraints) -> None:
         )
 
 
-def _rigidity_defect(joints: dict[int, JointData], loops: Sequence[Loop]) -> float:
+def _rigidity_defect(joints: dict[int, TreeJoint], loops: Sequence[ResolvedClosure]) -> float:
     """How far placements are from rotations: the largest entry of RᵀR − I, and of 1 − |axis|."""
-    turns = [joint.rotation for joint in joints.values()]
+    turns = [joint.placement[:3, :3] for joint in joints.values()]
     turns += [frame[:3, :3] for loop in loops for frame in (loop.frame_a, loop.frame_b)]
     axes = [abs(float(np.linalg.norm(joint.axis)) - 1.0) for joint in joints.values()]
     return max([*axes, *(float(np.abs(turn.T @ turn - np.eye(3)).max()) for turn in turns)])
 
 
-def _loop_joints(joints: dict[int, JointData], loop: Loop) -> list[int]:
-    return path(joints, loop.ancestor, loop.joint_a) + path(joints, loop.ancestor, loop.joint_b)
-
-
-def _closure_rows(kinematics: Kinematics, loop: Loop) -> list[Polynomial]:
+def _closure_rows(kinematics: Kinematics, loop: ResolvedClosure) -> list[Polynomial]:
     """The rows of φ of one loop, in their order there."""
-    unknowns, rows = kinematics.unknowns, loop.rows
-    chains = [path(kinematics.joints, loop.ancestor, joint) for joint in (loop.joint_a, loop.joint_b)]
-    frames = (loop.frame_a, loop.frame_b)
-
-    def direction(side: int, local: Array) -> Vector:
-        return kinematics.carried(chains[side], frames[side][:3, :3] @ local, point=False)
-
-    def product_row(row: DirectionRow) -> Polynomial:
-        return combine((w, unknowns.dot(direction(0, a), direction(1, b))) for w, a, b in row.products)
-
-    result: list[Polynomial] = []
-    ends = [kinematics.carried(chain, frame[:3, 3], point=True) for chain, frame in zip(chains, frames, strict=True)]
+    chains = {"A": list(loop.path_a), "B": list(loop.path_b), "C": []}
+    frames = {"A": loop.frame_a, "B": loop.frame_b, "C": np.eye(4)}
+    ends = [kinematics.carried(chains[end], frames[end][:3, 3], point=True) for end in ("A", "B")]
     gap = plus(ends[1], ends[0], -1.0)
-    for row in without_noise(loop.basis):
-        result.append(combine((-float(weight), component) for weight, component in zip(row, gap, strict=True)))
-    result += [product_row(row) for row in rows.directions]
-    result += [unknowns.dot(direction(0, a), gap) for a in rows.offsets]
-    if rows.distance is not None:
-        length = Polynomial.constant(rows.distance**2)
-        result.append((unknowns.dot(gap, gap) - length).scaled(0.5 / rows.distance))
-    return result
+
+    def value(vector: ClosureVector) -> Vector:
+        if isinstance(vector, Gap):
+            return gap
+        local = frames[vector.frame][:3, :3] @ vector.local
+        return kinematics.carried(chains[vector.frame], local, point=False)
+
+    return loop.rows.evaluate(value, kinematics.unknowns.dot, combine)
 
 
 def _last_rows(
@@ -170,9 +157,9 @@ def _last_rows(
                 "whole joint independent, or other joints"
             )
         kind = kinematics.joints[numbers[joint]].kind
-        if kind == "prismatic":
+        if kind.nv == 1 and kind.sliding:
             rows, kinds = [*rows, variables[0]], [*kinds, "displacement"]
-        elif kind == "spherical":
+        elif kind.unit == 4:
             rows, kinds = [*rows, *(x.scaled(2.0) for x in variables[:3])], [*kinds, *3 * ["rotation"]]
         else:
             rows, kinds = [*rows, kinematics.turn(numbers[joint])[1]], [*kinds, "angle"]

@@ -1,25 +1,85 @@
-"""Polynomial systems without a monomial above degree two, and Theorem 2's radius for them."""
+"""Polynomials of degree at most two in numbered unknowns, systems of them, and Theorem 2's radius for these."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccpin.arrays import Array
-from ccpin.domain.theorem2.polynomial import Monomial, Polynomial, parse_polynomial
+from ccpin.arrays import Array, Indices
 from ccpin.errors import InvalidInputError, SingularConfigurationError
 
-Indices = NDArray[np.intp]
+Monomial = tuple[int, ...]
 
 
-class Printable(Protocol):
-    """Anything whose ``str()`` spells a polynomial: a string, a sympy expression."""
+@dataclass(frozen=True, eq=False)
+class Polynomial:
+    """Σ terms[m] Π z[i in m]: a monomial is the sorted tuple of its unknowns' numbers, () for the constant."""
 
-    def __str__(self) -> str: ...
+    terms: Mapping[Monomial, float]
+
+    @classmethod
+    def constant(cls, value: float) -> Polynomial:
+        """The polynomial that is `value` everywhere."""
+        return cls({(): float(value)} if value else {})
+
+    @classmethod
+    def unknown(cls, index: int) -> Polynomial:
+        """The polynomial z[index]."""
+        return cls({(index,): 1.0})
+
+    @property
+    def degree(self) -> int:
+        """The total degree, 0 for constants and for zero."""
+        return max(map(len, self.terms), default=0)
+
+    @property
+    def key(self) -> tuple[tuple[Monomial, float], ...]:
+        """A hashable value that tells polynomials apart."""
+        return tuple(sorted(self.terms.items()))
+
+    def __add__(self, other: Polynomial) -> Polynomial:
+        return combine([(1.0, self), (1.0, other)])
+
+    def __sub__(self, other: Polynomial) -> Polynomial:
+        return combine([(1.0, self), (-1.0, other)])
+
+    def __mul__(self, other: Polynomial) -> Polynomial:
+        product: dict[Monomial, float] = {}
+        for left, a in self.terms.items():
+            for right, b in other.terms.items():
+                monomial = tuple(sorted(left + right))
+                product[monomial] = product.get(monomial, 0.0) + a * b
+        return _without_zeros(product)
+
+    def scaled(self, factor: float) -> Polynomial:
+        """`factor` times the polynomial."""
+        return combine([(factor, self)])
+
+    def cleaned(self, relative: float) -> Polynomial:
+        """The polynomial without coefficients at most `relative` times its largest one."""
+        least = relative * max(map(abs, self.terms.values()), default=0.0)
+        return Polynomial({m: c for m, c in self.terms.items() if abs(c) > least})
+
+    def at(self, z: Array | Sequence[float]) -> float:
+        """The value at z."""
+        return math.fsum(c * math.prod(float(z[i]) for i in m) for m, c in self.terms.items())
+
+
+def combine(parts: Iterable[tuple[float, Polynomial]]) -> Polynomial:
+    """The linear combination Σ factor · polynomial."""
+    total: dict[Monomial, float] = {}
+    for factor, polynomial in parts:
+        if factor:
+            for monomial, c in polynomial.terms.items():
+                total[monomial] = total.get(monomial, 0.0) + factor * c
+    return _without_zeros(total)
+
+
+def _without_zeros(terms: dict[Monomial, float]) -> Polynomial:
+    return Polynomial({m: c for m, c in terms.items() if c})
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +88,7 @@ class QuadraticSystem:
 
     P(z)ᵢ = constantᵢ + Σⱼ linearᵢⱼ zⱼ + Σₖ coefficientₖ z[firstₖ] z[secondₖ] over the k with rowₖ = i. The last
     `free` entries of b are the ones Theorem 2 moves (the independent coordinates, or simple functions of them).
-    Build one with `from_expressions` or `from_polynomials`; every array is read-only.
+    Build one with `from_polynomials`; every array is read-only.
 
     Attributes:
         unknowns: Names of the unknowns.
@@ -55,33 +115,6 @@ class QuadraticSystem:
             array.flags.writeable = False
 
     @classmethod
-    def from_expressions(
-        cls,
-        unknowns: Sequence[str],
-        expressions: Sequence[Printable | Mapping[tuple[str, ...], float]],
-        *,
-        free: int = 1,
-        right_side: Sequence[float] | None = None,
-    ) -> QuadraticSystem:
-        """A system written by hand.
-
-        Args:
-            unknowns: Their names.
-            expressions: The left sides P, as many: ``"x*u - 1"``, a sympy polynomial, or coefficients by
-                monomial, ``{("x", "u"): 1.0, (): -1.0}``.
-            free: n, how many of the last equations have a variable right side.
-            right_side: b; default zero.
-
-        Raises:
-            InvalidInputError: Not square, not polynomial, a monomial above degree two, an unknown name.
-        """
-        names = tuple(unknowns)
-        polynomials = [
-            _from_mapping(e, names) if isinstance(e, Mapping) else parse_polynomial(str(e), names) for e in expressions
-        ]
-        return cls.from_polynomials(names, polynomials, free=free, right_side=right_side)
-
-    @classmethod
     def from_polynomials(
         cls,
         unknowns: Sequence[str],
@@ -90,7 +123,17 @@ class QuadraticSystem:
         free: int,
         right_side: Sequence[float] | None = None,
     ) -> QuadraticSystem:
-        """A system of `Polynomial`s, one an equation; arguments and errors as in `from_expressions`."""
+        """A system of polynomials, one an equation.
+
+        Args:
+            unknowns: Their names.
+            polynomials: The left sides P, as many.
+            free: n, how many of the last equations have a variable right side.
+            right_side: b; default zero.
+
+        Raises:
+            InvalidInputError: The system is not square, or has a monomial above degree two.
+        """
         size = len(unknowns)
         b = np.zeros(size) if right_side is None else np.array(right_side, dtype=np.float64)
         if len(set(unknowns)) != size or len(polynomials) != size or b.shape != (size,) or not 0 <= free <= size:
@@ -155,7 +198,7 @@ class QuadraticSystem:
 
     @property
     def c(self) -> float:
-        """Max v, a Lipschitz constant of P_z in the maximum norm."""
+        """The largest of v, a Lipschitz constant of P_z in the maximum norm."""
         return float(self.v.max(initial=0.0))
 
     def rescaled(self, weights: Array) -> QuadraticSystem:
@@ -187,14 +230,3 @@ class QuadraticSystem:
 
     def _sum_by_row(self, values: Array) -> Array:
         return np.asarray(np.bincount(self.row, weights=values, minlength=self.size), dtype=np.float64)
-
-
-def _from_mapping(coefficients: Mapping[tuple[str, ...], float], unknowns: tuple[str, ...]) -> Polynomial:
-    terms: dict[Monomial, float] = {}
-    for monomial, c in coefficients.items():
-        missing = [name for name in monomial if name not in unknowns]
-        if missing:
-            raise InvalidInputError(f"'{missing[0]}' is not an unknown; those are {', '.join(unknowns)}")
-        index = tuple(sorted(unknowns.index(name) for name in monomial))
-        terms[index] = terms.get(index, 0.0) + float(c)
-    return Polynomial({m: c for m, c in terms.items() if c})

@@ -51,12 +51,12 @@ from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.description.model import frozen
+from ccpin.arrays import Array, frozen
+from ccpin.domain.chains import checked_configuration
 from ccpin.domain.theorem2.form import FORMS, Form, QuadraticForm, quadratic_form
 from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.errors import InvalidInputError, SingularConfigurationError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 Scaling = Literal["unit", "weighted"]
 
@@ -73,10 +73,11 @@ class Theorem2Result:
     """What Theorem 2 certifies about a closed configuration.
 
     Attributes:
-        radius: ϱ in joint coordinates, maximum norm (rad, m): σ is unique and nonsingular on ‖q − q₀‖∞ < ϱ.
+        radius: ϱ in joint coordinates, maximum norm (rad, m): σ is unique and nonsingular on ‖q − q₀‖∞ < ϱ; infinite
+            where no independent coordinate enters a loop.
         radius_quadratic: r, the radius in the last n right sides (sines, metres, doubled quaternion vectors).
         v: Theorem 2's vector of the system used, of shape (N,).
-        c: Max v.
+        c: The largest of v.
         form: ``"angles"`` or ``"absolute"``.
         description: The quadratic form used, in words.
         system: The system used, in its scaled unknowns z / weights.
@@ -97,7 +98,7 @@ class Theorem2Result:
     uniqueness: float
 
 
-class Bounds(NamedTuple):
+class CentreBounds(NamedTuple):
     """Upper bounds at a centre, rounding included: ω, γ and the length of A F(z₀)."""
 
     bend: float
@@ -113,7 +114,7 @@ class Bounds(NamedTuple):
         return (room - self.residual) / self.gain / _INFLATE
 
 
-def theorem2_radius(mechanism: Mechanism, q_free: Array) -> float:
+def theorem2_radius(mechanism: Mechanism | HasMechanism, q_free: Array) -> float:
     """The radius ϱ of Theorem 2 in joint coordinates (rad, m, maximum norm) about a closed q′.
 
     The better of the quadratic forms offered; see `theorem2` for which, and for what is raised.
@@ -122,7 +123,7 @@ def theorem2_radius(mechanism: Mechanism, q_free: Array) -> float:
 
 
 def theorem2(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     q_free: Array,
     *,
     form: Form | Literal["best"] = "best",
@@ -131,7 +132,7 @@ def theorem2(
     """Apply Theorem 2 about a closed configuration; the module's text states what is certified.
 
     Args:
-        mechanism: The mechanism.
+        mechanism: The mechanism, or its model.
         q_free: A closed, nonsingular configuration q₀′, of shape (nq,).
         form: The quadratic form: ``"angles"``, ``"absolute"``, or ``"best"`` for the larger radius.
         scaling: ``"weighted"``: the unknowns scaled so as to make r as large as that can; ``"unit"``: as they are.
@@ -144,12 +145,13 @@ def theorem2(
     forms = FORMS if form == "best" else (form,)
     if scaling not in get_args(Scaling):
         raise InvalidInputError(f"unknown scaling '{scaling}'; those are {', '.join(get_args(Scaling))}")
+    mechanism = mechanism_of(mechanism)
     q_free = _checked(mechanism, q_free)
     results = [_apply(quadratic_form(mechanism, q_free, one), scaling, q_free) for one in forms]
     return max(results, key=lambda result: result.radius)
 
 
-def bounds_at(system: QuadraticSystem, centre: Array, weights: Array, relative_error: float) -> Bounds | None:
+def bounds_at(system: QuadraticSystem, centre: Array, weights: Array, relative_error: float) -> CentreBounds | None:
     """ω, γ and residual at a centre with rounding margins, or ``None`` where J is numerically singular.
 
     Args:
@@ -178,13 +180,11 @@ def bounds_at(system: QuadraticSystem, centre: Array, weights: Array, relative_e
     bend = size @ (scaled.v + 2.0 * error * span**2)
     gain = size[:, system.size - system.free :].sum(axis=1)
     residual = np.abs(inverse @ system.value(centre)) + error * reach**2 * rows
-    return Bounds(*(inflate * float(x.max(initial=0.0)) for x in (bend, gain, residual)))
+    return CentreBounds(*(inflate * float(x.max(initial=0.0)) for x in (bend, gain, residual)))
 
 
 def _checked(mechanism: Mechanism, q_free: Array) -> Array:
-    q_free = np.array(q_free, dtype=np.float64)
-    if q_free.shape != (mechanism.nq,) or not np.all(np.isfinite(q_free)):
-        raise InvalidInputError(f"q_free must be {mechanism.nq} finite numbers; it has shape {q_free.shape}")
+    q_free = checked_configuration(mechanism, q_free)
     phi = mechanism.constraints().residual(q_free)
     error = float(np.abs(phi).max(initial=0.0))
     if error > _CLOSED:
@@ -210,9 +210,10 @@ def _apply(form: QuadraticForm, scaling: Scaling, q_free: Array) -> Theorem2Resu
             rcond=rcond,
         )
     r = bounds.radius
+    joint = {"angle": float(np.arcsin(min(r, 1.0))), "displacement": r, "rotation": min(r, np.pi / np.sqrt(3.0))}
     scaled = system.rescaled(weights)
     return Theorem2Result(
-        radius=_in_joint_coordinates(r, form.coordinates),
+        radius=min((joint[kind] for kind in form.coordinates), default=np.inf) / _INFLATE,
         radius_quadratic=r,
         v=frozen(scaled.v),
         c=scaled.c,
@@ -223,16 +224,6 @@ def _apply(form: QuadraticForm, scaling: Scaling, q_free: Array) -> Theorem2Resu
         centre=frozen(centre / weights),
         uniqueness=1.0 / (bounds.bend * _INFLATE) if bounds.bend else np.inf,
     )
-
-
-def _in_joint_coordinates(r: float, kinds: tuple[str, ...]) -> float:
-    """ϱ of the corollary; infinite where no independent coordinate enters a loop."""
-    translated = {
-        "angle": float(np.arcsin(min(r, 1.0))),
-        "displacement": r,
-        "rotation": min(r, np.pi / np.sqrt(3.0)),
-    }
-    return min((translated[kind] for kind in kinds), default=np.inf) / _INFLATE
 
 
 # Scales of the unknowns that make Theorem 2's radius largest.

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.domain.theorem2.polynomial import Monomial, Polynomial, combine
+from ccpin.arrays import Array, cross
+from ccpin.domain.theorem2.system import Monomial, Polynomial, combine
 
 Vector = tuple[Polynomial, Polynomial, Polynomial]
 
@@ -81,13 +81,13 @@ class Ball(NamedTuple):
     def values(self, q_free: Array) -> tuple[float, ...]:
         """The conjugate of the centre's quaternion times the configuration's; (0, 0, 0, 1) at the centre."""
         a, (w0, b) = -np.array(self.centre[:3]), (self.centre[3], q_free[self.idx_q : self.idx_q + 4])
-        vector = w0 * b[:3] + b[3] * a + np.cross(a, b[:3])
+        vector = w0 * b[:3] + b[3] * a + cross(a, b[:3])
         w = w0 * b[3] - a @ b[:3]
         turned = np.array([*vector, w]) * (1.0 if w >= 0 else -1.0) / np.linalg.norm(b)
         return tuple(float(x) for x in turned)
 
 
-Chart = Circle | Slide | Ball
+JointVariable = Circle | Slide | Ball
 
 
 @dataclass(eq=False)
@@ -103,11 +103,11 @@ class Unknowns:
 
     names: list[str] = field(default_factory=list)
     centre: list[float] = field(default_factory=list)
-    charts: list[tuple[int, Chart]] = field(default_factory=list)
+    charts: list[tuple[int, JointVariable]] = field(default_factory=list)
     definitions: list[tuple[int, Polynomial]] = field(default_factory=list)
     _named: dict[object, Polynomial] = field(default_factory=dict)
 
-    def chart(self, chart: Chart, q_free: Array) -> tuple[Polynomial, ...]:
+    def chart(self, chart: JointVariable, q_free: Array) -> tuple[Polynomial, ...]:
         """Add a joint's unknowns, with their values at the centre `q_free`."""
         self.charts.append((len(self.names), chart))
         return tuple(self._add(name, value) for name, value in zip(chart.names, chart.values(q_free), strict=True))
@@ -133,10 +133,9 @@ class Unknowns:
         monomials = {m for component in vector for m in component.terms if len(m) == 2}
         new = sum(Polynomial({m: 1.0}).key not in self._named for m in monomials)
         components = sum(component.degree == 2 and component.key not in self._named for component in vector)
-        return _each(self._affine_by_monomials if new <= 2 * components else self.affine, vector)
-
-    def _affine_by_monomials(self, polynomial: Polynomial) -> Polynomial:
-        return combine((c, self.affine(Polynomial({m: 1.0}))) for m, c in polynomial.terms.items())
+        if new > 2 * components:
+            return _each(self.affine, vector)
+        return _each(lambda p: combine((c, self.affine(Polynomial({m: 1.0}))) for m, c in p.terms.items()), vector)
 
     def product(self, left: Polynomial, right: Polynomial) -> Polynomial:
         """A polynomial of degree at most two that equals left · right where the products are what they are named."""
@@ -192,7 +191,7 @@ def turned(matrix: Array, vector: Vector) -> Vector:
 
 
 def plus(left: Vector, right: Vector, factor: float = 1.0) -> Vector:
-    """Left + factor · right."""
+    """The sum left + factor · right."""
     x, y, z = (combine([(1.0, a), (factor, b)]) for a, b in zip(left, right, strict=True))
     return x, y, z
 

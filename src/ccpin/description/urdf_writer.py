@@ -1,0 +1,135 @@
+"""Writing a description back as URDF: yourdfpy writes links and joints, what closes and moves them is added here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import yourdfpy
+from lxml import etree
+from trimesh.transformations import euler_from_matrix
+
+from ccpin.description.model import Coupling, Joint, Link, LoopClosure, MechanismDescription, Visual, frame
+from ccpin.description.xml import XmlElement
+from ccpin.errors import DescriptionError
+from ccpin.files import write_atomically
+
+
+def write_urdf(description: MechanismDescription, path: str | Path) -> None:
+    """Write a description as a URDF with URDF+ loops, which `read_urdf` reads back as the same mechanism.
+
+    Linear couplings of two joints become mimic joints. Gravity, notes, and shapes URDF has no element for (capsules,
+    ellipsoids) are not written.
+
+    Raises:
+        DescriptionError: A coupling is not linear in two joints, or a joint without a motor has a rotor inertia.
+        InvalidInputError: The file cannot be written.
+    """
+    root = urdf_document(description).write_xml().getroot()
+    joints = {element.get("name"): element for element in root.iterfind("joint")}
+    for joint in description.joints:
+        if description.independent is not None and joint.kind != "fixed":
+            marked = joint.name in description.independent
+            if not (marked and description.independent_is_default):
+                joints[joint.name].set("independent", str(marked).lower())
+    for coupling in description.couplings:
+        _mimic(joints, coupling, description)
+    for closure in description.closures:
+        _loop(root, closure)
+    armature = {joint.name: joint.armature for joint in description.joints if joint.armature}
+    for name in description.actuated or ():
+        motor = etree.SubElement(root, "transmission", name=f"{name}_motor")
+        etree.SubElement(motor, "joint", name=name)
+        actuator = etree.SubElement(motor, "actuator", name=name)
+        etree.SubElement(actuator, "rotor_inertia", value=str(armature.pop(name, 0.0)))
+    for name in armature:
+        message = "URDF states a rotor inertia with a motor only, and this joint has none"
+        raise DescriptionError(message, source=description.source, element=f"joint '{name}'")
+    if description.reference:
+        state = etree.SubElement(root, "group_state", name="reference")
+        for name, values in description.reference.items():
+            etree.SubElement(state, "joint", name=name, value=_written(values))
+    etree.indent(root)
+    text = etree.tostring(root, xml_declaration=True, encoding="utf-8")
+    write_atomically(path, "wb", lambda file: file.write(text))
+
+
+def urdf_document(description: MechanismDescription) -> yourdfpy.URDF:
+    """The tree as a yourdfpy document: links with inertia and visuals, joints with axis and limits."""
+    robot = yourdfpy.Robot(
+        description.name,
+        links=[_link(link) for link in description.links],
+        joints=[_joint(joint) for joint in description.joints],
+    )
+    return yourdfpy.URDF(
+        robot, build_scene_graph=False, load_meshes=False, filename_handler=yourdfpy.filename_handler_null
+    )
+
+
+def _link(link: Link) -> yourdfpy.Link:
+    inertial = None
+    if link.inertia is not None:
+        inertial = yourdfpy.Inertial(frame(link.inertia.com), link.inertia.mass, link.inertia.rotational)
+    visuals = [_visual(visual) for visual in link.visuals if visual.shape.kind not in ("capsule", "ellipsoid")]
+    return yourdfpy.Link(link.name, inertial, visuals)
+
+
+def _visual(visual: Visual) -> yourdfpy.Visual:
+    shape = visual.shape
+    geometry = yourdfpy.Geometry()
+    if shape.kind == "box":
+        geometry.box = yourdfpy.Box(np.array(shape.size))
+    elif shape.kind == "cylinder":
+        geometry.cylinder = yourdfpy.Cylinder(*shape.size)
+    elif shape.kind == "sphere":
+        geometry.sphere = yourdfpy.Sphere(*shape.size)
+    else:
+        geometry.mesh = yourdfpy.Mesh(shape.mesh, np.array(shape.size))
+    material = yourdfpy.Material(color=yourdfpy.Color(np.array(visual.rgba)))
+    return yourdfpy.Visual(origin=visual.placement, geometry=geometry, material=material)
+
+
+def _joint(joint: Joint) -> yourdfpy.Joint:
+    stated = {name: getattr(joint, name) for name in ("effort", "velocity", "lower", "upper")}
+    limit = yourdfpy.Limit(**{name: value if np.isfinite(value) else None for name, value in stated.items()})
+    return yourdfpy.Joint(
+        joint.name,
+        joint.kind,
+        parent=joint.parent,
+        child=joint.child,
+        origin=joint.placement,
+        axis=joint.axis,
+        limit=limit if any(map(np.isfinite, stated.values())) else None,
+    )
+
+
+def _mimic(joints: dict[str, XmlElement], coupling: Coupling, description: MechanismDescription) -> None:
+    """Write c₀ + c₁ θ + k₁ θ_master = 0 as θ = multiplier θ_master + offset."""
+    terms = sorted(coupling.terms, key=lambda term: term.joint not in description.dependent_hint)
+    powers = [(*term.coefficients, 0.0, 0.0) for term in terms]
+    if len(terms) != 2 or any(term.reference or any(c[2:]) for term, c in zip(terms, powers, strict=True)):
+        message = "URDF couples two joints linearly only (mimic)"
+        raise DescriptionError(message, source=description.source, element=f"coupling '{coupling.name}'")
+    (own, other), (dependent, master) = powers, terms
+    multiplier, offset = -other[1] / own[1], -(own[0] + other[0]) / own[1]
+    attributes = {"joint": master.joint, "multiplier": str(multiplier), "offset": str(offset)}
+    etree.SubElement(joints[dependent.joint], "mimic", attributes)
+
+
+def _loop(root: XmlElement, closure: LoopClosure) -> None:
+    """Write a <loop>: both frames as origins, whose z axes (x and y for a universal joint) are the axes."""
+    loop = etree.SubElement(root, "loop", name=closure.name, type=closure.kind)
+    ends = ("predecessor", closure.link_a, closure.placement_a), ("successor", closure.link_b, closure.placement_b)
+    for role, link, placement in ends:
+        end = etree.SubElement(loop, role, link=link)
+        etree.SubElement(end, "origin", xyz=_written(placement[:3, 3]), rpy=_written(euler_from_matrix(placement)))
+    universal = closure.kind == "universal"
+    etree.SubElement(loop, "axis", xyz="1 0 0" if universal else "0 0 1")
+    if universal:
+        etree.SubElement(loop, "axis2", xyz="0 1 0")
+    if closure.length is not None:
+        etree.SubElement(loop, "length", value=str(closure.length))
+
+
+def _written(values: object) -> str:
+    return " ".join(map(str, np.asarray(values, dtype=np.float64).tolist()))

@@ -1,0 +1,94 @@
+"""Damped Gauss–Newton steps of bounded length on a manifold: closing loops from afar, inverse kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Generic, NamedTuple, TypeVar
+
+import numpy as np
+
+from ccpin.arrays import Array
+
+P = TypeVar("P")
+_LARGEST_STEP = 0.3
+_MOST_ITERATIONS = 200
+_PATIENCE = 20
+
+
+class Linearized(NamedTuple):
+    """A residual (m,) and its Jacobian (m, n)."""
+
+    residual: Array
+    jacobian: Array
+
+
+class Descent(NamedTuple, Generic[P]):
+    """Where a descent ended.
+
+    Attributes:
+        place: The best place found.
+        residual: The residual there.
+        iterations: Steps tried.
+    """
+
+    place: P
+    residual: Array
+    iterations: int
+
+    @property
+    def error(self) -> float:
+        """The residual's largest entry."""
+        return float(np.abs(self.residual).max(initial=0.0))
+
+
+def levenberg_marquardt(
+    start: P,
+    linearize: Callable[[P], Linearized],
+    move: Callable[[P, Array], P | None],
+    tolerance: float,
+) -> Descent[P]:
+    """Solve r = 0 by steps min ‖r + J Δ‖² + (μ s₁)²‖Δ‖², s₁ the largest singular value of J.
+
+    The damping μ follows the residual; no step is longer than 0.3. Ended at |r| ≤ tolerance, where steps no longer
+    help, or where 20 of them gain less than a fifth.
+
+    Args:
+        start: Where to begin.
+        linearize: r and J at a place.
+        move: The place a step leads to, ``None`` where there is none (the step is then shortened).
+        tolerance: Largest |r| of a solution.
+    """
+    place, damping = start, 1e-2
+    here = linearize(start)
+    best, earlier, iteration = float(here.residual @ here.residual), np.inf, 0
+    for iteration in range(_MOST_ITERATIONS):
+        if np.abs(here.residual).max(initial=0.0) <= tolerance:
+            break
+        if iteration % _PATIENCE == 0:
+            if best > 0.8 * earlier:
+                break
+            earlier = best
+        step = _damped_step(here, damping)
+        trial = move(place, step)
+        there = None if trial is None else linearize(trial)
+        now = np.inf if there is None else float(there.residual @ there.residual)
+        if trial is not None and there is not None and now < best:
+            settled = now > 0.999999 * best and float(np.linalg.norm(step)) < 1e-9
+            place, here, best, damping = trial, there, now, max(damping * 0.2, 1e-14)
+            if settled:
+                break
+        elif damping > 1e8:
+            break
+        else:
+            damping = max(damping * 8.0, 1e-12)
+    return Descent(place, here.residual, iteration)
+
+
+def _damped_step(here: Linearized, damping: float) -> Array:
+    u, s, vt = np.linalg.svd(here.jacobian, full_matrices=False)
+    if s.size == 0 or s[0] == 0.0:
+        return np.zeros(here.jacobian.shape[1])
+    gain = np.where(s > 1e-9 * s[0], s / (s**2 + (damping * s[0]) ** 2), 0.0)
+    step = np.asarray(-vt.T @ (gain * (u.T @ here.residual)))
+    length = float(np.linalg.norm(step))
+    return step if length <= _LARGEST_STEP else step * (_LARGEST_STEP / length)
