@@ -206,7 +206,7 @@ class State:
         bias = self.model.parametrization.bias(self._point, v_free)
         a_free = self.rho @ self._accelerated(v_free, bias, u) + bias
         force = self._tau_free(v_free, a_free) - self.joint_efforts(u)
-        return self._point.factor.solve_transposed(force)[: len(self._point.constraints.phi)]
+        return self._point.factor.solve_transposed(force)[: self.model.parametrization.constraints.size]
 
     # Motors.
 

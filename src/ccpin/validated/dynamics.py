@@ -15,13 +15,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ccpin.arrays import cross
 from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
 from ccpin.control.stability.well import checked_model
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.kinematics.tree import Tree
 from ccpin.validated.balls import rational
 from ccpin.validated.chains import ExactJoint, Table, closure_rows, exact, exact_joints, poses
 from ccpin.validated.tape import Expression, Program, Tape
@@ -79,7 +79,7 @@ def closed_loop(model: ReducedModel, law: ControlLaw | None) -> ClosedLoop:
     q_free, v = np.split(np.array(tape.inputs, dtype=object), [n_free])
     phi = closure_rows(tape, constraints, joints, q_free)
     closed = _closed(tape, phi, v, independent, dependent)
-    terms = _dynamics(mechanism.tree.model, joints, poses(tape, joints, q_free), closed, v, exact(model.gravity_vector))
+    terms = _dynamics(mechanism.tree, joints, poses(tape, joints, q_free), closed, v, exact(model.gravity_vector))
     force, lyapunov = _law(law, q_free[independent], v, terms)
     acceleration = tape.solve(terms.mass, (force - terms.bias)[:, None])[:, 0]
     return ClosedLoop(
@@ -131,7 +131,7 @@ def _closed(tape: Tape, phi: list[Expression], v: Table, independent: list[int],
 
 
 def _dynamics(
-    model: pin.Model,
+    tree: Tree,
     joints: Sequence[ExactJoint],
     frames: dict[int, Table],
     closed: _Closed,
@@ -144,8 +144,8 @@ def _dynamics(
     potential: Expression = 0
     for joint, body in zip(joints, _motions(joints, frames, closed), strict=True):
         rotation, position = frames[joint.number][:3, :3], frames[joint.number][:3, 3]
-        inertia, place = model.inertias[joint.number], joint.number - 1
-        m, rotor, tensor = rational(inertia.mass), rational(model.armature[place]), exact(inertia.inertia)
+        inertia, place = tree.model.inertias[joint.number], joint.number - 1
+        m, rotor, tensor = rational(inertia.mass), rational(tree.model.armature[place]), exact(inertia.inertia)
         lever = rotation @ exact(inertia.lever)
         partial = body.velocity[:n] + cross(body.omega[:n], lever)
         turns = body.omega @ rotation
