@@ -98,11 +98,22 @@ def test_settling_ends_a_run(rpdr_model):
     assert (ours.status, ours.message, len(ours.t)) == (theirs.status, theirs.message, len(theirs.t))
 
 
+def test_gravity_is_the_models(rpdr):
+    """A model with a gravity of its own moves under that one."""
+    model = ccpin.ReducedModel(rpdr, gravity=(0.0, 0.0, -1.6))
+    q0, _ = ends(model)
+    ours = ccpin.simulate(model, None, q0, duration=0.1, sample_period=0.01)
+    theirs = reference(model, None, q0, duration=0.1, sample_period=0.01)
+    np.testing.assert_allclose(ours.q, theirs.q, rtol=0, atol=1e-11)
+
+
 def test_what_the_core_leaves_to_the_reference(rpdr_model):
     """A Python law, another method, and a motion into a singularity get no answer."""
     q0, _ = ends(rpdr_model)
     assert in_core(rpdr_model, TorqueFunction(lambda t, q, v: np.zeros(2)), q0, 0.1) is None
     assert in_core(rpdr_model, NoTorque(rpdr_model), q0, 0.1, method="Radau") is None
+    own = type("Own", (PDFullGravity,), {})(rpdr_model, q0, [50.0, 50.0], [5.0, 5.0])
+    assert in_core(rpdr_model, own, q0, 0.1) is None
     theirs = reference(rpdr_model, None, q0, duration=3.0, sample_period=0.01)
     if theirs.status != "finished":
         assert in_core(rpdr_model, NoTorque(rpdr_model), q0, 3.0) is None

@@ -50,7 +50,7 @@ def backend() -> Backend:
     if wanted == "numpy":
         return Backend("numpy", f"{VARIABLE}=numpy")
     try:
-        from ccpin.native import _core as core
+        import ccpin.native._core as core
     except ImportError as error:
         reason = f"the compiled core is not built or does not load ({error}); a C++ compiler at install time makes it"
         if wanted == "native":
@@ -82,7 +82,7 @@ def kernel(mechanism: Mechanism, gravity: Array | None = None) -> Kernel | None:
 
 
 def _made(mechanism: Mechanism, gravity: Array) -> Kernel | None:
-    from ccpin.native import _core as core
+    import ccpin.native._core as core
 
     try:
         return core.Kernel(specification(mechanism, gravity))
