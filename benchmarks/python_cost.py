@@ -65,8 +65,9 @@ def main(names):
         away = model.coordinates.integrate(q, 1e-2 * rng.uniform(-1, 1, model.n))
         guess = model.sigma(away, q_free)
         v, u = 0.1 * rng.standard_normal(model.n), 0.1 * rng.standard_normal(model.n_actuated)
+        state = model.at(q, q_free)
         calls = [
-            peer(mechanism, q_free, model.rho(q_free) @ v, model.joint_efforts(q_free, u)),
+            peer(mechanism, q_free, state.v_free(v), state.joint_efforts(u)),
             lambda: model.sigma(q, guess),  # noqa: B023
             lambda: model.terms(q, v, q_free),  # noqa: B023
             lambda: model.forward_dynamics(q, v, u, q_free),  # noqa: B023
