@@ -68,7 +68,10 @@ class Reference(abc.ABC):
         """q_d, q̇_d and q̈_d at time t."""
 
     def as_polynomial(self) -> PiecewisePolynomial | None:
-        """The same motion as a piecewise polynomial, or ``None`` where it is none."""
+        """The same motion as a piecewise polynomial, or ``None`` where it is none.
+
+        Whoever overrides `at` says this anew: simulations may read it in place of `at`.
+        """
         return None
 
 
