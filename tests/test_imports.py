@@ -21,6 +21,7 @@ ORDER = (
     "description",
     "kinematics",
     "mechanism",
+    "native",
     "dynamics",
     "domain",
     "control",

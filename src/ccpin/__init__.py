@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from ccpin.dynamics import EndEffector, ReducedModel, State
     from ccpin.errors import CcpinError
     from ccpin.mechanism import Mechanism, load
-    from ccpin.simulation import Trajectory, simulate
+    from ccpin.simulation import Trajectory
+    from ccpin.simulation.simulate import simulate
 
 __version__ = "0.1.0"
 

@@ -13,6 +13,7 @@ from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.dynamics import ReducedModel
 from ccpin.dynamics.modes import assembly_modes
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.native import backend
 
 
 def add_info(commands: Any) -> None:
@@ -98,6 +99,7 @@ def summary(mechanism: Mechanism) -> dict[str, Any]:
         "assembly_mode": {"sign_det_psi": factor.sign, "q_free": mechanism.q_reference.tolist()},
         "mass": float(sum(model.inertias[j].mass for j in range(1, model.njoints))),
         "notes": list(mechanism.notes),
+        "backend": backend()._asdict(),
     }
 
 
@@ -123,6 +125,7 @@ def in_words(facts: dict[str, Any]) -> str:
         f"conditioning    1/κ(ψ_q′) = {facts['rcond']:.3g} at the reference",
         f"assembly mode   {sign[facts['assembly_mode']['sign_det_psi']]}, reference:",
         *(f"  {joint['name']}: {_value(joint)}" for joint in facts["joints"]),
+        f"computed by     {facts['backend']['name']}: {facts['backend']['reason']}",
         *(f"note: {note}" for note in facts["notes"]),
     ]
     return "\n".join(lines)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import abc
 import itertools
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -39,6 +40,20 @@ class ReferenceState(NamedTuple):
     a: Array
 
 
+class PiecewisePolynomial(NamedTuple):
+    """A reference as q_d(t) = start ⊕ p(t), p polynomial between the breaks, at rest before and after.
+
+    Attributes:
+        start: A q, of shape (nq_independent,).
+        breaks: Times, of shape (k + 1,), or none for a set point.
+        coefficients: p's of t − break, the highest power first, of shape (k, degree + 1, n).
+    """
+
+    start: Array
+    breaks: Array
+    coefficients: Array
+
+
 class Reference(abc.ABC):
     """A motion q_d(t) for t in [0, duration], held at rest outside.
 
@@ -51,6 +66,13 @@ class Reference(abc.ABC):
     @abc.abstractmethod
     def at(self, t: float) -> ReferenceState:
         """q_d, q̇_d and q̈_d at time t."""
+
+    def as_polynomial(self) -> PiecewisePolynomial | None:
+        """The same motion as a piecewise polynomial, or ``None`` where it is none.
+
+        Whoever overrides `at` says this anew: simulations may read it in place of `at`.
+        """
+        return None
 
 
 class PointToPoint(Reference):
@@ -85,6 +107,12 @@ class PointToPoint(Reference):
         rate, acceleration = 30.0 * (x * y) ** 2 / self.duration, 60.0 * x * y * (y - x) / self.duration**2
         return ReferenceState(q, rate * self._line, acceleration * self._line)
 
+    def as_polynomial(self) -> PiecewisePolynomial:
+        """q₀ ⊕ s(t/T) Δ, one piece of degree 5."""
+        powers = np.array([6.0, -15.0, 10.0, 0.0, 0.0, 0.0]) / self.duration ** np.arange(5, -1, -1)
+        coefficients = powers[None, :, None] * self._line
+        return PiecewisePolynomial(self._q_start, np.array([0.0, self.duration]), coefficients)
+
 
 class Hold(Reference):
     """A set point as a reference: q_d constant.
@@ -103,6 +131,10 @@ class Hold(Reference):
     def at(self, t: float) -> ReferenceState:
         """q_d, zero and zero."""
         return self._state
+
+    def as_polynomial(self) -> PiecewisePolynomial:
+        """No piece at all."""
+        return PiecewisePolynomial(self._state.q, np.empty(0), np.empty((0, 1, len(self._state.v))))
 
 
 class Waypoints(Reference):
@@ -151,6 +183,13 @@ class Waypoints(Reference):
             return ReferenceState(self._q_start.copy(), zero, zero)
         q = self._coordinates.integrate(self._q_start, np.asarray(self._spline(t)))
         return ReferenceState(q, np.asarray(self._rate(t)), np.asarray(self._second(t)))
+
+    def as_polynomial(self) -> PiecewisePolynomial:
+        """The spline's pieces, by their derivatives at the breaks."""
+        degree, breaks = self._spline.k, np.unique(self._spline.t)
+        orders = range(degree, -1, -1)
+        parts = [self._spline.derivative(order)(breaks[:-1]) / math.factorial(order) for order in orders]
+        return PiecewisePolynomial(self._q_start, breaks, np.stack(parts, axis=1))
 
 
 def through_points(

@@ -78,7 +78,12 @@ class NewtonSolve(NamedTuple):
 
 
 class Parametrization:
-    """σ, ρ and ρ̇ of a mechanism's constraints φ and independent coordinates α; a pure function of them."""
+    """σ, ρ and ρ̇ of a mechanism's constraints φ and independent coordinates α; a pure function of them.
+
+    Attributes:
+        rules: When σ's Newton steps are trusted and done.
+        turnable: Whether some closure's rows vanish with its axes turned end for end too.
+    """
 
     def __init__(self, constraints: Constraints, coordinates: IndependentCoordinates, q_reference: Array) -> None:
         self.constraints = constraints
@@ -87,8 +92,8 @@ class Parametrization:
         self.model = constraints.model
         self._unit = np.vstack([np.zeros((constraints.size, coordinates.n)), np.eye(coordinates.n)])
         tolerance = 1e-14 * max(1.0, _reach(self.model))
-        self._rules = NewtonRules(tolerance, _MOST_STEPS, stalled=100 * tolerance)
-        self._turnable = any(any(loop.rows.direction_rows) and loop.rows.alignment for loop in constraints.loops)
+        self.rules = NewtonRules(tolerance, _MOST_STEPS, stalled=100 * tolerance)
+        self.turnable = any(any(loop.rows.direction_rows) and loop.rows.alignment for loop in constraints.loops)
 
     def psi_jacobian(self, q_free: Array) -> Array:
         """ψ_q′ = [φ_q′; α_q′] (10), of shape (m + n, n′)."""
@@ -146,12 +151,12 @@ class Parametrization:
             SingularConfigurationError: q itself is singular.
             InvalidInputError: The guess cannot be closed, or only with a closure's axes turned end for end.
         """
-        solve = self.newton(self.q_reference if guess is None else guess, q, self._rules)
+        solve = self.newton(self.q_reference if guess is None else guess, q, self.rules)
         point = solve.point
         if point is None:
             start = guess.q_free if isinstance(guess, ClosedPoint) else self.q_reference if guess is None else guess
             point = self._walk(self._closed_start(start) if solve.started_open else start, q)
-        if isinstance(guess, np.ndarray) and self._turnable and not self.constraints.aligned(point.q_free):
+        if isinstance(guess, np.ndarray) and self.turnable and not self.constraints.aligned(point.q_free):
             raise InvalidInputError(
                 "the guess satisfies φ = 0 with a closure's axes turned end for end; pass a configuration closed the "
                 "right way round"
@@ -167,7 +172,7 @@ class Parametrization:
         while stride >= _SHORTEST_STEP:
             ahead = min(1.0, done + stride)
             target = q if ahead == 1.0 else coordinates.integrate(q_start, ahead * line)
-            point = self.newton(here, target, self._rules).point
+            point = self.newton(here, target, self.rules).point
             if point is None:
                 stride *= 0.5
                 continue
@@ -244,7 +249,7 @@ class Parametrization:
             InvalidInputError: It is too far open for that.
         """
         q = self.coordinates.alpha(start)
-        solve = self.newton(start, q, self._rules._replace(contraction=np.inf))
+        solve = self.newton(start, q, self.rules._replace(contraction=np.inf))
         if solve.point is not None:
             return solve.point.q_free
         error = float(np.abs(self.constraints.residual(start)).max())

@@ -23,7 +23,9 @@ from ccpin.dynamics.state import Near, State
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, SingularConfigurationError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.native import kernel
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
+from ccpin.simulation.in_core import simulate_in_core
 from ccpin.simulation.stick_slip import StickSlip
 from ccpin.simulation.trajectory import Status, Trajectory
 
@@ -44,6 +46,9 @@ class Settling(NamedTuple):
     band: float = 0.0017453292519943296
     speed: float = 0.01
     hold: float = 0.05
+
+
+_NEVER = Settling(np.empty(0))
 
 
 class _Stop(NamedTuple):
@@ -113,12 +118,20 @@ def simulate(
     if settling is not None:
         settling = settling._replace(goal=checked_q(model.coordinates, settling.goal))
     contact = StickSlip(model, joint_friction(model, {} if friction is None else friction))
-    commands = ContinuousCommands(law) if sampling is None else SampledCommands(model, law, sampling, start.q, v_start)
-    run = _Run(commands, contact, start, v_start, settling, region, singular_rcond)
     times = np.arange(np.floor(duration / sample_period * (1 + 1e-12)) + 1) * sample_period
     if times[-1] < duration * (1 - 1e-9):
         times = np.append(times, duration)
     options = {"rtol": rtol, "atol": atol, "max_step": max_step}
+    plain = friction is None and sampling is None and region is None
+    core = kernel(model.mechanism, model.gravity_vector) if plain else None
+    if core is not None:
+        numbers = {"times": times, "start": np.concatenate([start.q, v_start]), "singular_rcond": singular_rcond}
+        numbers |= options | (settling or _NEVER)._asdict()
+        found = simulate_in_core(core, model, law, method, start.q_free, numbers)
+        if found is not None:
+            return found
+    commands = ContinuousCommands(law) if sampling is None else SampledCommands(model, law, sampling, start.q, v_start)
+    run = _Run(commands, contact, start, v_start, settling, region, singular_rcond)
     return run.integrate(times, getattr(integrate, method), options)
 
 

@@ -1,0 +1,42 @@
+// The Python module ccpin.native._core: one class, described in _core.pyi.
+#include "kernel.hpp"
+
+static int import_numpy() {
+  import_array1(-1);
+  return 0;
+}
+
+NB_MODULE(_core, module) {
+  using ccpin::Kernel;
+  using nb::arg;
+  if (import_numpy() < 0) throw nb::python_error();
+  const auto near = arg("near").none();
+  const auto q = arg("q").none() = nb::none();
+  const auto threads = arg("threads") = 1;
+  nb::class_<Kernel>(module, "Kernel")
+      .def(nb::init<nb::dict>(), arg("specification"))
+      .def("__reduce__", [](nb::handle self) {
+        return nb::make_tuple(self.type(), nb::make_tuple(nb::cast<const Kernel&>(self).numbers));
+      })
+      .def("constraints", &Kernel::constraints, arg("q_free"))
+      .def("constraint_rate", &Kernel::constraint_rate, arg("q_free"), arg("v_free"))
+      .def("sigma", &Kernel::sigma, arg("q"), arg("near").none() = nb::none())
+      .def("closed_point", &Kernel::closed_point, near, q)
+      .def("rcond", &Kernel::rcond, arg("q_free"))
+      .def("terms", &Kernel::terms, near, arg("v"), q)
+      .def("forward_dynamics", &Kernel::forward_dynamics, near, arg("v"), arg("u"), q)
+      .def("generalized_force", &Kernel::generalized_force, near, arg("v"), arg("a"), q)
+      .def("gravity", &Kernel::gravity, near, q)
+      .def("transmission", &Kernel::transmission, near, q)
+      .def("constraint_forces", &Kernel::constraint_forces, near, arg("v"), arg("u"), q)
+      .def("energy", &Kernel::energy, near, arg("v"), q)
+      .def("generalized_force_derivatives", &Kernel::generalized_force_derivatives, near, arg("v"), arg("a"), q)
+      .def("forward_dynamics_derivatives", &Kernel::forward_dynamics_derivatives, near, arg("v"), arg("u"), q)
+      .def("sigma_many", &Kernel::sigma_many, arg("Q"), near, threads)
+      .def("terms_many", &Kernel::terms_many, arg("Q"), arg("V"), near, threads)
+      .def("forward_dynamics_many", &Kernel::forward_dynamics_many, arg("Q"), arg("V"), arg("U"), near, threads)
+      .def("generalized_force_many", &Kernel::generalized_force_many, arg("Q"), arg("V"), arg("A"), near, threads)
+      .def("forward_dynamics_derivatives_many", &Kernel::forward_dynamics_derivatives_many, arg("Q"), arg("V"),
+           arg("U"), near, threads)
+      .def("simulate", &Kernel::simulate, near, arg("law"), arg("run"), arg("tableau"));
+}

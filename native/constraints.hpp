@@ -1,0 +1,143 @@
+// ψ = [φ; α] (9) on one cluster: its residual, its Jacobian and the rate of it, on local columns.
+//
+// Rows: of the cluster's loops, of its couplings, of its component coordinates. Whole joints among the coordinates need
+// no row: their columns are known (`direct`), and only the `dependent` columns of J are solved for.
+#pragma once
+#include "coordinates.hpp"
+#include "linear.hpp"
+#include "rows.hpp"
+
+namespace ccpin {
+
+// What one cluster holds at a configuration.
+struct ClusterState {
+  std::vector<Row> rows, row_rates;    // of the loops; the rates after `Parametrization::bias`
+  std::vector<double> J;               // rows × width
+  std::vector<double> A, diagonal;     // memory of the factor
+  std::vector<int> pivot;
+  std::vector<double> residual, gap;   // −φ and component gaps; gaps of the whole joints
+  std::vector<double> right, step;     // right sides; a Newton step
+  std::vector<double> rho, bias;       // ρ (width × n) and ρ̇ q̇ (width)
+  Factor factor;
+
+  explicit ClusterState(const Cluster& c)
+      : rows(c.loop_rows), row_rates(c.loop_rows), J(size_t(c.rows()) * c.width()), A(size_t(c.rows()) * c.unknowns()),
+        diagonal(c.unknowns()), pivot(c.unknowns()), residual(c.rows()), gap(c.direct.size()),
+        right(std::max(c.n(), c.rows() * std::max(1, 2 * c.n()))), step(c.width()), rho(size_t(c.width()) * c.n()),
+        bias(c.width()) {
+    for (size_t k = 0; k < c.direct.size(); ++k) rho[size_t(c.direct[k]) * c.n() + k] = 1;
+  }
+  ClusterState(ClusterState&&) = default;
+  void bind(const Cluster& c) { factor = {A.data(), pivot.data(), diagonal.data(), c.rows(), c.unknowns()}; }
+};
+
+class Constraints : public Kinematics {
+ public:
+  std::vector<ClusterState> states;  // by cluster
+
+  explicit Constraints(const Mechanism& mechanism) : Kinematics(mechanism) {
+    states.reserve(m.clusters.size());
+    for (const Cluster& c : m.clusters) states.emplace_back(c).bind(c);
+  }
+
+  // φ (m) and φ_q′ (m × n′, row-major) at any configuration.
+  void value(const double* q, double* phi, double* jacobian) {
+    std::copy(q, q + m.nq, q_free.begin());
+    std::fill(jacobian, jacobian + size_t(m.m) * m.nv, 0.);
+    for_phi_rows([&](const Cluster& c, const ClusterState& s, int local, int global) {
+      phi[global] = -s.residual[local];
+      for (int col = 0; col < c.width(); ++col)
+        jacobian[size_t(global) * m.nv + c.columns[col]] = s.J[size_t(local) * c.width() + col];
+    });
+  }
+
+  // Whether every closure with direction rows is closed the right way round.
+  bool aligned() const {
+    for (const Loop& loop : m.loops)
+      if (!is_aligned(loop, ends(loop))) return false;
+    return true;
+  }
+
+ protected:
+  // Joints, −φ, the gaps to q (null: none wanted) and J of one cluster, and its factorised dependent columns.
+  // Returns the largest residual.
+  double linearize(const Cluster& c, ClusterState& s, const double* q) {
+    place_cluster(c);
+    int row = 0;
+    for (int i : c.loops) row = loop_jacobian(m.loops[i], c, s, row);
+    for (int i : c.couplings) coupling_jacobian(m.couplings[i], c, s, row++);
+    for (int i : c.components) component_jacobian(m.coordinates[i], c, s, q, row++);
+    double size = 0;
+    for (double r : s.residual) size = std::max(size, std::abs(r));
+    if (q) {
+      whole_gaps(c, q, s.gap.data());
+      for (double g : s.gap) size = std::max(size, std::abs(g));
+    }
+    const int n = c.unknowns();
+    for (int k = 0; k < c.rows(); ++k)
+      for (int i = 0; i < n; ++i) s.A[size_t(k) * n + i] = s.J[size_t(k) * c.width() + c.dependent[i]];
+    s.factor.factorize();
+    return size;
+  }
+
+  // The tangent steps of the whole joints, and of the components, that lead from α(q′) to q.
+  void whole_gaps(const Cluster& c, const double* q, double* out) const {
+    for (int i : c.whole) {
+      const Coordinate& k = m.coordinates[i];
+      difference(k.kind, &q_free[m.joints[k.joint].q], q + k.q, out);
+      out += k.nv;
+    }
+  }
+  double component_gap(const Coordinate& k, const double* q) const {
+    const double here = component(k, &q_free[m.joints[k.joint].q]);
+    double gap;
+    coordinate_difference(k, &here, q + k.q, &gap);
+    return gap;
+  }
+
+  // Each row of φ in turn, with its local and its global index.
+  template <class F> void for_phi_rows(F&& f) {
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      linearize(c, states[k], nullptr);
+      int local = 0;
+      for (int i : c.loops)
+        for (int r = 0; r < m.loops[i].size; ++r) f(c, states[k], local++, m.loops[i].row + r);
+      for (int i : c.couplings) f(c, states[k], local++, m.couplings[i].row);
+    }
+  }
+
+ private:
+  int loop_jacobian(const Loop& loop, const Cluster& c, ClusterState& s, int row) const {
+    loop_rows(loop, ends(loop), &s.rows[row], &s.residual[row]);
+    for (const int end = row + loop.size; row < end; ++row) {
+      double* J = &s.J[size_t(row) * c.width()];
+      const auto along = [&](const std::vector<int>& path, const Force& W) {
+        for (int j : path)
+          for (int i = m.joints[j].v; i < m.joints[j].v + m.joints[j].nv; ++i) J[m.column_of[i]] = dot(W, S[i]);
+      };
+      along(loop.path_a, s.rows[row].a), along(loop.path_b, s.rows[row].b);
+      s.residual[row] = -s.residual[row];
+    }
+    return row;
+  }
+
+  void coupling_jacobian(const Coupling& coupling, const Cluster& c, ClusterState& s, int row) const {
+    double* J = &s.J[size_t(row) * c.width()];
+    double total = 0;
+    for (const CouplingTerm& t : coupling.terms) J[m.column_of[t.v]] = 0;
+    for (const CouplingTerm& t : coupling.terms)
+      total += slope(t, q_free.data(), 0), J[m.column_of[t.v]] += slope(t, q_free.data(), 1);
+    s.residual[row] = -(coupling.modulus > 0 ? std::remainder(total, coupling.modulus) : total);
+  }
+
+  void component_jacobian(const Coordinate& k, const Cluster& c, ClusterState& s, const double* q, int row) const {
+    const Joint& joint = m.joints[k.joint];
+    double along[6], unused[6];
+    component_row(k, &q_free[joint.q], nullptr, along, unused);
+    std::copy(along, along + joint.nv, &s.J[size_t(row) * c.width() + m.column_of[joint.v]]);
+    s.residual[row] = q ? component_gap(k, q) : 0;
+  }
+};
+
+}  // namespace ccpin

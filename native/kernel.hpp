@@ -1,0 +1,333 @@
+// What Python calls. Every function answers, or declines with None, and the NumPy reference then answers or explains:
+// messages exist once. `near` is a configuration on the branch wanted (None: the reference); `q` given: at σ(q) from
+// there; q None: at `near` itself, which is closed.
+#pragma once
+#include "batch.hpp"
+#include "specification.hpp"
+
+namespace ccpin {
+
+class Kernel {
+ public:
+  const nb::dict numbers;  // what it was made of, for pickling
+  const Mechanism m;
+
+  explicit Kernel(nb::dict specification) : numbers(specification), m(Reader(specification).mechanism()), pool_(m) {}
+
+  nb::object constraints(In q_free) {
+    if (!q_free.is_vector(m.nq)) return nb::none();
+    Pool::Lease w(pool_);
+    double *phi, *jacobian;
+    nb::object a = new_array({m.m}, phi), b = new_array({m.m, m.nv}, jacobian);
+    w->model.value(q_free.data, phi, jacobian);
+    return nb::make_tuple(a, b);
+  }
+  nb::object constraint_rate(In q_free, In v_free) {
+    if (!q_free.is_vector(m.nq) || !v_free.is_vector(m.nv)) return nb::none();
+    Pool::Lease w(pool_);
+    double* rate;
+    nb::object a = new_array({m.m, m.nv}, rate);
+    w->model.rate(q_free.data, v_free.data, rate);
+    return a;
+  }
+
+  nb::object sigma(In q, In near) {
+    Pool::Lease w(pool_);
+    if (!close(w->model, near, q)) return nb::none();
+    return closed(w->model);
+  }
+  nb::object closed_point(In near, In q) {  // q′ and ρ
+    Pool::Lease w(pool_);
+    if (!close(w->model, near, q)) return nb::none();
+    double* rho;
+    nb::object a = new_array({m.nv, m.n}, rho);
+    write_rho(w->model, rho);
+    return nb::make_tuple(closed(w->model), a);
+  }
+  nb::object rcond(In q_free) {
+    Pool::Lease w(pool_);
+    if (!close(w->model, q_free, In())) return nb::none();
+    return nb::cast(w->model.rcond());
+  }
+
+  nb::object terms(In near, In v, In q) {
+    Pool::Lease w(pool_);
+    if (!v.is_vector(m.n) || !close(w->model, near, q)) return nb::none();
+    TermsOut out;
+    const nb::object arrays = out.allocate(m);
+    out.write(*w, v.data, 0);
+    return arrays;
+  }
+  nb::object forward_dynamics(In near, In v, In u, In q) {
+    Pool::Lease w(pool_);
+    if (!v.is_vector(m.n) || !u.is_vector(m.motors) || !close(w->model, near, q)) return nb::none();
+    double* out;
+    nb::object a = new_array({m.n}, out);
+    if (!w->model.forward(v.data, u.data, out)) return nb::none();
+    return a;
+  }
+  nb::object generalized_force(In near, In v, In acceleration, In q) {
+    Pool::Lease w(pool_);
+    if (!v.is_vector(m.n) || !acceleration.is_vector(m.n) || !close(w->model, near, q)) return nb::none();
+    double* out;
+    nb::object a = new_array({m.n}, out);
+    w->model.inverse(v.data, acceleration.data, out);
+    return a;
+  }
+  nb::object gravity(In near, In q) {
+    Pool::Lease w(pool_);
+    if (!close(w->model, near, q)) return nb::none();
+    double* out;
+    nb::object a = new_array({m.n}, out);
+    w->model.inverse(nullptr, nullptr, out, true);
+    return a;
+  }
+  nb::object transmission(In near, In q) {
+    Pool::Lease w(pool_);
+    if (!close(w->model, near, q)) return nb::none();
+    double* out;
+    nb::object a = new_array({m.n, m.motors}, out);
+    std::fill(out, out + size_t(m.n) * m.motors, 0.);
+    w->derivatives.transmission(out, m.motors);
+    return a;
+  }
+  nb::object constraint_forces(In near, In v, In u, In q) {
+    Pool::Lease w(pool_);
+    if (!v.is_vector(m.n) || !u.is_vector(m.motors) || !close(w->model, near, q)) return nb::none();
+    std::vector<double> a(m.n), tau(m.n);
+    if (!w->model.forward(v.data, u.data, a.data())) return nb::none();
+    w->model.inverse(v.data, a.data(), tau.data());
+    double* out;
+    nb::object lambda = new_array({m.m}, out);
+    w->model.multipliers(u.data, out);
+    return lambda;
+  }
+  nb::object energy(In near, In v, In q) {
+    Pool::Lease w(pool_);
+    if (!v.is_vector(m.n) || !close(w->model, near, q)) return nb::none();
+    const ReducedModel::Energy e = w->model.energy(v.data);
+    return nb::make_tuple(e.kinetic, e.potential);
+  }
+  nb::object generalized_force_derivatives(In near, In v, In acceleration, In q) {
+    Pool::Lease w(pool_);
+    if (!v.is_vector(m.n) || !acceleration.is_vector(m.n) || !close(w->model, near, q)) return nb::none();
+    double *dq, *dv, *da;
+    nb::object a = new_array({m.n, m.n}, dq), b = new_array({m.n, m.n}, dv), c = new_array({m.n, m.n}, da);
+    w->derivatives.generalized_force(v.data, acceleration.data, nullptr, dq, dv, da);
+    return nb::make_tuple(a, b, c);
+  }
+  nb::object forward_dynamics_derivatives(In near, In v, In u, In q) {
+    Pool::Lease w(pool_);
+    if (!v.is_vector(m.n) || !u.is_vector(m.motors) || !close(w->model, near, q)) return nb::none();
+    double *dq, *dv, *du;
+    nb::object a = new_array({m.n, m.n}, dq), b = new_array({m.n, m.n}, dv), c = new_array({m.n, m.motors}, du);
+    if (!slopes(*w, v.data, u.data, dq, dv, du)) return nb::none();
+    return nb::make_tuple(a, b, c);
+  }
+
+  // Batches: one answer a row of (B, ·) arrays, and a mask of the rows answered; the others are NaN.
+  nb::object sigma_many(In Q, In near, int threads) {
+    double* out;
+    const Batch batch(*this, near, Q);
+    if (!batch.good) return nb::none();
+    const nb::object a = new_array({Q.rows, m.nq}, out);
+    return with_mask(a, batch, threads, [&](Workspace& w, Py_ssize_t k, bool good) {
+      if (good) std::copy(w.model.q_free.begin(), w.model.q_free.end(), out + k * m.nq);
+      else std::fill_n(out + k * m.nq, m.nq, NAN);
+      return good;
+    });
+  }
+  nb::object terms_many(In Q, In V, In near, int threads) {
+    const Batch batch(*this, near, Q);
+    if (!batch.good || !rows_of(V, m.n, Q.rows)) return nb::none();
+    TermsOut out;
+    const nb::object arrays = out.allocate(m, Q.rows);
+    return with_mask(arrays, batch, threads, [&](Workspace& w, Py_ssize_t k, bool good) {
+      if (good) out.write(w, V.data + k * m.n, k);
+      else out.blank(m, k);
+      return good;
+    });
+  }
+  nb::object forward_dynamics_many(In Q, In V, In U, In near, int threads) {
+    const Batch batch(*this, near, Q);
+    if (!batch.good || !rows_of(V, m.n, Q.rows) || !rows_of(U, m.motors, Q.rows)) return nb::none();
+    double* out;
+    const nb::object a = new_array({Q.rows, m.n}, out);
+    return with_mask(a, batch, threads, [&](Workspace& w, Py_ssize_t k, bool good) {
+      good = good && w.model.forward(V.data + k * m.n, U.data + k * m.motors, out + k * m.n);
+      if (!good) std::fill_n(out + k * m.n, m.n, NAN);
+      return good;
+    });
+  }
+  nb::object generalized_force_many(In Q, In V, In A, In near, int threads) {
+    const Batch batch(*this, near, Q);
+    if (!batch.good || !rows_of(V, m.n, Q.rows) || !rows_of(A, m.n, Q.rows)) return nb::none();
+    double* out;
+    const nb::object a = new_array({Q.rows, m.n}, out);
+    return with_mask(a, batch, threads, [&](Workspace& w, Py_ssize_t k, bool good) {
+      if (good) w.model.inverse(V.data + k * m.n, A.data + k * m.n, out + k * m.n);
+      else std::fill_n(out + k * m.n, m.n, NAN);
+      return good;
+    });
+  }
+  nb::object forward_dynamics_derivatives_many(In Q, In V, In U, In near, int threads) {
+    const Batch batch(*this, near, Q);
+    if (!batch.good || !rows_of(V, m.n, Q.rows) || !rows_of(U, m.motors, Q.rows)) return nb::none();
+    double *dq, *dv, *du;
+    const size_t square = size_t(m.n) * m.n, wide = size_t(m.n) * m.motors;
+    const nb::object a = new_array({Q.rows, m.n, m.n}, dq), b = new_array({Q.rows, m.n, m.n}, dv),
+                     c = new_array({Q.rows, m.n, m.motors}, du);
+    return with_mask(nb::make_tuple(a, b, c), batch, threads, [&](Workspace& w, Py_ssize_t k, bool good) {
+      double *x = dq + k * square, *y = dv + k * square, *z = du + k * wide;
+      good = good && slopes(w, V.data + k * m.n, U.data + k * m.motors, x, y, z);
+      if (!good) std::fill_n(x, square, NAN), std::fill_n(y, square, NAN), std::fill_n(z, wide, NAN);
+      return good;
+    });
+  }
+
+  // A run under a law of the core: how many samples, then q, q̇, u, q′, |φ|, how it ended, since when it is settled, evaluations.
+  nb::object simulate(In near, nb::dict law, nb::dict run, nb::dict tableau) {
+    if (!m.direct) return nb::none();
+    const Law a = Reader::law(law, m);
+    const Run b = Reader::run(run, m);
+    const Tableau c = Reader::tableau(tableau);
+    const Py_ssize_t rows = b.times.size();
+    Pool::Lease w(pool_);
+    In q;
+    q.data = b.start.data(), q.rows = 1, q.size = m.n_q, q.dimensions = 1;
+    if (rows == 0 || !close(w->model, near, q)) return nb::none();
+    Samples out;
+    const nb::object Q = new_array({rows, m.n_q}, out.q), V = new_array({rows, m.n}, out.v),
+                     U = new_array({rows, m.n}, out.u), X = new_array({rows, m.nq}, out.q_free),
+                     E = new_array({rows}, out.closure);
+    Simulation simulation(*w, a, b);
+    Outcome outcome;
+    {
+      nb::gil_scoped_release release;
+      outcome = simulation.run(c, out);
+    }
+    if (outcome == Outcome::declined) return nb::none();
+    constexpr const char* names[] = {"finished", "settled", "interrupted"};
+    return nb::make_tuple(out.done, Q, V, U, X, E, names[int(outcome)], simulation.settled_since, simulation.evaluations);
+  }
+
+  // Closes the model at σ(q) from `near`, or at `near` itself; false where only the reference can tell.
+  bool close(ReducedModel& model, const In& near, const In& q) const {
+    if (near.given() && !(near.is_vector(m.nq) && on_manifold(near.data))) return false;
+    if (!q.given()) return near.given() && model.at(near.data);
+    if (!q.is_vector(m.n_q)) return false;
+    const double* start = near.given() ? near.data : m.reference.data();
+    if (!close_at(model, q.data, [&](const double* x) { return model.sigma(x, start); })) return false;
+    return !(near.given() && m.turnable && !model.aligned());
+  }
+
+  Pool& pool() { return pool_; }
+
+ private:
+  Pool pool_;
+
+  // f(q) with the circles and quaternions of q made exact.
+  template <class F> bool close_at(ReducedModel&, const double* q, F&& f) const {
+    if (m.plain) return f(q);
+    thread_local std::vector<double> unit;
+    unit.assign(q, q + m.n_q);
+    return normalize(m, unit.data()) && f(unit.data());
+  }
+
+  bool on_manifold(const double* q_free) const {
+    if (m.nq == m.nv) return true;
+    for (const Joint& joint : m.joints) {
+      const UnitWindow unit = unit_window(joint.kind);
+      if (!unit.size || joint.nq == 0) continue;
+      double sum = 0;
+      for (int k = 0; k < unit.size; ++k) sum += std::pow(q_free[joint.q + unit.start + k], 2);
+      if (!(std::abs(std::sqrt(sum) - 1) <= 5e-7)) return false;
+    }
+    return true;
+  }
+
+  nb::object closed(const ReducedModel& model) const {
+    double* out;
+    nb::object a = new_array({m.nq}, out);
+    std::copy(model.q_free.begin(), model.q_free.end(), out);
+    return a;
+  }
+  void write_rho(const ReducedModel& model, double* rho) const {
+    std::fill(rho, rho + size_t(m.nv) * m.n, 0.);
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      for (int col = 0; col < c.width(); ++col)
+        for (int i = 0; i < c.n(); ++i)
+          rho[size_t(c.columns[col]) * m.n + c.independent[i]] = model.states[k].rho[size_t(col) * c.n() + i];
+    }
+  }
+  bool slopes(Workspace& w, const double* v, const double* u, double* dq, double* dv, double* du) const {
+    std::vector<double> a(m.n);
+    return w.model.forward(v, u, a.data()) && w.derivatives.forward(v, u, a.data(), dq, dv, du);
+  }
+
+  // The fields of ccpin.dynamics.reduced_model.ReducedTerms, for one state or with a leading axis.
+  struct TermsOut {
+    static constexpr int fields = 7;
+    double* data[fields];
+    size_t size[fields];
+
+    nb::object allocate(const Mechanism& m, Py_ssize_t rows = -1) {
+      const Py_ssize_t shapes[fields][2] = {{m.nq, 0},     {m.nv, 0},    {m.nv, m.n}, {m.nv, m.n},
+                                            {m.n, m.n}, {m.n, m.n}, {m.n, 0}};
+      nb::object arrays[fields];
+      for (int k = 0; k < fields; ++k) {
+        const auto [a, b] = shapes[k];
+        const bool vector = k < 2 || k == 6;
+        size[k] = size_t(a) * (vector ? 1 : b);
+        arrays[k] = rows < 0 ? (vector ? new_array({a}, data[k]) : new_array({a, b}, data[k]))
+                             : (vector ? new_array({rows, a}, data[k]) : new_array({rows, a, b}, data[k]));
+      }
+      return nb::make_tuple(arrays[0], arrays[1], arrays[2], arrays[3], arrays[4], arrays[5], arrays[6]);
+    }
+    void write(Workspace& w, const double* v, Py_ssize_t row) {
+      double* at[fields];
+      for (int k = 0; k < fields; ++k) at[k] = data[k] + row * size[k];
+      std::copy(w.model.q_free.begin(), w.model.q_free.end(), at[0]);
+      w.terms.matrices(v, at[4], at[5], at[2], at[3]);
+      w.model.unpack(w.model.v_free, at[1]);
+      w.model.gravity(at[6]);
+    }
+    void blank(const Mechanism&, Py_ssize_t row) {
+      for (int k = 0; k < fields; ++k) std::fill_n(data[k] + row * size[k], size[k], NAN);
+    }
+  };
+
+  // The rows to close, and the guess of all of them closed once (at its own α).
+  struct Batch {
+    Kernel& kernel;
+    In Q;
+    ClosedPoint near;
+    bool good = false;
+    Batch(Kernel& k, const In& guess, const In& rows) : kernel(k), Q(rows) {
+      const Mechanism& m = k.m;
+      if (!rows.is_matrix(m.n_q) || (guess.given() && !(guess.is_vector(m.nq) && k.on_manifold(guess.data)))) return;
+      const double* start = guess.given() ? guess.data : m.reference.data();
+      Pool::Lease w(k.pool_);
+      std::vector<double> q(m.n_q);
+      w->model.alpha(start, q.data());
+      good = w->model.sigma(q.data(), start) && !(guess.given() && m.turnable && !w->model.aligned());
+      if (good) w->model.remember(near);
+    }
+    bool close(Workspace& w, Py_ssize_t row) const {
+      const double* q = Q.data + row * kernel.m.n_q;
+      return In::finite(q, kernel.m.n_q) &&
+             kernel.close_at(w.model, q, [&](const double* x) { return w.model.sigma(x, near); });
+    }
+  };
+  static bool rows_of(const In& x, Py_ssize_t width, Py_ssize_t rows) { return x.is_matrix(width) && x.rows == rows; }
+
+  template <class F> nb::object with_mask(nb::object arrays, const Batch& batch, int threads, F&& f) {
+    bool* mask;
+    const nb::object answered = new_array({batch.Q.rows}, mask);
+    for_each_row(pool_, batch.Q.rows, threads, [&](Workspace& w, Py_ssize_t k) { mask[k] = f(w, k, batch.close(w, k)); });
+    return nb::make_tuple(arrays, answered);
+  }
+};
+
+}  // namespace ccpin

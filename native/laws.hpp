@@ -1,0 +1,91 @@
+// The control laws that live in the core (ccpin.control.laws and .tracking, where the motors are the independent
+// joints), with e = q_d − q and ė = q̇_d − q̇:
+//
+//   pd               u = K_p e + K_v ė + constant
+//   pd_gravity       u = K_p e + K_v ė + g(q)
+//   computed_torque  u = D (q̈_d + K_v ė + K_p e) + C q̇ + g
+//   pd_plus          u = D q̈_d + C q̇_d + g + K_p e + K_v ė
+#pragma once
+#include "workspace.hpp"
+
+namespace ccpin {
+
+// q_d(t) = start ⊕ p(t), p a piecewise polynomial in the tangent space, at rest before and after; no pieces: a set point.
+struct Path {
+  std::vector<double> start, breaks;
+  std::vector<double> coefficients;  // pieces × (degree + 1) × n, the highest power first
+  int degree = 0;
+
+  // q_d, q̇_d and q̈_d.
+  void at(const Mechanism& m, double t, double* q, double* v, double* a) const {
+    std::copy(start.begin(), start.end(), q);
+    std::fill(v, v + m.n, 0.), std::fill(a, a + m.n, 0.);
+    if (breaks.empty()) return;
+    const double within = std::min(std::max(t, breaks.front()), breaks.back());
+    const auto next = std::upper_bound(breaks.begin() + 1, breaks.end() - 1, within);
+    const size_t piece = size_t(next - breaks.begin()) - 1;
+    const double x = within - breaks[piece];
+    std::vector<double> way(m.n, 0.);
+    const double* c = &coefficients[piece * (degree + 1) * m.n];
+    for (int power = degree; power >= 0; --power, c += m.n)
+      for (int i = 0; i < m.n; ++i) {
+        a[i] = a[i] * x + 2 * v[i];
+        v[i] = v[i] * x + way[i];
+        way[i] = way[i] * x + c[i];
+      }
+    if (t < breaks.front() || t >= breaks.back()) std::fill(v, v + m.n, 0.), std::fill(a, a + m.n, 0.);
+    for (const Coordinate& k : m.coordinates) coordinate_retract(k, q + k.q, &way[k.v]);
+  }
+};
+
+enum class LawKind { pd, pd_gravity, computed_torque, pd_plus };
+constexpr const char* kLawNames[] = {"pd", "pd_gravity", "computed_torque", "pd_plus"};
+
+struct Law {
+  LawKind kind;
+  Path path;
+  std::vector<double> K_p, K_v, constant;  // n × n, n × n, n
+};
+
+class LawRunner {
+ public:
+  LawRunner(Workspace& w, const Law& law) : w_(w), m_(w.model.m), law_(law) {
+    q_.resize(m_.n_q);
+    for (auto* x : {&v_, &a_, &e_, &edot_, &demand_, &model_part_}) x->resize(m_.n);
+    D_.resize(size_t(m_.n) * m_.n), C_ = D_, rho_.resize(size_t(m_.nv) * m_.n), rho_dot_ = rho_;
+  }
+
+  // u(t, q, q̇) at the configuration the model is closed at.
+  void effort(double t, const double* q, const double* v, double* u) {
+    const int n = m_.n;
+    law_.path.at(m_, t, q_.data(), v_.data(), a_.data());
+    for (const Coordinate& k : m_.coordinates) coordinate_difference(k, q + k.q, &q_[k.q], &e_[k.v]);
+    for (int i = 0; i < n; ++i) edot_[i] = v_[i] - v[i];
+    for (int i = 0; i < n; ++i) {
+      demand_[i] = 0;
+      for (int k = 0; k < n; ++k) demand_[i] += law_.K_p[i * n + k] * e_[k] + law_.K_v[i * n + k] * edot_[k];
+    }
+    switch (law_.kind) {
+      case LawKind::pd: model_part_ = law_.constant; break;
+      case LawKind::pd_gravity: w_.model.inverse(nullptr, nullptr, model_part_.data(), true); break;
+      case LawKind::computed_torque:
+        for (int i = 0; i < n; ++i) demand_[i] += a_[i];
+        w_.model.inverse(v, demand_.data(), u);
+        return;
+      case LawKind::pd_plus:
+        w_.terms.matrices(v, D_.data(), C_.data(), rho_.data(), rho_dot_.data());
+        w_.model.gravity(model_part_.data());
+        for (int i = 0; i < n; ++i)
+          for (int k = 0; k < n; ++k) model_part_[i] += D_[i * n + k] * a_[k] + C_[i * n + k] * v_[k];
+    }
+    for (int i = 0; i < n; ++i) u[i] = demand_[i] + model_part_[i];
+  }
+
+ private:
+  Workspace& w_;
+  const Mechanism& m_;
+  const Law& law_;
+  std::vector<double> q_, v_, a_, e_, edot_, demand_, model_part_, D_, C_, rho_, rho_dot_;
+};
+
+}  // namespace ccpin

@@ -1,0 +1,190 @@
+// q′ = σ(q) (12), cluster by cluster; the trust test is that of ccpin.kinematics.parametrization.
+//
+// Clusters share no row and no column of ψ, so each is solved alone: a step that one cluster does not trust shortens the
+// way of that cluster only, and the branch reached is the same.
+#pragma once
+#include "tangent.hpp"
+
+namespace ccpin {
+
+constexpr double kContraction = 0.125, kLargestMove = 1.0, kShortestStep = 0x1p-30, kOpenStart = 1e-6;
+constexpr int kMaxNewton = 12;
+// A closed point, as a start: its ρ spares Newton the first evaluation.
+struct ClosedPoint {
+  std::vector<double> q_free;
+  std::vector<std::vector<double>> rho;  // by cluster
+  std::vector<int> sign;
+};
+
+class Parametrization : public Tangent {
+ public:
+  explicit Parametrization(const Mechanism& mechanism) : Tangent(mechanism) {
+    q_start_.resize(m.n_q), q_ahead_.resize(m.n_q), line_.resize(m.n), here_.resize(m.nq);
+  }
+
+  // σ(q) from a start; false where the trusted path does not lead there.
+  bool sigma(const double* q, const double* start) {
+    for (size_t k = 0; k < m.clusters.size(); ++k)
+      if (!solve(m.clusters[k], states[k], q, start, nullptr, 0)) return false;
+    return true;
+  }
+  bool sigma(const double* q, const ClosedPoint& near) {
+    for (size_t k = 0; k < m.clusters.size(); ++k)
+      if (!solve(m.clusters[k], states[k], q, near.q_free.data(), near.rho[k].data(), near.sign[k])) return false;
+    return true;
+  }
+  void remember(ClosedPoint& point) const {
+    point.q_free = q_free;
+    point.rho.resize(states.size()), point.sign.resize(states.size());
+    for (size_t k = 0; k < states.size(); ++k) point.rho[k] = states[k].rho, point.sign[k] = states[k].factor.sign;
+  }
+
+  // ρ at a configuration that is closed already; false where it is singular.
+  bool at(const double* q_closed) {
+    std::copy(q_closed, q_closed + m.nq, q_free.begin());
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      linearize(m.clusters[k], states[k], nullptr);
+      if (!finish(m.clusters[k], states[k])) return false;
+    }
+    return true;
+  }
+
+  // q = α(q′).
+  void alpha(const double* configuration, double* q) const {
+    for (const Coordinate& k : m.coordinates) {
+      const double* x = configuration + m.joints[k.joint].q;
+      if (k.whole()) std::copy(x, x + k.nq, q + k.q);
+      else q[k.q] = component(k, x);
+    }
+  }
+
+ private:
+  std::vector<double> q_start_, q_ahead_, line_, here_;
+
+  bool solve(const Cluster& c, ClusterState& s, const double* q, const double* start, const double* rho, int sign) {
+    bool open = false;
+    if (newton(c, s, q, start, rho, sign, open)) return true;
+    if (rho) return walk(c, s, q, start);
+    if (open && !close_start(c, s, start)) return false;
+    return walk(c, s, q, open ? here_.data() : start);
+  }
+
+  // One trusted Newton solve on ψ̄ (11): its second correction is at most an eighth of the first, no step is longer than
+  // one, and det ψ_q′ keeps its sign. Where ρ at a closed start is known, the first step is ρ Δq.
+  bool newton(const Cluster& c, ClusterState& s, const double* q, const double* start, const double* rho, int sign,
+              bool& open) {
+    copy_cluster(c, start, q_free.data());
+    int first = 0;
+    double last = 0;
+    if (rho && c.n()) {
+      last = tangent_step(c, s, q, rho);
+      if (!(last <= kLargestMove)) return false;
+      move(c, s.step.data());
+      first = 1;
+    }
+    for (int iteration = first; iteration < kMaxNewton; ++iteration) {
+      const double size = linearize(c, s, q);
+      if (iteration == 0) {
+        sign = s.factor.sign;
+        for (int r = 0; r < c.phi_rows(); ++r) open |= std::abs(s.residual[r]) > kOpenStart;
+      }
+      if (too_singular(c, s) || s.factor.sign != sign) return false;
+      if (size <= m.tolerance || (iteration && last <= 1e-9 && size <= 100 * m.tolerance))
+        return finish(c, s);
+      const double length = newton_step(c, s);
+      if (!(length <= kLargestMove)) return false;
+      if (iteration && length > kContraction * last && length > 1e-9) return false;
+      last = length;
+      move(c, s.step.data());
+    }
+    return false;
+  }
+
+  double tangent_step(const Cluster& c, ClusterState& s, const double* q, const double* rho) {
+    const int n = c.n();
+    whole_gaps(c, q, s.right.data());
+    int at = int(c.direct.size());
+    for (int i : c.components) s.right[at++] = component_gap(m.coordinates[i], q);
+    double length = 0;
+    for (int col = 0; col < c.width(); ++col) {
+      double sum = 0;
+      for (int i = 0; i < n; ++i) sum += rho[size_t(col) * n + i] * s.right[i];
+      s.step[col] = sum, length += sum * sum;
+    }
+    return std::sqrt(length);
+  }
+
+  double newton_step(const Cluster& c, ClusterState& s) const {
+    double* right = s.right.data();
+    for (int r = 0; r < c.rows(); ++r) {
+      double sum = s.residual[r];
+      for (size_t k = 0; k < c.direct.size(); ++k) sum -= s.J[size_t(r) * c.width() + c.direct[k]] * s.gap[k];
+      right[r] = sum;
+    }
+    s.factor.solve(right, 1);
+    scatter(c, right, 1, s.step.data());
+    for (size_t k = 0; k < c.direct.size(); ++k) s.step[c.direct[k]] = s.gap[k];
+    double length = 0;
+    for (double x : s.step) length += x * x;
+    return std::sqrt(length);
+  }
+
+  void move(const Cluster& c, const double* step) {
+    for (int j : c.joints) retract(m.joints[j].kind, &q_free[m.joints[j].q], step + m.column_of[m.joints[j].v]);
+  }
+
+  // Along the straight line from α(start) to q, in steps that Newton trusts.
+  bool walk(const Cluster& c, ClusterState& s, const double* q, const double* start) {
+    alpha(start, q_start_.data());
+    for (int i : c.coordinates) {
+      const Coordinate& k = m.coordinates[i];
+      coordinate_difference(k, &q_start_[k.q], q + k.q, &line_[k.v]);
+    }
+    copy_cluster(c, start, here_.data());
+    double done = 0, stride = 0.5;
+    bool open;
+    while (stride >= kShortestStep) {
+      const double ahead = std::min(1.0, done + stride);
+      for (int i : c.coordinates) target(m.coordinates[i], q, ahead);
+      if (!newton(c, s, q_ahead_.data(), here_.data(), nullptr, 0, open)) {
+        stride *= 0.5;
+        continue;
+      }
+      if (ahead == 1) return true;
+      copy_cluster(c, q_free.data(), here_.data());
+      done = ahead, stride *= 2;
+    }
+    return false;
+  }
+  void target(const Coordinate& k, const double* q, double ahead) {
+    const double* from = ahead == 1 ? q : q_start_.data();
+    std::copy(from + k.q, from + k.q + k.nq, &q_ahead_[k.q]);
+    if (ahead == 1) return;
+    double step[6];
+    for (int i = 0; i < k.nv; ++i) step[i] = ahead * line_[k.v + i];
+    coordinate_retract(k, &q_ahead_[k.q], step);
+  }
+
+  // Closes an open guess at its own q, into `here_`; false where it is too far open.
+  bool close_start(const Cluster& c, ClusterState& s, const double* start) {
+    alpha(start, q_start_.data());
+    copy_cluster(c, start, q_free.data());
+    double last = 1;
+    int sign = 0;
+    for (int iteration = 0; iteration < kMaxNewton; ++iteration) {
+      const double size = linearize(c, s, q_start_.data());
+      if (iteration == 0) sign = s.factor.sign;
+      if (too_singular(c, s) || s.factor.sign != sign) return false;
+      if (size <= m.tolerance || (last <= 1e-9 && size <= 100 * m.tolerance)) {
+        copy_cluster(c, q_free.data(), here_.data());
+        return true;
+      }
+      last = newton_step(c, s);
+      if (!(last <= kLargestMove)) return false;
+      move(c, s.step.data());
+    }
+    return false;
+  }
+};
+
+}  // namespace ccpin

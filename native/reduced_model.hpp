@@ -1,0 +1,325 @@
+// The reduced dynamics D q̈ + C q̇ + g = ρᵀSᵀu (22) by recursions over the clusters.
+//
+// Each cluster is one joint with n coordinates and many bodies. With X_j = Σ S ρ the twists its coordinates give body j
+// from the cluster's carrier, all written in the carrier's frame:
+//
+//   V_j = V_0 + X_j q̇,    A_j = A_0 + X_j q̈ + (V × s and ρ̇ q̇ terms),    f_j = I_j A_j + V_j ×* I_j V_j + what hangs on j,
+//   τ = Σ_j X_jᵀ f_j       (recursive Newton–Euler: Featherstone 2008, table 5.1).
+//
+// Forward dynamics is the articulated-body algorithm (ibid., table 7.1) with clusters for joints: with I_jᴬ the
+// articulated inertia of body j, U = Σ I_jᴬ X_j and D = Σ X_jᵀ I_jᴬ X_j (summed over subtrees as ρᵀSᵀ Σ I_jᴬ X_j, which is
+// cheaper), the carrier feels Σ I_jᴬ − U D⁻¹ Uᵀ and
+// Σ f_j + U D⁻¹ (τ − Σ X_jᵀ f_j) (Chignoli et al. 2023). Gravity is an acceleration −g₀ of the world.
+#pragma once
+#include "parametrization.hpp"
+
+namespace ccpin {
+
+class ReducedModel : public Parametrization {
+ public:
+  struct Body {
+    RigidInertia Y;
+    Motion V, A;
+    Force f;                           // what its motion asks for, and what clusters hanging on it pass down
+  };
+  std::vector<Body> body;              // by joint
+  std::vector<Motion> X;               // n twists a joint, from x_offset
+  std::vector<int> x_offset;           // by joint
+  std::vector<int> offset;             // by cluster: its window of v_free and a_free
+  std::vector<double> v_free, a_free;  // q̇′ = ρ q̇ and q̈′ = ρ q̈ + ρ̇ q̇, cluster by cluster
+  std::vector<double> tau_free;        // τ′ of the last `inverse`, cluster by cluster
+  std::vector<Force> subtree;          // by joint: the wrenches of its subtree within the cluster, likewise
+
+  explicit ReducedModel(const Mechanism& mechanism)
+      : Parametrization(mechanism), body(m.joints.size()), x_offset(m.joints.size()), v_free(m.nv), a_free(m.nv),
+        tau_free(m.nv), subtree(m.joints.size()), articulated_(m.joints.size()), moved_(m.joints.size()) {
+    int columns = 0, x = 0, width = 0, total = 0;
+    for (const Cluster& c : m.clusters) {
+      offset.push_back(width), width += c.width();
+      d_offset_.push_back(columns), columns += c.n() * c.n();
+      n_offset_.push_back(total), total += c.n();
+      for (int j : c.joints) x_offset[j] = x, x += c.n();
+    }
+    X.resize(x), W_.resize(x), D_.resize(columns), tau_.resize(m.n), a_.resize(m.n), U_.resize(m.n);
+  }
+
+  // q̈ (22), after `sigma` or `at`; false where D is not positive definite.
+  bool forward(const double* v, const double* u, double* a) {
+    spread(v);
+    move_bodies(true, nullptr);
+    generalized_force(u, tau_.data());
+    for (size_t j = 1; j < m.joints.size(); ++j)
+      if (m.carries[j]) articulated_[j] = matrix(body[j].Y);
+    for (int k = int(m.clusters.size()) - 1; k >= 0; --k)
+      if (!articulate(k)) return false;
+    for (size_t k = 0; k < m.clusters.size(); ++k) accelerate(int(k), a);
+    return true;
+  }
+
+  // τ = D q̈ + C q̇ + g, after `sigma` or `at`; a null: q̈ = 0; still: q̇ = 0. Leaves the bodies' wrenches and τ′.
+  void inverse(const double* v, const double* a, double* tau, bool still = false) {
+    spread(v);
+    move_bodies(!still, a);
+    for (int k = int(m.clusters.size()) - 1; k >= 0; --k) gather(k, tau, true);
+  }
+
+  // g (25), where the bodies' inertias and X are those of the last `forward`, `inverse` or `Terms::matrices`.
+  void gravity(double* g) {
+    for (const Cluster& c : m.clusters) {
+      const Motion A0 = carrier_acceleration(c);
+      for (int j : c.joints) body[j].A = A0, body[j].f = body[j].Y * A0;
+    }
+    for (int k = int(m.clusters.size()) - 1; k >= 0; --k) gather(k, g, false);
+  }
+
+  // λ (17) with φ_q′ᵀ λ = τ′ − Sᵀu, global rows; after `inverse` at the true acceleration.
+  void multipliers(const double* u, double* lambda) {
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      const ClusterState& s = states[k];
+      const auto from = tau_free.begin() + offset[k];
+      std::vector<double> tau(from, from + c.width()), f(c.unknowns()), x(c.rows());
+      subtract_efforts(c, s, u, tau);
+      for (int i = 0; i < c.unknowns(); ++i) f[i] = tau[c.dependent[i]];
+      s.factor.solve_transposed(f.data(), x.data());
+      int row = 0;
+      for (int i : c.loops)
+        for (int r = 0; r < m.loops[i].size; ++r) lambda[m.loops[i].row + r] = x[row++];
+      for (int i : c.couplings) lambda[m.couplings[i].row] = x[row++];
+    }
+  }
+
+  // Kinetic energy ½ q̇ᵀD q̇ and potential energy V with ∂V/∂q = g.
+  struct Energy { double kinetic, potential; };
+  Energy energy(const double* v) {
+    spread(v);
+    move_bodies(false, nullptr);
+    Energy e{0, 0};
+    std::vector<Pose> world(m.joints.size());
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      for (int j : c.joints) {
+        world[j] = world[c.parent] * pose[j];
+        e.kinetic += 0.5 * dot(body[j].Y * body[j].V, body[j].V);
+        e.potential -= m.joints[j].mass * m.gravity.dot(world[j].p + world[j].R * m.joints[j].centre);
+      }
+      for_armature(c, [&](int col, double arm) { e.kinetic += 0.5 * arm * std::pow(v_free[offset[k] + col], 2); });
+    }
+    return e;
+  }
+
+  // From the packed order of clusters to the order of q̇′.
+  void unpack(const std::vector<double>& packed, double* out) const {
+    for (size_t k = 0; k < m.clusters.size(); ++k)
+      for (int col = 0; col < m.clusters[k].width(); ++col) out[m.clusters[k].columns[col]] = packed[offset[k] + col];
+  }
+
+  // q̇′ = ρ q̇ (v null: zero).
+  void spread(const double* v) {
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      for (int col = 0; col < c.width(); ++col) {
+        double sum = 0;
+        if (v)
+          for (int i = 0; i < c.n(); ++i) sum += states[k].rho[size_t(col) * c.n() + i] * v[c.independent[i]];
+        v_free[offset[k] + col] = sum;
+      }
+    }
+  }
+
+  // Inertias, X, V, A and the wrenches they ask for. `moving`: with ρ̇ q̇; a null: q̈ = 0.
+  void move_bodies(bool moving, const double* a) {
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      ClusterState& s = states[k];
+      const int n = c.n();
+      const double* v = &v_free[offset[k]];
+      double* acceleration = &a_free[offset[k]];
+      if (moving) bias(c, s, v);
+      else std::fill(s.bias.begin(), s.bias.end(), 0.);
+      for (int col = 0; col < c.width(); ++col) {
+        acceleration[col] = s.bias[col];
+        if (a)
+          for (int i = 0; i < n; ++i) acceleration[col] += s.rho[size_t(col) * n + i] * a[c.independent[i]];
+      }
+      const Motion V0 = carrier_velocity(c), A0 = carrier_acceleration(c);
+      for (int j : c.joints) {
+        const int parent = m.joints[j].parent;
+        const bool first = parent == c.parent;
+        add_twists(c, s, j);
+        Body& b = body[j];
+        const Motion turn = own(j, v);
+        b.V = (first ? V0 : body[parent].V) + turn;
+        b.A = (first ? A0 : body[parent].A) + cross(b.V, turn) + own(j, acceleration);
+        b.Y = inertia_of(j);
+        b.f = b.Y * b.A + cross(b.V, b.Y * b.V);
+      }
+    }
+  }
+
+  // The velocity and acceleration of the body that carries a cluster, in its own frame.
+  Motion carrier_velocity(const Cluster& c) const {
+    return c.parent ? in_frame(pose[c.parent], body[c.parent].V) : Motion();
+  }
+  Motion carrier_acceleration(const Cluster& c) const {
+    return c.parent ? in_frame(pose[c.parent], body[c.parent].A) : Motion{-m.gravity, Vec3::Zero()};
+  }
+
+  template <class F> void for_armature(const Cluster& c, F&& f) const {
+    for (int j : c.joints)
+      for (int s = 0; s < m.joints[j].nv; ++s)
+        if (m.joints[j].armature[s] != 0) f(m.column_of[m.joints[j].v] + s, m.joints[j].armature[s]);
+  }
+
+ private:
+  std::vector<double> D_, tau_, a_, scratch_;  // D of each cluster, then its Cholesky factor; ρᵀSᵀu; q̈ cluster by cluster
+  std::vector<Force> U_, W_;                   // n a cluster; n a joint: what its subtree's inertias make of X
+  std::vector<Mat6, Eigen::aligned_allocator<Mat6>> articulated_;
+  std::vector<Motion> moved_;                  // what a body gains in acceleration over its bias
+  std::vector<int> d_offset_, n_offset_;
+
+  // X_j: that of the joint's parent and its own columns'.
+  void add_twists(const Cluster& c, const ClusterState& s, int j) {
+    const Joint& joint = m.joints[j];
+    const int n = c.n();
+    Motion* twist = &X[x_offset[j]];
+    for (int i = 0; i < n; ++i) twist[i] = joint.parent == c.parent ? Motion() : X[x_offset[joint.parent] + i];
+    for (int k = 0; k < joint.nv; ++k) {
+      const double* rho = &s.rho[size_t(m.column_of[joint.v] + k) * n];
+      for (int i = 0; i < n; ++i) twist[i] += S[joint.v + k] * rho[i];
+    }
+  }
+
+  RigidInertia inertia_of(int j) const {
+    const Joint& joint = m.joints[j];
+    RigidInertia Y;
+    const Vec3 centre = pose[j].p + pose[j].R * joint.centre;
+    Y.m = joint.mass;
+    Y.h = joint.mass * centre;
+    Y.I.noalias() = pose[j].R * joint.inertia * pose[j].R.transpose();
+    Y.I += joint.mass * (centre.squaredNorm() * Mat3::Identity() - centre * centre.transpose());
+    return Y;
+  }
+
+  // τ′ = Sᵀ (subtree's wrench) and τ = ρᵀτ′ of one cluster, and the sum of its wrenches to its carrier.
+  void gather(int k, double* tau, bool rotors) {
+    const Cluster& c = m.clusters[k];
+    const int n = c.n();
+    Force passed;
+    for (int j : c.joints) subtree[j] = body[j].f;
+    for (int i = 0; i < n; ++i) tau[c.independent[i]] = 0;
+    for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j) {
+      const Joint& joint = m.joints[*j];
+      for (int s = 0; s < joint.nv; ++s) {
+        const int col = m.column_of[joint.v] + s;
+        double& effort = tau_free[offset[k] + col];
+        effort = dot(subtree[*j], S[joint.v + s]);
+        if (rotors) effort += joint.armature[s] * a_free[offset[k] + col];
+        for (int i = 0; i < n; ++i) tau[c.independent[i]] += states[k].rho[size_t(col) * n + i] * effort;
+      }
+      (joint.parent == c.parent ? passed : subtree[joint.parent]) += subtree[*j];
+    }
+    if (c.parent) body[c.parent].f += out_of_frame(pose[c.parent], passed);
+  }
+
+  // The articulated-body step of one cluster, children's done: D, U, τ − Σ X_jᵀ f_j solved, and the carrier's share.
+  bool articulate(int k) {
+    const Cluster& c = m.clusters[k];
+    const int n = c.n();
+    double *D = &D_[d_offset_[k]], *t = &a_[n_offset_[k]];
+    Force passed, *U = &U_[n_offset_[k]];
+    Mat6 inertia = Mat6::Zero();
+    std::fill(D, D + n * n, 0.), std::fill(U, U + n, Force());
+    for (int i = 0; i < n; ++i) t[i] = tau_[c.independent[i]];
+    for (int j : c.joints) {
+      const bool heavy = m.carries[j];
+      for (int i = x_offset[j]; i < x_offset[j] + n; ++i) W_[i] = heavy ? apply(articulated_[j], X[i]) : body[j].Y * X[i];
+      if (c.parent) inertia += heavy ? articulated_[j] : matrix(body[j].Y);
+    }
+    for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j) {
+      const Joint& joint = m.joints[*j];
+      const Force* W = &W_[x_offset[*j]];
+      for (int s = 0; s < joint.nv; ++s) {
+        const int col = m.column_of[joint.v] + s;
+        const double *rho = &states[k].rho[size_t(col) * n], arm = joint.armature[s];
+        const double effort = dot(body[*j].f, S[joint.v + s]) + arm * states[k].bias[col];
+        for (int i = 0; i < n; ++i) {
+          const double column = dot(W[i], S[joint.v + s]) + arm * rho[i];
+          for (int l = 0; l <= i; ++l) D[i * n + l] += column * rho[l];
+          t[i] -= rho[i] * effort;
+        }
+      }
+      const bool first = joint.parent == c.parent;
+      (first ? passed : body[joint.parent].f) += body[*j].f;
+      Force* below = first ? U : &W_[x_offset[joint.parent]];
+      if (!first || c.parent)
+        for (int i = 0; i < n; ++i) below[i] += W[i];
+    }
+    if (!cholesky(D, n)) return false;
+    cholesky_solve(D, n, t, 1);
+    if (!c.parent) return true;
+    scratch_.resize(size_t(n) * 6);  // D⁻¹ Uᵀ, n × 6
+    for (int i = 0; i < n; ++i) Eigen::Map<Vec6>{&scratch_[i * 6]} = vector(U[i]);
+    cholesky_solve(D, n, scratch_.data(), 6);
+    for (int i = 0; i < n; ++i) {
+      inertia.noalias() -= vector(U[i]) * Eigen::Map<Eigen::Matrix<double, 1, 6>>(&scratch_[i * 6]);
+      passed += U[i] * t[i];
+    }
+    articulated_[c.parent] += out_of_frame(pose[c.parent], inertia);
+    body[c.parent].f += out_of_frame(pose[c.parent], passed);
+    return true;
+  }
+
+  // q̈ of one cluster, its carrier's acceleration known: D⁻¹(τ − Σ X_jᵀ f_j − Uᵀ A₀).
+  void accelerate(int k, double* a) {
+    const Cluster& c = m.clusters[k];
+    const int n = c.n();
+    double* t = &a_[n_offset_[k]];
+    Motion moved;
+    if (c.parent) {
+      moved = in_frame(pose[c.parent], moved_[c.parent]);
+      scratch_.resize(std::max(1, n));
+      for (int i = 0; i < n; ++i) scratch_[i] = dot(U_[n_offset_[k] + i], moved);
+      cholesky_solve(&D_[d_offset_[k]], n, scratch_.data(), 1);
+      for (int i = 0; i < n; ++i) t[i] -= scratch_[i];
+    }
+    for (int i = 0; i < n; ++i) a[c.independent[i]] = t[i];
+    if (!c.carries) return;
+    for (int j : c.joints) {
+      moved_[j] = moved;
+      for (int i = 0; i < n; ++i) moved_[j] += X[x_offset[j] + i] * t[i];
+    }
+  }
+
+  // ρᵀSᵀu.
+  void generalized_force(const double* u, double* tau) {
+    if (m.direct) {
+      std::copy(u, u + m.n, tau);
+      return;
+    }
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      for (int i = 0; i < c.n(); ++i) {
+        double sum = 0;
+        for (size_t r = 0; r < c.motors.size(); ++r)
+          sum += states[k].rho[size_t(c.motor_columns[r]) * c.n() + i] * u[c.motors[r]];
+        tau[c.independent[i]] = sum;
+      }
+    }
+  }
+
+  // τ′ − Sᵀu, with Sᵀu = α_q′ᵀ u where u acts on q itself.
+  void subtract_efforts(const Cluster& c, const ClusterState& s, const double* u, std::vector<double>& tau) const {
+    if (!m.direct) {
+      for (size_t i = 0; i < c.motors.size(); ++i) tau[c.motor_columns[i]] -= u[c.motors[i]];
+      return;
+    }
+    const size_t direct = c.direct.size();
+    for (size_t i = 0; i < direct; ++i) tau[c.direct[i]] -= u[c.independent[i]];
+    for (size_t i = direct; i < size_t(c.n()); ++i)
+      for (int col = 0; col < c.width(); ++col)
+        tau[col] -= s.J[(c.phi_rows() + i - direct) * c.width() + col] * u[c.independent[i]];
+  }
+};
+
+}  // namespace ccpin

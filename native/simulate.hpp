@@ -1,0 +1,135 @@
+// The closed loop D q̈ + C q̇ + g = u (22) under a law of the core, sampled at given times. What is out of the ordinary
+// (a σ that fails, a singularity coming near) is left to the reference: the run then gives no answer.
+#pragma once
+#include "arrays.hpp"
+#include "integrator.hpp"
+#include "laws.hpp"
+
+namespace ccpin {
+
+struct Settling { std::vector<double> goal; double band = 0, speed = 0, hold = 0; };
+
+struct Run {
+  std::vector<double> times, start;   // start: (q, q̇)
+  double rtol, atol, longest, singular;
+  Settling settling;                  // no goal: run to the end
+};
+
+// Where samples go: one row each of t, q, q̇, u, q′ and |φ|.
+struct Samples {
+  double *q, *v, *u, *q_free, *closure;
+  int done = 0;
+};
+
+enum class Outcome { finished, settled, interrupted, declined };
+
+class Simulation {
+ public:
+  int evaluations = 0;
+  double settled_since = NAN;
+
+  Simulation(Workspace& w, const Law& law, const Run& run)
+      : w_(w), m_(w.model.m), law_(w, law), run_(run), u_(m_.n), q_(m_.n_q) {
+    w.model.remember(near_);
+  }
+
+  Outcome run(const Tableau& tableau, Samples& out) {
+    Integrator<Simulation> solver(*this, tableau, run_.start, run_.times.back(), run_.rtol, run_.atol, run_.longest);
+    std::vector<double> state(run_.start.size());
+    if (solver.failed || !sample(0, solver.y.data(), out)) return Outcome::declined;
+    double shortened = 0;
+    for (int steps = 1, creeping = 0; out.done < int(run_.times.size()); ++steps) {
+      if (settled(solver.y.data(), out)) return Outcome::settled;
+      if (!solver.step()) {  // σ fails at a trial: again, a quarter as far
+        shortened = 0.25 * (shortened > 0 ? shortened : std::min(solver.h, run_.times.back() - solver.t));
+        if (solver.failed || shortened < kShortest || !solver.restart(shortened)) return Outcome::declined;
+        continue;
+      }
+      shortened = 0;
+      for (; out.done < int(run_.times.size()) && run_.times[out.done] <= solver.reached;) {
+        const double time = run_.times[out.done];
+        const bool exact = time == solver.reached;
+        if (!exact && !solver.interpolate(time, state.data())) return Outcome::declined;
+        const double* at = exact ? solver.next.data() : state.data();
+        if (!sample(time, at, out)) return Outcome::declined;
+        if (settled(at, out)) return Outcome::settled;
+      }
+      if (!close(solver.next.data()) || singular()) return Outcome::declined;
+      creeping = solver.reached - solver.t < kCreeping && w_.model.rcond() < kCreepingRcond ? creeping + 1 : 0;
+      if (creeping >= kMostCreeping) return Outcome::declined;
+      w_.model.remember(near_);
+      solver.advance();
+      if (steps % 64 == 0 && interrupted()) return Outcome::interrupted;
+    }
+    return Outcome::finished;
+  }
+
+  // The right-hand side (q̇, q̈); false where σ or q̈ does not exist.
+  bool operator()(double t, const double* state, double* rate) {
+    ++evaluations;
+    if (!close(state)) return false;
+    const double* v = state + m_.n_q;
+    law_.effort(t, q_.data(), v, u_.data());
+    for (const Coordinate& k : m_.coordinates) coordinate_rate(k, &q_[k.q], v + k.v, rate + k.q);
+    return w_.model.forward(v, u_.data(), rate + m_.n_q);
+  }
+
+ private:
+  static constexpr double kCreeping = 1e-7, kCreepingRcond = 1e-3, kShortest = 1e-10;
+  static constexpr int kMostCreeping = 200;
+  Workspace& w_;
+  const Mechanism& m_;
+  LawRunner law_;
+  const Run& run_;
+  std::vector<double> u_, q_;
+  ClosedPoint near_;
+
+  bool close(const double* state) {
+    q_.assign(state, state + m_.n_q);
+    for (const Coordinate& k : m_.coordinates) {
+      const UnitWindow unit = k.whole() ? unit_window(k.kind) : UnitWindow{0, 0};
+      if (unit.size) Eigen::Map<Eigen::VectorXd>(&q_[k.q + unit.start], unit.size).normalize();
+    }
+    return w_.model.sigma(q_.data(), near_);
+  }
+  bool singular() { return w_.model.suspicious() && w_.model.rcond() < 2 * run_.singular; }
+
+  bool sample(double t, const double* state, Samples& out) {
+    if (!close(state) || singular()) return false;
+    const int k = out.done++;
+    const double* v = state + m_.n_q;
+    law_.effort(t, q_.data(), v, u_.data());
+    std::copy(q_.begin(), q_.end(), out.q + size_t(k) * m_.n_q);
+    std::copy(v, v + m_.n, out.v + size_t(k) * m_.n);
+    std::copy(u_.begin(), u_.end(), out.u + size_t(k) * m_.n);
+    std::copy(w_.model.q_free.begin(), w_.model.q_free.end(), out.q_free + size_t(k) * m_.nq);
+    out.closure[k] = w_.model.closure();
+    return true;
+  }
+
+  // Whether the last sample ends a stay of `hold` seconds within the band; told once a sample.
+  bool settled(const double* state, const Samples& out) {
+    if (run_.settling.goal.empty() || judged_ == out.done) return false;
+    judged_ = out.done;
+    const double t = run_.times[out.done - 1];
+    double step[6], error = 0, speed = 0;
+    for (const Coordinate& k : m_.coordinates) {
+      coordinate_difference(k, out.q + size_t(out.done - 1) * m_.n_q + k.q, &run_.settling.goal[k.q], step);
+      for (int i = 0; i < k.nv; ++i) error = std::max(error, std::abs(step[i]));
+    }
+    for (int i = 0; i < m_.n; ++i) speed = std::max(speed, std::abs(state[m_.n_q + i]));
+    if (error > run_.settling.band || speed > run_.settling.speed) settled_since = NAN;
+    else if (std::isnan(settled_since)) settled_since = t;
+    return t - settled_since >= run_.settling.hold * (1 - 1e-12);
+  }
+  int judged_ = 0;
+
+  static bool interrupted() {
+    nb::gil_scoped_acquire acquire;
+    if (PyErr_CheckSignals() == 0) return false;
+    PyErr_Clear();
+    return true;
+  }
+};
+
+}  // namespace ccpin

@@ -1,0 +1,99 @@
+"""The compiled core: what one mechanism's numbers say at a state.
+
+Every method answers, or returns ``None`` where only the reference can answer or explain. `near` is a configuration on
+the branch wanted (``None``: the reference); with q the answer is for σ(q) from there, without q for `near` itself,
+which must be closed. Arrays are new, float64 and row-major.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ccpin.arrays import Array
+
+Pair = tuple[Array, Array]
+Triple = tuple[Array, Array, Array]
+Terms = tuple[Array, Array, Array, Array, Array, Array, Array]
+Mask = NDArray[np.bool_]
+
+class Kernel:
+    def __init__(self, specification: dict[str, object]) -> None: ...
+    def constraints(self, q_free: ArrayLike) -> Pair | None:
+        """φ (m,) and φ_q′ (m, n′) at any configuration."""
+
+    def constraint_rate(self, q_free: ArrayLike, v_free: ArrayLike) -> Array | None:
+        """d/dt φ_q′ along q̇′, of shape (m, n′), at any configuration."""
+
+    def sigma(self, q: ArrayLike, near: ArrayLike | None = None) -> Array | None:
+        """q′ = σ(q) (12), of shape (nq,)."""
+
+    def closed_point(self, near: ArrayLike | None, q: ArrayLike | None = None) -> Pair | None:
+        """q′ and ρ (14), of shape (n′, n)."""
+
+    def rcond(self, q_free: ArrayLike) -> float | None:
+        """Reciprocal condition number of ψ_q′ in the 1-norm."""
+
+    def terms(self, near: ArrayLike | None, v: ArrayLike, q: ArrayLike | None = None) -> Terms | None:
+        """The fields of `ReducedTerms`, in order."""
+
+    def forward_dynamics(
+        self, near: ArrayLike | None, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None
+    ) -> Array | None:
+        """q̈ (22), of shape (n,)."""
+
+    def generalized_force(
+        self, near: ArrayLike | None, v: ArrayLike, a: ArrayLike, q: ArrayLike | None = None
+    ) -> Array | None:
+        """τ = D q̈ + C q̇ + g, of shape (n,)."""
+
+    def gravity(self, near: ArrayLike | None, q: ArrayLike | None = None) -> Array | None:
+        """g (25), of shape (n,)."""
+
+    def transmission(self, near: ArrayLike | None, q: ArrayLike | None = None) -> Array | None:
+        """ρᵀSᵀ, of shape (n, motors)."""
+
+    def constraint_forces(
+        self, near: ArrayLike | None, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None
+    ) -> Array | None:
+        """λ (17), of shape (m,)."""
+
+    def energy(self, near: ArrayLike | None, v: ArrayLike, q: ArrayLike | None = None) -> tuple[float, float] | None:
+        """Kinetic and potential energy in joules."""
+
+    def generalized_force_derivatives(
+        self, near: ArrayLike | None, v: ArrayLike, a: ArrayLike, q: ArrayLike | None = None
+    ) -> Triple | None:
+        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ = D, each (n, n)."""
+
+    def forward_dynamics_derivatives(
+        self, near: ArrayLike | None, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None
+    ) -> Triple | None:
+        """∂q̈/∂q, ∂q̈/∂q̇ (n, n) and ∂q̈/∂u (n, motors)."""
+
+    # Batches: the answers, with a leading axis, and a mask of the rows answered; the others are NaN.
+
+    def sigma_many(self, Q: ArrayLike, near: ArrayLike | None, threads: int = 1) -> tuple[Array, Mask] | None: ...
+    def terms_many(
+        self, Q: ArrayLike, V: ArrayLike, near: ArrayLike | None, threads: int = 1
+    ) -> tuple[Terms, Mask] | None: ...
+    def forward_dynamics_many(
+        self, Q: ArrayLike, V: ArrayLike, U: ArrayLike, near: ArrayLike | None, threads: int = 1
+    ) -> tuple[Array, Mask] | None: ...
+    def generalized_force_many(
+        self, Q: ArrayLike, V: ArrayLike, A: ArrayLike, near: ArrayLike | None, threads: int = 1
+    ) -> tuple[Array, Mask] | None: ...
+    def forward_dynamics_derivatives_many(
+        self, Q: ArrayLike, V: ArrayLike, U: ArrayLike, near: ArrayLike | None, threads: int = 1
+    ) -> tuple[Triple, Mask] | None: ...
+    def simulate(
+        self,
+        near: ArrayLike | None,
+        law: dict[str, object],
+        run: dict[str, object],
+        tableau: dict[str, object],
+    ) -> tuple[int, Array, Array, Array, Array, Array, Any, float, int] | None:
+        """The number of samples, then q, q̇, u, q′ and |φ| at each, how it ended, since when it is settled, evaluations.
+
+        See `ccpin.simulation.in_core` for what the arguments hold.
+        """

@@ -1,0 +1,119 @@
+"""Runs that live in the compiled core: its laws, under SciPy's RK45 and DOP853 with SciPy's own coefficients."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.integrate import DOP853, RK45
+
+from ccpin.arrays import Array
+from ccpin.control.laws import ControlLaw, ModelLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.control.references import Hold, PiecewisePolynomial
+from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.native import Kernel
+from ccpin.simulation.trajectory import Trajectory
+
+_TRACKING: dict[type[ControlLaw], str] = {
+    ComputedTorque: "computed_torque",
+    PDPlus: "pd_plus",
+    PDOnlineGravity: "pd_gravity",
+}
+
+
+def simulate_in_core(
+    kernel: Kernel,
+    model: ReducedModel,
+    law: ControlLaw,
+    method: str,
+    guess: Array | None,
+    run: dict[str, Any],
+) -> Trajectory | None:
+    """The trajectory, or ``None`` where the law, the method or the motion is not one the core can answer for.
+
+    Args:
+        kernel: The model's kernel.
+        model: The reduced model.
+        law: The law.
+        method: The integrator.
+        guess: As for `simulate`.
+        run: times (N,), start (q, q̇), rtol, atol, max_step, singular_rcond, and a `Settling`'s fields (an empty goal:
+            run to the end).
+    """
+    tableau, numbers = TABLEAUX.get(method), law_numbers(model, law)
+    if tableau is None or numbers is None:
+        return None
+    answer = kernel.simulate(guess, numbers, run, tableau)
+    if answer is None:
+        return None
+    done, q, v, u, q_free, closure, status, since, evaluations = answer
+    t = np.array(run["times"][:done])
+    message = {
+        "finished": f"simulated {t[-1]:.6g} s",
+        "settled": f"settled since t = {since:.6g} s",
+        "interrupted": f"interrupted at t = {t[-1]:.6g} s",
+    }[status]
+    return Trajectory(t, q[:done], v[:done], u[:done], q_free[:done], closure[:done], status, message, evaluations)
+
+
+def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
+    """A law in plain numbers: its kind, gains, constant part and reference; ``None`` where the core has none."""
+    n, zero = model.n, np.zeros((model.n, model.n))
+    kind = type(law)
+    if kind is NoTorque:
+        path = Hold(model, model.alpha(model.mechanism.q_reference)).as_polynomial()
+        return _numbers("pd", path, zero, zero, np.zeros(n))
+    if not isinstance(law, ModelLaw) or law.model.mechanism is not model.mechanism:
+        return None
+    if isinstance(law, PDSimpleGravity | PDFullGravity) and kind in (PDSimpleGravity, PDFullGravity):
+        simple = isinstance(law, PDSimpleGravity)
+        path = Hold(model, law.q_d).as_polynomial()
+        constant = law.gravity_d if simple else np.zeros(n)
+        return _numbers("pd" if simple else "pd_gravity", path, law.K_p, law.K_v, constant)
+    if not isinstance(law, TrackingLaw) or kind not in _TRACKING:
+        return None
+    found = law.reference.as_polynomial()
+    return None if found is None else _numbers(_TRACKING[kind], found, law.K_p, law.K_v, np.zeros(n))
+
+
+def _numbers(kind: str, path: PiecewisePolynomial, K_p: Array, K_v: Array, constant: Array) -> dict[str, Any]:
+    return {
+        "kind": kind,
+        "start": path.start.tolist(),
+        "breaks": path.breaks.tolist(),
+        "degree": path.coefficients.shape[1] - 1,
+        "coefficients": path.coefficients.ravel().tolist(),
+        "K_p": K_p.ravel().tolist(),
+        "K_v": K_v.ravel().tolist(),
+        "constant": constant.tolist(),
+    }
+
+
+def _rk45() -> dict[str, Any]:
+    A = np.vstack([np.pad(RK45.A, ((0, 0), (0, 6 - RK45.A.shape[1]))), np.zeros((1, 6))])
+    return _tableau(RK45, A, RK45.C, RK45.E, np.empty(0), RK45.P, extra=0)
+
+
+def _dop853() -> dict[str, Any]:
+    count = DOP853.A_EXTRA.shape[1]
+    A = np.vstack([np.pad(DOP853.A, ((0, 0), (0, count - DOP853.A.shape[1]))), np.zeros((1, count)), DOP853.A_EXTRA])
+    C = np.concatenate([DOP853.C, [1.0], DOP853.C_EXTRA])
+    return _tableau(DOP853, A, C, DOP853.E5, DOP853.E3, DOP853.D, extra=len(DOP853.A_EXTRA))
+
+
+def _tableau(method: Any, A: Array, C: Array, E: Array, E_low: Array, P: Array, extra: int) -> dict[str, Any]:
+    return {
+        "A": A.ravel().tolist(),
+        "columns": A.shape[1],
+        "B": method.B.tolist(),
+        "C": C.tolist(),
+        "E": E.tolist(),
+        "E_low": E_low.tolist(),
+        "P": P.ravel().tolist(),
+        "extra": extra,
+        "error_order": method.error_estimator_order,
+    }
+
+
+TABLEAUX = {"RK45": _rk45(), "DOP853": _dop853()}

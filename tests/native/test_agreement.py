@@ -1,0 +1,155 @@
+"""The compiled core gives the reference's numbers and refuses what it refuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+import ccpin
+from ccpin import native
+from ccpin.description import Coupling, CouplingTerm
+from tests.support.agreement import differences, random_states, refused
+from tests.support.places import MODELS, SHARED
+from tests.support.strategies import mechanisms
+
+pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
+THEIRS = (
+    "four_bar.urdf",
+    "mini_cheetah_leg.urdf",
+    "cassie_like",
+    "digit_like",
+    "cassie_closed_chain.xml",
+    "5bar_linkage_iso3d",
+)
+FILES = [*sorted(MODELS.glob("*.urdf")), *(SHARED / name for name in THEIRS)]
+seeds = st.integers(0, 2**32 - 1)
+
+
+def assert_same(model, kernel, q, rng, guess=None):
+    """Every quantity of both cores within its allowance."""
+    apart = [d for d in differences(model, kernel, q, rng, guess) if not d.relative <= d.allowed]
+    assert not apart, apart
+
+
+def compare_states(path, count):
+    """Both cores at random states of a model; at least half must be states the reference accepts."""
+    mechanism = ccpin.load(path)
+    model, kernel, rng = ccpin.ReducedModel(mechanism), native.kernel(mechanism), np.random.default_rng(7)
+    for q in random_states(model, rng, count):
+        if refused(model, q):
+            assert kernel.sigma(q) is None
+        else:
+            assert_same(model, kernel, q, rng)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_models(path):
+    """Every model that comes with ccpin, and those of others, at random states from near the reference to far."""
+    if not path.exists():
+        pytest.skip(f"no {path}: these files belong to others")
+    compare_states(path, 12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_models_thoroughly(path):
+    """The same at 1,000 states each."""
+    if not path.exists():
+        pytest.skip(f"no {path}: these files belong to others")
+    compare_states(path, 1000)
+
+
+@pytest.mark.parametrize("actuated", [("actuated1", "passive1"), ("passive1", "passive2")])
+def test_motors_on_dependent_joints(rpdr, actuated):
+    """S is not the identity: ρᵀSᵀu, λ and the derivatives by u."""
+    names = [joint.name for joint in rpdr.description.joints if joint.name in rpdr.tree.names]
+    chosen = [names[k] for k in ((0, 1) if actuated[0] == "actuated1" else (1, 3))]
+    mechanism = ccpin.load("rpdr", actuated=chosen)
+    model, kernel, rng = ccpin.ReducedModel(mechanism), native.kernel(mechanism), np.random.default_rng(3)
+    for q in random_states(model, rng, 10):
+        if not refused(model, q):
+            assert_same(model, kernel, q, rng)
+
+
+@pytest.mark.parametrize("name", ["stewart", "hexa"])
+def test_components_as_coordinates(name):
+    """Components of the platform's own joint as independent coordinates, where the file has one, else the legs'."""
+    mechanism = ccpin.load(name)
+    model, kernel, rng = ccpin.ReducedModel(mechanism), native.kernel(mechanism), np.random.default_rng(5)
+    for q in random_states(model, rng, 8, size=0.05):
+        if not refused(model, q):
+            assert_same(model, kernel, q, rng)
+
+
+def coupled(drawn, seed):
+    """A drawn mechanism with a polynomial coupling between two of its 1-dof joints that holds at its reference."""
+    rng, description = np.random.default_rng(seed), drawn.description
+    plain = [joint for joint in description.joints if joint.kind in ("revolute", "continuous", "prismatic")]
+    if len(plain) < 2:
+        return description
+    terms = []
+    for k in rng.permutation(len(plain))[:2]:
+        reference = float(description.reference[plain[k].name][0])
+        ratio = float(rng.choice([-2.0, -0.5, 1.0, 1.5]))
+        powers = () if plain[k].kind == "continuous" else tuple(rng.normal(scale=0.3, size=2))
+        terms.append(CouplingTerm(plain[k].name, (0.0, ratio, *powers), reference))
+    return replace(description, couplings=(Coupling("gear", tuple(terms)),))
+
+
+def loaded(description):
+    """A mechanism, or nothing where the coupling leaves no motion or no closed pose."""
+    try:
+        mechanism = ccpin.load(description)
+    except ccpin.errors.CcpinError:
+        assume(False)
+    assume(mechanism.n > 0)
+    return mechanism
+
+
+def compare_random(mechanism, seed):
+    """A few states from the reference on, and the same refusals."""
+    model, kernel, rng = ccpin.ReducedModel(mechanism), native.kernel(mechanism), np.random.default_rng(seed)
+    assert kernel is not None
+    for q in random_states(model, rng, 3, size=0.2):
+        if refused(model, q):
+            assert kernel.sigma(q) is None
+            continue
+        assume(model.at(q).rcond > 1e-6)
+        assert_same(model, kernel, q, rng)
+        assert_same(model, kernel, q, rng, model.sigma(q))
+
+
+@settings(max_examples=20)
+@given(mechanisms(), seeds)
+def test_random_mechanisms(drawn, seed):
+    """Trees, loops and closures of every kind, joints of every kind."""
+    compare_random(ccpin.load(drawn.description), seed)
+
+
+@settings(max_examples=20)
+@given(mechanisms(), seeds)
+def test_random_couplings(drawn, seed):
+    """The same with a coupling, polynomial or on a circle."""
+    compare_random(loaded(coupled(drawn, seed)), seed)
+
+
+@settings(max_examples=15)
+@given(mechanisms(), seeds)
+def test_random_coordinates(drawn, seed):
+    """The same with single components of joints as independent coordinates, wherever a set of them can be."""
+    mechanism = ccpin.load(drawn.description)
+    names = [n for n in ccpin.kinematics.coordinates.component_names(mechanism.tree) if ":" in n]
+    assume(names)
+    rng = np.random.default_rng(seed)
+    others = [name for name in ccpin.kinematics.coordinates.component_names(mechanism.tree) if name not in names]
+    for _ in range(6):
+        chosen = [str(n) for n in rng.permutation([*names, *others])[: mechanism.n]]
+        try:
+            mechanism = ccpin.load(drawn.description, independent=chosen)
+        except ccpin.errors.CcpinError:
+            continue
+        compare_random(mechanism, seed)
+        return
+    assume(False)

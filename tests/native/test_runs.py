@@ -1,0 +1,119 @@
+"""Runs in the compiled core are the reference's runs."""
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin import native
+from ccpin.control import NoTorque, PDFullGravity, PDSimpleGravity, TorqueFunction
+from ccpin.control.references import PointToPoint, Waypoints
+from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus
+from ccpin.simulation import Settling
+from ccpin.simulation.in_core import simulate_in_core
+
+pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
+
+
+def in_core(model, law, q0, duration, method="RK45", settling=None, rtol=1e-9):
+    """A run of the core from rest, sampled every 10 ms."""
+    times = np.arange(round(100 * duration) + 1) * 0.01
+    start = np.concatenate([q0, np.zeros(model.n)])
+    run = {
+        "times": times,
+        "start": start,
+        "rtol": rtol,
+        "atol": rtol * 1e-2,
+        "max_step": np.inf,
+        "singular_rcond": 1e-7,
+        **(settling or Settling(np.empty(0)))._asdict(),
+    }
+    return simulate_in_core(native.kernel(model.mechanism), model, law, method, None, run)
+
+
+def reference(*arguments, **options):
+    """A run of the NumPy path."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(native.VARIABLE, "numpy")
+        return ccpin.simulate(*arguments, **options)
+
+
+def ends(model):
+    q0 = model.alpha(model.mechanism.q_reference)
+    return q0, q0 + np.array([0.3, -0.2])
+
+
+def test_the_papers_law_step_for_step(rpdr_model):
+    """PD with simple gravity compensation: the same samples to 1e-12 of the state, the same evaluations."""
+    q0, q_d = ends(rpdr_model)
+    law = PDSimpleGravity(rpdr_model, q_d, [50.0, 50.0], [5.0, 5.0])
+    ours = in_core(rpdr_model, law, q0, 0.4)
+    theirs = reference(rpdr_model, law, q0, duration=0.4, sample_period=0.01)
+    assert (ours.status, ours.message, ours.evaluations) == (theirs.status, theirs.message, theirs.evaluations)
+    for name, allowed in (("t", 0.0), ("q", 1e-12), ("v", 1e-12), ("q_free", 1e-12), ("u", 1e-10)):
+        np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=0, atol=allowed)
+    assert ours.closure_error.max() <= 1e-10
+
+
+@pytest.mark.parametrize("method", ["RK45", "DOP853"])
+@pytest.mark.parametrize("kind", ["free", "simple", "full", "computed torque", "PD+", "gravity"])
+def test_laws(rpdr_model, kind, method):
+    """Every law of the core against the reference's, to the integrator's tolerance."""
+    model, (q0, q_d) = rpdr_model, ends(rpdr_model)
+    move, way = PointToPoint(model, q0, q_d, 0.15), Waypoints(model, [0.0, 0.1, 0.25], [q0, q_d, q0])
+    law = {
+        "free": lambda: NoTorque(model),
+        "simple": lambda: PDSimpleGravity(model, q_d, [40.0, 30.0], [5.0, 4.0]),
+        "full": lambda: PDFullGravity(model, q_d, [40.0, 30.0], [5.0, 4.0]),
+        "computed torque": lambda: ComputedTorque(model, move, [100.0, 90.0], [20.0, 19.0]),
+        "PD+": lambda: PDPlus(model, way, [40.0, 30.0], [5.0, 4.0]),
+        "gravity": lambda: PDOnlineGravity(model, way, [40.0, 30.0], [5.0, 4.0]),
+    }[kind]()
+    ours = in_core(model, law, q0, 0.2, method)
+    theirs = reference(model, law, q0, duration=0.2, sample_period=0.01, method=method)
+    np.testing.assert_allclose(ours.q, theirs.q, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ours.v, theirs.v, rtol=0, atol=2e-7)
+    np.testing.assert_allclose(ours.u[0], theirs.u[0], rtol=0, atol=1e-11)
+
+
+def test_circles_and_quaternions():
+    """A floating base: quaternions stay of unit length, and the motion is the reference's."""
+    mechanism = ccpin.load("rpdr", floating_base=True)
+    model = ccpin.ReducedModel(mechanism)
+    q0 = model.alpha(mechanism.q_reference)
+    if model.n_actuated != model.n:
+        assert in_core(model, NoTorque(model), q0, 0.1) is None
+        return
+    ours = in_core(model, NoTorque(model), q0, 0.1)
+    theirs = reference(model, None, q0, duration=0.1, sample_period=0.01)
+    np.testing.assert_allclose(ours.q, theirs.q, rtol=0, atol=1e-10)
+
+
+def test_settling_ends_a_run(rpdr_model):
+    """It stops at the sample the reference stops at, and says so in its words."""
+    q0, q_d = ends(rpdr_model)
+    law = PDFullGravity(rpdr_model, q_d, [50.0, 50.0], [5.0, 5.0])
+    settling = Settling(q_d, band=0.02, speed=0.2, hold=0.05)
+    ours = in_core(rpdr_model, law, q0, 3.0, settling=settling)
+    theirs = reference(rpdr_model, law, q0, duration=3.0, sample_period=0.01, settling=settling)
+    assert (ours.status, ours.message, len(ours.t)) == (theirs.status, theirs.message, len(theirs.t))
+
+
+def test_gravity_is_the_models(rpdr):
+    """A model with a gravity of its own moves under that one."""
+    model = ccpin.ReducedModel(rpdr, gravity=(0.0, 0.0, -1.6))
+    q0, _ = ends(model)
+    ours = ccpin.simulate(model, None, q0, duration=0.1, sample_period=0.01)
+    theirs = reference(model, None, q0, duration=0.1, sample_period=0.01)
+    np.testing.assert_allclose(ours.q, theirs.q, rtol=0, atol=1e-11)
+
+
+def test_what_the_core_leaves_to_the_reference(rpdr_model):
+    """A Python law, another method, and a motion into a singularity get no answer."""
+    q0, _ = ends(rpdr_model)
+    assert in_core(rpdr_model, TorqueFunction(lambda t, q, v: np.zeros(2)), q0, 0.1) is None
+    assert in_core(rpdr_model, NoTorque(rpdr_model), q0, 0.1, method="Radau") is None
+    own = type("Own", (PDFullGravity,), {})(rpdr_model, q0, [50.0, 50.0], [5.0, 5.0])
+    assert in_core(rpdr_model, own, q0, 0.1) is None
+    theirs = reference(rpdr_model, None, q0, duration=3.0, sample_period=0.01)
+    if theirs.status != "finished":
+        assert in_core(rpdr_model, NoTorque(rpdr_model), q0, 3.0) is None

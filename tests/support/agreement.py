@@ -1,0 +1,128 @@
+"""The compiled core beside the NumPy reference at one state: every number both give, and how far they may differ."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.errors import CcpinError
+
+# How often each quantity divides by ψ_q′ on the way from q′, and whether it divides by D.
+POWER = {
+    "sigma": (1, False),
+    "phi": (0, False),
+    "jacobian": (0, False),
+    "jacobian_rate": (1, False),
+    "v_free": (1, False),
+    "rho": (1, False),
+    "rho_dot": (2, False),
+    "D": (1, False),
+    "C": (2, False),
+    "g": (1, False),
+    "tau": (2, False),
+    "gravity": (1, False),
+    "energy": (1, False),
+    "acceleration": (2, True),
+    "constraint_forces": (2, True),
+    "dtau_dq": (3, False),
+    "dtau_dv": (2, False),
+    "dtau_da": (1, False),
+    "da_dq": (3, True),
+    "da_dv": (2, True),
+    "da_du": (1, True),
+}
+
+
+class Difference(NamedTuple):
+    """One quantity of both cores: how far apart relative to its size (at least 1), and how far it may be."""
+
+    name: str
+    relative: float
+    allowed: float
+
+
+def relative(native, reference):
+    """The largest difference over the larger of 1 and the reference's largest entry; infinite where it declined."""
+    if native is None:
+        return np.inf
+    native, reference = np.asarray(native), np.asarray(reference)
+    assert native.shape == reference.shape
+    return float(np.abs(native - reference).max(initial=0.0)) / max(1.0, float(np.abs(reference).max(initial=0.0)))
+
+
+def allowed(name, kappa, kappa_mass, tolerance):
+    """1e-12, and more where rounding alone makes more of it: (κ/100)ᵖ, and the conditioning of D over 1000.
+
+    σ: both stop at the same tolerance on ψ̄, κ times which is how far apart they may stop.
+    """
+    power, divides = POWER[name]
+    if name == "sigma":
+        return 1e-12 + 2.0 * kappa * tolerance
+    growth = max(1.0, kappa / 1e2) ** power
+    return 1e-12 * growth * (max(1.0, kappa_mass / 1e3) if divides else 1.0)
+
+
+def differences(model, kernel, q, rng, guess=None):
+    """Every quantity at σ(q) and random q̇, q̈, u.
+
+    Raises:
+        CcpinError: The reference refuses the state.
+    """
+    state = model.at(q, guess)
+    v, a, u = rng.normal(size=model.n), rng.normal(size=model.n), rng.normal(size=model.n_actuated)
+    reference = dict(_reference(model, state, v, a, u))
+    native = dict(_native(kernel, state, q, guess, v, a, u))
+    kappa, kappa_mass = 1.0 / state.rcond, float(np.linalg.cond(reference["D"])) if model.n else 1.0
+    limits = kappa, kappa_mass, model.parametrization.rules.tolerance
+    return [
+        Difference(name, relative(native.get(name), value), allowed(name, *limits)) for name, value in reference.items()
+    ]
+
+
+def _reference(model, state, v, a, u):
+    q_free, constraints = state.q_free, model.parametrization.constraints
+    q = model.alpha(q_free)
+    value = constraints.value(q_free)
+    yield from {"sigma": q_free, "phi": value.phi, "jacobian": value.jacobian}.items()
+    yield "jacobian_rate", constraints.rate(value, state.v_free(v))
+    terms = model.terms(q, v, q_free)
+    yield from ((name, getattr(terms, name)) for name in ("v_free", "rho", "rho_dot", "D", "C", "g"))
+    yield "tau", state.tau(v, a)
+    yield "gravity", model.gravity(q, q_free)
+    yield "energy", np.array(model.energy(q, v, q_free))
+    yield "acceleration", model.forward_dynamics(q, v, u, q_free)
+    yield "constraint_forces", model.constraint_forces(q, v, u, q_free)
+    yield from model.generalized_force_derivatives(q, v, a, q_free)._asdict().items()
+    yield from model.forward_dynamics_derivatives(q, v, u, q_free)._asdict().items()
+
+
+def _native(kernel, state, q, guess, v, a, u):
+    q_free, names = state.q_free, ("q_free", "v_free", "rho", "rho_dot", "D", "C", "g")
+    yield "sigma", kernel.sigma(q, guess)
+    yield from zip(("phi", "jacobian"), kernel.constraints(q_free), strict=True)
+    yield "jacobian_rate", kernel.constraint_rate(q_free, state.v_free(v))
+    yield from zip(names[1:], kernel.terms(q_free, v)[1:], strict=True)
+    yield "tau", kernel.generalized_force(q_free, v, a)
+    yield "gravity", kernel.gravity(q_free)
+    yield "energy", kernel.energy(q_free, v)
+    yield "acceleration", kernel.forward_dynamics(q_free, v, u)
+    yield "constraint_forces", kernel.constraint_forces(q_free, v, u)
+    of_force = kernel.generalized_force_derivatives(q_free, v, a)
+    yield from zip(("dtau_dq", "dtau_dv", "dtau_da"), of_force, strict=True)
+    of_motion = kernel.forward_dynamics_derivatives(q_free, v, u)
+    yield from zip(("da_dq", "da_dv", "da_du"), of_motion, strict=True)
+
+
+def random_states(model, rng, count, size=0.3):
+    """Yield q near the reference's, of growing distance up to `size` times a normal step."""
+    start = model.alpha(model.mechanism.q_reference)
+    for k in range(count):
+        yield model.coordinates.integrate(start, size * (k + 1) / count * rng.normal(size=model.n))
+
+
+def refused(model, q, guess=None):
+    """Whether the reference refuses σ(q)."""
+    try:
+        model.sigma(q, guess)
+    except CcpinError:
+        return True
+    return False
