@@ -15,7 +15,7 @@ from ccpin.arrays import Array
 from ccpin.description.closure_kinds import GAP, Fixed, LoopRows, Row, Vector
 from ccpin.description.joint_kinds import JointKind
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.kinematics.coordinates import IndependentCoordinates, Part
+from ccpin.kinematics.coordinates import Coordinate, IndependentCoordinates
 from ccpin.kinematics.loops import ResolvedClosure, ResolvedCoupling
 from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism
@@ -241,7 +241,7 @@ def _coupling(coupling: ResolvedCoupling) -> tuple[Any, ...]:
     return terms, float(coupling.modulus)
 
 
-def _coordinate(coordinates: IndependentCoordinates, part: Part, owner: Sequence[int]) -> tuple[Any, ...]:
+def _coordinate(coordinates: IndependentCoordinates, part: Coordinate, owner: Sequence[int]) -> tuple[Any, ...]:
     """Kind, joint, component (−1: the whole joint), (q, v, nq, nv), the joint's configuration at the chart's centre."""
     return (
         _known(part.kind),
