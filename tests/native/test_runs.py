@@ -117,3 +117,22 @@ def test_what_the_core_leaves_to_the_reference(rpdr_model):
     theirs = reference(rpdr_model, None, q0, duration=3.0, sample_period=0.01)
     if theirs.status != "finished":
         assert in_core(rpdr_model, NoTorque(rpdr_model), q0, 3.0) is None
+
+
+class Backwards(PointToPoint):
+    """A reference whose `at` is not that of the polynomial it inherits."""
+
+    def at(self, t):
+        """The motion from its end to its start."""
+        return super().at(self.duration - t)
+
+
+def test_what_the_core_would_misread_is_the_references(rpdr, rpdr_model):
+    """A law of a model with other gravity, and a reference with an `at` of its own, are declined."""
+    start, goal = np.array([-2.6, -2.8]), np.array([-2.4, -2.6])
+    floating = ccpin.ReducedModel(rpdr, gravity=np.zeros(3))
+    assert in_core(rpdr_model, PDFullGravity(floating, goal, [11, 11], [0.6, 0.6]), start, 0.1) is None
+    law = ComputedTorque(rpdr_model, Backwards(rpdr_model, goal, start, 0.3), [100, 100], [20, 20])
+    assert in_core(rpdr_model, law, start, 0.1) is None
+    plain = ComputedTorque(rpdr_model, PointToPoint(rpdr_model, start, goal, 0.3), [100, 100], [20, 20])
+    assert in_core(rpdr_model, plain, start, 0.1) is not None

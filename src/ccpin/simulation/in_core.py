@@ -9,7 +9,7 @@ from scipy.integrate import DOP853, RK45
 
 from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw, ModelLaw, NoTorque, PDFullGravity, PDSimpleGravity
-from ccpin.control.references import Hold, PiecewisePolynomial
+from ccpin.control.references import Hold, PiecewisePolynomial, PointToPoint, Waypoints
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.native import Kernel
@@ -20,6 +20,8 @@ _TRACKING: dict[type[ControlLaw], str] = {
     PDPlus: "pd_plus",
     PDOnlineGravity: "pd_gravity",
 }
+
+_REFERENCES = (Hold, PointToPoint, Waypoints)  # themselves: a subclass may have another `at`
 
 
 def simulate_in_core(
@@ -66,12 +68,14 @@ def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
         return _numbers("pd", path, zero, zero, np.zeros(n))
     if not isinstance(law, ModelLaw) or law.model.mechanism is not model.mechanism:
         return None
+    if not np.array_equal(law.model.gravity_vector, model.gravity_vector):
+        return None
     if isinstance(law, PDSimpleGravity | PDFullGravity) and kind in (PDSimpleGravity, PDFullGravity):
         simple = isinstance(law, PDSimpleGravity)
         path = Hold(model, law.q_d).as_polynomial()
         constant = law.gravity_d if simple else np.zeros(n)
         return _numbers("pd" if simple else "pd_gravity", path, law.K_p, law.K_v, constant)
-    if not isinstance(law, TrackingLaw) or kind not in _TRACKING:
+    if not isinstance(law, TrackingLaw) or kind not in _TRACKING or type(law.reference) not in _REFERENCES:
         return None
     found = law.reference.as_polynomial()
     return None if found is None else _numbers(_TRACKING[kind], found, law.K_p, law.K_v, np.zeros(n))
