@@ -85,6 +85,8 @@ class Joint(Record):
     `placement` is the joint frame in the parent link's frame at zero displacement; the child link's frame
     coincides with the moving joint frame. `axis` is a unit vector in that frame (the normal for planar).
     `armature` is the reflected rotor inertia (gear ratio squared times rotor inertia), kg m² or kg.
+    `damping` b and `friction` (a Coulomb level) oppose each of its velocities: b θ̇ in N m or N, at most `friction`
+    when sliding. `stiffness` k pulls a 1-dof joint to `spring_reference`: k (θ − θ₀).
     """
 
     name: str
@@ -98,6 +100,10 @@ class Joint(Record):
     effort: float = np.inf
     velocity: float = np.inf
     armature: float = 0.0
+    damping: float = 0.0
+    friction: float = 0.0
+    stiffness: float = 0.0
+    spring_reference: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
