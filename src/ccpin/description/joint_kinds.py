@@ -64,6 +64,14 @@ class JointKind:
         return tuple(step[0] == "t" for step in self.steps)
 
     @property
+    def springs(self) -> bool:
+        """Whether a spring has one displacement to pull back: a plain number, or the rotation vector of a ball.
+
+        An angle on the circle is known up to whole turns only.
+        """
+        return self.nq == 1 or (self.unit == 4 and self.nv == 3)
+
+    @property
     def sliding(self) -> bool:
         """Whether it only slides: a displacement in metres."""
         return all(self.slides)

@@ -36,6 +36,7 @@ class TreeJoint(Record):
         q, v: Where its configuration stands in q′ and its velocity in q̇′.
         placement: Its 4×4 frame at zero displacement in the parent joint's frame.
         axis: Its unit axis, of shape (3,), in its own frame; z where its kind turned that frame or has no axis.
+        stated: What the description says of it: limits, damping, friction, spring.
     """
 
     number: int
@@ -46,6 +47,7 @@ class TreeJoint(Record):
     v: slice
     placement: Array
     axis: Array
+    stated: Joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,7 +168,7 @@ class _Builder:
         number = int(self.model.addJoint(carrier.joint, self.pin_joint(joint), pin.SE3(placement), joint.name))
         added = self.model.joints[number]
         q, v = slice(added.idx_q, added.idx_q + kind.nq), slice(added.idx_v, added.idx_v + kind.nv)
-        self.joints.append(TreeJoint(number, joint.name, kind, carrier.joint, q, v, placement, axis))
+        self.joints.append(TreeJoint(number, joint.name, kind, carrier.joint, q, v, placement, axis, joint))
         armature = np.array(self.model.armature)
         lower, upper = np.array(self.model.lowerPositionLimit), np.array(self.model.upperPositionLimit)
         armature[v] = joint.armature

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 import pinocchio as pin
 
-from ccpin.arrays import Array, Record
+from ccpin.arrays import Array, Record, frozen
 from ccpin.description import read_description
 from ccpin.description.checks import check
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
@@ -31,6 +31,7 @@ from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.tree import Tree, build_tree
 from ccpin.mechanism.closing import Closed, find_closed
 from ccpin.mechanism.mobility import Mobility, conditioning, generic_rank, idle_motions, independence, null_space
+from ccpin.mechanism.physics import JointPhysics, Motors, joint_physics, motors_of
 from ccpin.mechanism.selection import choose_independent
 
 
@@ -96,9 +97,29 @@ class Mechanism(Record):
         """The number of independent velocities."""
         return self.mobility.mobility
 
+    @cached_property
+    def joints(self) -> JointPhysics:
+        """Damping, friction, springs, rotor inertias and limits of the free system's joints, of shape (n′,) each."""
+        return joint_physics(self.tree)
+
+    @cached_property
+    def motors(self) -> Motors:
+        """The motors in the order of u: what is stated of each, gears and bounds of u."""
+        return motors_of(self.description, self.tree, self.actuated)
+
+    @property
+    def position_limits(self) -> tuple[Array, Array]:
+        """Lower and upper limits of the entries of q′, of shape (nq,) each, ±∞ where there is none."""
+        return frozen(self.tree.model.lowerPositionLimit), frozen(self.tree.model.upperPositionLimit)
+
+    @property
+    def direct(self) -> bool:
+        """Whether u acts on the independent velocities themselves, ρᵀSᵀu = u: motors on them, in order, of gear 1."""
+        return self.actuated == self.independent and bool((self.motors.gears == 1.0).all())
+
     @property
     def actuation(self) -> Array:
-        """S of shape (motors, n′), constant: u enters the free system as Sᵀu.
+        """S of shape (motors, n′), constant, gears included: u enters the free system as Sᵀu.
 
         Raises:
             UnsupportedMechanismError: A single component of a joint is actuated, so that S depends on q′
@@ -107,7 +128,7 @@ class Mechanism(Record):
         coordinates = IndependentCoordinates(self.tree, self.actuated, self.q_reference)
         if not coordinates.constant:
             raise UnsupportedMechanismError("S is not constant: a single component of a joint is actuated")
-        return coordinates.jacobian(self.q_reference)
+        return self.motors.gears[:, None] * coordinates.jacobian(self.q_reference)
 
     def __repr__(self) -> str:
         return f"Mechanism({', '.join(f'{key}: {value}' for key, value in self._summary())})"

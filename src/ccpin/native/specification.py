@@ -46,7 +46,7 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
 
     Raises:
         UnsupportedMechanismError: A closure joins two frames of one body, or a joint kind, a row of a closure or the
-            place of a motor is none that the core knows.
+            place of a motor is none that the core knows; springs, dampers and gears.
     """
     tree, parametrization = mechanism.tree, mechanism.parametrization()
     constraints, coordinates = parametrization.constraints, parametrization.coordinates
@@ -61,7 +61,8 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
     def inside(k: int, joints: Sequence[int]) -> list[int]:
         return [i for i, joint in enumerate(joints) if where[joint] == k]
 
-    direct = mechanism.actuated == mechanism.independent
+    _check_physics(mechanism)
+    direct = mechanism.direct
     return {
         "joints": [_joint(mechanism, joint) for joint in tree.joints],
         "loops": [_loop(loop) for loop in constraints.loops],
@@ -158,6 +159,15 @@ def _joint(mechanism: Mechanism, joint: TreeJoint) -> tuple[Any, ...]:
         np.array(inertia.inertia),
         model.armature[joint.v].tolist(),
     )
+
+
+def _check_physics(mechanism: Mechanism) -> None:
+    """Refuse what would be left out in silence."""
+    has = {"springs": mechanism.joints.stiffness.any(), "dampers": mechanism.joints.damping.any()}
+    has["gears"] = (mechanism.motors.gears != 1.0).any()
+    found = [word for word, there in has.items() if there]
+    if found:
+        raise UnsupportedMechanismError(f"the compiled core does not know the {', '.join(found)} of {mechanism.name}")
 
 
 def _known(kind: JointKind) -> str:
