@@ -52,7 +52,7 @@ class ReducedModel:
         self.coordinates = self.parametrization.coordinates
         self.n = self.coordinates.n
         self.nq = self.coordinates.nq
-        self.actuation = None if mechanism.actuated == mechanism.independent else frozen(mechanism.actuation)
+        self.actuation = None if mechanism.direct else frozen(mechanism.actuation)
         self.n_actuated = self.n if self.actuation is None else len(self.actuation)
 
     def __repr__(self) -> str:

@@ -141,8 +141,13 @@ class State:
         return _locked(self.rho.T @ self._mass_rho)
 
     @cached_property
+    def damping(self) -> Array:
+        """ρᵀB′ρ, of shape (n, n): the joints' dampers (B′ = diag b), symmetric, ≥ 0; zeros where there is none."""
+        return _locked(self.rho.T @ (self.model.free_system.damping[:, None] * self.rho))
+
+    @cached_property
     def g(self) -> Array:
-        """Gravity's generalized force ρᵀg′ (25), of shape (n,), N m or N."""
+        """The potential's gradient ρᵀg′ (25), of shape (n,), N m or N: gravity and the joints' springs."""
         return _locked(self.rho.T @ self._gravity_free)
 
     @cached_property
@@ -164,11 +169,11 @@ class State:
         return self.model.free_system.energy(self.q_free, self.v_free(v))
 
     def tau(self, v: ArrayLike, a: ArrayLike) -> Array:
-        """The generalized force τ = D q̈ + C q̇ + g (22), of shape (n,), N m or N."""
+        """The generalized force τ = D q̈ + C q̇ + damping q̇ + g (22), of shape (n,), N m or N."""
         return self.rho.T @ self._tau_free(self.v_free(v), self.a_free(v, a))
 
     def forward_dynamics(self, v: ArrayLike, u: ArrayLike) -> Array:
-        """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − g) (22), of shape (n,).
+        """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − damping q̇ − g) (22), of shape (n,).
 
         Raises:
             SingularConfigurationError: D is not positive definite so near a singularity.
@@ -178,7 +183,7 @@ class State:
         return self._accelerated(v_free, self.model.parametrization.bias(self._point, v_free), u)
 
     def inverse_dynamics(self, v: ArrayLike, a: ArrayLike) -> Array:
-        """The actuated joints' efforts u with ρᵀSᵀu = D q̈ + C q̇ + g (22), of shape (motors,).
+        """The actuated joints' efforts u with ρᵀSᵀu = D q̈ + C q̇ + damping q̇ + g (22), of shape (motors,).
 
         With more motors than independent coordinates u is the solution of least norm.
 
@@ -196,7 +201,7 @@ class State:
         return u
 
     def constraint_forces(self, v: ArrayLike, u: ArrayLike) -> Array:
-        """λ of the descriptor form (17): D′q̈′ + C′q̇′ + g′ = Sᵀu + φ_q′ᵀλ, of shape (m,).
+        """λ of the descriptor form (17): D′q̈′ + C′q̇′ + B′q̇′ + g′ = Sᵀu + φ_q′ᵀλ, of shape (m,).
 
         λ has one entry a row of φ, in φ's order and axes (`ccpin.kinematics.constraints`): the force (N) that end A of
         a loop receives along a point row, B the opposite; the moment (N m) along a direction row. With redundant rows
@@ -247,7 +252,7 @@ class State:
         return self._derivatives.inverse(self._velocity(v), self.inverse_dynamics(v, a), acceleration)
 
     def generalized_force_derivatives(self, v: ArrayLike, a: ArrayLike) -> GeneralizedForceDerivatives:
-        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + g, whatever the motors."""
+        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + damping q̇ + g, whatever the motors."""
         return self._derivatives.generalized_force(self._velocity(v), vector(a, "a", self.model.n))
 
     # What the above share.
