@@ -18,7 +18,8 @@ ARM = """
 <mujoco><compiler angle="radian"/><worldbody>
   <body name="a"><joint name="j1" axis="0 1 0" {j1}/><geom type="capsule" fromto="0 0 0 0.4 0 0.1" size="0.03"/>
     <body name="b" pos="0.4 0 0.1"><joint name="j2" type="slide" axis="1 0 1" {j2}/><geom size="0.06" pos="0.1 0.05 0"/>
-      <body name="c" pos="0.2 0 0"><joint name="j3" type="ball" {j3}/><geom type="box" size="0.05 0.1 0.2" pos="0 0.1 0.2"/>
+      <body name="c" pos="0.2 0 0"><joint name="j3" type="ball" {j3}/>
+        <geom type="box" size="0.05 0.1 0.2" pos="0 0.1 0.2"/>
       </body></body></body>
   <body name="p" pos="0 1 0"><joint name="k1" axis="1 0 0"/><geom size="0.1" pos="0 0 0.2"/></body>
   <body name="s" pos="0 2 0"><joint name="k2" axis="1 0 0"/><geom size="0.1" pos="0 0 0.2"/></body>

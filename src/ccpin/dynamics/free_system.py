@@ -107,7 +107,7 @@ class FreeSystem:
         return derivative + self.springs.derivative(q_free) if self.springs else derivative
 
     def energy(self, q_free: Array, v_free: Array) -> Energy:
-        """½ q̇′ᵀ D′ q̇′ and the potential V with ∂V/∂q′ = g′ (gravity's is zero at the world origin, springs' at rest)."""
+        """½ q̇′ᵀ D′ q̇′ and the potential V with ∂V/∂q′ = g′ (zero at the world origin and slack springs)."""
         kinetic = 0.5 * v_free @ self.mass_matrix(q_free) @ v_free  # Pinocchio's own leaves rotor inertias out
         potential = float(self._computed(pin.computePotentialEnergy, q_free))
         return Energy(float(kinetic), potential + self.springs.energy(q_free) if self.springs else potential)

@@ -7,23 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-ACTUATORS = frozenset(
-    [
-        "adhesion",
-        "cylinder",
-        "damper",
-        "dcmotor",
-        "general",
-        "intvelocity",
-        "motor",
-        "muscle",
-        "orientation",
-        "pid",
-        "plugin",
-        "position",
-        "velocity",
-    ]
-)
+_NAMES = "adhesion cylinder damper dcmotor general intvelocity motor muscle orientation pid plugin position velocity"
+ACTUATORS = frozenset(_NAMES.split())
 _FIRST_ORDER = {"cylinder": "filter", "intvelocity": "integrator"}
 
 

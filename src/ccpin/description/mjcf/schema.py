@@ -78,12 +78,14 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
             "controller thermal lugre input"
         ),
         "general": (
-            f"{_DRIVEN} body actearly actlimited actrange dyntype gaintype biastype dynprm gainprm biasprm actdim input "
-            "ffrange velrange inheritrange"
+            f"{_DRIVEN} body actearly actlimited actrange dyntype gaintype biastype dynprm gainprm biasprm actdim "
+            "input ffrange velrange inheritrange"
         ),
         "intvelocity": f"{_DRIVEN} actearly actlimited actrange kp kv dampratio inheritrange",
         "motor": _DRIVEN,
-        "muscle": f"{_DRIVEN} actearly actlimited actrange timeconst tausmooth range force scale lmin lmax vmax fpmax fvmax",
+        "muscle": (
+            f"{_DRIVEN} actearly actlimited actrange timeconst tausmooth range force scale lmin lmax vmax fpmax fvmax"
+        ),
         "orientation": f"{_ACTUATOR} kp kv dampratio input inheritrange joint site refsite",
         "pid": f"{_DRIVEN} input kp ki kv dampratio imax slewmax posrange velrange ffrange inheritrange",
         "actuator/plugin": f"{_DRIVEN} plugin instance actearly actlimited actrange actdim dyntype dynprm",
@@ -95,7 +97,8 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
 _NUMBERS = (
     "pos size fromto mass density group contype conaffinity condim priority friction margin gap solmix solref solimp "
     "solreflimit solimplimit solreffriction solimpfriction range ref springref stiffness damping frictionloss "
-    "armature axis gear kp kv gainprm biasprm ctrlrange forcerange gravcomp anchor relpose torquescale polycoef diaginertia fullinertia rgba"
+    "armature axis gear kp kv gainprm biasprm ctrlrange forcerange "
+    "gravcomp anchor relpose torquescale polycoef diaginertia fullinertia rgba"
 )
 NUMERIC = ORIENTATIONS | frozenset(_NUMBERS.split())
 LEAVES = frozenset({"joint", "freejoint", "inertial", "geom", "site", "connect", "weld"})
