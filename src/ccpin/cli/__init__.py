@@ -8,8 +8,8 @@ import os
 import sys
 from collections.abc import Sequence
 
-from ccpin.cli.domain import add_domain
 from ccpin.cli.doctor import add_doctor
+from ccpin.cli.domain import add_domain
 from ccpin.cli.info import add_info, add_modes
 from ccpin.cli.simulate import add_simulate
 from ccpin.cli.view import add_view
