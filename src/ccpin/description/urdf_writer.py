@@ -18,8 +18,8 @@ from ccpin.files import write_atomically
 def write_urdf(description: MechanismDescription, path: str | Path) -> None:
     """Write a description as a URDF with URDF+ loops, which `read_urdf` reads back as the same mechanism.
 
-    Linear couplings of two joints become mimic joints. Gravity, notes, and shapes URDF has no element for (capsules,
-    ellipsoids) are not written.
+    Linear couplings of two joints become mimic joints, springs Gazebo's elements, gears mechanical reductions. Gravity,
+    notes, bounds and gains of motors, and shapes URDF has no element for (capsules, ellipsoids) are not written.
 
     Raises:
         DescriptionError: A coupling is not linear in two joints, or a joint without a motor has a rotor inertia.
@@ -37,14 +37,22 @@ def write_urdf(description: MechanismDescription, path: str | Path) -> None:
     for closure in description.closures:
         _loop(root, closure)
     armature = {joint.name: joint.armature for joint in description.joints if joint.armature}
+    gears = {motor.joint: motor.gear for motor in description.motors}
     for name in description.actuated or ():
         motor = etree.SubElement(root, "transmission", name=f"{name}_motor")
         etree.SubElement(motor, "joint", name=name)
         actuator = etree.SubElement(motor, "actuator", name=name)
         etree.SubElement(actuator, "rotor_inertia", value=str(armature.pop(name, 0.0)))
+        if gears.get(name, 1.0) != 1.0:
+            etree.SubElement(actuator, "mechanicalReduction").text = str(gears[name])
     for name in armature:
         message = "URDF states a rotor inertia with a motor only, and this joint has none"
         raise DescriptionError(message, source=description.source, element=f"joint '{name}'")
+    for joint in description.joints:
+        if joint.stiffness:
+            spring = etree.SubElement(root, "gazebo", reference=joint.name)
+            etree.SubElement(spring, "springStiffness").text = str(joint.stiffness)
+            etree.SubElement(spring, "springReference").text = str(joint.spring_reference)
     if description.reference:
         state = etree.SubElement(root, "group_state", name="reference")
         for name, values in description.reference.items():
@@ -100,6 +108,7 @@ def _joint(joint: Joint) -> yourdfpy.Joint:
         origin=joint.placement,
         axis=joint.axis,
         limit=limit if any(map(np.isfinite, stated.values())) else None,
+        dynamics=yourdfpy.Dynamics(joint.damping, joint.friction) if joint.damping or joint.friction else None,
     )
 
 
