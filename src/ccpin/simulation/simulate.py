@@ -74,7 +74,7 @@ def simulate(
     friction: FrictionLike | JointFriction | None = None,
     sampling: Sampling | None = None,
 ) -> Trajectory:
-    """Integrate D q̈ + C q̇ + g = ρᵀ(Sᵀu + f) (22), q′ = σ(q) (27) under a control law, with joint friction f or none.
+    """Integrate D q̈ + C q̇ + damping q̇ + g = ρᵀ(Sᵀu + f) (22), q′ = σ(q) (27) under a law, with dry joint friction f.
 
     Args:
         model: The reduced model, or a mechanism.
@@ -92,8 +92,9 @@ def simulate(
         region: Stop where it says False of q (a certified domain's ``contains``, say).
         singular_rcond: Stop where ψ_q′'s reciprocal condition number falls below this.
         friction: Coulomb and viscous friction: ``{joint: (coulomb, viscous)}`` for any joints, or a pair of arrays
-            (coulomb, viscous) for the independent ones; default none. Whether a joint halts or breaks loose is looked
-            at after every step of the integrator and at every sample.
+            (coulomb, viscous) for the independent ones; default what the mechanism's joints state (`joints.friction`),
+            ``{}`` for none. Whether a joint halts or breaks loose is looked at after every step of the integrator and at
+            every sample.
         sampling: Run the law as a digital controller does; default continuously.
 
     Returns:
@@ -116,12 +117,13 @@ def simulate(
         raise InvalidInputError(f"max_step = {max_step} must be a positive number")
     if settling is not None:
         settling = settling._replace(goal=checked_q(model.coordinates, settling.goal))
-    contact = StickSlip(model, joint_friction(model, {} if friction is None else friction))
+    rubbing = joint_friction(model, friction)
+    contact = StickSlip(model, rubbing)
     times = np.arange(np.floor(duration / sample_period * (1 + 1e-12)) + 1) * sample_period
     if times[-1] < duration * (1 - 1e-9):
         times = np.append(times, duration)
     options = {"rtol": rtol, "atol": atol, "max_step": max_step}
-    plain = friction is None and sampling is None and region is None
+    plain = not rubbing.names and sampling is None and region is None
     if plain:
         numbers = {"times": times, "start": np.concatenate([start.q, v_start]), "singular_rcond": singular_rcond}
         numbers |= options | (settling or _NEVER)._asdict()
