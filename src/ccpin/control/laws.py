@@ -56,8 +56,8 @@ class TorqueFunction(ControlLaw):
         self._function = function
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
-        """What the function returns, as a float64 vector."""
-        return np.asarray(self._function(t, q, v), dtype=np.float64)
+        """What the function returns, as a float64 vector; one number stands for the effort of an only motor."""
+        return np.atleast_1d(np.asarray(self._function(t, q, v), dtype=np.float64))
 
 
 class ModelLaw(ControlLaw):

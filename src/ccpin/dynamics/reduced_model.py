@@ -31,7 +31,7 @@ from ccpin.native import Declining, kernel
 
 
 class ReducedModel:
-    """The reduced equations of motion D q̈ + C q̇ + damping q̇ + g = ρᵀ(Sᵀu + Jᵀw) (22), q′ = σ(q), q̇′ = ρ q̇ (27).
+    """The reduced equations D q̈ + C q̇ + damping q̇ + g = ρᵀ(Sᵀu + Jᵀw) (22), q′ = σ(q), q̇′ = ρ q̇ (27).
 
     Where the actuated joints are the independent ones, without gears, ρᵀSᵀu = u as in the paper. `at` gives a `State`, which has all
     the rest; the methods below with a `guess` are shorthands for it, for one thing at one q. Nothing is remembered

@@ -1,8 +1,8 @@
 """Wrenches that act on links from outside, w in D′q̈′ + C′q̇′ + B′q̇′ + g′ = Sᵀu + Jᵀw + φ_q′ᵀλ.
 
 A force and a moment are given in world axes, the force at a point fixed to the link; they keep their components in the
-world while the link moves. With R the rotation of the joint that carries the link, f = RᵀF and m = RᵀM + p × f are the
-wrench in that joint's own axes, p the point there; a turn δ of the joint changes them by f × δ and RᵀM × δ + p × (f × δ).
+world while the link moves. With R the rotation of the joint that carries the link and p the point in that joint's axes,
+f = RᵀF and m = RᵀM + p × f are the wrench in these axes; a turn δ changes them by f × δ and RᵀM × δ + p × (f × δ).
 """
 
 from __future__ import annotations
@@ -105,6 +105,6 @@ def joint_loads_derivative(scratch: Scratch, q_free: Array, applied: Sequence[Ap
             change = np.vstack([skew(force), skew(moment) + skew(one.point) @ skew(force)])
             turning += jacobian.T @ change @ jacobian[3:]
         statics = np.array(pin.computeStaticTorqueDerivatives(model, data, q_free, carried))
-        return weight - statics + turning
+        return np.asarray(weight - statics + turning)
     finally:
         scratch.give(data)
