@@ -8,7 +8,7 @@ import pytest
 import ccpin
 from ccpin.dynamics import Wrench, linearize
 from ccpin.errors import InvalidInputError
-from tests.dynamics.test_physics import FOUR_BAR, arm, by_joint, mujoco_state, read
+from tests.dynamics.test_springs_and_dampers import FOUR_BAR, arm, by_joint, mujoco_state, read
 from tests.oracles import descriptor
 from tests.oracles.finite_differences import derivative
 

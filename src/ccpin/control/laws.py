@@ -181,7 +181,8 @@ def gain_matrix(gain: ArrayLike, name: str, n: int) -> Array:
         matrix = np.diag(matrix)
     if matrix.shape != (n, n) or not np.isfinite(matrix).all():
         raise InvalidInputError(f"{name} must be finite, of shape ({n},) or ({n}, {n}); it has shape {matrix.shape}")
-    if np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max() or np.linalg.eigvalsh(matrix)[0] <= 0:
+    symmetric = np.abs(matrix - matrix.T).max(initial=0.0) <= 1e-9 * np.abs(matrix).max(initial=0.0)
+    if not symmetric or np.linalg.eigvalsh(matrix).min(initial=np.inf) <= 0:
         raise InvalidInputError(f"{name} must be symmetric positive definite")
     return matrix
 

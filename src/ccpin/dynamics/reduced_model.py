@@ -26,16 +26,16 @@ from ccpin.errors import InvalidInputError
 from ccpin.kinematics.checked import checked_configuration, checked_q
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import ClosedPoint
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import Mechanism, mechanism_of
 from ccpin.native import Declining, kernel
 
 
 class ReducedModel:
     """The reduced equations D q̈ + C q̇ + damping q̇ + g = ρᵀ(Sᵀu + Jᵀw) (22), q′ = σ(q), q̇′ = ρ q̇ (27).
 
-    Where the actuated joints are the independent ones, without gears, ρᵀSᵀu = u as in the paper. `at` gives a `State`, which has all
-    the rest; the methods below with a `guess` are shorthands for it, for one thing at one q. Nothing is remembered
-    between calls, and any number of threads may share a model. SI units, radians.
+    Where the actuated joints are the independent ones, without gears, ρᵀSᵀu = u as in the paper. `at` gives a `State`,
+    which has all the rest; the methods below with a `guess` are shorthands for it, for one thing at one q. Nothing is
+    remembered between calls, and any number of threads may share a model. SI units, radians.
 
     Args:
         mechanism: From `ccpin.load`.
@@ -51,11 +51,11 @@ class ReducedModel:
         core: What answers first (`ccpin.native`), chosen by `ccpin.backend` when the model was made.
 
     Raises:
-        InvalidInputError: Gravity is not three finite numbers.
+        InvalidInputError: No mechanism is given, or gravity is not three finite numbers.
     """
 
     def __init__(self, mechanism: Mechanism, gravity: ArrayLike | None = None) -> None:
-        self.mechanism = mechanism
+        self.mechanism = mechanism = mechanism_of(mechanism)
         given = mechanism.description.gravity if gravity is None else vector(gravity, "gravity", 3)
         self.gravity_vector = frozen(given)
         self.free_system = FreeSystem(mechanism.tree, self.gravity_vector)

@@ -278,6 +278,12 @@ def _analysed(
             "branches of σ meet at that pose, so which of them the reference lies on is arbitrary; a stated pose "
             '(<group_state name="reference">) chooses'
         )
+    rubbing = [joint.name for joint in tree.joints if joint.stated.friction]
+    if rubbing:
+        notes.append(
+            f"dry friction of {', '.join(rubbing)}: `simulate` has it, the smooth equations (dynamics, laws, "
+            "certificates) have not"
+        )
     chosen = choice.independent, choice.actuated, closed.q_free
     mechanism = Mechanism(description, tree, *chosen, mobility, tuple(dict.fromkeys(notes)))
     IndependentCoordinates(tree, mechanism.actuated, closed.q_free)  # refuses names that cannot be actuated

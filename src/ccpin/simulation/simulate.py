@@ -21,7 +21,13 @@ from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.dynamics.wrenches import Wrenches, applied_wrenches
-from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, SingularConfigurationError
+from ccpin.errors import (
+    CcpinError,
+    ConvergenceError,
+    InvalidInputError,
+    SingularConfigurationError,
+    UnsupportedMechanismError,
+)
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
@@ -106,9 +112,12 @@ def simulate(
 
     Raises:
         InvalidInputError: A bad argument.
+        UnsupportedMechanismError: The mechanism has mobility 0.
         UnreachableError, SingularConfigurationError: σ(q0) does not exist. Nothing is raised once the motion has begun.
     """
     model = model_of(model)
+    if not model.n:
+        raise UnsupportedMechanismError(f"{model.mechanism.name} has mobility 0: nothing moves, there is no motion")
     law = _law(model, controller)
     start = model.at(q0, guess)
     v_start = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
