@@ -8,7 +8,7 @@ import pytest
 
 import ccpin
 from ccpin.description import Coupling, CouplingTerm, read_description
-from ccpin.description.urdf_writer import write_urdf
+from ccpin.description.writers.urdf import write_urdf
 from ccpin.errors import DescriptionError
 from tests.support.places import MODELS
 

@@ -1,0 +1,1 @@
+"""Descriptions out again: one writer a format."""
