@@ -16,6 +16,7 @@ from ccpin.arrays import Array, Record, frozen
 from ccpin.description import read_description
 from ccpin.description.checks import check
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
+from ccpin.description.writers import write_description
 from ccpin.errors import (
     DescriptionError,
     IndependentSetError,
@@ -129,6 +130,35 @@ class Mechanism(Record):
         if not coordinates.constant:
             raise UnsupportedMechanismError("S is not constant: a single component of a joint is actuated")
         return self.motors.gears[:, None] * coordinates.jacobian(self.q_reference)
+
+    def save(self, path: str | Path, format: str | None = None) -> None:
+        """Write the mechanism to a file, with the independent and actuated joints and the reference chosen here.
+
+        Args:
+            path: The file; its suffix tells the format where `format` does not (.urdf, .xml, .yaml).
+            format: ``"urdf"`` (with URDF+ loops), ``"mjcf"`` or ``"toolbox"`` (robot.yaml with its robot.urdf).
+
+        Raises:
+            InvalidInputError: The format is none of these, or the file cannot be written.
+            DescriptionError: The format has no words for something, by name.
+        """
+        write_description(self.settled(), path, format)
+
+    def settled(self) -> MechanismDescription:
+        """The description with what was chosen here: independent and actuated joints, and the closed reference.
+
+        Components of a joint cannot be marked in a description: with such coordinates nothing is.
+        """
+        own = {joint.name for joint in self.description.joints}
+        chosen = self.independent if own.issuperset(self.independent) else None
+        poses = {joint.name: joint.kind.told(self.q_reference[joint.q]) for joint in self.tree.joints}
+        return replace(
+            self.description,
+            independent=chosen,
+            independent_is_default=False,
+            actuated=self.actuated if own.issuperset(self.actuated) else self.description.actuated,
+            reference={name: pose for name, pose in poses.items() if name in own},
+        )
 
     def __repr__(self) -> str:
         return f"Mechanism({', '.join(f'{key}: {value}' for key, value in self._summary())})"

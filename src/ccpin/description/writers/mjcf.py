@@ -87,7 +87,7 @@ class _Writer:
         """Every body, parents first, without recursion."""
         root = self.description.root
         top = world if root == WORLD else etree.SubElement(world, "body", name=root)
-        self.dress(top, self.links[root], IDENTITY)
+        self.dress(top, self.links[root])
         waiting = [(top, joint) for joint in reversed(self.below.get(root, []))]
         while waiting:
             parent, joint = waiting.pop()
@@ -123,7 +123,7 @@ class _Writer:
         for joint, place in zip(chain, places, strict=True):
             if joint.kind != "fixed":
                 self.joint(element, joint, np.linalg.inv(places[-1]) @ place)
-        self.dress(element, link, IDENTITY)
+        self.dress(element, link)
         if self.massless(link) and chain[-1].kind != "fixed":
             raise cannot(self.description, f"link '{link.name}'", "MJCF wants a mass in every moving body")
         return element
@@ -146,9 +146,7 @@ class _Writer:
             raise cannot(self.description, f"joint '{joint.name}'", "its massless link is turned against the next body")
         element = etree.SubElement(body, "joint", name=joint.name, type=kind)
         self.order.append(joint)
-        if kind == "free":
-            element.set("align", "false")
-        elif kind != "ball":
+        if kind in ("hinge", "slide"):
             element.set("axis", written(place[:3, :3] @ joint.axis))
             if joint.kind != "continuous" and np.isfinite([joint.lower, joint.upper]).all():
                 element.set("range", written([joint.lower, joint.upper]))
@@ -162,14 +160,19 @@ class _Writer:
         if np.isfinite(joint.effort) and kind in ("hinge", "slide"):
             element.set("actuatorfrcrange", written([-joint.effort, joint.effort]))
 
-    def dress(self, body: XmlElement, link: Link, place: Array) -> None:
+    def dress(self, body: XmlElement, link: Link) -> None:
         """A body's inertia, geoms and the sites its closures use."""
         self.bodies[link.name] = body
         inertia = link.inertia
         if inertia is not None and inertia.mass and body.tag == "body":
-            full = np.asarray(inertia.rotational)[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-            pose = _pose(place @ frame(inertia.com))
-            etree.SubElement(body, "inertial", **({"pos": "0 0 0"} | pose), mass=written(inertia.mass), fullinertia=written(full))
+            moments, axes = np.linalg.eigh(inertia.rotational)
+            if moments[0] + moments[1] < moments[2] * (1 - 1e-9):
+                message = f"no body has such moments of inertia ({written(moments)}), and MuJoCo refuses them"
+                raise cannot(self.description, f"link '{link.name}'", message)
+            axes[:, 0] *= np.sign(np.linalg.det(axes))
+            moments = np.clip(moments, 0.0, moments[:2].clip(0.0).sum())
+            said = {"pos": "0 0 0", **_pose(frame(inertia.com, axes)), "mass": written(inertia.mass)}
+            etree.SubElement(body, "inertial", said | {"diaginertia": written(moments)})
         for visual in link.visuals:
             self.geom(body, visual)
 
@@ -233,12 +236,14 @@ class _Writer:
             raise cannot(self.description, where, "MJCF wants one joint as a polynomial of the other")
         own = straight[0]
         c0, c1 = _trimmed(own)
-        rest = -sum((_polynomial(term) for term in terms if term is not own), Polynomial([c0 - c1 * own.reference])) / c1
+        others = [term for term in terms if term is not own]
+        rest = -sum(map(_polynomial, others), Polynomial([c0 - c1 * own.reference])) / c1
         if rest.degree() > _LARGEST_POWER:
             raise cannot(self.description, where, f"MJCF's polynomials end at the power {_LARGEST_POWER}")
         coefficients = [*rest.coef.tolist(), 0.0, 0.0, 0.0, 0.0][: _LARGEST_POWER + 1]
         said = {"name": coupling.name, "joint1": own.joint, "polycoef": written(coefficients)}
-        said |= {"joint2": term.joint for term in terms if term is not own}
+        if others:
+            said["joint2"] = others[0].joint
         etree.SubElement(section, "joint", said)
 
     def actuators(self) -> None:

@@ -39,9 +39,8 @@ def write_toolbox(description: MechanismDescription, path: str | Path) -> None:
     joined = [pair for closure in description.closures for pair in _pairs(description, closure)]
     links = [Link(name) for pair in joined for name in pair.frames]
     joints = [joint for pair in joined for joint in pair.joints]
-    urdf = replace(
-        description, links=(*description.links, *links), joints=(*description.joints, *joints), closures=(), actuated=None
-    )
+    everything = {"links": (*description.links, *links), "joints": (*description.joints, *joints)}
+    urdf = replace(description, closures=(), **everything)  # type: ignore[arg-type]
     write_urdf(urdf, Path(path).with_name("robot.urdf"))
     document = {
         "closed_loop": [list(pair.frames) for pair in joined],
