@@ -33,6 +33,7 @@ from ccpin.kinematics.tree import Tree, build_tree
 from ccpin.mechanism.closing import Closed, find_closed
 from ccpin.mechanism.mobility import Mobility, conditioning, generic_rank, idle_motions, independence, null_space
 from ccpin.mechanism.physics import JointPhysics, Motors, joint_physics, motors_of
+from ccpin.mechanism.pinocchio import constraint_models
 from ccpin.mechanism.selection import choose_independent
 
 
@@ -143,6 +144,17 @@ class Mechanism(Record):
             DescriptionError: The format has no words for something, by name.
         """
         write_description(self.settled(), path, format)
+
+    def pinocchio_constraints(self) -> list[pin.RigidConstraintModel]:
+        """The closures as constraint models of `pin_model`, for Pinocchio's own solvers: the caller's, made anew.
+
+        A spherical closure is a 3D contact, a fixed one a 6D contact, a revolute one two 3D contacts on its axis
+        (their six rows have rank five: give the solver a proximal step). Ends are in the joints' frames.
+
+        Raises:
+            UnsupportedMechanismError: A closure of another kind, or a coupling.
+        """
+        return constraint_models(self.constraints())
 
     def settled(self) -> MechanismDescription:
         """The description with what was chosen here: independent and actuated joints, and the closed reference.

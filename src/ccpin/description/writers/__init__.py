@@ -8,6 +8,7 @@ from pathlib import Path
 from ccpin.description.model import MechanismDescription
 from ccpin.errors import InvalidInputError
 
+FORMATS = ("urdf", "mjcf", "toolbox")
 _SUFFIXES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf", ".yaml": "toolbox", ".yml": "toolbox"}
 
 
