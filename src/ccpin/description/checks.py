@@ -49,6 +49,7 @@ class _Checker:
         for link in self.d.links:
             if link.inertia is not None:
                 self.inertia_is_physical(f"link '{link.name}'", link.inertia)
+        self.something_has_mass()
         self.joints_are_sound()
         self.closures_are_sound()
         self.couplings_are_sound()
@@ -84,6 +85,10 @@ class _Checker:
                 if link in seen:
                     raise self.fail(f"link '{link}'", "the joints form a cycle; cut it and state the loop as a closure")
                 seen.add(link)
+
+    def something_has_mass(self) -> None:
+        if all(link.inertia is None for link in self.d.links):
+            self.notes.append("no link states an inertia: nothing has mass, so there is no dynamics, only kinematics")
 
     def inertia_is_physical(self, element: str, inertia: Inertia) -> None:
         if inertia.com.shape != (3,) or inertia.rotational.shape != (3, 3):

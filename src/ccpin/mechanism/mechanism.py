@@ -16,6 +16,7 @@ from ccpin.arrays import Array, Record, frozen
 from ccpin.description import read_description
 from ccpin.description.checks import check
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
+from ccpin.description.stating import Stated, with_stated
 from ccpin.description.writers import write_description
 from ccpin.errors import (
     DescriptionError,
@@ -237,6 +238,8 @@ def load(
     couplings: Iterable[Coupling] | None = None,
     independent: Sequence[str] | None = None,
     actuated: Sequence[str] | None = None,
+    joints: Stated | None = None,
+    motors: Stated | None = None,
     floating_base: bool = False,
     format: str | None = None,
 ) -> Mechanism:
@@ -250,6 +253,10 @@ def load(
         independent: The independent joints in the order of q; default what the file marks, completed if it marks
             only motors (the completion is among the mechanism's notes).
         actuated: The actuated joints in the order of u; default the file's motors, else the independent joints.
+        joints: What the file lacks or says otherwise of its joints, by name: damping, friction, stiffness and
+            spring_reference, armature, effort, velocity, lower, upper (`ccpin.description.Joint`), as in
+            ``{"knee": {"damping": 0.1, "stiffness": 5.0}}``.
+        motors: Likewise of the motors, by the joint they drive: gear, lower, upper (`ccpin.description.Motor`).
         floating_base: Free the root link with a 6-dof joint named ``root_joint``.
         format: ``"urdf"``, ``"mjcf"`` or ``"toolbox"`` to override detection from the content.
 
@@ -258,10 +265,13 @@ def load(
         NoLoopError: It declares no closure and no coupling.
         LoopNotClosedError: No closed configuration was found.
         IndependentSetError: The independent or actuated joints named cannot be used.
+        InvalidInputError: What is stated of joints or motors names none of them, or is no number.
     """
     _check_arguments(path, independent, actuated)
     description = path if isinstance(path, MechanismDescription) else read_description(path, format)
-    if description is path or closures or couplings:
+    if joints or motors:
+        description = with_stated(description, joints, motors)
+    if description is path or closures or couplings or joints or motors:
         description = check(
             replace(
                 description,
@@ -272,10 +282,15 @@ def load(
     if not description.closures and not description.couplings:
         raise NoLoopError(_no_loop_message(description), source=description.source)
     try:
-        return _analysed(description, build_tree(description, floating_base), independent, actuated)
+        mechanism = _analysed(description, build_tree(description, floating_base), independent, actuated)
     except (IndependentSetError, LoopNotClosedError, SingularConfigurationError, UnsupportedMechanismError) as error:
         error.args = (f"{description.source or description.name}: {error}",)
         raise
+    idle = [name for name in motors or () if name not in {motor.joint for motor in mechanism.motors.each}]
+    if idle:
+        driven = ", ".join(mechanism.actuated)
+        raise InvalidInputError(f"motors: joint '{idle[0]}' is not actuated; {driven} are (actuated= chooses)")
+    return mechanism
 
 
 def _analysed(

@@ -60,16 +60,19 @@ def read_actuators(sections: Sequence[XmlElement], tree: WorldBody, defaults: De
             continue
         if joint not in tree.reference:
             raise said.fail(f"there is no joint '{joint}'; there are: {', '.join(tree.reference) or 'none'}")
-        motor = _motor(said, xml, joint, autolimits)
+        single = kinds[joint] in ("revolute", "prismatic")
+        ratio = _first(said, "gear", 1.0) if single else 1.0
+        motor = _motor(said, xml, joint, ratio, autolimits)
         if motor is None:
-            notes.append(f"The actuator {label(xml)} has the gear 0 and drives nothing; it is left out.")
+            notes.append(f"The actuator {label(xml)} has a gear or a gain of 0 and drives nothing; it is left out.")
             continue
-        if kinds[joint] not in ("revolute", "prismatic"):
+        if not single:
             motor = _on_many(motor, said, kinds[joint], notes)
         else:
-            ratio = float(said.some_numbers("gear", 6)[0]) if said.text("gear") else 1.0
             armature[joint] = armature.get(joint, 0.0) + ratio**2 * said.number("armature", 0.0)
             damping[joint] = damping.get(joint, 0.0) + ratio**2 * _first(said, "damping", 0.0)
+            if any(said.some_numbers("damping", 3)[1:]):
+                notes.append(f"Left out: the nonlinear part of the damping of actuator {label(xml)}.")
         if joint in motors:
             notes.append(f"The actuator {label(xml)} is left out: u has one entry for joint '{joint}', of its first.")
             continue
@@ -82,9 +85,9 @@ def read_actuators(sections: Sequence[XmlElement], tree: WorldBody, defaults: De
     return Actuators(tuple(motors) or None, tuple(motors.values()), armature, damping, notes)
 
 
-def _motor(said: Element, xml: XmlElement, joint: str, autolimits: bool) -> Motor | None:
-    """One actuator, its gear the first of the six; ``None`` where it moves nothing."""
-    gear, gain = _first(said, "gear", 1.0), _first(said, "gainprm", 1.0)
+def _motor(said: Element, xml: XmlElement, joint: str, gear: float, autolimits: bool) -> Motor | None:
+    """One actuator; ``None`` where it moves nothing."""
+    gain = _first(said, "gainprm", 1.0)
     bias = (*said.some_numbers("biasprm", 10), 0.0, 0.0, 0.0)[:3]
     activation, gains_as, biased = (said.text(name) or "none" for name in _TYPES)
     plain = activation == "none" and gains_as in ("none", "fixed")

@@ -17,11 +17,12 @@ from ccpin.description.xml import XmlElement
 def write_urdf(description: MechanismDescription, path: str | Path) -> None:
     """Write a description as a URDF with URDF+ loops, which `read_urdf` reads back as the same mechanism.
 
-    Linear couplings of two joints become mimic joints. Gravity, notes, and shapes URDF has no element for (capsules,
-    ellipsoids) are not written.
+    Linear couplings of two joints become mimic joints, springs Gazebo's elements, gears mechanical reductions. Gravity,
+    notes, bounds and gains of motors, and shapes URDF has no element for (capsules, ellipsoids) are not written. The
+    rotor inertia of a joint without a motor is ``armature`` of its <dynamics>, which only ccpin reads.
 
     Raises:
-        DescriptionError: A coupling is not linear in two joints, or a joint without a motor has a rotor inertia.
+        DescriptionError: A coupling is not linear in two joints.
         InvalidInputError: The file cannot be written.
     """
     root = urdf_document(description).write_xml().getroot()
@@ -36,14 +37,23 @@ def write_urdf(description: MechanismDescription, path: str | Path) -> None:
     for closure in description.closures:
         _loop(root, closure)
     armature = {joint.name: joint.armature for joint in description.joints if joint.armature}
+    gears = {motor.joint: motor.gear for motor in description.motors}
     for name in description.actuated or ():
         motor = etree.SubElement(root, "transmission", name=f"{name}_motor")
         etree.SubElement(motor, "joint", name=name)
         actuator = etree.SubElement(motor, "actuator", name=name)
         etree.SubElement(actuator, "rotor_inertia", value=str(armature.pop(name, 0.0)))
-    for name in armature:
-        message = "URDF states a rotor inertia with a motor only, and this joint has none"
-        raise cannot(description, f"joint '{name}'", message)
+        if gears.get(name, 1.0) != 1.0:
+            etree.SubElement(actuator, "mechanicalReduction").text = str(gears[name])
+    for name, inertia in armature.items():
+        dynamics = joints[name].find("dynamics")
+        dynamics = etree.SubElement(joints[name], "dynamics") if dynamics is None else dynamics
+        dynamics.set("armature", str(inertia))
+    for joint in description.joints:
+        if joint.stiffness:
+            spring = etree.SubElement(root, "gazebo", reference=joint.name)
+            etree.SubElement(spring, "springStiffness").text = str(joint.stiffness)
+            etree.SubElement(spring, "springReference").text = str(joint.spring_reference)
     if description.reference:
         state = etree.SubElement(root, "group_state", name="reference")
         for name, values in description.reference.items():
@@ -97,6 +107,7 @@ def _joint(joint: Joint) -> yourdfpy.Joint:
         origin=joint.placement,
         axis=joint.axis,
         limit=limit if any(map(np.isfinite, stated.values())) else None,
+        dynamics=yourdfpy.Dynamics(joint.damping, joint.friction) if joint.damping or joint.friction else None,
     )
 
 
