@@ -114,6 +114,15 @@ def build_tree(description: MechanismDescription, floating_base: bool = False) -
     return Tree(builder.model, tuple(builder.joints), FrozenMapping(builder.attachments))
 
 
+def rest_poses(tree: Tree) -> Array:
+    """World poses of the joint frames at zero displacement, of shape (joints + 1, 4, 4); entry 0 is the world."""
+    poses = np.empty((len(tree.joints) + 1, 4, 4))
+    poses[0] = np.eye(4)
+    for joint in tree.joints:
+        poses[joint.number] = poses[joint.parent] @ joint.placement
+    return poses
+
+
 class _Builder:
     def __init__(self, description: MechanismDescription) -> None:
         self.description = description

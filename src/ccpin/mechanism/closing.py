@@ -14,6 +14,7 @@ from ccpin.errors import LoopNotClosedError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.levenberg_marquardt import Linearized, levenberg_marquardt
 from ccpin.kinematics.loops import ResolvedClosure
+from ccpin.kinematics.scratch import six_rows
 
 TOLERANCE = 1e-12
 _NEARLY_PARALLEL = 1e-6
@@ -164,7 +165,8 @@ def aligning_rows(constraints: Constraints, q_free: Array) -> Linearized:
 def _rotation(loop: ResolvedClosure, data: pin.Data) -> tuple[Array, Array]:
     """The rows θ n of one closure and their derivative."""
     turn_a, turn_b = loop.orientations(data)
-    turning_a, turning_b = data.J[3:] * loop.mask_a, data.J[3:] * loop.mask_b
+    turning = six_rows(data.J)[3:]
+    turning_a, turning_b = turning * loop.mask_a, turning * loop.mask_b
     if len(loop.rows.alignment) == 3:
         rotation = turn_b.T @ turn_a
         body_rate = turn_a.T @ turning_a - rotation.T @ (turn_b.T @ turning_b)
