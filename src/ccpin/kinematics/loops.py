@@ -56,6 +56,11 @@ class ResolvedClosure(NamedTuple):
         """Number of rows."""
         return len(self.rows.rows)
 
+    @property
+    def turnable(self) -> bool:
+        """Whether its rows vanish with its axes turned end for end too; in a plane most axes cannot turn over."""
+        return bool(self.rows.alignment) and any(self.rows.direction_rows)
+
     def orientations(self, data: pin.Data) -> tuple[Array, Array]:
         """The world's view (3, 3) of frames A and B, from forward kinematics."""
         ends = ((self.joint_a, self.frame_a), (self.joint_b, self.frame_b))
@@ -82,10 +87,10 @@ class LoopPath(NamedTuple):
 def loop_path(tree: Tree, closure: LoopClosure) -> LoopPath:
     """The joints on a closure's loop."""
     carriers = tree.attachments[closure.link_a], tree.attachments[closure.link_b]
-    supports_a, supports_b = (list(tree.model.supports[carrier.joint]) for carrier in carriers)
-    shared = sum(a == b for a, b in zip(supports_a, supports_b, strict=False))
-    a, b = (tuple(int(j) for j in supports[shared:]) for supports in (supports_a, supports_b))
-    return LoopPath(*carriers, int(supports_a[shared - 1]), a, b)
+    supports = [[int(joint) for joint in tree.model.supports[carrier.joint]] for carrier in carriers]
+    shared = set(supports[0]).intersection(supports[1])
+    paths = [tuple([joint for joint in support if joint not in shared]) for support in supports]
+    return LoopPath(*carriers, max(shared), *paths)
 
 
 def resolve_closures(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from heapq import heapify, heappop, heappush
 from typing import NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.errors import IndependentSetError
 
 _PREFERENCE = 100.0
@@ -21,11 +21,13 @@ class Motion(NamedTuple):
 
     Attributes:
         names: Its velocity components, ``joint`` or ``joint:axis``.
+        joints: The joint of each.
         places: Where they stand in q̇′.
         basis: An orthonormal basis, of shape (components, n).
     """
 
     names: tuple[str, ...]
+    joints: tuple[str, ...]
     places: tuple[int, ...]
     basis: Array
 
@@ -39,7 +41,7 @@ class Motion(NamedTuple):
 
         It is the smallest nonzero singular value of their rows of the basis (1 where none are wanted).
         """
-        rows = [self.basis[self.names.index(name)] for name in components_of(self.names, wanted)]
+        rows = [self.basis[self.names.index(name)] for name in components_of(all_components([self]), wanted)]
         if not rows or not self.n:
             return 1.0
         singular = np.linalg.svd(np.array(rows), compute_uv=False)
@@ -88,58 +90,52 @@ def complete_independent(
     Raises:
         IndependentSetError: Components of `required` depend on one another.
     """
-    names = all_components(motions)
-    favoured = set(components_of(names, preferred))
+    components = all_components(motions)
+    favoured = set(components_of(components, preferred))
     choosing = [_Choosing(motion, favoured) for motion in motions]
     owner = {name: choice for choice in choosing for name in choice.motion.names}
     chosen: list[str] = []
-    for name in components_of(names, required):
+    for name in components_of(components, required):
         if not owner[name].take(name):
             raise IndependentSetError(
                 f"'{name}' cannot be independent: at the reference configuration its motion is fixed by "
                 f"{', '.join(owner[name].chosen) or 'the loops alone'}"
             )
         chosen.append(name)
-    heads = {k: choice.best() for k, choice in enumerate(choosing) if len(choice.chosen) < choice.motion.n}
+    heads = [(*choice.best(), k) for k, choice in enumerate(choosing) if len(choice.chosen) < choice.motion.n]
+    heapify(heads)
     while heads:
-        k = min(heads, key=lambda k: heads[k])
-        name, choice = heads.pop(k)[2], choosing[k]
+        _, _, name, k = heappop(heads)
+        choice = choosing[k]
         choice.take(name)
         chosen.append(name)
         if len(choice.chosen) < choice.motion.n:
-            heads[k] = choice.best()
-    return _merge(names, chosen)
+            heappush(heads, (*choice.best(), k))
+    return _merge(components, chosen)
 
 
-def all_components(motions: Iterable[Motion]) -> tuple[str, ...]:
-    """The velocity components of all clusters, in the order of q̇′."""
-    placed = (pair for motion in motions for pair in zip(motion.places, motion.names, strict=True))
-    return tuple(name for _, name in sorted(placed))
+def all_components(motions: Iterable[Motion]) -> dict[str, str]:
+    """The velocity components of all clusters in the order of q̇′, and the joint of each."""
+    placed = (entry for motion in motions for entry in zip(motion.places, motion.names, motion.joints, strict=True))
+    return {name: joint for _, name, joint in sorted(placed)}
 
 
-def components_of(names: Sequence[str], joints: Iterable[str]) -> list[str]:
-    """The velocity components, as named in `names`, that joints or components stand for."""
-    known, parts = set(names), _by_joint(names)
-    return [name for joint in joints for name in ([joint] if joint in known else parts.get(joint, []))]
+def components_of(components: Mapping[str, str], names: Iterable[str]) -> list[str]:
+    """The velocity components that joints or components stand for, of all there are."""
+    parts = _by_joint(components)
+    return [part for name in names for part in ([name] if name in components else parts.get(name, []))]
 
 
-def _by_joint(names: Iterable[str]) -> dict[str, list[str]]:
-    """The components of each joint that has several."""
+def _by_joint(components: Mapping[str, str]) -> dict[str, list[str]]:
+    """The components of each joint."""
     parts: dict[str, list[str]] = {}
-    for name in names:
-        if joint := _joint_of(name):
-            parts.setdefault(joint, []).append(name)
+    for name, joint in components.items():
+        parts.setdefault(joint, []).append(name)
     return parts
 
 
-def _joint_of(name: str) -> str:
-    """The joint that a component belongs to; empty for a 1-dof joint's name, which may hold a colon of its own."""
-    joint, _, component = name.rpartition(":")
-    return joint if any(component in kind.components for kind in JOINT_KINDS.values()) else ""
-
-
-def _merge(names: Sequence[str], chosen: Sequence[str]) -> tuple[str, ...]:
+def _merge(components: Mapping[str, str], chosen: Sequence[str]) -> tuple[str, ...]:
     """Name a joint instead of its components where all are chosen."""
-    parts, taken = _by_joint(names), set(chosen)
-    owners = ((name, _joint_of(name)) for name in chosen)
-    return tuple(dict.fromkeys(joint if joint and taken.issuperset(parts[joint]) else name for name, joint in owners))
+    parts, taken = _by_joint(components), set(chosen)
+    owners = ((name, components[name]) for name in chosen)
+    return tuple(dict.fromkeys(joint if taken.issuperset(parts[joint]) else name for name, joint in owners))

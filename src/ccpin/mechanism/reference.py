@@ -19,10 +19,10 @@ from ccpin.kinematics.loops import ResolvedClosure
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.tree import Tree
-from ccpin.mechanism.closing import Closed, find_closed
 from ccpin.mechanism.idle import idle_motions
 from ccpin.mechanism.independence import Motion
 from ccpin.mechanism.mobility import Tangent, generic_rank, tangent
+from ccpin.mechanism.search import Closed, find_closed
 
 FROM_SINGULAR = "a step away from a singular closed pose"
 STATED = "the stated pose"
@@ -67,8 +67,10 @@ class Settled(NamedTuple):
     @property
     def motion(self) -> Motion:
         """The velocities it allows, by name."""
-        names = tuple(component_names(self.part.tree))
-        return Motion(names, tuple(self.part.v.tolist()), self.tangent.basis(self.tangent.rank))
+        tree = self.part.tree
+        joints = tuple(joint.name for joint in tree.joints for _ in joint.kind.steps)
+        places = tuple(self.part.v.tolist())
+        return Motion(tuple(component_names(tree)), joints, places, self.tangent.basis(self.tangent.rank))
 
 
 def settle(tree: Tree, description: MechanismDescription, wanted: Sequence[str]) -> list[Settled]:
