@@ -56,11 +56,13 @@ class Tree:
         model: Pinocchio model with one joint for each movable joint, in depth-first order.
         joints: The movable joints; number k of `model` is joints[k − 1] (the free-flyer of a floating base included).
         attachments: Where each link sits, by link name.
+        names: The movable joints' names, in order.
     """
 
     model: pin.Model
     joints: tuple[TreeJoint, ...]
     attachments: FrozenMapping[str, Attachment]
+    names: tuple[str, ...] = field(init=False, repr=False)
     _numbers: FrozenMapping[str, int] = field(init=False, repr=False)
     _supports: Array = field(init=False, repr=False)
 
@@ -70,6 +72,7 @@ class Tree:
             supports[joint.number] = supports[joint.parent]
             supports[joint.number, joint.v] = 1.0
         object.__setattr__(self, "_supports", frozen(supports))
+        object.__setattr__(self, "names", tuple(joint.name for joint in self.joints))
         object.__setattr__(self, "_numbers", FrozenMapping({joint.name: joint.number for joint in self.joints}))
 
     def __repr__(self) -> str:
@@ -77,11 +80,6 @@ class Tree:
 
     def __reduce__(self) -> tuple[type[Tree], tuple[object, ...]]:
         return Tree, (self.model, self.joints, self.attachments)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The movable joints' names, in order."""
-        return tuple(self._numbers)
 
     def joint(self, name: str) -> TreeJoint:
         """The movable joint of a name.
