@@ -15,6 +15,7 @@ from ccpin.arrays import Array
 from ccpin.description.closure_kinds import GAP, Fixed, LoopRows, Row, Vector
 from ccpin.description.joint_kinds import JointKind
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.kinematics.clusters import clusters
 from ccpin.kinematics.coordinates import Coordinate, IndependentCoordinates
 from ccpin.kinematics.loops import ResolvedClosure, ResolvedCoupling
 from ccpin.kinematics.tree import TreeJoint
@@ -23,18 +24,6 @@ from ccpin.mechanism.mechanism import Mechanism
 Numbers = dict[str, Any]
 _ENTRIES = ("tx", "ty", "tz", "rx", "ry", "rz")
 _KINDS = ("revolute", "continuous", "prismatic", "spherical", "planar", "floating")
-
-
-class Cluster(NamedTuple):
-    """Joints that closures and couplings tie together, with all between them.
-
-    Attributes:
-        parent: The joint whose body carries the cluster (0: the world).
-        joints: Its joints, parents first.
-    """
-
-    parent: int
-    joints: list[int]
 
 
 def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers:
@@ -89,59 +78,6 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
         "gravity": np.array(mechanism.description.gravity if gravity is None else gravity, dtype=np.float64),
         "reference": np.array(mechanism.q_reference).tolist(),
     }
-
-
-def clusters(parents: Sequence[int], ties: Sequence[Sequence[int]]) -> list[Cluster]:
-    """The smallest groups of joints that hold every tie together and have one carrying body each, parents first.
-
-    Args:
-        parents: The parent of each joint; joint 0 is the world.
-        ties: Sets of joints that one closure or coupling involves.
-    """
-    group = list(range(len(parents)))
-
-    def find(joint: int) -> int:
-        while group[joint] != joint:
-            group[joint] = group[group[joint]]
-            joint = group[joint]
-        return joint
-
-    for tie in ties:
-        for joint in tie:
-            group[find(joint)] = find(tie[0])
-    while True:
-        members: dict[int, list[int]] = {}
-        for joint in range(1, len(parents)):
-            members.setdefault(find(joint), []).append(joint)
-        missing = [(joints[0], joint) for joints in members.values() for joint in _between(joints, parents)]
-        if not missing:
-            break
-        for joint, other in missing:
-            group[find(other)] = find(joint)
-    found = []
-    for joints in sorted(members.values()):
-        inside = set(joints)
-        found.append(Cluster(next(parents[joint] for joint in joints if parents[joint] not in inside), joints))
-    return found
-
-
-def _between(joints: list[int], parents: Sequence[int]) -> set[int]:
-    """The joints on the way from a group's topmost joints to their nearest common ancestor."""
-    inside = set(joints)
-    tops = {parents[joint] for joint in joints} - inside
-    if len(tops) < 2:
-        return set()
-    paths = [{0, top, *_support(top, parents)} for top in tops]
-    return set[int]().union(*paths) - paths[0].intersection(*paths[1:])
-
-
-def _support(joint: int, parents: Sequence[int], ancestor: int = 0) -> list[int]:
-    """A joint and those above it, up to an ancestor (left out)."""
-    path: list[int] = []
-    while joint != ancestor:
-        path.append(joint)
-        joint = parents[joint]
-    return path
 
 
 def _joint(mechanism: Mechanism, joint: TreeJoint) -> tuple[Any, ...]:
