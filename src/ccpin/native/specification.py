@@ -7,7 +7,7 @@ components of q and q̇ as in the reference.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
