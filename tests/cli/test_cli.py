@@ -155,3 +155,13 @@ def test_doctor_lists_missing_meshes(capsys, tmp_path):
     found = json.loads(capsys.readouterr().out)["meshes"]
     assert found["named"] == 1
     assert "gone.stl" in found["missing"][0]
+
+
+def test_convert(tmp_path, capsys):
+    """A model written as MJCF is a file that loads; what cannot be written is said, and no file is left."""
+    assert main(["convert", "rpdr", "--out", str(tmp_path / "rpdr.xml")]) == 0
+    assert "n = 2" in capsys.readouterr().out
+    assert ccpin.load(tmp_path / "rpdr.xml").n == 2
+    assert main(["convert", "rpdr", "--out", str(tmp_path / "rpdr.step")]) == 1
+    assert "names none of" in capsys.readouterr().err
+    assert not (tmp_path / "rpdr.step").exists()

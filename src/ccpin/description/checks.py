@@ -189,10 +189,11 @@ class _Checker:
             for name in names or ():
                 if name.partition(":")[0] not in self.joints:
                     raise self.fail(f"joint '{name}'", f"is marked {role} but does not exist")
-        for name, values in self.d.reference.items():
-            if name not in self.joints:
-                raise self.fail(f"joint '{name}'", "has a reference value but does not exist")
-            self.is_sensible(f"joint '{name}'", values, "the reference value")
+        for pose in (self.d.reference, *self.d.poses.values()):
+            for name, values in pose.items():
+                if name not in self.joints:
+                    raise self.fail(f"joint '{name}'", "has a reference value but does not exist")
+                self.is_sensible(f"joint '{name}'", values, "the reference value")
 
     def motors_are_sound(self) -> None:
         for motor in self.d.motors:

@@ -83,5 +83,6 @@ def _renamed(d: MechanismDescription, prefix: str) -> MechanismDescription:
         actuated=None if d.actuated is None else tuple(prefix + name for name in d.actuated),
         motors=tuple(replace(m, name=prefix + m.name, joint=prefix + m.joint) for m in d.motors),
         reference={prefix + name: value for name, value in d.reference.items()},
+        poses={},  # of a part: the whole is in none of them
         notes=tuple(f"{prefix}: {note}" for note in d.notes),
     )

@@ -105,6 +105,11 @@ class JointKind:
         """A configuration as a description states it: an angle may stand for a point on the circle."""
         return self.configuration(values, np.eye(3)) if self.unit == 2 and values.shape == (self.nv,) else values
 
+    def told(self, q: Array) -> tuple[float, ...]:
+        """A configuration as a description states it, a point on the circle as its angle."""
+        values = self.theta(q, np.eye(3)) if self.unit == 2 else q
+        return tuple(float(value) for value in values)
+
     def reference(self, q: Array) -> Array:
         """The rotation (3, 3) that the turns of a chart centred at q are measured from: of a circle none."""
         return self.rotation(q) if self.unit == 4 else np.eye(3)

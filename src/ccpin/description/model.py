@@ -184,6 +184,7 @@ class MechanismDescription(Record):
         reference: Joint displacements of a pose near which the loops close, by joint name: one number for a
             1-dof joint, a unit quaternion (x, y, z, w) for a spherical joint, (x, y, angle) for a planar one,
             position then quaternion for a floating one. Joints left out are at zero.
+        poses: Further poses the file names, each like `reference`.
         notes: What a reader had to assume or leave out, in sentences.
     """
 
@@ -199,6 +200,7 @@ class MechanismDescription(Record):
     actuated: tuple[str, ...] | None = None
     motors: tuple[Motor, ...] = ()
     reference: Mapping[str, tuple[float, ...]] = FrozenMapping()
+    poses: Mapping[str, Mapping[str, tuple[float, ...]]] = FrozenMapping()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     source: str | None = None
     notes: tuple[str, ...] = ()

@@ -19,14 +19,16 @@ from ccpin.description.xml import (
     text_attribute,
 )
 
-_DYNAMICS = {"damping": 1, "friction": 1}
+_DYNAMICS = {"damping": 1, "friction": 1, "armature": 1}
 _GAZEBO = {"springStiffness": "stiffness", "springReference": "spring_reference"}
 _REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
 _SIMPLE = "SimpleTransmission"
 
 
 def read_dynamics(element: XmlElement, notes: list[str]) -> dict[str, float]:
-    """The damping and friction of a <joint>: <dynamics>, or <joint_properties> as it was called once.
+    """The damping, friction and armature of a <joint>: <dynamics>, or <joint_properties> as it was called once.
+
+    URDF has no word for the rotor inertia of a joint without a motor; ``armature`` is MuJoCo's, and ccpin's own here.
 
     Raises:
         DescriptionError: An attribute is not a number, or nearly the name of one that exists.
@@ -178,4 +180,4 @@ def _named(element: XmlElement) -> str:
 def with_forces(joint: Joint, drive: Drive) -> Joint:
     """A joint with the rotor and the spring that the rest of the file states."""
     spring = drive.springs.get(joint.name, {})
-    return replace(joint, armature=drive.armature.get(joint.name, 0.0), **spring)  # type: ignore[arg-type]
+    return replace(joint, armature=joint.armature + drive.armature.get(joint.name, 0.0), **spring)  # type: ignore[arg-type]

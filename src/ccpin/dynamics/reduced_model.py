@@ -7,6 +7,7 @@ What the paper has no letter for comes beside it: springs are part of V and so o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -125,12 +126,12 @@ class ReducedModel:
 
     def terms(self, q: ArrayLike, v: ArrayLike, guess: Near = None) -> ReducedTerms:
         """D, C, g (23)–(25) and what they come from: `State.terms`."""
-        answer = self.core.terms(self._place(guess), v, q)
+        answer = self._asked("terms", q, guess, v)
         return self.at(q, guess).terms(v) if answer is None else ReducedTerms(*answer)
 
     def gravity(self, q: ArrayLike, guess: Near = None) -> Array:
         """g(q) = ρᵀg′(σ(q)) (25), of shape (n,): `State.g`."""
-        answer = self.core.gravity(self._place(guess), q)
+        answer = self._asked("gravity", q, guess)
         return self.at(q, guess).g if answer is None else np.asarray(answer)
 
     def gravity_derivative(self, q: ArrayLike, guess: Near = None) -> Array:
@@ -139,14 +140,14 @@ class ReducedModel:
 
     def energy(self, q: ArrayLike, v: ArrayLike, guess: Near = None) -> Energy:
         """½ q̇ᵀD q̇ and V, in joules: `State.energy`."""
-        answer = self.core.energy(self._place(guess), v, q)
+        answer = self._asked("energy", q, guess, v)
         return self.at(q, guess).energy(v) if answer is None else Energy(*answer)
 
     def forward_dynamics(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
     ) -> Array:
         """q̈ (22), of shape (n,): `State.forward_dynamics`."""
-        answer = None if wrenches is not None else self.core.forward_dynamics(self._place(guess), v, u, q)
+        answer = None if wrenches is not None else self._asked("forward_dynamics", q, guess, v, u)
         return self.at(q, guess).forward_dynamics(v, u, wrenches) if answer is None else np.asarray(answer)
 
     def inverse_dynamics(
@@ -159,14 +160,14 @@ class ReducedModel:
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
     ) -> Array:
         """λ of the descriptor form (17), of shape (m,): `State.constraint_forces`."""
-        answer = None if wrenches is not None else self.core.constraint_forces(self._place(guess), v, u, q)
+        answer = None if wrenches is not None else self._asked("constraint_forces", q, guess, v, u)
         return self.at(q, guess).constraint_forces(v, u, wrenches) if answer is None else np.asarray(answer)
 
     def forward_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
     ) -> ForwardDynamicsDerivatives:
         """∂q̈/∂q, ∂q̈/∂q̇ and ∂q̈/∂u: `State.forward_dynamics_derivatives`."""
-        answer = None if wrenches is not None else self.core.forward_dynamics_derivatives(self._place(guess), v, u, q)
+        answer = None if wrenches is not None else self._asked("forward_dynamics_derivatives", q, guess, v, u)
         if answer is None:
             return self.at(q, guess).forward_dynamics_derivatives(v, u, wrenches)
         return ForwardDynamicsDerivatives(*answer)
@@ -181,7 +182,7 @@ class ReducedModel:
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
     ) -> GeneralizedForceDerivatives:
         """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ: `State.generalized_force_derivatives`."""
-        answer = None if wrenches is not None else self.core.generalized_force_derivatives(self._place(guess), v, a, q)
+        answer = None if wrenches is not None else self._asked("generalized_force_derivatives", q, guess, v, a)
         if answer is None:
             return self.at(q, guess).generalized_force_derivatives(v, a, wrenches)
         return GeneralizedForceDerivatives(*answer)
@@ -276,6 +277,10 @@ class ReducedModel:
         if isinstance(near, State):
             return self._own(near).point
         return None if near is None else self._configuration(near, "guess")
+
+    def _asked(self, name: str, q: ArrayLike | State, guess: Near, *arguments: ArrayLike) -> Any:
+        """The core's answer at σ(q); without q it would answer at the guess itself."""
+        return None if q is None else getattr(self.core, name)(self._place(guess), *arguments, q)
 
     def _place(self, near: Near) -> ArrayLike | None:
         """What the core is given for a branch."""

@@ -20,6 +20,7 @@ from ccpin.description.mjcf.equality import Equalities, read_equalities
 from ccpin.description.mjcf.geoms import read_assets
 from ccpin.description.mjcf.inertia import scaled_to_total
 from ccpin.description.mjcf.joints import WorldBody
+from ccpin.description.mjcf.keyframes import read_keyframes
 from ccpin.description.mjcf.schema import ATTRIBUTES, SECTIONS, WORLD
 from ccpin.description.model import Joint, MechanismDescription
 from ccpin.description.xml import XmlElement, fail, parse_xml, source_of
@@ -28,13 +29,14 @@ _UNMODELLED = {
     "tendon": "The tendons are left out: ccpin does not model them.",
     "contact": "The contact section is left out: ccpin does not model contacts.",
     "deformable": "The deformable bodies are left out: ccpin models rigid bodies only.",
-    "keyframe": "The keyframes are not read; the reference pose is qpos0.",
 }
 _Gravity = tuple[float, float, float]
 
 
 def read_mjcf(text: bytes, source: str | None) -> MechanismDescription:
     """Read an MJCF file: the bodies and joints as a tree below "world", the equalities as closures.
+
+    The reference pose is that of the keyframe "reference" where there is one, else qpos0; all keyframes are poses.
 
     A body's link keeps the body's name and frame. Several joints in one body become a chain of massless links;
     connect becomes a spherical closure, weld a fixed one, joint a coupling; actuators become motors. What has no
@@ -72,6 +74,7 @@ def mjcf_description(root: XmlElement) -> MechanismDescription:
         notes.append("The softness of constraints (solref, solimp) is left out: closures and couplings hold exactly.")
     notes += [*options.notes, *actuators.notes]
     joints = _joints(tree, actuators, options.disabled, notes)
+    poses = read_keyframes(sections["keyframe"], tree)
     return check(
         MechanismDescription(
             name=root.get("model") or (Path(source).stem if source else "mechanism"),
@@ -83,7 +86,8 @@ def mjcf_description(root: XmlElement) -> MechanismDescription:
             dependent_hint=tuple(dict.fromkeys(equalities.dependent)),
             actuated=actuators.driven,
             motors=actuators.motors,
-            reference=tree.reference,
+            reference=poses.get("reference", tree.reference),
+            poses=poses,
             gravity=options.gravity,
             source=source,
             notes=(*tree.notes, *equalities.notes, *notes),
