@@ -1,4 +1,7 @@
-"""Set-point laws: PD with simple (28) and with full (30) gravity compensation, and their Lyapunov function."""
+"""Set-point laws: PD with simple (28) and with full (30) gravity compensation, and their Lyapunov function.
+
+"Gravity" is all of g = ∂V/∂q, the joints' springs included; their dampers add to K_v in 𝒱̇.
+"""
 
 from __future__ import annotations
 
@@ -124,7 +127,7 @@ class _PD(ModelLaw):
         return self.model.coordinates.difference(q, self.q_d)
 
     def lyapunov(self, q: Array | State, v: Array, guess: Near = None) -> float:
-        """𝒱 = ½q̇ᵀDq̇ + V(q) − V(q_d) + q̃ᵀg(q_d) + ½q̃ᵀK_p q̃, in joules; along solutions 𝒱̇ = −q̇ᵀK_v q̇ ≤ 0.
+        """𝒱 = ½q̇ᵀDq̇ + V(q) − V(q_d) + q̃ᵀg(q_d) + ½q̃ᵀK_p q̃, in joules; along solutions 𝒱̇ = −q̇ᵀ(K_v + damping)q̇.
 
         The function of Theorem 3, for the law with simple gravity compensation. q may be a State.
         """
@@ -164,7 +167,7 @@ class PDFullGravity(_PD):
         return state.efforts(self._feedback(state.q, v) + state.g)
 
     def lyapunov(self, q: Array | State, v: Array, guess: Near = None) -> float:
-        """𝒱 = ½q̇ᵀDq̇ + ½q̃ᵀK_p q̃, in joules; gravity is cancelled, and along solutions 𝒱̇ = −q̇ᵀK_v q̇."""
+        """𝒱 = ½q̇ᵀDq̇ + ½q̃ᵀK_p q̃, in joules; g is cancelled, and along solutions 𝒱̇ = −q̇ᵀ(K_v + damping)q̇."""
         state = self.state(q, guess)
         error = self.error(state.q)
         return float(state.energy(v).kinetic + 0.5 * error @ self.K_p @ error)
