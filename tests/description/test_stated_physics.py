@@ -311,6 +311,9 @@ def test_load_states_what_the_file_lacks():
     assert mechanism.motors.limits.tolist() == [[-3, 2]]
     assert mechanism.motors.each[0].name == "crank_motor"
     assert not mechanism.direct
+    notes = " ".join(mechanism.notes)
+    assert "dry friction of rocker" in notes
+    assert "one unit is 10 on crank" in notes
     for array in joints[1:]:
         with pytest.raises(ValueError, match="read-only"):
             array[:] = 0

@@ -305,7 +305,7 @@ def _analysed(
         idle=idle(tree, settled),
         notes=choice.notes,
     )
-    notes = dict.fromkeys([*description.notes, *choice.notes, *how_closed(settled), *_rubbing(tree)])
+    notes = dict.fromkeys([*description.notes, *choice.notes, *how_closed(settled), *_forces_told(description, tree, choice.actuated)])
     q_reference = np.empty(tree.model.nq)
     for found in settled:
         q_reference[found.part.q] = found.closed.q_free
@@ -314,15 +314,18 @@ def _analysed(
     return Mechanism(description, tree, choice.independent, choice.actuated, q_reference, mobility, tuple(notes))
 
 
-def _rubbing(tree: Tree) -> list[str]:
-    """A note where joints state dry friction."""
-    names = [joint.name for joint in tree.joints if joint.stated.friction]
-    if not names:
-        return []
-    return [
-        f"dry friction of {', '.join(names)}: `simulate` has it, the smooth equations (dynamics, laws, certificates) "
-        "have not"
-    ]
+def _forces_told(description: MechanismDescription, tree: Tree, actuated: tuple[str, ...]) -> list[str]:
+    """Notes where joints state dry friction, and where one unit of u is not one N m (or N) on its joint."""
+    told, rubbing = [], [joint.name for joint in tree.joints if joint.stated.friction]
+    if rubbing:
+        told.append(
+            f"dry friction of {', '.join(rubbing)}: `simulate` has it, the smooth equations (dynamics, laws, "
+            "certificates) have not"
+        )
+    geared = [f"{m.gear:g} on {m.joint}" for m in description.motors if m.gear != 1.0 and m.joint in actuated]
+    if geared:
+        told.append(f"u is the motors' own input: one unit is {', '.join(geared)} (N m or N)")
+    return told
 
 
 def _check_arguments(path: object, independent: object, actuated: object) -> None:
