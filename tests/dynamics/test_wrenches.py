@@ -8,9 +8,9 @@ import pytest
 import ccpin
 from ccpin.dynamics import Wrench, linearize
 from ccpin.errors import InvalidInputError
-from tests.dynamics.test_springs_and_dampers import FOUR_BAR, arm, by_joint, mujoco_state, read
 from tests.oracles import descriptor
 from tests.oracles.finite_differences import derivative
+from tests.support.forces import FOUR_BAR, arm, by_joint, mujoco_state, read
 
 TWO = {"coupler": [3.0, -1.0, 7.0, 0.2, 0.9, -0.4], "rocker": Wrench([0.5, 2.0, -4.0], point=[0.1, -0.2, 0.3])}
 
@@ -29,7 +29,7 @@ def spatial():
 
 @pytest.fixture(scope="module")
 def base():
-    """The installed Gough-Stewart platform on a floating base."""
+    """The installed four-bar on a floating base."""
     return ccpin.ReducedModel(ccpin.load("four_bar", floating_base=True))
 
 

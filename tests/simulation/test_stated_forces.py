@@ -2,10 +2,13 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import simpson
 
 import ccpin
 from ccpin.control import PDFullGravity, PDSimpleGravity, Sampling
+from ccpin.control.stability.theorem3 import certify_law
 from ccpin.errors import InvalidInputError
+from ccpin.simulation import joint_forces
 from ccpin.simulation.friction import joint_friction
 
 STATED = {"crank": {"damping": 0.002}, "rocker": {"stiffness": 0.8, "spring_reference": 0.5}}
@@ -110,3 +113,37 @@ def test_a_law_with_u_of_the_wrong_size_is_told(sampling):
     one = model_of()
     run = ccpin.simulate(one, lambda t, q, v: 0.1, start(one), duration=0.01, sampling=sampling)
     assert run.u.shape[1] == 1
+
+
+def test_theorem_3_holds_with_springs_and_gears():
+    """A rigorous level for g = ∂V/∂q of gravity and springs; from within 𝒱 falls at the rate −q̇ᵀ(K_v + damping)q̇."""
+    model = ccpin.ReducedModel(ccpin.load("four_bar", joints=STATED, motors={"crank": {"gear": -20}}))
+    goal = start(model)
+    certificate = certify_law(PDSimpleGravity(model, goal, [4.0], [0.4]))
+    assert certificate.rigorous
+    assert certificate.beta >= abs(model.gravity_derivative(goal)[0, 0])
+    law = certificate.law
+    run = ccpin.simulate(model, law, goal + 0.3, duration=0.02, sample_period=2e-5, rtol=1e-10, atol=1e-12)
+    value = [law.lyapunov(*row) for row in zip(run.q, run.v, run.q_free, strict=True)]
+    assert value[0] < certificate.level
+    rate = [v @ (law.K_v + model.at(q, near).damping) @ v for q, v, near in zip(run.q, run.v, run.q_free, strict=True)]
+    np.testing.assert_allclose(value[0] - value[-1], simpson(rate, x=run.t), rtol=1e-6)
+
+
+def test_joints_carry_motor_spring_and_damper():
+    """Along its axis a joint passes gear·u − k(θ − θ₀) − b θ̇, less what accelerates its rotor."""
+    model = ccpin.ReducedModel(ccpin.load("four_bar", joints=STATED, motors={"crank": {"gear": -20}}))
+    run = ccpin.simulate(model, lambda t, q, v: [0.02], start(model), duration=0.1, sample_period=0.02)
+    motion = {joint.name: joint for joint in joint_forces(model, run)}
+    for row, (state, v, u) in enumerate(run.states(model)):
+        a_free = state.a_free(v, state.forward_dynamics(v, u))
+        joints, v_free = model.mechanism.joints, state.v_free(v)
+        expected = (
+            state.joint_efforts(u)
+            - joints.stiffness * (state.q_free - joints.spring_reference)
+            - joints.damping * v_free
+            - joints.armature * a_free
+        )
+        for k, name in enumerate(joints.names):
+            along = motion[name].moment[row] @ motion[name].axis[row]
+            np.testing.assert_allclose(along, expected[k], atol=1e-9)

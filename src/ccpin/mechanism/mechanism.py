@@ -305,7 +305,9 @@ def _analysed(
         idle=idle(tree, settled),
         notes=choice.notes,
     )
-    notes = dict.fromkeys([*description.notes, *choice.notes, *how_closed(settled), *_forces_told(description, tree, choice.actuated)])
+    notes = dict.fromkeys(
+        [*description.notes, *choice.notes, *how_closed(settled), *_forces_told(description, tree, choice.actuated)]
+    )
     q_reference = np.empty(tree.model.nq)
     for found in settled:
         q_reference[found.part.q] = found.closed.q_free
