@@ -9,6 +9,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.control.sampling import Sampling
+from ccpin.description import FORMATS
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism import load as load_mechanism
 from ccpin.mechanism.mechanism import Mechanism
@@ -16,11 +17,15 @@ from ccpin.mechanism.mechanism import Mechanism
 
 def add_mechanism(parser: argparse.ArgumentParser) -> None:
     """The mechanism and what overrides its file."""
-    parser.add_argument("mechanism", help="a file (URDF with loops, robot.yaml, MJCF) or an installed model's name")
+    parser.add_argument(
+        "mechanism", help="a file (URDF with loops, SDF, robot.yaml, MJCF) or an installed model's name"
+    )
     parser.add_argument("--independent", nargs="+", metavar="JOINT", help="independent joints, in the order of q")
     parser.add_argument("--actuated", nargs="+", metavar="JOINT", help="actuated joints, in the order of u")
     parser.add_argument("--floating-base", action="store_true", help="free the root link")
-    parser.add_argument("--format", choices=("urdf", "mjcf", "toolbox"), help="instead of telling it from the content")
+    parser.add_argument("--format", choices=FORMATS, help="instead of telling it from the content")
+    parser.add_argument("--model", metavar="NAME", help="which model of an SDF file, where it holds several")
+    parser.add_argument("--include-root", metavar="DIR", help="folder an SDF file may include from (default: its own)")
     parser.add_argument("--json", action="store_true", help="print machine-readable JSON (SI units, radians)")
 
 
@@ -32,6 +37,8 @@ def load(options: argparse.Namespace) -> Mechanism:
         actuated=options.actuated,
         floating_base=options.floating_base,
         format=options.format,
+        model=options.model,
+        include_root=options.include_root,
     )
 
 

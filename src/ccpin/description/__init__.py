@@ -41,7 +41,8 @@ __all__ = [
     "read_description",
 ]
 
-FORMATS = ("urdf", "mjcf", "toolbox")
+FORMATS = ("urdf", "sdf", "mjcf", "toolbox")
+_ROOTS = {"robot": "urdf", "sdf": "sdf", "mujoco": "mjcf"}
 
 
 def installed_models() -> dict[str, Path]:
@@ -72,12 +73,21 @@ def find_file(path: str | Path) -> Path:
     )
 
 
-def read_description(path: str | Path, format: str | None = None) -> MechanismDescription:
+def read_description(
+    path: str | Path,
+    format: str | None = None,
+    *,
+    model: str | None = None,
+    include_root: str | Path | None = None,
+) -> MechanismDescription:
     """Read a file in the format its content shows, or in the one named.
 
     Args:
-        path: File or installed model's name; a folder stands for the robot.yaml or robot.urdf in it.
-        format: ``"urdf"``, ``"mjcf"`` or ``"toolbox"`` (the YAML of toolbox-parallel-robots beside its URDF).
+        path: File or installed model's name; a folder stands for the robot.yaml, robot.urdf, robot.xml or model.sdf
+            in it.
+        format: ``"urdf"``, ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (toolbox-parallel-robots: YAML beside a URDF).
+        model: Which model of an SDFormat file to read, where it holds several.
+        include_root: The folder an SDFormat file may include others from; default its own.
 
     Raises:
         DescriptionNotFoundError, AmbiguousFormatError, InvalidXmlError, DescriptionError: See `ccpin.errors`.
@@ -100,7 +110,11 @@ def read_description(path: str | Path, format: str | None = None) -> MechanismDe
     from ccpin.description.xml import parse_xml, tag
 
     root = parse_xml(text, str(file))
-    kind = format or {"robot": "urdf", "mujoco": "mjcf"}.get(tag(root))
+    kind = format or _ROOTS.get(tag(root))
+    if kind == "sdf":
+        from ccpin.description.sdf.reader import sdf_description
+
+        return sdf_description(root, model=model, include_root=include_root)
     if kind == "mjcf":
         from ccpin.description.mjcf.reader import mjcf_description
 
@@ -109,7 +123,7 @@ def read_description(path: str | Path, format: str | None = None) -> MechanismDe
         from ccpin.description.urdf import urdf_description
 
         return urdf_description(root)
-    message = f"the root element <{tag(root)}> is neither <robot> (URDF) nor <mujoco>"
+    message = f"the root element <{tag(root)}> is none of <robot> (URDF), <sdf> and <mujoco>"
     raise AmbiguousFormatError(message, source=str(file))
 
 
@@ -117,7 +131,13 @@ def _file_in(folder: Path) -> Path:
     for name in ("robot.yaml", "robot.urdf", "robot.xml"):
         if (folder / name).is_file():
             return folder / name
-    raise DescriptionNotFoundError("the folder holds no robot.yaml, robot.urdf or robot.xml", source=str(folder))
+    from ccpin.description.sdf.includes import model_in
+
+    found = model_in(folder)
+    if found is not None:
+        return found
+    known = "robot.yaml, robot.urdf, robot.xml or model.sdf"
+    raise DescriptionNotFoundError(f"the folder holds no {known}", source=str(folder))
 
 
 def _is_toolbox(text: bytes, source: str) -> bool:
@@ -130,4 +150,6 @@ def _is_toolbox(text: bytes, source: str) -> bool:
         return False
     if b"closed_loop" in text:
         return True
-    raise AmbiguousFormatError("neither XML (URDF, MJCF) nor a YAML file with a 'closed_loop' key", source=source)
+    raise AmbiguousFormatError(
+        "neither XML (URDF, SDFormat, MJCF) nor a YAML file with a 'closed_loop' key", source=source
+    )

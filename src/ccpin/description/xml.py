@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from difflib import get_close_matches
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -108,6 +109,30 @@ def child(element: XmlElement, name: str) -> XmlElement:
     if found is None:
         raise fail(element, f"<{name}> is missing")
     return found
+
+
+def nearest(word: str, known: Iterable[str]) -> str | None:
+    """The known word that `word` is most likely a misspelling of, if there is one."""
+    found = get_close_matches(word, tuple(known), 1, 0.75)
+    return found[0] if found else None
+
+
+def unread(element: XmlElement, known: Iterable[str]) -> list[str]:
+    """The names of child elements that are not among those known; foreign namespaces are nobody's business.
+
+    Raises:
+        DescriptionError: A name is close enough to a known one to be a misspelling of it.
+    """
+    expected, strangers = tuple(known), dict[str, None]()
+    for other in element.iterchildren("*"):
+        name = tag(other)
+        if name in expected or other.prefix or ":" in name:
+            continue
+        meant = nearest(name, expected)
+        if meant is not None:
+            raise fail(other, f"<{name}> does not exist here; <{meant}> is meant, perhaps")
+        strangers[name] = None
+    return list(strangers)
 
 
 def text_attribute(element: XmlElement, attribute: str) -> str:

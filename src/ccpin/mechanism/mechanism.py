@@ -176,19 +176,23 @@ def load(
     actuated: Sequence[str] | None = None,
     floating_base: bool = False,
     format: str | None = None,
+    model: str | None = None,
+    include_root: str | Path | None = None,
 ) -> Mechanism:
     """Load a mechanism from a file, an installed model's name, or a description built in Python.
 
     Args:
-        path: A file (URDF with loop elements, toolbox-parallel-robots YAML, MJCF), the name of a model that comes
-            with ccpin (``"rpdr"``), or a `MechanismDescription`.
+        path: A file (URDF with loop elements, SDFormat, toolbox-parallel-robots YAML, MJCF), the name of a model that
+            comes with ccpin (``"rpdr"``), or a `MechanismDescription`.
         closures: Loop closures, in addition to the file's.
         couplings: Joint couplings, in addition to the file's.
         independent: The independent joints in the order of q; default what the file marks, completed if it marks
             only motors (the completion is among the mechanism's notes).
         actuated: The actuated joints in the order of u; default the file's motors, else the independent joints.
         floating_base: Free the root link with a 6-dof joint named ``root_joint``.
-        format: ``"urdf"``, ``"mjcf"`` or ``"toolbox"`` to override detection from the content.
+        format: ``"urdf"``, ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` to override detection from the content.
+        model: Which model of an SDFormat file to read, where it holds several.
+        include_root: The folder an SDFormat file may include others from; default its own.
 
     Raises:
         DescriptionNotFoundError, InvalidXmlError, DescriptionError: The file is absent, malformed or unsound.
@@ -197,7 +201,10 @@ def load(
         IndependentSetError: The independent or actuated joints named cannot be used.
     """
     _check_arguments(path, independent, actuated)
-    description = path if isinstance(path, MechanismDescription) else read_description(path, format)
+    if isinstance(path, MechanismDescription):
+        description = path
+    else:
+        description = read_description(path, format, model=model, include_root=include_root)
     if description is path or closures or couplings:
         description = check(
             replace(
