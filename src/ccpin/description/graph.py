@@ -78,7 +78,7 @@ def span(connections: Sequence[Connection], links: Iterable[str], root: str | No
     Args:
         connections: The joints in file order.
         links: The links in file order; each becomes part of the tree of one root.
-        root: The link to start from; default the first that is no joint's child in the tree.
+        root: The link to start from; default the first that is no joint's child, else the first that none reaches.
     """
     names = list(dict.fromkeys(links))
     part = {name: name for name in names}
@@ -99,8 +99,9 @@ def span(connections: Sequence[Connection], links: Iterable[str], root: str | No
                 chosen.add(k)
                 reached.add(connection.child)
                 part[b] = a
-    order = [*([root] if root is not None else []), *(n for n in names if n not in reached), *names]
-    return _oriented(connections, chosen, order)
+    children = {connection.child for connection in connections}
+    orphans, unreached = (n for n in names if n not in children), (n for n in names if n not in reached)
+    return _oriented(connections, chosen, [*([] if root is None else [root]), *orphans, *unreached, *names])
 
 
 def _oriented(connections: Sequence[Connection], chosen: Collection[int], order: Iterable[str]) -> Spanned:

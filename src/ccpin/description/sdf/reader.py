@@ -131,7 +131,7 @@ class _Model:
         connections = self.joints.connections
         uses_world = any(WORLD in (c.parent, c.child) for c in connections)
         names = [*([WORLD] if uses_world else []), *self.links]
-        spanned = span(connections, names, WORLD if uses_world else None)
+        spanned = span(connections, names, WORLD if uses_world else self._canonical())
         root, mounts = self._rooted(spanned.roots, uses_world)
         tree = [as_tree(connection) for connection in spanned.tree]
         kept = {joint for name, (_, leader, _) in self.joints.mimics.items() for joint in (name, leader)}
@@ -224,6 +224,11 @@ class _Model:
                 self.notes.append(f"joint '{connection.name}' closes a loop")
                 if any(map(limited, connection.steps)):
                     self.notes.append(f"joint '{connection.name}': its limits are left out, since it closes a loop")
+
+    def _canonical(self) -> str | None:
+        """The link the model names as its own, if it does."""
+        stated = self.scope.element.get("canonical_link")
+        return self.scope.link_of(stated, self.scope.element) if stated else None
 
     def _mimic(self, name: str) -> Coupling:
         """θ = multiplier (θ_leader − reference) + offset."""
