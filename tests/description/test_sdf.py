@@ -336,7 +336,7 @@ class TestFrames:
             ([joint("j", "universal", "world", "l")], "<axis2> is missing"),
             (
                 [joint("j", "revolute", "world", "l", extra="<dynamics><dampng>1</dampng></dynamics>")],
-                "<damping> is meant",
+                "'damping' is meant",
             ),
             ([joint("j", "revolute", "world", "l", extra="<limit><lower>x</lower></limit>")], "'x' is not numeric"),
             ([joint("j", "revolute", "world", "l", extra='<mimic joint="none"/>')], "no joint 'none'"),

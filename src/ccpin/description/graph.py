@@ -193,3 +193,34 @@ def _chain(connection: Connection, child: str) -> Parts:
     if parent != child:
         joints.append(Joint(f"{connection.name}.fixed", "fixed", parent, child, offset))
     return Parts(tuple(links), tuple(joints))
+
+
+def loop_notes(loops: Sequence[Connection], parts: Sequence[Parts]) -> list[str]:
+    """What became of the joints that close loops, in sentences."""
+    notes = []
+    for connection, part in zip(loops, parts, strict=True):
+        if part.joints:
+            notes.append(
+                f"joint '{connection.name}' closes a loop and stays a joint, of the massless link "
+                f"'{part.closures[0].link_a}' that is welded to '{connection.child}'"
+            )
+        else:
+            notes.append(f"joint '{connection.name}' closes a loop")
+            if any(map(limited, connection.steps)):
+                notes.append(f"joint '{connection.name}': its limits are left out, since it closes a loop")
+    return notes
+
+
+def zero_poses(root: str, joints: Iterable[Joint]) -> dict[str, Array]:
+    """The frame (4, 4) of every link that joints lead to from the root, in the root's, at zero displacement."""
+    below: dict[str, list[Joint]] = {}
+    for joint in joints:
+        below.setdefault(joint.parent, []).append(joint)
+    poses, front = {root: IDENTITY}, [root]
+    while front:
+        parent = front.pop()
+        for joint in below.get(parent, ()):
+            if joint.child not in poses:
+                poses[joint.child] = poses[parent] @ joint.placement
+                front.append(joint.child)
+    return poses

@@ -20,6 +20,7 @@ XmlElement: TypeAlias = Any  # lxml's etree._Element, which has no type stubs
 Colour: TypeAlias = tuple[float, float, float, float]
 ZERO = (0.0, 0.0, 0.0)
 MAX_BYTES = 32 * 1024 * 1024
+_TRUTH = {"true": True, "1": True, "false": False, "0": False}
 
 
 def parse_xml(text: bytes, source: str | None) -> XmlElement:
@@ -51,6 +52,9 @@ def _parse(text: bytes, source: str | None) -> XmlElement:
     if document.internalDTD is not None or document.doctype:
         message = "a document type declaration (<!DOCTYPE …>) is refused: entities are never expanded"
         raise InvalidXmlError(message, source=source)
+    for element in root.iter("{*}*"):  # a default namespace says nothing: drop it
+        if element.prefix is None and element.tag.startswith("{"):
+            element.tag = tag(element)
     return root
 
 
@@ -111,27 +115,31 @@ def child(element: XmlElement, name: str) -> XmlElement:
     return found
 
 
-def nearest(word: str, known: Iterable[str]) -> str | None:
-    """The known word that `word` is most likely a misspelling of, if there is one."""
-    found = get_close_matches(word, tuple(known), 1, 0.75)
-    return found[0] if found else None
+def spelt(element: XmlElement, word: str, known: Iterable[str], alike: float = 0.75) -> bool:
+    """Whether a tag or an attribute of an element is a known one.
+
+    Raises:
+        DescriptionError: It is not, but is so like one that it must be a misspelling.
+    """
+    expected = tuple(known)
+    if word in expected:
+        return True
+    meant = get_close_matches(word, expected, 1, alike)
+    if meant:
+        raise fail(element, f"'{word}' does not exist here; '{meant[0]}' is meant, perhaps")
+    return False
 
 
 def unread(element: XmlElement, known: Iterable[str]) -> list[str]:
-    """The names of child elements that are not among those known; foreign namespaces are nobody's business.
+    """The names of child elements that are not among those known.
 
     Raises:
-        DescriptionError: A name is close enough to a known one to be a misspelling of it.
+        DescriptionError: A name is so like a known one that it must be a misspelling.
     """
     expected, strangers = tuple(known), dict[str, None]()
     for other in element.iterchildren("*"):
-        name = tag(other)
-        if name in expected or other.prefix or ":" in name:
-            continue
-        meant = nearest(name, expected)
-        if meant is not None:
-            raise fail(other, f"<{name}> does not exist here; <{meant}> is meant, perhaps")
-        strangers[name] = None
+        if not spelt(other, tag(other), expected):
+            strangers[tag(other)] = None
     return list(strangers)
 
 
@@ -141,6 +149,14 @@ def text_attribute(element: XmlElement, attribute: str) -> str:
     if value is None or not value.strip():
         raise fail(element, f"attribute '{attribute}' is missing")
     return str(value)
+
+
+def truth(element: XmlElement, attribute: str) -> bool:
+    """A required attribute that is true or false (or 1 or 0), in any letter case."""
+    value = text_attribute(element, attribute).strip().lower()
+    if value not in _TRUTH:
+        raise fail(element, f"{attribute}='{element.get(attribute)[:80]}' is neither true nor false")
+    return _TRUTH[value]
 
 
 def numeric_attributes(element: XmlElement, counts: Mapping[str, int | None]) -> dict[str, tuple[float, ...]]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -179,6 +179,21 @@ def direction(axis: XmlElement, frames: Frames) -> Array:
     if named:
         turned = frames.joint[:3, :3].T @ frames.pose(named)[:3, :3] @ turned
     return turned / np.linalg.norm(turned)
+
+
+def mimic_coupling(name: str, said: tuple[XmlElement, str, str], steps: Collection[str]) -> Coupling:
+    """θ = multiplier (θ_leader − reference) + offset of an axis, whose <mimic>, leader and leader's axis are given."""
+    mimic, leader, axis = said
+    prefix = name.rpartition("::")[0]
+    whole = f"{prefix}::{leader}" if prefix and leader not in steps else leader
+    chosen = next((n for n in (whole, f"{whole}.{2 if axis == 'axis2' else 1}") if n in steps), None)
+    if chosen is None:
+        raise fail(mimic, f"there is no joint '{leader}' with an {axis}")
+    if chosen == name:
+        raise fail(mimic, "the joint mimics itself")
+    ratio, offset = number(mimic, "multiplier", 1.0), number(mimic, "offset", 0.0)
+    terms = CouplingTerm(name, (-offset, 1.0)), CouplingTerm(chosen, (0.0, -ratio), number(mimic, "reference", 0.0))
+    return Coupling(f"mimic_{name}", terms)
 
 
 def read_gearbox(element: XmlElement, name: str, ends: tuple[str, str, str], frames: Frames) -> Gearbox:

@@ -14,11 +14,9 @@ import numpy as np
 
 from ccpin.description.checks import check
 from ccpin.description.closing_frames import closing_pairs
-from ccpin.description.graph import Connection, Parts, as_loop, as_tree, limited, span
+from ccpin.description.graph import Connection, as_loop, as_tree, loop_notes, span
 from ccpin.description.model import (
     IDENTITY,
-    Coupling,
-    CouplingTerm,
     Joint,
     Link,
     LoopClosure,
@@ -32,13 +30,14 @@ from ccpin.description.sdf.joints import (
     Joints,
     cut,
     joint_type,
+    mimic_coupling,
     read_gearbox,
     read_steps,
     reference_body,
 )
 from ccpin.description.sdf.links import read_link
 from ccpin.description.sdf.scopes import WORLD, Scope
-from ccpin.description.sdf.values import first, flag, number, numbers, own, required
+from ccpin.description.sdf.values import first, flag, numbers, own, required
 from ccpin.description.xml import XmlElement, fail, parse_xml, source_of, tag, unread
 from ccpin.errors import DescriptionError
 
@@ -130,18 +129,19 @@ class _Model:
             raise DescriptionError("the model has no link", source=self.source, element=f"model '{self.name}'")
         connections = self.joints.connections
         uses_world = any(WORLD in (c.parent, c.child) for c in connections)
+        steps = {step.name for connection in connections for step in connection.steps}
         names = [*([WORLD] if uses_world else []), *self.links]
         spanned = span(connections, names, WORLD if uses_world else self._canonical())
         root, mounts = self._rooted(spanned.roots, uses_world)
         tree = [as_tree(connection) for connection in spanned.tree]
         kept = {joint for name, (_, leader, _) in self.joints.mimics.items() for joint in (name, leader)}
         loops = [as_loop(c, keep=bool(kept & {c.name, *(s.name for s in c.steps)})) for c in spanned.loops]
-        self._note_loops(spanned.loops, loops)
+        self.notes += loop_notes(spanned.loops, loops)
         parts = (*tree, *loops)
         joints = (*mounts, *(joint for part in parts for joint in part.joints))
         links = [*self.links.values(), *(link for part in parts for link in part.links)]
         gears = tuple(gear_coupling(gear, joints, self.poses) for gear in self.joints.gearboxes)
-        followers = tuple(self._mimic(name) for name in self.joints.mimics)
+        followers = tuple(mimic_coupling(name, said, steps) for name, said in self.joints.mimics.items())
         couplings = (*self.joints.couplings, *gears, *followers)
         closures = (*(closure for part in loops for closure in part.closures), *self._closing_frames())
         return check(
@@ -212,41 +212,10 @@ class _Model:
             mounts.append(Joint(f"{part}.free", "floating", WORLD, part, self.poses[part]))
         return root, mounts
 
-    def _note_loops(self, loops: Sequence[Connection], parts: Sequence[Parts]) -> None:
-        for connection, part in zip(loops, parts, strict=True):
-            if part.joints:
-                carrier = part.closures[0].link_a
-                self.notes.append(
-                    f"joint '{connection.name}' closes a loop and stays a joint, of the massless link '{carrier}' that "
-                    f"is welded to '{connection.child}'"
-                )
-            else:
-                self.notes.append(f"joint '{connection.name}' closes a loop")
-                if any(map(limited, connection.steps)):
-                    self.notes.append(f"joint '{connection.name}': its limits are left out, since it closes a loop")
-
     def _canonical(self) -> str | None:
         """The link the model names as its own, if it does."""
         stated = self.scope.element.get("canonical_link")
         return self.scope.link_of(stated, self.scope.element) if stated else None
-
-    def _mimic(self, name: str) -> Coupling:
-        """θ = multiplier (θ_leader − reference) + offset."""
-        mimic, leader, axis = self.joints.mimics[name]
-        steps = {step.name for c in self.joints.connections for step in c.steps}
-        prefix = name.rpartition("::")[0]
-        whole = f"{prefix}::{leader}" if prefix and leader not in steps else leader
-        chosen = next((n for n in (whole, f"{whole}.{2 if axis == 'axis2' else 1}") if n in steps), None)
-        if chosen is None:
-            raise fail(mimic, f"there is no joint '{leader}' with an {axis}")
-        if chosen == name:
-            raise fail(mimic, "the joint mimics itself")
-        ratio, offset = number(mimic, "multiplier", 1.0), number(mimic, "offset", 0.0)
-        terms = (
-            CouplingTerm(name, (-offset, 1.0)),
-            CouplingTerm(chosen, (0.0, -ratio), number(mimic, "reference", 0.0)),
-        )
-        return Coupling(f"mimic_{name}", terms)
 
     def _closing_frames(self) -> tuple[LoopClosure, ...]:
         """Pairs of frames that onshape-to-robot put where a loop closes."""
