@@ -59,7 +59,7 @@ def vector(options: argparse.Namespace, name: str, mechanism: Mechanism) -> Arra
     if degrees is None:
         return None if plain is None else np.array(plain, dtype=np.float64)
     for coordinate in mechanism.independent:
-        joint, _, component = coordinate.partition(":")
+        joint, component = mechanism.tree.split(coordinate)
         kind = mechanism.tree.joint(joint).kind
         if not kind.angle and not component.startswith("r"):
             raise InvalidInputError(

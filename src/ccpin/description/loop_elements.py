@@ -21,6 +21,7 @@ from ccpin.description.model import IDENTITY, X_AXIS, Joint, LoopClosure, frame,
 from ccpin.description.xml import (
     ZERO,
     XmlElement,
+    attributes_spelt,
     child,
     children,
     fail,
@@ -67,8 +68,7 @@ def read_loops(root: XmlElement, joints: Sequence[Joint], notes: list[str]) -> t
         closures.append(READERS[tag(element)](element, position, tree))
         notes += [f"loop '{closures[-1].name}': <{stranger}> is not read" for stranger in strangers]
         for part in element.iter("*"):
-            for attribute in part.attrib:
-                spelt(part, attribute, _ATTRIBUTES)
+            attributes_spelt(part, _ATTRIBUTES)
         if _has(element, "distance_constraint_stiffness", "distance_constraint_damping"):
             notes.append(f"loop '{closures[-1].name}': its stiffness and damping are left out: it is rigid here")
     return tuple(closures)

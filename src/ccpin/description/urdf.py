@@ -27,6 +27,7 @@ from ccpin.description.urdf_loops import read_marks, spoken_of
 from ccpin.description.xml import (
     Colour,
     XmlElement,
+    attributes_spelt,
     child,
     fail,
     numeric_attributes,
@@ -131,6 +132,8 @@ class _TreeReader:
         for name, counts in NUMERIC.items():
             for element in root.iter("{*}" + name):
                 self.values[element] = numeric_attributes(element, counts)
+                if name != "color":
+                    attributes_spelt(element, counts)
         self.colours: dict[str, Colour] = {}
         for material in root.iterfind("material"):
             colour = self.colour(material)

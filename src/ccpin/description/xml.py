@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from difflib import get_close_matches
 from typing import Any, TypeAlias
 
@@ -124,10 +124,23 @@ def spelt(element: XmlElement, word: str, known: Iterable[str], alike: float = 0
     expected = tuple(known)
     if word in expected:
         return True
-    meant = get_close_matches(word, expected, 1, alike)
+    shuffled = [name for name in expected if len(name) > 2 and sorted(name) == sorted(word)]
+    meant = shuffled or get_close_matches(word, expected, 1, alike)
     if meant:
         raise fail(element, f"'{word}' does not exist here; '{meant[0]}' is meant, perhaps")
     return False
+
+
+def attributes_spelt(element: XmlElement, known: Collection[str]) -> None:
+    """Nothing, if no attribute of an element is a misspelling of a known one it lacks.
+
+    Raises:
+        DescriptionError: One is.
+    """
+    absent = [name for name in known if name not in element.attrib]
+    for attribute in element.attrib:
+        if attribute not in known:
+            spelt(element, attribute, absent)
 
 
 def unread(element: XmlElement, known: Iterable[str]) -> list[str]:

@@ -99,8 +99,12 @@ class IndependentCoordinates:
         parts, nq, nv, taken = [], 0, 0, set[str]()
         for name in names:
             joint = self._joint_of(name)
-            component = name.partition(":")[2] or None
-            if name in taken or (component and joint.name in taken) or any(t.startswith(f"{name}:") for t in taken):
+            component = self.tree.split(name)[1] or None
+            if (
+                name in taken
+                or (component and joint.name in taken)
+                or any(self.tree.split(t)[0] == name for t in taken)
+            ):
                 raise IndependentSetError(f"'{name}' is named twice")
             taken.add(name)
             kind, q_free, v_free, slides = joint.kind, joint.q, joint.v, joint.kind.slides
@@ -116,7 +120,7 @@ class IndependentCoordinates:
         return tuple(parts)
 
     def _joint_of(self, name: str) -> TreeJoint:
-        joint, _, component = name.partition(":")
+        joint, component = self.tree.split(name)
         if joint not in self.tree.names:
             raise IndependentSetError(
                 f"'{joint}' is not a movable joint; the movable joints are {', '.join(self.tree.names)}"

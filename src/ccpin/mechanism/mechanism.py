@@ -217,6 +217,9 @@ def load(
         raise NoLoopError(_no_loop_message(description), source=description.source)
     try:
         return _analysed(description, build_tree(description, floating_base), independent, actuated)
+    except MemoryError:
+        message = f"{description.source or description.name}: {len(description.joints)} joints do not fit into memory"
+        raise UnsupportedMechanismError(message) from None
     except (IndependentSetError, LoopNotClosedError, SingularConfigurationError, UnsupportedMechanismError) as error:
         error.args = (f"{description.source or description.name}: {error}",)
         raise
@@ -301,7 +304,7 @@ def _reference(
     """A closed, nonsingular configuration, checked against the rows that planarity made superfluous."""
     closed = find_closed(constraints, stated_pose(tree, description))[0]
     rank, candidates = generic_rank(constraints, closed.q_free)
-    names = [name for name in wanted if name.partition(":")[0] in tree.names]
+    names = [name for name in wanted if tree.split(name)[0] in tree.names]
     scores = [independence(tree, null_space(constraints, q, rank), names) for q in candidates]
     if candidates[0] is not closed.q_free or scores[0] < 1e-3:
         quality = [score * conditioning(constraints, q, rank) for score, q in zip(scores, candidates, strict=True)]
