@@ -26,6 +26,7 @@ def add_mechanism(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--format", choices=FORMATS, help="instead of telling it from the content")
     parser.add_argument("--model", metavar="NAME", help="which model of an SDF file, where it holds several")
     parser.add_argument("--include-root", metavar="DIR", help="folder an SDF file may include from (default: its own)")
+    parser.add_argument("--xacro-arg", nargs="+", metavar="NAME:=VALUE", default=[], help="arguments of a xacro file")
     parser.add_argument("--json", action="store_true", help="print machine-readable JSON (SI units, radians)")
 
 
@@ -39,7 +40,20 @@ def load(options: argparse.Namespace) -> Mechanism:
         format=options.format,
         model=options.model,
         include_root=options.include_root,
+        xacro_arguments=_xacro_arguments(options.xacro_arg),
     )
+
+
+def _xacro_arguments(written: list[str]) -> dict[str, str]:
+    """The arguments by name, of ``name:=value`` each.
+
+    Raises:
+        InvalidInputError: One is written otherwise.
+    """
+    pairs = [argument.partition(":=") for argument in written]
+    if any(not (name and sign) for name, sign, _ in pairs):
+        raise InvalidInputError(f"--xacro-arg takes name:=value, not {' '.join(written)}")
+    return {name: value for name, _, value in pairs}
 
 
 def add_vector(parser: argparse.ArgumentParser, name: str, help_text: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 
@@ -79,6 +80,7 @@ def read_description(
     *,
     model: str | None = None,
     include_root: str | Path | None = None,
+    xacro_arguments: Mapping[str, str] | None = None,
 ) -> MechanismDescription:
     """Read a file in the format its content shows, or in the one named.
 
@@ -88,6 +90,7 @@ def read_description(
         format: ``"urdf"``, ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (toolbox-parallel-robots: YAML beside a URDF).
         model: Which model of an SDFormat file to read, where it holds several.
         include_root: The folder an SDFormat file may include others from; default its own.
+        xacro_arguments: Values of a xacro file's arguments.
 
     Raises:
         DescriptionNotFoundError, AmbiguousFormatError, InvalidXmlError, DescriptionError: See `ccpin.errors`.
@@ -107,6 +110,7 @@ def read_description(
         from ccpin.description.toolbox import toolbox_description
 
         return toolbox_description(text, file)
+    from ccpin.description.xacro_files import is_xacro
     from ccpin.description.xml import parse_xml, tag
 
     root = parse_xml(text, str(file))
@@ -119,6 +123,10 @@ def read_description(
         from ccpin.description.mjcf.reader import mjcf_description
 
         return mjcf_description(root)
+    if kind == "urdf" and is_xacro(root):
+        from ccpin.description.xacro_files import xacro_description
+
+        return xacro_description(file, root, xacro_arguments)
     if kind == "urdf":
         from ccpin.description.urdf import urdf_description
 

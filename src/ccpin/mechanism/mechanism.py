@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
@@ -178,6 +178,7 @@ def load(
     format: str | None = None,
     model: str | None = None,
     include_root: str | Path | None = None,
+    xacro_arguments: Mapping[str, str] | None = None,
 ) -> Mechanism:
     """Load a mechanism from a file, an installed model's name, or a description built in Python.
 
@@ -193,6 +194,7 @@ def load(
         format: ``"urdf"``, ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` to override detection from the content.
         model: Which model of an SDFormat file to read, where it holds several.
         include_root: The folder an SDFormat file may include others from; default its own.
+        xacro_arguments: Values of a xacro file's arguments (the extra ``[xacro]``).
 
     Raises:
         DescriptionNotFoundError, InvalidXmlError, DescriptionError: The file is absent, malformed or unsound.
@@ -204,7 +206,9 @@ def load(
     if isinstance(path, MechanismDescription):
         description = path
     else:
-        description = read_description(path, format, model=model, include_root=include_root)
+        description = read_description(
+            path, format, model=model, include_root=include_root, xacro_arguments=xacro_arguments
+        )
     if description is path or closures or couplings:
         description = check(
             replace(
