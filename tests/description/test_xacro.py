@@ -12,6 +12,7 @@ from ccpin.cli import main
 from ccpin.description import read_description
 from ccpin.description.urdf import read_urdf
 from ccpin.errors import DescriptionError
+from tests.support.damage import TEXT_XML_DAMAGE, complaints
 from tests.support.sdf_files import COUPLER, four_bar_urdf
 
 URDF = four_bar_urdf()
@@ -92,5 +93,17 @@ class TestExpanded:
         """Never a foreign exception."""
         text = XACRO if before in XACRO else XACRO.replace("<joint", '<joint note="$(arg length)"', 1)
         file.write_text(text.replace(before, after))
-        with pytest.raises(DescriptionError, match=r"bars\.urdf\.xacro: xacro cannot expand it"):
+        with pytest.raises(DescriptionError, match=r"bars\.urdf\.xacro: xacro: cannot expand the file"):
             read_description(file)
+
+    def test_a_damaged_file_loads_or_is_refused_by_name(self, tmp_path, capfd):
+        """Macros, conditions and properties, damaged."""
+        text = XACRO.replace(
+            '<xacro:include filename="parts/lengths.xacro"/>',
+            f'<xacro:property name="coupler" value="{COUPLER}"/><xacro:property name="length" value="$(arg length)"/>'
+            '<xacro:macro name="extra" params="a b:=1"><link name="${a}"/></xacro:macro><xacro:extra a="tip"/>'
+            '<joint name="mount" type="fixed"><parent link="ground"/><child link="tip"/></joint>'
+            '<xacro:if value="${length &lt; 0}"><link name="never"/></xacro:if>',
+        )
+        assert not complaints({"x": text}, range(200), tmp_path, TEXT_XML_DAMAGE, ".xacro")
+        assert capfd.readouterr() == ("", "")

@@ -64,5 +64,5 @@ def _expanded(file: Path, name: str, arguments: dict[str, str]) -> tuple[bytes, 
             text = str(document.to_urdf_string())
         except (Exception, SystemExit) as error:  # whatever a macro may raise
             reason = " ".join(str(error).split())[:300] or type(error).__name__
-            raise DescriptionError(f"xacro cannot expand it: {reason}", source=str(file)) from None
+            raise DescriptionError(f"cannot expand the file: {reason}", source=str(file), element="xacro") from None
     return text.encode(), [line.strip() for line in printed.getvalue().splitlines() if line.strip()]
