@@ -30,6 +30,7 @@ from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.tree import Tree, build_tree
 from ccpin.mechanism.closing import Closed, find_closed
+from ccpin.mechanism.from_pinocchio import describe_pinocchio
 from ccpin.mechanism.mobility import Mobility, conditioning, generic_rank, idle_motions, independence, null_space
 from ccpin.mechanism.selection import choose_independent
 
@@ -168,7 +169,7 @@ _FROM_SINGULAR = "a step away from a singular closed pose"
 
 
 def load(
-    path: str | Path | MechanismDescription,
+    path: str | Path | MechanismDescription | pin.Model,
     *,
     closures: Iterable[LoopClosure] | None = None,
     couplings: Iterable[Coupling] | None = None,
@@ -179,12 +180,14 @@ def load(
     model: str | None = None,
     include_root: str | Path | None = None,
     xacro_arguments: Mapping[str, str] | None = None,
+    geometry: pin.GeometryModel | None = None,
+    constraints: Iterable[object] = (),
 ) -> Mechanism:
-    """Load a mechanism from a file, an installed model's name, or a description built in Python.
+    """Load a mechanism from a file, an installed model's name, a description or a Pinocchio model.
 
     Args:
         path: A file (URDF with loop elements, SDFormat, toolbox-parallel-robots YAML, MJCF), the name of a model that
-            comes with ccpin (``"rpdr"``), or a `MechanismDescription`.
+            comes with ccpin (``"rpdr"``), a `MechanismDescription`, or a `pinocchio.Model`.
         closures: Loop closures, in addition to the file's.
         couplings: Joint couplings, in addition to the file's.
         independent: The independent joints in the order of q; default what the file marks, completed if it marks
@@ -195,6 +198,8 @@ def load(
         model: Which model of an SDFormat file to read, where it holds several.
         include_root: The folder an SDFormat file may include others from; default its own.
         xacro_arguments: Values of a xacro file's arguments (the extra ``[xacro]``).
+        geometry: What to draw of a `pinocchio.Model`.
+        constraints: Pinocchio's constraint models that close the loops of a `pinocchio.Model`.
 
     Raises:
         DescriptionNotFoundError, InvalidXmlError, DescriptionError: The file is absent, malformed or unsound.
@@ -205,6 +210,8 @@ def load(
     _check_arguments(path, independent, actuated)
     if isinstance(path, MechanismDescription):
         description = path
+    elif isinstance(path, pin.Model):
+        description = describe_pinocchio(path, geometry=geometry, constraints=constraints)
     else:
         description = read_description(
             path, format, model=model, include_root=include_root, xacro_arguments=xacro_arguments
@@ -264,8 +271,10 @@ def _analysed(
 
 
 def _check_arguments(path: object, independent: object, actuated: object) -> None:
-    if not isinstance(path, str | Path | MechanismDescription):
-        raise InvalidInputError(f"load takes a path, a model's name or a description, not {type(path).__name__}")
+    if not isinstance(path, str | Path | MechanismDescription | pin.Model):
+        raise InvalidInputError(
+            f"load takes a path, a model's name, a description or a pinocchio.Model, not {type(path).__name__}"
+        )
     for role, names in (("independent", independent), ("actuated", actuated)):
         if isinstance(names, str) or (names is not None and not all(isinstance(n, str) for n in names)):  # type: ignore[attr-defined]
             raise InvalidInputError(f"{role} must be a sequence of joint names, e.g. ['joint1', 'joint2']")
