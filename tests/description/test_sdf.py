@@ -538,3 +538,62 @@ def test_onshape_frames_close_loops():
     assert [(c.kind, c.link_a, c.link_b) for c in description.closures] == [("spherical", "coupler", "rocker")]
     assert np.allclose(reduced(description), TWIN, rtol=1e-9, atol=1e-11)
     assert any("onshape-to-robot" in note for note in description.notes)
+
+
+class TestDrake:
+    """The constraints Drake puts into SDFormat files."""
+
+    @pytest.mark.parametrize(
+        ("constraint", "kind"),
+        [
+            ("<drake:weld_constraint><parent>c1</parent><child>c2</child></drake:weld_constraint>", "fixed"),
+            (
+                "<drake:ball_constraint><drake:ball_constraint_body_A>coupler</drake:ball_constraint_body_A>"
+                "<drake:ball_constraint_body_B>rocker</drake:ball_constraint_body_B>"
+                "<drake:ball_constraint_p_AP>0.35 0 0</drake:ball_constraint_p_AP>"
+                f"<drake:ball_constraint_p_BQ>{ROCKER} 0 0</drake:ball_constraint_p_BQ></drake:ball_constraint>",
+                "spherical",
+            ),
+        ],
+    )
+    def test_weld_and_ball(self, constraint, kind):
+        """A ball at the tip is the twin's hinge; a weld fixes frames to each other."""
+        frames = (
+            '<frame name="c1" attached_to="coupler"><pose>0.35 0 0 0 0 0</pose></frame>'
+            f'<frame name="c2" attached_to="rocker"><pose>{ROCKER} 0 0 0 0 0</pose></frame>'
+        )
+        description = read(model(four_bar_links(), frames, *FOUR_BAR_JOINTS[:3], constraint))
+        assert [c.kind for c in description.closures] == [kind]
+        assert np.allclose(description.closures[0].placement_a[:3, 3], [0.35, 0, 0])
+        if kind == "spherical":
+            assert np.allclose(reduced(description), TWIN, rtol=1e-9, atol=1e-11)
+
+    def test_distance(self):
+        """With its length; without one it is refused."""
+        said = "".join(
+            f"<drake:distance_constraint_{part}>{value}</drake:distance_constraint_{part}>"
+            for part, value in (("body_A", "coupler"), ("body_B", "ground"), ("p_AP", "0.35 0 0"), ("distance", "0.4"))
+        )
+        text = f"<drake:distance_constraint>{said}</drake:distance_constraint>"
+        (closure,) = read(model(four_bar_links(), *FOUR_BAR_JOINTS[:3], text)).closures
+        assert (closure.kind, closure.length, closure.link_b) == ("distance", 0.4, "ground")
+        with pytest.raises(DescriptionError, match="must be positive"):
+            read(model(four_bar_links(), *FOUR_BAR_JOINTS[:3], text.replace("0.4<", "0<")))
+
+    def test_elements_of_other_namespaces_are_not_sdformats(self):
+        """drake:joint is no <joint>: it is noted."""
+        text = model(four_bar_links(), *FOUR_BAR_JOINTS, '<drake:joint name="A" type="planar"/>')
+        assert any("<drake:joint> is not read" in note for note in read(text).notes)
+
+    def test_a_parent_frame_elsewhere_is_told(self):
+        """SDFormat places a joint by its child; a parent frame only names a link."""
+        frame = '<frame name="mount" attached_to="ground"><pose>-2 0 0 0 0 0</pose></frame>'
+        text = four_bar((FOUR_BAR_JOINTS[0].replace(">ground<", ">mount<"), *FOUR_BAR_JOINTS[1:]))
+        notes = read(text.replace("<joint", frame + "<joint", 1)).notes
+        assert any("'mount' is 2 m from the joint" in note for note in notes)
+
+    def test_xacro_in_an_sdf_is_refused(self, tmp_path):
+        """Never read as if it were not there."""
+        text = four_bar().replace("<link", '<xacro:include filename="x"/><link', 1)
+        with pytest.raises(DescriptionError, match="expanded file"):
+            ccpin.load(_written(tmp_path / "x.sdf", text))

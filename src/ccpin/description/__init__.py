@@ -111,10 +111,12 @@ def read_description(
 
         return toolbox_description(text, file)
     from ccpin.description.xacro_files import is_xacro
-    from ccpin.description.xml import parse_xml, tag
+    from ccpin.description.xml import fail, parse_xml, tag
 
     root = parse_xml(text, str(file))
     kind = format or _ROOTS.get(tag(root))
+    if kind != "urdf" and is_xacro(root):
+        raise fail(root, "the file holds xacro elements; only URDFs are expanded here, so give the expanded file")
     if kind == "sdf":
         from ccpin.description.sdf.reader import sdf_description
 

@@ -272,9 +272,8 @@ def _analysed(
 
 def _check_arguments(path: object, independent: object, actuated: object) -> None:
     if not isinstance(path, str | Path | MechanismDescription | pin.Model):
-        raise InvalidInputError(
-            f"load takes a path, a model's name, a description or a pinocchio.Model, not {type(path).__name__}"
-        )
+        known = "a path, a model's name, a description or a pinocchio.Model"
+        raise InvalidInputError(f"load takes {known}, not {type(path).__name__}")
     for role, names in (("independent", independent), ("actuated", actuated)):
         if isinstance(names, str) or (names is not None and not all(isinstance(n, str) for n in names)):  # type: ignore[attr-defined]
             raise InvalidInputError(f"{role} must be a sequence of joint names, e.g. ['joint1', 'joint2']")

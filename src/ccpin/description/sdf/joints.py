@@ -12,8 +12,8 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.description.graph import Connection
 from ccpin.description.model import Coupling, CouplingTerm, Joint
-from ccpin.description.sdf.values import first, flag, limit, number, numbers, own, required, text, version
-from ccpin.description.xml import XmlElement, fail, text_attribute, unread
+from ccpin.description.sdf.values import first, flag, limit, number, numbers, own, required, text, unread, version
+from ccpin.description.xml import XmlElement, fail, text_attribute
 
 JOINT = (
     *("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "gearbox_ratio", "gearbox_reference_body"),

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ccpin.arrays import Array
 from ccpin.description.checks import check
 from ccpin.description.closing_frames import closing_pairs
 from ccpin.description.graph import Connection, as_loop, as_tree, loop_notes, span
@@ -23,6 +24,7 @@ from ccpin.description.model import (
     MechanismDescription,
     inverse,
 )
+from ccpin.description.sdf.constraints import CONSTRAINTS, drake_closures
 from ccpin.description.sdf.gearboxes import gear_coupling
 from ccpin.description.sdf.includes import Including
 from ccpin.description.sdf.joints import (
@@ -37,13 +39,13 @@ from ccpin.description.sdf.joints import (
 )
 from ccpin.description.sdf.links import read_link
 from ccpin.description.sdf.scopes import WORLD, Scope
-from ccpin.description.sdf.values import first, flag, numbers, own, required
-from ccpin.description.xml import XmlElement, fail, parse_xml, source_of, tag, unread
+from ccpin.description.sdf.values import first, flag, numbers, own, required, unread
+from ccpin.description.xml import XmlElement, fail, parse_xml, source_of, tag
 from ccpin.errors import DescriptionError
 
 _MODEL = (
     *("static", "self_collide", "allow_auto_disable", "enable_wind", "link", "joint", "frame", "model", "include"),
-    *("pose", "plugin", "gripper", "origin"),
+    *("pose", "plugin", "gripper", "origin", *CONSTRAINTS),
 )
 _LEFT_OUT = {
     "plugin": "plugins",
@@ -143,7 +145,8 @@ class _Model:
         gears = tuple(gear_coupling(gear, joints, self.poses) for gear in self.joints.gearboxes)
         followers = tuple(mimic_coupling(name, said, steps) for name, said in self.joints.mimics.items())
         couplings = (*self.joints.couplings, *gears, *followers)
-        closures = (*(closure for part in loops for closure in part.closures), *self._closing_frames())
+        stated = tuple(c for inner in self.scope.inside() for c in drake_closures(inner, self.notes))
+        closures = (*(closure for part in loops for closure in part.closures), *stated, *self._closing_frames())
         return check(
             MechanismDescription(
                 name=self.name,
@@ -187,6 +190,7 @@ class _Model:
             frames = Frames(pose, lambda named, e=element: top @ scope.pose(named, e))  # type: ignore[misc]
             if parent == child:
                 raise fail(element, f"joins link '{parent}' to itself")
+            self._note_parent(scope, top, element, name, pose)
             if joint_type(element) == "gearbox":
                 reference = scope.link_of(reference_body(element), element)
                 self.joints.gearboxes.append(read_gearbox(element, name, (parent, child, reference), frames))
@@ -194,6 +198,17 @@ class _Model:
             before, after = (inverse(self.poses[end]) @ pose for end in (parent, child))
             steps = read_steps(element, name, frames, self.joints)
             self.joints.connections.append(Connection(name, parent, child, steps, before, after, cut(element)))
+
+    def _note_parent(self, scope: Scope, top: Array, element: XmlElement, name: str, pose: Array) -> None:
+        """Say so where a joint's parent frame stands elsewhere: some authors expect that to place the child."""
+        parent = required(element, "parent")
+        if parent in scope.entries and tag(scope.entries[parent]) == "frame":
+            away = float(np.linalg.norm((top @ scope.pose(parent, element))[:3, 3] - pose[:3, 3]))
+            if away > 1e-6:
+                self.notes.append(
+                    f"joint '{name}': its parent frame '{parent}' is {away:.4g} m from the joint; by SDFormat's rules "
+                    "the poses drawn hold, and the frame only names its link"
+                )
 
     def _rooted(self, roots: Sequence[str], uses_world: bool) -> tuple[str, list[Joint]]:
         """The root link, and the joints that hold the parts nothing else does.

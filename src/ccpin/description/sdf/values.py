@@ -3,26 +3,48 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
 from ccpin.description.model import IDENTITY, frame
-from ccpin.description.xml import XmlElement, fail, tag, transform
+from ccpin.description.xml import XmlElement, fail, spelt, tag, transform
 
 UNLIMITED = 1e16
 _FLAGS = {"true": True, "1": True, "false": False, "0": False}
 
 
 def own(element: XmlElement, *names: str) -> list[XmlElement]:
-    """The child elements of those names, in file order."""
-    return [child for child in element.iterchildren("*") if tag(child) in names]
+    """The child elements of those names, in file order; names with a prefix of their own (``drake:``) are others."""
+    return [child for child in element.iterchildren("*") if tag(child) in names and named_so(child)]
 
 
 def first(element: XmlElement | None, name: str) -> XmlElement | None:
     """The first child element of a name, or ``None``."""
     return None if element is None else next(iter(own(element, name)), None)
+
+
+def named_so(element: XmlElement) -> bool:
+    """Whether an element is SDFormat's: without a prefix, or a part of one of Drake's constraints."""
+    return not element.prefix or "_constraint_" in tag(element)
+
+
+def unread(element: XmlElement, known: Iterable[str]) -> list[str]:
+    """The names of child elements that are not among those known, with their prefix where they have one.
+
+    Raises:
+        DescriptionError: A name is so like a known one that it must be a misspelling.
+    """
+    expected, strangers = tuple(known), dict[str, None]()
+    for other in element.iterchildren("*"):
+        name = tag(other)
+        if other.prefix and not (name in expected and "_constraint" in name):
+            strangers[f"{other.prefix}:{name}"] = None
+        elif not spelt(other, name, expected):
+            strangers[name] = None
+    return list(strangers)
 
 
 def text(element: XmlElement | None, name: str) -> str | None:
