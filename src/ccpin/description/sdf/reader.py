@@ -83,6 +83,8 @@ def sdf_description(
     source = source_of(root)
     including = Including(Path(include_root) if include_root else Path(source or ".").parent)
     world = first(root, "world")
+    if len(own(root, "world")) > 1:
+        raise fail(root, "the file holds several worlds; give one a file of its own")
     scope = _chosen(root, world, including, model)
     if scope.frozen:
         raise fail(scope.element, "the model is static: nothing in it moves")
@@ -120,6 +122,8 @@ class _Model:
         self.weightless: list[str] = []
         self.joints = Joints()
         self.notes: list[str] = []
+        if world is not None and own(world, "joint"):
+            self.notes.append("the joints between the world's models are not read, as one model is")
         for inner in scope.inside():
             self._read_links(inner)
         for inner in scope.inside():
