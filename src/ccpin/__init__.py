@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ccpin.dynamics import EndEffector, ReducedModel, State
     from ccpin.errors import CcpinError
     from ccpin.mechanism import Mechanism, load
+    from ccpin.native import backend
     from ccpin.simulation import Trajectory
     from ccpin.simulation.simulate import simulate
 
@@ -30,6 +31,7 @@ __all__ = [
     "ReducedModel",
     "State",
     "Trajectory",
+    "backend",
     "control",
     "description",
     "domain",
@@ -52,6 +54,7 @@ _HOMES = {
     "ReducedModel": "dynamics",
     "State": "dynamics",
     "Trajectory": "simulation",
+    "backend": "native",
     "load": "mechanism",
     "simulate": "simulation",
 }

@@ -13,11 +13,9 @@ import pytest
 
 import ccpin
 from ccpin import native
-from ccpin.description.closure_kinds import CLOSURE_KINDS, GAP, Fixed, LoopRows, PlaneNormal, Product
-from ccpin.description.model import LoopClosure
-from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.native.specification import clusters, row_forms
-from tests.support.agreement import relative
+from ccpin.errors import InvalidInputError
+from ccpin.kinematics.clusters import clusters
+from tests.support.agreement import reference_model, relative
 
 native_only = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
 
@@ -25,7 +23,7 @@ native_only = pytest.mark.skipif(native.backend().name != "native", reason="the 
 @pytest.fixture(scope="module")
 def delta():
     """The Delta robot's model and kernel, and 300 random states of it."""
-    model = ccpin.ReducedModel(ccpin.load("delta"))
+    model = reference_model(ccpin.load("delta"))
     rng = np.random.default_rng(0)
     Q = model.alpha(model.mechanism.q_reference) + 0.2 * rng.uniform(-1, 1, size=(300, model.n))
     V, U = rng.normal(size=(2, 300, model.n))
@@ -163,31 +161,6 @@ def test_clusters_of_a_tree():
     assert [tuple(c) for c in clusters(parents, [[3, 5]])] == [(0, [1]), (1, [2, 3, 4, 5]), (0, [6]), (6, [7])]
     assert [tuple(c) for c in clusters(parents, [[3, 7]])] == [(0, [1, 2, 3, 6, 7]), (1, [4]), (4, [5])]
     assert [tuple(c) for c in clusters(parents, [])] == [(p, [j]) for j, p in enumerate(parents) if j]
-
-
-@pytest.mark.parametrize("kind", CLOSURE_KINDS)
-def test_the_core_knows_every_closure_kind(kind):
-    """All rows of each kind are of the core's forms, and none is lost."""
-    closure = LoopClosure("c", kind, "a", "b", length=0.3 if kind == "distance" else None)
-    rows = CLOSURE_KINDS[kind](closure, PlaneNormal())
-    points, directions, offsets, length = row_forms("c", rows)
-    assert len(points) + len(directions) + len(offsets) + (length > 0) == len(rows.rows)
-    assert length == pytest.approx(closure.length or 0.0, rel=1e-15)
-
-
-@pytest.mark.parametrize(
-    "rows",
-    [
-        ((Product(1.0, GAP, GAP),),),
-        ((Product(2.0, Fixed("A", np.eye(3)[0]), GAP),),),
-        ((Product(1.0, Fixed("A", np.eye(3)[0]), GAP),), (Product(-1.0, Fixed("C", np.eye(3)[0]), GAP),)),
-    ],
-    ids=["form", "weight", "order"],
-)
-def test_rows_of_another_form_are_left_to_the_reference(rows):
-    """A closure kind the core was not written for is refused at the seam."""
-    with pytest.raises(UnsupportedMechanismError, match="'c' has rows"):
-        row_forms("c", LoopRows(rows))
 
 
 def test_backend_is_chosen_by_the_environment(monkeypatch):

@@ -10,6 +10,7 @@ from ccpin.control.references import PointToPoint, Waypoints
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus
 from ccpin.simulation import Settling
 from ccpin.simulation.in_core import simulate_in_core
+from tests.support.agreement import reference_model
 
 pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
 
@@ -27,14 +28,12 @@ def in_core(model, law, q0, duration, method="RK45", settling=None, rtol=1e-9):
         "singular_rcond": 1e-7,
         **(settling or Settling(np.empty(0)))._asdict(),
     }
-    return simulate_in_core(native.kernel(model.mechanism), model, law, method, None, run)
+    return simulate_in_core(model, law, method, None, run)
 
 
-def reference(*arguments, **options):
+def reference(model, *arguments, **options):
     """A run of the NumPy path."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv(native.VARIABLE, "numpy")
-        return ccpin.simulate(*arguments, **options)
+    return ccpin.simulate(reference_model(model.mechanism, model.gravity_vector), *arguments, **options)
 
 
 def ends(model):

@@ -3,7 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 
+from ccpin import ReducedModel, native
 from ccpin.errors import CcpinError
 
 # How often each quantity divides by ψ_q′ on the way from q′, and whether it divides by D.
@@ -30,6 +32,13 @@ POWER = {
     "da_dv": (2, True),
     "da_du": (1, True),
 }
+
+
+def reference_model(mechanism, gravity=None):
+    """The reduced model that computes with NumPy alone."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(native.VARIABLE, "numpy")
+        return ReducedModel(mechanism, gravity)
 
 
 class Difference(NamedTuple):

@@ -150,7 +150,7 @@ class OnlineSigma:
             )
         solve = capped_sigma(self.model.parametrization, q, self._valid.q_free, self.max_newton_steps, self.tolerance)
         if solve.point is not None:
-            self._valid, self._in_a_row = State(self.model, np.array(q), solve.point), 0
+            self._valid, self._in_a_row = State.of(self.model, np.array(q), solve.point), 0
         else:
             self._in_a_row += 1
         outcome: Outcome = "solved" if not self._in_a_row else "held" if self._in_a_row <= self.patience else "lost"

@@ -150,4 +150,4 @@ class WithSigmaError(ControlLaw):
         """
         model = self.law.model
         wrong = model.parametrization.at(moved(model.free_system.model, state.q_free, self.offset))
-        return self.law.torque_with(t, state.q, v, State(model, state.q, wrong))
+        return self.law.torque_with(t, state.q, v, State.of(model, state.q, wrong))

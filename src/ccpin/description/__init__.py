@@ -17,6 +17,7 @@ from ccpin.description.model import (
     Link,
     LoopClosure,
     MechanismDescription,
+    Motor,
     Shape,
     Visual,
 )
@@ -33,6 +34,7 @@ __all__ = [
     "Link",
     "LoopClosure",
     "MechanismDescription",
+    "Motor",
     "Part",
     "Shape",
     "Visual",

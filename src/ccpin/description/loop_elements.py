@@ -61,7 +61,7 @@ def read_loops(root: XmlElement, joints: Sequence[Joint], notes: list[str]) -> t
         DescriptionError: An element is incomplete, misspelt or names what does not exist.
     """
     for element in root.iterchildren("*"):
-        spelt(element, tag(element), READERS, 0.85)
+        spelt(element, tag(element), READERS)
     tree, closures = _Tree(joints), list[LoopClosure]()
     for position, element in enumerate(children(root, *READERS), start=1):
         strangers = unread(element, _PARTS[tag(element)])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 from ccpin.arrays import Array
@@ -49,7 +48,6 @@ def read_graph(root: XmlElement, links: Sequence[Link], joints: Sequence[Joint],
     reached = {joint.child for joint in tree}
     base = next((link.name for link in links if link.name not in reached), links[0].name)
     notes: list[str] = []
-    tree = _sprung(root, tree)
     extension = _Extension(root, links, tree, base)
     connections = [
         *(Connection(joint.name, joint.parent, joint.child, (joint,), joint.placement) for joint in loops),
@@ -94,21 +92,10 @@ def onshape_closures(graph: Graph, stated: Sequence[LoopClosure], notes: list[st
     return () if used & set(frames) else closing_pairs(frames, notes)
 
 
-def _sprung(root: XmlElement, joints: Sequence[Joint]) -> list[Joint]:
-    """The joints with the springs that <gazebo reference="joint"> gives them."""
-    said = {
-        element.get("reference"): element for element in children(root, "gazebo") if own(element, "springStiffness")
-    }
-    return [
-        joint
-        if joint.name not in said
-        else replace(
-            joint,
-            stiffness=number(said[joint.name], "springStiffness", 0.0),
-            spring_reference=number(said[joint.name], "springReference", 0.0),
-        )
-        for joint in joints
-    ]
+def extension_joints(root: XmlElement) -> dict[str, str]:
+    """The joints in <gazebo> elements that a motor may drive, and what each is called."""
+    found = (joint for gazebo in children(root, "gazebo") for joint in own(gazebo, "joint"))
+    return {str(joint.get("name")): str(joint.get("type")) for joint in found}
 
 
 class _Extension:

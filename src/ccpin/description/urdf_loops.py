@@ -1,8 +1,8 @@
-"""What the dialects add to a URDF: loops (`loop_elements`), couplings, independence, motors, a pose."""
+"""What the dialects add to a URDF: loops (`loop_elements`), couplings, independence, a pose."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from ccpin.description.loop_elements import read_loops
@@ -12,7 +12,6 @@ from ccpin.description.xml import (
     child,
     children,
     fail,
-    label,
     number,
     numbers,
     text_attribute,
@@ -28,16 +27,13 @@ class Marks(NamedTuple):
     independent: tuple[str, ...] | None
     independent_is_default: bool
     dependent_hint: tuple[str, ...]
-    actuated: tuple[str, ...] | None
-    armature: dict[str, float]
     reference: dict[str, tuple[float, ...]]
     notes: tuple[str, ...] = ()
 
 
-def spoken_of(root: XmlElement) -> set[str]:
-    """The joints that motors drive or that are marked independent: those that have to stay joints."""
-    driven = {j.get("name") for element in children(root, "transmission") for j in children(element, "joint")}
-    return driven | {j.get("name") for j in root.iterfind("joint[@independent]") if truth(j, "independent")}
+def marked_independent(root: XmlElement) -> set[str]:
+    """The joints the file marks as independent."""
+    return {str(joint.get("name")) for joint in root.iterfind("joint[@independent]") if truth(joint, "independent")}
 
 
 def read_marks(root: XmlElement, joints: Sequence[Joint]) -> Marks:
@@ -54,15 +50,12 @@ def read_marks(root: XmlElement, joints: Sequence[Joint]) -> Marks:
     if marked or couplings:
         movable = [joint.name for joint in joints if joint.kind != "fixed"]
         independent = tuple(name for name in movable if marked.get(name, True))
-    actuated, armature = _motors(root, {joint.name: joint.kind for joint in joints}, notes)
     return Marks(
         closures=closures,
         couplings=tuple(couplings),
         independent=independent,
         independent_is_default=independent is not None and any(name not in marked for name in independent),
         dependent_hint=tuple(hints),
-        actuated=actuated,
-        armature=armature,
         reference=_reference(root),
         notes=tuple(notes),
     )
@@ -103,32 +96,6 @@ def _chain(coupling: XmlElement, role: str, by_child: dict[str, Joint]) -> list[
         chain.append(joint)
         link = joint.parent
     return chain
-
-
-def _motors(
-    root: XmlElement, kinds: Mapping[str, str], notes: list[str]
-) -> tuple[tuple[str, ...] | None, dict[str, float]]:
-    """Motors are the joints of <transmission>s; Drake's rotor inertia is reflected by its gear ratio squared.
-
-    A transmission left on a fixed or absent joint drives nothing; it is noted.
-    """
-    actuated: dict[str, None] = {}
-    armature: dict[str, float] = {}
-    for element in children(root, "transmission"):
-        for joint in children(element, "joint"):
-            name = text_attribute(joint, "name")
-            if kinds.get(name, "fixed") == "fixed":
-                what = "is fixed" if name in kinds else "does not exist"
-                notes.append(f"the {label(element)} is left out, since joint '{name}' {what}")
-                continue
-            actuated[name] = None
-            for actuator in children(element, "actuator"):
-                rotor = next(children(actuator, "rotor_inertia"), None)
-                gear = next(children(actuator, "gear_ratio"), None)
-                ratio = 1.0 if gear is None else number(gear, "value")
-                if rotor is not None:
-                    armature[name] = armature.get(name, 0.0) + ratio**2 * number(rotor, "value")
-    return tuple(actuated) or None, armature
 
 
 def _reference(root: XmlElement) -> dict[str, tuple[float, ...]]:

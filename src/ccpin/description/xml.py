@@ -6,7 +6,6 @@ import contextlib
 import math
 import re
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from difflib import get_close_matches
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -14,6 +13,7 @@ from lxml import etree
 
 from ccpin.arrays import Array
 from ccpin.description.model import IDENTITY
+from ccpin.description.names import nearest
 from ccpin.errors import DescriptionError, InvalidXmlError
 
 XmlElement: TypeAlias = Any  # lxml's etree._Element, which has no type stubs
@@ -115,7 +115,7 @@ def child(element: XmlElement, name: str) -> XmlElement:
     return found
 
 
-def spelt(element: XmlElement, word: str, known: Iterable[str], alike: float = 0.75) -> bool:
+def spelt(element: XmlElement, word: str, known: Iterable[str]) -> bool:
     """Whether a tag or an attribute of an element is a known one.
 
     Raises:
@@ -124,10 +124,10 @@ def spelt(element: XmlElement, word: str, known: Iterable[str], alike: float = 0
     expected = tuple(known)
     if word in expected:
         return True
-    shuffled = [name for name in expected if len(name) > 2 and sorted(name) == sorted(word)]
-    meant = shuffled or get_close_matches(word, expected, 1, alike)
+    shuffled = next((name for name in expected if len(name) > 2 and sorted(name) == sorted(word)), None)
+    meant = shuffled or nearest(word, expected)
     if meant:
-        raise fail(element, f"'{word}' does not exist here; '{meant[0]}' is meant, perhaps")
+        raise fail(element, f"'{word}' does not exist here; '{meant}' is meant, perhaps")
     return False
 
 

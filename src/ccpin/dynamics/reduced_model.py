@@ -2,22 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, frozen, matrix_rows, vector
+from ccpin.arrays import Array, frozen, positive, vector
+from ccpin.dynamics.batches import Failures, completed, rows, together
 from ccpin.dynamics.derivatives import (
     ForwardDynamicsDerivatives,
     GeneralizedForceDerivatives,
     InverseDynamicsDerivatives,
 )
 from ccpin.dynamics.free_system import Energy, FreeSystem
+from ccpin.dynamics.reference import Reference
 from ccpin.dynamics.state import Near, ReducedTerms, State
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.checked import checked_configuration, checked_q
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import ClosedPoint
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.native import Declining, kernel
 
 
 class ReducedModel:
@@ -38,6 +44,7 @@ class ReducedModel:
         parametrization: σ, ρ, ρ̇. coordinates: α.
         n: Number of independent velocities. nq: size of q.
         n_actuated: Number of efforts u. actuation: S, of shape (motors, n′); ``None`` where u acts on q itself.
+        core: What answers first (`ccpin.native`), chosen by `ccpin.backend` when the model was made.
 
     Raises:
         InvalidInputError: Gravity is not three finite numbers.
@@ -52,8 +59,12 @@ class ReducedModel:
         self.coordinates = self.parametrization.coordinates
         self.n = self.coordinates.n
         self.nq = self.coordinates.nq
-        self.actuation = None if mechanism.actuated == mechanism.independent else frozen(mechanism.actuation)
+        self.actuation = None if mechanism.direct else frozen(mechanism.actuation)
         self.n_actuated = self.n if self.actuation is None else len(self.actuation)
+        self.core = kernel(mechanism, self.gravity_vector) or Declining()
+
+    def __reduce__(self) -> tuple[type[ReducedModel], tuple[Mechanism, Array]]:
+        return ReducedModel, (self.mechanism, self.gravity_vector)
 
     def __repr__(self) -> str:
         return f"ReducedModel({self.mechanism!r})"
@@ -73,9 +84,12 @@ class ReducedModel:
             SingularConfigurationError: q is singular.
         """
         if isinstance(q, State):
-            return q if q.model is self else State(self, q.q, self._own(q)._point)
+            return q if q.model is self else State.of(self, q.q, self._own(q).point)
         wanted = np.array(checked_q(self.coordinates, q))
-        return State(self, wanted, self.parametrization.sigma(wanted, self._start(near)))
+        answer = self.core.closed_point(self._place(near), wanted)
+        if answer is not None:
+            return State(self, wanted, Reference(self, *answer))
+        return State.of(self, wanted, self.parametrization.sigma(wanted, self._start(near)))
 
     def alpha(self, q_free: ArrayLike) -> Array:
         """q = α(q′) (7), of shape (model.nq,)."""
@@ -102,15 +116,18 @@ class ReducedModel:
 
     def sigma(self, q: ArrayLike, guess: Near = None) -> Array:
         """q′ = σ(q) (12), of shape (nq,), on the branch of `guess`: a copy of `State.q_free`."""
-        return self.at(q, guess).q_free.copy()
+        answer = self.core.sigma(q, self._place(guess))
+        return self.at(q, guess).q_free.copy() if answer is None else np.asarray(answer)
 
     def terms(self, q: ArrayLike, v: ArrayLike, guess: Near = None) -> ReducedTerms:
         """D, C, g (23)–(25) and what they come from: `State.terms`."""
-        return self.at(q, guess).terms(v)
+        answer = self._asked("terms", q, guess, v)
+        return self.at(q, guess).terms(v) if answer is None else ReducedTerms(*answer)
 
     def gravity(self, q: ArrayLike, guess: Near = None) -> Array:
         """g(q) = ρᵀg′(σ(q)) (25), of shape (n,): `State.g`."""
-        return self.at(q, guess).g
+        answer = self._asked("gravity", q, guess)
+        return self.at(q, guess).g if answer is None else np.asarray(answer)
 
     def gravity_derivative(self, q: ArrayLike, guess: Near = None) -> Array:
         """∂g/∂q, of shape (n, n): `State.gravity_derivative`."""
@@ -118,11 +135,13 @@ class ReducedModel:
 
     def energy(self, q: ArrayLike, v: ArrayLike, guess: Near = None) -> Energy:
         """½ q̇ᵀD q̇ and V, in joules: `State.energy`."""
-        return self.at(q, guess).energy(v)
+        answer = self._asked("energy", q, guess, v)
+        return self.at(q, guess).energy(v) if answer is None else Energy(*answer)
 
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None) -> Array:
         """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − g) (22), of shape (n,): `State.forward_dynamics`."""
-        return self.at(q, guess).forward_dynamics(v, u)
+        answer = self._asked("forward_dynamics", q, guess, v, u)
+        return self.at(q, guess).forward_dynamics(v, u) if answer is None else np.asarray(answer)
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None) -> Array:
         """u with ρᵀSᵀu = D q̈ + C q̇ + g (22), of shape (motors,): `State.inverse_dynamics`."""
@@ -130,13 +149,17 @@ class ReducedModel:
 
     def constraint_forces(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None) -> Array:
         """λ of the descriptor form (17), of shape (m,): `State.constraint_forces`."""
-        return self.at(q, guess).constraint_forces(v, u)
+        answer = self._asked("constraint_forces", q, guess, v, u)
+        return self.at(q, guess).constraint_forces(v, u) if answer is None else np.asarray(answer)
 
     def forward_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None
     ) -> ForwardDynamicsDerivatives:
         """∂q̈/∂q, ∂q̈/∂q̇ and ∂q̈/∂u: `State.forward_dynamics_derivatives`."""
-        return self.at(q, guess).forward_dynamics_derivatives(v, u)
+        answer = self._asked("forward_dynamics_derivatives", q, guess, v, u)
+        if answer is None:
+            return self.at(q, guess).forward_dynamics_derivatives(v, u)
+        return ForwardDynamicsDerivatives(*answer)
 
     def inverse_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None
@@ -148,39 +171,109 @@ class ReducedModel:
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None
     ) -> GeneralizedForceDerivatives:
         """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + g: `State.generalized_force_derivatives`."""
-        return self.at(q, guess).generalized_force_derivatives(v, a)
+        answer = self._asked("generalized_force_derivatives", q, guess, v, a)
+        if answer is None:
+            return self.at(q, guess).generalized_force_derivatives(v, a)
+        return GeneralizedForceDerivatives(*answer)
 
-    def sigma_many(self, Q: ArrayLike, guess: Near = None) -> Array:
-        """σ of each row of Q (N, model.nq), of shape (N, nq); each row as if asked for alone."""
-        rows = matrix_rows(Q, "Q", self.nq)
-        return np.array([self.sigma(q, guess) for q in rows]).reshape(len(rows), self.mechanism.nq)
+    # Many rows at once, each as if asked for alone, on as many `threads` of the compiled core. Where a row has no
+    # answer its error is raised, or, where a dictionary is given for `failures`, the row is NaN and its reason there.
 
-    def terms_many(self, Q: ArrayLike, V: ArrayLike, guess: Near = None) -> ReducedTerms:
+    def sigma_many(
+        self, Q: ArrayLike, guess: Near = None, *, threads: int = 1, failures: Failures | None = None
+    ) -> Array:
+        """σ of each row of Q (N, model.nq), of shape (N, nq)."""
+        return self._many("sigma", [rows(Q, "Q", self.nq)], guess, threads, [(self.mechanism.nq,)], failures)[0]
+
+    def terms_many(
+        self, Q: ArrayLike, V: ArrayLike, guess: Near = None, *, threads: int = 1, failures: Failures | None = None
+    ) -> ReducedTerms:
         """`terms` of each row of Q and V; every field has a leading axis of length N."""
-        rows, velocities = _together(matrix_rows(Q, "Q", self.nq), matrix_rows(V, "V", self.n))
         n_free, n = self.mechanism.n_free, self.n
-        shapes = ((self.mechanism.nq,), (n_free,), (n_free, n), (n_free, n), (n, n), (n, n), (n,))
-        each = [self.terms(q, v, guess) for q, v in zip(rows, velocities, strict=True)]
-        columns = zip(*each, strict=True) if each else [()] * len(shapes)
-        return ReducedTerms(
-            *(np.reshape(column, (len(rows), *shape)) for column, shape in zip(columns, shapes, strict=True))
-        )
+        shapes = (self.mechanism.nq,), (n_free,), (n_free, n), (n_free, n), (n, n), (n, n), (n,)
+        given = [rows(Q, "Q", self.nq), rows(V, "V", n)]
+        return ReducedTerms(*self._many("terms", given, guess, threads, shapes, failures))
 
-    def forward_dynamics_many(self, Q: ArrayLike, V: ArrayLike, U: ArrayLike, guess: Near = None) -> Array:
+    def forward_dynamics_many(
+        self,
+        Q: ArrayLike,
+        V: ArrayLike,
+        U: ArrayLike,
+        guess: Near = None,
+        *,
+        threads: int = 1,
+        failures: Failures | None = None,
+    ) -> Array:
         """`forward_dynamics` of each row of Q, V and U, of shape (N, n)."""
-        rows = _together(
-            matrix_rows(Q, "Q", self.nq), matrix_rows(V, "V", self.n), matrix_rows(U, "U", self.n_actuated)
-        )
-        each = [self.forward_dynamics(q, v, u, guess) for q, v, u in zip(*rows, strict=True)]
-        return np.array(each).reshape(len(rows[0]), self.n)
+        given = [rows(Q, "Q", self.nq), rows(V, "V", self.n), rows(U, "U", self.n_actuated)]
+        return self._many("forward_dynamics", given, guess, threads, [(self.n,)], failures)[0]
+
+    def inverse_dynamics_many(
+        self,
+        Q: ArrayLike,
+        V: ArrayLike,
+        A: ArrayLike,
+        guess: Near = None,
+        *,
+        threads: int = 1,
+        failures: Failures | None = None,
+    ) -> Array:
+        """`inverse_dynamics` of each row of Q, V and A, of shape (N, motors)."""
+        given = [rows(Q, "Q", self.nq), rows(V, "V", self.n), rows(A, "A", self.n)]
+        return self._many("inverse_dynamics", given, guess, threads, [(self.n_actuated,)], failures)[0]
+
+    def forward_dynamics_derivatives_many(
+        self,
+        Q: ArrayLike,
+        V: ArrayLike,
+        U: ArrayLike,
+        guess: Near = None,
+        *,
+        threads: int = 1,
+        failures: Failures | None = None,
+    ) -> ForwardDynamicsDerivatives:
+        """`forward_dynamics_derivatives` of each row of Q, V and U; every field has a leading axis of length N."""
+        given = [rows(Q, "Q", self.nq), rows(V, "V", self.n), rows(U, "U", self.n_actuated)]
+        shapes = (self.n, self.n), (self.n, self.n), (self.n, self.n_actuated)
+        found = self._many("forward_dynamics_derivatives", given, guess, threads, shapes, failures)
+        return ForwardDynamicsDerivatives(*found)
+
+    def _many(
+        self,
+        name: str,
+        given: list[Array],
+        guess: Near,
+        threads: int,
+        shapes: Sequence[tuple[int, ...]],
+        failures: Failures | None,
+    ) -> list[Array]:
+        """Each row of the arguments given to the shorthand of that name, field by field."""
+        count = together(*given)
+        found = getattr(self.core, f"{name}_many", _none)(*given, self._place(guess), int(positive(threads, "threads")))
+        if found is not None and len(shapes) == 1:
+            found = (found[0],), found[1]
+
+        def alone(row: int) -> Sequence[Array]:
+            answer = getattr(self, name)(*(array[row] for array in given), guess)
+            return (answer,) if len(shapes) == 1 else answer
+
+        return completed(found, alone, count, shapes, failures)
 
     def _configuration(self, q_free: ArrayLike, name: str = "q_free") -> Array:
         return checked_configuration(self.free_system.model, q_free, name)
 
     def _start(self, near: Near) -> Array | ClosedPoint | None:
         if isinstance(near, State):
-            return self._own(near)._point
+            return self._own(near).point
         return None if near is None else self._configuration(near, "guess")
+
+    def _asked(self, name: str, q: ArrayLike | State, guess: Near, *arguments: ArrayLike) -> Any:
+        """The core's answer at σ(q); without q it would answer at the guess itself."""
+        return None if q is None else getattr(self.core, name)(self._place(guess), *arguments, q)
+
+    def _place(self, near: Near) -> ArrayLike | None:
+        """What the core is given for a branch."""
+        return self._own(near).q_free if isinstance(near, State) else near
 
     def _own(self, state: State) -> State:
         if state.model.mechanism is not self.mechanism:
@@ -201,7 +294,5 @@ def coordinates_of(subject: Mechanism | ReducedModel) -> IndependentCoordinates:
     return subject.coordinates if isinstance(subject, ReducedModel) else subject.parametrization().coordinates
 
 
-def _together(*arrays: Array) -> tuple[Array, ...]:
-    if len({len(array) for array in arrays}) != 1:
-        raise InvalidInputError(f"arrays of different lengths: {', '.join(str(len(a)) for a in arrays)}")
-    return arrays
+def _none(*_: object) -> None:
+    return None

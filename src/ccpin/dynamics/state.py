@@ -4,40 +4,37 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import lapack
 
 from ccpin.arrays import Array, vector
 from ccpin.dynamics.derivatives import (
-    DynamicsDerivatives,
     ForwardDynamicsDerivatives,
     GeneralizedForceDerivatives,
     InverseDynamicsDerivatives,
 )
-from ccpin.dynamics.free_system import Energy, FreeSystem
-from ccpin.errors import SingularConfigurationError, UnderactuatedError, UnsupportedMechanismError
-from ccpin.kinematics.coordinates import IndependentCoordinates
-from ccpin.kinematics.parametrization import ClosedPoint, Parametrization
+from ccpin.dynamics.free_system import Energy
+from ccpin.dynamics.reference import Model as ReferenceModel
+from ccpin.dynamics.reference import Reference, locked
+from ccpin.errors import UnderactuatedError
+from ccpin.kinematics.parametrization import ClosedPoint
 from ccpin.mechanism.mechanism import Mechanism
 
 _MISSING = 1e-9
-_NEARLY_SINGULAR = 1e-6
 
 
-class Model(Protocol):
+class Model(ReferenceModel, Protocol):
     """What a State reads of its reduced model; `ccpin.ReducedModel` says what each is."""
 
     mechanism: Mechanism
-    free_system: FreeSystem
-    parametrization: Parametrization
-    coordinates: IndependentCoordinates
-    actuation: Array | None
-    n: int
     nq: int
     n_actuated: int
+
+    @property
+    def core(self) -> Any:
+        """What answers first: a `ccpin.native.Kernel`, or what declines everything."""
 
     def at(self, q: ArrayLike | State, near: Near = None) -> State:
         """The State at q."""
@@ -65,17 +62,13 @@ class ReducedTerms(NamedTuple):
     g: Array
 
 
-def _locked(array: Array) -> Array:
-    array.setflags(write=False)
-    return array
-
-
 @dataclass(frozen=True, eq=False, repr=False)
 class State:
     """A configuration that is closed and nonsingular, q′ = σ(q) (12), with everything that depends on it alone.
 
     From `ReducedModel.at`. Immutable, its arrays read-only; what is asked of it is computed once and kept. Any number
     of threads may share one. v is q̇ (n,), a is q̈ (n,), u the actuated joints' efforts (motors,); SI units, radians.
+    The compiled core answers where there is one and it can, `ccpin.dynamics.reference` all else.
 
     Raises:
         InvalidInputError: v, a or u has the wrong shape or is not finite (every method).
@@ -83,18 +76,23 @@ class State:
     Attributes:
         model: The reduced model.
         q: Independent coordinates, of shape (model.nq,).
+        reference: What answers where the core does not.
     """
 
     model: Model
     q: Array
-    _point: ClosedPoint
+    reference: Reference
 
     def __post_init__(self) -> None:
-        for array in (self.q, self._point.q_free, self._point.rho):
-            _locked(array)
+        locked(self.q)
 
-    def __reduce__(self) -> tuple[type[State], tuple[Model, Array, ClosedPoint]]:
-        return State, (self.model, self.q, self._point)
+    @classmethod
+    def of(cls, model: Model, q: Array, point: ClosedPoint) -> State:
+        """The State at a point that is known already."""
+        return cls(model, q, Reference.of(model, point))
+
+    def __reduce__(self) -> tuple[type[State], tuple[Model, Array, Reference]]:
+        return State, (self.model, self.q, self.reference)
 
     def __repr__(self) -> str:
         q = np.array2string(self.q, precision=6, separator=", ")
@@ -105,80 +103,107 @@ class State:
     @property
     def q_free(self) -> Array:
         """The configuration q′ = σ(q) (12), of shape (nq,)."""
-        return self._point.q_free
+        return self.reference.q_free
 
     @property
     def rho(self) -> Array:
         """ρ = ψ_q′⁻¹ [0; I] (14), of shape (n′, n), with q̇′ = ρ q̇ (13)."""
-        return self._point.rho
+        return self.reference.rho
 
     @property
+    def point(self) -> ClosedPoint:
+        """The closed point, with ψ_q′ factorised and φ_q′."""
+        return self.reference.point
+
+    @cached_property
     def rcond(self) -> float:
         """Reciprocal condition number of ψ_q′ in the 1-norm: towards 0 near a singularity."""
-        return self._point.factor.rcond
+        answer = self.model.core.rcond(self.q_free)
+        return self.point.factor.rcond if answer is None else float(answer)
 
     def v_free(self, v: ArrayLike) -> Array:
         """The free system's velocity q̇′ = ρ q̇ (13), of shape (n′,)."""
-        return self._point.rho @ self._velocity(v)
+        return self.rho @ self._velocity(v)
 
     def a_free(self, v: ArrayLike, a: ArrayLike) -> Array:
         """The free system's acceleration q̈′ = ρ q̈ + ρ̇ q̇, of shape (n′,)."""
-        return self._point.rho @ vector(a, "a", self.model.n) + self.bias(v)
+        return self.rho @ self._acceleration(a) + self.bias(v)
 
     def rho_dot(self, v: ArrayLike) -> Array:
         """ρ̇ = −ψ_q′⁻¹ ψ̇_q′ ρ (35) along q̇′ = ρ q̇, of shape (n′, n)."""
-        return self.model.parametrization.rho_dot(self._point, self.v_free(v))
+        answer = self.model.core.terms(self.q_free, v)
+        return self.reference.rho_dot(self._velocity(v)) if answer is None else np.asarray(answer[3])
 
     def bias(self, v: ArrayLike) -> Array:
         """ρ̇ q̇, of shape (n′,): the free system's acceleration where q̈ = 0."""
-        return self.model.parametrization.bias(self._point, self.v_free(v))
+        answer = self.model.core.terms(self.q_free, v)
+        velocity = self._velocity(v)
+        return self.reference.bias(velocity) if answer is None else np.asarray(answer[3] @ velocity)
 
     # The reduced equations of motion.
 
     @cached_property
     def D(self) -> Array:
         """The mass matrix ρᵀD′ρ (23), symmetric positive definite, of shape (n, n), kg m² (kg, kg m)."""
-        return _locked(self.rho.T @ self._mass_rho)
+        answer = self.model.core.terms(self.q_free, np.zeros(self.model.n))
+        return locked(self.reference.D if answer is None else answer[4])
+
+    @cached_property
+    def damping(self) -> Array:
+        """ρᵀB′ρ, of shape (n, n): the joints' dampers (B′ = diag b), symmetric, ≥ 0; zeros where there is none."""
+        return locked(self.rho.T @ (self.model.free_system.damping[:, None] * self.rho))
 
     @cached_property
     def g(self) -> Array:
-        """Gravity's generalized force ρᵀg′ (25), of shape (n,), N m or N."""
-        return _locked(self.rho.T @ self._gravity_free)
+        """The potential's gradient ρᵀg′ (25), of shape (n,), N m or N: gravity and the joints' springs."""
+        answer = self.model.core.gravity(self.q_free)
+        return locked(self.reference.g if answer is None else answer)
 
     @cached_property
     def gravity_derivative(self) -> Array:
         """∂g/∂q, of shape (n, n), along tangent steps of q: the potential's Hessian for plain coordinates."""
-        return _locked(self._derivatives.gravity())
+        rest = np.zeros(self.model.n)
+        answer = self.model.core.generalized_force_derivatives(self.q_free, rest, rest)
+        return locked(self.reference.derivatives.gravity() if answer is None else answer[0])
 
     def C(self, v: ArrayLike) -> Array:
         """ρᵀC′ρ + ρᵀD′ρ̇ (24), of shape (n, n); Ḋ − 2C is skew symmetric (Lemma III.1)."""
-        return self._coriolis(self.v_free(v), self.rho_dot(v))
+        return self.terms(v).C
 
     def terms(self, v: ArrayLike) -> ReducedTerms:
         """D, C, g (23)–(25) and what they come from."""
-        v_free, rho_dot = self.v_free(v), self.rho_dot(v)
-        return ReducedTerms(self.q_free, v_free, self.rho, rho_dot, self.D, self._coriolis(v_free, rho_dot), self.g)
+        answer = self.model.core.terms(self.q_free, v)
+        if answer is not None:
+            return ReducedTerms(self.q_free, answer[1], self.rho, answer[3], self.D, answer[5], self.g)
+        velocity = self._velocity(v)
+        rho_dot = self.reference.rho_dot(velocity)
+        C = self.reference.C(velocity, rho_dot)
+        return ReducedTerms(self.q_free, self.rho @ velocity, self.rho, rho_dot, self.D, C, self.g)
 
     def energy(self, v: ArrayLike) -> Energy:
         """Kinetic energy ½ q̇ᵀD q̇ and potential energy V with ∂V/∂q = g, in joules."""
-        return self.model.free_system.energy(self.q_free, self.v_free(v))
+        answer = self.model.core.energy(self.q_free, v)
+        return self.reference.energy(self._velocity(v)) if answer is None else Energy(*answer)
 
     def tau(self, v: ArrayLike, a: ArrayLike) -> Array:
-        """The generalized force τ = D q̈ + C q̇ + g (22), of shape (n,), N m or N."""
-        return self.rho.T @ self._tau_free(self.v_free(v), self.a_free(v, a))
+        """The generalized force τ = D q̈ + C q̇ + damping q̇ + g (22), of shape (n,), N m or N."""
+        answer = self.model.core.generalized_force(self.q_free, v, a)
+        return self.reference.tau(self._velocity(v), self._acceleration(a)) if answer is None else np.asarray(answer)
 
     def forward_dynamics(self, v: ArrayLike, u: ArrayLike) -> Array:
-        """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − g) (22), of shape (n,).
+        """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − damping q̇ − g) (22), of shape (n,).
 
         Raises:
             SingularConfigurationError: D is not positive definite so near a singularity.
             UnsupportedMechanismError: D is not positive definite (bodies without mass or inertia).
         """
-        v_free = self.v_free(v)
-        return self._accelerated(v_free, self.model.parametrization.bias(self._point, v_free), u)
+        answer = self.model.core.forward_dynamics(self.q_free, v, u)
+        if answer is None:
+            return self.reference.forward_dynamics(self._velocity(v), self._effort(u))
+        return np.asarray(answer)
 
     def inverse_dynamics(self, v: ArrayLike, a: ArrayLike) -> Array:
-        """The actuated joints' efforts u with ρᵀSᵀu = D q̈ + C q̇ + g (22), of shape (motors,).
+        """The actuated joints' efforts u with ρᵀSᵀu = D q̈ + C q̇ + damping q̇ + g (22), of shape (motors,).
 
         With more motors than independent coordinates u is the solution of least norm.
 
@@ -186,6 +211,8 @@ class State:
             UnderactuatedError: No u produces that acceleration (fewer motors than coordinates).
         """
         force = self.tau(v, a)
+        if self.model.actuation is None:
+            return force
         u = self.efforts(force)
         missing = float(np.abs(self.generalized_force(u) - force).max(initial=0.0))
         if missing > _MISSING * max(1.0, float(np.abs(force).max(initial=0.0))):
@@ -196,29 +223,26 @@ class State:
         return u
 
     def constraint_forces(self, v: ArrayLike, u: ArrayLike) -> Array:
-        """λ of the descriptor form (17): D′q̈′ + C′q̇′ + g′ = Sᵀu + φ_q′ᵀλ, of shape (m,).
+        """λ of the descriptor form (17): D′q̈′ + C′q̇′ + B′q̇′ + g′ = Sᵀu + φ_q′ᵀλ, of shape (m,).
 
         λ has one entry a row of φ, in φ's order and axes (`ccpin.kinematics.constraints`): the force (N) that end A of
         a loop receives along a point row, B the opposite; the moment (N m) along a direction row. With redundant rows
         λ is the solution of least norm. Errors as for `forward_dynamics`.
         """
-        v_free = self.v_free(v)
-        bias = self.model.parametrization.bias(self._point, v_free)
-        a_free = self.rho @ self._accelerated(v_free, bias, u) + bias
-        force = self._tau_free(v_free, a_free) - self.joint_efforts(u)
-        return self._point.factor.solve_transposed(force)[: self.model.parametrization.constraints.size]
+        answer = self.model.core.constraint_forces(self.q_free, v, u)
+        if answer is None:
+            return self.reference.constraint_forces(self._velocity(v), self._effort(u))
+        return np.asarray(answer)
 
     # Motors.
 
     def generalized_force(self, u: ArrayLike) -> Array:
         """ρᵀSᵀu, of shape (n,): the actuated joints' efforts seen by the independent coordinates."""
-        effort = self._effort(u)
-        return effort if self._transmission is None else self._transmission @ effort
+        return self.reference.generalized_force(self._effort(u))
 
     def joint_efforts(self, u: ArrayLike) -> Array:
         """Sᵀu, of shape (n′,): what the motors do to the free system's joints (α_q′ᵀu where u acts on q itself)."""
-        S = self.model.actuation
-        return np.asarray((self.model.coordinates.jacobian(self.q_free) if S is None else S).T @ self._effort(u))
+        return self.reference.joint_efforts(self._effort(u))
 
     def efforts(self, force: ArrayLike) -> Array:
         """The actuated joints' efforts u of least norm with ρᵀSᵀu nearest to a generalized force, of shape (motors,).
@@ -227,15 +251,18 @@ class State:
             force: Of shape (n,), N m or N.
         """
         wanted = vector(force, "force", self.model.n)
-        if self._transmission is None:
-            return wanted
-        return np.asarray(np.linalg.lstsq(self._transmission, wanted, rcond=None)[0])
+        transmission = self.reference.transmission
+        return wanted if transmission is None else np.asarray(np.linalg.lstsq(transmission, wanted, rcond=None)[0])
 
     # Derivatives, exact; those by q are along tangent steps of q.
 
     def forward_dynamics_derivatives(self, v: ArrayLike, u: ArrayLike) -> ForwardDynamicsDerivatives:
         """∂q̈/∂q, ∂q̈/∂q̇ and ∂q̈/∂u of `forward_dynamics`; errors as there."""
-        return self._derivatives.forward(self._velocity(v), self._effort(u), self.forward_dynamics(v, u))
+        answer = self.model.core.forward_dynamics_derivatives(self.q_free, v, u)
+        if answer is not None:
+            return ForwardDynamicsDerivatives(*answer)
+        a = self.reference.forward_dynamics(self._velocity(v), self._effort(u))
+        return self.reference.derivatives.forward(self._velocity(v), self._effort(u), a)
 
     def inverse_dynamics_derivatives(self, v: ArrayLike, a: ArrayLike) -> InverseDynamicsDerivatives:
         """∂u/∂q, ∂u/∂q̇ and ∂u/∂q̈ of `inverse_dynamics`; errors as there.
@@ -243,67 +270,28 @@ class State:
         Raises:
             UnderactuatedError: Also where fewer motors than coordinates happen to produce that acceleration.
         """
-        acceleration = vector(a, "a", self.model.n)
-        return self._derivatives.inverse(self._velocity(v), self.inverse_dynamics(v, a), acceleration)
+        if self.model.actuation is None:
+            return InverseDynamicsDerivatives(*self.generalized_force_derivatives(v, a))
+        u = self.inverse_dynamics(v, a)
+        return self.reference.derivatives.inverse(self._velocity(v), u, self._acceleration(a))
 
     def generalized_force_derivatives(self, v: ArrayLike, a: ArrayLike) -> GeneralizedForceDerivatives:
-        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + g, whatever the motors."""
-        return self._derivatives.generalized_force(self._velocity(v), vector(a, "a", self.model.n))
+        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + damping q̇ + g, whatever the motors."""
+        answer = self.model.core.generalized_force_derivatives(self.q_free, v, a)
+        if answer is not None:
+            return GeneralizedForceDerivatives(*answer)
+        return self.reference.derivatives.generalized_force(self._velocity(v), self._acceleration(a))
 
     # What the above share.
-
-    @cached_property
-    def _mass_rho(self) -> Array:
-        """D′ρ, of shape (n′, n)."""
-        return _locked(self.model.free_system.mass_matrix(self.q_free) @ self.rho)
-
-    @cached_property
-    def _gravity_free(self) -> Array:
-        """g′, of shape (n′,)."""
-        return _locked(self.model.free_system.gravity(self.q_free))
-
-    @cached_property
-    def _transmission(self) -> Array | None:
-        """ρᵀSᵀ, of shape (n, motors); ``None`` where u acts on q itself."""
-        return None if self.model.actuation is None else _locked(self.rho.T @ self.model.actuation.T)
-
-    @cached_property
-    def _derivatives(self) -> DynamicsDerivatives:
-        model = self.model
-        return DynamicsDerivatives(model.free_system, model.parametrization, self._point, model.actuation)
 
     def _velocity(self, v: ArrayLike) -> Array:
         return vector(v, "v", self.model.n)
 
+    def _acceleration(self, a: ArrayLike) -> Array:
+        return vector(a, "a", self.model.n)
+
     def _effort(self, u: ArrayLike) -> Array:
         return vector(u, "u", self.model.n_actuated)
-
-    def _coriolis(self, v_free: Array, rho_dot: Array) -> Array:
-        coriolis = self.model.free_system.coriolis_matrix(self.q_free, v_free)
-        return np.asarray(self.rho.T @ (coriolis @ self.rho) + self._mass_rho.T @ rho_dot)
-
-    def _tau_free(self, v_free: Array, a_free: Array) -> Array:
-        return self.model.free_system.inverse_dynamics(self.q_free, v_free, a_free)
-
-    def _accelerated(self, v_free: Array, bias: Array, u: ArrayLike) -> Array:
-        """q̈ from q̇′ and ρ̇ q̇: D q̈ = ρᵀSᵀu − ρᵀτ′(q′, q̇′, ρ̇ q̇), with τ′ the free system's inverse dynamics."""
-        force = self.generalized_force(u) - self.rho.T @ self._tau_free(v_free, bias)
-        if not self.model.n:
-            return np.zeros(0)
-        _, a, info = lapack.dposv(self.D, force)
-        if info != 0 and self.rcond < _NEARLY_SINGULAR:
-            raise SingularConfigurationError(
-                f"the reduced dynamics break down near a singularity (reciprocal condition number of ψ_q′ "
-                f"{self.rcond:.1e})",
-                q_free=self.q_free,
-                rcond=self.rcond,
-            )
-        if info != 0:
-            raise UnsupportedMechanismError(
-                "the reduced mass matrix D is not positive definite: some independent motion moves no mass; give the "
-                "links inertias, or lock that motion"
-            )
-        return np.asarray(a)
 
 
 Near = ArrayLike | State | None

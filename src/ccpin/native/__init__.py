@@ -8,6 +8,7 @@ their words are the reference's either way. CCPIN_BACKEND=numpy or native in the
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal, NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -90,7 +91,20 @@ def _made(mechanism: Mechanism, gravity: Array) -> Kernel | None:
         return None
 
 
+class Declining:
+    """A kernel that answers nothing, for where there is none."""
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return _declined
+
+
+def _declined(*_: object, **__: object) -> None:
+    return None
+
+
 _MADE: WeakKeyDictionary[Mechanism, dict[bytes, Kernel | None]] = WeakKeyDictionary()
 
 
-__all__ = ["Backend", "Kernel", "backend", "kernel"]
+__all__ = ["Backend", "Declining", "Kernel", "backend", "kernel"]

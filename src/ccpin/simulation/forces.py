@@ -163,7 +163,7 @@ class _Wrenches:
         poses = joint_poses(self.model.free_system.scratch, state.q_free)
         constraints, complete = self.model.parametrization.constraints, self.complete.value(state.q_free)
         loose = _left_null_space(complete.jacobian)
-        wrenches = constraints.wrenches(state._point.constraints)
+        wrenches = constraints.wrenches(state.point.constraints)
         all_wrenches = self.complete.wrenches(complete)
         loads, freedoms = [], []
         for loop in self.loops:

@@ -12,7 +12,6 @@ from ccpin.control.laws import ControlLaw, ModelLaw, NoTorque, PDFullGravity, PD
 from ccpin.control.references import Hold, PiecewisePolynomial, PointToPoint, Waypoints
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.native import Kernel
 from ccpin.simulation.trajectory import Trajectory
 
 _TRACKING: dict[type[ControlLaw], str] = {
@@ -25,7 +24,6 @@ _REFERENCES = (Hold, PointToPoint, Waypoints)  # themselves: a subclass may have
 
 
 def simulate_in_core(
-    kernel: Kernel,
     model: ReducedModel,
     law: ControlLaw,
     method: str,
@@ -35,7 +33,6 @@ def simulate_in_core(
     """The trajectory, or ``None`` where the law, the method or the motion is not one the core can answer for.
 
     Args:
-        kernel: The model's kernel.
         model: The reduced model.
         law: The law.
         method: The integrator.
@@ -46,7 +43,7 @@ def simulate_in_core(
     tableau, numbers = TABLEAUX.get(method), law_numbers(model, law)
     if tableau is None or numbers is None:
         return None
-    answer = kernel.simulate(guess, numbers, run, tableau)
+    answer = model.core.simulate(guess, numbers, run, tableau)
     if answer is None:
         return None
     done, q, v, u, q_free, closure, status, since, evaluations = answer

@@ -23,7 +23,6 @@ from ccpin.dynamics.state import Near, State
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, SingularConfigurationError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.native import kernel
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
 from ccpin.simulation.in_core import simulate_in_core
 from ccpin.simulation.stick_slip import StickSlip
@@ -123,11 +122,10 @@ def simulate(
         times = np.append(times, duration)
     options = {"rtol": rtol, "atol": atol, "max_step": max_step}
     plain = friction is None and sampling is None and region is None
-    core = kernel(model.mechanism, model.gravity_vector) if plain else None
-    if core is not None:
+    if plain:
         numbers = {"times": times, "start": np.concatenate([start.q, v_start]), "singular_rcond": singular_rcond}
         numbers |= options | (settling or _NEVER)._asdict()
-        found = simulate_in_core(core, model, law, method, start.q_free, numbers)
+        found = simulate_in_core(model, law, method, start.q_free, numbers)
         if found is not None:
             return found
     commands = ContinuousCommands(law) if sampling is None else SampledCommands(model, law, sampling, start.q, v_start)
