@@ -99,6 +99,18 @@ class TestFourBar:
             assert description.closures[0].kind == "fixed"
         assert np.allclose(reduced(description)[:3], TWIN[:3], rtol=1e-9, atol=1e-11)
 
+    def test_damping_and_spring_of_a_joint_act_alike_in_the_tree_and_closing_the_loop(self):
+        """q̈ does not depend on which joint the order makes the closing one, and is not that of the free linkage."""
+        forces = "<dynamics><damping>0.3</damping><spring_stiffness>2</spring_stiffness><spring_reference>0.4"
+        forces += "</spring_reference></dynamics>"
+        C = joint("C", "revolute", "coupler", "rocker", pose=f"<pose>{ROCKER} 0 0 0 0 0</pose>", extra=forces)
+        a, b, d = FOUR_BAR_JOINTS[:3]
+        closing, inside = read(four_bar((a, b, d, C))), read(four_bar((a, b, C, d)))
+        assert [c.name for c in closing.closures] == ["C"]
+        assert [c.name for c in inside.closures] == ["D"]
+        assert np.allclose(reduced(closing), reduced(inside), rtol=1e-9, atol=1e-11)
+        assert abs(reduced(inside)[3] - TWIN[3]) > 1
+
     def test_a_model_pose_turns_gravity(self):
         """A model laid on its side by its <pose> feels gravity across: the twin under turned gravity."""
         turned = four_bar().replace('<model name="four_bar" >', '<model name="four_bar"><pose>1 2 3 1.2 0.4 0</pose>')
@@ -336,7 +348,7 @@ class TestFrames:
             ([joint("j", "universal", "world", "l")], "<axis2> is missing"),
             (
                 [joint("j", "revolute", "world", "l", extra="<dynamics><dampng>1</dampng></dynamics>")],
-                "'damping' is meant",
+                "did you mean 'damping'",
             ),
             ([joint("j", "revolute", "world", "l", extra="<limit><lower>x</lower></limit>")], "'x' is not numeric"),
             ([joint("j", "revolute", "world", "l", extra='<mimic joint="none"/>')], "no joint 'none'"),

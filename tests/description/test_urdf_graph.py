@@ -257,7 +257,7 @@ class TestSpellings:
     )
     def test_a_misspelling_is_refused_with_the_nearest_name(self, text, meant):
         """The message names what is meant."""
-        with pytest.raises(DescriptionError, match=rf"'\w*{meant}' is meant"):
+        with pytest.raises(DescriptionError, match=rf"did you mean '\w*{meant}'"):
             read(added(text).replace("<robot ", '<robot xmlns:drake="urn:d" '))
 
     @pytest.mark.parametrize("target", ["ghost", "tip_mount"])

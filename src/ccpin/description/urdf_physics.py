@@ -67,9 +67,9 @@ class Drive(NamedTuple):
 def read_drive(root: XmlElement, kinds: Mapping[str, str]) -> Drive:
     """Read transmissions, the springs of <gazebo reference="joint">, and name what is not read.
 
-    `kinds` are the file's joints. A motor's gear is its transmission's mechanicalReduction: u is the motor's own effort.
-    Drake's gear_ratio says how fast the rotor turns and reflects its inertia; there u is the joint's effort, and so it is
-    here. A transmission left on a fixed or absent joint drives nothing.
+    `kinds` are the file's joints. A motor's gear is its transmission's mechanicalReduction: u is the motor's own
+    effort. Drake's gear_ratio says how fast the rotor turns and reflects its inertia; there u is the joint's effort,
+    and so it is here. A transmission left on a fixed or absent joint drives nothing.
 
     Raises:
         DescriptionError: A transmission names no joint, or a number is malformed.

@@ -127,7 +127,7 @@ def spelt(element: XmlElement, word: str, known: Iterable[str]) -> bool:
     shuffled = next((name for name in expected if len(name) > 2 and sorted(name) == sorted(word)), None)
     meant = shuffled or nearest(word, expected)
     if meant:
-        raise fail(element, f"'{word}' does not exist here; '{meant}' is meant, perhaps")
+        raise fail(element, f"'{word}' does not exist here; did you mean '{meant}'?")
     return False
 
 
