@@ -39,7 +39,7 @@ def test_one_root():
         ("<?xml version='1.0'?>", InvalidXmlError, "XML|empty"),
         ("once upon a time", AmbiguousFormatError, "neither XML"),
         ("", AmbiguousFormatError, "neither XML"),
-        ("<sdf version='1.7'/>", AmbiguousFormatError, "<sdf>"),
+        ("<sdf version='1.7'/>", DescriptionError, "not exactly one model"),
         ("<robot name='x'/>", DescriptionError, "no link"),
         ("<robot name='x'><link name='a'/></robot>", NoLoopError, "no loop closure and no coupling"),
         ("<!DOCTYPE a [<!ENTITY b 'c'>]><robot name='x'>&b;</robot>", InvalidXmlError, "DOCTYPE"),

@@ -136,7 +136,7 @@ def _plot_domain(mechanism: Mechanism, atlas: Any, out: Path) -> None:
 
 def _domain_in_words(mechanism: Mechanism, result: dict[str, Any]) -> str:
     def size(name: str, value: float) -> str:
-        angular = not any(mechanism.tree.joint(j.partition(":")[0]).kind.sliding for j in mechanism.independent)
+        angular = not any(mechanism.tree.joint(mechanism.tree.split(j)[0]).kind.sliding for j in mechanism.independent)
         return f"{name:<28}{np.degrees(value):.4f}°" if angular else f"{name:<28}{value:.6g} (rad or m)"
 
     lines = [

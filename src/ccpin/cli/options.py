@@ -9,6 +9,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.control.sampling import Sampling
+from ccpin.description import FORMATS
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism import load as load_mechanism
 from ccpin.mechanism.mechanism import Mechanism
@@ -16,12 +17,15 @@ from ccpin.mechanism.mechanism import Mechanism
 
 def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> None:
     """The mechanism and what overrides its file."""
-    what = "a file (URDF with loops, robot.yaml, MJCF) or an installed model's name"
+    what = "a file (URDF with loops, SDF, robot.yaml, MJCF) or an installed model's name"
     parser.add_argument("mechanism", help=what, nargs="?" if optional else None)
     parser.add_argument("--independent", nargs="+", metavar="JOINT", help="independent joints, in the order of q")
     parser.add_argument("--actuated", nargs="+", metavar="JOINT", help="actuated joints, in the order of u")
     parser.add_argument("--floating-base", action="store_true", help="free the root link")
-    parser.add_argument("--format", choices=("urdf", "mjcf", "toolbox"), help="instead of telling it from the content")
+    parser.add_argument("--format", choices=FORMATS, help="instead of telling it from the content")
+    parser.add_argument("--model", metavar="NAME", help="which model of an SDF file, where it holds several")
+    parser.add_argument("--include-root", metavar="DIR", help="folder an SDF file may include from (default: its own)")
+    parser.add_argument("--xacro-arg", nargs="+", metavar="NAME:=VALUE", default=[], help="arguments of a xacro file")
     parser.add_argument("--json", action="store_true", help="print machine-readable JSON (SI units, radians)")
 
 
@@ -33,7 +37,22 @@ def load(options: argparse.Namespace) -> Mechanism:
         actuated=options.actuated,
         floating_base=options.floating_base,
         format=options.format,
+        model=options.model,
+        include_root=options.include_root,
+        xacro_arguments=_xacro_arguments(options.xacro_arg),
     )
+
+
+def _xacro_arguments(written: list[str]) -> dict[str, str]:
+    """The arguments by name, of ``name:=value`` each.
+
+    Raises:
+        InvalidInputError: One is written otherwise.
+    """
+    pairs = [argument.partition(":=") for argument in written]
+    if any(not (name and sign) for name, sign, _ in pairs):
+        raise InvalidInputError(f"--xacro-arg takes name:=value, not {' '.join(written)}")
+    return {name: value for name, _, value in pairs}
 
 
 def add_vector(parser: argparse.ArgumentParser, name: str, help_text: str) -> None:
@@ -53,7 +72,7 @@ def vector(options: argparse.Namespace, name: str, mechanism: Mechanism) -> Arra
     if degrees is None:
         return None if plain is None else np.array(plain, dtype=np.float64)
     for coordinate in mechanism.independent:
-        joint, _, component = coordinate.partition(":")
+        joint, component = mechanism.tree.split(coordinate)
         kind = mechanism.tree.joint(joint).kind
         if not kind.angle and not component.startswith("r"):
             raise InvalidInputError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 
@@ -43,7 +44,8 @@ __all__ = [
     "read_description",
 ]
 
-FORMATS = ("urdf", "mjcf", "toolbox")
+FORMATS = ("urdf", "sdf", "mjcf", "toolbox")
+_ROOTS = {"robot": "urdf", "sdf": "sdf", "mujoco": "mjcf"}
 
 
 def installed_models() -> dict[str, Path]:
@@ -74,12 +76,23 @@ def find_file(path: str | Path) -> Path:
     )
 
 
-def read_description(path: str | Path, format: str | None = None) -> MechanismDescription:
+def read_description(
+    path: str | Path,
+    format: str | None = None,
+    *,
+    model: str | None = None,
+    include_root: str | Path | None = None,
+    xacro_arguments: Mapping[str, str] | None = None,
+) -> MechanismDescription:
     """Read a file in the format its content shows, or in the one named.
 
     Args:
-        path: File or installed model's name; a folder stands for the robot.yaml or robot.urdf in it.
-        format: ``"urdf"``, ``"mjcf"`` or ``"toolbox"`` (the YAML of toolbox-parallel-robots beside its URDF).
+        path: File or installed model's name; a folder stands for the robot.yaml, robot.urdf, robot.xml or model.sdf
+            in it.
+        format: ``"urdf"``, ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (toolbox-parallel-robots: YAML beside a URDF).
+        model: Which model of an SDFormat file to read, where it holds several.
+        include_root: The folder an SDFormat file may include others from; default its own.
+        xacro_arguments: Values of a xacro file's arguments.
 
     Raises:
         DescriptionNotFoundError, AmbiguousFormatError, InvalidXmlError, DescriptionError: See `ccpin.errors`.
@@ -99,19 +112,30 @@ def read_description(path: str | Path, format: str | None = None) -> MechanismDe
         from ccpin.description.toolbox import toolbox_description
 
         return toolbox_description(text, file)
-    from ccpin.description.xml import parse_xml, tag
+    from ccpin.description.xacro_files import is_xacro
+    from ccpin.description.xml import fail, parse_xml, tag
 
     root = parse_xml(text, str(file))
-    kind = format or {"robot": "urdf", "mujoco": "mjcf"}.get(tag(root))
+    kind = format or _ROOTS.get(tag(root))
+    if kind != "urdf" and is_xacro(root):
+        raise fail(root, "the file holds xacro elements; only URDFs are expanded here, so give the expanded file")
+    if kind == "sdf":
+        from ccpin.description.sdf.reader import sdf_description
+
+        return sdf_description(root, model=model, include_root=include_root)
     if kind == "mjcf":
         from ccpin.description.mjcf.reader import mjcf_description
 
         return mjcf_description(root)
+    if kind == "urdf" and is_xacro(root):
+        from ccpin.description.xacro_files import xacro_description
+
+        return xacro_description(file, root, xacro_arguments)
     if kind == "urdf":
         from ccpin.description.urdf import urdf_description
 
         return urdf_description(root)
-    message = f"the root element <{tag(root)}> is neither <robot> (URDF) nor <mujoco>"
+    message = f"the root element <{tag(root)}> is none of <robot> (URDF), <sdf> and <mujoco>"
     raise AmbiguousFormatError(message, source=str(file))
 
 
@@ -119,7 +143,13 @@ def _file_in(folder: Path) -> Path:
     for name in ("robot.yaml", "robot.urdf", "robot.xml"):
         if (folder / name).is_file():
             return folder / name
-    raise DescriptionNotFoundError("the folder holds no robot.yaml, robot.urdf or robot.xml", source=str(folder))
+    from ccpin.description.sdf.includes import model_in
+
+    found = model_in(folder)
+    if found is not None:
+        return found
+    known = "robot.yaml, robot.urdf, robot.xml or model.sdf"
+    raise DescriptionNotFoundError(f"the folder holds no {known}", source=str(folder))
 
 
 def _is_toolbox(text: bytes, source: str) -> bool:
@@ -132,4 +162,6 @@ def _is_toolbox(text: bytes, source: str) -> bool:
         return False
     if b"closed_loop" in text:
         return True
-    raise AmbiguousFormatError("neither XML (URDF, MJCF) nor a YAML file with a 'closed_loop' key", source=source)
+    raise AmbiguousFormatError(
+        "neither XML (URDF, SDFormat, MJCF) nor a YAML file with a 'closed_loop' key", source=source
+    )

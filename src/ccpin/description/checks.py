@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ccpin.description.closure_kinds import CLOSURE_KINDS
-from ccpin.description.joint_kinds import FIXED, JOINT_KINDS
+from ccpin.description.joint_kinds import FIXED, JOINT_KINDS, split_component
 from ccpin.description.model import Inertia, Joint, MechanismDescription
 from ccpin.errors import DescriptionError
 
@@ -51,6 +51,7 @@ class _Checker:
                 self.inertia_is_physical(f"link '{link.name}'", link.inertia)
         self.something_has_mass()
         self.joints_are_sound()
+        self.components_are_distinct()
         self.closures_are_sound()
         self.couplings_are_sound()
         self.marks_are_sound()
@@ -61,6 +62,13 @@ class _Checker:
             for name, count in Counter(thing.name for thing in getattr(self.d, field)).items():
                 if count > 1:
                     raise self.fail(f"{kind} '{name}'", f"the name is used {count} times; names must be unique")
+
+    def components_are_distinct(self) -> None:
+        for name in self.joints:
+            joint, component = name.rpartition(":")[::2]
+            owner = self.joints.get(joint)
+            if owner is not None and owner.kind != FIXED and component in JOINT_KINDS[owner.kind].components:
+                raise self.fail(f"joint '{name}'", f"is also the name of a component of joint '{joint}'")
 
     def joints_form_a_tree(self) -> None:
         parent_of: dict[str, str] = {}
@@ -187,7 +195,7 @@ class _Checker:
     def marks_are_sound(self) -> None:
         for role, names in (("independent", self.d.independent), ("actuated", self.d.actuated)):
             for name in names or ():
-                if name.partition(":")[0] not in self.joints:
+                if split_component(name, self.joints)[0] not in self.joints:
                     raise self.fail(f"joint '{name}'", f"is marked {role} but does not exist")
         for pose in (self.d.reference, *self.d.poses.values()):
             for name, values in pose.items():

@@ -9,6 +9,7 @@ velocity of the moving frame in its own axes.
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -192,3 +193,15 @@ JOINT_KINDS: dict[str, JointKind] = {
     )
 }
 """The movable kinds by name; a description knows one more, "fixed", which moves nothing."""
+
+
+def split_component(name: str, joints: Container[str]) -> tuple[str, str]:
+    """The joint and the component a name stands for: ``joint:axis``, or the joint alone with an empty component.
+
+    Joints' own names may hold colons: the longest known joint is taken first. Of an unknown name the part before the
+    last colon is taken for the joint.
+    """
+    joint, _, component = name.rpartition(":")
+    if name in joints or not joint:
+        return name, ""
+    return joint, component

@@ -26,6 +26,12 @@ def frame(position: ArrayLike, rotation: ArrayLike = IDENTITY[:3, :3]) -> Array:
     return transform
 
 
+def inverse(transform: Array) -> Array:
+    """The inverse of a rigid 4×4 transform."""
+    turn = transform[:3, :3].T
+    return frame(-turn @ transform[:3, 3], turn)
+
+
 def rotation_to(axis: Array) -> Array:
     """The smallest rotation whose z column is the unit vector `axis` (a half turn about x for −z)."""
     z = np.array([0.0, 0.0, 1.0])

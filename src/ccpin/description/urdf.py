@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
 
@@ -20,11 +21,13 @@ from ccpin.description.model import (
     Shape,
     Visual,
 )
-from ccpin.description.urdf_loops import read_marks
+from ccpin.description.urdf_graph import extension_joints, onshape_closures, read_graph
+from ccpin.description.urdf_loops import marked_independent, read_marks
 from ccpin.description.urdf_physics import read_drive, read_dynamics, with_forces
 from ccpin.description.xml import (
     Colour,
     XmlElement,
+    attributes_spelt,
     child,
     fail,
     numeric_attributes,
@@ -74,30 +77,50 @@ def urdf_description(root: XmlElement) -> MechanismDescription:
         raise DescriptionError("the root element of a URDF is <robot>", source=source, element=f"<{root.tag}>")
     reader = _TreeReader(root)
     joints = [reader.joint(element) for element in root.iterfind("joint")]
-    mimics = [mimic for element in root.iterfind("joint") for mimic in reader.mimics(element)[:1]]
     links = tuple(reader.link(element) for element in root.iterfind("link"))
     if not links:
         raise DescriptionError("the file declares no link", source=source)
-    marks, drive = read_marks(root, joints), read_drive(root, joints)
-    children = {joint.child for joint in joints}
+    drive = read_drive(root, {joint.name: joint.kind for joint in joints} | extension_joints(root))
+    followers = [mimic for element in root.iterfind("joint") for mimic in reader.mimics(element)[:1]]
+    kept = {term.joint for mimic in followers for term in mimic.terms} | {motor.joint for motor in drive.motors}
+    forceful = [with_forces(joint, drive) for joint in joints]
+    graph = read_graph(root, links, forceful, kept | marked_independent(root))
+    marks = read_marks(root, graph.joints)
+    mimics = _of_movable(followers, graph.joints, reader.notes)
+    frames = onshape_closures(graph, (*marks.closures, *graph.closures), reader.notes)
+    children = {joint.child for joint in graph.joints}
     return check(
         MechanismDescription(
             name=root.get("name") or (Path(source).stem if source else "mechanism"),
             root=next((link.name for link in links if link.name not in children), links[0].name),
-            links=links,
-            joints=tuple(with_forces(joint, drive) for joint in joints),
-            closures=marks.closures,
-            couplings=(*marks.couplings, *mimics),
+            links=links + graph.links,
+            joints=graph.joints,
+            closures=(*marks.closures, *graph.closures, *frames),
+            couplings=(*marks.couplings, *mimics, *graph.couplings),
             independent=marks.independent,
             independent_is_default=marks.independent_is_default,
-            dependent_hint=marks.dependent_hint + tuple(mimic.terms[0].joint for mimic in mimics),
+            dependent_hint=marks.dependent_hint + tuple(c.terms[0].joint for c in (*mimics, *graph.couplings)),
             actuated=drive.actuated,
             motors=drive.motors,
             reference=marks.reference,
             source=source,
-            notes=(*reader.notes, *drive.notes),
+            notes=(*reader.notes, *drive.notes, *marks.notes, *graph.notes),
         )
     )
+
+
+def _of_movable(mimics: Sequence[Coupling], joints: Sequence[Joint], notes: list[str]) -> list[Coupling]:
+    """The mimics between joints that move; one left on or pointing to a fixed or absent joint is noted."""
+    kinds = {joint.name: joint.kind for joint in joints}
+    kept = []
+    for mimic in mimics:
+        idle = [term.joint for term in mimic.terms if kinds.get(term.joint, FIXED) == FIXED]
+        if idle:
+            what = "is fixed" if idle[0] in kinds else "does not exist"
+            notes.append(f"joint '{mimic.terms[0].joint}': its <mimic> is left out, since joint '{idle[0]}' {what}")
+        else:
+            kept.append(mimic)
+    return kept
 
 
 class _TreeReader:
@@ -113,6 +136,8 @@ class _TreeReader:
         for name, counts in NUMERIC.items():
             for element in root.iter("{*}" + name):
                 self.values[element] = numeric_attributes(element, counts)
+                if name != "color":
+                    attributes_spelt(element, counts)
         self.colours: dict[str, Colour] = {}
         for material in root.iterfind("material"):
             colour = self.colour(material)

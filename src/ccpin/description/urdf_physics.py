@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterator, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
+from ccpin.description.joint_kinds import FIXED
 from ccpin.description.model import Joint, Motor
 from ccpin.description.names import nearest
 from ccpin.description.xml import (
@@ -63,16 +64,16 @@ class Drive(NamedTuple):
     notes: list[str]
 
 
-def read_drive(root: XmlElement, joints: Iterable[Joint]) -> Drive:
+def read_drive(root: XmlElement, kinds: Mapping[str, str]) -> Drive:
     """Read transmissions, the springs of <gazebo reference="joint">, and name what is not read.
 
-    A motor's gear is its transmission's mechanicalReduction: u is the motor's own effort. Drake's gear_ratio says how
-    fast the rotor turns and reflects its inertia; there u is the joint's effort, and so it is here.
+    `kinds` are the file's joints. A motor's gear is its transmission's mechanicalReduction: u is the motor's own
+    effort. Drake's gear_ratio says how fast the rotor turns and reflects its inertia; there u is the joint's effort,
+    and so it is here. A transmission left on a fixed or absent joint drives nothing.
 
     Raises:
         DescriptionError: A transmission names no joint, or a number is malformed.
     """
-    known = {joint.name for joint in joints}
     notes: list[str] = []
     motors: dict[str, Motor] = {}
     armature: dict[str, float] = {}
@@ -80,8 +81,10 @@ def read_drive(root: XmlElement, joints: Iterable[Joint]) -> Drive:
         driven = list(children(element, "joint"))
         for joint in driven:
             name = text_attribute(joint, "name")
-            if name not in known:
-                raise fail(element, f"joint '{name}' does not exist")
+            if kinds.get(name, FIXED) == FIXED:
+                what = "is fixed" if name in kinds else "does not exist"
+                notes.append(f"{_named(element)} is left out, since joint '{name}' {what}")
+                continue
             actuators = list(children(element, "actuator"))
             for actuator in actuators:
                 armature[name] = armature.get(name, 0.0) + _reflected(actuator)
@@ -89,7 +92,7 @@ def read_drive(root: XmlElement, joints: Iterable[Joint]) -> Drive:
             if name in motors:
                 notes.append(f"{_named(element)} drives joint '{name}', which has a motor already: it is left out")
             motors.setdefault(name, motor)
-    springs = _springs(root, known, notes)
+    springs = _springs(root, kinds, notes)
     _note_unread(root, notes)
     return Drive(tuple(motors) or None, tuple(motors.values()), armature, springs, notes)
 
@@ -141,7 +144,7 @@ def _number_in(element: XmlElement) -> float:
     return value
 
 
-def _springs(root: XmlElement, known: set[str], notes: list[str]) -> dict[str, dict[str, float]]:
+def _springs(root: XmlElement, known: Container[str], notes: list[str]) -> dict[str, dict[str, float]]:
     """Gazebo's springs: ``<gazebo reference="joint"><springStiffness>k</springStiffness>…``."""
     springs: dict[str, dict[str, float]] = {}
     for element in children(root, "gazebo"):
@@ -154,9 +157,9 @@ def _springs(root: XmlElement, known: set[str], notes: list[str]) -> dict[str, d
 
 
 _NAMES = (
-    "link joint material transmission ros2_control gazebo loop loop_joint coupling ball_constraint distance_constraint "
-    "group_state group end_effector virtual_joint passive_joint disable_collisions collision_filter_group "
-    "ignore_self_collision sensor"
+    "link joint material transmission ros2_control gazebo loop loop_joint constraint coupling ball_constraint "
+    "distance_constraint group_state group end_effector virtual_joint passive_joint disable_collisions "
+    "collision_filter_group ignore_self_collision sensor"
 )
 _READ = frozenset(_NAMES.split())
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -13,12 +13,14 @@ from lxml import etree
 
 from ccpin.arrays import Array
 from ccpin.description.model import IDENTITY
+from ccpin.description.names import nearest
 from ccpin.errors import DescriptionError, InvalidXmlError
 
 XmlElement: TypeAlias = Any  # lxml's etree._Element, which has no type stubs
 Colour: TypeAlias = tuple[float, float, float, float]
 ZERO = (0.0, 0.0, 0.0)
 MAX_BYTES = 32 * 1024 * 1024
+_TRUTH = {"true": True, "1": True, "false": False, "0": False}
 
 
 def parse_xml(text: bytes, source: str | None) -> XmlElement:
@@ -50,6 +52,9 @@ def _parse(text: bytes, source: str | None) -> XmlElement:
     if document.internalDTD is not None or document.doctype:
         message = "a document type declaration (<!DOCTYPE …>) is refused: entities are never expanded"
         raise InvalidXmlError(message, source=source)
+    for element in root.iter("{*}*"):  # a default namespace says nothing: drop it
+        if element.prefix is None and element.tag.startswith("{"):
+            element.tag = tag(element)
     return root
 
 
@@ -110,12 +115,61 @@ def child(element: XmlElement, name: str) -> XmlElement:
     return found
 
 
+def spelt(element: XmlElement, word: str, known: Iterable[str]) -> bool:
+    """Whether a tag or an attribute of an element is a known one.
+
+    Raises:
+        DescriptionError: It is not, but is so like one that it must be a misspelling.
+    """
+    expected = tuple(known)
+    if word in expected:
+        return True
+    shuffled = next((name for name in expected if len(name) > 2 and sorted(name) == sorted(word)), None)
+    meant = shuffled or nearest(word, expected)
+    if meant:
+        raise fail(element, f"'{word}' does not exist here; did you mean '{meant}'?")
+    return False
+
+
+def attributes_spelt(element: XmlElement, known: Collection[str]) -> None:
+    """Nothing, if no attribute of an element is a misspelling of a known one it lacks.
+
+    Raises:
+        DescriptionError: One is.
+    """
+    absent = [name for name in known if name not in element.attrib]
+    for attribute in element.attrib:
+        if attribute not in known:
+            spelt(element, attribute, absent)
+
+
+def unread(element: XmlElement, known: Iterable[str]) -> list[str]:
+    """The names of child elements that are not among those known.
+
+    Raises:
+        DescriptionError: A name is so like a known one that it must be a misspelling.
+    """
+    expected, strangers = tuple(known), dict[str, None]()
+    for other in element.iterchildren("*"):
+        if not spelt(other, tag(other), expected):
+            strangers[tag(other)] = None
+    return list(strangers)
+
+
 def text_attribute(element: XmlElement, attribute: str) -> str:
     """A required, non-empty text attribute."""
     value = element.get(attribute)
     if value is None or not value.strip():
         raise fail(element, f"attribute '{attribute}' is missing")
     return str(value)
+
+
+def truth(element: XmlElement, attribute: str) -> bool:
+    """A required attribute that is true or false (or 1 or 0), in any letter case."""
+    value = text_attribute(element, attribute).strip().lower()
+    if value not in _TRUTH:
+        raise fail(element, f"{attribute}='{element.get(attribute)[:80]}' is neither true nor false")
+    return _TRUTH[value]
 
 
 def numeric_attributes(element: XmlElement, counts: Mapping[str, int | None]) -> dict[str, tuple[float, ...]]:

@@ -105,8 +105,9 @@ def independent_indices(mechanism: Mechanism, chart: Chart) -> NDArray[np.intp]:
     by_joint = {joint.name: joint for joint in chart.joints}
     chosen: list[int] = []
     for name in mechanism.independent:
-        joint = by_joint[name.partition(":")[0]]
-        wanted = [name] if ":" in name else names[joint.v]
+        owner, single = mechanism.tree.split(name)
+        joint = by_joint[owner]
+        wanted = [name] if single else names[joint.v]
         turning = any(component.endswith(("rx", "ry", "rz")) for component in wanted)
         if turning and joint.kind.unit == 4:
             raise UnsupportedMechanismError(

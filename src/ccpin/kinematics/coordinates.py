@@ -99,7 +99,7 @@ class IndependentCoordinates:
         parts, nq, nv, taken, split = [], 0, 0, set[str](), set[str]()
         for name in names:
             joint = self._joint_of(name)
-            component = name.partition(":")[2] or None
+            component = self.tree.split(name)[1] or None
             if name in taken or (joint.name in taken if component else name in split):
                 raise IndependentSetError(f"'{name}' is named twice")
             taken.add(name)
@@ -118,7 +118,7 @@ class IndependentCoordinates:
         return tuple(parts)
 
     def _joint_of(self, name: str) -> TreeJoint:
-        joint, _, component = name.partition(":")
+        joint, component = self.tree.split(name)
         if joint not in self.tree.names:
             raise IndependentSetError(
                 f"'{joint}' is not a movable joint; the movable joints are {', '.join(self.tree.names)}"

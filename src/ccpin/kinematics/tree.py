@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from ccpin.arrays import Array, FrozenMapping, Record, frozen
-from ccpin.description.joint_kinds import FIXED, JOINT_KINDS, JointKind
+from ccpin.description.joint_kinds import FIXED, JOINT_KINDS, JointKind, split_component
 from ccpin.description.model import Joint, Link, MechanismDescription, rotation_to
 from ccpin.errors import DescriptionError, InvalidInputError
 
@@ -92,6 +92,10 @@ class Tree:
         if name not in self._numbers:
             raise InvalidInputError(f"'{name}' is not a movable joint; the movable joints are {', '.join(self.names)}")
         return self.joints[self._numbers[name] - 1]
+
+    def split(self, name: str) -> tuple[str, str]:
+        """The joint and the component (empty: none) that ``joint`` or ``joint:axis`` names."""
+        return split_component(name, self._numbers)
 
     def support(self, joint: int) -> Array:
         """1.0 for the velocity components between the world and a joint (by number), else 0.0; of shape (n′,)."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from ccpin.mechanism.from_pinocchio import describe_pinocchio
 from ccpin.mechanism.mechanism import Mechanism, load
 from ccpin.mechanism.mobility import Mobility
 
-__all__ = ["Mechanism", "Mobility", "load"]
+__all__ = ["Mechanism", "Mobility", "describe_pinocchio", "load"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
@@ -30,6 +30,7 @@ from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.tree import Tree, build_tree
+from ccpin.mechanism.from_pinocchio import describe_pinocchio
 from ccpin.mechanism.mobility import Mobility
 from ccpin.mechanism.physics import JointPhysics, Motors, joint_physics, motors_of
 from ccpin.mechanism.pinocchio import constraint_models
@@ -228,7 +229,7 @@ def mechanism_of(thing: Mechanism | HasMechanism) -> Mechanism:
 
 
 def load(
-    path: str | Path | MechanismDescription,
+    path: str | Path | MechanismDescription | pin.Model,
     *,
     closures: Iterable[LoopClosure] | None = None,
     couplings: Iterable[Coupling] | None = None,
@@ -238,12 +239,17 @@ def load(
     motors: Stated | None = None,
     floating_base: bool = False,
     format: str | None = None,
+    model: str | None = None,
+    include_root: str | Path | None = None,
+    xacro_arguments: Mapping[str, str] | None = None,
+    geometry: pin.GeometryModel | None = None,
+    constraints: Iterable[object] = (),
 ) -> Mechanism:
-    """Load a mechanism from a file, an installed model's name, or a description built in Python.
+    """Load a mechanism from a file, an installed model's name, a description or a Pinocchio model.
 
     Args:
-        path: A file (URDF with loop elements, toolbox-parallel-robots YAML, MJCF), the name of a model that comes
-            with ccpin (``"rpdr"``), or a `MechanismDescription`.
+        path: A file (URDF with loop elements, SDFormat, toolbox-parallel-robots YAML, MJCF), the name of a model that
+            comes with ccpin (``"rpdr"``), a `MechanismDescription`, or a `pinocchio.Model`.
         closures: Loop closures, in addition to the file's.
         couplings: Joint couplings, in addition to the file's.
         independent: The independent joints in the order of q; default what the file marks, completed if it marks
@@ -254,7 +260,12 @@ def load(
             ``{"knee": {"damping": 0.1, "stiffness": 5.0}}``.
         motors: Likewise of the motors, by the joint they drive: gear, lower, upper (`ccpin.description.Motor`).
         floating_base: Free the root link with a 6-dof joint named ``root_joint``.
-        format: ``"urdf"``, ``"mjcf"`` or ``"toolbox"`` to override detection from the content.
+        format: ``"urdf"``, ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` to override detection from the content.
+        model: Which model of an SDFormat file to read, where it holds several.
+        include_root: The folder an SDFormat file may include others from; default its own.
+        xacro_arguments: Values of a xacro file's arguments (the extra ``[xacro]``).
+        geometry: What to draw of a `pinocchio.Model`.
+        constraints: Pinocchio's constraint models that close the loops of a `pinocchio.Model`.
 
     Raises:
         DescriptionNotFoundError, InvalidXmlError, DescriptionError: The file is absent, malformed or unsound.
@@ -264,7 +275,14 @@ def load(
         InvalidInputError: What is stated of joints or motors names none of them, or is no number.
     """
     _check_arguments(path, independent, actuated)
-    description = path if isinstance(path, MechanismDescription) else read_description(path, format)
+    if isinstance(path, MechanismDescription):
+        description = path
+    elif isinstance(path, pin.Model):
+        description = describe_pinocchio(path, geometry=geometry, constraints=constraints)
+    else:
+        description = read_description(
+            path, format, model=model, include_root=include_root, xacro_arguments=xacro_arguments
+        )
     if joints or motors:
         description = with_stated(description, joints, motors)
     if description is path or closures or couplings or joints or motors:
@@ -279,6 +297,9 @@ def load(
         raise NoLoopError(_no_loop_message(description), source=description.source)
     try:
         mechanism = _analysed(description, build_tree(description, floating_base), independent, actuated)
+    except MemoryError:
+        message = f"{description.source or description.name}: {len(description.joints)} joints do not fit into memory"
+        raise UnsupportedMechanismError(message) from None
     except (IndependentSetError, LoopNotClosedError, SingularConfigurationError, UnsupportedMechanismError) as error:
         error.args = (f"{description.source or description.name}: {error}",)
         raise
@@ -331,8 +352,9 @@ def _forces_told(description: MechanismDescription, tree: Tree, actuated: tuple[
 
 
 def _check_arguments(path: object, independent: object, actuated: object) -> None:
-    if not isinstance(path, str | Path | MechanismDescription):
-        raise InvalidInputError(f"load takes a path, a model's name or a description, not {type(path).__name__}")
+    if not isinstance(path, str | Path | MechanismDescription | pin.Model):
+        known = "a path, a model's name, a description or a pinocchio.Model"
+        raise InvalidInputError(f"load takes {known}, not {type(path).__name__}")
     for role, names in (("independent", independent), ("actuated", actuated)):
         if isinstance(names, str) or (names is not None and not all(isinstance(n, str) for n in names)):  # type: ignore[attr-defined]
             raise InvalidInputError(f"{role} must be a sequence of joint names, e.g. ['joint1', 'joint2']")

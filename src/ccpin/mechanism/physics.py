@@ -66,7 +66,7 @@ def motors_of(description: MechanismDescription, tree: Tree, actuated: tuple[str
     known = {motor.joint: motor for motor in description.motors}
     each = []
     for name in actuated:
-        joint = tree.joint(name.partition(":")[0])
+        joint = tree.joint(tree.split(name)[0])
         motor = known.get(name) or known.get(joint.name) or Motor(name, name)
         each += [(motor, joint.stated.effort)] * (1 if ":" in name else joint.kind.nv)
     gears = np.array([motor.gear for motor, _ in each])

@@ -180,7 +180,7 @@ def check_independent(settled: Sequence[Settled], names: Sequence[str]) -> None:
     """
     for found in settled:
         tree, q_free = found.part.tree, found.closed.q_free
-        own = tuple(name for name in names if name in tree.names or name.rpartition(":")[0] in tree.names)
+        own = tuple(name for name in names if tree.split(name)[0] in tree.names)
         Parametrization(found.constraints, IndependentCoordinates(tree, own, q_free), q_free).at(q_free)
 
 

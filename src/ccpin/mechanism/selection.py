@@ -33,7 +33,7 @@ def choose_independent(
     n = sum(motion.n for motion in motions)
     motors = tuple(actuated) if actuated is not None else (description.actuated or ())
     for name in motors:
-        if name.partition(":")[0] not in tree.names:
+        if tree.split(name)[0] not in tree.names:
             known = ", ".join(tree.names)
             raise IndependentSetError(f"actuated joint '{name}' is not a movable joint; those are {known}")
     base = (ROOT_JOINT,) if ROOT_JOINT in tree.names and tree.joint(ROOT_JOINT).kind.nv == 6 else ()
@@ -58,7 +58,7 @@ def choose_independent(
             notes.append(f"the file marks no independent joints: {', '.join(names)} were chosen")
     if independent is not None and set(names) == set(independent):
         names = tuple(independent)
-    if any(":" in name for name in motors) and motors != names:
+    if any(tree.split(name)[1] for name in motors) and motors != names:
         raise IndependentSetError(
             "a single component of a joint can be actuated only where the actuated coordinates are the independent ones"
         )

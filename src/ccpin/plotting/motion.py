@@ -63,14 +63,14 @@ def plot_motion(
 
 def _scale(mechanism: Mechanism, name: str, quantity: str) -> tuple[float, str]:
     """Factor and unit for drawing: degrees for angles, millimetres never."""
-    joint = name.partition(":")[0]
+    joint, component = mechanism.tree.split(name)
     kind = mechanism.tree.joint(joint).kind if joint in mechanism.tree.names else None
-    linear = (kind is not None and kind.sliding) or ":t" in name
+    linear = (kind is not None and kind.sliding) or component.startswith("t")
     if quantity == "effort":
         return 1.0, "N" if linear else "N m"
     if linear:
         return 1.0, "m" if quantity == "position" else "m/s"
-    if (kind is None or kind.nv > 1) and ":r" not in name:
+    if (kind is None or kind.nv > 1) and not component.startswith("r"):
         return 1.0, "–" if quantity == "position" else "rad/s"
     return float(np.degrees(1.0)), "°" if quantity == "position" else "°/s"
 

@@ -199,11 +199,11 @@ class JointReader:
         if bounds is None:
             return -np.inf, np.inf
         low, high = bounds
-        if low >= high:
-            raise said.fail(f"range should ascend, not run from {low:g} to {high:g}")
         if kind in ("ball", "free"):
             self._tree.notes.append(f"The range of joint '{name}' is left out: it has no single angle.")
             return -np.inf, np.inf
+        if low >= high:
+            raise said.fail(f"range should ascend, not run from {low:g} to {high:g}")
         unit = self._compiler.angles.unit if kind == "hinge" else 1.0
         return float(low * unit), float(high * unit)
 

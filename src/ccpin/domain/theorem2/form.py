@@ -25,6 +25,7 @@ import numpy as np
 from ccpin.arrays import Array, frozen
 from ccpin.description.closure_kinds import Gap
 from ccpin.description.closure_kinds import Vector as ClosureVector
+from ccpin.description.joint_kinds import split_component
 from ccpin.domain.theorem2.chain import Kinematics, find_runs, tree_joints
 from ccpin.domain.theorem2.couplings import coupling_row
 from ccpin.domain.theorem2.system import Polynomial, QuadraticSystem, combine
@@ -147,7 +148,7 @@ def _last_rows(
     rows: list[Polynomial] = []
     kinds: list[str] = []
     for name in independent:
-        joint, _, component = name.partition(":")
+        joint, component = split_component(name, numbers)
         variables = kinematics.variables.get(numbers[joint])
         if variables is None:
             continue

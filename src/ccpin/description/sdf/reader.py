@@ -1,0 +1,268 @@
+"""The SDFormat reader: Gazebo's models as mechanism descriptions.
+
+Where a file is silent SDFormat's defaults hold. Displacements are zero in the pose the file draws. SDFormat joins links
+by a graph of joints; `ccpin.description.graph` says which of them are the tree's and which close loops.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.description.checks import check
+from ccpin.description.closing_frames import closing_pairs
+from ccpin.description.graph import Connection, as_loop, as_tree, loop_notes, span
+from ccpin.description.model import (
+    IDENTITY,
+    Joint,
+    Link,
+    LoopClosure,
+    MechanismDescription,
+    inverse,
+)
+from ccpin.description.sdf.constraints import CONSTRAINTS, drake_closures
+from ccpin.description.sdf.gearboxes import gear_coupling
+from ccpin.description.sdf.includes import Including
+from ccpin.description.sdf.joints import (
+    Frames,
+    Joints,
+    cut,
+    joint_type,
+    mimic_coupling,
+    read_gearbox,
+    read_steps,
+    reference_body,
+)
+from ccpin.description.sdf.links import read_link
+from ccpin.description.sdf.scopes import WORLD, Scope
+from ccpin.description.sdf.values import first, flag, numbers, own, required, unread
+from ccpin.description.xml import XmlElement, fail, parse_xml, source_of, tag
+from ccpin.errors import DescriptionError
+
+_MODEL = (
+    *("static", "self_collide", "allow_auto_disable", "enable_wind", "link", "joint", "frame", "model", "include"),
+    *("pose", "plugin", "gripper", "origin", *CONSTRAINTS),
+)
+_LEFT_OUT = {
+    "plugin": "plugins",
+    "sensor": "sensors",
+    "collision": "collision shapes (ccpin models no contacts)",
+    "gripper": "grippers",
+    "battery": "batteries",
+}
+
+
+def read_sdf(
+    text: bytes, source: str | None, *, model: str | None = None, include_root: str | Path | None = None
+) -> MechanismDescription:
+    """Read an SDFormat file: one of its models, with what it includes, as links, a tree of joints and closures.
+
+    Args:
+        text: The file's content.
+        source: The file, against which includes and meshes are looked up; ``None`` if there is none.
+        model: The model to read where there are several (``a::b`` for one inside another).
+        include_root: The folder included files may come from; default the file's own.
+
+    Raises:
+        InvalidXmlError: Not well-formed, or refused for safety.
+        DescriptionError: An element is malformed, contradictory or not expressible.
+    """
+    return sdf_description(parse_xml(text, source), model=model, include_root=include_root)
+
+
+def sdf_description(
+    root: XmlElement, *, model: str | None = None, include_root: str | Path | None = None
+) -> MechanismDescription:
+    """The description that a parsed SDFormat file states (see `read_sdf`)."""
+    if tag(root) != "sdf":
+        raise fail(root, "an SDFormat file has the root element <sdf>")
+    source = source_of(root)
+    including = Including(Path(include_root) if include_root else Path(source or ".").parent)
+    world = first(root, "world")
+    if len(own(root, "world")) > 1:
+        raise fail(root, "the file holds several worlds; give one a file of its own")
+    scope = _chosen(root, world, including, model)
+    if scope.frozen:
+        raise fail(scope.element, "the model is static: nothing in it moves")
+    return _Model(scope, world, source).description()
+
+
+def _chosen(root: XmlElement, world: XmlElement | None, including: Including, model: str | None) -> Scope:
+    """The model to read: the one named, else the only one that is not static."""
+    if world is not None:
+        top = Scope(world, including)
+        found = [*top.nested.values(), *top.merged]
+    else:
+        found = [Scope(element, including) for element in own(root, "model")]
+    if model is not None:
+        inside = [inner for scope in found for inner in scope.inside()]
+        named = [s for s in inside if model in (s.placed.name, s.prefix.removesuffix("::"))]
+    else:
+        named = [scope for scope in found if not scope.frozen] or found
+    if len(named) != 1:
+        names = ", ".join(repr(scope.placed.name) for scope in found) or "none"
+        asked = "there is not exactly one model to read" if model is None else f"there is not exactly one '{model}'"
+        raise fail(root, f"{asked}; the models are {names} (model= names one)")
+    scope = named[0]
+    return scope if scope.prefix == "" else Scope(scope.element, including, scope.placed, scope.parent, "")
+
+
+class _Model:
+    """Puts one model's description together."""
+
+    def __init__(self, scope: Scope, world: XmlElement | None, source: str | None) -> None:
+        self.scope, self.world, self.source = scope, world, source
+        self.name = scope.placed.name
+        self.links: dict[str, Link] = {}
+        self.poses = {WORLD: IDENTITY}
+        self.weightless: list[str] = []
+        self.joints = Joints()
+        self.notes: list[str] = []
+        if world is not None and own(world, "joint"):
+            self.notes.append("the joints between the world's models are not read, as one model is")
+        for inner in scope.inside():
+            self._read_links(inner)
+        for inner in scope.inside():
+            self._read_joints(inner)
+
+    def description(self) -> MechanismDescription:
+        """The whole, checked."""
+        if not self.links:
+            raise DescriptionError("the model has no link", source=self.source, element=f"model '{self.name}'")
+        connections = self.joints.connections
+        uses_world = any(WORLD in (c.parent, c.child) for c in connections)
+        steps = {step.name for connection in connections for step in connection.steps}
+        names = [*([WORLD] if uses_world else []), *self.links]
+        spanned = span(connections, names, WORLD if uses_world else self._canonical())
+        root, mounts = self._rooted(spanned.roots, uses_world)
+        tree = [as_tree(connection) for connection in spanned.tree]
+        kept = {joint for name, (_, leader, _) in self.joints.mimics.items() for joint in (name, leader)}
+        loops = [as_loop(c, keep=bool(kept & {c.name, *(s.name for s in c.steps)})) for c in spanned.loops]
+        self.notes += loop_notes(spanned.loops, loops)
+        parts = (*tree, *loops)
+        joints = (*mounts, *(joint for part in parts for joint in part.joints))
+        links = [*self.links.values(), *(link for part in parts for link in part.links)]
+        gears = tuple(gear_coupling(gear, joints, self.poses) for gear in self.joints.gearboxes)
+        followers = tuple(mimic_coupling(name, said, steps) for name, said in self.joints.mimics.items())
+        couplings = (*self.joints.couplings, *gears, *followers)
+        stated = tuple(c for inner in self.scope.inside() for c in drake_closures(inner, self.notes))
+        closures = (*(closure for part in loops for closure in part.closures), *stated, *self._closing_frames())
+        return check(
+            MechanismDescription(
+                name=self.name,
+                root=root,
+                links=tuple([Link(WORLD), *links] if root == WORLD else links),
+                joints=joints,
+                closures=closures,
+                couplings=couplings,
+                dependent_hint=tuple(coupling.terms[0].joint for coupling in couplings),
+                gravity=self._gravity(),
+                source=self.source,
+                notes=tuple(dict.fromkeys((*self.notes, *self.joints.notes, *self._left_out()))),
+            )
+        )
+
+    def _read_links(self, scope: Scope) -> None:
+        """Links and what stands beside them in one model, with each link's pose in the world."""
+        strangers = unread(scope.element, _MODEL)
+        self.notes += [f"model '{scope.placed.name}': <{stranger}> is not read" for stranger in strangers]
+        top = scope.to_top()
+        for name, element in scope.entries.items():
+            pose = top @ scope.pose(name, element)
+            if tag(element) == "link":
+                full = scope.prefix + name
+                self.links[full] = read_link(element, full, self.notes)
+                self.poses[full] = pose
+                if not flag(element, "gravity", True):
+                    self.weightless.append(full)
+                if scope.frozen:
+                    held = Joint(f"{full}.static", "fixed", "", "")
+                    self.joints.connections.append(Connection(held.name, WORLD, full, (held,), pose))
+
+    def _read_joints(self, scope: Scope) -> None:
+        top = scope.to_top()
+        for short, element in scope.entries.items():
+            if tag(element) != "joint" or scope.frozen:
+                continue
+            name = scope.prefix + short
+            parent, child = (scope.link_of(required(element, end), element) for end in ("parent", "child"))
+            pose = top @ scope.pose(short, element)
+            frames = Frames(pose, lambda named, e=element: top @ scope.pose(named, e))  # type: ignore[misc]
+            if parent == child:
+                raise fail(element, f"joins link '{parent}' to itself")
+            self._note_parent(scope, top, element, name, pose)
+            if joint_type(element) == "gearbox":
+                reference = scope.link_of(reference_body(element), element)
+                self.joints.gearboxes.append(read_gearbox(element, name, (parent, child, reference), frames))
+                continue
+            before, after = (inverse(self.poses[end]) @ pose for end in (parent, child))
+            steps = read_steps(element, name, frames, self.joints)
+            self.joints.connections.append(Connection(name, parent, child, steps, before, after, cut(element)))
+
+    def _note_parent(self, scope: Scope, top: Array, element: XmlElement, name: str, pose: Array) -> None:
+        """Say so where a joint's parent frame stands elsewhere: some authors expect that to place the child."""
+        parent = required(element, "parent")
+        if parent in scope.entries and tag(scope.entries[parent]) == "frame":
+            away = float(np.linalg.norm((top @ scope.pose(parent, element))[:3, 3] - pose[:3, 3]))
+            if away > 1e-6:
+                self.notes.append(
+                    f"joint '{name}': its parent frame '{parent}' is {away:.4g} m from the joint; by SDFormat's rules "
+                    "the poses drawn hold, and the frame only names its link"
+                )
+
+    def _rooted(self, roots: Sequence[str], uses_world: bool) -> tuple[str, list[Joint]]:
+        """The root link, and the joints that hold the parts nothing else does.
+
+        A model that no joint ties to the world is held where it stands, as a URDF's root is; a further part is free.
+        """
+        first_root, *others = roots
+        root, mounts = first_root, list[Joint]()
+        if not uses_world:
+            self.notes.append(f"no joint ties the model to the world: link '{root}' is taken as fixed to it")
+            if others or not np.array_equal(self.poses[root], IDENTITY):
+                mounts.append(Joint(f"{root}.mount", "fixed", WORLD, root, self.poses[root]))
+                root = WORLD
+        for part in others:
+            self.notes.append(f"no joint ties link '{part}' to the others: it is a free body")
+            mounts.append(Joint(f"{part}.free", "floating", WORLD, part, self.poses[part]))
+        return root, mounts
+
+    def _canonical(self) -> str | None:
+        """The link the model names as its own, if it does."""
+        stated = self.scope.element.get("canonical_link")
+        return self.scope.link_of(stated, self.scope.element) if stated else None
+
+    def _closing_frames(self) -> tuple[LoopClosure, ...]:
+        """Pairs of frames that onshape-to-robot put where a loop closes."""
+        frames = {}
+        for scope in self.scope.inside():
+            for name, element in scope.entries.items():
+                if tag(element) in ("frame", "link"):
+                    link = scope.link_of(name, element)
+                    pose = scope.to_top() @ scope.pose(name, element)
+                    frames[scope.prefix + name] = (link, inverse(self.poses[link]) @ pose)
+        return closing_pairs(frames, self.notes)
+
+    def _gravity(self) -> tuple[float, float, float]:
+        """The world's gravity; none where no link is heavy."""
+        said = first(self.world, "gravity")
+        x, y, z = (0.0, 0.0, -9.81) if said is None else numbers(said, 3).tolist()
+        if self.weightless and len(self.weightless) == len(self.links):
+            return 0.0, 0.0, 0.0
+        if self.weightless:
+            self.notes.append(f"gravity is switched off for {', '.join(self.weightless)} in the file; here it acts")
+        return x, y, z
+
+    def _left_out(self) -> list[str]:
+        """What there is no counterpart for, counted."""
+        found = Counter(
+            tag(element)
+            for scope in self.scope.inside()
+            for element in scope.element.iter("{*}plugin", "{*}sensor", "{*}collision", "{*}gripper", "{*}battery")
+            if next(element.iterancestors("{*}model"), scope.element) is scope.element
+        )
+        return [f"left out: {count} {_LEFT_OUT[what]}" for what, count in found.items()]

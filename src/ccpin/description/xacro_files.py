@@ -1,0 +1,68 @@
+"""xacro files: URDFs with macros, expanded by xacrodoc (the extra ``[xacro]``).
+
+A xacro file is a program: it may read other files and evaluates expressions. Read only those you trust.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import threading
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from ccpin.description.model import MechanismDescription
+from ccpin.description.urdf import urdf_description
+from ccpin.description.xml import XmlElement, parse_xml
+from ccpin.errors import DescriptionError
+
+_NAMESPACE = "xacro"
+_ONE_AT_A_TIME = threading.Lock()  # xacro keeps what it expands in module variables
+
+
+def is_xacro(root: XmlElement) -> bool:
+    """Whether a <robot> holds anything that xacro would expand."""
+    return any(
+        (element.prefix or "") == _NAMESPACE or any("${" in value or "$(" in value for value in element.attrib.values())
+        for element in root.iter("*")
+    )
+
+
+def xacro_description(file: Path, root: XmlElement, arguments: Mapping[str, str] | None) -> MechanismDescription:
+    """The description of the URDF that a xacro file expands to.
+
+    Args:
+        file: The file; packages it finds are looked for in the folders above it and where ROS keeps them.
+        root: Its root element, for the robot's name.
+        arguments: Values of its ``<xacro:arg>`` elements.
+
+    Raises:
+        DescriptionError: xacrodoc is not installed, or cannot expand the file; or the URDF is unsound.
+        InvalidXmlError: The result is malformed.
+    """
+    text, said = _expanded(file, root.get("name") or file.stem, dict(arguments or {}))
+    description = urdf_description(parse_xml(text, str(file)))
+    return replace(description, notes=(*(f"xacro: {line}" for line in said), *description.notes))
+
+
+def _expanded(file: Path, name: str, arguments: dict[str, str]) -> tuple[bytes, list[str]]:
+    """The URDF as bytes, and the lines that xacro printed."""
+    try:
+        from xacrodoc import XacroDoc, packages
+    except ImportError:
+        message = "a xacro file needs the package xacrodoc: pip install 'ccpin[xacro]' (or give the expanded URDF)"
+        raise DescriptionError(message, source=str(file)) from None
+    printed = io.StringIO()
+    with _ONE_AT_A_TIME, contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+        try:
+            packages.reset()
+            packages.walk_up_from(file)
+            document = XacroDoc.from_includes(
+                [str(file.resolve())], name=name, subargs=arguments, resolve_packages=False
+            )
+            text = str(document.to_urdf_string())
+        except (Exception, SystemExit) as error:  # whatever a macro may raise
+            reason = " ".join(str(error).split())[:300] or type(error).__name__
+            raise DescriptionError(f"cannot expand the file: {reason}", source=str(file), element="xacro") from None
+    return text.encode(), [line.strip() for line in printed.getvalue().splitlines() if line.strip()]
