@@ -13,6 +13,7 @@ SERVOS = {
     "velocity": ('<velocity joint="j1" kv="5"/>', [-1.0]),
     "general": ('<general joint="j1" gear="2" gainprm="4" biastype="affine" biasprm="1 -2 -3"/>', [0.7]),
     "bounded": ('<position joint="j1" kp="500" forcerange="-3 3"/>', [1.0]),
+    "bounded input": ('<position joint="j1" kp="30" gear="2" ctrlrange="-0.2 0.1"/>', [0.9]),
     "motor beside": ('<motor joint="j2" gear="2" ctrlrange="-1 1"/><position joint="j1" kp="9"/>', [4.0, 0.3]),
 }
 

@@ -16,7 +16,9 @@ from ccpin.mechanism.mechanism import Mechanism
 
 
 class Servos(ControlLaw):
-    """u = g·input + b₀ + b₁·gear·θ + b₂·gear·θ̇ of each motor's own joint, within its bounds; u = input without a loop.
+    """u = g·input + b₀ + b₁·gear·θ + b₂·gear·θ̇ of each motor's own joint; u = input without a loop.
+
+    Inputs and u are cut off at their bounds.
 
     Args:
         model: The reduced model, or a mechanism.
@@ -51,6 +53,7 @@ class Servos(ControlLaw):
             gain, bias = (motor.gains["gain"][0], motor.gains["bias"]) if servo else (1.0, (0.0, 0.0, 0.0))
             terms.append((gain, bias[0], bias[1] * motor.gear, bias[2] * motor.gear))
         self._gain, self._constant, self._by_q, self._by_v = np.reshape(terms, (-1, 4)).T
+        self._inputs_within = np.reshape([m.gains.get("inputs", (-np.inf, np.inf)) for m in motors.each], (-1, 2)).T
         self._q = np.array([joint.q.start for joint in joints], dtype=np.intp)
         self._v = np.array([joint.v.start for joint in joints], dtype=np.intp)
         self._lower, self._upper = motors.limits.T
@@ -61,7 +64,7 @@ class Servos(ControlLaw):
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """u, of shape (motors,)."""
-        inputs = vector(self._inputs(t), "inputs", self.model.n_actuated)
+        inputs = np.clip(vector(self._inputs(t), "inputs", self.model.n_actuated), *self._inputs_within)
         theta, rate = state.q_free[self._q], state.v_free(v)[self._v]
         u = self._gain * inputs + self._constant + self._by_q * theta + self._by_v * rate
         return np.asarray(np.clip(u, self._lower, self._upper))

@@ -116,7 +116,8 @@ class Motor(Record):
     closes around the motor (a servo, a muscle) is not simulated: u is then the force that it would exert before the
     gear, `kind` and `gains` tell the loop, and a law plays its part. Of MJCF's actuators ``gains["gain"]`` is g and
     ``gains["bias"]`` b of force = g·input + b₀ + b₁·gear·θ + b₂·gear·θ̇ (a position servo: k_p and (0, −k_p, −k_v));
-    ``gains["dynprm"]`` are there where the actuator has a state. `ccpin.control.Servos` plays those without.
+    ``gains["inputs"]`` are its bounds; ``gains["dynprm"]`` are there where the actuator has a state.
+    `ccpin.control.Servos` plays those without.
 
     Attributes:
         name: The motor's own.
