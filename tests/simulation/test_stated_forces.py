@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import simpson
 
 import ccpin
-from ccpin.control import PDFullGravity, PDSimpleGravity, Sampling
+from ccpin.control import ComputedTorque, PDFullGravity, PDPlus, PDSimpleGravity, PointToPoint, Sampling
 from ccpin.control.stability.theorem3 import certify_law
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import joint_forces
@@ -147,3 +147,22 @@ def test_joints_carry_motor_spring_and_damper():
         for k, name in enumerate(joints.names):
             along = motion[name].moment[row] @ motion[name].axis[row]
             np.testing.assert_allclose(along, expected[k], atol=1e-9)
+
+
+@pytest.mark.parametrize("gear", [1.0, 5.0])
+def test_tracking_laws_leave_their_error_equations(gear):
+    """Computed torque leaves ë + K_v ė + K_p e = 0, PD+ D ë + C ė + (K_v + damping) ė + K_p e = 0, springs or not."""
+    model = ccpin.ReducedModel(ccpin.load("four_bar", joints=STATED, motors={"crank": {"gear": gear}}))
+    q0 = start(model)
+    reference = PointToPoint(model, q0, q0 + 0.5, 0.4)
+    state, v = model.at(q0 + 0.1), np.array([0.8])
+    wanted = reference.at(0.15)
+    e, e_dot = wanted.q - state.q, wanted.v - v
+    for law in (ComputedTorque(model, reference, [30.0], [9.0]), PDPlus(model, reference, [3.0], [0.7])):
+        a = state.forward_dynamics(v, law.torque(0.15, state.q, v, state.q_free))
+        e_ddot = wanted.a - a
+        if isinstance(law, ComputedTorque):
+            left = e_ddot + law.K_v @ e_dot + law.K_p @ e
+        else:
+            left = state.D @ e_ddot + (state.C(v) + law.K_v + state.damping) @ e_dot + law.K_p @ e
+        np.testing.assert_allclose(left, 0.0, atol=1e-9)
