@@ -77,6 +77,8 @@ ELEMENTS = (
         ("joint", 'stiffness="1" springref="20"'),
     ),
     Element("spring of a ball joint", None, ("ball", 'stiffness="1"')),
+    Element("damping of a free joint", None, ("free", 'damping="1"')),
+    Element("rotor inertia of a free joint", None, ("free", 'armature="1"')),
     Element("spring of a free joint", None, ("free", 'stiffness="1"')),
     Element("nonlinear spring", None, ("joint", 'stiffness="0 1"')),
     Element("spring and damper by their period", None, ("joint", 'springdamper="1 1"')),
