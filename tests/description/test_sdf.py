@@ -703,3 +703,14 @@ class TestAgainstMujoco:
         K = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
         acceleration = np.linalg.lstsq(K, rhs, rcond=None)[0][0]
         assert np.isclose(ours.forward_dynamics([v], [0.0])[0], acceleration, rtol=1e-7)
+
+
+def test_turns_count_under_springs_and_in_couplings():
+    """A continuous joint with a spring, or geared 1:5, is a hinge without limits; one alone keeps its circle."""
+    spring = "<dynamics><spring_stiffness>1</spring_stiffness></dynamics>"
+    follows = '<mimic joint="c"><multiplier>5</multiplier></mimic>'
+    parts = [link(name) for name in "wxyz"]
+    extras = {"a": ("w", spring), "b": ("x", ""), "c": ("y", ""), "d": ("z", follows)}
+    joints = [joint(name, "continuous", "world", body, extra=extra) for name, (body, extra) in extras.items()]
+    kinds = {j.name: j.kind for j in read(model(*parts, *joints)).joints}
+    assert kinds == {"a": "revolute", "b": "continuous", "c": "revolute", "d": "revolute"}

@@ -82,6 +82,10 @@ def read_steps(element: XmlElement, name: str, frames: Frames, found: Joints) ->
     kind = joint_type(element)
     found.notes += [f"joint '{name}': <{stranger}> is not read" for stranger in unread(element, JOINT)]
     if kind in ("ball", "fixed"):
+        if kind == "ball" and first(first(element, "axis"), "dynamics") is not None:
+            found.notes.append(
+                f"joint '{name}': the <dynamics> of a ball joint are left out: SDFormat gives them no axis"
+            )
         return (Joint(name, "spherical" if kind == "ball" else "fixed", "", ""),)
     if kind in ("universal", "revolute2"):
         names = (f"{name}.1", f"{name}.2")
