@@ -322,6 +322,17 @@ class TestFrames:
         assert [found.name for found in description.links] == ["base", "arm::l"]
         assert np.allclose(zero_poses(description)["arm::l"][:3, 3], [5, 0, 1])
 
+    def test_models_nested_too_deep_and_poses_too_far_in_a_row_are_refused(self):
+        """Never a RecursionError; a long chain in file order is none of them."""
+        deep = "".join(f'<model name="m{k}">' for k in range(100)) + link("l") + 100 * "</model>"
+        with pytest.raises(DescriptionError, match="nested more than 50"):
+            read(model(deep))
+        chain = [link(f"l{k}", f'<pose relative_to="l{k - 1}">0 0 1 0 0 0</pose>' if k else "") for k in range(400)]
+        hinges = [joint(f"j{k}", "revolute", f"l{k}", f"l{k + 1}") for k in range(399)]
+        assert np.allclose(zero_poses(read(model(*chain, *hinges)))["l399"][:3, 3], [0, 0, 399])
+        with pytest.raises(DescriptionError, match="200 poses in a row"):
+            read(model(*chain[::-1], *hinges))
+
     def test_a_joint_may_name_frames_joints_and_models(self):
         """Each stands for the link that carries it."""
         inner = '<model name="arm">' + link("l") + '<frame name="f" attached_to="l"/></model>'
