@@ -167,6 +167,9 @@ class TestJointTypes:
         model_ = ccpin.ReducedModel(ccpin.load(read(text), independent=["j1"]))
         assert np.allclose(model_.at([0.2]).forward_dynamics([0.0], [1.0]), 1 / (0.4 + 9 * 0.05))
         assert np.allclose(model_.at([0.2]).q_free, [0.2, 0.6])  # j2's own axis points down: +3 θ₁
+        short = read(text.replace("<axis2><xyz>0 0 1</xyz></axis2>", ""))
+        assert short.couplings == read(text).couplings
+        assert any("no <axis2>" in note for note in short.notes)
 
     def test_a_gearbox_without_hinges_is_refused_by_name(self):
         """Nothing turns one body in the other about the axis."""

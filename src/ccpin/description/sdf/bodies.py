@@ -76,7 +76,9 @@ class Bodies:
             self._note_parent(scope, top, element, name, pose)
             if joint_type(element) == "gearbox":
                 reference = scope.link_of(reference_body(element), element)
-                self.joints.gearboxes.append(read_gearbox(element, name, (parent, child, reference), frames))
+                self.joints.gearboxes.append(
+                    read_gearbox(element, name, (parent, child, reference), frames, self.notes)
+                )
                 continue
             before, after = (inverse(self.poses[end]) @ pose for end in (parent, child))
             steps = read_steps(element, name, frames, self.joints)
