@@ -1,4 +1,4 @@
-// ∂τ/∂q, ∂τ/∂q̇ and D = ∂τ/∂q̈ of τ = D q̈ + C q̇ + g, exact, by recursion over the clusters; ∂q̈ follows from them.
+// ∂τ/∂q, ∂τ/∂q̇ and D = ∂τ/∂q̈ of τ = D q̈ + C q̇ + damping q̇ + g, exact, by recursion over the clusters; ∂q̈ follows from them.
 //
 // Along a tangent step q_k of a cluster's own coordinates, seen from each body j (so that what is fixed in j is held),
 // with i its parent, ξ_jk = X_jk − X_ik, s = S q̇′ and A′ standing for dA + V × dV,
@@ -52,6 +52,7 @@ class Derivatives {
       change_forces(int(k), dq, dv, D);
       change_rho(int(k), dq);
       rotors(int(k), dq, dv, D);
+      springs_and_dampers(int(k), dq, dv);
       if (m_.clusters[k].parent) pass_down(m_.clusters[k], dq, dv, D);
     }
   }
@@ -86,7 +87,7 @@ class Derivatives {
         double* row = out + size_t(c.independent[i]) * stride;
         if (m_.direct) row[c.independent[i]] = 1;
         for (size_t r = 0; r < c.motors.size(); ++r)
-          row[c.motors[r]] = r_.states[k].rho[size_t(c.motor_columns[r]) * c.n() + i];
+          row[c.motors[r]] = c.gears[r] * r_.states[k].rho[size_t(c.motor_columns[r]) * c.n() + i];
       }
     }
   }
@@ -125,7 +126,7 @@ class Derivatives {
     const Cluster& c = m_.clusters[k];
     const auto from = r_.tau_free.begin() + r_.offset[k];
     std::vector<double> tau(from, from + c.width()), f(c.unknowns());
-    for (size_t i = 0; u && i < c.motors.size(); ++i) tau[c.motor_columns[i]] -= u[c.motors[i]];
+    for (size_t i = 0; u && i < c.motors.size(); ++i) tau[c.motor_columns[i]] -= c.gears[i] * u[c.motors[i]];
     for (int i = 0; i < c.unknowns(); ++i) f[i] = tau[c.dependent[i]];
     r_.states[k].factor.solve_transposed(f.data(), multipliers_[k].data());
   }
@@ -334,6 +335,23 @@ class Derivatives {
           entry(D, row, at) += arm * rho[l] * rho[o];
         }
     });
+  }
+
+  void springs_and_dampers(int k, double* dq, double* dv) {
+    const Cluster& c = m_.clusters[k];
+    const int n = c.n();
+    for (int j : c.joints)
+      for (int s = 0; s < m_.joints[j].nv; ++s) {
+        const double stiffness = m_.joints[j].stiffness, damping = m_.joints[j].damping[s];
+        if (stiffness == 0 && damping == 0) continue;
+        const size_t row = size_t(m_.column_of[m_.joints[j].v] + s) * n;
+        const double *rho = &r_.states[k].rho[row], *change = &dv_[k][row];
+        for (int l = 0; l < n; ++l)
+          for (int o = 0; o < n; ++o) {
+            entry(dq, c.independent[l], c.independent[o]) += rho[l] * (stiffness * rho[o] + damping * change[o]);
+            entry(dv, c.independent[l], c.independent[o]) += rho[l] * damping * rho[o];
+          }
+      }
   }
 
   // The entries between a cluster and every one between it and the world: a change (dV, dA′) of the carrier's motion

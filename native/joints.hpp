@@ -19,7 +19,8 @@ struct Joint {
   double mass;
   Vec3 centre;         // of the body it carries
   Mat3 inertia;        // about that centre
-  std::array<double, 6> armature;
+  std::array<double, 6> armature, damping;
+  double stiffness, rest;  // of its spring, k and θ₀; only where q′ holds one plain number
 };
 
 // Where the circle or quaternion of a configuration begins and how long it is; (0, 0): none.

@@ -77,6 +77,7 @@ class LawRunner {
         w_.model.gravity(model_part_.data());
         for (int i = 0; i < n; ++i)
           for (int k = 0; k < n; ++k) model_part_[i] += D_[i * n + k] * a_[k] + C_[i * n + k] * v_[k];
+        w_.model.damp(v_.data(), model_part_.data());
     }
     for (int i = 0; i < n; ++i) u[i] = demand_[i] + model_part_[i];
   }

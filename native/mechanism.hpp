@@ -64,6 +64,7 @@ struct Cluster {
   std::vector<int> whole, components;       // its coordinates of the two kinds
   std::vector<int> independent;             // components of q̇, in the order of ρ's columns: direct ones first
   std::vector<int> motors, motor_columns;   // (where motors are not the independent joints) which of u, at which column
+  std::vector<double> gears;                // of these
   int loop_rows = 0;                        // rows: of loops, then of couplings, then of components
   bool carries = false;                     // other clusters hang on its bodies
   int n() const { return int(independent.size()); }

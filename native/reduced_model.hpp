@@ -1,4 +1,4 @@
-// The reduced dynamics D q̈ + C q̇ + g = ρᵀSᵀu (22) by recursions over the clusters.
+// The reduced dynamics D q̈ + C q̇ + damping q̇ + g = ρᵀSᵀu (22) by recursions over the clusters; springs are part of g.
 //
 // Each cluster is one joint with n coordinates and many bodies. With X_j = Σ S ρ the twists its coordinates give body j
 // from the cluster's carrier, all written in the carrier's frame:
@@ -48,6 +48,10 @@ class ReducedModel : public Parametrization {
     spread(v);
     move_bodies(true, nullptr);
     generalized_force(u, tau_.data());
+    for_passive([&](int k, int col, double force) {
+      const Cluster& c = m.clusters[k];
+      for (int i = 0; i < c.n(); ++i) tau_[c.independent[i]] -= states[k].rho[size_t(col) * c.n() + i] * force;
+    });
     for (size_t j = 1; j < m.joints.size(); ++j)
       if (m.carries[j]) articulated_[j] = matrix(body[j].Y);
     for (int k = int(m.clusters.size()) - 1; k >= 0; --k)
@@ -56,7 +60,7 @@ class ReducedModel : public Parametrization {
     return true;
   }
 
-  // τ = D q̈ + C q̇ + g, after `sigma` or `at`; a null: q̈ = 0; still: q̇ = 0. Leaves the bodies' wrenches and τ′.
+  // τ = D q̈ + C q̇ + damping q̇ + g, after `sigma` or `at`; a null: q̈ = 0; still: q̇ = 0. Leaves the bodies' wrenches and τ′.
   void inverse(const double* v, const double* a, double* tau, bool still = false) {
     spread(v);
     move_bodies(!still, a);
@@ -102,6 +106,8 @@ class ReducedModel : public Parametrization {
         world[j] = world[c.parent] * pose[j];
         e.kinetic += 0.5 * dot(body[j].Y * body[j].V, body[j].V);
         e.potential -= m.joints[j].mass * m.gravity.dot(world[j].p + world[j].R * m.joints[j].centre);
+        if (const Joint& joint = m.joints[j]; joint.stiffness)
+          e.potential += 0.5 * joint.stiffness * std::pow(q_free[joint.q] - joint.rest, 2);
       }
       for_armature(c, [&](int col, double arm) { e.kinetic += 0.5 * arm * std::pow(v_free[offset[k] + col], 2); });
     }
@@ -165,6 +171,38 @@ class ReducedModel : public Parametrization {
     return c.parent ? in_frame(pose[c.parent], body[c.parent].A) : Motion{-m.gravity, Vec3::Zero()};
   }
 
+  // What spring and, where moving, damper of a joint take at its component s: k (θ − θ₀) + b q̇′.
+  double passive(const Joint& joint, int s, double rate) const {
+    const double spring = joint.stiffness ? joint.stiffness * (q_free[joint.q] - joint.rest) : 0;
+    return spring + joint.damping[s] * rate;
+  }
+
+  // The same of every joint that has either, with its cluster and column.
+  template <class F> void for_passive(F&& f) const {
+    for (size_t k = 0; k < m.clusters.size(); ++k)
+      for (int j : m.clusters[k].joints)
+        for (int s = 0; s < m.joints[j].nv; ++s)
+          if (m.joints[j].stiffness || m.joints[j].damping[s]) {
+            const int col = m.column_of[m.joints[j].v] + s;
+            f(int(k), col, passive(m.joints[j], s, v_free[offset[k] + col]));
+          }
+  }
+
+  // Adds ρᵀB′ρ v.
+  void damp(const double* v, double* out) const {
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      for (int j : c.joints)
+        for (int s = 0; s < m.joints[j].nv; ++s) {
+          if (m.joints[j].damping[s] == 0) continue;
+          const double* rho = &states[k].rho[size_t(m.column_of[m.joints[j].v] + s) * c.n()];
+          double rate = 0;
+          for (int i = 0; i < c.n(); ++i) rate += rho[i] * v[c.independent[i]];
+          for (int i = 0; i < c.n(); ++i) out[c.independent[i]] += rho[i] * m.joints[j].damping[s] * rate;
+        }
+    }
+  }
+
   template <class F> void for_armature(const Cluster& c, F&& f) const {
     for (int j : c.joints)
       for (int s = 0; s < m.joints[j].nv; ++s)
@@ -215,6 +253,7 @@ class ReducedModel : public Parametrization {
         double& effort = tau_free[offset[k] + col];
         effort = dot(subtree[*j], S[joint.v + s]);
         if (rotors) effort += joint.armature[s] * a_free[offset[k] + col];
+        effort += passive(joint, s, rotors ? v_free[offset[k] + col] : 0);
         for (int i = 0; i < n; ++i) tau[c.independent[i]] += states[k].rho[size_t(col) * n + i] * effort;
       }
       (joint.parent == c.parent ? passed : subtree[joint.parent]) += subtree[*j];
@@ -302,7 +341,7 @@ class ReducedModel : public Parametrization {
       for (int i = 0; i < c.n(); ++i) {
         double sum = 0;
         for (size_t r = 0; r < c.motors.size(); ++r)
-          sum += states[k].rho[size_t(c.motor_columns[r]) * c.n() + i] * u[c.motors[r]];
+          sum += states[k].rho[size_t(c.motor_columns[r]) * c.n() + i] * c.gears[r] * u[c.motors[r]];
         tau[c.independent[i]] = sum;
       }
     }
@@ -311,7 +350,7 @@ class ReducedModel : public Parametrization {
   // τ′ − Sᵀu, with Sᵀu = α_q′ᵀ u where u acts on q itself.
   void subtract_efforts(const Cluster& c, const ClusterState& s, const double* u, std::vector<double>& tau) const {
     if (!m.direct) {
-      for (size_t i = 0; i < c.motors.size(); ++i) tau[c.motor_columns[i]] -= u[c.motors[i]];
+      for (size_t i = 0; i < c.motors.size(); ++i) tau[c.motor_columns[i]] -= c.gears[i] * u[c.motors[i]];
       return;
     }
     const size_t direct = c.direct.size();

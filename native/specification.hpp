@@ -32,7 +32,7 @@ class Reader {
       const Coordinate& c = m_.coordinates.back();
       if (c.whole() && unit_window(c.kind).size) m_.plain = false;
     }
-    motors_ = integers(s_["motors"]);
+    motors_ = integers(s_["motors"]), gears_ = doubles(s_["gears"]);
     m_.motors = m_.direct ? m_.n : int(motors_.size());
     m_.cluster_of.assign(m_.joints.size(), -1), m_.column_of.assign(m_.nv, -1), m_.carries.assign(m_.joints.size(), 0);
     for (nb::handle h : s_["clusters"]) add_cluster(tuple(h));
@@ -79,6 +79,7 @@ class Reader {
   nb::dict s_;
   Mechanism m_;
   std::vector<int> motors_;
+  std::vector<double> gears_;
 
   static nb::sequence sequence(nb::handle h) { return nb::cast<nb::sequence>(h); }
   static double number(nb::handle h) { return nb::cast<double>(h); }
@@ -141,6 +142,10 @@ class Reader {
     const std::vector<double> armature = doubles(t[8]);
     j.armature.fill(0);
     std::copy(armature.begin(), armature.end(), j.armature.begin());
+    const std::vector<double> damping = doubles(t[9]), spring = doubles(t[10]);
+    j.damping.fill(0);
+    std::copy(damping.begin(), damping.end(), j.damping.begin());
+    j.stiffness = spring[0], j.rest = spring[1];
     return j;
   }
 
@@ -259,7 +264,8 @@ class Reader {
       if (!chosen[col]) c.dependent.push_back(col);
     for (size_t r = 0; r < motors_.size() && !m_.direct; ++r)
       for (int col = 0; col < c.width(); ++col)
-        if (c.columns[col] == motors_[r]) c.motors.push_back(int(r)), c.motor_columns.push_back(col);
+        if (c.columns[col] == motors_[r])
+          c.motors.push_back(int(r)), c.motor_columns.push_back(col), c.gears.push_back(gears_[r]);
   }
 };
 

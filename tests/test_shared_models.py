@@ -103,7 +103,8 @@ def disagreement(name, oracle):
         state = model.at(model.alpha(q_free), q_free)
         v, u = generator.standard_normal(model.n), generator.standard_normal(model.n_actuated)
         a_free, tau = state.a_free(v, state.forward_dynamics(v, u)), state.joint_efforts(u)
-        expected = oracle(loaded.description, loaded.pin_model, state.q_free, state.v_free(v), tau).a_free
+        where = loaded.description, loaded.pin_model, state.q_free, state.v_free(v)
+        expected = oracle(*where, tau + descriptor.passive(*where)).a_free
         worst = max(worst, float(np.abs(a_free - expected).max() / max(1.0, np.abs(expected).max())))
     return worst
 

@@ -22,6 +22,17 @@ def test_info_in_words(capsys):
         assert words in text
 
 
+def test_info_tells_forces(tmp_path, capsys):
+    """Gears, springs, dampers and dry friction stand in the summary, joint by joint."""
+    joints = {"rocker": {"stiffness": 2.5, "damping": 0.125, "friction": 0.5}}
+    ccpin.load("four_bar", joints=joints, motors={"crank": {"gear": 20}}).save(tmp_path / "sprung.urdf")
+    assert main(["info", str(tmp_path / "sprung.urdf")]) == 0
+    said = capsys.readouterr().out
+    for line in ("gears           crank 20", "springs         rocker 2.5", "dampers         rocker 0.125"):
+        assert line in said
+    assert "dry friction    rocker 0.5" in said
+
+
 def test_info_as_json(capsys):
     """The same for machines, and consistent with the package."""
     assert main(["info", "rpdr", "--json"]) == 0

@@ -21,7 +21,9 @@ SIZES = {
     "delta": 0.02,
     "hexa": 0.002,
     "stewart": 0.0015,
+    "sprung_four_bar": 0.1,
 }
+SPRINGS = {"rocker": {"stiffness": 0.7, "spring_reference": 2.0}, "coupler": {"stiffness": 0.4}}
 
 
 class Subject(NamedTuple):
@@ -46,7 +48,8 @@ class Subject(NamedTuple):
 
 
 def _subject(name, q=None, guess=None):
-    mechanism = ccpin.load(name)
+    sprung = name.startswith("sprung_")
+    mechanism = ccpin.load(name.removeprefix("sprung_"), joints=SPRINGS if sprung else None)
     model = ccpin.ReducedModel(mechanism)
     start = mechanism.q_reference if guess is None else guess
     seed = seed_at_coordinates(mechanism, model.alpha(start) if q is None else q, start)

@@ -37,8 +37,6 @@ def compare_states(path, count):
     """Both cores at random states of a model; at least half must be states the reference accepts."""
     mechanism = ccpin.load(path)
     model, kernel, rng = reference_model(mechanism), native.kernel(mechanism), np.random.default_rng(7)
-    if kernel is None:
-        pytest.skip("the core knows no springs, dampers and gears")
     for q in random_states(model, rng, count):
         if refused(model, q):
             assert kernel.sigma(q) is None
@@ -61,6 +59,29 @@ def test_models_thoroughly(path):
     if not path.exists():
         pytest.skip(f"no {path}: these files belong to others")
     compare_states(path, 1000)
+
+
+def sprung(path):
+    """A model whose joints all have dampers, the plain ones springs, and the motors gears."""
+    plain = ccpin.load(path)
+    joints = {}
+    for k, joint in enumerate(plain.tree.joints):
+        joints[joint.name] = {"damping": 0.1 + 0.05 * k}
+        if not joint.kind.unit:
+            joints[joint.name] |= {"stiffness": 0.5 + 0.2 * k, "spring_reference": 0.3 * k - 0.4}
+    whole = [name for name in plain.actuated if ":" not in name]
+    return ccpin.load(path, joints=joints, motors={name: {"gear": 2.0 - 1.5 * k} for k, name in enumerate(whole)})
+
+
+@pytest.mark.parametrize("path", sorted(MODELS.glob("*.urdf")), ids=lambda path: path.stem)
+def test_springs_dampers_and_gears(path):
+    """Every quantity with springs in V, ρᵀBρ q̇ on the left and gears in S."""
+    mechanism = sprung(path)
+    model, kernel, rng = reference_model(mechanism), native.kernel(mechanism), np.random.default_rng(11)
+    assert kernel is not None
+    for q in random_states(model, rng, 8, size=0.1):
+        if not refused(model, q):
+            assert_same(model, kernel, q, rng)
 
 
 @pytest.mark.parametrize("actuated", [("actuated1", "passive1"), ("passive1", "passive2")])

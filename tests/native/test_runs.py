@@ -53,11 +53,26 @@ def test_the_papers_law_step_for_step(rpdr_model):
     assert ours.closure_error.max() <= 1e-10
 
 
+SPRUNG = {
+    "joint1": {"damping": 0.02, "stiffness": 0.3},
+    "passive": {"damping": 0.01, "stiffness": 0.2, "spring_reference": 1.0},
+}
+
+
+@pytest.fixture(scope="module")
+def sprung_model():
+    """The RPDR with springs and dampers on its first and its last joint."""
+    last = ccpin.load("rpdr").tree.names[-1]
+    return ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint1": SPRUNG["joint1"], last: SPRUNG["passive"]}))
+
+
 @pytest.mark.parametrize("method", ["RK45", "DOP853"])
 @pytest.mark.parametrize("kind", ["free", "simple", "full", "computed torque", "PD+", "gravity"])
-def test_laws(rpdr_model, kind, method):
+@pytest.mark.parametrize("subject", ["rpdr_model", "sprung_model"])
+def test_laws(subject, kind, method, request):
     """Every law of the core against the reference's, to the integrator's tolerance."""
-    model, (q0, q_d) = rpdr_model, ends(rpdr_model)
+    model = request.getfixturevalue(subject)
+    q0, q_d = ends(model)
     move, way = PointToPoint(model, q0, q_d, 0.15), Waypoints(model, [0.0, 0.1, 0.25], [q0, q_d, q0])
     law = {
         "free": lambda: NoTorque(model),

@@ -121,6 +121,21 @@ def rows(description, model, q_free, v_free):
     return result + [coupling_row(model, coupling, q_free, v_free) for coupling in description.couplings]
 
 
+def passive(description, model, q_free, v_free):
+    """What the joints' springs and dampers do to q′, −k (θ − θ₀) − b q̇′, joint by joint of the description."""
+    force = np.zeros(model.nv)
+    for stated in description.joints:
+        if stated.kind == "fixed":
+            continue
+        joint = model.joints[model.getJointId(stated.name)]
+        window = slice(joint.idx_v, joint.idx_v + joint.nv)
+        force[window] -= stated.damping * v_free[window]
+        if stated.stiffness:
+            assert joint.nq == 1
+            force[joint.idx_v] -= stated.stiffness * (q_free[joint.idx_q] - stated.spring_reference)
+    return force
+
+
 def direct(description, model, q_free, v_free, tau):
     """Solve (19) as it stands; λ of least norm where rows are redundant."""
     found = rows(description, model, q_free, v_free)

@@ -97,10 +97,22 @@ def summary(mechanism: Mechanism) -> dict[str, Any]:
         "closure_error_by_loop": {name: float(np.linalg.norm(residual[window])) for name, window in rows.items()},
         "rcond": factor.rcond,
         "assembly_mode": {"sign_det_psi": factor.sign, "q_free": mechanism.q_reference.tolist()},
+        "forces": _forces(mechanism),
         "mass": float(sum(model.inertias[j].mass for j in range(1, model.njoints))),
         "notes": list(mechanism.notes),
         "backend": backend()._asdict(),
     }
+
+
+def _forces(mechanism: Mechanism) -> dict[str, list[str]]:
+    """Gears, springs, dampers and dry friction, each as ``joint number`` in N, m, rad, s."""
+    motors = dict.fromkeys(f"{m.joint} {m.gear:g}" for m in mechanism.motors.each if m.gear != 1.0)
+    words = {"springs": "stiffness", "dampers": "damping", "dry friction": "friction"}
+    stated = {
+        word: [f"{j.name} {value:g}" for j in mechanism.tree.joints if (value := getattr(j.stated, field))]
+        for word, field in words.items()
+    }
+    return {"gears": list(motors), **stated}
 
 
 def in_words(facts: dict[str, Any]) -> str:
@@ -121,6 +133,7 @@ def in_words(facts: dict[str, Any]) -> str:
         *(f"  idle: {sentence}" for sentence in facts["idle_mobilities"]),
         f"independent     {', '.join(facts['independent'])}",
         f"actuated        {', '.join(facts['actuated'])}",
+        *(f"{word:<16}{', '.join(values)}" for word, values in facts["forces"].items() if values),
         f"closure error   {facts['closure_error']:.1e} at the reference",
         f"conditioning    1/κ(ψ_q′) = {facts['rcond']:.3g} at the reference",
         f"assembly mode   {sign[facts['assembly_mode']['sign_det_psi']]}, reference:",

@@ -78,7 +78,7 @@ class TrackingLaw(ModelLaw):
 
 
 class ComputedTorque(TrackingLaw):
-    """Computed torque: u = D(q)(q̈_d + K_v ė + K_p e) + C q̇ + g, which leaves ë + K_v ė + K_p e = 0.
+    """Computed torque: u = D(q)(q̈_d + K_v ė + K_p e) + C q̇ + damping q̇ + g, which leaves ë + K_v ė + K_p e = 0.
 
     K_p in 1/s² and K_v in 1/s, whatever the coordinates: K_p = ω², K_v = 2ω is critically damped with time constant
     1/ω.
@@ -92,19 +92,19 @@ class ComputedTorque(TrackingLaw):
 
 
 class PDPlus(TrackingLaw):
-    """PD+ (Paden and Panja, 1988): u = D(q) q̈_d + C(q, q̇) q̇_d + g(q) + K_p e + K_v ė.
+    """PD+ (Paden and Panja, 1988): u = D(q) q̈_d + C(q, q̇) q̇_d + damping q̇_d + g(q) + K_p e + K_v ė.
 
-    Since Ḋ − 2C is skew symmetric (Lemma III.1), the closed loop D ë + C ė + K_v ė + K_p e = 0 is passive and
+    Since Ḋ − 2C is skew symmetric (Lemma III.1), D ë + C ė + (K_v + damping) ė + K_p e = 0 is passive and
     asymptotically stable for any positive definite gains, as long as q stays in Ω. Gains in N m/rad (N/m) and
     N m s/rad (N s/m). With a constant reference it is PD with full gravity compensation (30).
     """
 
     def _force(self, wanted: ReferenceState, e: Array, e_dot: Array, v: Array, state: State) -> Array:
-        dynamics = state.D @ wanted.a + state.C(v) @ wanted.v + state.g
+        dynamics = state.D @ wanted.a + (state.C(v) + state.damping) @ wanted.v + state.g
         return np.asarray(dynamics + self.K_p @ e + self.K_v @ e_dot)
 
     def lyapunov(self, t: float, q: Array | State, v: Array, guess: Near = None) -> float:
-        """𝒱 = ½ėᵀD ė + ½eᵀK_p e, in joules; along solutions 𝒱̇ = −ėᵀK_v ė ≤ 0. q may be a State."""
+        """𝒱 = ½ėᵀD ė + ½eᵀK_p e, in joules; along solutions 𝒱̇ = −ėᵀ(K_v + damping)ė ≤ 0. q may be a State."""
         state, wanted = self.state(q, guess), self.reference.at(t)
         e = self.model.coordinates.difference(state.q, wanted.q)
         kinetic = state.energy(wanted.v - v).kinetic

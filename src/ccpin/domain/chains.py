@@ -338,6 +338,8 @@ def seed_at_coordinates(mechanism: Mechanism, q0: Array, guess: Array | None = N
         UnreachableError, SingularConfigurationError: σ(q₀) does not exist on that branch, or is singular.
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
+    if not mechanism.n:
+        raise UnsupportedMechanismError(f"{mechanism.name} has mobility 0: there are no coordinates to certify")
     start = mechanism.q_reference if guess is None else np.asarray(guess, dtype=np.float64)
     system = closure_system(mechanism, start)
     q0 = np.asarray(q0, dtype=np.float64)

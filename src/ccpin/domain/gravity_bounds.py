@@ -227,7 +227,8 @@ def _symmetric(matrices: Array) -> Array:
     return np.asarray(0.5 * (matrices + np.swapaxes(matrices, 1, 2)))
 
 
-# The free system's potential V′(θ) = −Σ_b m_b γ·c_b(θ) as chains, to be evaluated and bounded over many boxes at once.
+# The free system's potential V′(θ) = −Σ_b m_b γ·c_b(θ) + Σ_j ½ k_j (θ_j − θ₀_j)² of bodies and springs, the bodies as
+# chains, to be evaluated and bounded over many boxes at once.
 
 
 class Potential(NamedTuple):
@@ -237,18 +238,25 @@ class Potential(NamedTuple):
         stack: One chain of weights (1, 3) a body with mass, side by side.
         forces: |m_b γ| of the chains (N), of shape (C,).
         lengths: Σ |translations| + |tip| of the chains (m), of shape (C,).
+        stiffness, rest: k and θ₀ of the springs, of shape (n′,); they have no third derivatives.
         rounding: |computed − exact| ≤ rounding · `magnitude` for V′ and every entry of its derivatives.
     """
 
     stack: ChainStack
     forces: Array
     lengths: Array
+    stiffness: Array
+    rest: Array
     rounding: float
 
     def magnitude(self, theta: Array) -> Array:
-        """Σ_b |m_b γ| · (an upper bound of the chain's length), slides included, at θ (B, n′), of shape (B,)."""
+        """Σ_b |m_b γ| · (an upper bound of the chain's length), slides included, at θ (B, n′), of shape (B,).
+
+        A spring adds k (1 + |θ| + |θ₀|)², more than any of its terms.
+        """
         slides = np.sum(gather(self.stack, np.abs(theta)) * self.stack.sliding, axis=2)
-        return np.asarray((slides + self.lengths) @ self.forces)
+        springs = (1.0 + np.abs(theta) + np.abs(self.rest)) ** 2 @ self.stiffness
+        return np.asarray((slides + self.lengths) @ self.forces + springs)
 
 
 class PotentialValues(NamedTuple):
@@ -264,9 +272,12 @@ def potential_of(mechanism: Mechanism, system: ClosureSystem, gravity: Array | N
     """V′ of a mechanism in the chart of its closure system, under gravity (m/s², world axes; default the file's).
 
     Raises:
-        UnsupportedMechanismError: No movable link has mass.
+        UnsupportedMechanismError: No movable link has mass, or a ball joint has a spring.
     """
-    model = mechanism.tree.model
+    model, joints = mechanism.tree.model, mechanism.joints
+    for joint in mechanism.tree.joints:
+        if joint.stated.stiffness and joint.kind.unit:
+            raise UnsupportedMechanismError(f"the spring of the {joint.kind.name} joint '{joint.name}' is not bounded")
     elementary = elementary_joints(mechanism, system.chart)
     gravity = np.asarray(model.gravity.linear) if gravity is None else gravity
     chains = []
@@ -285,6 +296,8 @@ def potential_of(mechanism: Mechanism, system: ClosureSystem, gravity: Array | N
         stack=stack_chains(tuple(chains), system.n_free),
         forces=np.array([np.linalg.norm(chain.weights) for chain in chains]),
         lengths=np.array(lengths),
+        stiffness=np.array(joints.stiffness),
+        rest=np.array(joints.spring_reference),
         rounding=(128.0 * (depth + 2) + 4.0 * system.n_free) * UNIT_ROUNDOFF,
     )
 
@@ -298,10 +311,11 @@ def potential_values(potential: Potential, theta: Array) -> PotentialValues:
     turned = cross(np.broadcast_to(weights[:, None], motion.a.shape), motion.a)
     second = np.triu(turned @ np.swapaxes(motion.b, 2, 3))
     second = second + np.swapaxes(np.triu(second, 1), 2, 3)
+    stretch = theta - potential.rest
     return PotentialValues(
-        value=np.sum(motion.x * weights, axis=(1, 2)),
-        gradient=flat @ stack.placement,
-        hessian=np.sum(spread(stack, second), axis=1),
+        value=np.sum(motion.x * weights, axis=(1, 2)) + 0.5 * stretch**2 @ potential.stiffness,
+        gradient=flat @ stack.placement + potential.stiffness * stretch,
+        hessian=np.sum(spread(stack, second), axis=1) + np.diag(potential.stiffness),
         arms=np.linalg.norm(motion.b, axis=3),
     )
 

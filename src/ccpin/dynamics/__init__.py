@@ -14,6 +14,7 @@ from ccpin.dynamics.linearization import Linearization, closed_loop_derivative, 
 from ccpin.dynamics.modes import AssemblyMode, AssemblyModes, assembly_modes
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import ReducedTerms, State
+from ccpin.dynamics.wrenches import Wrench
 
 __all__ = [
     "AssemblyMode",
@@ -29,6 +30,7 @@ __all__ = [
     "ReducedTerms",
     "State",
     "UnreachableTargetError",
+    "Wrench",
     "assembly_modes",
     "closed_loop_derivative",
     "linearize",

@@ -1,7 +1,8 @@
 """Derivatives of the reduced dynamics, exact: no finite differences.
 
-With τ′(q′, q̇′, q̈′) the free system's inverse dynamics (2), q̇′ = ρ q̇ and q̈′ = ρ q̈ + ρ̇ q̇, the generalized force is
-τ = ρᵀτ′ = D q̈ + C q̇ + g, so that
+With τ′(q′, q̇′, q̈′) the free system's inverse dynamics (2), dampers and springs included, less the loads Jᵀw of wrenches
+on links, q̇′ = ρ q̇ and q̈′ = ρ q̈ + ρ̇ q̇, the generalized force is
+τ = ρᵀτ′, so that
 
     ∂τ/∂q_k = (∂ρ/∂q_k)ᵀ τ′ + ρᵀ [∂τ′/∂q′ ρ_k + ∂τ′/∂q̇′ ∂(ρ q̇)/∂q_k + D′ (∂(ρ q̈)/∂q_k + ∂(ρ̇ q̇)/∂q_k)],
     ∂τ/∂q̇  = ρᵀ [∂τ′/∂q̇′ ρ + D′ ∂(ρ̇ q̇)/∂q̇],        ∂τ/∂q̈ = ρᵀD′ρ = D,
@@ -13,12 +14,14 @@ lengths, right increments for circles and quaternions, the components of q̇ and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.dynamics.free_system import FreeSystem
+from ccpin.dynamics.wrenches import Applied, joint_loads, joint_loads_derivative
 from ccpin.errors import UnderactuatedError
 from ccpin.kinematics.parametrization import ClosedPoint, Parametrization
 from ccpin.kinematics.sigma_derivatives import SigmaDerivatives
@@ -41,7 +44,7 @@ class ForwardDynamicsDerivatives(NamedTuple):
 
 
 class GeneralizedForceDerivatives(NamedTuple):
-    """Derivatives of τ(q, q̇, q̈) = D q̈ + C q̇ + g, one entry an independent coordinate (N m or N).
+    """Derivatives of τ(q, q̇, q̈) = D q̈ + C q̇ + damping q̇ + g, one entry an independent coordinate (N m or N).
 
     Attributes:
         dtau_dq: Along tangent steps of q, of shape (n, n).
@@ -92,12 +95,16 @@ class DynamicsDerivatives:
         stiffness = rho.T @ self._free_system.gravity_derivative(q_free) @ rho
         return np.asarray(stiffness + self._sigma.of_force(self._free_system.gravity(q_free)))
 
-    def generalized_force(self, v: Array, a: Array) -> GeneralizedForceDerivatives:
-        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + g at q̇ = v and q̈ = a."""
+    def generalized_force(self, v: Array, a: Array, applied: Sequence[Applied] = ()) -> GeneralizedForceDerivatives:
+        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + damping q̇ + g − ρᵀJᵀw at q̇ = v and q̈ = a."""
         q_free, rho = self._point.q_free, self._point.rho
         spread = self._sigma.of_velocity(v)
         bias = self._sigma.of_bias(v, spread)
         free = self._free_system.inverse_dynamics_derivatives(q_free, rho @ v, rho @ a + bias.gamma)
+        if applied:
+            scratch = self._free_system.scratch
+            loads, slope = (f(scratch, q_free, applied) for f in (joint_loads, joint_loads_derivative))
+            free = free._replace(tau=free.tau - loads, dtau_dq=free.dtau_dq - slope)
         acceleration = self._sigma.of_velocity(a) + bias.dq
         change = free.dtau_dq @ rho + free.dtau_dv @ spread + free.dtau_da @ acceleration
         return GeneralizedForceDerivatives(
@@ -106,15 +113,15 @@ class DynamicsDerivatives:
             dtau_da=rho.T @ free.dtau_da @ rho,
         )
 
-    def forward(self, v: Array, u: Array, a: Array) -> ForwardDynamicsDerivatives:
+    def forward(self, v: Array, u: Array, a: Array, applied: Sequence[Applied] = ()) -> ForwardDynamicsDerivatives:
         """∂q̈/∂q, ∂q̈/∂q̇, ∂q̈/∂u, given a = q̈(q, v, u): D ∂q̈ = ∂(ρᵀSᵀu) − ∂τ|_q̈."""
-        force = self.generalized_force(v, a)
+        force = self.generalized_force(v, a, applied)
         transmission = np.eye(len(v)) if self._actuation is None else self._point.rho.T @ self._actuation.T
         right = np.hstack([self._effort_change(u) - force.dtau_dq, -force.dtau_dv, transmission])
         solved, n = np.asarray(np.linalg.solve(force.dtau_da, right), dtype=np.float64), len(v)
         return ForwardDynamicsDerivatives(solved[:, :n], solved[:, n : 2 * n], solved[:, 2 * n :])
 
-    def inverse(self, v: Array, u: Array, a: Array) -> InverseDynamicsDerivatives:
+    def inverse(self, v: Array, u: Array, a: Array, applied: Sequence[Applied] = ()) -> InverseDynamicsDerivatives:
         """∂u/∂q, ∂u/∂q̇, ∂u/∂q̈, given u = u(q, v, a).
 
         With T = ρᵀSᵀ and u = Tᵀλ the effort of least norm, T u = τ gives T du = dτ − dT u and du = dTᵀλ + Tᵀdλ.
@@ -122,7 +129,7 @@ class DynamicsDerivatives:
         Raises:
             UnderactuatedError: The motors cannot produce every generalized force (T lacks rank n).
         """
-        force = self.generalized_force(v, a)
+        force = self.generalized_force(v, a, applied)
         if self._actuation is None:
             return InverseDynamicsDerivatives(*force)
         transmission = self._point.rho.T @ self._actuation.T
@@ -130,7 +137,7 @@ class DynamicsDerivatives:
         if len(singular_values) < len(transmission) or singular_values[-1] <= _FULL_RANK * singular_values[0]:
             raise UnderactuatedError(
                 f"{len(self._actuation)} motors do not produce every one of {len(v)} generalized forces, so u(q, q̇, q̈) "
-                "has no derivative; those of τ = D q̈ + C q̇ + g exist (generalized_force_derivatives)"
+                "has no derivative; those of τ = D q̈ + C q̇ + damping q̇ + g exist (generalized_force_derivatives)"
             )
         inverse = np.linalg.pinv(transmission)
         multipliers = inverse.T @ u

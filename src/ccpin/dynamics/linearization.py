@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, matrix, vector
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
+from ccpin.dynamics.wrenches import Wrenches
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -33,6 +34,7 @@ def linearize(
     u: ArrayLike,
     v: ArrayLike | None = None,
     guess: Near = None,
+    wrenches: Wrenches | None = None,
 ) -> Linearization:
     """A = [−ad_q̇ I; ∂q̈/∂q ∂q̈/∂q̇], B = [0; ∂q̈/∂u] at the state (q, v) and effort u, exact.
 
@@ -46,6 +48,7 @@ def linearize(
         u: Actuated joints' efforts, of shape (motors,).
         v: Velocity, of shape (n,); default at rest.
         guess: Chooses the assembly mode, as `near` of `ReducedModel.at`.
+        wrenches: On links, constant in world axes, as for `State.forward_dynamics`.
 
     Raises:
         CcpinError: As `ReducedModel.forward_dynamics_derivatives` does.
@@ -53,7 +56,7 @@ def linearize(
     state = model_of(model).at(q, guess)
     n = state.model.n
     velocity = np.zeros(n) if v is None else vector(v, "v", n)
-    slopes = state.forward_dynamics_derivatives(velocity, u)
+    slopes = state.forward_dynamics_derivatives(velocity, u, wrenches)
     top = np.hstack([-_bracket(state.model.coordinates, velocity), np.eye(n)])
     return Linearization(
         A=np.vstack([top, np.hstack([slopes.da_dq, slopes.da_dv])]),

@@ -1,4 +1,8 @@
-"""The reduced model of a closed-chain mechanism: D q̈ + C q̇ + g = u in the independent coordinates (Theorem 1)."""
+"""The reduced model of a closed-chain mechanism: D q̈ + C q̇ + g = u in the independent coordinates (Theorem 1).
+
+What the paper has no letter for comes beside it: springs are part of V and so of g = ∂V/∂q, joints' dampers add
+ρᵀB′ρ q̇ on the left, wrenches on links ρᵀJᵀw on the right, and gears scale the rows of S.
+"""
 
 from __future__ import annotations
 
@@ -18,20 +22,21 @@ from ccpin.dynamics.derivatives import (
 from ccpin.dynamics.free_system import Energy, FreeSystem
 from ccpin.dynamics.reference import Reference
 from ccpin.dynamics.state import Near, ReducedTerms, State
+from ccpin.dynamics.wrenches import Wrenches
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.checked import checked_configuration, checked_q
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import ClosedPoint
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import Mechanism, mechanism_of
 from ccpin.native import Declining, kernel
 
 
 class ReducedModel:
-    """The reduced equations of motion D(q) q̈ + C(q, q̇) q̇ + g(q) = ρᵀSᵀu (22), q′ = σ(q), q̇′ = ρ q̇ (27).
+    """The reduced equations D q̈ + C q̇ + damping q̇ + g = ρᵀ(Sᵀu + Jᵀw) (22), q′ = σ(q), q̇′ = ρ q̇ (27).
 
-    Where the actuated joints are the independent ones, ρᵀSᵀu = u as in the paper. `at` gives a `State`, which has all
-    the rest; the methods below with a `guess` are shorthands for it, for one thing at one q. Nothing is remembered
-    between calls, and any number of threads may share a model. SI units, radians.
+    Where the actuated joints are the independent ones, without gears, ρᵀSᵀu = u as in the paper. `at` gives a `State`,
+    which has all the rest; the methods below with a `guess` are shorthands for it, for one thing at one q. Nothing is
+    remembered between calls, and any number of threads may share a model. SI units, radians.
 
     Args:
         mechanism: From `ccpin.load`.
@@ -47,11 +52,11 @@ class ReducedModel:
         core: What answers first (`ccpin.native`), chosen by `ccpin.backend` when the model was made.
 
     Raises:
-        InvalidInputError: Gravity is not three finite numbers.
+        InvalidInputError: No mechanism is given, or gravity is not three finite numbers.
     """
 
     def __init__(self, mechanism: Mechanism, gravity: ArrayLike | None = None) -> None:
-        self.mechanism = mechanism
+        self.mechanism = mechanism = mechanism_of(mechanism)
         given = mechanism.description.gravity if gravity is None else vector(gravity, "gravity", 3)
         self.gravity_vector = frozen(given)
         self.free_system = FreeSystem(mechanism.tree, self.gravity_vector)
@@ -138,42 +143,48 @@ class ReducedModel:
         answer = self._asked("energy", q, guess, v)
         return self.at(q, guess).energy(v) if answer is None else Energy(*answer)
 
-    def forward_dynamics(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None) -> Array:
-        """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − g) (22), of shape (n,): `State.forward_dynamics`."""
-        answer = self._asked("forward_dynamics", q, guess, v, u)
-        return self.at(q, guess).forward_dynamics(v, u) if answer is None else np.asarray(answer)
+    def forward_dynamics(
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
+    ) -> Array:
+        """q̈ (22), of shape (n,): `State.forward_dynamics`."""
+        answer = None if wrenches is not None else self._asked("forward_dynamics", q, guess, v, u)
+        return self.at(q, guess).forward_dynamics(v, u, wrenches) if answer is None else np.asarray(answer)
 
-    def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None) -> Array:
-        """u with ρᵀSᵀu = D q̈ + C q̇ + g (22), of shape (motors,): `State.inverse_dynamics`."""
-        return self.at(q, guess).inverse_dynamics(v, a)
+    def inverse_dynamics(
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
+    ) -> Array:
+        """u with ρᵀSᵀu = τ (22), of shape (motors,): `State.inverse_dynamics`."""
+        return self.at(q, guess).inverse_dynamics(v, a, wrenches)
 
-    def constraint_forces(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None) -> Array:
+    def constraint_forces(
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
+    ) -> Array:
         """λ of the descriptor form (17), of shape (m,): `State.constraint_forces`."""
-        answer = self._asked("constraint_forces", q, guess, v, u)
-        return self.at(q, guess).constraint_forces(v, u) if answer is None else np.asarray(answer)
+        answer = None if wrenches is not None else self._asked("constraint_forces", q, guess, v, u)
+        return self.at(q, guess).constraint_forces(v, u, wrenches) if answer is None else np.asarray(answer)
 
     def forward_dynamics_derivatives(
-        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None
+        self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
     ) -> ForwardDynamicsDerivatives:
         """∂q̈/∂q, ∂q̈/∂q̇ and ∂q̈/∂u: `State.forward_dynamics_derivatives`."""
-        answer = self._asked("forward_dynamics_derivatives", q, guess, v, u)
+        answer = None if wrenches is not None else self._asked("forward_dynamics_derivatives", q, guess, v, u)
         if answer is None:
-            return self.at(q, guess).forward_dynamics_derivatives(v, u)
+            return self.at(q, guess).forward_dynamics_derivatives(v, u, wrenches)
         return ForwardDynamicsDerivatives(*answer)
 
     def inverse_dynamics_derivatives(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
     ) -> InverseDynamicsDerivatives:
         """∂u/∂q, ∂u/∂q̇ and ∂u/∂q̈: `State.inverse_dynamics_derivatives`."""
-        return self.at(q, guess).inverse_dynamics_derivatives(v, a)
+        return self.at(q, guess).inverse_dynamics_derivatives(v, a, wrenches)
 
     def generalized_force_derivatives(
-        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None
+        self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
     ) -> GeneralizedForceDerivatives:
-        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + g: `State.generalized_force_derivatives`."""
-        answer = self._asked("generalized_force_derivatives", q, guess, v, a)
+        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ: `State.generalized_force_derivatives`."""
+        answer = None if wrenches is not None else self._asked("generalized_force_derivatives", q, guess, v, a)
         if answer is None:
-            return self.at(q, guess).generalized_force_derivatives(v, a)
+            return self.at(q, guess).generalized_force_derivatives(v, a, wrenches)
         return GeneralizedForceDerivatives(*answer)
 
     # Many rows at once, each as if asked for alone, on as many `threads` of the compiled core. Where a row has no

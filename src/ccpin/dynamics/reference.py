@@ -11,9 +11,11 @@ from scipy.linalg import lapack
 from ccpin.arrays import Array
 from ccpin.dynamics.derivatives import DynamicsDerivatives
 from ccpin.dynamics.free_system import Energy, FreeSystem
+from ccpin.dynamics.wrenches import Wrenches, applied_wrenches, joint_loads
 from ccpin.errors import SingularConfigurationError, UnsupportedMechanismError
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import ClosedPoint, Parametrization
+from ccpin.mechanism.mechanism import Mechanism
 
 _NEARLY_SINGULAR = 1e-6
 
@@ -27,6 +29,7 @@ def locked(array: Array) -> Array:
 class Model(Protocol):
     """What is read of a reduced model here; `ccpin.ReducedModel` says what each is."""
 
+    mechanism: Mechanism
     free_system: FreeSystem
     parametrization: Parametrization
     coordinates: IndependentCoordinates
@@ -89,7 +92,7 @@ class Reference:
         return self.model.free_system.energy(self.q_free, self.rho @ v)
 
     def tau(self, v: Array, a: Array) -> Array:
-        """D q̈ + C q̇ + g (22), by ρᵀ times the free system's inverse dynamics."""
+        """D q̈ + C q̇ + damping q̇ + g (22), by ρᵀ times the free system's inverse dynamics."""
         return np.asarray(self.rho.T @ self._tau_free(v, self.rho @ a + self.bias(v)))
 
     @cached_property
@@ -106,15 +109,22 @@ class Reference:
         S = self.model.actuation
         return np.asarray((self.model.coordinates.jacobian(self.q_free) if S is None else S).T @ u)
 
-    def forward_dynamics(self, v: Array, u: Array) -> Array:
-        """q̈ (22)."""
-        return self._accelerated(v, self.bias(v), u)
+    def joint_loads(self, wrenches: Wrenches | None) -> Array:
+        """Jᵀw of wrenches on links."""
+        scratch = self.model.free_system.scratch
+        return joint_loads(scratch, self.q_free, applied_wrenches(self.model.mechanism.tree, wrenches))
 
-    def constraint_forces(self, v: Array, u: Array) -> Array:
+    def forward_dynamics(self, v: Array, u: Array, wrenches: Wrenches | None = None) -> Array:
+        """q̈ (22)."""
+        return self._accelerated(v, self.bias(v), self._pushed(u, wrenches))
+
+    def constraint_forces(self, v: Array, u: Array, wrenches: Wrenches | None = None) -> Array:
         """λ (17)."""
-        bias = self.bias(v)
-        a_free = self.rho @ self._accelerated(v, bias, u) + bias
-        force = self._tau_free(v, a_free) - self.joint_efforts(u)
+        bias, loads = self.bias(v), self.joint_efforts(u)
+        if wrenches is not None:
+            loads = loads + self.joint_loads(wrenches)
+        a_free = self.rho @ self._accelerated(v, bias, self._pushed(u, wrenches)) + bias
+        force = self._tau_free(v, a_free) - loads
         return self.point.factor.solve_transposed(force)[: self.model.parametrization.constraints.size]
 
     @cached_property
@@ -131,9 +141,14 @@ class Reference:
     def _tau_free(self, v: Array, a_free: Array) -> Array:
         return self.model.free_system.inverse_dynamics(self.q_free, self.rho @ v, a_free)
 
-    def _accelerated(self, v: Array, bias: Array, u: Array) -> Array:
-        """q̈ from ρ̇ q̇: D q̈ = ρᵀSᵀu − ρᵀτ′(q′, q̇′, ρ̇ q̇), with τ′ the free system's inverse dynamics."""
-        force = self.generalized_force(u) - self.rho.T @ self._tau_free(v, bias)
+    def _pushed(self, u: Array, wrenches: Wrenches | None) -> Array:
+        """ρᵀ(Sᵀu + Jᵀw)."""
+        force = self.generalized_force(u)
+        return force + self.rho.T @ self.joint_loads(wrenches) if wrenches is not None else force
+
+    def _accelerated(self, v: Array, bias: Array, pushed: Array) -> Array:
+        """q̈ from ρ̇ q̇: D q̈ = ρᵀ(Sᵀu + Jᵀw) − ρᵀτ′(q′, q̇′, ρ̇ q̇), with τ′ the free system's inverse dynamics."""
+        force = pushed - self.rho.T @ self._tau_free(v, bias)
         if not self.model.n:
             return np.zeros(0)
         _, a, info = lapack.dposv(self.D, force)

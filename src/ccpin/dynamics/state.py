@@ -18,9 +18,9 @@ from ccpin.dynamics.derivatives import (
 from ccpin.dynamics.free_system import Energy
 from ccpin.dynamics.reference import Model as ReferenceModel
 from ccpin.dynamics.reference import Reference, locked
+from ccpin.dynamics.wrenches import Applied, Wrenches, applied_wrenches
 from ccpin.errors import UnderactuatedError
 from ccpin.kinematics.parametrization import ClosedPoint
-from ccpin.mechanism.mechanism import Mechanism
 
 _MISSING = 1e-9
 
@@ -28,7 +28,6 @@ _MISSING = 1e-9
 class Model(ReferenceModel, Protocol):
     """What a State reads of its reduced model; `ccpin.ReducedModel` says what each is."""
 
-    mechanism: Mechanism
     nq: int
     n_actuated: int
 
@@ -185,32 +184,40 @@ class State:
         answer = self.model.core.energy(self.q_free, v)
         return self.reference.energy(self._velocity(v)) if answer is None else Energy(*answer)
 
-    def tau(self, v: ArrayLike, a: ArrayLike) -> Array:
-        """The generalized force τ = D q̈ + C q̇ + damping q̇ + g (22), of shape (n,), N m or N."""
+    def tau(self, v: ArrayLike, a: ArrayLike, wrenches: Wrenches | None = None) -> Array:
+        """The generalized force τ = D q̈ + C q̇ + damping q̇ + g − ρᵀJᵀw (22), of shape (n,), N m or N."""
+        if wrenches is not None:
+            return self.tau(v, a) - self.rho.T @ self.joint_loads(wrenches)
         answer = self.model.core.generalized_force(self.q_free, v, a)
         return self.reference.tau(self._velocity(v), self._acceleration(a)) if answer is None else np.asarray(answer)
 
-    def forward_dynamics(self, v: ArrayLike, u: ArrayLike) -> Array:
-        """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − damping q̇ − g) (22), of shape (n,).
+    def forward_dynamics(self, v: ArrayLike, u: ArrayLike, wrenches: Wrenches | None = None) -> Array:
+        """q̈ = D⁻¹(ρᵀ(Sᵀu + Jᵀw) − C q̇ − damping q̇ − g) (22), of shape (n,).
+
+        Args:
+            v: Velocity, of shape (n,).
+            u: The actuated joints' efforts, of shape (motors,).
+            wrenches: w, what acts on links from outside, by link name: (force, moment) in world axes at the link's
+                origin, six numbers, or a `ccpin.dynamics.Wrench` at a point of it. Here and in every call that has it.
 
         Raises:
             SingularConfigurationError: D is not positive definite so near a singularity.
             UnsupportedMechanismError: D is not positive definite (bodies without mass or inertia).
         """
-        answer = self.model.core.forward_dynamics(self.q_free, v, u)
+        answer = None if wrenches is not None else self.model.core.forward_dynamics(self.q_free, v, u)
         if answer is None:
-            return self.reference.forward_dynamics(self._velocity(v), self._effort(u))
+            return self.reference.forward_dynamics(self._velocity(v), self._effort(u), wrenches)
         return np.asarray(answer)
 
-    def inverse_dynamics(self, v: ArrayLike, a: ArrayLike) -> Array:
-        """The actuated joints' efforts u with ρᵀSᵀu = D q̈ + C q̇ + damping q̇ + g (22), of shape (motors,).
+    def inverse_dynamics(self, v: ArrayLike, a: ArrayLike, wrenches: Wrenches | None = None) -> Array:
+        """The actuated joints' efforts u with ρᵀSᵀu = D q̈ + C q̇ + damping q̇ + g − ρᵀJᵀw (22), of shape (motors,).
 
         With more motors than independent coordinates u is the solution of least norm.
 
         Raises:
             UnderactuatedError: No u produces that acceleration (fewer motors than coordinates).
         """
-        force = self.tau(v, a)
+        force = self.tau(v, a, wrenches)
         if self.model.actuation is None:
             return force
         u = self.efforts(force)
@@ -222,16 +229,16 @@ class State:
             )
         return u
 
-    def constraint_forces(self, v: ArrayLike, u: ArrayLike) -> Array:
-        """λ of the descriptor form (17): D′q̈′ + C′q̇′ + B′q̇′ + g′ = Sᵀu + φ_q′ᵀλ, of shape (m,).
+    def constraint_forces(self, v: ArrayLike, u: ArrayLike, wrenches: Wrenches | None = None) -> Array:
+        """λ of the descriptor form (17): D′q̈′ + C′q̇′ + B′q̇′ + g′ = Sᵀu + Jᵀw + φ_q′ᵀλ, of shape (m,).
 
         λ has one entry a row of φ, in φ's order and axes (`ccpin.kinematics.constraints`): the force (N) that end A of
         a loop receives along a point row, B the opposite; the moment (N m) along a direction row. With redundant rows
         λ is the solution of least norm. Errors as for `forward_dynamics`.
         """
-        answer = self.model.core.constraint_forces(self.q_free, v, u)
+        answer = None if wrenches is not None else self.model.core.constraint_forces(self.q_free, v, u)
         if answer is None:
-            return self.reference.constraint_forces(self._velocity(v), self._effort(u))
+            return self.reference.constraint_forces(self._velocity(v), self._effort(u), wrenches)
         return np.asarray(answer)
 
     # Motors.
@@ -243,6 +250,14 @@ class State:
     def joint_efforts(self, u: ArrayLike) -> Array:
         """Sᵀu, of shape (n′,): what the motors do to the free system's joints (α_q′ᵀu where u acts on q itself)."""
         return self.reference.joint_efforts(self._effort(u))
+
+    def joint_loads(self, wrenches: Wrenches | None) -> Array:
+        """Jᵀw, of shape (n′,): what wrenches on links do to the free system's joints.
+
+        Raises:
+            InvalidInputError: An unknown link, or a wrench of the wrong shape or not finite.
+        """
+        return self.reference.joint_loads(wrenches)
 
     def efforts(self, force: ArrayLike) -> Array:
         """The actuated joints' efforts u of least norm with ρᵀSᵀu nearest to a generalized force, of shape (motors,).
@@ -256,33 +271,44 @@ class State:
 
     # Derivatives, exact; those by q are along tangent steps of q.
 
-    def forward_dynamics_derivatives(self, v: ArrayLike, u: ArrayLike) -> ForwardDynamicsDerivatives:
-        """∂q̈/∂q, ∂q̈/∂q̇ and ∂q̈/∂u of `forward_dynamics`; errors as there."""
-        answer = self.model.core.forward_dynamics_derivatives(self.q_free, v, u)
+    def forward_dynamics_derivatives(
+        self, v: ArrayLike, u: ArrayLike, wrenches: Wrenches | None = None
+    ) -> ForwardDynamicsDerivatives:
+        """∂q̈/∂q, ∂q̈/∂q̇ and ∂q̈/∂u of `forward_dynamics`, wrenches constant in world axes; errors as there."""
+        answer = None if wrenches is not None else self.model.core.forward_dynamics_derivatives(self.q_free, v, u)
         if answer is not None:
             return ForwardDynamicsDerivatives(*answer)
-        a = self.reference.forward_dynamics(self._velocity(v), self._effort(u))
-        return self.reference.derivatives.forward(self._velocity(v), self._effort(u), a)
+        velocity, effort = self._velocity(v), self._effort(u)
+        a = self.reference.forward_dynamics(velocity, effort, wrenches)
+        return self.reference.derivatives.forward(velocity, effort, a, self._applied(wrenches))
 
-    def inverse_dynamics_derivatives(self, v: ArrayLike, a: ArrayLike) -> InverseDynamicsDerivatives:
-        """∂u/∂q, ∂u/∂q̇ and ∂u/∂q̈ of `inverse_dynamics`; errors as there.
+    def inverse_dynamics_derivatives(
+        self, v: ArrayLike, a: ArrayLike, wrenches: Wrenches | None = None
+    ) -> InverseDynamicsDerivatives:
+        """∂u/∂q, ∂u/∂q̇ and ∂u/∂q̈ of `inverse_dynamics`, wrenches constant in world axes; errors as there.
 
         Raises:
             UnderactuatedError: Also where fewer motors than coordinates happen to produce that acceleration.
         """
         if self.model.actuation is None:
-            return InverseDynamicsDerivatives(*self.generalized_force_derivatives(v, a))
-        u = self.inverse_dynamics(v, a)
-        return self.reference.derivatives.inverse(self._velocity(v), u, self._acceleration(a))
+            return InverseDynamicsDerivatives(*self.generalized_force_derivatives(v, a, wrenches))
+        u = self.inverse_dynamics(v, a, wrenches)
+        return self.reference.derivatives.inverse(self._velocity(v), u, self._acceleration(a), self._applied(wrenches))
 
-    def generalized_force_derivatives(self, v: ArrayLike, a: ArrayLike) -> GeneralizedForceDerivatives:
-        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + damping q̇ + g, whatever the motors."""
-        answer = self.model.core.generalized_force_derivatives(self.q_free, v, a)
+    def generalized_force_derivatives(
+        self, v: ArrayLike, a: ArrayLike, wrenches: Wrenches | None = None
+    ) -> GeneralizedForceDerivatives:
+        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of `tau`, whatever the motors, wrenches constant in world axes."""
+        answer = None if wrenches is not None else self.model.core.generalized_force_derivatives(self.q_free, v, a)
         if answer is not None:
             return GeneralizedForceDerivatives(*answer)
-        return self.reference.derivatives.generalized_force(self._velocity(v), self._acceleration(a))
+        velocity, acceleration = self._velocity(v), self._acceleration(a)
+        return self.reference.derivatives.generalized_force(velocity, acceleration, self._applied(wrenches))
 
     # What the above share.
+
+    def _applied(self, wrenches: Wrenches | None) -> tuple[Applied, ...]:
+        return applied_wrenches(self.model.mechanism.tree, wrenches)
 
     def _velocity(self, v: ArrayLike) -> Array:
         return vector(v, "v", self.model.n)

@@ -326,13 +326,29 @@ def _analysed(
         idle=idle(tree, settled),
         notes=choice.notes,
     )
-    notes = dict.fromkeys([*description.notes, *choice.notes, *how_closed(settled)])
+    notes = dict.fromkeys(
+        [*description.notes, *choice.notes, *how_closed(settled), *_forces_told(description, tree, choice.actuated)]
+    )
     q_reference = np.empty(tree.model.nq)
     for found in settled:
         q_reference[found.part.q] = found.closed.q_free
     IndependentCoordinates(tree, choice.actuated, q_reference)  # refuses names that cannot be actuated
     check_independent(settled, choice.independent)
     return Mechanism(description, tree, choice.independent, choice.actuated, q_reference, mobility, tuple(notes))
+
+
+def _forces_told(description: MechanismDescription, tree: Tree, actuated: tuple[str, ...]) -> list[str]:
+    """Notes where joints state dry friction, and where one unit of u is not one N m (or N) on its joint."""
+    told, rubbing = [], [joint.name for joint in tree.joints if joint.stated.friction]
+    if rubbing:
+        told.append(
+            f"dry friction of {', '.join(rubbing)}: `simulate` has it, the smooth equations (dynamics, laws, "
+            "certificates) have not"
+        )
+    geared = [f"{m.gear:g} on {m.joint}" for m in description.motors if m.gear != 1.0 and m.joint in actuated]
+    if geared:
+        told.append(f"u is the motors' own input: one unit is {', '.join(geared)} (N m or N)")
+    return told
 
 
 def _check_arguments(path: object, independent: object, actuated: object) -> None:

@@ -35,7 +35,7 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
 
     Raises:
         UnsupportedMechanismError: A closure joins two frames of one body, or a joint kind, a row of a closure or the
-            place of a motor is none that the core knows; springs, dampers and gears.
+            place of a motor is none that the core knows, or a ball joint has a spring.
     """
     tree, parametrization = mechanism.tree, mechanism.parametrization()
     constraints, coordinates = parametrization.constraints, parametrization.coordinates
@@ -50,7 +50,6 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
     def inside(k: int, joints: Sequence[int]) -> list[int]:
         return [i for i, joint in enumerate(joints) if where[joint] == k]
 
-    _check_physics(mechanism)
     direct = mechanism.direct
     return {
         "joints": [_joint(mechanism, joint) for joint in tree.joints],
@@ -73,6 +72,7 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
         "n": coordinates.n,
         "direct": direct,
         "motors": [] if direct else [int(np.flatnonzero(row)[0]) for row in mechanism.actuation],
+        "gears": [] if direct else mechanism.motors.gears.tolist(),
         "turnable": parametrization.turnable,
         "tolerance": parametrization.rules.tolerance,
         "gravity": np.array(mechanism.description.gravity if gravity is None else gravity, dtype=np.float64),
@@ -81,8 +81,10 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
 
 
 def _joint(mechanism: Mechanism, joint: TreeJoint) -> tuple[Any, ...]:
-    """Kind, parent, (q, v, nq, nv), placement, axis, mass, centre, inertia about it, rotor inertias."""
-    model = mechanism.tree.model
+    """Kind, parent, (q, v, nq, nv), placement, axis, mass, centre, inertia about it, rotors, dampers, (k, θ₀)."""
+    model, stated = mechanism.tree.model, joint.stated
+    if stated.stiffness and joint.kind.unit:
+        raise UnsupportedMechanismError(f"the compiled core does not know the spring of '{joint.name}', a ball joint")
     inertia = model.inertias[joint.number]
     return (
         _known(joint.kind),
@@ -94,16 +96,9 @@ def _joint(mechanism: Mechanism, joint: TreeJoint) -> tuple[Any, ...]:
         np.array(inertia.lever),
         np.array(inertia.inertia),
         model.armature[joint.v].tolist(),
+        [stated.damping] * joint.kind.nv,
+        [stated.stiffness, stated.spring_reference],
     )
-
-
-def _check_physics(mechanism: Mechanism) -> None:
-    """Refuse what would be left out in silence."""
-    has = {"springs": mechanism.joints.stiffness.any(), "dampers": mechanism.joints.damping.any()}
-    has["gears"] = (mechanism.motors.gears != 1.0).any()
-    found = [word for word, there in has.items() if there]
-    if found:
-        raise UnsupportedMechanismError(f"the compiled core does not know the {', '.join(found)} of {mechanism.name}")
 
 
 def _known(kind: JointKind) -> str:

@@ -97,8 +97,8 @@ def closure_forces(model: ReducedModel | Mechanism, trajectory: Trajectory) -> t
 
     Args:
         model: The reduced model, or a mechanism.
-        trajectory: A motion of it under the motors' efforts alone (friction is not in its u, so its share would be
-            missing here).
+        trajectory: A motion of it under the motors' efforts alone (friction and wrenches are not in its u, so their
+            shares would be missing here).
 
     Raises:
         InvalidInputError: The trajectory is not this model's.
@@ -118,8 +118,8 @@ def closure_forces_at(
 def joint_forces(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[BearingForce, ...]:
     """The wrench each joint of the tree passes from parent to child at every sample, joint by joint.
 
-    Along a joint's free directions it is the effort of its motor less what accelerates its rotor, or that of its
-    couplings; across them it is what the bearing carries. Arguments and errors as for `closure_forces`.
+    Along a joint's free directions it is the effort of its motor, spring and damper less what accelerates its rotor, or
+    that of its couplings; across them it is what the bearing carries. Arguments and errors as for `closure_forces`.
     """
     wrenches = _Wrenches(model_of(model))
     return _histories(trajectory.t, [wrenches.joints(*row) for row in trajectory.states(wrenches.model)])

@@ -46,14 +46,17 @@ class JointFriction:
     viscous: Array
 
 
-def joint_friction(mechanism: Mechanism | ReducedModel, friction: FrictionLike | JointFriction) -> JointFriction:
+def joint_friction(
+    mechanism: Mechanism | ReducedModel, friction: FrictionLike | JointFriction | None = None
+) -> JointFriction:
     """Check friction against a mechanism.
 
     Args:
         mechanism: What rubs: a mechanism or model.
         friction: ``{joint: (coulomb, viscous)}`` for any joints, dependent or not (a component of a joint with
             several freedoms by ``joint:axis``); or a pair of arrays (coulomb, viscous), numbers or of shape (n,), for
-            the independent joints in their order.
+            the independent joints in their order; default the Coulomb levels that the mechanism's joints state. Viscous
+            friction comes on top of the joints' dampers, which belong to the model.
 
     Raises:
         InvalidInputError: An unknown joint, a level that is negative or not finite, a wrong shape.
@@ -61,7 +64,10 @@ def joint_friction(mechanism: Mechanism | ReducedModel, friction: FrictionLike |
     if isinstance(friction, JointFriction):
         return friction
     whole = mechanism_of(mechanism)
-    entries = dict(friction) if isinstance(friction, Mapping) else _of_independent(whole, friction)
+    if friction is None:
+        entries = stated_friction(whole)
+    else:
+        entries = dict(friction) if isinstance(friction, Mapping) else _of_independent(whole, friction)
     known = component_names(whole.tree)
     for name in entries:
         if name not in known:
@@ -73,6 +79,12 @@ def joint_friction(mechanism: Mechanism | ReducedModel, friction: FrictionLike |
         if part.component is None:
             owner[part.v_free] = np.arange(part.v.start, part.v.stop)
     return JointFriction(tuple(entries), index, owner[index], levels[:, 0].copy(), levels[:, 1].copy())
+
+
+def stated_friction(mechanism: Mechanism) -> dict[str, tuple[float, float]]:
+    """The Coulomb levels that a mechanism's joints state, as `joint_friction` takes them."""
+    joints = mechanism.joints
+    return {name: (level, 0.0) for name, level in zip(joints.names, joints.friction.tolist(), strict=True) if level}
 
 
 def _of_independent(mechanism: Mechanism, pair: tuple[ArrayLike, ArrayLike]) -> dict[str, tuple[float, float]]:

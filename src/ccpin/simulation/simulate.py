@@ -20,12 +20,19 @@ from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
 from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
-from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, SingularConfigurationError
+from ccpin.dynamics.wrenches import Wrenches, applied_wrenches
+from ccpin.errors import (
+    CcpinError,
+    ConvergenceError,
+    InvalidInputError,
+    SingularConfigurationError,
+    UnsupportedMechanismError,
+)
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
 from ccpin.simulation.in_core import simulate_in_core
-from ccpin.simulation.stick_slip import StickSlip
+from ccpin.simulation.stick_slip import Drive, StickSlip
 from ccpin.simulation.trajectory import Status, Trajectory
 
 METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
@@ -72,9 +79,10 @@ def simulate(
     region: Callable[[Array], bool] | None = None,
     singular_rcond: float = 1e-7,
     friction: FrictionLike | JointFriction | None = None,
+    wrenches: Wrenches | Callable[[float, State, Array], Wrenches] | None = None,
     sampling: Sampling | None = None,
 ) -> Trajectory:
-    """Integrate D q̈ + C q̇ + g = ρᵀ(Sᵀu + f) (22), q′ = σ(q) (27) under a control law, with joint friction f or none.
+    """Integrate D q̈ + C q̇ + damping q̇ + g = ρᵀ(Sᵀu + Jᵀw + f) (22), q′ = σ(q) (27) under a law, f: dry friction.
 
     Args:
         model: The reduced model, or a mechanism.
@@ -92,19 +100,24 @@ def simulate(
         region: Stop where it says False of q (a certified domain's ``contains``, say).
         singular_rcond: Stop where ψ_q′'s reciprocal condition number falls below this.
         friction: Coulomb and viscous friction: ``{joint: (coulomb, viscous)}`` for any joints, or a pair of arrays
-            (coulomb, viscous) for the independent ones; default none. Whether a joint halts or breaks loose is looked
-            at after every step of the integrator and at every sample.
+            (coulomb, viscous) for the independent ones; default what the mechanism's joints state (`joints.friction`),
+            ``{}`` for none. Whether a joint halts or breaks loose is looked at after every step of the integrator and
+            at every sample.
+        wrenches: On links, as for `State.forward_dynamics`: constant in world axes, or a function (t, state, v).
         sampling: Run the law as a digital controller does; default continuously.
 
     Returns:
         Trajectory: What was computed up to the stop, whatever its cause, with status and message. Its u is what the
-        motors get (at a sampled controller's instants, from there on), without the friction.
+        motors get (at a sampled controller's instants, from there on), without friction and wrenches.
 
     Raises:
         InvalidInputError: A bad argument.
+        UnsupportedMechanismError: The mechanism has mobility 0.
         UnreachableError, SingularConfigurationError: σ(q0) does not exist. Nothing is raised once the motion has begun.
     """
     model = model_of(model)
+    if not model.n:
+        raise UnsupportedMechanismError(f"{model.mechanism.name} has mobility 0: nothing moves, there is no motion")
     law = _law(model, controller)
     start = model.at(q0, guess)
     v_start = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
@@ -116,21 +129,33 @@ def simulate(
         raise InvalidInputError(f"max_step = {max_step} must be a positive number")
     if settling is not None:
         settling = settling._replace(goal=checked_q(model.coordinates, settling.goal))
-    contact = StickSlip(model, joint_friction(model, {} if friction is None else friction))
+    rubbing = joint_friction(model, friction)
+    contact, pushes = StickSlip(model, rubbing), _pushes(model, wrenches)
     times = np.arange(np.floor(duration / sample_period * (1 + 1e-12)) + 1) * sample_period
     if times[-1] < duration * (1 - 1e-9):
         times = np.append(times, duration)
     options = {"rtol": rtol, "atol": atol, "max_step": max_step}
-    plain = friction is None and sampling is None and region is None
+    plain = not rubbing.names and wrenches is None and sampling is None and region is None
     if plain:
         numbers = {"times": times, "start": np.concatenate([start.q, v_start]), "singular_rcond": singular_rcond}
         numbers |= options | (settling or _NEVER)._asdict()
         found = simulate_in_core(model, law, method, start.q_free, numbers)
         if found is not None:
             return found
+    law = _Sized(law, model.mechanism.actuated, model.n_actuated)
     commands = ContinuousCommands(law) if sampling is None else SampledCommands(model, law, sampling, start.q, v_start)
-    run = _Run(commands, contact, start, v_start, settling, region, singular_rcond)
+    run = _Run(commands, contact, pushes, start, v_start, settling, region, singular_rcond)
     return run.integrate(times, getattr(integrate, method), options)
+
+
+_Pushes = Callable[[float, State, Array], Wrenches | None]
+
+
+def _pushes(model: ReducedModel, wrenches: Wrenches | _Pushes | None) -> _Pushes:
+    if callable(wrenches):
+        return wrenches
+    applied_wrenches(model.mechanism.tree, wrenches)
+    return lambda t, state, v: wrenches
 
 
 def _law(model: ReducedModel, controller: ControlLaw | Callable[..., ArrayLike] | None) -> ControlLaw:
@@ -141,6 +166,27 @@ def _law(model: ReducedModel, controller: ControlLaw | Callable[..., ArrayLike] 
     if callable(controller):
         return TorqueFunction(controller)
     raise InvalidInputError("controller must be a ControlLaw, a function (t, q, v) → u, or None")
+
+
+class _Sized(ControlLaw):
+    """A law whose u is looked at, so that one of the wrong size is told as the law's mistake."""
+
+    def __init__(self, law: ControlLaw, motors: tuple[str, ...], size: int) -> None:
+        self._law, self._motors, self._size = law, motors, size
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        return self._sized(self._law.torque(t, q, v, guess))
+
+    def torque_at(self, t: float, state: State, v: Array) -> Array:
+        return self._sized(self._law.torque_at(t, state, v))
+
+    def _sized(self, u: Array) -> Array:
+        if np.shape(u) != (self._size,):
+            raise InvalidInputError(
+                f"the law returned u of shape {np.shape(u)}; it must be ({self._size},), efforts of "
+                f"{', '.join(self._motors) or 'no motor'}"
+            )
+        return u
 
 
 class _Event(NamedTuple):
@@ -160,13 +206,14 @@ class _Run:
         self,
         commands: ContinuousCommands | SampledCommands,
         contact: StickSlip,
+        pushes: _Pushes,
         start: State,
         v_start: Array,
         settling: Settling | None,
         region: Callable[[Array], bool] | None,
         singular_rcond: float,
     ) -> None:
-        self.model, self.commands, self.contact = start.model, commands, contact
+        self.model, self.commands, self.contact, self.pushes = start.model, commands, contact, pushes
         self.settling, self.region, self.singular_rcond = settling, region, singular_rcond
         self.near = start
         self.t, self.x = 0.0, np.concatenate([start.q, v_start])
@@ -215,7 +262,7 @@ class _Run:
         if not self.contact.eventful:
             return
         v = self.x[self.model.nq :]
-        v = self.contact.begin(self.near, v, self.commands.effort(self.t, self.near, v), halted)
+        v = self.contact.begin(self.near, v, self.drive(self.t, self.near, v), halted)
         self.x = np.concatenate([self.x[: self.model.nq], v])
 
     def leg(self, until: float, due: Array, solver_class: Any, options: dict[str, float]) -> _Stop | None:
@@ -287,7 +334,10 @@ class _Run:
 
     def broken(self, t: float, x: Array) -> Mask | None:
         state, v = self.closed(x)
-        return self.contact.broken(state, v, self.commands.effort(t, state, v))
+        return self.contact.broken(state, v, self.drive(t, state, v))
+
+    def drive(self, t: float, state: State, v: Array) -> Drive:
+        return Drive(self.commands.effort(t, state, v), self.pushes(t, state, v))
 
     def closed(self, x: Array) -> tuple[State, Array]:
         """The State at x's q, and q̇."""
@@ -300,7 +350,7 @@ class _Run:
         if not np.isfinite(x).all():
             raise ConvergenceError("the state is no longer finite")
         state, v = self.closed(x)
-        a = self.contact.acceleration(state, v, self.commands.effort(t, state, v))
+        a = self.contact.acceleration(state, v, self.drive(t, state, v))
         return np.concatenate([self.model.coordinates.rate(state.q, v), a])
 
     def sample(self, t: float, x: Array) -> _Stop | None:

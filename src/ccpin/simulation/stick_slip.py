@@ -30,6 +30,7 @@ from scipy.optimize import lsq_linear
 from ccpin.arrays import Array, Mask, vector
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Model, Near, State
+from ccpin.dynamics.wrenches import Wrenches
 from ccpin.errors import ConvergenceError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
@@ -57,11 +58,12 @@ class FrictionForce(NamedTuple):
 
 def friction_force(
     model: ReducedModel | Mechanism,
-    friction: FrictionLike | JointFriction,
+    friction: FrictionLike | JointFriction | None,
     q: ArrayLike | State,
     v: ArrayLike,
     u: ArrayLike,
     guess: Near = None,
+    wrenches: Wrenches | None = None,
 ) -> FrictionForce:
     """Friction at a state under motor efforts u; at rest it balances as much of the load as its level allows.
 
@@ -72,6 +74,7 @@ def friction_force(
         v: Their velocities, of shape (n,).
         u: Efforts of the actuated joints, of shape (motors,).
         guess: Chooses the assembly mode of σ(q).
+        wrenches: On links, as for `State.forward_dynamics`.
 
     Raises:
         InvalidInputError: A bad argument.
@@ -79,13 +82,20 @@ def friction_force(
     """
     state = model_of(model).at(q, guess)
     contact = StickSlip(state.model, joint_friction(state.model.mechanism, friction))
-    effort = vector(u, "u", state.model.n_actuated)
-    joint = contact.forces(state, contact.begin(state, vector(v, "v", state.model.n), effort), effort)
+    drive = Drive(vector(u, "u", state.model.n_actuated), wrenches)
+    joint = contact.forces(state, contact.begin(state, vector(v, "v", state.model.n), drive), drive)
     return FrictionForce(joint, contact.rows(state).T @ joint)
 
 
+class Drive(NamedTuple):
+    """What acts on a mechanism from outside: the motors' efforts u (motors,), and wrenches on links or none."""
+
+    u: Array
+    wrenches: Wrenches | None = None
+
+
 class _Known(NamedTuple):
-    """The dynamics under every force that is known: motors, gravity, sliding and viscous friction."""
+    """The dynamics under every force that is known: all but that of the joints at rest."""
 
     rows: Array
     rates: Array
@@ -122,7 +132,7 @@ class StickSlip:
         rows[self._own] = self._units
         return rows
 
-    def begin(self, state: State, v: Array, u: Array, halted: Mask | None = None) -> Array:
+    def begin(self, state: State, v: Array, drive: Drive, halted: Mask | None = None) -> Array:
         """Decide which joints rest and which way the others slide, from the state, the load and who just halted."""
         rows = self.rows(state)
         rates = rows @ v
@@ -134,22 +144,22 @@ class StickSlip:
         if not rest.any():
             return v
         v = self._brought_to_rest(v, rows)
-        starts, _ = self._at_rest(self._known(state, v, u))
+        starts, _ = self._at_rest(self._known(state, v, drive))
         self._signs[rest] = starts
         self._rest = rest & (self._signs == 0)
         self._locked = bool(self._rest.any() and np.linalg.matrix_rank(rows[self._rest], 1e-9) == self._model.n)
         return v
 
-    def acceleration(self, state: State, v: Array, u: Array) -> Array:
+    def acceleration(self, state: State, v: Array, drive: Drive) -> Array:
         """q̈ with sliding joints' friction as a force and resting joints kept at rest.
 
         A resting dependent joint's rate would collect the integrator's error; it is pulled back to zero at 50 1/s.
         """
         if not len(self._signs):
-            return state.forward_dynamics(v, u)
+            return state.forward_dynamics(v, *drive)
         if self._locked:
             return np.zeros(self._model.n)
-        known = self._known(state, v, u)
+        known = self._known(state, v, drive)
         if not self._rest.any():
             return known.a
         rows = known.rows[self._rest]
@@ -158,30 +168,30 @@ class StickSlip:
         a[self._friction.coordinate[self._rest & self._own]] = 0.0
         return np.asarray(a)
 
-    def broken(self, state: State, v: Array, u: Array) -> Mask | None:
+    def broken(self, state: State, v: Array, drive: Drive) -> Mask | None:
         """``None`` while no sliding joint has turned back and no resting joint is overloaded."""
         halted: Mask = self._signs * (self.rows(state) @ v) < -_REVERSED
         if halted.any():
             return halted
-        if self._rest.any() and self._at_rest(self._known(state, v, u))[0].any():
+        if self._rest.any() and self._at_rest(self._known(state, v, drive))[0].any():
             return halted
         return None
 
-    def forces(self, state: State, v: Array, u: Array) -> Array:
+    def forces(self, state: State, v: Array, drive: Drive) -> Array:
         """f of every rubbing joint in the present mode, of shape (k,)."""
-        known = self._known(state, v, u)
+        known = self._known(state, v, drive)
         force = known.force.copy()
         if self._rest.any():
             force[self._rest] += self._at_rest(known)[1]
         return force
 
-    def _known(self, state: State, v: Array, u: Array) -> _Known:
+    def _known(self, state: State, v: Array, drive: Drive) -> _Known:
         friction = self._friction
         rows = self.rows(state)
         rates = rows @ v
         force = -friction.viscous * rates - friction.coulomb * self._signs
         inverse = _inverse(state.D)
-        a = state.forward_dynamics(v, u) + inverse @ (rows.T @ force)
+        a = state.forward_dynamics(v, *drive) + inverse @ (rows.T @ force)
         bias = np.zeros(len(rates))
         if v.any() and (self._rest & ~self._own).any():
             bias = np.where(self._own, 0.0, state.bias(v)[friction.index])

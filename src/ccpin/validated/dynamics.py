@@ -1,9 +1,10 @@
 """The closed loop as an explicit analytic differential equation x′ = f(x), x = (q′, q̇), on a tape.
 
-    d/dt q′ = ρ(q′) q̇ (13),    d/dt q̇ = D⁻¹(τ − ρᵀ(D′b + C′q̇′ + g′)) (22),    b = ρ̇q̇ = −ψ_q′⁻¹[φ̇_q′ q̇′; 0] (35),
+    d/dt q′ = ρ(q′) q̇ (13),    d/dt q̇ = D⁻¹(τ − ρᵀ(D′b + C′q̇′ + B′q̇′ + g′)) (22),    b = ρ̇q̇ = −ψ_q′⁻¹[φ̇_q′ q̇′; 0] (35),
 
-with τ the law's generalized force. φ(q′) = 0 is an invariant of the exact flow, because φ_q′ρ = 0: a solution that
-starts closed stays closed. f is analytic wherever ψ_q′ and D are nonsingular, whether closed or not.
+with τ the law's generalized force, B′ the joints' dampers, springs in g′ and no dry friction. φ(q′) = 0 is an invariant
+of the exact flow, because φ_q′ρ = 0: a solution that starts closed stays closed. f is analytic wherever ψ_q′ and D are
+nonsingular, whether closed or not.
 
 Inertial forces are projected body by body (Kane's form): with c the centre of mass, J_c and J_ω the partial
 velocities along the columns of ρ, D = Σ m J_cᵀJ_c + J_ωᵀ I J_ω + ρᵀ diag(rotor inertias) ρ.
@@ -79,7 +80,8 @@ def closed_loop(model: ReducedModel, law: ControlLaw | None) -> ClosedLoop:
     q_free, v = np.split(np.array(tape.inputs, dtype=object), [n_free])
     phi = closure_rows(tape, constraints, joints, q_free)
     closed = _closed(tape, phi, v, independent, dependent)
-    terms = _dynamics(mechanism.tree, joints, poses(tape, joints, q_free), closed, v, exact(model.gravity_vector))
+    frames = poses(tape, joints, q_free)
+    terms = _dynamics(mechanism.tree, joints, frames, closed, (q_free, v), exact(model.gravity_vector))
     force, lyapunov = _law(law, q_free[independent], v, terms)
     acceleration = tape.solve(terms.mass, (force - terms.bias)[:, None])[:, 0]
     return ClosedLoop(
@@ -106,7 +108,7 @@ class _Closed(NamedTuple):
 
 
 class _DynamicTerms(NamedTuple):
-    """D, ρᵀ(D′b + C′q̇′ + g′), g, and the energies."""
+    """D, ρᵀ(D′b + C′q̇′ + B′q̇′ + g′), g, and the energies."""
 
     mass: Table
     bias: Table
@@ -135,10 +137,11 @@ def _dynamics(
     joints: Sequence[ExactJoint],
     frames: dict[int, Table],
     closed: _Closed,
-    v: Table,
+    state: tuple[Table, Table],
     gravity: Table,
 ) -> _DynamicTerms:
-    """D, bias force, gravity force and energies, body by body."""
+    """D, bias force, gravity's and springs' force and energies, body by body and joint by joint."""
+    q_free, v = state
     n = len(v)
     mass, bias, weight = (np.zeros(shape, dtype=object) for shape in ((n, n), n, n))
     potential: Expression = 0
@@ -158,6 +161,13 @@ def _dynamics(
         weight = weight - (partial @ gravity) * m
         bias = bias + (partial @ acceleration) * m + turning @ moment + row * rotor * closed.bias[place]
         mass = mass + (partial @ partial.T) * m + turning @ tensor @ turning.T + np.outer(row, row) * rotor
+        stated = tree.joints[place].stated
+        if stated.stiffness:
+            pull = rational(stated.stiffness) * (q_free[place] - rational(stated.spring_reference))
+            potential = potential + rational(0.5) * pull * (q_free[place] - rational(stated.spring_reference))
+            weight = weight + row * pull
+        if stated.damping:
+            bias = bias + row * (rational(stated.damping) * closed.v_free[place])
     mass = np.tril(mass) + np.tril(mass, -1).T  # equal expressions: recorded once
     return _DynamicTerms(mass, bias + weight, weight, rational(0.5) * (v @ (mass @ v)), potential)
 

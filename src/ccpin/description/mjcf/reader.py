@@ -70,6 +70,8 @@ def mjcf_description(root: XmlElement) -> MechanismDescription:
         equalities = Equalities(notes=["The equalities are left out: the file disables them (flag equality)."])
     actuators = read_actuators(sections["actuator"], tree, defaults, compiler.autolimits)
     notes = [note for name, note in _UNMODELLED.items() if any(len(section) for section in sections[name])]
+    if any(xml.get("solref") or xml.get("solimp") for part in root.iter("equality") for xml in part.iter()):
+        notes.append("The softness of constraints (solref, solimp) is left out: closures and couplings hold exactly.")
     notes += [*options.notes, *actuators.notes]
     joints = _joints(tree, actuators, options.disabled, notes)
     poses = read_keyframes(sections["keyframe"], tree)

@@ -75,10 +75,8 @@ class Bodies:
                 raise fail(element, f"joins link '{parent}' to itself")
             self._note_parent(scope, top, element, name, pose)
             if joint_type(element) == "gearbox":
-                reference = scope.link_of(reference_body(element), element)
-                self.joints.gearboxes.append(
-                    read_gearbox(element, name, (parent, child, reference), frames, self.notes)
-                )
+                ends = parent, child, scope.link_of(reference_body(element), element)
+                self.joints.gearboxes.append(read_gearbox(element, name, ends, frames, self.notes))
                 continue
             before, after = (inverse(self.poses[end]) @ pose for end in (parent, child))
             steps = read_steps(element, name, frames, self.joints)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.description import Motor, read_description
+from ccpin.description import Motor, Part, combine, read_description
 from ccpin.description.checks import check
 from ccpin.description.mjcf.reader import read_mjcf
 from ccpin.description.urdf import read_urdf
@@ -194,6 +194,26 @@ def test_urdf_mechanical_reduction(place):
     assert geared.inverse_dynamics(q, [0.4], [0.0]) * -30 == pytest.approx(plain.inverse_dynamics(q, [0.4], [0.0]))
 
 
+def test_ros2_control_transmissions():
+    """ros2_control states the reduction of a joint inside its own element."""
+    inside = '<plugin>transmission_interface/SimpleTransmission</plugin><actuator name="m" role="a"/>'
+    driven = '<joint name="crank" role="j"><mechanical_reduction>7</mechanical_reduction></joint>'
+    text = read_file("four_bar")
+    text = text[: text.index("<transmission")] + text[text.index("</transmission>") + len("</transmission>") :]
+    control = (
+        f'<ros2_control name="c" type="system"><transmission name="t">{inside}{driven}</transmission></ros2_control>'
+    )
+    description = read_urdf(text.replace("</robot>", f"{control}</robot>").encode(), None)
+    assert description.motors == (Motor("m", "crank", 7.0),)
+
+
+def test_parts_keep_their_motors():
+    """A combined mechanism's motors drive the joints by their new names."""
+    one = replace(read_description("four_bar"), motors=(Motor("m", "crank", 5.0),))
+    whole = combine("two", {"left_": Part(one), "right_": Part(one)})
+    assert whole.motors == (Motor("left_m", "left_crank", 5.0), Motor("right_m", "right_crank", 5.0))
+
+
 def test_urdf_transmissions_that_are_not_simple_are_noted():
     """A differential couples motors: its joints are driven themselves, and the notes say so."""
     text = read_file("four_bar").replace("SimpleTransmission", "DifferentialTransmission")
@@ -311,6 +331,9 @@ def test_load_states_what_the_file_lacks():
     assert mechanism.motors.limits.tolist() == [[-3, 2]]
     assert mechanism.motors.each[0].name == "crank_motor"
     assert not mechanism.direct
+    notes = " ".join(mechanism.notes)
+    assert "dry friction of rocker" in notes
+    assert "one unit is 10 on crank" in notes
     for array in joints[1:]:
         with pytest.raises(ValueError, match="read-only"):
             array[:] = 0

@@ -1,0 +1,149 @@
+"""Runs with what files state: dampers, springs, friction, geared motors and wrenches on links."""
+
+import numpy as np
+import pytest
+from scipy.integrate import simpson
+
+import ccpin
+from ccpin.control import PDFullGravity, PDSimpleGravity, Sampling
+from ccpin.control.stability.theorem3 import certify_law
+from ccpin.errors import InvalidInputError
+from ccpin.simulation import joint_forces
+from ccpin.simulation.friction import joint_friction
+
+STATED = {"crank": {"damping": 0.002}, "rocker": {"stiffness": 0.8, "spring_reference": 0.5}}
+
+
+def model_of(**joints):
+    return ccpin.ReducedModel(ccpin.load("four_bar", joints=joints))
+
+
+def start(model):
+    return model.alpha(model.mechanism.q_reference) + 0.4
+
+
+def test_energy_is_kept_by_springs():
+    """With springs and without dampers T + V is constant along free motion, springs' energy included."""
+    model = model_of(rocker=STATED["rocker"])
+    run = ccpin.simulate(model, None, start(model), duration=0.4, rtol=1e-10, atol=1e-12, sample_period=0.02)
+    energy = [sum(model.energy(*row)) for row in zip(run.q, run.v, run.q_free, strict=True)]
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-8)
+    plain = model_of()
+    without = [sum(plain.energy(*row)) for row in zip(run.q, run.v, run.q_free, strict=True)]
+    assert np.ptp(without) > 1e-3
+
+
+@pytest.mark.parametrize("law", [PDSimpleGravity, PDFullGravity])
+def test_set_point_laws_hold_springs(law):
+    """PD with gravity compensation reaches its goal exactly with springs and a gear: g is the whole potential's."""
+    model = ccpin.ReducedModel(ccpin.load("four_bar", joints=STATED, motors={"crank": {"gear": -20}}))
+    goal = start(model) + 0.2
+    run = ccpin.simulate(model, law(model, goal, [4.0], [0.4]), start(model), duration=3.0, sample_period=0.1)
+    np.testing.assert_allclose(run.q[-1], goal, atol=1e-6)
+    held = model.at(run.q[-1], run.q_free[-1]).generalized_force(run.u[-1])
+    np.testing.assert_allclose(held, model.gravity(run.q[-1], run.q_free[-1]), atol=1e-5)
+
+
+def test_friction_of_the_file_is_the_default():
+    """Stated Coulomb levels rub in every run unless others, or none, are given."""
+    model, bare = model_of(crank={"friction": 5.0}), model_of()
+    held = ccpin.simulate(model, None, start(model), duration=0.2, sample_period=0.05)
+    np.testing.assert_array_equal(held.q[-1], held.q[0])
+    free = ccpin.simulate(model, None, start(model), duration=0.2, sample_period=0.05, friction={})
+    expected = ccpin.simulate(bare, None, start(model), duration=0.2, sample_period=0.05)
+    np.testing.assert_allclose(free.q[-1], expected.q[-1], rtol=1e-7)
+    given = joint_friction(model)
+    assert (given.names, given.coulomb.tolist(), given.viscous.tolist()) == (("crank",), [5.0], [0.0])
+
+
+def test_a_constant_wrench_is_a_potential():
+    """Under a constant force on a link T + V − F·x is constant, as is the power of a function of time."""
+    model, force = model_of(), np.array([0.6, 0.0, -0.2])
+    frame = model.mechanism.tree.attachments["coupler"]
+    run = ccpin.simulate(
+        model,
+        None,
+        start(model),
+        duration=0.3,
+        rtol=1e-10,
+        atol=1e-12,
+        sample_period=0.01,
+        wrenches={"coupler": [*force, 0, 0, 0]},
+    )
+
+    def total(q, v, q_free):
+        from ccpin.kinematics.points import joint_poses
+
+        x = (joint_poses(model.free_system.scratch, q_free)[frame.joint] @ frame.placement)[:3, 3]
+        return sum(model.energy(q, v, q_free)) - force @ x
+
+    energy = [total(*row) for row in zip(run.q, run.v, run.q_free, strict=True)]
+    np.testing.assert_allclose(energy, energy[0], atol=1e-9)
+    same = ccpin.simulate(
+        model,
+        None,
+        start(model),
+        duration=0.3,
+        rtol=1e-10,
+        atol=1e-12,
+        sample_period=0.01,
+        wrenches=lambda t, state, v: {"coupler": [*force, 0, 0, 0]},
+    )
+    np.testing.assert_array_equal(same.q, run.q)
+
+
+def test_friction_holds_against_a_wrench():
+    """A joint at rest takes a wrench's load up to its level, and moves beyond it."""
+    model = model_of(crank={"friction": 1.0})
+    rest = ccpin.simulate(model, None, start(model), duration=0.1, wrenches={"coupler": [2.0, 0, 0, 0, 0, 0]})
+    np.testing.assert_array_equal(rest.q[-1], rest.q[0])
+    moves = ccpin.simulate(model, None, start(model), duration=0.1, wrenches={"coupler": [200.0, 0, 0, 0, 0, 0]})
+    assert abs(moves.q[-1] - moves.q[0]).max() > 0.01
+
+
+@pytest.mark.parametrize("sampling", [None, Sampling(0.01, saturation=2.0)])
+def test_a_law_with_u_of_the_wrong_size_is_told(sampling):
+    """The error says the law's shape, the right one and the motors; one number will do for one motor."""
+    model = ccpin.ReducedModel(ccpin.load("rpdr"))
+    q = model.alpha(model.mechanism.q_reference)
+    with pytest.raises(
+        InvalidInputError, match=r"the law returned u of shape \(3,\); it must be \(2,\).*joint1, joint2"
+    ):
+        ccpin.simulate(model, lambda t, q, v: [1, 2, 3], q, duration=0.1, sampling=sampling)
+    one = model_of()
+    run = ccpin.simulate(one, lambda t, q, v: 0.1, start(one), duration=0.01, sampling=sampling)
+    assert run.u.shape[1] == 1
+
+
+def test_theorem_3_holds_with_springs_and_gears():
+    """A rigorous level for g = ∂V/∂q of gravity and springs; from within 𝒱 falls at the rate −q̇ᵀ(K_v + damping)q̇."""
+    model = ccpin.ReducedModel(ccpin.load("four_bar", joints=STATED, motors={"crank": {"gear": -20}}))
+    goal = start(model)
+    certificate = certify_law(PDSimpleGravity(model, goal, [4.0], [0.4]))
+    assert certificate.rigorous
+    assert certificate.beta >= abs(model.gravity_derivative(goal)[0, 0])
+    law = certificate.law
+    run = ccpin.simulate(model, law, goal + 0.3, duration=0.02, sample_period=2e-5, rtol=1e-10, atol=1e-12)
+    value = [law.lyapunov(*row) for row in zip(run.q, run.v, run.q_free, strict=True)]
+    assert value[0] < certificate.level
+    rate = [v @ (law.K_v + model.at(q, near).damping) @ v for q, v, near in zip(run.q, run.v, run.q_free, strict=True)]
+    np.testing.assert_allclose(value[0] - value[-1], simpson(rate, x=run.t), rtol=1e-6)
+
+
+def test_joints_carry_motor_spring_and_damper():
+    """Along its axis a joint passes gear·u − k(θ − θ₀) − b θ̇, less what accelerates its rotor."""
+    model = ccpin.ReducedModel(ccpin.load("four_bar", joints=STATED, motors={"crank": {"gear": -20}}))
+    run = ccpin.simulate(model, lambda t, q, v: [0.02], start(model), duration=0.1, sample_period=0.02)
+    motion = {joint.name: joint for joint in joint_forces(model, run)}
+    for row, (state, v, u) in enumerate(run.states(model)):
+        a_free = state.a_free(v, state.forward_dynamics(v, u))
+        joints, v_free = model.mechanism.joints, state.v_free(v)
+        expected = (
+            state.joint_efforts(u)
+            - joints.stiffness * (state.q_free - joints.spring_reference)
+            - joints.damping * v_free
+            - joints.armature * a_free
+        )
+        for k, name in enumerate(joints.names):
+            along = motion[name].moment[row] @ motion[name].axis[row]
+            np.testing.assert_allclose(along, expected[k], atol=1e-9)
