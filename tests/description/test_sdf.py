@@ -167,6 +167,9 @@ class TestJointTypes:
         model_ = ccpin.ReducedModel(ccpin.load(read(text), independent=["j1"]))
         assert np.allclose(model_.at([0.2]).forward_dynamics([0.0], [1.0]), 1 / (0.4 + 9 * 0.05))
         assert np.allclose(model_.at([0.2]).q_free, [0.2, 0.6])  # j2's own axis points down: +3 θ₁
+        short = read(text.replace("<axis2><xyz>0 0 1</xyz></axis2>", ""))
+        assert short.couplings == read(text).couplings
+        assert any("no <axis2>" in note for note in short.notes)
 
     def test_a_gearbox_without_hinges_is_refused_by_name(self):
         """Nothing turns one body in the other about the axis."""
@@ -321,6 +324,17 @@ class TestFrames:
         description = read(text)
         assert [found.name for found in description.links] == ["base", "arm::l"]
         assert np.allclose(zero_poses(description)["arm::l"][:3, 3], [5, 0, 1])
+
+    def test_models_nested_too_deep_and_poses_too_far_in_a_row_are_refused(self):
+        """Never a RecursionError; a long chain in file order is none of them."""
+        deep = "".join(f'<model name="m{k}">' for k in range(100)) + link("l") + 100 * "</model>"
+        with pytest.raises(DescriptionError, match="nested more than 50"):
+            read(model(deep))
+        chain = [link(f"l{k}", f'<pose relative_to="l{k - 1}">0 0 1 0 0 0</pose>' if k else "") for k in range(400)]
+        hinges = [joint(f"j{k}", "revolute", f"l{k}", f"l{k + 1}") for k in range(399)]
+        assert np.allclose(zero_poses(read(model(*chain, *hinges)))["l399"][:3, 3], [0, 0, 399])
+        with pytest.raises(DescriptionError, match="200 poses in a row"):
+            read(model(*chain[::-1], *hinges))
 
     def test_a_joint_may_name_frames_joints_and_models(self):
         """Each stands for the link that carries it."""
@@ -703,3 +717,14 @@ class TestAgainstMujoco:
         K = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
         acceleration = np.linalg.lstsq(K, rhs, rcond=None)[0][0]
         assert np.isclose(ours.forward_dynamics([v], [0.0])[0], acceleration, rtol=1e-7)
+
+
+def test_turns_count_under_springs_and_in_couplings():
+    """A continuous joint with a spring, or geared 1:5, is a hinge without limits; one alone keeps its circle."""
+    spring = "<dynamics><spring_stiffness>1</spring_stiffness></dynamics>"
+    follows = '<mimic joint="c"><multiplier>5</multiplier></mimic>'
+    parts = [link(name) for name in "wxyz"]
+    extras = {"a": ("w", spring), "b": ("x", ""), "c": ("y", ""), "d": ("z", follows)}
+    joints = [joint(name, "continuous", "world", body, extra=extra) for name, (body, extra) in extras.items()]
+    kinds = {j.name: j.kind for j in read(model(*parts, *joints)).joints}
+    assert kinds == {"a": "revolute", "b": "continuous", "c": "revolute", "d": "revolute"}

@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 import ccpin
 from ccpin.description import CLOSURE_KINDS
 from ccpin.description.loop_elements import SYNONYMS, closure_kind
-from ccpin.description.urdf import find_mesh, read_urdf
+from ccpin.description.meshes import find_mesh
+from ccpin.description.urdf import read_urdf
 from ccpin.errors import (
     AmbiguousFormatError,
     CcpinError,

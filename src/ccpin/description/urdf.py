@@ -10,6 +10,7 @@ import numpy as np
 
 from ccpin.description.checks import check
 from ccpin.description.joint_kinds import FIXED, JOINT_KINDS
+from ccpin.description.meshes import find_mesh
 from ccpin.description.model import (
     X_AXIS,
     Coupling,
@@ -267,17 +268,3 @@ class _TreeReader:
         if found is None:
             self.notes.append(f"link '{link}': mesh '{name}' is not there; it is left out of pictures")
         return Shape("mesh", scale * 3 if len(scale) == 1 else scale, mesh=str(found or name))
-
-
-def find_mesh(name: str, source: str | None) -> Path | None:
-    """Resolve a mesh's file name (plain, ``file://`` or ``package://``) next to and above the source file."""
-    if not name or "\0" in name or source is None:
-        return None
-    folder = Path(source).parent
-    plain = name.split("://", 1)[-1].lstrip("/") if "://" in name else name
-    candidates = [Path(name.removeprefix("file://"))] if name.startswith(("/", "file:///")) else []
-    candidates += [base / plain for base in (folder, *folder.resolve().parents[:4])]
-    try:
-        return next((path.resolve() for path in candidates if path.is_file()), None)
-    except OSError:
-        return None

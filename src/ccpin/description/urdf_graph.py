@@ -120,7 +120,8 @@ class _Extension:
             return
         if joint_type(element) == "gearbox":
             reference = self._known(reference_body(element), element)
-            self.found.gearboxes.append(read_gearbox(element, name, (parent, child, reference), frames))
+            ends = parent, child, reference
+            self.found.gearboxes.append(read_gearbox(element, name, ends, frames, self.found.notes))
             return
         before, after = (inverse(self._pose(end, element)) @ stated for end in (parent, child))
         steps = read_steps(element, name, frames, self.found)

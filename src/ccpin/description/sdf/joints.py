@@ -82,6 +82,10 @@ def read_steps(element: XmlElement, name: str, frames: Frames, found: Joints) ->
     kind = joint_type(element)
     found.notes += [f"joint '{name}': <{stranger}> is not read" for stranger in unread(element, JOINT)]
     if kind in ("ball", "fixed"):
+        if kind == "ball" and first(first(element, "axis"), "dynamics") is not None:
+            found.notes.append(
+                f"joint '{name}': the <dynamics> of a ball joint are left out: SDFormat gives them no axis"
+            )
         return (Joint(name, "spherical" if kind == "ball" else "fixed", "", ""),)
     if kind in ("universal", "revolute2"):
         names = (f"{name}.1", f"{name}.2")
@@ -196,14 +200,16 @@ def mimic_coupling(name: str, said: tuple[XmlElement, str, str], steps: Collecti
     return Coupling(f"mimic_{name}", terms)
 
 
-def read_gearbox(element: XmlElement, name: str, ends: tuple[str, str, str], frames: Frames) -> Gearbox:
+def read_gearbox(
+    element: XmlElement, name: str, ends: tuple[str, str, str], frames: Frames, notes: list[str]
+) -> Gearbox:
     """A gearbox between two links that turn in a third; `ends` are parent, child and reference link."""
-    axes = []
-    for which in ("axis", "axis2"):
-        axis = first(element, which)
-        if axis is None:
-            raise fail(element, f"<{which}> is missing")
-        axes.append(frames.joint[:3, :3] @ direction(axis, frames))
+    said = first(element, "axis"), first(element, "axis2")
+    if said[0] is None:
+        raise fail(element, "<axis> is missing")
+    if said[1] is None:
+        notes.append(f"gearbox '{name}' states no <axis2>: both angles are taken about its <axis>")
+    axes = [frames.joint[:3, :3] @ direction(said[0] if axis is None else axis, frames) for axis in said]
     ratio = number(element, "gearbox_ratio", 1.0)
     return Gearbox(name, element, *ends, axes[0], axes[1], ratio)
 

@@ -7,9 +7,9 @@ from typing import cast
 import numpy as np
 
 from ccpin.arrays import Array
+from ccpin.description.meshes import find_mesh
 from ccpin.description.model import Inertia, Link, Shape, Visual
 from ccpin.description.sdf.values import first, flag, number, numbers, own, placement, text, unread
-from ccpin.description.urdf import find_mesh
 from ccpin.description.xml import Colour, XmlElement, fail, source_of
 
 LINK = (

@@ -8,45 +8,25 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from ccpin.arrays import Array
 from ccpin.description.checks import check
 from ccpin.description.closing_frames import closing_pairs
-from ccpin.description.graph import Connection, as_loop, as_tree, loop_notes, span
-from ccpin.description.model import (
-    IDENTITY,
-    Joint,
-    Link,
-    LoopClosure,
-    MechanismDescription,
-    inverse,
-)
-from ccpin.description.sdf.constraints import CONSTRAINTS, drake_closures
+from ccpin.description.graph import Parts, as_loop, as_tree, loop_notes, span
+from ccpin.description.model import IDENTITY, Coupling, Joint, Link, LoopClosure, MechanismDescription, inverse
+from ccpin.description.sdf.bodies import Bodies
+from ccpin.description.sdf.constraints import drake_closures
 from ccpin.description.sdf.gearboxes import gear_coupling
 from ccpin.description.sdf.includes import Including
-from ccpin.description.sdf.joints import (
-    Frames,
-    Joints,
-    cut,
-    joint_type,
-    mimic_coupling,
-    read_gearbox,
-    read_steps,
-    reference_body,
-)
-from ccpin.description.sdf.links import read_link
+from ccpin.description.sdf.joints import mimic_coupling
 from ccpin.description.sdf.scopes import WORLD, Scope
-from ccpin.description.sdf.values import first, flag, numbers, own, required, unread
+from ccpin.description.sdf.values import first, numbers, own
 from ccpin.description.xml import XmlElement, fail, parse_xml, source_of, tag
 from ccpin.errors import DescriptionError
 
-_MODEL = (
-    *("static", "self_collide", "allow_auto_disable", "enable_wind", "link", "joint", "frame", "model", "include"),
-    *("pose", "plugin", "gripper", "origin", *CONSTRAINTS),
-)
 _LEFT_OUT = {
     "plugin": "plugins",
     "sensor": "sensors",
@@ -111,53 +91,47 @@ def _chosen(root: XmlElement, world: XmlElement | None, including: Including, mo
     return scope if scope.prefix == "" else Scope(scope.element, including, scope.placed, scope.parent, "")
 
 
+def _unwound(joints: Sequence[Joint], couplings: Sequence[Coupling]) -> tuple[Joint, ...]:
+    """Continuous joints as hinges without limits where turns count: under a spring, and in a coupling."""
+    counted = {term.joint for coupling in couplings for term in coupling.terms}
+    return tuple(
+        replace(joint, kind="revolute")
+        if joint.kind == "continuous" and (joint.stiffness or joint.name in counted)
+        else joint
+        for joint in joints
+    )
+
+
 class _Model:
     """Puts one model's description together."""
 
     def __init__(self, scope: Scope, world: XmlElement | None, source: str | None) -> None:
         self.scope, self.world, self.source = scope, world, source
         self.name = scope.placed.name
-        self.links: dict[str, Link] = {}
-        self.poses = {WORLD: IDENTITY}
-        self.weightless: list[str] = []
-        self.joints = Joints()
-        self.notes: list[str] = []
+        self.bodies = Bodies(scope)
+        self.joints, self.poses, self.notes = self.bodies.joints, self.bodies.poses, self.bodies.notes
         if world is not None and own(world, "joint"):
             self.notes.append("the joints between the world's models are not read, as one model is")
-        for inner in scope.inside():
-            self._read_links(inner)
-        for inner in scope.inside():
-            self._read_joints(inner)
 
     def description(self) -> MechanismDescription:
         """The whole, checked."""
-        if not self.links:
+        if not self.bodies.links:
             raise DescriptionError("the model has no link", source=self.source, element=f"model '{self.name}'")
-        connections = self.joints.connections
-        uses_world = any(WORLD in (c.parent, c.child) for c in connections)
-        steps = {step.name for connection in connections for step in connection.steps}
-        names = [*([WORLD] if uses_world else []), *self.links]
-        spanned = span(connections, names, WORLD if uses_world else self._canonical())
-        root, mounts = self._rooted(spanned.roots, uses_world)
-        tree = [as_tree(connection) for connection in spanned.tree]
-        kept = {joint for name, (_, leader, _) in self.joints.mimics.items() for joint in (name, leader)}
-        loops = [as_loop(c, keep=bool(kept & {c.name, *(s.name for s in c.steps)})) for c in spanned.loops]
-        self.notes += loop_notes(spanned.loops, loops)
-        parts = (*tree, *loops)
+        steps = {step.name for connection in self.joints.connections for step in connection.steps}
+        mimics = tuple(mimic_coupling(name, said, steps) for name, said in self.joints.mimics.items())
+        root, mounts, parts = self._spanned({term.joint for mimic in mimics for term in mimic.terms})
         joints = (*mounts, *(joint for part in parts for joint in part.joints))
-        links = [*self.links.values(), *(link for part in parts for link in part.links)]
         gears = tuple(gear_coupling(gear, joints, self.poses) for gear in self.joints.gearboxes)
-        followers = tuple(mimic_coupling(name, said, steps) for name, said in self.joints.mimics.items())
-        couplings = (*self.joints.couplings, *gears, *followers)
+        couplings = (*self.joints.couplings, *gears, *mimics)
         stated = tuple(c for inner in self.scope.inside() for c in drake_closures(inner, self.notes))
-        closures = (*(closure for part in loops for closure in part.closures), *stated, *self._closing_frames())
+        between = (link for part in parts for link in part.links)
         return check(
             MechanismDescription(
                 name=self.name,
                 root=root,
-                links=tuple([Link(WORLD), *links] if root == WORLD else links),
-                joints=joints,
-                closures=closures,
+                links=(*([Link(WORLD)] if root == WORLD else []), *self.bodies.links.values(), *between),
+                joints=_unwound(joints, couplings),
+                closures=(*(c for part in parts for c in part.closures), *stated, *self._closing_frames()),
                 couplings=couplings,
                 dependent_hint=tuple(coupling.terms[0].joint for coupling in couplings),
                 gravity=self._gravity(),
@@ -166,53 +140,19 @@ class _Model:
             )
         )
 
-    def _read_links(self, scope: Scope) -> None:
-        """Links and what stands beside them in one model, with each link's pose in the world."""
-        strangers = unread(scope.element, _MODEL)
-        self.notes += [f"model '{scope.placed.name}': <{stranger}> is not read" for stranger in strangers]
-        top = scope.to_top()
-        for name, element in scope.entries.items():
-            pose = top @ scope.pose(name, element)
-            if tag(element) == "link":
-                full = scope.prefix + name
-                self.links[full] = read_link(element, full, self.notes)
-                self.poses[full] = pose
-                if not flag(element, "gravity", True):
-                    self.weightless.append(full)
-                if scope.frozen:
-                    held = Joint(f"{full}.static", "fixed", "", "")
-                    self.joints.connections.append(Connection(held.name, WORLD, full, (held,), pose))
+    def _spanned(self, coupled: set[str]) -> tuple[str, list[Joint], list[Parts]]:
+        """The root link, what holds the parts nothing else does, and what each joint of the file becomes.
 
-    def _read_joints(self, scope: Scope) -> None:
-        top = scope.to_top()
-        for short, element in scope.entries.items():
-            if tag(element) != "joint" or scope.frozen:
-                continue
-            name = scope.prefix + short
-            parent, child = (scope.link_of(required(element, end), element) for end in ("parent", "child"))
-            pose = top @ scope.pose(short, element)
-            frames = Frames(pose, lambda named, e=element: top @ scope.pose(named, e))  # type: ignore[misc]
-            if parent == child:
-                raise fail(element, f"joins link '{parent}' to itself")
-            self._note_parent(scope, top, element, name, pose)
-            if joint_type(element) == "gearbox":
-                reference = scope.link_of(reference_body(element), element)
-                self.joints.gearboxes.append(read_gearbox(element, name, (parent, child, reference), frames))
-                continue
-            before, after = (inverse(self.poses[end]) @ pose for end in (parent, child))
-            steps = read_steps(element, name, frames, self.joints)
-            self.joints.connections.append(Connection(name, parent, child, steps, before, after, cut(element)))
-
-    def _note_parent(self, scope: Scope, top: Array, element: XmlElement, name: str, pose: Array) -> None:
-        """Say so where a joint's parent frame stands elsewhere: some authors expect that to place the child."""
-        parent = required(element, "parent")
-        if parent in scope.entries and tag(scope.entries[parent]) == "frame":
-            away = float(np.linalg.norm((top @ scope.pose(parent, element))[:3, 3] - pose[:3, 3]))
-            if away > 1e-6:
-                self.notes.append(
-                    f"joint '{name}': its parent frame '{parent}' is {away:.4g} m from the joint; by SDFormat's rules "
-                    "the poses drawn hold, and the frame only names its link"
-                )
+        Joints that are coupled stay joints where they close a loop.
+        """
+        connections = self.joints.connections
+        uses_world = any(WORLD in (c.parent, c.child) for c in connections)
+        names = [*([WORLD] if uses_world else []), *self.bodies.links]
+        spanned = span(connections, names, WORLD if uses_world else self._canonical())
+        root, mounts = self._rooted(spanned.roots, uses_world)
+        loops = [as_loop(c, keep=bool(coupled & {c.name, *(s.name for s in c.steps)})) for c in spanned.loops]
+        self.notes += loop_notes(spanned.loops, loops)
+        return root, mounts, [*(as_tree(connection) for connection in spanned.tree), *loops]
 
     def _rooted(self, roots: Sequence[str], uses_world: bool) -> tuple[str, list[Joint]]:
         """The root link, and the joints that hold the parts nothing else does.
@@ -251,10 +191,12 @@ class _Model:
         """The world's gravity; none where no link is heavy."""
         said = first(self.world, "gravity")
         x, y, z = (0.0, 0.0, -9.81) if said is None else numbers(said, 3).tolist()
-        if self.weightless and len(self.weightless) == len(self.links):
+        if self.bodies.weightless and len(self.bodies.weightless) == len(self.bodies.links):
             return 0.0, 0.0, 0.0
-        if self.weightless:
-            self.notes.append(f"gravity is switched off for {', '.join(self.weightless)} in the file; here it acts")
+        if self.bodies.weightless:
+            self.notes.append(
+                f"gravity is switched off for {', '.join(self.bodies.weightless)} in the file; here it acts"
+            )
         return x, y, z
 
     def _left_out(self) -> list[str]:

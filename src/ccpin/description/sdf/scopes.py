@@ -17,6 +17,7 @@ from ccpin.description.xml import XmlElement, fail, tag, text_attribute
 
 MODEL, WORLD = "__model__", "world"
 LONGEST_CHAIN = 200
+DEEPEST = 50
 
 
 class Placed(NamedTuple):
@@ -51,6 +52,9 @@ class Scope:
         prefix: str | None = "",
     ) -> None:
         self.element, self.parent = element, parent
+        self.depth: int = 0 if parent is None else parent.depth + 1
+        if self.depth > DEEPEST:
+            raise fail(element, f"models are nested more than {DEEPEST} deep")
         self.placed = placed or _own_placing(element)
         outer = "" if parent is None else parent.prefix
         self.prefix: str = f"{outer}{self.placed.name}::" if prefix is None else prefix
