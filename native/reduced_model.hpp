@@ -229,13 +229,16 @@ class ReducedModel : public Parametrization {
     double *D = &D_[d_offset_[k]], *t = &a_[n_offset_[k]];
     Force passed, *U = &U_[n_offset_[k]];
     Mat6 inertia = Mat6::Zero();
+    RigidInertia light;
     std::fill(D, D + n * n, 0.), std::fill(U, U + n, Force());
     for (int i = 0; i < n; ++i) t[i] = tau_[c.independent[i]];
     for (int j : c.joints) {
       const bool heavy = m.carries[j];
       for (int i = x_offset[j]; i < x_offset[j] + n; ++i) W_[i] = heavy ? apply(articulated_[j], X[i]) : body[j].Y * X[i];
-      if (c.parent) inertia += heavy ? articulated_[j] : matrix(body[j].Y);
+      if (c.parent && heavy) inertia += articulated_[j];
+      if (c.parent && !heavy) light += body[j].Y;
     }
+    if (c.parent) inertia += matrix(light);
     for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j) {
       const Joint& joint = m.joints[*j];
       const Force* W = &W_[x_offset[*j]];

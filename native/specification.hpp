@@ -137,6 +137,9 @@ class Reader {
     const std::vector<int> window = integers(t[2]);
     j.q = window[0], j.v = window[1], j.nq = window[2], j.nv = window[3];
     j.placement = pose(t[3]), j.axis = vec(t[4]);
+    j.turned = j.placement.R != Mat3::Identity(), j.along = -1;
+    for (int k = 0; k < 3; ++k)
+      if (std::abs(j.axis[k]) == 1 && j.axis.squaredNorm() == 1) j.along = k;
     j.mass = nb::cast<double>(t[5]), j.centre = vec(t[6]), j.inertia = mat(t[7]);
     const std::vector<double> armature = doubles(t[8]);
     j.armature.fill(0);

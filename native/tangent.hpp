@@ -42,6 +42,7 @@ class Tangent : public Constraints {
 
   // γ = ρ̇ q̇ = −ψ_q′⁻¹ ψ̇_q′ q̇′ over one cluster's columns, for q̇′ = v.
   void bias(const Cluster& c, ClusterState& s, const double* v) {
+    if (!c.rows()) return;
     double* change = s.right.data();
     int row = 0;
     for (int i : c.loops) {
