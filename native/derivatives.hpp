@@ -66,7 +66,7 @@ class Derivatives {
       double* row = &right_[size_t(i) * width];
       for (int k = 0; k < n; ++k) row[k] = -dq[i * n + k], row[n + k] = -dv[i * n + k];
     }
-    transmission(&right_[2 * n], width);
+    r_.transmission(&right_[2 * n], width);
     if (!cholesky(D_.data(), n)) return false;
     cholesky_solve(D_.data(), n, right_.data(), width);
     for (int i = 0; i < n; ++i) {
@@ -76,19 +76,6 @@ class Derivatives {
       std::copy(row + 2 * n, row + width, da_du + size_t(i) * m_.motors);
     }
     return true;
-  }
-
-  // ρᵀSᵀ into rows of a given stride that hold zeros.
-  void transmission(double* out, int stride) const {
-    for (size_t k = 0; k < m_.clusters.size(); ++k) {
-      const Cluster& c = m_.clusters[k];
-      for (int i = 0; i < c.n(); ++i) {
-        double* row = out + size_t(c.independent[i]) * stride;
-        if (m_.direct) row[c.independent[i]] = 1;
-        for (size_t r = 0; r < c.motors.size(); ++r)
-          row[c.motors[r]] = r_.states[k].rho[size_t(c.motor_columns[r]) * c.n() + i];
-      }
-    }
   }
 
  private:

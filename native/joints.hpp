@@ -9,6 +9,19 @@ namespace ccpin {
 
 enum class Kind { revolute, prismatic, continuous, spherical, planar, floating };
 constexpr const char* kKindNames[] = {"revolute", "prismatic", "continuous", "spherical", "planar", "floating"};
+struct Sizes { int nq, nv; };
+constexpr Sizes kSizes[] = {{1, 1}, {1, 1}, {2, 1}, {4, 3}, {4, 3}, {7, 6}};
+
+// Whether a joint has a component: 0…2 a translation, 3…5 a rotation, about or along x, y, z.
+inline bool has_component(Kind kind, int component) {
+  switch (kind) {
+    case Kind::spherical: return component >= 3 && component < 6;
+    case Kind::planar: return component == 0 || component == 1 || component == 5;
+    case Kind::floating: return component >= 0 && component < 6;
+    default: return false;
+  }
+}
+
 
 struct Joint {
   Kind kind;

@@ -108,6 +108,19 @@ class ReducedModel : public Parametrization {
     return e;
   }
 
+  // ρᵀSᵀ into rows of a given stride that hold zeros.
+  void transmission(double* out, int stride) const {
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      for (int i = 0; i < c.n(); ++i) {
+        double* row = out + size_t(c.independent[i]) * stride;
+        if (m.direct) row[c.independent[i]] = 1;
+        for (size_t r = 0; r < c.motors.size(); ++r)
+          row[c.motors[r]] = states[k].rho[size_t(c.motor_columns[r]) * c.n() + i];
+      }
+    }
+  }
+
   // From the packed order of clusters to the order of q̇′.
   void unpack(const std::vector<double>& packed, double* out) const {
     for (size_t k = 0; k < m.clusters.size(); ++k)
@@ -196,8 +209,11 @@ class ReducedModel : public Parametrization {
     const Vec3 centre = pose[j].p + pose[j].R * joint.centre;
     Y.m = joint.mass;
     Y.h = joint.mass * centre;
-    Y.I.noalias() = pose[j].R * joint.inertia * pose[j].R.transpose();
-    Y.I += joint.mass * (centre.squaredNorm() * Mat3::Identity() - centre * centre.transpose());
+    const Mat3 turned = pose[j].R * joint.inertia;
+    const double square = joint.mass * centre.squaredNorm();
+    for (int r = 0; r < 3; ++r)
+      for (int k = 0; k <= r; ++k)
+        Y.I(r, k) = Y.I(k, r) = turned.row(r).dot(pose[j].R.row(k)) - Y.h[r] * centre[k] + (r == k ? square : 0);
     return Y;
   }
 

@@ -147,8 +147,8 @@ class Tangent : public Constraints {
     for (double x : s.rho) largest = std::max(largest, std::abs(x));
     return (s.factor.ratio >= kSuspiciousPivots && largest <= kSuspiciousRho) || cluster_rcond(c, s) >= kSingular;
   }
-  // Whether ψ_q′⁻¹ is moderate, told from one solution with a right side of no structure.
-  bool regular(const Cluster& c, ClusterState& s) const {
+  // How large ψ_q′⁻¹ is, told from one solution with a right side of no structure.
+  double inverse_size(const Cluster& c, ClusterState& s) const {
     double x = 0.5, largest = 0;
     for (int r = 0; r < c.rows(); ++r) {
       x = 3.9 * x * (1 - x);
@@ -156,7 +156,7 @@ class Tangent : public Constraints {
     }
     s.factor.solve(s.right.data(), 1);
     for (int slot : c.pattern.slots) largest = std::max(largest, std::abs(s.right[slot]));
-    return largest <= kSuspiciousRho;
+    return largest;
   }
   bool too_singular(const Cluster& c, ClusterState& s) {
     if (s.factor.ratio >= kSuspiciousPivots) return false;

@@ -13,10 +13,8 @@ import pytest
 
 import ccpin
 from ccpin import native
-from ccpin.description.closure_kinds import CLOSURE_KINDS, GAP, Fixed, LoopRows, PlaneNormal, Product
-from ccpin.description.model import LoopClosure
-from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.native.specification import clusters, row_forms
+from ccpin.errors import InvalidInputError, UnderactuatedError
+from ccpin.native.specification import clusters
 from tests.support.agreement import relative
 
 native_only = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
@@ -95,6 +93,29 @@ def test_batches_are_rows(delta, threads):
 
 
 @native_only
+def test_efforts_of_least_norm():
+    """u of motors that are not the independent joints, one by one and in a batch; none where they cannot suffice."""
+    joints = ccpin.load("rpdr").tree.names
+    rng = np.random.default_rng(4)
+    for actuated in (joints, joints[1:], joints[2:], joints[3:]):
+        mechanism = ccpin.load("rpdr", actuated=list(actuated))
+        model, kernel = ccpin.ReducedModel(mechanism), native.kernel(mechanism)
+        Q = model.alpha(mechanism.q_reference) + 0.2 * rng.uniform(-1, 1, size=(6, 2))
+        V, A = rng.normal(size=(2, 6, 2))
+        many, answered = kernel.inverse_dynamics_many(Q, V, A, None)
+        assert answered.all() == (len(actuated) > 1)
+        for k in range(len(Q)):
+            u = kernel.inverse_dynamics(None, V[k], A[k], Q[k])
+            if len(actuated) == 1:
+                assert u is None and np.isnan(many[k]).all()
+                with pytest.raises(UnderactuatedError):
+                    model.at(Q[k]).inverse_dynamics(V[k], A[k])
+            else:
+                assert relative(u, model.at(Q[k]).inverse_dynamics(V[k], A[k])) < 1e-11
+                assert relative(many[k], u) < 1e-11
+
+
+@native_only
 def test_rows_without_an_answer_are_nan(delta):
     """Out of reach or not finite: NaN and False in the mask, the other rows untouched."""
     model, kernel, Q, V, U = delta
@@ -163,31 +184,6 @@ def test_clusters_of_a_tree():
     assert [tuple(c) for c in clusters(parents, [[3, 5]])] == [(0, [1]), (1, [2, 3, 4, 5]), (0, [6]), (6, [7])]
     assert [tuple(c) for c in clusters(parents, [[3, 7]])] == [(0, [1, 2, 3, 6, 7]), (1, [4]), (4, [5])]
     assert [tuple(c) for c in clusters(parents, [])] == [(p, [j]) for j, p in enumerate(parents) if j]
-
-
-@pytest.mark.parametrize("kind", CLOSURE_KINDS)
-def test_the_core_knows_every_closure_kind(kind):
-    """All rows of each kind are of the core's forms, and none is lost."""
-    closure = LoopClosure("c", kind, "a", "b", length=0.3 if kind == "distance" else None)
-    rows = CLOSURE_KINDS[kind](closure, PlaneNormal())
-    points, directions, offsets, length = row_forms("c", rows)
-    assert len(points) + len(directions) + len(offsets) + (length > 0) == len(rows.rows)
-    assert length == pytest.approx(closure.length or 0.0, rel=1e-15)
-
-
-@pytest.mark.parametrize(
-    "rows",
-    [
-        ((Product(1.0, GAP, GAP),),),
-        ((Product(2.0, Fixed("A", np.eye(3)[0]), GAP),),),
-        ((Product(1.0, Fixed("A", np.eye(3)[0]), GAP),), (Product(-1.0, Fixed("C", np.eye(3)[0]), GAP),)),
-    ],
-    ids=["form", "weight", "order"],
-)
-def test_rows_of_another_form_are_left_to_the_reference(rows):
-    """A closure kind the core was not written for is refused at the seam."""
-    with pytest.raises(UnsupportedMechanismError, match="'c' has rows"):
-        row_forms("c", LoopRows(rows))
 
 
 def test_backend_is_chosen_by_the_environment(monkeypatch):
