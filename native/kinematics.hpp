@@ -23,7 +23,8 @@ class Kinematics {
   void place_cluster(const Cluster& c) {
     for (int j : c.joints) {
       const Joint& joint = m.joints[j];
-      place(joint, &q_free[joint.q], joint.parent == c.parent ? nullptr : &pose[joint.parent], pose[j], &S[joint.v]);
+      const Pose* parent = joint.parent == c.parent ? nullptr : &pose[joint.parent];
+      place(joint, q_free.data() + joint.q, parent, pose[j], S.data() + joint.v);
     }
   }
 

@@ -155,7 +155,7 @@ class Parametrization : public Tangent {
   }
 
   void move(const Cluster& c, const double* step) {
-    for (int j : c.joints) retract(m.joints[j].kind, &q_free[m.joints[j].q], step + m.column_of[m.joints[j].v]);
+    for (int j : c.joints) retract(m.joints[j].kind, q_free.data() + m.joints[j].q, step + m.column_of[m.joints[j].v]);
   }
 
   // Along the straight line from α(start) to q, in steps that Newton trusts.
@@ -163,7 +163,7 @@ class Parametrization : public Tangent {
     alpha(start, q_start_.data());
     for (int i : c.coordinates) {
       const Coordinate& k = m.coordinates[i];
-      coordinate_difference(k, &q_start_[k.q], q + k.q, &line_[k.v]);
+      coordinate_difference(k, q_start_.data() + k.q, q + k.q, line_.data() + k.v);
     }
     copy_cluster(c, start, here_.data());
     double done = 0, stride = 0.5;
@@ -183,11 +183,11 @@ class Parametrization : public Tangent {
   }
   void target(const Coordinate& k, const double* q, double ahead) {
     const double* from = ahead == 1 ? q : q_start_.data();
-    std::copy(from + k.q, from + k.q + k.nq, &q_ahead_[k.q]);
+    std::copy(from + k.q, from + k.q + k.nq, q_ahead_.data() + k.q);
     if (ahead == 1) return;
     double step[6];
     for (int i = 0; i < k.nv; ++i) step[i] = ahead * line_[k.v + i];
-    coordinate_retract(k, &q_ahead_[k.q], step);
+    coordinate_retract(k, q_ahead_.data() + k.q, step);
   }
 
   // Closes an open guess at its own q, into `here_`; false where it is too far open.

@@ -48,7 +48,7 @@ class Tangent : public Constraints {
     for (int i : c.loops) {
       const Loop& loop = m.loops[i];
       const Moving a = travel(loop.path_a, v), b = travel(loop.path_b, v);
-      loop_row_rates(loop, ends(loop), a.V, b.V, &s.row_rates[row]);
+      loop_row_rates(loop, ends(loop), a.V, b.V, s.row_rates.data() + row);
       for (const int end = row + loop.size; row < end; ++row) {
         const Row &W = s.rows[row], &dW = s.row_rates[row];
         change[row] = -(dot(dW.a, a.V) + dot(W.a, a.A) + dot(dW.b, b.V) + dot(W.b, b.A));
@@ -172,7 +172,7 @@ class Tangent : public Constraints {
     const Joint& joint = m.joints[k.joint];
     const int first = m.column_of[joint.v];
     double row[6], rate[6], sum = 0;
-    component_row(k, &q_free[joint.q], v + first, row, rate);
+    component_row(k, q_free.data() + joint.q, v + first, row, rate);
     for (int i = 0; i < joint.nv; ++i) sum += rate[i] * v[first + i], f(first + i, rate[i]);
     return sum;
   }
@@ -200,10 +200,10 @@ class Tangent : public Constraints {
       for (int k = 0; k < count; ++k) sum += std::abs(x[size_t(k) * stride]);
       return sum;
     };
-    for (int k : c.dependent) psi = std::max(psi, column(&s.J[k], c.rows(), c.width()));
+    for (int k : c.dependent) psi = std::max(psi, column(s.J.data() + k, c.rows(), c.width()));
     for (size_t k = 0; k < c.direct.size(); ++k) {
-      psi = std::max(psi, 1 + column(&s.J[c.direct[k]], c.rows(), c.width()));
-      inverse = std::max(inverse, column(&s.rho[k], c.width(), c.n()));
+      psi = std::max(psi, 1 + column(s.J.data() + c.direct[k], c.rows(), c.width()));
+      inverse = std::max(inverse, column(s.rho.data() + k, c.width(), c.n()));
     }
     const int rows = c.rows();
     inverse_.assign(size_t(rows) * rows, 0.);
