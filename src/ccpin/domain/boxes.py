@@ -53,6 +53,7 @@ from ccpin.domain.bounds_planar import Phasors, phasor_values, phasors_of, plana
 from ccpin.domain.bounds_reach import reach_bounds
 from ccpin.domain.chain_stack import ChainStack, derivatives, first_order, stack_chains
 from ccpin.domain.chains import ClosureSystem
+from ccpin.domain.in_core import certifier
 from ccpin.errors import UnsupportedMechanismError
 
 BoundsName = Literal["auto", "reach", "planar"]
@@ -175,6 +176,9 @@ def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -
         half: h, of shape (B, p).
         across: The independent rows of D, of shape (n, p) or (B, n, p): I for boxes of q-space.
     """
+    core = certifier(problem.system, problem.phasors)
+    if core is not None:
+        return _tried(core.certify_boxes(centre, half, across))
     with np.errstate(all="ignore"):
         jacobian = closure_values(problem, centre)[1]
         first = _attempt(problem, _parametrize(problem.system, centre, half, across, jacobian, False), True)
@@ -193,12 +197,20 @@ def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -
 
 def certify_points(problem: Problem, theta: Array) -> Tried:
     """Enclose a solution at fixed q near each θ (B, n′): boxes with p = 0 and V the right singular vectors of φ_y."""
+    core = certifier(problem.system, problem.phasors)
+    if core is not None:
+        return _tried(core.certify_points(theta))
     count, system = len(theta), problem.system
     with np.errstate(all="ignore"):
         jacobian = closure_values(problem, theta)[1]
         empty = np.zeros((count, 0))
         boxes = _parametrize(system, theta, empty, np.zeros((system.n, 0)), jacobian, True)
         return _attempt(problem, boxes, False)
+
+
+def _tried(columns: tuple[Array, ...]) -> Tried:
+    """From what the core returns: the fields of `Boxes`, and a mask."""
+    return Tried(Boxes(*columns[:-1]), columns[-1].astype(np.bool_, copy=False))
 
 
 def _parametrize(

@@ -8,6 +8,7 @@ import numpy as np
 
 from ccpin.arrays import Array, Mask, apply, rows_of
 from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_points, closure_values, inverses, solve_many
+from ccpin.domain.in_core import certifier
 from ccpin.errors import ConvergenceError
 
 _LARGEST_STEP = 1.5
@@ -40,6 +41,9 @@ class EnclosedSolution(NamedTuple):
 def newton(problem: Problem, theta: Array, iterations: int) -> Converged:
     """Plain Newton steps in the dependent coordinates; settled where the last step is below 1e-9 and none above 1.5."""
     system = problem.system
+    core = certifier(system, problem.phasors)
+    if core is not None:
+        return Converged(*core.newton(theta, iterations))
     theta = theta.copy()
     alive = np.ones(len(theta), dtype=np.bool_)
     settled = np.zeros(len(theta), dtype=np.bool_)
@@ -154,6 +158,9 @@ def glued(problem: Problem, first: Boxes, delta: Array, second: Boxes, delta_sec
     The ball that the contraction of the first box leaves must lie in the second's tube; where it is too large
     for that (near singularities), a fresh certificate at the point must lie in both.
     """
+    core = certifier(problem.system, problem.phasors)
+    if core is not None:
+        return core.glued(tuple(first), delta, tuple(second), delta_second)
     found = solve_in_boxes(problem, first, delta)
     same = encloses(problem, second, delta_second, found.theta, found.error, first.modes)
     rows = np.flatnonzero(~same)

@@ -1,0 +1,19 @@
+// The part of ccpin.native._core that certifies boxes: the class Certifier, described in _core.pyi.
+#include "certifier.hpp"
+
+static int import_numpy() {
+  import_array1(-1);
+  return 0;
+}
+
+void bind_certificates(nb::module_& module) {
+  using ccpin::certificates::Certifier;
+  using nb::arg;
+  if (import_numpy() < 0) throw nb::python_error();
+  nb::class_<Certifier>(module, "Certifier")
+      .def(nb::init<nb::dict>(), arg("numbers"))
+      .def("newton", &Certifier::newton, arg("theta"), arg("iterations"))
+      .def("certify_boxes", &Certifier::certify_boxes, arg("centre"), arg("half"), arg("across"))
+      .def("certify_points", &Certifier::certify_points, arg("theta"))
+      .def("glued", &Certifier::glued, arg("first"), arg("delta"), arg("second"), arg("delta_second"));
+}

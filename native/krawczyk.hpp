@@ -1,0 +1,209 @@
+// One box: a search for R, w and κ with which Theorem K holds, and its strict check. The theorem, its proof and the
+// search are those of `domain/boxes.py`, step for step.
+#pragma once
+#include "bounds_planar.hpp"
+#include "bounds_reach.hpp"
+#include "linear.hpp"
+
+#include <Eigen/SVD>
+
+namespace ccpin::certificates {
+
+constexpr double kSlack = 1 + 1e-10;
+
+// Solves many systems of m equations; false where one is singular.
+class Solver {
+ public:
+  explicit Solver(int m) : m_(m), a_(size_t(m) * m), pivot_(m) {}
+  Solver(const Solver&) = delete;
+
+  bool factorize(const double* matrix) {
+    std::copy_n(matrix, a_.size(), a_.data());
+    factor_.factorize();
+    return factor_.ratio > 0;
+  }
+  bool factorize_defect(const double* matrix) {  // I − matrix
+    for (int i = 0; i < m_; ++i)
+      for (int k = 0; k < m_; ++k) a_[i * m_ + k] = (i == k) - matrix[i * m_ + k];
+    factor_.factorize();
+    return factor_.ratio > 0;
+  }
+  void solve(double* x, int columns = 1) const { factor_.solve(x, columns); }
+
+ private:
+  int m_;
+  Doubles a_;
+  std::vector<int> pivot_;
+  Factor factor_{a_.data(), pivot_.data(), nullptr, m_, m_};
+};
+
+class Krawczyk {
+ public:
+  explicit Krawczyk(const Closures& c) : c_(c), solver_(c.m) {
+    if (c.planar)
+      bounds_ = std::make_unique<PlanarBounds>(c);
+    else
+      bounds_ = std::make_unique<ReachBounds>(c);
+  }
+
+  // Tries to prove a box about θ_c with V = I and, where that fails, singular vectors (`certify_boxes`); `across` (n, p)
+  // holds the independent rows of D.
+  bool certify(const double* centre, const double* half, int p, const double* across, Box& box) {
+    c_.evaluate(centre, at_);
+    if (parametrize(centre, half, p, across, false, box) && attempt(box, true)) return true;
+    return c_.m > 1 && parametrize(centre, half, p, across, true, box) && attempt(box, true);
+  }
+
+  // A box with p = 0 that encloses a solution at fixed q (`certify_points`).
+  bool certify_point(const double* theta, Box& box) {
+    c_.evaluate(theta, at_);
+    return parametrize(theta, nullptr, 0, nullptr, true, box) && attempt(box, false);
+  }
+
+ private:
+  const Closures& c_;
+  std::unique_ptr<Bounds> bounds_;
+  Values at_;
+  Solver solver_;
+  Image image_;
+  Doubles inverse_, trial_, step_, last_, solved_, shrunk_;
+
+  // D, V and Ã from φ_θ at the centre; false where φ_y has no inverse.
+  bool parametrize(const double* centre, const double* half, int p, const double* across, bool singular, Box& box) {
+    const int m = c_.m, n_free = c_.n_free;
+    box.centre.assign(centre, centre + n_free), box.half.assign(half, half + p);
+    box.directions.assign(size_t(n_free) * p, 0.), box.plain = !singular;
+    if (!invert()) return false;
+    for (int k = 0; k < c_.n; ++k) std::copy_n(across + k * p, p, &box.directions[c_.independent[k] * p]);
+    Doubles slope(size_t(m) * p, 0.);
+    for (int r = 0; r < m; ++r)
+      for (int k = 0; k < c_.n; ++k)
+        add_scaled(slope.data() + r * p, at_.jacobian[r * n_free + c_.independent[k]], across + k * p, p);
+    for (int k = 0; k < m; ++k)
+      for (int r = 0; r < m; ++r)
+        add_scaled(box.directions.data() + c_.dependent[k] * p, -inverse_[k * m + r], slope.data() + r * p, p);
+    box.modes.assign(size_t(m) * m, 0.), box.preconditioner = inverse_;
+    for (int k = 0; k < m; ++k) box.modes[k * m + k] = 1;
+    if (singular) turn_to_singular_vectors(box);
+    return true;
+  }
+
+  bool invert() {  // φ_y⁻¹
+    const int m = c_.m;
+    Doubles& matrix = solved_;
+    matrix.resize(size_t(m) * m);
+    for (int r = 0; r < m; ++r)
+      for (int k = 0; k < m; ++k) matrix[r * m + k] = at_.jacobian[r * c_.n_free + c_.dependent[k]];
+    if (!solver_.factorize(matrix.data())) return false;
+    inverse_.assign(size_t(m) * m, 0.);
+    for (int k = 0; k < m; ++k) inverse_[k * m + k] = 1;
+    solver_.solve(inverse_.data(), m);
+    return true;
+  }
+
+  // V: the right singular vectors of φ_y; Ã = Vᵀφ_y⁻¹.
+  void turn_to_singular_vectors(Box& box) const {
+    using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+    const int m = c_.m;
+    Matrix matrix(m, m);
+    for (int r = 0; r < m; ++r)
+      for (int k = 0; k < m; ++k) matrix(r, k) = at_.jacobian[r * c_.n_free + c_.dependent[k]];
+    const Matrix V = Eigen::JacobiSVD<Matrix>(matrix, Eigen::ComputeFullV).matrixV();
+    const Matrix A = V.transpose() * Eigen::Map<const Matrix>(inverse_.data(), m, m);
+    std::copy_n(V.data(), m * m, box.modes.data()), std::copy_n(A.data(), m * m, box.preconditioner.data());
+  }
+
+  // Finds R and w, then checks strictly; a `roomy` R is well above rounding, so that boxes can be glued.
+  bool attempt(Box& box, bool roomy) {
+    const int m = c_.m;
+    bounds_->set(box, at_);
+    if (!find_radius(box.radius)) return false;
+    if (roomy) {
+      const double rounding = c_.gamma * c_.magnitude(box.centre.data());
+      for (int i = 0; i < m; ++i) {
+        double gain = 0;
+        for (int k = 0; k < m; ++k) gain += std::abs(box.preconditioner[i * m + k]);
+        box.radius[i] = std::max({box.radius[i], 1e-11, 16 * rounding * gain});
+      }
+    }
+    return find_weight(box) && holds(box);
+  }
+
+  // (K1) and (K2), from the bounds that `set` made for this very box.
+  bool holds(const Box& box) {
+    bounds_->mean(box.radius, image_), image_.of(box.radius.data(), solved_);
+    bounds_->contraction(box.radius, box.weight, image_), image_.of(box.weight.data(), shrunk_);
+    bool ok = box.kappa < 1;
+    for (int i = 0; i < c_.m; ++i) {
+      const double image = bounds_->y[i] + solved_[i];
+      ok = ok && std::isfinite(image) && std::isfinite(shrunk_[i]) && image * kSlack < box.radius[i] &&
+           shrunk_[i] * kSlack <= box.kappa * box.weight[i] && box.weight[i] > 0;
+    }
+    return ok;
+  }
+
+  // An R with Y + Z̄(R)R < R, near the least (`_radius`).
+  bool find_radius(Doubles& found) {
+    constexpr double inflation = 1e-4, settled = 1 + 1e-6, largest = 1e6;
+    const int m = c_.m;
+    const Doubles& y = bounds_->y;
+    found = step_ = y, trial_.resize(m), solved_.resize(m);
+    for (int i = 0; i < m; ++i) trial_[i] = y[i] * (1 + inflation);
+    if (!std::all_of(y.begin(), y.end(), [](double x) { return std::isfinite(x); })) return false;
+    for (int round = 0; round < 30; ++round) {
+      bounds_->mean(trial_, image_), image_.of(trial_.data(), shrunk_);
+      for (int i = 0; i < m; ++i) solved_[i] = y[i] + image_.rest[i];
+      bool alive = solver_.factorize_defect(image_.matrix.data());
+      if (alive) solver_.solve(solved_.data());
+      for (double x : solved_) alive = alive && x >= 0 && x < largest;
+      bool inside = alive;
+      for (int i = 0; i < m; ++i) inside = inside && (y[i] + shrunk_[i]) * settled < trial_[i];
+      if (inside) {
+        for (int i = 0; i < m; ++i) found[i] = solved_[i] + 0.1 * (trial_[i] - solved_[i]);
+        return true;
+      }
+      if (round % 2) {
+        trial_ = found;
+        continue;
+      }
+      if (!alive) return false;
+      last_ = step_, found = solved_;
+      double rate = 0;
+      for (int i = 0; i < m; ++i) {
+        step_[i] = std::max(solved_[i] - trial_[i], 0.);
+        rate = std::max(rate, step_[i] / std::max(last_[i], 1e-300));
+      }
+      rate = std::min(rate, 0.98);
+      for (int i = 0; i < m; ++i)
+        trial_[i] = found[i] + step_[i] * (rate / (1 - rate)) * 1.05 + inflation * found[i];
+    }
+    return false;
+  }
+
+  // A w > 0 with Zw ≤ κw, κ < 1 where the spectral radius allows it (`_weights`).
+  bool find_weight(Box& box) {
+    const int m = c_.m;
+    box.weight.assign(m, 1.);
+    bounds_->contraction(box.radius, box.weight, image_);
+    solved_.resize(m);
+    for (int i = 0; i < m; ++i) solved_[i] = 1 + image_.rest[i];
+    if (!solver_.factorize_defect(image_.matrix.data())) return false;
+    solver_.solve(solved_.data());
+    for (int i = 0; i < m; ++i) box.weight[i] = std::abs(solved_[i]);
+    for (int power = 0; power < 8; ++power) {
+      const double largest = *std::max_element(box.weight.begin(), box.weight.end());
+      for (double& w : box.weight) w /= largest;
+      bounds_->contraction(box.radius, box.weight, image_), image_.of(box.weight.data(), shrunk_);
+      double ratio = 0;
+      bool finite = true;
+      for (int i = 0; i < m; ++i) ratio = std::max(ratio, shrunk_[i] / box.weight[i]), finite = finite && std::isfinite(shrunk_[i]);
+      box.kappa = ratio * kSlack * kSlack;
+      if (!finite) return false;
+      if (box.kappa < 1) return true;
+      for (int i = 0; i < m; ++i) box.weight[i] = 0.5 * (box.weight[i] + shrunk_[i]);
+    }
+    return false;
+  }
+};
+
+}  // namespace ccpin::certificates
