@@ -5,7 +5,7 @@
 #include "bounds_reach.hpp"
 #include "linear.hpp"
 
-#include <Eigen/SVD>
+#include <Eigen/Eigenvalues>
 
 namespace ccpin::certificates {
 
@@ -50,29 +50,37 @@ class Krawczyk {
   // holds the independent rows of D.
   bool certify(const double* centre, const double* half, int p, const double* across, Box& box) {
     c_.evaluate(centre, at_);
-    if (parametrize(centre, half, p, across, false, box) && attempt(box, true)) return true;
-    return c_.m > 1 && parametrize(centre, half, p, across, true, box) && attempt(box, true);
+    if (!parametrize(centre, half, p, across, box)) return false;
+    if (attempt(box, true)) return true;
+    find_gram();
+    if (c_.m == 1 || !one_weak()) return false;
+    turn_to_singular_vectors(box);
+    return attempt(box, true);
   }
 
   // A box with p = 0 that encloses a solution at fixed q (`certify_points`).
   bool certify_point(const double* theta, Box& box) {
     c_.evaluate(theta, at_);
-    return parametrize(theta, nullptr, 0, nullptr, true, box) && attempt(box, false);
+    if (!parametrize(theta, nullptr, 0, nullptr, box)) return false;
+    find_gram(), turn_to_singular_vectors(box);
+    return attempt(box, false);
   }
 
  private:
+  using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
   const Closures& c_;
   std::unique_ptr<Bounds> bounds_;
   Values at_;
   Solver solver_;
   Image image_;
+  Matrix gram_;
   Doubles inverse_, trial_, step_, last_, solved_, shrunk_;
 
-  // D, V and Ã from φ_θ at the centre; false where φ_y has no inverse.
-  bool parametrize(const double* centre, const double* half, int p, const double* across, bool singular, Box& box) {
+  // D, V = I and Ã from φ_θ at the centre; false where φ_y has no inverse.
+  bool parametrize(const double* centre, const double* half, int p, const double* across, Box& box) {
     const int m = c_.m, n_free = c_.n_free;
     box.centre.assign(centre, centre + n_free), box.half.assign(half, half + p);
-    box.directions.assign(size_t(n_free) * p, 0.), box.plain = !singular;
+    box.directions.assign(size_t(n_free) * p, 0.), box.plain = true;
     if (!invert()) return false;
     for (int k = 0; k < c_.n; ++k) std::copy_n(across + k * p, p, &box.directions[c_.independent[k] * p]);
     Doubles slope(size_t(m) * p, 0.);
@@ -84,7 +92,6 @@ class Krawczyk {
         add_scaled(box.directions.data() + c_.dependent[k] * p, -inverse_[k * m + r], slope.data() + r * p, p);
     box.modes.assign(size_t(m) * m, 0.), box.preconditioner = inverse_;
     for (int k = 0; k < m; ++k) box.modes[k * m + k] = 1;
-    if (singular) turn_to_singular_vectors(box);
     return true;
   }
 
@@ -101,16 +108,23 @@ class Krawczyk {
     return true;
   }
 
+  // φ_y⁻¹φ_y⁻ᵀ: its eigenvalues are 1/σ² for the singular values σ of φ_y.
+  void find_gram() {
+    const Eigen::Map<const Matrix> A(inverse_.data(), c_.m, c_.m);
+    gram_.noalias() = A * A.transpose();
+  }
+
+  // Whether one singular value of φ_y is well below all others (`_one_weak`).
+  bool one_weak() const { return gram_.squaredNorm() >= 0.6 * gram_.trace() * gram_.trace(); }
+
   // V: the right singular vectors of φ_y; Ã = Vᵀφ_y⁻¹.
-  void turn_to_singular_vectors(Box& box) const {
-    using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
+  void turn_to_singular_vectors(Box& box) {
     const int m = c_.m;
-    Matrix matrix(m, m);
-    for (int r = 0; r < m; ++r)
-      for (int k = 0; k < m; ++k) matrix(r, k) = at_.jacobian[r * c_.n_free + c_.dependent[k]];
-    const Matrix V = Eigen::JacobiSVD<Matrix>(matrix, Eigen::ComputeFullV).matrixV();
-    const Matrix A = V.transpose() * Eigen::Map<const Matrix>(inverse_.data(), m, m);
-    std::copy_n(V.data(), m * m, box.modes.data()), std::copy_n(A.data(), m * m, box.preconditioner.data());
+    box.plain = false;
+    if (!gram_.allFinite()) return;
+    const Matrix V = Eigen::SelfAdjointEigenSolver<Matrix>(gram_).eigenvectors();
+    Eigen::Map<Matrix>(box.modes.data(), m, m) = V;
+    Eigen::Map<Matrix>(box.preconditioner.data(), m, m).noalias() = V.transpose() * Eigen::Map<const Matrix>(inverse_.data(), m, m);
   }
 
   // Finds R and w, then checks strictly; a `roomy` R is well above rounding, so that boxes can be glued.

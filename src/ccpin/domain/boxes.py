@@ -170,6 +170,8 @@ def _holds(bounds: Bounds, boxes: Boxes) -> Mask:
 def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -> Tried:
     """Try to prove boxes about approximate solutions, with V = I and, where that fails, singular vectors.
 
+    Singular vectors help where one direction alone is weak, so they are tried there only (`_one_weak`).
+
     Args:
         problem: The closures.
         centre: θ_c with φ(θ_c) ≈ 0, of shape (B, n′).
@@ -182,7 +184,8 @@ def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -
     with np.errstate(all="ignore"):
         jacobian = closure_values(problem, centre)[1]
         first = _attempt(problem, _parametrize(problem.system, centre, half, across, jacobian, False), True)
-        retry = np.flatnonzero(~first.proved)
+        failed = np.flatnonzero(~first.proved)
+        retry = failed[_one_weak(first.boxes.preconditioner[failed])]
         if not retry.size or problem.system.m == 1:
             return first
         rows = across if across.ndim == 2 else across[retry]
@@ -216,7 +219,10 @@ def _tried(columns: tuple[Array, ...]) -> Tried:
 def _parametrize(
     system: ClosureSystem, centre: Array, half: Array, across: Array, jacobian: Array, singular: bool
 ) -> Boxes:
-    """D, V and Ã from the Jacobian at the centre; R and w still to be found."""
+    """D, V and Ã from the Jacobian at the centre; R and w still to be found.
+
+    Right singular vectors of φ_y are eigenvectors of φ_y⁻¹φ_y⁻ᵀ, the weakest direction the most accurate.
+    """
     count, m = len(centre), system.m
     dependent = jacobian[:, :, system.dependent]
     inverse = inverses(dependent)
@@ -225,8 +231,8 @@ def _parametrize(
     directions[:, system.dependent] = -inverse @ (jacobian[:, :, system.independent] @ across)
     modes = np.broadcast_to(np.eye(m), (count, m, m)).copy()
     if singular:
-        usable = np.asarray(np.isfinite(dependent).all(axis=(1, 2)))
-        modes[usable] = np.swapaxes(np.linalg.svd(dependent[usable])[2], 1, 2)
+        usable = np.asarray(np.isfinite(inverse).all(axis=(1, 2)))
+        modes[usable] = np.linalg.eigh(_gram(inverse[usable]))[1]
     return Boxes(
         centre=centre.copy(),
         half=half.copy(),
@@ -237,6 +243,17 @@ def _parametrize(
         weight=np.ones((count, m)),
         kappa=np.ones(count),
     )
+
+
+def _gram(inverse: Array) -> Array:
+    """φ_y⁻¹φ_y⁻ᵀ, of shape (B, m, m): its eigenvalues are 1/σ² for the singular values σ of φ_y."""
+    return np.asarray(inverse @ np.swapaxes(inverse, 1, 2))
+
+
+def _one_weak(inverse: Array) -> Mask:
+    """Whether one singular value of φ_y is well below all others: Σ 1/σ⁴ ≥ 0.6 (Σ 1/σ²)², of shape (B,)."""
+    gram = _gram(inverse)
+    return np.asarray(np.sum(gram**2, axis=(1, 2)) >= 0.6 * np.trace(gram, axis1=1, axis2=2) ** 2)
 
 
 def _attempt(problem: Problem, boxes: Boxes, roomy: bool) -> Tried:

@@ -196,7 +196,8 @@ class AtlasBuilder:
         lengths = self.region.width * (size / WHOLE)
         stretched = np.where(np.isfinite(stretch), stretch, 0.0) * lengths
         fair = stretched + 1e-3 * np.max(stretched, axis=1, keepdims=True, initial=1e-300) * (size / WHOLE)
-        cut = np.argmax(np.where(allowed, fair, -1.0), axis=1)
+        fair = np.where(allowed, fair, -1.0)
+        cut = np.argmax(fair >= np.max(fair, axis=1, keepdims=True, initial=-1.0) * (1.0 - 1e-9), axis=1)
         splittable = np.any(allowed, axis=1)
         self.tree.status[cells[~splittable]] = CellStatus.UNDECIDED
         return self.tree.split(cells[splittable], cut[splittable])
