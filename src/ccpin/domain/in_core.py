@@ -7,6 +7,7 @@ decides, and every box passes `ccpin.domain.boxes.verify`.
 
 from __future__ import annotations
 
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
@@ -20,6 +21,19 @@ if TYPE_CHECKING:
     from ccpin.native._core import Certifier
 
 
+def compiled_core() -> ModuleType | None:
+    """The compiled core, or ``None`` where NumPy is to do its work.
+
+    Raises:
+        InvalidInputError: As for `ccpin.native.backend`.
+    """
+    if backend().name == "numpy":
+        return None
+    import ccpin.native._core as core
+
+    return core
+
+
 def certifier(system: ClosureSystem, phasors: Phasors | None) -> Certifier | None:
     """The compiled core for closures (in their planar form, where one is given); ``None`` where NumPy is to do the work.
 
@@ -28,18 +42,17 @@ def certifier(system: ClosureSystem, phasors: Phasors | None) -> Certifier | Non
     Raises:
         InvalidInputError: As for `ccpin.native.backend`.
     """
-    if not system.m or backend().name == "numpy":
+    core = compiled_core()
+    if core is None or not system.m:
         return None
     made = _MADE.setdefault(system, {})
     planar = phasors is not None
     if planar not in made:
-        made[planar] = _made(system, phasors)
+        made[planar] = _made(core, system, phasors)
     return made[planar]
 
 
-def _made(system: ClosureSystem, phasors: Phasors | None) -> Certifier | None:
-    import ccpin.native._core as core
-
+def _made(core: ModuleType, system: ClosureSystem, phasors: Phasors | None) -> Certifier | None:
     try:
         return core.Certifier(numbers_of(system, phasors))
     except ValueError:  # data that are not orthonormal to rounding: NumPy's margins are wider

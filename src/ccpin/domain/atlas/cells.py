@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.domain.atlas.growing import Growing
 from ccpin.domain.chains import Seed
+from ccpin.domain.in_core import compiled_core
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -245,6 +246,9 @@ class Contacts(NamedTuple):
 
 def contacts_of(tree: CellTree, region: Region, cells: Indices) -> Contacts:
     """The faces that cells share with leaves, across the seam of periodic coordinates too."""
+    if (core := compiled_core()) is not None:
+        wrapped = region.wrapped.tolist()
+        return Contacts(*core.contacts(tree.lower, tree.size, tree.cut, tree.child, cells, wrapped))
     return joined(_across(tree, region, cells, k, upper) for k in range(len(region.lower)) for upper in (False, True))
 
 
