@@ -17,22 +17,21 @@ struct Box {
   int parameters() const { return int(half.size()); }
 };
 
-// A bound in two parts: a matrix (m, m) to be applied to a vector, and what to add.
-struct Image {
-  Doubles matrix, rest;
-
-  void of(const double* vector, Doubles& out) const {
-    const size_t m = rest.size();
-    out = rest;
-    for (size_t i = 0; i < m; ++i)
-      for (size_t k = 0; k < m; ++k) out[i] += matrix[i * m + k] * vector[k];
-  }
-};
-
 // y += factor · x over `size` entries.
 inline void add_scaled(double* y, double factor, const double* x, int size) {
   for (int k = 0; k < size; ++k) y[k] += factor * x[k];
 }
+
+// A bound in two parts: a matrix (m, m), kept column by column, to be applied to a vector, and what to add.
+struct Image {
+  Doubles columns, rest;
+
+  void of(const double* vector, Doubles& out) const {
+    const int m = int(rest.size());
+    out = rest;
+    for (int k = 0; k < m; ++k) add_scaled(out.data(), vector[k], &columns[k * m], m);
+  }
+};
 
 class Bounds {
  public:
@@ -52,8 +51,8 @@ class Bounds {
   const Closures& closures;
   int p = 0;                                    // parameters
   bool plain = true;
-  Doubles half, moves, lines, spread, columns;  // h widened; L = |D|h; Dᵀ (p, n′); |V|; Σ_k |V|_ke
-  Doubles defect, margin, weighted;             // |I − Ãφ_θE|; Σ_j |Ã_ij| γ · magnitude; Ãφ_θ (m, n′)
+  Doubles half, moves, lines, spread, sums;  // h widened; L = |D|h; Dᵀ (p, n′); |V|; Σ_k |V|_ke
+  Doubles defect, margin, weighted;             // |I − Ãφ_θE|, by columns; Σ_j |Ã_ij| γ · magnitude; Ãφ_θ (m, n′)
   double rounding = 0;                          // γ · magnitude
 
   virtual void curved(const Box& box, const Values& at) = 0;
@@ -69,14 +68,13 @@ class Bounds {
     }
   }
 
-  // |I − Ãφ_θE| with the rounding margin of everything in Z.
+  // |I − Ãφ_θE| with the rounding margin of everything in Z, by columns.
   void affine(const Doubles& width, Doubles& matrix) const {
     const int m = closures.m;
     double size = 1;
     for (int k = 0; k < closures.n_free; ++k) size += moves[k] + width[k];
-    matrix.resize(size_t(m) * m);
-    for (int i = 0; i < m; ++i)
-      for (int e = 0; e < m; ++e) matrix[i * m + e] = defect[i * m + e] + margin[i] * (columns[e] * size);
+    matrix = defect;
+    for (int e = 0; e < m; ++e) add_scaled(&matrix[e * m], sums[e] * size, margin.data(), m);
   }
 
  private:
@@ -91,9 +89,9 @@ class Bounds {
         moves[k] += std::abs(lines[e * n_free + k]) * half[e];
       }
     }
-    spread.resize(size_t(m) * m), columns.assign(m, 0.);
+    spread.resize(size_t(m) * m), sums.assign(m, 0.);
     for (int k = 0; k < m; ++k)
-      for (int e = 0; e < m; ++e) columns[e] += spread[k * m + e] = std::abs(box.modes[k * m + e]);
+      for (int e = 0; e < m; ++e) sums[e] += spread[k * m + e] = std::abs(box.modes[k * m + e]);
     rounding = closures.gamma * closures.magnitude(box.centre.data());
     weighted.assign(size_t(m) * n_free, 0.);
     const double* A = box.preconditioner.data();
@@ -125,17 +123,13 @@ class Bounds {
   void find_defect(const Doubles& modes) {
     const int m = closures.m, n_free = closures.n_free;
     defect.assign(size_t(m) * m, 0.);
-    for (int i = 0; i < m; ++i) {
-      double* row = &defect[i * m];
-      for (int k = 0; k < m; ++k) {
-        const double entry = weighted[i * n_free + closures.dependent[k]];
-        if (plain)
-          row[k] = entry;
-        else
-          add_scaled(row, entry, &modes[k * m], m);
+    for (int i = 0; i < m; ++i)
+      for (int e = 0; e < m; ++e) {
+        const double* row = &weighted[i * n_free];
+        double entry = plain ? row[closures.dependent[e]] : 0;
+        for (int k = 0; !plain && k < m; ++k) entry += row[closures.dependent[k]] * modes[k * m + e];
+        defect[e * m + i] = std::abs((i == e) - entry);
       }
-      for (int e = 0; e < m; ++e) row[e] = std::abs((i == e) - row[e]);
-    }
   }
 };
 

@@ -11,8 +11,6 @@ class PlanarBounds final : public Bounds {
   }
 
   void mean(const Doubles& radius, Image& out) override {
-    half_radius_ = radius;
-    for (double& r : half_radius_) r *= 0.5;
     turns(radius);
     for (int k = 0; k < K_; ++k) {
       const double a = angle_[k], b = turn_[k];
@@ -20,7 +18,7 @@ class PlanarBounds final : public Bounds {
       sine_[k] = std::sin(std::min(a + 0.5 * b, kQuarter));
       cube_[k] = (4 * a * a * a + 6 * a * a * b + 4 * a * b * b + b * b * b) / 24;
     }
-    image(radius, half_radius_, out);
+    image(radius, 0.5, out);
   }
 
   void contraction(const Doubles& radius, const Doubles&, Image& out) override {
@@ -29,14 +27,14 @@ class PlanarBounds final : public Bounds {
       const double a = angle_[k] + turn_[k];
       versine_[k] = versine(a), sine_[k] = std::sin(std::min(a, kQuarter)), cube_[k] = a * a * a / 6;
     }
-    image(radius, radius, out);
+    image(radius, 1, out);
   }
 
  private:
   static constexpr double kQuarter = 1.5707963267948966;
   const int K_;
   Doubles alpha_, kappa_, modes_, along_, angle_, mixed_;  // α, κ (m, K); CE (K, m); CD (K, p); |CD|h; |αᵀ(CE)(C[D, E])|
-  Doubles versine_, sine_, cube_, turn_, width_, half_radius_;
+  Doubles versine_, sine_, cube_, turn_, width_;
 
   static double versine(double angle) {  // the largest 1 − cos u for |u| ≤ angle
     const double s = std::sin(0.5 * std::min(angle, 2 * kQuarter));
@@ -109,21 +107,21 @@ class PlanarBounds final : public Bounds {
     }
   }
 
-  // |I − Ãφ_θE| + the smaller bound of |Σ α sin u (CE)| + |Σ κ (1 − cos u)(CE)|; `linear` is R in |N|(h, R).
-  void image(const Doubles& radius, const Doubles& linear, Image& out) {
+  // |I − Ãφ_θE| + the smaller bound of |Σ α sin u (CE)| + |Σ κ (1 − cos u)(CE)|; `part` · R is R in |N|(h, R).
+  void image(const Doubles& radius, double part, Image& out) {
     const int m = closures.m;
-    widths(radius, width_), affine(width_, out.matrix), out.rest.assign(m, 0.);
+    widths(radius, width_), affine(width_, out.columns), out.rest.assign(m, 0.);
     const double* line = mixed_.data();
     for (int i = 0; i < m; ++i)
       for (int e = 0; e < m; ++e, line += p + m) {
         double expanded = 0, whole = 0, up = 0, down = 0;
-        for (int w = 0; w < p + m; ++w) expanded += line[w] * (w < p ? half[w] : linear[w - p]);
+        for (int w = 0; w < p + m; ++w) expanded += line[w] * (w < p ? half[w] : part * radius[w - p]);
         for (int k = 0; k < K_; ++k) {
           const double mode = modes_[k * m + e], a = std::abs(alpha_[i * K_ + k] * mode);
           const double c = kappa_[i * K_ + k] * mode * versine_[k];
           expanded += a * cube_[k], whole += a * sine_[k], (c > 0 ? up : down) += std::abs(c);
         }
-        out.matrix[i * m + e] += std::min(expanded, whole) + std::max(up, down);
+        out.columns[e * m + i] += std::min(expanded, whole) + std::max(up, down);
       }
   }
 };

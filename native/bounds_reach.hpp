@@ -7,20 +7,26 @@ namespace ccpin::certificates {
 class ReachBounds final : public Bounds {
  public:
   explicit ReachBounds(const Closures& c) : Bounds(c) {
+    std::vector<int> mode(c.n_free, -1), entry(size_t(c.n_free) * c.n_free, -1);
+    for (int k = 0; k < c.m; ++k) mode[c.dependent[k]] = k;
     for (const Chain& chain : c.chains)
       for (size_t j = 0; j < chain.joints.size(); ++j)
         for (size_t i = 0; i <= j; ++i)
-          if (!chain.joints[i].slides && !(i == j && chain.joints[j].slides))
-            pairs_.push_back({chain.first + int(i), chain.first + int(j), int(&chain - c.chains.data()),
-                              chain.joints[i].column, chain.joints[j].column});
-    second_.resize(pairs_.size()), arms_.resize(c.joints), reach_.resize(c.joints);
+          if (!chain.joints[i].slides && !(i == j && chain.joints[j].slides)) {
+            const int a = chain.joints[i].column, b = chain.joints[j].column, key = std::min(a, b) * c.n_free + std::max(a, b);
+            if (entry[key] < 0) entry[key] = int(entries_.size()), entries_.push_back({a, b, mode[a], mode[b]});
+            pairs_.push_back({chain.first + int(i), chain.first + int(j), int(&chain - c.chains.data()), entry[key]});
+          }
+    for (const Entry& e : entries_)
+      if (e.mode >= 0 && e.other_mode >= 0) sparse_.push_back({e.mode, e.other_mode});
+    for (int f = 0; f < c.m; ++f)
+      for (int e = 0; e <= f; ++e) all_.push_back({e, f});
+    arms_.resize(c.joints), reach_.resize(c.joints);
   }
 
   void mean(const Doubles& radius, Image& out) override {
-    half_radius_ = radius;
-    for (double& r : half_radius_) r *= 0.5;
     widths(radius, width_), box_of(width_);
-    affine(width_, out.matrix), add_first(half_radius_, out.matrix);
+    affine(width_, out.columns), add_first(radius, 0.5, out.columns);
     third(out, [&](const Chain& c) {
       return trilinear(c, moves, moves, width_) + trilinear(c, moves, width_, width_) +
              trilinear(c, width_, width_, width_) / 3;
@@ -29,34 +35,39 @@ class ReachBounds final : public Bounds {
 
   void contraction(const Doubles& radius, const Doubles& weight, Image& out) override {
     widths(radius, width_), widths(weight, other_), box_of(width_);
-    affine(width_, out.matrix), add_first(radius, out.matrix);
+    affine(width_, out.columns), add_first(radius, 1, out.columns);
     third(out, [&](const Chain& c) { return trilinear(c, box_, box_, other_); });
   }
 
  private:
-  // ∂²x/∂θ_i∂θ_j = a_i × b_j of a chain, i not deeper than j; where they are in θ.
+  // What enters φ_θθ: ∂²x/∂θ_i∂θ_j = a_i × b_j of a chain, i not deeper than j.
   struct Pair {
-    int upper, deeper, chain, row, column;
+    int upper, deeper, chain, entry;
+  };
+  // An entry of φ_θθ that is not always zero, in θ and among the dependent coordinates (−1: independent).
+  struct Entry {
+    int row, column, mode, other_mode;
+  };
+  struct Mixed {
+    int mode, other;
   };
   std::vector<Pair> pairs_;
-  std::vector<V3> second_, weights_;               // a × b; the rows of ÃB_c, (C, m)
-  Doubles gains_, mixed_;                          // g (C, m); |N|, (m, p + m, m): row, (δ, ζ), mode
-  Doubles arms_, reach_, size_, box_;              // |b|, ρ by joint; |θ_c|; the joints' moves
-  Doubles hessian_, along_, width_, other_, half_radius_;
+  std::vector<Entry> entries_;
+  std::vector<Mixed> sparse_, all_;  // the entries of N in the modes, above its diagonal: with V = I, and with any V
+  // Everything with m entries in its last axis has one for each row of Ãφ.
+  Doubles weights_, gains_;             // ÃB_c (C, 3, m) and g (C, m)
+  Doubles hessian_, along_;             // Ãφ_θθ (entries, m), its product with D (p, n′, m)
+  Doubles mixed_, constant_;            // |N| in the modes (sparse or all, m); |N|h (m, m) by columns
+  Doubles arms_, reach_, size_, box_;   // |b|, ρ by joint; |θ_c|; the joints' moves
+  Doubles width_, other_, turned_, line_;
 
   void curved(const Box& box, const Values& at) override {
     const int m = closures.m;
     size_.resize(closures.n_free);
     for (int k = 0; k < closures.n_free; ++k) size_[k] = std::abs(box.centre[k]);
     for (int k = 0; k < closures.joints; ++k) arms_[k] = at.b[k].norm();
-    for (size_t k = 0; k < pairs_.size(); ++k) second_[k] = at.a[pairs_[k].upper].cross(at.b[pairs_[k].deeper]);
-    weigh(box.preconditioner);
-    mixed_.resize(size_t(m) * (p + m) * m);
-    for (int i = 0; i < m; ++i) {
-      weigh_second(i);
-      y[i] += 0.5 * quadratic();
-      mix(i, box.modes);
-    }
+    weigh(box.preconditioner), weigh_second(at), add_quadratic();
+    mix_lines(box.modes), mix_modes(box.modes);
     box_ = moves;
     Image cubic;
     cubic.rest.resize(m);
@@ -66,72 +77,100 @@ class ReachBounds final : public Bounds {
 
   // The rows of ÃB_c and their lengths g_c.
   void weigh(const Doubles& A) {
-    const size_t m = closures.m, count = closures.chains.size();
-    weights_.assign(count * m, V3::Zero()), gains_.resize(count * m);
-    for (size_t c = 0; c < count; ++c)
-      for (size_t i = 0; i < m; ++i) {
-        for (const ChainRow& r : closures.chains[c].rows) weights_[c * m + i] += A[i * m + r.row] * r.weight;
-        gains_[c * m + i] = weights_[c * m + i].norm();
-      }
-  }
-
-  // Row i of Ãφ_θθ (n′, n′), and its product with D, (p, n′).
-  void weigh_second(int i) {
-    const int m = closures.m, n_free = closures.n_free;
-    hessian_.assign(size_t(n_free) * n_free, 0.), along_.assign(size_t(p) * n_free, 0.);
-    for (size_t k = 0; k < pairs_.size(); ++k) {
-      const Pair& pair = pairs_[k];
-      const double entry = weights_[pair.chain * m + i].dot(second_[k]);
-      hessian_[pair.row * n_free + pair.column] += entry;
-      if (pair.row != pair.column) hessian_[pair.column * n_free + pair.row] += entry;
-    }
-    for (int e = 0; e < p; ++e)
-      for (int k = 0; k < n_free; ++k)
-        if (lines[e * n_free + k] != 0)
-          add_scaled(&along_[e * n_free], lines[e * n_free + k], &hessian_[k * n_free], n_free);
-  }
-
-  // hᵀ|Dᵀ(Ãφ_θθ)_iD|h.
-  double quadratic() const {
-    const int n_free = closures.n_free;
-    double sum = 0;
-    for (int e = 0; e < p; ++e)
-      for (int f = 0; f < p; ++f) {
-        double entry = 0;
-        for (int k = 0; k < n_free; ++k) entry += along_[e * n_free + k] * lines[f * n_free + k];
-        sum += half[e] * std::abs(entry) * half[f];
-      }
-    return sum;
-  }
-
-  // |N_i| = |Eᵀ(Ãφ_θθ)_i[D, E]|, transposed.
-  void mix(int i, const Doubles& modes) {
-    const int m = closures.m, n_free = closures.n_free;
-    const std::vector<int>& dependent = closures.dependent;
-    double* out = &mixed_[size_t(i) * (p + m) * m];
-    for (int w = 0; w < p + m; ++w, out += m) {
-      const double* line = w < p ? &along_[w * n_free] : &hessian_[dependent[w - p] * n_free];
-      if (!plain && w >= p) {
-        other_.assign(n_free, 0.);
-        for (int k = 0; k < m; ++k) add_scaled(other_.data(), modes[k * m + w - p], &hessian_[dependent[k] * n_free], n_free);
-        line = other_.data();
-      }
-      if (plain) {
-        for (int e = 0; e < m; ++e) out[e] = std::abs(line[dependent[e]]);
-        continue;
-      }
-      std::fill(out, out + m, 0.);
-      for (int k = 0; k < m; ++k) add_scaled(out, line[dependent[k]], &modes[k * m], m);
-      for (int e = 0; e < m; ++e) out[e] = std::abs(out[e]);
+    const int m = closures.m, count = int(closures.chains.size());
+    weights_.assign(size_t(count) * 3 * m, 0.), gains_.resize(size_t(count) * m);
+    for (int c = 0; c < count; ++c) {
+      double* w = &weights_[c * 3 * m];
+      for (const ChainRow& r : closures.chains[c].rows)
+        for (int x = 0; x < 3; ++x)
+          for (int i = 0; i < m; ++i) w[x * m + i] += A[i * m + r.row] * r.weight[x];
+      for (int i = 0; i < m; ++i)
+        gains_[c * m + i] = std::sqrt(w[i] * w[i] + w[m + i] * w[m + i] + w[2 * m + i] * w[2 * m + i]);
     }
   }
 
-  // matrix += |N|(h, r).
-  void add_first(const Doubles& radius, Doubles& matrix) const {
+  // Ãφ_θθ and its product with D.
+  void weigh_second(const Values& at) {
+    const int m = closures.m, n_free = closures.n_free;
+    hessian_.assign(entries_.size() * m, 0.), along_.assign(size_t(p) * n_free * m, 0.);
+    for (const Pair& pair : pairs_) {
+      const V3 second = at.a[pair.upper].cross(at.b[pair.deeper]);
+      for (int x = 0; x < 3; ++x)
+        add_scaled(&hessian_[pair.entry * m], second[x], &weights_[(pair.chain * 3 + x) * m], m);
+    }
+    const double* line = hessian_.data();
+    for (const Entry& entry : entries_) {
+      for (int e = 0; e < p; ++e) {
+        double* along = &along_[e * n_free * m];
+        add_scaled(along + entry.row * m, lines[e * n_free + entry.column], line, m);
+        if (entry.row != entry.column) add_scaled(along + entry.column * m, lines[e * n_free + entry.row], line, m);
+      }
+      line += m;
+    }
+  }
+
+  // Y += ½ hᵀ|Dᵀ(Ãφ_θθ)D|h.
+  void add_quadratic() {
+    const int m = closures.m, n_free = closures.n_free;
+    for (int e = 0; e < p; ++e)
+      for (int f = 0; f <= e; ++f) {
+        line_.assign(m, 0.);
+        for (int k = 0; k < n_free; ++k) add_scaled(line_.data(), lines[f * n_free + k], &along_[(e * n_free + k) * m], m);
+        const double factor = (e == f ? 0.5 : 1) * half[e] * half[f];
+        for (int i = 0; i < m; ++i) y[i] += factor * std::abs(line_[i]);
+      }
+  }
+
+  // |N|h: the columns of |Eᵀ(Ãφ_θθ)D| times h.
+  void mix_lines(const Doubles& modes) {
+    const int m = closures.m, n_free = closures.n_free;
+    constant_.assign(size_t(m) * m, 0.);
+    for (int w = 0; w < p; ++w)
+      for (int e = 0; e < m; ++e) {
+        const double *along = &along_[w * n_free * m], *line = along + closures.dependent[e] * m;
+        if (!plain) {
+          line_.assign(m, 0.), line = line_.data();
+          for (int k = 0; k < m; ++k)
+            add_scaled(line_.data(), modes[k * m + e], along + closures.dependent[k] * m, m);
+        }
+        for (int i = 0; i < m; ++i) constant_[e * m + i] += half[w] * std::abs(line[i]);
+      }
+  }
+
+  // |N| in the modes: |Eᵀ(Ãφ_θθ)E|.
+  void mix_modes(const Doubles& modes) {
     const int m = closures.m;
+    mixed_.assign((plain ? sparse_ : all_).size() * m, 0.);
+    double* out = mixed_.data();
+    const double* line = hessian_.data();
+    if (!plain) turned_.assign(size_t(m) * m * m, 0.);
+    for (const Entry& entry : entries_) {
+      const int a = entry.mode, b = entry.other_mode;
+      if (plain && a >= 0 && b >= 0) std::copy_n(line, m, out), out += m;
+      for (int f = 0; !plain && a >= 0 && b >= 0 && f < m; ++f) {
+        add_scaled(&turned_[(f * m + a) * m], modes[b * m + f], line, m);
+        if (a != b) add_scaled(&turned_[(f * m + b) * m], modes[a * m + f], line, m);
+      }
+      line += m;
+    }
+    if (!plain)
+      for (const Mixed& x : all_) {
+        for (int k = 0; k < m; ++k) add_scaled(out, modes[k * m + x.mode], &turned_[(x.other * m + k) * m], m);
+        out += m;
+      }
+    for (double& x : mixed_) x = std::abs(x);
+  }
+
+  // matrix += |N|(h, part · R), by columns.
+  void add_first(const Doubles& radius, double part, Doubles& matrix) const {
+    const int m = closures.m;
+    for (int k = 0; k < m * m; ++k) matrix[k] += constant_[k];
     const double* line = mixed_.data();
-    for (int i = 0; i < m; ++i)
-      for (int w = 0; w < p + m; ++w, line += m) add_scaled(&matrix[i * m], w < p ? half[w] : radius[w - p], line, m);
+    for (const Mixed& x : plain ? sparse_ : all_) {
+      add_scaled(&matrix[x.mode * m], part * radius[x.other], line, m);
+      if (x.mode != x.other) add_scaled(&matrix[x.other * m], part * radius[x.mode], line, m);
+      line += m;
+    }
   }
 
   // The joints' moves |D|h + |E|R, and how far every tip is at most from every axis over them.
@@ -152,7 +191,7 @@ class ReachBounds final : public Bounds {
 
   // ρ ≥ |b| of a chain's joints wherever the joints move by at most `box_` (`chain_reach`).
   void find_reach(const Chain& c) {
-    double length = c.tip.norm(), drift = 0;
+    double length = c.tip_length, drift = 0;
     for (int k = int(c.joints.size()) - 1; k >= 0; --k) {
       const ChainJoint& j = c.joints[k];
       const bool travels = j.slides && !c.direction;

@@ -201,7 +201,7 @@ class Certifier {
       chain.joints.push_back(joint(columns[j], slides[j], R, V3(&translations[3 * j]), V3(&axes[3 * j])));
       if (columns[j] < 0 || columns[j] >= c.n_free) wrong();
     }
-    chain.tip = vector(t[5]), chain.direction = nb::cast<bool>(t[6]), chain.largest_weight = 1;
+    chain.tip = vector(t[5]), chain.tip_length = chain.tip.norm(), chain.direction = nb::cast<bool>(t[6]), chain.largest_weight = 1;
     const Doubles weights = doubles(t[7], 3 * m);
     for (int r = 0; r < c.m; ++r) {
       const V3 weight(&weights[3 * r]);

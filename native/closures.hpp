@@ -43,6 +43,7 @@ struct Chain {
   std::vector<ChainJoint> joints;
   std::vector<ChainRow> rows;  // those with a weight
   V3 tip;
+  double tip_length;
   bool direction;
   double largest_weight;       // of a row, at least 1
   int first;                   // of its joints among those of all chains

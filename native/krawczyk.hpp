@@ -22,9 +22,9 @@ class Solver {
     factor_.factorize();
     return factor_.ratio > 0;
   }
-  bool factorize_defect(const double* matrix) {  // I − matrix
-    for (int i = 0; i < m_; ++i)
-      for (int k = 0; k < m_; ++k) a_[i * m_ + k] = (i == k) - matrix[i * m_ + k];
+  bool factorize_defect(const Doubles& columns) {  // I − a matrix kept by columns
+    for (int k = 0; k < m_; ++k)
+      for (int i = 0; i < m_; ++i) a_[i * m_ + k] = (i == k) - columns[k * m_ + i];
     factor_.factorize();
     return factor_.ratio > 0;
   }
@@ -143,17 +143,12 @@ class Krawczyk {
     return find_weight(box) && holds(box);
   }
 
-  // (K1) and (K2), from the bounds that `set` made for this very box.
+  // (K1) from scratch; (K2) holds for the w and κ of `find_weight` by their making.
   bool holds(const Box& box) {
     bounds_->mean(box.radius, image_), image_.of(box.radius.data(), solved_);
-    bounds_->contraction(box.radius, box.weight, image_), image_.of(box.weight.data(), shrunk_);
-    bool ok = box.kappa < 1;
-    for (int i = 0; i < c_.m; ++i) {
-      const double image = bounds_->y[i] + solved_[i];
-      ok = ok && std::isfinite(image) && std::isfinite(shrunk_[i]) && image * kSlack < box.radius[i] &&
-           shrunk_[i] * kSlack <= box.kappa * box.weight[i] && box.weight[i] > 0;
-    }
-    return ok;
+    for (int i = 0; i < c_.m; ++i)
+      if (!((bounds_->y[i] + solved_[i]) * kSlack < box.radius[i])) return false;
+    return true;
   }
 
   // An R with Y + Z̄(R)R < R, near the least (`_radius`).
@@ -167,7 +162,7 @@ class Krawczyk {
     for (int round = 0; round < 30; ++round) {
       bounds_->mean(trial_, image_), image_.of(trial_.data(), shrunk_);
       for (int i = 0; i < m; ++i) solved_[i] = y[i] + image_.rest[i];
-      bool alive = solver_.factorize_defect(image_.matrix.data());
+      bool alive = solver_.factorize_defect(image_.columns);
       if (alive) solver_.solve(solved_.data());
       for (double x : solved_) alive = alive && x >= 0 && x < largest;
       bool inside = alive;
@@ -194,27 +189,28 @@ class Krawczyk {
     return false;
   }
 
-  // A w > 0 with Zw ≤ κw, κ < 1 where the spectral radius allows it (`_weights`).
+  // A w > 0 and a κ < 1 with Zw · kSlack ≤ κw, where the spectral radius allows it (`_weights`).
   bool find_weight(Box& box) {
     const int m = c_.m;
-    box.weight.assign(m, 1.);
-    bounds_->contraction(box.radius, box.weight, image_);
-    solved_.resize(m);
-    for (int i = 0; i < m; ++i) solved_[i] = 1 + image_.rest[i];
-    if (!solver_.factorize_defect(image_.matrix.data())) return false;
-    solver_.solve(solved_.data());
-    for (int i = 0; i < m; ++i) box.weight[i] = std::abs(solved_[i]);
+    Doubles& weight = box.weight;
+    weight.assign(m, 1.);
+    bounds_->contraction(box.radius, weight, image_);
+    for (int i = 0; i < m; ++i) weight[i] += image_.rest[i];
+    if (!solver_.factorize_defect(image_.columns)) return false;
+    solver_.solve(weight.data());
+    for (double& w : weight) w = std::abs(w);
     for (int power = 0; power < 8; ++power) {
-      const double largest = *std::max_element(box.weight.begin(), box.weight.end());
-      for (double& w : box.weight) w /= largest;
-      bounds_->contraction(box.radius, box.weight, image_), image_.of(box.weight.data(), shrunk_);
+      const double largest = *std::max_element(weight.begin(), weight.end());
+      for (double& w : weight) w /= largest;
+      bounds_->contraction(box.radius, weight, image_), image_.of(weight.data(), shrunk_);
       double ratio = 0;
-      bool finite = true;
-      for (int i = 0; i < m; ++i) ratio = std::max(ratio, shrunk_[i] / box.weight[i]), finite = finite && std::isfinite(shrunk_[i]);
+      for (int i = 0; i < m; ++i) {
+        if (!(weight[i] > 0 && std::isfinite(shrunk_[i]))) return false;
+        ratio = std::max(ratio, shrunk_[i] / weight[i]);
+      }
       box.kappa = ratio * kSlack * kSlack;
-      if (!finite) return false;
       if (box.kappa < 1) return true;
-      for (int i = 0; i < m; ++i) box.weight[i] = 0.5 * (box.weight[i] + shrunk_[i]);
+      for (int i = 0; i < m; ++i) weight[i] = 0.5 * (weight[i] + shrunk_[i]);
     }
     return false;
   }
