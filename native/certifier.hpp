@@ -15,7 +15,7 @@ class Certifier {
   explicit Certifier(nb::dict numbers) : c_(read(numbers)) {}
 
   // θ, whether Newton settled, slopes one step before.
-  nb::object newton(In theta, int iterations) const {
+  nb::object newton(In theta, int iterations, double accuracy) const {
     const Py_ssize_t B = rows(theta, c_.n_free);
     double *out, *slopes;
     bool* settled;
@@ -25,7 +25,7 @@ class Certifier {
       nb::gil_scoped_release release;
       Tubes tubes(c_);
       for (Py_ssize_t k = 0; k < B; ++k)
-        settled[k] = tubes.newton(out + k * c_.n_free, iterations, slopes + k * c_.m * c_.n);
+        settled[k] = tubes.newton(out + k * c_.n_free, iterations, accuracy, slopes + k * c_.m * c_.n);
     }
     return nb::make_tuple(a, b, s);
   }

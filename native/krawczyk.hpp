@@ -161,13 +161,10 @@ class Krawczyk {
     if (!std::all_of(y.begin(), y.end(), [](double x) { return std::isfinite(x); })) return false;
     for (int round = 0; round < 30; ++round) {
       bounds_->mean(trial_, image_), image_.of(trial_.data(), shrunk_);
-      for (int i = 0; i < m; ++i) solved_[i] = y[i] + image_.rest[i];
-      bool alive = solver_.factorize_defect(image_.columns);
-      if (alive) solver_.solve(solved_.data());
-      for (double x : solved_) alive = alive && x >= 0 && x < largest;
-      bool inside = alive;
+      bool inside = true;
       for (int i = 0; i < m; ++i) inside = inside && (y[i] + shrunk_[i]) * settled < trial_[i];
-      if (inside) {
+      const bool alive = (inside || round % 2 == 0) && solve_mean(largest);
+      if (inside && alive) {
         for (int i = 0; i < m; ++i) found[i] = solved_[i] + 0.1 * (trial_[i] - solved_[i]);
         return true;
       }
@@ -178,15 +175,27 @@ class Krawczyk {
       if (!alive) return false;
       last_ = step_, found = solved_;
       double rate = 0;
+      bool growing = round > 0;
       for (int i = 0; i < m; ++i) {
         step_[i] = std::max(solved_[i] - trial_[i], 0.);
-        rate = std::max(rate, step_[i] / std::max(last_[i], 1e-300));
+        rate = std::max(rate, step_[i] / std::max(last_[i], 1e-300)), growing = growing && step_[i] >= last_[i];
       }
+      if (growing) return false;
       rate = std::min(rate, 0.98);
       for (int i = 0; i < m; ++i)
         trial_[i] = found[i] + step_[i] * (rate / (1 - rate)) * 1.05 + inflation * found[i];
     }
     return false;
+  }
+
+  // `solved_` = (I − M)⁻¹(Y + t) for the image last computed; whether it is a radius at all.
+  bool solve_mean(double largest) {
+    for (int i = 0; i < c_.m; ++i) solved_[i] = bounds_->y[i] + image_.rest[i];
+    if (!solver_.factorize_defect(image_.columns)) return false;
+    solver_.solve(solved_.data());
+    for (double x : solved_)
+      if (!(x >= 0 && x < largest)) return false;
+    return true;
   }
 
   // A w > 0 and a κ < 1 with Zw · kSlack ≤ κw, where the spectral radius allows it (`_weights`).

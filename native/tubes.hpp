@@ -8,15 +8,15 @@ class Tubes {
  public:
   explicit Tubes(const Closures& c) : c_(c), krawczyk_(c), solver_(c.m) {}
 
-  // Newton steps in the dependent coordinates of θ; whether the last was below 1e-9 and none above 1.5. `slopes` (m, n)
+  // Newton steps in the dependent coordinates of θ; whether the last was below `accuracy` and none above 1.5. `slopes` (m, n)
   // becomes −φ_y⁻¹φ_q one step before.
-  bool newton(double* theta, int iterations, double* slopes) {
+  bool newton(double* theta, int iterations, double accuracy, double* slopes) {
     bool settled = false, alive = true;
     for (int k = 0; k < iterations && alive && !settled; ++k) {
       if (!step(theta)) break;
       double length = 0;
       for (double x : step_) length = std::max(length, std::abs(x));
-      alive = length < 1.5, settled = length < 1e-9;
+      alive = length < 1.5, settled = length < accuracy;
       for (int r = 0; alive && r < c_.m; ++r) theta[c_.dependent[r]] += step_[r];
     }
     find_slopes(slopes);
@@ -38,7 +38,7 @@ class Tubes {
   Solver solver_;
   Values at_;
   Box point_;
-  Doubles step_, residual_, zeta_, trial_, theta_, error_, matrix_, inverse_, base_;
+  Doubles step_, residual_, zeta_, trial_, theta_, error_, matrix_, inverse_, base_, gap_, reach_;
   bool usable_ = true;  // whether φ_y has an inverse where `step` was last
 
   // φ_y at the point last evaluated, factorised; NaN steps where it is singular.
@@ -77,8 +77,8 @@ class Tubes {
       theta[k] += moved;
     }
     for (int k = 0; zeta && k < m; ++k) {
-      double moved = 0;
-      for (int e = 0; e < m; ++e) moved += box.modes[k * m + e] * (*zeta)[e];
+      double moved = box.plain ? (*zeta)[k] : 0;
+      for (int e = 0; !box.plain && e < m; ++e) moved += box.modes[k * m + e] * (*zeta)[e];
       theta[c_.dependent[k]] += moved;
     }
   }
@@ -159,26 +159,28 @@ class Tubes {
     constexpr double turn = 6.283185307179586;
     const int m = c_.m;
     predict(box, delta, nullptr, base_);
-    Doubles& gap = step_;
-    Doubles& spread = matrix_;
-    gap.resize(m), spread = modes;
-    inverse_.assign(size_t(m) * m, 0.);
+    gap_.resize(m), reach_.resize(m);
     for (int k = 0; k < m; ++k) {
       const int j = c_.dependent[k];
-      gap[k] = theta[j] - base_[j], inverse_[k * m + k] = 1;
-      if (c_.periodic[j]) gap[k] -= turn * std::nearbyint(gap[k] / turn);
+      gap_[k] = theta[j] - base_[j], reach_[k] = 1e-13 * (1 + std::abs(theta[j]));
+      if (c_.periodic[j]) gap_[k] -= turn * std::nearbyint(gap_[k] / turn);
     }
+    if (plain && box.plain) {
+      for (int k = 0; k < m; ++k)
+        if (!((std::abs(gap_[k]) + reach_[k] + error[k]) * kSlack <= box.radius[k])) return false;
+      return true;
+    }
+    inverse_.assign(size_t(m) * m, 0.), matrix_ = modes;
+    for (int k = 0; k < m; ++k) inverse_[k * m + k] = 1;
     if (!box.plain) {
       if (!solver_.factorize(box.modes.data())) return false;
-      solver_.solve(inverse_.data(), m);
-      solver_.solve(spread.data(), m);
+      solver_.solve(inverse_.data(), m), solver_.solve(matrix_.data(), m);
     }
     for (int i = 0; i < m; ++i) {
       double away = 0, reach = 0;
       for (int k = 0; k < m; ++k) {
-        away += inverse_[i * m + k] * gap[k];
-        reach += std::abs(inverse_[i * m + k]) * (1e-13 * (1 + std::abs(theta[c_.dependent[k]])));
-        reach += plain && box.plain ? (i == k) * error[k] : std::abs(spread[i * m + k]) * error[k];
+        away += inverse_[i * m + k] * gap_[k];
+        reach += std::abs(inverse_[i * m + k]) * reach_[k] + std::abs(matrix_[i * m + k]) * error[k];
       }
       if (!((std::abs(away) + reach) * kSlack <= box.radius[i])) return false;
     }

@@ -279,7 +279,8 @@ def _radius(bounds: Bounds) -> Array:
 
     With Z̄(R)R ≤ M(R)R + t(R) the iteration R ← R′ = (I − M(R))⁻¹(Y + t(R)) from R = Y grows towards the least solution
     and never passes it, as M and t grow with R; a negative entry or one beyond any joint's range says that there
-    is none. Every other round tries the limit that two steps extrapolate to, a little enlarged. Where
+    is none. So does a step that has grown in every entry: the iteration's slope, which grows with R, has reached 1.
+    Every other round tries the limit that two steps extrapolate to, a little enlarged. Where
     Y + M(R)R + t(R) < R, the same holds all the way down to R′.
     """
     found = np.full(bounds.y.shape, np.nan)
@@ -297,8 +298,9 @@ def _radius(bounds: Bounds) -> Array:
         if round_number % 2:
             going, trial = np.flatnonzero(~inside), base
         else:
-            going, last = np.flatnonzero(alive & ~inside), step
-            base, step = solved, np.maximum(solved - trial, 0.0)
+            last, base, step = step, solved, np.maximum(solved - trial, 0.0)
+            growing = (round_number > 0) & np.all(step >= last, axis=1)
+            going = np.flatnonzero(alive & ~inside & ~growing)
             rate = np.clip(np.max(step / np.maximum(last, 1e-300), axis=1, keepdims=True), 0.0, 0.98)
             trial = base + step * (rate / (1.0 - rate)) * 1.05 + _INFLATION * base
         active, here = active[going], here.take(going)

@@ -101,17 +101,18 @@ class AtlasBuilder:
         Cells are halved while an edge is longer than `tolerance` times their distance from the seed. Cells beyond the
         nearest edge of the region are left alone.
         """
+        limit = self._edge()
         while True:
             cells = self.candidates()
             distance = self.distance(cells)
-            blocked = np.flatnonzero(self.tree.status == CellStatus.UNDECIDED)
-            limit = np.min(self.distance(blocked), initial=self._edge())
             if not cells.size or np.min(distance) >= limit:
                 return
             order = np.lexsort((cells, distance))[:_NEAREST]
             chosen = np.sort(cells[order][distance[order] < limit])
             longest = tolerance * self.distance(chosen)[:, None] / self.region.width
             self.wave(chosen, np.maximum(longest * WHOLE, 1.0))
+            blocked = chosen[self.tree.status[chosen] == CellStatus.UNDECIDED]
+            limit = np.min(self.distance(blocked), initial=limit)
 
     def certify_region(self, depth: int) -> None:
         """Certify all that can be reached, halving each edge `depth` times at most."""
