@@ -13,6 +13,8 @@ void bind_certificates(nb::module_& module) {
   if (import_numpy() < 0) throw nb::python_error();
   nb::class_<Certifier>(module, "Certifier")
       .def(nb::init<nb::dict>(), arg("numbers"))
+      .def("values", &Certifier::values, arg("theta"))
+      .def("bounds", &Certifier::bounds, arg("boxes"))
       .def("newton", &Certifier::newton, arg("theta"), arg("iterations"), arg("accuracy"))
       .def("certify_boxes", &Certifier::certify_boxes, arg("centre"), arg("half"), arg("across"))
       .def("certify_points", &Certifier::certify_points, arg("theta"))

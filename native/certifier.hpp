@@ -14,6 +14,36 @@ class Certifier {
  public:
   explicit Certifier(nb::dict numbers) : c_(read(numbers)) {}
 
+  // φ and φ_θ at each θ.
+  nb::object values(In theta) const {
+    const Py_ssize_t B = rows(theta, c_.n_free);
+    double *phi, *jacobian;
+    const nb::object a = new_array({B, c_.m}, phi), b = new_array({B, c_.m, c_.n_free}, jacobian);
+    Values at;
+    for (Py_ssize_t k = 0; k < B; ++k) {
+      c_.evaluate(theta.data + k * c_.n_free, at);
+      std::copy(at.phi.begin(), at.phi.end(), phi + k * c_.m);
+      std::copy(at.jacobian.begin(), at.jacobian.end(), jacobian + k * c_.m * c_.n_free);
+    }
+    return nb::make_tuple(a, b);
+  }
+
+  // Y, Z̄(R)R and Z(R)w of boxes (the fields of `Boxes`) as they are.
+  nb::object bounds(nb::tuple boxes) const {
+    const In half = nb::cast<In>(boxes[1]);
+    const Py_ssize_t B = half.rows, m = c_.m;
+    const Fields fields(c_, boxes, B, half.size);
+    double *y, *image, *shrunk;
+    const nb::object a = new_array({B, m}, y), b = new_array({B, m}, image), c = new_array({B, m}, shrunk);
+    Krawczyk krawczyk(c_);
+    Box box;
+    for (Py_ssize_t k = 0; k < B; ++k) {
+      fields.read(k, box);
+      krawczyk.bounds(box, y + k * m, image + k * m, shrunk + k * m);
+    }
+    return nb::make_tuple(a, b, c);
+  }
+
   // θ, whether Newton settled, slopes one step before.
   nb::object newton(In theta, int iterations, double accuracy) const {
     const Py_ssize_t B = rows(theta, c_.n_free);
@@ -98,7 +128,7 @@ class Certifier {
       const int m = c.m, n_free = c.n_free;
       add({count, n_free}), add({count, p}), add({count, n_free, p}), add({count, m, m}), add({count, m, m});
       add({count, m}), add({count, m}), add({count});
-      list_.append(new_array({count}, proved_));
+      mask_ = new_array({count}, proved_);
     }
     void write(Py_ssize_t k, const double* centre, const double* half, const Box& box, bool proved) {
       const size_t m = c_.m, n_free = c_.n_free;
@@ -107,17 +137,18 @@ class Certifier {
       const size_t sizes[] = {n_free * p_, m * m, m * m, m, m};
       for (int f = 0; f < 5; ++f) {
         double* to = data_[f + 2] + k * sizes[f];
-        proved ? std::copy_n(fields[f]->data(), sizes[f], to) : std::fill_n(to, sizes[f], 0.);
+        proved || f < 3 ? std::copy_n(fields[f]->data(), sizes[f], to) : std::fill_n(to, sizes[f], 0.);
       }
       data_[7][k] = proved ? box.kappa : 0, proved_[k] = proved;
     }
-    nb::object arrays() const { return nb::tuple(list_); }
+    nb::object arrays() const { return nb::make_tuple(nb::tuple(list_), mask_); }
 
    private:
     const Closures& c_;
     const int p_;
     nb::list list_;
     std::vector<double*> data_;
+    nb::object mask_;
     bool* proved_;
 
     void add(std::initializer_list<Py_ssize_t> shape) {

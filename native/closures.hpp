@@ -11,14 +11,15 @@
 //   b = a × (x − o) is then within (76k + 15)uℓ, and a_i × b_j, the second derivative, within (113k + 24)uℓ.
 //   Data that are orthonormal within 8u only, and so make these formulas inexact, add 3 · 8u at most. Weights and the sum
 //   over the chains of a row: at most (3 + n′)u more. The total is below γ times Σ_c ‖row of B_c‖ ℓ_c ≤ magnitude.
-// In the planar form an angle is a sum of at most k entries of θ, each at most 2π (they are kept there): within 6.3k²u;
-// its sine and cosine, weights and sums add 6u and at most (3 + n′)u.
+// In the planar form an angle is a sum of at most k ≤ 30 entries of θ, of at most 4 rad each (the magnitude grows where
+// they are larger): within 4k²u; its sine and cosine, weights and sums add 6u and at most (3 + n′)u.
 // Products Ãφ, ÃφD, Eᵀ(Ãφ_θθ)D with at most n′ terms a sum add (3n′ + 6)u times the absolute values; with |φ_…| ≤ magnitude
 // that is inside the 4n′u and the 128 · 2u of γ. So the margins of `domain/bounds.py` hold for this order of operations.
 #pragma once
 #include <Eigen/Core>
 #include <Eigen/Geometry>
 
+#include <algorithm>
 #include <cmath>
 #include <vector>
 
@@ -78,13 +79,14 @@ class Closures {
   Phasors phasors;
   int joints = 0;  // of all chains
 
-  // An upper bound of every length in φ at |θ| = `size`.
+  // An upper bound of every length in φ at θ; beyond 4 rad it grows with the angles.
   double magnitude(const double* theta) const {
-    double total = scale;
+    double total = scale, largest = 4;
+    for (int k = 0; k < n_free; ++k) largest = std::max(largest, std::abs(theta[k]));
     for (const Chain& c : chains)
       for (const ChainJoint& j : c.joints)
         if (j.slides) total += std::abs(theta[j.column]) * c.largest_weight;
-    return total;
+    return total * (largest / 4);
   }
 
   void evaluate(const double* theta, Values& v) const { planar ? evaluate_phasors(theta, v) : evaluate_chains(theta, v); }

@@ -55,7 +55,9 @@ class Krawczyk {
     find_gram();
     if (c_.m == 1 || !one_weak()) return false;
     turn_to_singular_vectors(box);
-    return attempt(box, true);
+    if (attempt(box, true)) return true;
+    turn_back(box);
+    return false;
   }
 
   // A box with p = 0 that encloses a solution at fixed q (`certify_points`).
@@ -64,6 +66,17 @@ class Krawczyk {
     if (!parametrize(theta, nullptr, 0, nullptr, box)) return false;
     find_gram(), turn_to_singular_vectors(box);
     return attempt(box, false);
+  }
+
+  // Y, Z̄(R)R and Z(R)w of a box as it is.
+  void bounds(const Box& box, double* y, double* image, double* shrunk) {
+    c_.evaluate(box.centre.data(), at_);
+    bounds_->set(box, at_);
+    std::copy(bounds_->y.begin(), bounds_->y.end(), y);
+    bounds_->mean(box.radius, image_), image_.of(box.radius.data(), solved_);
+    std::copy_n(solved_.data(), c_.m, image);
+    bounds_->contraction(box.radius, box.weight, image_), image_.of(box.weight.data(), solved_);
+    std::copy_n(solved_.data(), c_.m, shrunk);
   }
 
  private:
@@ -80,8 +93,11 @@ class Krawczyk {
   bool parametrize(const double* centre, const double* half, int p, const double* across, Box& box) {
     const int m = c_.m, n_free = c_.n_free;
     box.centre.assign(centre, centre + n_free), box.half.assign(half, half + p);
-    box.directions.assign(size_t(n_free) * p, 0.), box.plain = true;
-    if (!invert()) return false;
+    box.directions.assign(size_t(n_free) * p, 0.);
+    if (!invert()) {
+      box.modes.assign(size_t(m) * m, NAN), box.preconditioner = box.modes;
+      return false;
+    }
     for (int k = 0; k < c_.n; ++k) std::copy_n(across + k * p, p, &box.directions[c_.independent[k] * p]);
     Doubles slope(size_t(m) * p, 0.);
     for (int r = 0; r < m; ++r)
@@ -90,9 +106,15 @@ class Krawczyk {
     for (int k = 0; k < m; ++k)
       for (int r = 0; r < m; ++r)
         add_scaled(box.directions.data() + c_.dependent[k] * p, -inverse_[k * m + r], slope.data() + r * p, p);
-    box.modes.assign(size_t(m) * m, 0.), box.preconditioner = inverse_;
-    for (int k = 0; k < m; ++k) box.modes[k * m + k] = 1;
+    turn_back(box);
     return true;
+  }
+
+  // V = I, Ã = φ_y⁻¹.
+  void turn_back(Box& box) const {
+    const int m = c_.m;
+    box.plain = true, box.modes.assign(size_t(m) * m, 0.), box.preconditioner = inverse_;
+    for (int k = 0; k < m; ++k) box.modes[k * m + k] = 1;
   }
 
   bool invert() {  // φ_y⁻¹

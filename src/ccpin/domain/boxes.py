@@ -180,7 +180,8 @@ def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -
     """
     core = certifier(problem.system, problem.phasors)
     if core is not None:
-        return _tried(core.certify_boxes(centre, half, across))
+        columns, proved = core.certify_boxes(centre, half, across)
+        return Tried(Boxes(*columns), proved)
     with np.errstate(all="ignore"):
         jacobian = closure_values(problem, centre)[1]
         first = _attempt(problem, _parametrize(problem.system, centre, half, across, jacobian, False), True)
@@ -202,18 +203,14 @@ def certify_points(problem: Problem, theta: Array) -> Tried:
     """Enclose a solution at fixed q near each θ (B, n′): boxes with p = 0 and V the right singular vectors of φ_y."""
     core = certifier(problem.system, problem.phasors)
     if core is not None:
-        return _tried(core.certify_points(theta))
+        columns, proved = core.certify_points(theta)
+        return Tried(Boxes(*columns), proved)
     count, system = len(theta), problem.system
     with np.errstate(all="ignore"):
         jacobian = closure_values(problem, theta)[1]
         empty = np.zeros((count, 0))
         boxes = _parametrize(system, theta, empty, np.zeros((system.n, 0)), jacobian, True)
         return _attempt(problem, boxes, False)
-
-
-def _tried(columns: tuple[Array, ...]) -> Tried:
-    """From what the core returns: the fields of `Boxes`, and a mask."""
-    return Tried(Boxes(*columns[:-1]), columns[-1].astype(np.bool_, copy=False))
 
 
 def _parametrize(

@@ -1,8 +1,8 @@
 """Certificates in the compiled core: Theorem K, Newton and gluing box by box, with the margins that NumPy's have.
 
-The core finds what `boxes` and `newton` find, by the same steps, and checks the same inequalities; that the margins hold
-for its own order of operations is proved in ``native/closures.hpp``. Which boxes are proved is the same but where rounding
-decides, and every box passes `ccpin.domain.boxes.verify`.
+The core finds what `boxes` and `newton` find, by the same steps, and checks the same inequalities; that the margins
+hold for its own order of operations is proved in ``native/closures.hpp``. Which boxes are proved is the same but where
+rounding decides, and every box passes `ccpin.domain.boxes.verify`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def compiled_core() -> ModuleType | None:
 
 
 def certifier(system: ClosureSystem, phasors: Phasors | None) -> Certifier | None:
-    """The compiled core for closures (in their planar form, where one is given); ``None`` where NumPy is to do the work.
+    """The compiled core for closures, in their planar form where one is given; ``None`` where NumPy is to do the work.
 
     It is made once, immutable, and any number of threads may ask it at once.
 
@@ -54,9 +54,10 @@ def certifier(system: ClosureSystem, phasors: Phasors | None) -> Certifier | Non
 
 def _made(core: ModuleType, system: ClosureSystem, phasors: Phasors | None) -> Certifier | None:
     try:
-        return core.Certifier(numbers_of(system, phasors))
+        made: Certifier = core.Certifier(numbers_of(system, phasors))
     except ValueError:  # data that are not orthonormal to rounding: NumPy's margins are wider
         return None
+    return made
 
 
 def numbers_of(system: ClosureSystem, phasors: Phasors | None) -> dict[str, Any]:

@@ -240,7 +240,11 @@ class AtlasBuilder:
         order = np.lexsort((boxes, -area, cells))
         first = order[np.flatnonzero(np.diff(cells[order], prepend=-1))]
         chosen, origins = cells[first], self._origins.rows
-        origins.box[chosen], origins.at_box[chosen], origins.at_cell[chosen] = boxes[first], at_box[first], at_cell[first]
+        origins.box[chosen], origins.at_box[chosen], origins.at_cell[chosen] = (
+            boxes[first],
+            at_box[first],
+            at_cell[first],
+        )
         self.tree.status[chosen] = CellStatus.CANDIDATE
 
     def _check(self, contacts: Contacts) -> None:

@@ -55,7 +55,7 @@ class Region:
         """Edge lengths, of shape (n,)."""
         return self.upper - self.lower
 
-    def position(self, corner: Integers) -> Array:
+    def position(self, corner: Integers | Array) -> Array:
         """Whole-number coordinates as points of q-space."""
         return np.asarray(self.lower + self.width * (corner / WHOLE))
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Generic
+from typing import Any, Generic
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ccpin.arrays import Columns, rows_of
 
@@ -33,7 +34,7 @@ class Growing(Generic[Columns]):
         return type(self.rows)(*(array.copy() for array in self.rows))
 
 
-def _wider(buffer: np.ndarray[tuple[int, ...], np.dtype[np.generic]], used: int, needed: int) -> object:
+def _wider(buffer: NDArray[Any], used: int, needed: int) -> NDArray[Any]:
     """A buffer for at least `needed` rows, with the first `used` of another."""
     wide = np.empty((needed + needed // 2, *buffer.shape[1:]), dtype=buffer.dtype)
     wide[:used] = buffer[:used]

@@ -61,7 +61,7 @@ class ChunkStore:
             self._problem = hashlib.sha256(pickle.dumps(problem, protocol=4)).digest()
 
     def key(self, task: Task, arrays: Arrays) -> str:
-        """The name of a result: a digest of the problem, the task and every bit of its arrays; empty without a folder."""
+        """The name of a result: a digest of problem, task and every bit of the arrays; empty without a folder."""
         if self.folder is None:
             return ""
         digest = hashlib.sha256(self._problem + task.__name__.encode())
