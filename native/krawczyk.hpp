@@ -159,7 +159,7 @@ class Krawczyk {
       for (int i = 0; i < m; ++i) {
         double gain = 0;
         for (int k = 0; k < m; ++k) gain += std::abs(box.preconditioner[i * m + k]);
-        box.radius[i] = std::max({box.radius[i], 1e-11, 16 * rounding * gain});
+        box.radius[i] = std::max({box.radius[i] + rounding * gain, 1e-11, 16 * rounding * gain});
       }
     }
     return find_weight(box) && holds(box);
@@ -239,7 +239,7 @@ class Krawczyk {
         if (!(weight[i] > 0 && std::isfinite(shrunk_[i]))) return false;
         ratio = std::max(ratio, shrunk_[i] / weight[i]);
       }
-      box.kappa = ratio * kSlack * kSlack;
+      box.kappa = ratio * kSlack * kSlack + 1e-9;  // room for another order of operations (`verify`)
       if (box.kappa < 1) return true;
       for (int i = 0; i < m; ++i) weight[i] = 0.5 * (weight[i] + shrunk_[i]);
     }

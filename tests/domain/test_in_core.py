@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.linalg import qr
 
 import ccpin
 from ccpin.domain import certify
@@ -78,10 +79,12 @@ def test_bounds_are_the_reference_s(name, bounds):
 @pytest.mark.parametrize("arms", ARMS.values(), ids=ARMS)
 @pytest.mark.parametrize("kind", KINDS)
 def test_bounds_are_the_reference_s_for_every_kind_of_closure(arms, kind):
-    """The same with directions, offsets, couplings, slides after turns and many-axis joints, away from closed points."""
+    """The same with directions, offsets, couplings, slides after turns and many-axis joints, at open points."""
     mechanism = two_arms(arms, kind)
     system = closure_system(mechanism, mechanism.q_reference)
-    theta = np.random.default_rng(2).uniform(-0.4, 0.4, mechanism.n_free)
+    theta = np.random.default_rng(8).uniform(-0.8, 0.8, mechanism.n_free)
+    order = qr(certifier(system, None).values(theta[None])[1][0], pivoting=True)[2]
+    system = replace(system, dependent=np.sort(order[: system.m]), independent=np.sort(order[system.m :]))
     assert_same_bounds(problem_of(system, "reach"), theta)
 
 
@@ -92,7 +95,7 @@ def test_boxes_are_the_reference_s(monkeypatch, name, bounds):
     cells = squares(problem, theta, np.geomspace(1e-6, 1.0, 40))
     found, expected = certify_boxes(problem, *cells), by_numpy(monkeypatch, certify_boxes, problem, *cells)
     assert np.array_equal(found.proved, expected.proved)
-    assert 0 < np.count_nonzero(found.proved) < 40
+    assert np.count_nonzero(found.proved) > 20
     assert np.all(verify(problem, found.boxes.take(found.proved)))
     for field in ("directions", "radius", "weight", "kappa"):
         mine, theirs = getattr(found.boxes, field), getattr(expected.boxes, field)
@@ -114,8 +117,10 @@ def test_points_newton_and_gluing_are_the_reference_s(monkeypatch, name, bounds)
         by_numpy(monkeypatch, certify_points, problem, found.theta),
     )
     assert np.array_equal(points.proved, reference.proved)
-    boxes = certify_boxes(problem, *squares(problem, theta, np.geomspace(1e-6, 1e-3, 12))).boxes
-    far = boxes._replace(centre=boxes.centre + 0.5 * boxes.radius.max() * np.isin(np.arange(theta.size), dependent))
+    tried = certify_boxes(problem, *squares(problem, theta, np.geomspace(1e-6, 1e-3, 12)))
+    boxes = tried.boxes.take(tried.proved)
+    assert len(boxes.kappa) > 6
+    far = boxes._replace(centre=boxes.centre + 0.5 * boxes.radius.max() * np.isin(np.arange(len(theta)), dependent))
     for other in (boxes, far):
         case = boxes, 0.3 * boxes.half, other, 0.3 * boxes.half
         assert np.array_equal(glued(problem, *case), by_numpy(monkeypatch, glued, problem, *case))
@@ -301,9 +306,9 @@ def test_margins_hold_in_ball_arithmetic(precise, name, bounds):
 
 
 @pytest.mark.parametrize("arms", ARMS.values(), ids=ARMS)
-@pytest.mark.parametrize("kind", ("revolute", "fixed", "cylindrical", "planar"))
+@pytest.mark.parametrize("kind", ["revolute", "fixed", "cylindrical", "planar"])
 def test_values_are_within_their_margin(precise, arms, kind):
-    """φ and φ_θ of every kind of chain are within γ · magnitude of the exact ones, angles of hundreds of radians too."""
+    """φ and φ_θ of every kind of chain are within γ · magnitude of the exact ones, at hundreds of radians too."""
     mechanism = two_arms(arms, kind)
     system = closure_system(mechanism, mechanism.q_reference)
     core, rng = certifier(system, None), np.random.default_rng(6)

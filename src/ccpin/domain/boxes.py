@@ -66,6 +66,7 @@ _ROUNDS = 30
 _POWERS = 8
 _LEAST, _ROOM = 1e-11, 16.0
 _LARGEST = 1e6
+_ROUNDED = 1e-9  # room in κ for bounds computed in another order (the compiled core's)
 
 
 class Problem(NamedTuple):
@@ -259,8 +260,8 @@ def _attempt(problem: Problem, boxes: Boxes, roomy: bool) -> Tried:
     radius = _radius(bounds)
     if roomy:
         rounding = problem.system.rounding * problem.system.magnitude(boxes.centre)
-        gain = np.abs(boxes.preconditioner).sum(axis=2)
-        radius = np.maximum(radius, np.maximum(_LEAST, _ROOM * rounding[:, None] * gain))
+        noise = rounding[:, None] * np.abs(boxes.preconditioner).sum(axis=2)
+        radius = np.maximum(radius + noise, np.maximum(_LEAST, _ROOM * noise))
     candidates = np.flatnonzero(np.isfinite(radius).all(axis=1))
     proved = np.zeros(len(radius), dtype=np.bool_)
     boxes.radius[:] = radius
@@ -318,7 +319,7 @@ def _weights(bounds: Bounds, radius: Array) -> tuple[Array, Array]:
     for _ in range(_POWERS):
         weight = weight / weight.max(axis=1, keepdims=True)
         shrunk = bounds.contraction(radius[active], weight).of(weight)
-        best[active], kappa[active] = weight, (shrunk / weight).max(axis=1) * SLACK * SLACK
+        best[active], kappa[active] = weight, (shrunk / weight).max(axis=1) * SLACK * SLACK + _ROUNDED
         going = np.flatnonzero(~(kappa[active] < 1.0))
         if not going.size:
             break
