@@ -13,7 +13,8 @@ class ReachBounds final : public Bounds {
       for (size_t j = 0; j < chain.joints.size(); ++j)
         for (size_t i = 0; i <= j; ++i)
           if (!chain.joints[i].slides && !(i == j && chain.joints[j].slides)) {
-            const int a = chain.joints[i].column, b = chain.joints[j].column, key = std::min(a, b) * c.n_free + std::max(a, b);
+            const int a = chain.joints[i].column, b = chain.joints[j].column;
+            const int key = std::min(a, b) * c.n_free + std::max(a, b);
             if (entry[key] < 0) entry[key] = int(entries_.size()), entries_.push_back({a, b, mode[a], mode[b]});
             pairs_.push_back({chain.first + int(i), chain.first + int(j), int(&chain - c.chains.data()), entry[key]});
           }

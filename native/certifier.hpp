@@ -49,7 +49,8 @@ class Certifier {
     const Py_ssize_t B = rows(theta, c_.n_free);
     double *out, *slopes;
     bool* settled;
-    const nb::object a = new_array({B, c_.n_free}, out), b = new_array({B}, settled), s = new_array({B, c_.m, c_.n}, slopes);
+    const nb::object a = new_array({B, c_.n_free}, out), b = new_array({B}, settled);
+    const nb::object c = new_array({B, c_.m, c_.n}, slopes);
     std::copy_n(theta.data, B * c_.n_free, out);
     {
       nb::gil_scoped_release release;
@@ -57,7 +58,7 @@ class Certifier {
       for (Py_ssize_t k = 0; k < B; ++k)
         settled[k] = tubes.newton(out + k * c_.n_free, iterations, accuracy, slopes + k * c_.m * c_.n);
     }
-    return nb::make_tuple(a, b, s);
+    return nb::make_tuple(a, b, c);
   }
 
   // The fields of `Boxes`, and which are proved; `across` is (n, p) or (B, n, p).
@@ -70,8 +71,8 @@ class Certifier {
       Krawczyk krawczyk(c_);
       Box box;
       for (Py_ssize_t k = 0; k < B; ++k) {
-        const bool proved = krawczyk.certify(centre.data + k * c_.n_free, half.data + k * p, int(p), across.data + k * stride, box);
-        out.write(k, centre.data + k * c_.n_free, half.data + k * p, box, proved);
+        const double *at = centre.data + k * c_.n_free, *widths = half.data + k * p;
+        out.write(k, at, widths, box, krawczyk.certify(at, widths, int(p), across.data + k * stride, box));
       }
     }
     return out.arrays();
@@ -232,7 +233,8 @@ class Certifier {
       chain.joints.push_back(joint(columns[j], slides[j], R, V3(&translations[3 * j]), V3(&axes[3 * j])));
       if (columns[j] < 0 || columns[j] >= c.n_free) wrong();
     }
-    chain.tip = vector(t[5]), chain.tip_length = chain.tip.norm(), chain.direction = nb::cast<bool>(t[6]), chain.largest_weight = 1;
+    chain.tip = vector(t[5]), chain.tip_length = chain.tip.norm();
+    chain.direction = nb::cast<bool>(t[6]), chain.largest_weight = 1;
     const Doubles weights = doubles(t[7], 3 * m);
     for (int r = 0; r < c.m; ++r) {
       const V3 weight(&weights[3 * r]);

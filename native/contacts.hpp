@@ -33,7 +33,8 @@ class Integers {
 class Contacts {
  public:
   // The fields of `Cells` (N, n), (N, n), (N,), (N,); the cells asked for; which coordinates close on themselves.
-  Contacts(nb::handle lower, nb::handle size, nb::handle cut, nb::handle child, nb::handle cells, std::vector<bool> wrapped)
+  Contacts(nb::handle lower, nb::handle size, nb::handle cut, nb::handle child, nb::handle cells,
+           std::vector<bool> wrapped)
       : lower_(lower), size_(size), cut_(cut), child_(child), cells_(cells), wrapped_(wrapped), n_(wrapped.size()) {
     if (lower_.size() != child_.size() * n_ || size_.size() != lower_.size() || cut_.size() != child_.size())
       throw std::invalid_argument("the arrays of the cells do not fit each other");

@@ -146,7 +146,8 @@ class Krawczyk {
     if (!gram_.allFinite()) return;
     const Matrix V = Eigen::SelfAdjointEigenSolver<Matrix>(gram_).eigenvectors();
     Eigen::Map<Matrix>(box.modes.data(), m, m) = V;
-    Eigen::Map<Matrix>(box.preconditioner.data(), m, m).noalias() = V.transpose() * Eigen::Map<const Matrix>(inverse_.data(), m, m);
+    const Eigen::Map<const Matrix> inverse(inverse_.data(), m, m);
+    Eigen::Map<Matrix>(box.preconditioner.data(), m, m).noalias() = V.transpose() * inverse;
   }
 
   // Finds R and w, then checks strictly; a `roomy` R is well above rounding, so that boxes can be glued.

@@ -8,8 +8,8 @@ class Tubes {
  public:
   explicit Tubes(const Closures& c) : c_(c), krawczyk_(c), solver_(c.m) {}
 
-  // Newton steps in the dependent coordinates of θ; whether the last was below `accuracy` and none above 1.5. `slopes` (m, n)
-  // becomes −φ_y⁻¹φ_q one step before.
+  // Newton steps in the dependent coordinates of θ; whether the last was below `accuracy` and none above 1.5.
+  // `slopes` (m, n) becomes −φ_y⁻¹φ_q one step before.
   bool newton(double* theta, int iterations, double accuracy, double* slopes) {
     bool settled = false, alive = true;
     for (int k = 0; k < iterations && alive && !settled; ++k) {

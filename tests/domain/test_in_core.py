@@ -319,3 +319,17 @@ def test_values_are_within_their_margin(precise, arms, kind):
         for computed, true in zip(found, (phi, jacobian), strict=True):
             pairs = zip(np.ravel(computed), np.ravel(np.array(true, dtype=object)), strict=True)
             assert all(abs(arb(float(c)) - t) <= margin[k] for c, t in pairs)
+
+
+def test_angles_of_many_turns_have_wider_margins(precise):
+    """Planar closures add angles up, so that large ones cost accuracy: the margin grows with them and still holds."""
+    problem, theta = closed_problem("planar_3rrr", "planar")
+    system, core = problem.system, certifier(problem.system, problem.phasors)
+    turned = theta + 2.0 * np.pi * np.random.default_rng(3).integers(-20_000, 20_000, (6, system.n_free))
+    margin = system.rounding * system.magnitude(turned)
+    worst = 0.0
+    for k, phi in enumerate(core.values(turned)[0]):
+        errors = [abs(arb(float(c)) - t) for c, t in zip(phi, exact_values(system, exact(turned[k]))[0], strict=True)]
+        assert all(error <= margin[k] for error in errors)
+        worst = max(worst, *(float(error.mid()) for error in errors))
+    assert worst > system.rounding * system.scale
