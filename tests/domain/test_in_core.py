@@ -15,7 +15,7 @@ from ccpin.domain.chains import closure_system
 from ccpin.domain.in_core import certifier, numbers_of
 from ccpin.domain.newton import glued, newton
 from ccpin.native import backend
-from tests.domain.test_certificate import ARMS, KINDS, PLANAR, SPATIAL, closed_problem, two_arms
+from tests.support.closures import ARMS, KINDS, PLANAR, SPATIAL, closed_problem, two_arms
 
 if backend().name != "native":
     pytest.skip(backend().reason, allow_module_level=True)
