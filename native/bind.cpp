@@ -1,5 +1,7 @@
-// The Python module ccpin.native._core: one class, described in _core.pyi.
+// The Python module ccpin.native._core: two classes, described in _core.pyi.
 #include "kernel.hpp"
+
+void bind_certificates(nb::module_& module);  // certificates.cpp
 
 static int import_numpy() {
   import_array1(-1);
@@ -41,4 +43,5 @@ NB_MODULE(_core, module) {
       .def("forward_dynamics_derivatives_many", &Kernel::forward_dynamics_derivatives_many, arg("Q"), arg("V"),
            arg("U"), near, threads)
       .def("simulate", &Kernel::simulate, near, nb::arg("law"), nb::arg("run"), nb::arg("tableau"));
+  bind_certificates(module);
 }

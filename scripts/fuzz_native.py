@@ -140,7 +140,7 @@ def fuzz(examples: int, seed: int) -> int:
 
 def ask_everything(kernel: Any, numbers: dict[str, Any], rng: np.random.Generator) -> int:
     """Every method with sound arguments, then with some of them spoilt; returns how many calls that made."""
-    n_q, n, _nq, nv = (int(numbers[key]) for key in ("n_q", "n", "nq", "nv"))
+    n_q, n, nv = (int(numbers[key]) for key in ("n_q", "n", "nv"))
     motors = n if numbers["direct"] else len(numbers["motors"])
     near = np.array(numbers["reference"], dtype=np.float64)
     calls = 0

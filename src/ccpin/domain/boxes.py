@@ -53,6 +53,7 @@ from ccpin.domain.bounds_planar import Phasors, phasor_values, phasors_of, plana
 from ccpin.domain.bounds_reach import reach_bounds
 from ccpin.domain.chain_stack import ChainStack, derivatives, first_order, stack_chains
 from ccpin.domain.chains import ClosureSystem
+from ccpin.domain.in_core import certifier
 from ccpin.errors import UnsupportedMechanismError
 
 BoundsName = Literal["auto", "reach", "planar"]
@@ -65,6 +66,7 @@ _ROUNDS = 30
 _POWERS = 8
 _LEAST, _ROOM = 1e-11, 16.0
 _LARGEST = 1e6
+_ROUNDED = 1e-9  # room in κ for bounds computed in another order (the compiled core's)
 
 
 class Problem(NamedTuple):
@@ -169,16 +171,23 @@ def _holds(bounds: Bounds, boxes: Boxes) -> Mask:
 def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -> Tried:
     """Try to prove boxes about approximate solutions, with V = I and, where that fails, singular vectors.
 
+    Singular vectors help where one direction alone is weak, so they are tried there only (`_one_weak`).
+
     Args:
         problem: The closures.
         centre: θ_c with φ(θ_c) ≈ 0, of shape (B, n′).
         half: h, of shape (B, p).
         across: The independent rows of D, of shape (n, p) or (B, n, p): I for boxes of q-space.
     """
+    core = certifier(problem.system, problem.phasors)
+    if core is not None:
+        columns, proved = core.certify_boxes(centre, half, across)
+        return Tried(Boxes(*columns), proved)
     with np.errstate(all="ignore"):
         jacobian = closure_values(problem, centre)[1]
         first = _attempt(problem, _parametrize(problem.system, centre, half, across, jacobian, False), True)
-        retry = np.flatnonzero(~first.proved)
+        failed = np.flatnonzero(~first.proved)
+        retry = failed[_one_weak(first.boxes.preconditioner[failed])]
         if not retry.size or problem.system.m == 1:
             return first
         rows = across if across.ndim == 2 else across[retry]
@@ -193,6 +202,10 @@ def certify_boxes(problem: Problem, centre: Array, half: Array, across: Array) -
 
 def certify_points(problem: Problem, theta: Array) -> Tried:
     """Enclose a solution at fixed q near each θ (B, n′): boxes with p = 0 and V the right singular vectors of φ_y."""
+    core = certifier(problem.system, problem.phasors)
+    if core is not None:
+        columns, proved = core.certify_points(theta)
+        return Tried(Boxes(*columns), proved)
     count, system = len(theta), problem.system
     with np.errstate(all="ignore"):
         jacobian = closure_values(problem, theta)[1]
@@ -204,7 +217,10 @@ def certify_points(problem: Problem, theta: Array) -> Tried:
 def _parametrize(
     system: ClosureSystem, centre: Array, half: Array, across: Array, jacobian: Array, singular: bool
 ) -> Boxes:
-    """D, V and Ã from the Jacobian at the centre; R and w still to be found."""
+    """D, V and Ã from the Jacobian at the centre; R and w still to be found.
+
+    Right singular vectors of φ_y are eigenvectors of φ_y⁻¹φ_y⁻ᵀ, the weakest direction the most accurate.
+    """
     count, m = len(centre), system.m
     dependent = jacobian[:, :, system.dependent]
     inverse = inverses(dependent)
@@ -213,8 +229,8 @@ def _parametrize(
     directions[:, system.dependent] = -inverse @ (jacobian[:, :, system.independent] @ across)
     modes = np.broadcast_to(np.eye(m), (count, m, m)).copy()
     if singular:
-        usable = np.asarray(np.isfinite(dependent).all(axis=(1, 2)))
-        modes[usable] = np.swapaxes(np.linalg.svd(dependent[usable])[2], 1, 2)
+        usable = np.asarray(np.isfinite(inverse).all(axis=(1, 2)))
+        modes[usable] = np.linalg.eigh(_gram(inverse[usable]))[1]
     return Boxes(
         centre=centre.copy(),
         half=half.copy(),
@@ -227,14 +243,25 @@ def _parametrize(
     )
 
 
+def _gram(inverse: Array) -> Array:
+    """φ_y⁻¹φ_y⁻ᵀ, of shape (B, m, m): its eigenvalues are 1/σ² for the singular values σ of φ_y."""
+    return np.asarray(inverse @ np.swapaxes(inverse, 1, 2))
+
+
+def _one_weak(inverse: Array) -> Mask:
+    """Whether one singular value of φ_y is well below all others: Σ 1/σ⁴ ≥ 0.6 (Σ 1/σ²)², of shape (B,)."""
+    gram = _gram(inverse)
+    return np.asarray(np.sum(gram**2, axis=(1, 2)) >= 0.6 * np.trace(gram, axis1=1, axis2=2) ** 2)
+
+
 def _attempt(problem: Problem, boxes: Boxes, roomy: bool) -> Tried:
     """Find R and w, then check strictly; a `roomy` R is well above rounding, so that boxes can be glued."""
     bounds = bounds_of(problem, boxes)
     radius = _radius(bounds)
     if roomy:
         rounding = problem.system.rounding * problem.system.magnitude(boxes.centre)
-        gain = np.abs(boxes.preconditioner).sum(axis=2)
-        radius = np.maximum(radius, np.maximum(_LEAST, _ROOM * rounding[:, None] * gain))
+        noise = rounding[:, None] * np.abs(boxes.preconditioner).sum(axis=2)
+        radius = np.maximum(radius + noise, np.maximum(_LEAST, _ROOM * noise))
     candidates = np.flatnonzero(np.isfinite(radius).all(axis=1))
     proved = np.zeros(len(radius), dtype=np.bool_)
     boxes.radius[:] = radius
@@ -250,7 +277,8 @@ def _radius(bounds: Bounds) -> Array:
 
     With Z̄(R)R ≤ M(R)R + t(R) the iteration R ← R′ = (I − M(R))⁻¹(Y + t(R)) from R = Y grows towards the least solution
     and never passes it, as M and t grow with R; a negative entry or one beyond any joint's range says that there
-    is none. Every other round tries the limit that two steps extrapolate to, a little enlarged. Where
+    is none. So does a step that has grown in every entry: the iteration's slope, which grows with R, has reached 1.
+    Every other round tries the limit that two steps extrapolate to, a little enlarged. Where
     Y + M(R)R + t(R) < R, the same holds all the way down to R′.
     """
     found = np.full(bounds.y.shape, np.nan)
@@ -268,8 +296,9 @@ def _radius(bounds: Bounds) -> Array:
         if round_number % 2:
             going, trial = np.flatnonzero(~inside), base
         else:
-            going, last = np.flatnonzero(alive & ~inside), step
-            base, step = solved, np.maximum(solved - trial, 0.0)
+            last, base, step = step, solved, np.maximum(solved - trial, 0.0)
+            growing = (round_number > 0) & np.all(step >= last, axis=1)
+            going = np.flatnonzero(alive & ~inside & ~growing)
             rate = np.clip(np.max(step / np.maximum(last, 1e-300), axis=1, keepdims=True), 0.0, 0.98)
             trial = base + step * (rate / (1.0 - rate)) * 1.05 + _INFLATION * base
         active, here = active[going], here.take(going)
@@ -290,7 +319,7 @@ def _weights(bounds: Bounds, radius: Array) -> tuple[Array, Array]:
     for _ in range(_POWERS):
         weight = weight / weight.max(axis=1, keepdims=True)
         shrunk = bounds.contraction(radius[active], weight).of(weight)
-        best[active], kappa[active] = weight, (shrunk / weight).max(axis=1) * SLACK * SLACK
+        best[active], kappa[active] = weight, (shrunk / weight).max(axis=1) * SLACK * SLACK + _ROUNDED
         going = np.flatnonzero(~(kappa[active] < 1.0))
         if not going.size:
             break

@@ -115,13 +115,16 @@ class ClosureSystem:
         return (128.0 * (self.depth + 2) + 4.0 * self.n_free) * UNIT_ROUNDOFF
 
     def magnitude(self, theta: Array) -> Array:
-        """An upper bound of every length in φ at θ (B, n′): `scale` and the slides, of shape (B,)."""
+        """An upper bound of every length in φ at θ (B, n′): `scale` and the slides, of shape (B,).
+
+        Beyond 4 rad it grows with the angles: planar bounds add them up, with the roundings of so large numbers.
+        """
         total = np.full(len(theta), self.scale)
         for chain in self.chains:
             if np.any(chain.prismatic):
                 slides = np.abs(theta[:, chain.joints[chain.prismatic]]).sum(axis=1)
-                total += slides * float(np.abs(chain.weights).max(initial=1.0))
-        return total
+                total += slides * _largest_row(chain)
+        return np.asarray(total * np.maximum(1.0, 0.25 * np.abs(theta).max(axis=1)))
 
 
 def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
@@ -172,8 +175,13 @@ def _scale(builder: _ChainCollector) -> float:
     scale = 1.0 + float(np.abs(builder.offset).sum() + np.abs(builder.couplings).sum())
     for chain in builder.chains:
         length = np.linalg.norm(chain.translations, axis=1).sum() + np.linalg.norm(chain.tip)
-        scale += float(length) * max(1.0, float(np.abs(chain.weights).max()))
+        scale += float(length) * _largest_row(chain)
     return scale
+
+
+def _largest_row(chain: Chain) -> float:
+    """The length of the largest row of B_c, at least 1."""
+    return float(np.linalg.norm(chain.weights, axis=1).max(initial=1.0))
 
 
 class _ChainCollector:

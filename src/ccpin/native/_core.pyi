@@ -1,8 +1,8 @@
-"""The compiled core: what one mechanism's numbers say at a state.
+"""The compiled core: what one mechanism's numbers say at a state, and certificates of boxes.
 
-Every method answers, or returns ``None`` where only the reference can answer or explain. `near` is a configuration on
-the branch wanted (``None``: the reference); with q the answer is for σ(q) from there, without q for `near` itself,
-which must be closed. Arrays are new, float64 and row-major.
+Every method of a `Kernel` answers, or returns ``None`` where only the reference can answer or explain. `near` is a
+configuration on the branch wanted (``None``: the reference); with q the answer is for σ(q) from there, without q for
+`near` itself, which must be closed. Arrays are new, float64 and row-major.
 """
 
 from typing import Any
@@ -16,6 +16,7 @@ Pair = tuple[Array, Array]
 Triple = tuple[Array, Array, Array]
 Terms = tuple[Array, Array, Array, Array, Array, Array, Array]
 Mask = NDArray[np.bool_]
+Integers = NDArray[np.int64]
 
 class Kernel:
     def __init__(self, specification: dict[str, object]) -> None: ...
@@ -105,3 +106,32 @@ class Kernel:
 
         See `ccpin.simulation.in_core` for what the arguments hold.
         """
+
+Columns = tuple[Array, ...]  # the fields of ccpin.domain.boxes.Boxes
+
+class Certifier:
+    """Certificates for closures in plain numbers (`ccpin.domain.in_core.numbers_of`)."""
+
+    def __init__(self, numbers: dict[str, object]) -> None: ...
+    def values(self, theta: Array) -> Pair:
+        """φ (B, m) and φ_θ (B, m, n′) at θ (B, n′)."""
+
+    def bounds(self, boxes: Columns) -> Triple:
+        """Y, Z̄(R)R and Z(R)w of boxes as they are, each (B, m)."""
+
+    def newton(self, theta: Array, iterations: int, accuracy: float) -> tuple[Array, Mask, Array]:
+        """θ, whether Newton settled and slopes one step before: the fields of `ccpin.domain.newton.Converged`."""
+
+    def certify_boxes(self, centre: Array, half: Array, across: Array) -> tuple[Columns, Mask]:
+        """Boxes and which are proved: see `ccpin.domain.boxes.certify_boxes`."""
+
+    def certify_points(self, theta: Array) -> tuple[Columns, Mask]:
+        """Boxes and which are proved: see `ccpin.domain.boxes.certify_points`."""
+
+    def glued(self, first: Columns, delta: Array, second: Columns, delta_second: Array) -> Mask:
+        """See `ccpin.domain.newton.glued`."""
+
+def contacts(
+    lower: Integers, size: Integers, cut: Integers, child: Integers, cells: Integers, wrapped: list[bool]
+) -> tuple[Integers, Integers, Array, Array, Array, Mask]:
+    """The fields of `ccpin.domain.atlas.cells.Contacts` for cells of a tree (the fields of its `Cells`)."""

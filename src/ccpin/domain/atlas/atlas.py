@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from ccpin.arrays import Array, Mask
 from ccpin.domain.atlas import store as atlas_store
 from ccpin.domain.atlas.build import AtlasBuilder
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Corners, Region, region_of
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, Cells, CellStatus, CellTree, Corners, Region, region_of
 from ccpin.domain.atlas.empty import prove_empty
 from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
@@ -167,7 +167,7 @@ class Atlas:
         header, arrays = atlas_store.pack_problem(self.problem)
         header |= {"names": list(self.names), "radius": self.radius, "complete": self.complete}
         arrays |= {f"box_{name}": array for name, array in self.boxes._asdict().items()}
-        arrays |= {f"tree_{name}": array for name, array in vars(self.tree).items()}
+        arrays |= {f"tree_{name}": array for name, array in self.tree.cells._asdict().items()}
         arrays |= {"lower": self.region.lower, "upper": self.region.upper, "wrapped": self.region.wrapped}
         arrays |= {"q0": self.q0, "seed": self.seed, "unglued": self.unglued}
         atlas_store.write(path, header, arrays)
@@ -191,7 +191,7 @@ class Atlas:
                 complete=header["complete"],
                 region=Region(arrays["lower"], arrays["upper"], found["wrapped"].astype(np.bool_)),
                 problem=atlas_store.unpack_problem(header, found),
-                tree=CellTree(**{k[5:]: v for k, v in found.items() if k.startswith("tree_")}),  # type: ignore[arg-type]
+                tree=CellTree(Cells(**{k[5:]: v for k, v in found.items() if k.startswith("tree_")})),  # type: ignore[arg-type]
                 seed=arrays["seed"],
             )
         except KeyError as error:
@@ -276,8 +276,8 @@ def certify(
         names=tuple(mechanism.independent),
         q0=builder.q0,
         radius=builder.radius(),
-        boxes=builder.boxes,
-        unglued=np.array(builder.unglued, dtype=np.int64).reshape(-1, 2),
+        boxes=builder.proved.trimmed(),
+        unglued=np.concatenate(builder.unglued).astype(np.int64),
         complete=complete,
         region=area,
         problem=problem,

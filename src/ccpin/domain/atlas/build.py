@@ -16,6 +16,7 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Contacts, Region, contacts_of
+from ccpin.domain.atlas.growing import Growing
 from ccpin.domain.atlas.run import Runner, Stopped
 from ccpin.domain.atlas.tasks import Arrays, CellsToProve, Proved, glue_task, prove_task
 from ccpin.domain.boxes import Boxes, Problem, certify_points
@@ -25,12 +26,22 @@ from ccpin.errors import SingularConfigurationError
 _NEAREST = 48  # cells of a wave that looks for the largest square: more would refine in vain
 
 
-class _Origin(NamedTuple):
-    """Where a candidate is reached from: box number (−1: the seed), and the common point in whole-number units."""
+class _Origins(NamedTuple):
+    """Where N cells were reached from, once they are candidates.
 
-    box: int
+    Attributes:
+        box: The number of the box, −1 for the seed, of shape (N,).
+        at_box, at_cell: The common point in each one's coordinates, whole-number units, of shape (N, n).
+    """
+
+    box: Indices
     at_box: Array
     at_cell: Array
+
+    @classmethod
+    def unknown(cls, count: int, n: int) -> _Origins:
+        """To be filled in."""
+        return cls(np.full(count, -1, dtype=np.intp), np.zeros((count, n)), np.zeros((count, n)))
 
 
 class AtlasBuilder:
@@ -38,8 +49,8 @@ class AtlasBuilder:
 
     Attributes:
         tree: The cells.
-        boxes: The certified boxes.
-        unglued: Pairs of boxes with a common face at which they could not be shown to agree.
+        proved: The certified boxes.
+        unglued: Pairs of boxes with a common face at which they could not be shown to agree, arrays of shape (K, 2).
     """
 
     def __init__(
@@ -59,18 +70,24 @@ class AtlasBuilder:
                 "q0 is too close to a singular configuration for a certificate", q_free=seed, rcond=0.0
             )
         self._point = point.boxes
-        self.boxes = self._point.without_rows(problem.system.n)
-        self.unglued: list[tuple[int, int]] = []
-        at = (region.reduce(self.q0[None])[0] - region.lower) / region.width * WHOLE
-        self._origins: dict[int, _Origin] = {}
-        self._seed_cell(_Origin(-1, at, at))
+        self.proved = Growing(self._point.without_rows(problem.system.n))
+        self.unglued = [np.empty((0, 2), dtype=np.intp)]
+        self._origins = Growing(_Origins.unknown(1, problem.system.n))
+        self._at_seed = (region.reduce(self.q0[None])[0] - region.lower) / region.width * WHOLE
+        self._reach_seed()
         size = problem.system.m * problem.system.n_free**2
         self._chunk = int(np.clip(500_000 // size, 32, 512))
 
-    def _seed_cell(self, origin: _Origin) -> None:
+    @property
+    def boxes(self) -> Boxes:
+        """The certified boxes."""
+        return self.proved.rows
+
+    def _reach_seed(self) -> None:
         """Make the leaf that holds the seed a candidate."""
-        leaf = int(self.tree.locate(np.floor(origin.at_cell)[None].astype(np.int64).clip(0, WHOLE - 1))[0])
-        self._origins[leaf] = origin
+        leaf = self.tree.locate(np.floor(self._at_seed)[None].astype(np.int64).clip(0, WHOLE - 1))
+        origins = self._origins.rows
+        origins.box[leaf], origins.at_box[leaf], origins.at_cell[leaf] = -1, self._at_seed, self._at_seed
         if self.tree.status[leaf] == CellStatus.UNREACHED:
             self.tree.status[leaf] = CellStatus.CANDIDATE
 
@@ -84,17 +101,18 @@ class AtlasBuilder:
         Cells are halved while an edge is longer than `tolerance` times their distance from the seed. Cells beyond the
         nearest edge of the region are left alone.
         """
+        limit = self._edge()
         while True:
             cells = self.candidates()
             distance = self.distance(cells)
-            blocked = np.flatnonzero(self.tree.status == CellStatus.UNDECIDED)
-            limit = np.min(self.distance(blocked), initial=self._edge())
             if not cells.size or np.min(distance) >= limit:
                 return
             order = np.lexsort((cells, distance))[:_NEAREST]
             chosen = np.sort(cells[order][distance[order] < limit])
             longest = tolerance * self.distance(chosen)[:, None] / self.region.width
             self.wave(chosen, np.maximum(longest * WHOLE, 1.0))
+            blocked = chosen[self.tree.status[chosen] == CellStatus.UNDECIDED]
+            limit = np.min(self.distance(blocked), initial=limit)
 
     def certify_region(self, depth: int) -> None:
         """Certify all that can be reached, halving each edge `depth` times at most."""
@@ -130,32 +148,30 @@ class AtlasBuilder:
         """Prove cells; split those that fail where an edge is longer than `smallest` (whole-number units, (K, 1))."""
         if not cells.size:
             return
-        found = self._prove(cells)
+        origins = rows_of(self._origins.rows, cells)
+        found = self._prove(cells, origins)
         accepted = found.proved.copy()
         rows = np.flatnonzero(found.proved)
-        accepted[rows] = self._glued_to_origin(cells[rows], found.boxes.take(rows))
+        accepted[rows] = self._glued_to_origin(rows_of(origins, rows), found.boxes.take(rows))
         done, failed = np.flatnonzero(accepted), np.flatnonzero(~accepted)
         self.tree.status[cells[done]] = CellStatus.CERTIFIED
         self.tree.box[cells[done]] = len(self.boxes.kappa) + np.arange(len(done))
-        self.boxes = joined([self.boxes, found.boxes.take(done)])
+        self.proved.add(found.boxes.take(done))
         children = self._split(cells[failed], found.stretch[failed], smallest[failed])
-        origins = [self._origins.pop(int(cell)) for cell in cells]
+        self._origins.add(_Origins.unknown(len(children), len(self.q0)))
         if not len(self.boxes.kappa) and children.size:
-            self._seed_cell(origins[0])
+            self._reach_seed()
         self._spread(cells[done], children)
         if self._report is not None:
             self._report(self.tree)
 
-    def _prove(self, cells: Indices) -> Proved:
-        origins = [self._origins[int(cell)] for cell in cells]
-        boxes = np.array([origin.box for origin in origins])
+    def _prove(self, cells: Indices, origins: _Origins) -> Proved:
         start = np.tile(self.seed, (len(cells), 1))
-        rows = np.flatnonzero(boxes >= 0)
+        rows = np.flatnonzero(origins.box >= 0)
         if rows.size:
-            parents = self.boxes.take(boxes[rows])
-            start[rows] = predict(self.problem, parents, self._delta(parents, [origins[k].at_box for k in rows]))
-        at_cell = self.region.position(np.array([origin.at_cell for origin in origins]))
-        start[:, self.problem.system.independent] = at_cell
+            parents = self.boxes.take(origins.box[rows])
+            start[rows] = predict(self.problem, parents, self._delta(parents, origins.at_box[rows]))
+        start[:, self.problem.system.independent] = self.region.position(origins.at_cell)
         centre = self.region.position(self.tree.lower[cells] + 0.5 * self.tree.size[cells])
         half = 0.5 * self.region.width * (self.tree.size[cells] / WHOLE)
         data = CellsToProve(centre, half, start, np.tile(self.seed, (len(cells), 1)))
@@ -165,23 +181,21 @@ class AtlasBuilder:
     def _parts(self, count: int) -> list[slice]:
         return [slice(k, k + self._chunk) for k in range(0, count, self._chunk)]
 
-    def _delta(self, boxes: Boxes, at: list[Array] | Array) -> Array:
+    def _delta(self, boxes: Boxes, at: Array) -> Array:
         """Points in whole-number units as parameters of boxes."""
-        return self.region.position(np.asarray(at)) - boxes.centre[:, self.problem.system.independent]
+        return self.region.position(at) - boxes.centre[:, self.problem.system.independent]
 
-    def _glued_to_origin(self, cells: Indices, boxes: Boxes) -> Mask:
+    def _glued_to_origin(self, origins: _Origins, boxes: Boxes) -> Mask:
         """Whether new boxes carry the solution of the box (or the seed) they were reached from."""
-        origins = [self._origins[int(cell)] for cell in cells]
-        numbers = np.array([origin.box for origin in origins], dtype=np.intp)
-        result, rows = np.zeros(len(cells), dtype=np.bool_), np.flatnonzero(numbers >= 0)
+        result, delta = np.zeros(len(boxes.kappa), dtype=np.bool_), self._delta(boxes, origins.at_cell)
+        rows = np.flatnonzero(origins.box >= 0)
         if rows.size:
-            parents = self.boxes.take(numbers[rows])
-            at_parent = self._delta(parents, [origins[k].at_box for k in rows])
-            own = boxes.take(rows)
-            result[rows] = self._glue(parents, at_parent, own, self._delta(own, [origins[k].at_cell for k in rows]))
-        for k in np.flatnonzero(numbers < 0):
-            one, ball = boxes.take(np.array([k])), (self._point.centre, self._point.radius, self._point.modes)
-            result[k] = encloses(self.problem, one, self._delta(one, [origins[k].at_cell]), *ball)[0]
+            parents = self.boxes.take(origins.box[rows])
+            at_parent = self._delta(parents, origins.at_box[rows])
+            result[rows] = self._glue(parents, at_parent, boxes.take(rows), delta[rows])
+        for k in np.flatnonzero(origins.box < 0):
+            one, ball = slice(k, k + 1), (self._point.centre, self._point.radius, self._point.modes)
+            result[one] = encloses(self.problem, rows_of(boxes, one), delta[one], *ball)
         return result
 
     def _glue(self, first: Boxes, delta: Array, second: Boxes, delta_second: Array) -> Mask:
@@ -196,7 +210,8 @@ class AtlasBuilder:
         lengths = self.region.width * (size / WHOLE)
         stretched = np.where(np.isfinite(stretch), stretch, 0.0) * lengths
         fair = stretched + 1e-3 * np.max(stretched, axis=1, keepdims=True, initial=1e-300) * (size / WHOLE)
-        cut = np.argmax(np.where(allowed, fair, -1.0), axis=1)
+        fair = np.where(allowed, fair, -1.0)
+        cut = np.argmax(fair >= np.max(fair, axis=1, keepdims=True, initial=-1.0) * (1.0 - 1e-9), axis=1)
         splittable = np.any(allowed, axis=1)
         self.tree.status[cells[~splittable]] = CellStatus.UNDECIDED
         return self.tree.split(cells[splittable], cut[splittable])
@@ -224,21 +239,25 @@ class AtlasBuilder:
         """Make cells candidates, each reached from the box with the largest common face (the oldest of equals)."""
         order = np.lexsort((boxes, -area, cells))
         first = order[np.flatnonzero(np.diff(cells[order], prepend=-1))]
-        for k in first:
-            self._origins[int(cells[k])] = _Origin(int(boxes[k]), at_box[k], at_cell[k])
-        self.tree.status[cells[first]] = CellStatus.CANDIDATE
+        chosen, origins = cells[first], self._origins.rows
+        origins.box[chosen], origins.at_box[chosen], origins.at_cell[chosen] = (
+            boxes[first],
+            at_box[first],
+            at_cell[first],
+        )
+        self.tree.status[chosen] = CellStatus.CANDIDATE
 
     def _check(self, contacts: Contacts) -> None:
         if not contacts.cell.size:
             return
         numbers = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]
         first, second = self.boxes.take(numbers[0]), self.boxes.take(numbers[1])
-        pairs = list(zip(numbers[0].tolist(), numbers[1].tolist(), strict=True))
+        pairs = np.column_stack(numbers)
         try:
             same = self._glue(
                 first, self._delta(first, contacts.at_cell), second, self._delta(second, contacts.at_leaf)
             )
         except Stopped:
-            self.unglued += pairs
+            self.unglued.append(pairs)
             raise
-        self.unglued += [pair for pair, agree in zip(pairs, same, strict=True) if not agree]
+        self.unglued.append(pairs[~same])

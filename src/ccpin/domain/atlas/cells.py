@@ -10,8 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array, Indices, Mask, joined
+from ccpin.arrays import Array, Indices, Mask, joined, rows_of
+from ccpin.domain.atlas.growing import Growing
 from ccpin.domain.chains import Seed
+from ccpin.domain.in_core import compiled_core
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -53,7 +55,7 @@ class Region:
         """Edge lengths, of shape (n,)."""
         return self.upper - self.lower
 
-    def position(self, corner: Integers) -> Array:
+    def position(self, corner: Integers | Array) -> Array:
         """Whole-number coordinates as points of q-space."""
         return np.asarray(self.lower + self.width * (corner / WHOLE))
 
@@ -133,9 +135,8 @@ def _limits(mechanism: Mechanism, seed: Seed) -> tuple[Array, Array]:
     return lower, upper
 
 
-@dataclass(eq=False)
-class CellTree:
-    """Cells by number: leaves carry a `CellStatus`, split cells their two children.
+class Cells(NamedTuple):
+    """The cells of a tree by number: leaves carry a `CellStatus`, split cells their two children.
 
     Attributes:
         lower: Lower corners, of shape (N, n), in units of 2⁻³² of the region.
@@ -153,21 +154,37 @@ class CellTree:
     status: NDArray[np.int8]
     box: Integers
 
+
+class CellTree:
+    """A binary tree of cells; `lower`, `size`, `cut`, `child`, `status` and `box` are those of `Cells`."""
+
+    def __init__(self, cells: Cells) -> None:
+        self._growing = Growing(cells)
+        self.lower, self.size, self.cut, self.child, self.status, self.box = cells
+
+    @property
+    def cells(self) -> Cells:
+        """All cells."""
+        return self._growing.rows
+
     @classmethod
     def whole(cls, n: int) -> CellTree:
         """One cell: the region."""
         none, corner = np.array([-1]), np.zeros((1, n), dtype=np.int64)
-        return cls(corner, corner + WHOLE, np.zeros(1, dtype=np.int64), none, np.zeros(1, dtype=np.int8), none.copy())
+        zero = np.zeros(1, dtype=np.int64)
+        return cls(Cells(corner, corner + WHOLE, zero, none, np.zeros(1, dtype=np.int8), none.copy()))
 
     def split(self, cells: Indices, cut: Indices) -> Indices:
         """Halve leaves along a coordinate each; the new cells' numbers, of shape (2 · len(cells),)."""
         children = len(self.child) + np.arange(2 * len(cells))
         self.child[cells], self.cut[cells], self.status[cells] = children[::2], cut, CellStatus.SPLIT
-        for name, array in vars(self).items():
-            setattr(self, name, np.concatenate([array, np.repeat(array[cells], 2, axis=0)]))
-        self.size[children, np.repeat(cut, 2)] //= 2
-        self.lower[children[1::2], cut] += self.size[children[1::2], cut]
-        self.status[children], self.child[children], self.box[children] = CellStatus.UNREACHED, -1, -1
+        halves = rows_of(self.cells, np.repeat(cells, 2))
+        rows, along = np.arange(len(children)), np.repeat(cut, 2)
+        halves.size[rows, along] //= 2
+        halves.lower[rows[1::2], cut] += halves.size[rows[1::2], cut]
+        halves.status[:], halves.child[:], halves.box[:] = CellStatus.UNREACHED, -1, -1
+        self._growing.add(halves)
+        self.lower, self.size, self.cut, self.child, self.status, self.box = self.cells
         return children
 
     def leaves(self) -> Indices:
@@ -229,6 +246,9 @@ class Contacts(NamedTuple):
 
 def contacts_of(tree: CellTree, region: Region, cells: Indices) -> Contacts:
     """The faces that cells share with leaves, across the seam of periodic coordinates too."""
+    if (core := compiled_core()) is not None:
+        wrapped = region.wrapped.tolist()
+        return Contacts(*core.contacts(tree.lower, tree.size, tree.cut, tree.child, cells, wrapped))
     return joined(_across(tree, region, cells, k, upper) for k in range(len(region.lower)) for upper in (False, True))
 
 

@@ -58,10 +58,12 @@ class ChunkStore:
         self.folder = None if folder is None else Path(folder)
         if self.folder is not None:
             self.folder.mkdir(parents=True, exist_ok=True)
-        self._problem = hashlib.sha256(pickle.dumps(problem, protocol=4)).digest()
+            self._problem = hashlib.sha256(pickle.dumps(problem, protocol=4)).digest()
 
     def key(self, task: Task, arrays: Arrays) -> str:
-        """The name of a result: a digest of the problem, the task and every bit of its arrays."""
+        """The name of a result: a digest of problem, task and every bit of the arrays; empty without a folder."""
+        if self.folder is None:
+            return ""
         digest = hashlib.sha256(self._problem + task.__name__.encode())
         for array in arrays:
             digest.update(f"{array.dtype}{array.shape}".encode())

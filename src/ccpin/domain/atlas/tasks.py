@@ -16,6 +16,7 @@ from ccpin.domain.newton import glued, newton
 
 Arrays = tuple[NDArray[np.generic], ...]
 _AT_FACE, _AT_CENTRE = 5, 10
+_NEAR = 1e-4  # at a face: σ is only passed there
 _FIELDS = len(Boxes._fields)
 
 
@@ -61,7 +62,7 @@ def prove(problem: Problem, cells: CellsToProve) -> Proved:
     """Follow σ from each start to its cell's centre and try Theorem K there."""
     system = problem.system
     with np.errstate(all="ignore"):
-        at_face = newton(problem, cells.start, _AT_FACE)
+        at_face = newton(problem, cells.start, _AT_FACE, _NEAR)
         step = cells.centre - cells.start[:, system.independent]
         theta = at_face.theta
         theta[:, system.dependent] += apply(at_face.slopes, step)
