@@ -14,7 +14,7 @@ constexpr double kSlack = 1 + 1e-10;
 // Solves many systems of m equations; false where one is singular.
 class Solver {
  public:
-  explicit Solver(int m) : m_(m), a_(size_t(m) * m), pivot_(m) {}
+  explicit Solver(int m) : m_(m), a_(size_t(m) * m), pivot_(m), pattern_(dense(m, m)) {}
   Solver(const Solver&) = delete;
 
   bool factorize(const double* matrix) {
@@ -34,7 +34,8 @@ class Solver {
   int m_;
   Doubles a_;
   std::vector<int> pivot_;
-  Factor factor_{a_.data(), pivot_.data(), nullptr, m_, m_};
+  Pattern pattern_;
+  Factor factor_{&pattern_, a_.data(), pivot_.data(), nullptr, m_, m_};
 };
 
 class Krawczyk {

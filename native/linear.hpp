@@ -21,6 +21,16 @@ struct Pattern {
   std::vector<int> slots;     // by unknown: the row that the solution stands in
 };
 
+// That of a matrix without zeros.
+inline Pattern dense(int rows, int n) {
+  Pattern p{rows, n, 0, {}, {}};
+  Block all{{}, 0, std::min(rows, n)};
+  for (int r = 0; r < rows; ++r) all.rows.push_back(r);
+  p.slots.assign(all.rows.begin(), all.rows.begin() + all.end);
+  p.blocks.push_back(all);
+  return p;
+}
+
 // ψ_q′ restricted to a cluster's dependent columns: LU with partial pivoting where square, Householder QR where
 // redundant rows make it tall (least squares).
 struct Factor {

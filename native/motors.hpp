@@ -42,20 +42,11 @@ class Motors {
   std::vector<double> A_, diagonal_, y_, u_, tau_;
   std::vector<int> pivot_;
 
-  static Pattern dense(int rows, int n) {
-    Pattern p{rows, n, 0, {}, {}};
-    Block all{{}, 0, std::min(rows, n)};
-    for (int r = 0; r < rows; ++r) all.rows.push_back(r);
-    p.slots.assign(all.rows.begin(), all.rows.begin() + all.end);
-    p.blocks.push_back(all);
-    return p;
-  }
-
   bool solve(int k, double* u) {
     const Cluster& c = m_.clusters[k];
     const int n = c.n(), motors = int(c.motors.size());
     for (int i = 0; i < motors; ++i)
-      for (int l = 0; l < n; ++l) A_[size_t(i) * n + l] = r_.states[k].rho[size_t(c.motor_columns[i]) * n + l];
+      for (int l = 0; l < n; ++l) A_[size_t(i) * n + l] = c.gears[i] * r_.states[k].rho[size_t(c.motor_columns[i]) * n + l];
     for (int l = 0; l < n; ++l) y_[l] = tau_[c.independent[l]];
     Factor f{&patterns_[k], A_.data(), pivot_.data(), diagonal_.data(), motors, n};
     f.factorize();
