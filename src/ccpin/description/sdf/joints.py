@@ -82,11 +82,7 @@ def read_steps(element: XmlElement, name: str, frames: Frames, found: Joints) ->
     """
     kind = joint_type(element)
     found.notes += [f"joint '{name}': <{stranger}> is not read" for stranger in unread(element, JOINT)]
-    engine = first(first(element, "physics"), "ode")
-    soft = own(engine, *_SOFT) if engine is not None else []
-    if soft:
-        left = ", ".join(f"<{part.tag}>" for part in soft)
-        found.notes.append(f"joint '{name}': {left} of its <physics> are left out: joints are rigid here")
+    _note_softness(element, name, found)
     if kind in ("ball", "fixed"):
         if kind == "ball" and first(first(element, "axis"), "dynamics") is not None:
             found.notes.append(
@@ -109,6 +105,14 @@ def read_steps(element: XmlElement, name: str, frames: Frames, found: Joints) ->
         found.couplings.append(Coupling(f"{name}.thread", terms))
         return turn, slide
     return (_step(element, "axis", name, kind, frames, found),)
+
+
+def _note_softness(element: XmlElement, name: str, found: Joints) -> None:
+    engine = first(first(element, "physics"), "ode")
+    soft = own(engine, *_SOFT) if engine is not None else []
+    if soft:
+        left = ", ".join(f"<{part.tag}>" for part in soft)
+        found.notes.append(f"joint '{name}': {left} of its <physics> are left out: joints are rigid here")
 
 
 def _lead(element: XmlElement) -> float:
