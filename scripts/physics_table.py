@@ -112,6 +112,8 @@ ELEMENTS = (
         dynamics("spring_stiffness"),
     ),
     Element("spring of a ball joint", None, ("ball", 'stiffness="1"')),
+    Element("damping of a free joint", None, ("free", 'damping="1"')),
+    Element("rotor inertia of a free joint", None, ("free", 'armature="1"')),
     Element("spring of a free joint", None, ("free", 'stiffness="1"')),
     Element("nonlinear spring", None, ("joint", 'stiffness="0 1"')),
     Element("spring and damper by their period", None, ("joint", 'springdamper="1 1"')),

@@ -62,6 +62,27 @@ def test_accelerations_are_mujocos_on_an_open_chain(name):
     np.testing.assert_allclose(ours[chain], theirs[chain], rtol=1e-8, atol=1e-8)
 
 
+def test_a_free_body_with_damping_is_mujocos():
+    """q̈ of a damped body without joints: MuJoCo's, whose linear velocities are in world axes; its armature is noted."""
+    free = (
+        '<body name="f"><joint name="f" type="free" {}/><geom type="box" size="0.05 0.1 0.2" pos="0 0.1 0.2"/></body>'
+    )
+    text = arm().replace("</worldbody>", free.format('damping="0.7"') + "</worldbody>")
+    mechanism = ccpin.load(read(text))
+    model, rng = ccpin.ReducedModel(mechanism), np.random.default_rng(5)
+    q = model.coordinates.integrate(model.alpha(mechanism.q_reference), 0.7 * rng.normal(size=model.n))
+    state, v = model.at(q), rng.normal(size=model.n)
+    simulated, data = mujoco_state(text, mechanism, state.q_free, state.v_free(v))
+    joint = mechanism.tree.joint("f")
+    linear, omega = state.v_free(v)[joint.v][:3], state.v_free(v)[joint.v][3:]
+    ours = state.a_free(v, state.forward_dynamics(v, np.zeros(model.n_actuated)))[joint.v]
+    ours[:3] = joint.kind.rotation(state.q_free[joint.q]) @ (ours[:3] + np.cross(omega, linear))
+    theirs = by_joint(mechanism, simulated, data.qacc_smooth)[joint.v]
+    np.testing.assert_allclose(ours, theirs, rtol=1e-9, atol=1e-9)
+    heavy = read(text.replace('damping="0.7"', 'armature="0.3"'))
+    assert "armature of joint 'f', which moves freely" in " ".join(heavy.notes)
+
+
 def test_accelerations_on_a_closed_chain():
     """On a four-bar q̈′ solves the descriptor form (19) with MuJoCo's own passive and actuator forces as its load."""
     mechanism = ccpin.load(read(FOUR_BAR))

@@ -13,7 +13,7 @@ import pytest
 
 import ccpin
 from ccpin import native
-from ccpin.errors import InvalidInputError
+from ccpin.errors import InvalidInputError, UnderactuatedError
 from ccpin.kinematics.clusters import clusters
 from tests.support.agreement import reference_model, relative
 
@@ -90,6 +90,30 @@ def test_batches_are_rows(delta, threads):
         for many, one in ((terms, kernel.terms(None, V[k], Q[k])),
                           (slopes, kernel.forward_dynamics_derivatives(None, V[k], U[k], Q[k]))):  # fmt: skip
             assert all(relative(a[k], b) < 1e-10 for a, b in zip(many, one, strict=True))
+
+
+@native_only
+def test_efforts_of_least_norm():
+    """u of motors that are not the independent joints, one by one and in a batch; none where they cannot suffice."""
+    joints = ccpin.load("rpdr").tree.names
+    rng = np.random.default_rng(4)
+    for actuated in (joints, joints[1:], joints[2:], joints[3:]):
+        mechanism = ccpin.load("rpdr", actuated=list(actuated))
+        model, kernel = reference_model(mechanism), native.kernel(mechanism)
+        Q = model.alpha(mechanism.q_reference) + 0.2 * rng.uniform(-1, 1, size=(6, 2))
+        V, A = rng.normal(size=(2, 6, 2))
+        many, answered = kernel.inverse_dynamics_many(Q, V, A, None)
+        assert answered.all() == (len(actuated) > 1)
+        for k in range(len(Q)):
+            u = kernel.inverse_dynamics(None, V[k], A[k], Q[k])
+            if len(actuated) == 1:
+                assert u is None
+                assert np.isnan(many[k]).all()
+                with pytest.raises(UnderactuatedError):
+                    model.at(Q[k]).inverse_dynamics(V[k], A[k])
+            else:
+                assert relative(u, model.at(Q[k]).inverse_dynamics(V[k], A[k])) < 1e-11
+                assert relative(many[k], u) < 1e-11
 
 
 @native_only

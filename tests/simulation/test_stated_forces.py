@@ -5,10 +5,12 @@ import pytest
 from scipy.integrate import simpson
 
 import ccpin
-from ccpin.control import PDFullGravity, PDSimpleGravity, Sampling
+from ccpin.control import ComputedTorque, PDFullGravity, PDPlus, PDSimpleGravity, PointToPoint, Sampling
 from ccpin.control.stability.theorem3 import certify_law
+from ccpin.dynamics import Wrench
 from ccpin.errors import InvalidInputError
-from ccpin.simulation import joint_forces
+from ccpin.kinematics.points import body_motion
+from ccpin.simulation import closure_forces, closure_forces_at, joint_forces
 from ccpin.simulation.friction import joint_friction
 
 STATED = {"crank": {"damping": 0.002}, "rocker": {"stiffness": 0.8, "spring_reference": 0.5}}
@@ -147,3 +149,52 @@ def test_joints_carry_motor_spring_and_damper():
         for k, name in enumerate(joints.names):
             along = motion[name].moment[row] @ motion[name].axis[row]
             np.testing.assert_allclose(along, expected[k], atol=1e-9)
+
+
+@pytest.mark.parametrize("gear", [1.0, 5.0])
+def test_tracking_laws_leave_their_error_equations(gear):
+    """Computed torque leaves ë + K_v ė + K_p e = 0, PD+ D ë + C ė + (K_v + damping) ė + K_p e = 0, springs or not."""
+    model = ccpin.ReducedModel(ccpin.load("four_bar", joints=STATED, motors={"crank": {"gear": gear}}))
+    q0 = start(model)
+    reference = PointToPoint(model, q0, q0 + 0.5, 0.4)
+    state, v = model.at(q0 + 0.1), np.array([0.8])
+    wanted = reference.at(0.15)
+    e, e_dot = wanted.q - state.q, wanted.v - v
+    for law in (ComputedTorque(model, reference, [30.0], [9.0]), PDPlus(model, reference, [3.0], [0.7])):
+        a = state.forward_dynamics(v, law.torque(0.15, state.q, v, state.q_free))
+        e_ddot = wanted.a - a
+        if isinstance(law, ComputedTorque):
+            left = e_ddot + law.K_v @ e_dot + law.K_p @ e
+        else:
+            left = state.D @ e_ddot + (state.C(v) + law.K_v + state.damping) @ e_dot + law.K_p @ e
+        np.testing.assert_allclose(left, 0.0, atol=1e-9)
+
+
+def test_bearings_carry_a_wrench():
+    """Under a wrench on a link the world's joints and closures carry the momentum's change, the weight and the wrench.
+
+    The free directions' moments are motors', springs' and dampers' as before.
+    """
+    model = ccpin.ReducedModel(ccpin.load("four_bar", joints=STATED))
+    push = {"coupler": Wrench([3.0, 0.5, -2.0], [0.1, 0.2, 0.3], [0.05, 0.01, 0.0])}
+    run = ccpin.simulate(model, None, start(model), duration=0.05, sample_period=0.01, wrenches=push)
+    bearings = {joint.name: joint for joint in joint_forces(model, run, push)}
+    still = {joint.name: joint for joint in joint_forces(model, run)}
+    assert abs(bearings["crank"].force - still["crank"].force).max() > 0.1
+    total = bearings["crank"].force + bearings["rocker"].force
+    masses = model.mechanism.tree.model.inertias
+    weight = sum(body.mass for body in masses) * model.gravity_vector
+    for row, (state, v, u) in enumerate(run.states(model)):
+        a_free = state.a_free(v, state.forward_dynamics(v, u, push))
+        motion = body_motion(model.free_system.scratch, state.q_free, state.v_free(v), a_free)
+        change = sum(body.mass * motion.accelerations[k] for k, body in enumerate(masses) if k)
+        np.testing.assert_allclose(total[row] + weight + push["coupler"].force, change, atol=1e-9)
+        joints = model.mechanism.joints
+        passive = joints.stiffness * (state.q_free - joints.spring_reference) + joints.damping * state.v_free(v)
+        for k, name in enumerate(joints.names):
+            along = bearings[name].moment[row] @ bearings[name].axis[row]
+            np.testing.assert_allclose(along, -passive[k] - joints.armature[k] * a_free[k], atol=1e-9)
+    closing = closure_forces(model, run, lambda t, state, v: push)[0]
+    state, v, u = next(iter(run.states(model)))
+    one = closure_forces_at(model, state, v, u, wrenches=push)[0]
+    np.testing.assert_allclose(closing.force[0], one.force[0])

@@ -40,17 +40,7 @@ TAGS = (
     *("link", "joint", "robot", "inertial", "mass", "inertia", "origin", "axis", "limit", "loop", "coupling", "mimic"),
     *("parent", "child", "visual", "geometry", "mesh", "ratio", "transmission", "group_state", "loop_joint"),
     *("body", "geom", "connect", "weld", "freejoint", "include", "default", "worldbody", "equality", "mujoco"),
-    *(
-        "dynamics",
-        "gazebo",
-        "springStiffness",
-        "mechanicalReduction",
-        "actuator",
-        "motor",
-        "position",
-        "general",
-        "flag",
-    ),
+    *("dynamics", "springStiffness", "mechanicalReduction", "actuator", "motor", "position", "general", "flag"),
 )
 LAUGHS = (
     '<!DOCTYPE lolz [<!ENTITY a "ha">'

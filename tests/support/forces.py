@@ -42,14 +42,20 @@ def arm(actuator="", **joints):
 
 
 def mujoco_state(text, mechanism, q_free, v_free, ctrl=()):
-    """MuJoCo's model and data at ccpin's q′ (quaternions turned round) and q̇′, joint by joint of the same name."""
+    """MuJoCo's model and data at ccpin's q′ and q̇′, joint by joint of the same name.
+
+    MuJoCo's quaternions begin with w, and linear velocities of free joints are in world axes.
+    """
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)
     for joint in mechanism.tree.joints:
         q, v = model.joint(joint.name).qposadr[0], model.joint(joint.name).dofadr[0]
-        value = q_free[joint.q]
-        data.qpos[q : q + joint.kind.nq] = np.roll(value, 1) if joint.kind.nq == 4 else value
-        data.qvel[v : v + joint.kind.nv] = v_free[joint.v]
+        value, rate = q_free[joint.q].copy(), v_free[joint.v].copy()
+        if joint.kind.unit == 4:
+            value[-4:] = np.roll(value[-4:], 1)
+        if joint.kind.name == "floating":
+            rate[:3] = joint.kind.rotation(q_free[joint.q]) @ rate[:3]
+        data.qpos[q : q + joint.kind.nq], data.qvel[v : v + joint.kind.nv] = value, rate
     data.ctrl[:] = ctrl
     mujoco.mj_forward(model, data)
     return model, data

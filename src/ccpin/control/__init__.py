@@ -6,6 +6,7 @@ from ccpin.control.laws import ControlLaw, CoulombCompensation, NoTorque, PDFull
 from ccpin.control.online import OnlineLaw, OnlineReport, OnlineSigma, capped_sigma
 from ccpin.control.references import Hold, PointToPoint, Reference, ReferenceState, Waypoints, through_points
 from ccpin.control.sampling import Sampling
+from ccpin.control.servos import Servos
 from ccpin.control.stability.gains import Gains, suggest_gains
 from ccpin.control.stability.theorem3 import SetPointCertificate, certify_law, certify_set_point
 from ccpin.control.stability.well import RegionSamples, sample_region
@@ -30,6 +31,7 @@ __all__ = [
     "ReferenceState",
     "RegionSamples",
     "Sampling",
+    "Servos",
     "SetPointCertificate",
     "TorqueFunction",
     "TrackingLaw",

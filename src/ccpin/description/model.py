@@ -121,7 +121,9 @@ class Motor(Record):
     One unit of u is an effort of `gear` N m (or N) on the joint, and u keeps within `lower` and `upper`. What a file
     closes around the motor (a servo, a muscle) is not simulated: u is then the force that it would exert before the
     gear, `kind` and `gains` tell the loop, and a law plays its part. Of MJCF's actuators ``gains["gain"]`` is g and
-    ``gains["bias"]`` b of force = g·input + b₀ + b₁·gear·θ + b₂·gear·θ̇ (a position servo: k_p and (0, −k_p, −k_v)).
+    ``gains["bias"]`` b of force = g·input + b₀ + b₁·gear·θ + b₂·gear·θ̇ (a position servo: k_p and (0, −k_p, −k_v));
+    ``gains["inputs"]`` are its bounds; ``gains["dynprm"]`` are there where the actuator has a state.
+    `ccpin.control.Servos` plays those without.
 
     Attributes:
         name: The motor's own.

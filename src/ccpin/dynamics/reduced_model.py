@@ -260,7 +260,7 @@ class ReducedModel:
     ) -> list[Array]:
         """Each row of the arguments given to the shorthand of that name, field by field."""
         count = together(*given)
-        found = getattr(self.core, f"{name}_many", _none)(*given, self._place(guess), int(positive(threads, "threads")))
+        found = getattr(self.core, f"{name}_many")(*given, self._place(guess), int(positive(threads, "threads")))
         if found is not None and len(shapes) == 1:
             found = (found[0],), found[1]
 
@@ -303,7 +303,3 @@ def model_of(subject: Mechanism | ReducedModel) -> ReducedModel:
 def coordinates_of(subject: Mechanism | ReducedModel) -> IndependentCoordinates:
     """The independent coordinates of a mechanism or a model."""
     return subject.coordinates if isinstance(subject, ReducedModel) else subject.parametrization().coordinates
-
-
-def _none(*_: object) -> None:
-    return None

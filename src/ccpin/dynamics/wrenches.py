@@ -7,8 +7,8 @@ f = RᵀF and m = RᵀM + p × f are the wrench in these axes; a turn δ changes
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -37,6 +37,10 @@ class Wrench(NamedTuple):
 
 Wrenches = Mapping[str, Wrench | ArrayLike]
 """By link name: a `Wrench`, or (force, moment) in world axes at the link's origin, six numbers."""
+
+
+Pushes = Callable[[float, Any, Array], "Wrenches | None"]
+"""Wrenches as a function of time, State and velocity."""
 
 
 class Applied(NamedTuple):
@@ -72,6 +76,18 @@ def applied_wrenches(tree: Tree, wrenches: Wrenches | None) -> tuple[Applied, ..
             at = carrier.placement[:3, :3] @ point + carrier.placement[:3, 3]
             found.append(Applied(carrier.joint, force, moment, at))
     return tuple(found)
+
+
+def pushes_of(tree: Tree, wrenches: Wrenches | Pushes | None) -> Pushes:
+    """Wrenches as a function (t, state, v): themselves, or constant ones, checked.
+
+    Raises:
+        InvalidInputError: As for `applied_wrenches`.
+    """
+    if callable(wrenches):
+        return wrenches
+    applied_wrenches(tree, wrenches)
+    return lambda t, state, v: wrenches
 
 
 def joint_loads(scratch: Scratch, q_free: Array, applied: Sequence[Applied]) -> Array:

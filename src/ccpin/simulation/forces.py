@@ -8,6 +8,7 @@ and the bodies' accelerations follow, by Newton and Euler, those of the tree's j
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ from scipy.linalg import null_space
 from ccpin.arrays import Array, Mask, cross, skew
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
+from ccpin.dynamics.wrenches import Pushes, Wrenches, applied_wrenches, pushes_of
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.points import BodyMotion, body_motion, joint_poses
 from ccpin.mechanism.mechanism import Mechanism
@@ -92,37 +94,47 @@ class BearingForce(NamedTuple):
         )
 
 
-def closure_forces(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[BearingForce, ...]:
+def closure_forces(
+    model: ReducedModel | Mechanism, trajectory: Trajectory, wrenches: Wrenches | Pushes | None = None
+) -> tuple[BearingForce, ...]:
     """The wrench each closure exerts on its end A at every sample of a motion, closure by closure.
 
     Args:
         model: The reduced model, or a mechanism.
-        trajectory: A motion of it under the motors' efforts alone (friction and wrenches are not in its u, so their
-            shares would be missing here).
+        trajectory: A motion of it under the motors' efforts and `wrenches` (friction is not in its u, so its share
+            would be missing here).
+        wrenches: On links, as for `simulate`.
 
     Raises:
         InvalidInputError: The trajectory is not this model's.
     """
-    wrenches = _Wrenches(model_of(model))
-    return _histories(trajectory.t, [wrenches.closures(*row).loads for row in trajectory.states(wrenches.model)])
+    bearings = _Wrenches(model_of(model))
+    return _histories(trajectory.t, [bearings.closures(*row).loads for row in bearings.rows(trajectory, wrenches)])
 
 
 def closure_forces_at(
-    model: ReducedModel | Mechanism, q: ArrayLike | State, v: ArrayLike, u: ArrayLike, guess: Near = None
+    model: ReducedModel | Mechanism,
+    q: ArrayLike | State,
+    v: ArrayLike,
+    u: ArrayLike,
+    guess: Near = None,
+    wrenches: Wrenches | None = None,
 ) -> tuple[BearingForce, ...]:
     """`closure_forces` at one q or State; every field has a leading axis of length one, and t = 0."""
-    wrenches = _Wrenches(model_of(model))
-    return _histories(np.zeros(1), [wrenches.closures(wrenches.model.at(q, guess), v, u).loads])
+    bearings = _Wrenches(model_of(model))
+    return _histories(np.zeros(1), [bearings.closures(bearings.model.at(q, guess), v, u, wrenches).loads])
 
 
-def joint_forces(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[BearingForce, ...]:
+def joint_forces(
+    model: ReducedModel | Mechanism, trajectory: Trajectory, wrenches: Wrenches | Pushes | None = None
+) -> tuple[BearingForce, ...]:
     """The wrench each joint of the tree passes from parent to child at every sample, joint by joint.
 
     Along a joint's free directions it is the effort of its motor, spring and damper less what accelerates its rotor, or
     that of its couplings; across them it is what the bearing carries. Arguments and errors as for `closure_forces`.
     """
-    wrenches = _Wrenches(model_of(model))
-    return _histories(trajectory.t, [wrenches.joints(*row) for row in trajectory.states(wrenches.model)])
+    bearings = _Wrenches(model_of(model))
+    return _histories(trajectory.t, [bearings.joints(*row) for row in bearings.rows(trajectory, wrenches)])
 
 
 class _Load(NamedTuple):
@@ -157,9 +169,17 @@ class _Wrenches:
         self.inertias = np.array([inertia.inertia for inertia in self.free.inertias])
         self.masses[0] = 0.0
 
-    def closures(self, state: State, v: ArrayLike, u: ArrayLike) -> _Closures:
+    def rows(
+        self, trajectory: Trajectory, wrenches: Wrenches | Pushes | None
+    ) -> Iterator[tuple[State, Array, Array, Wrenches | None]]:
+        """(State, q̇, u, wrenches on links) at every sample."""
+        pushes = pushes_of(self.model.mechanism.tree, wrenches)
+        for t, (state, v, u) in zip(trajectory.t.tolist(), trajectory.states(self.model), strict=True):
+            yield state, v, u, pushes(t, state, v)
+
+    def closures(self, state: State, v: ArrayLike, u: ArrayLike, pushed: Wrenches | None) -> _Closures:
         """The wrenches on the closures' ends A at one state."""
-        multipliers = state.constraint_forces(v, u)
+        multipliers = state.constraint_forces(v, u, pushed)
         poses = joint_poses(self.model.free_system.scratch, state.q_free)
         constraints, complete = self.model.parametrization.constraints, self.complete.value(state.q_free)
         loose = _left_null_space(complete.jacobian)
@@ -174,10 +194,15 @@ class _Wrenches:
             loads.append(_Load(name, frame[:3, 3], frame[:3, 2], wrench, _determined(freedoms[-1])))
         return _Closures(loads, freedoms)
 
-    def joints(self, state: State, v: Array, u: Array) -> list[_Load]:
-        """Newton and Euler for what each joint carries: its subtree's momentum, weight and closure wrenches."""
-        closures = self.closures(state, v, u)
-        motion, forces, moments = self.momentum_rates(state, v, u)
+    def joints(self, state: State, v: Array, u: Array, pushed: Wrenches | None) -> list[_Load]:
+        """Newton and Euler for what each joint carries: its subtree's momentum, weight, closures and wrenches."""
+        closures = self.closures(state, v, u, pushed)
+        motion, forces, moments = self.momentum_rates(state, v, u, pushed)
+        for one in applied_wrenches(self.model.mechanism.tree, pushed):
+            pose = motion.poses[one.joint]
+            arm = pose[:3, :3] @ one.point + pose[:3, 3] - motion.centres[one.joint]
+            forces[one.joint] -= one.force
+            moments[one.joint] -= one.moment + cross(arm, one.force)
         loads = []
         for joint in self.model.mechanism.tree.joints:
             carried, origin = list(self.free.subtrees[joint.number]), motion.poses[joint.number, :3, 3]
@@ -193,9 +218,11 @@ class _Wrenches:
             loads.append(_Load(joint.name, origin, turned, wrench, _determined(freedom)))
         return loads
 
-    def momentum_rates(self, state: State, v: Array, u: Array) -> tuple[BodyMotion, Array, Array]:
+    def momentum_rates(
+        self, state: State, v: Array, u: Array, pushed: Wrenches | None
+    ) -> tuple[BodyMotion, Array, Array]:
         """The bodies' motion, and the force and the moment about its centre that each one's motion and weight take."""
-        a_free = state.a_free(v, state.forward_dynamics(v, u))
+        a_free = state.a_free(v, state.forward_dynamics(v, u, pushed))
         motion = body_motion(self.model.free_system.scratch, state.q_free, state.v_free(v), a_free)
         turns = motion.poses[:, :3, :3]
         inertias = turns @ self.inertias @ turns.transpose(0, 2, 1)

@@ -20,7 +20,7 @@ from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
 from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
-from ccpin.dynamics.wrenches import Wrenches, applied_wrenches
+from ccpin.dynamics.wrenches import Pushes, Wrenches, pushes_of
 from ccpin.errors import (
     CcpinError,
     ConvergenceError,
@@ -79,7 +79,7 @@ def simulate(
     region: Callable[[Array], bool] | None = None,
     singular_rcond: float = 1e-7,
     friction: FrictionLike | JointFriction | None = None,
-    wrenches: Wrenches | Callable[[float, State, Array], Wrenches] | None = None,
+    wrenches: Wrenches | Pushes | None = None,
     sampling: Sampling | None = None,
 ) -> Trajectory:
     """Integrate D q̈ + C q̇ + damping q̇ + g = ρᵀ(Sᵀu + Jᵀw + f) (22), q′ = σ(q) (27) under a law, f: dry friction.
@@ -130,7 +130,7 @@ def simulate(
     if settling is not None:
         settling = settling._replace(goal=checked_q(model.coordinates, settling.goal))
     rubbing = joint_friction(model, friction)
-    contact, pushes = StickSlip(model, rubbing), _pushes(model, wrenches)
+    contact, pushes = StickSlip(model, rubbing), pushes_of(model.mechanism.tree, wrenches)
     times = np.arange(np.floor(duration / sample_period * (1 + 1e-12)) + 1) * sample_period
     if times[-1] < duration * (1 - 1e-9):
         times = np.append(times, duration)
@@ -146,16 +146,6 @@ def simulate(
     commands = ContinuousCommands(law) if sampling is None else SampledCommands(model, law, sampling, start.q, v_start)
     run = _Run(commands, contact, pushes, start, v_start, settling, region, singular_rcond)
     return run.integrate(times, getattr(integrate, method), options)
-
-
-_Pushes = Callable[[float, State, Array], Wrenches | None]
-
-
-def _pushes(model: ReducedModel, wrenches: Wrenches | _Pushes | None) -> _Pushes:
-    if callable(wrenches):
-        return wrenches
-    applied_wrenches(model.mechanism.tree, wrenches)
-    return lambda t, state, v: wrenches
 
 
 def _law(model: ReducedModel, controller: ControlLaw | Callable[..., ArrayLike] | None) -> ControlLaw:
@@ -206,7 +196,7 @@ class _Run:
         self,
         commands: ContinuousCommands | SampledCommands,
         contact: StickSlip,
-        pushes: _Pushes,
+        pushes: Pushes,
         start: State,
         v_start: Array,
         settling: Settling | None,

@@ -21,7 +21,7 @@ from ccpin.description.xml import XmlElement, label
 
 _X_AXIS = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 _TYPES = ("dyntype", "gaintype", "biastype")
-_KEPT = ("dynprm", "kp", "ki", "kv", "dampratio")
+_KEPT = ("kp", "ki", "kv", "dampratio")
 
 
 class Actuators(NamedTuple):
@@ -80,7 +80,7 @@ def read_actuators(sections: Sequence[XmlElement], tree: WorldBody, defaults: De
         if motor.kind != "motor":
             notes.append(
                 f"The loop of actuator '{motor.name}' ({motor.kind}) is not simulated: u is its force before the gear; "
-                "mechanism.motors has its gains, for a law."
+                "ccpin.control.Servos plays it, or a law with the gains in mechanism.motors."
             )
     return Actuators(tuple(motors) or None, tuple(motors.values()), armature, damping, notes)
 
@@ -96,12 +96,16 @@ def _motor(said: Element, xml: XmlElement, joint: str, gear: float, autolimits: 
         return None
     name = said.text("name") or joint
     lower, upper = _interval(said, "forcelimited", "forcerange", autolimits)
+    low, high = _interval(said, "ctrllimited", "ctrlrange", autolimits)
     if not linear:
         gains = {key: said.some_numbers(key, 10) for key in _KEPT if said.text(key)}
         if gains_as in ("none", "fixed") and biased in ("none", "affine"):
             gains |= {"gain": (gain,), "bias": bias if biased == "affine" else (0.0, 0.0, 0.0)}
+        if np.isfinite(low):
+            gains["inputs"] = (low, high)
+        if activation != "none":
+            gains["dynprm"] = said.some_numbers("dynprm", 10) or said.some_numbers("timeconst", 2) or (1.0,)
         return Motor(name, joint, gear, lower, upper, xml.tag, FrozenMapping(gains))
-    low, high = _interval(said, "ctrllimited", "ctrlrange", autolimits)
     first, last = sorted((lower / gain, upper / gain))
     return Motor(name, joint, gear * gain, max(low, first), min(high, last))
 

@@ -168,9 +168,10 @@ class JointReader:
         for attribute in _LEFT_OUT:
             if any(said.some_numbers(attribute, 2)):
                 self._tree.notes.append(f"Left out: {attribute} of joint '{name}'.")
-        if kind == "free" and physics["stiffness"]:
-            self._tree.notes.append(f"Left out: the spring of joint '{name}', which moves freely.")
-            physics["stiffness"] = 0.0
+        for word in ("stiffness", "armature") if kind == "free" else ():
+            if physics[word]:
+                self._tree.notes.append(f"Left out: {word} of joint '{name}', which moves freely.")
+                physics[word] = 0.0
         if physics["stiffness"] and kind in ("hinge", "slide"):
             unit = self._compiler.angles.unit if kind == "hinge" else 1.0
             physics["spring_reference"] = said.number("springref", 0.0) * unit
