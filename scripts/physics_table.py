@@ -31,7 +31,16 @@ MJCF = """<mujoco>{head}<worldbody>
 <body name="f"><joint name="free" type="free" {free}/><geom size="0.1"/></body>
 </worldbody><equality><joint joint1="j" joint2="k" {equality}/></equality>
 <actuator><motor name="m" joint="k" {motor}/>{actuator}</actuator>{tail}</mujoco>"""
+SDF = """<sdf version="1.9"><world name="w">{world}<model name="m">
+<link name="a">{link}{inside}</link><link name="b">{inertial}</link>
+<joint name="j" type="revolute"><parent>world</parent><child>a</child>
+<axis><xyz>0 0 1</xyz><limit>{limit}</limit>{joint}</axis>{beside}</joint>
+<joint name="k" type="revolute"><parent>world</parent><child>b</child><axis><xyz>0 0 1</xyz></axis></joint>{root}
+</model></world></sdf>"""
+HEAVY = "<inertial><mass>1</mass></inertial>"
 SLOTS = {
+    "SDF": {"link": HEAVY, "inertial": HEAVY}
+    | dict.fromkeys(["world", "inside", "limit", "joint", "beside", "root"], ""),
     "URDF": {"link": INERTIAL, "inertial": INERTIAL, "limit": "", "joint": "", "root": ""},
     "MJCF": dict.fromkeys(
         ["head", "body", "joint", "geom", "ball", "free", "equality", "motor", "actuator", "tail"], ""
@@ -51,30 +60,56 @@ def bounds(**changed: str) -> str:
 
 
 class Element(NamedTuple):
-    """A piece of physics: what it is, and (slot, text) that states it in a URDF and in an MJCF file."""
+    """A piece of physics: what it is, and (slot, text) that states it in a URDF, an MJCF and an SDFormat file."""
 
     name: str
     urdf: tuple[str, str] | None
     mjcf: tuple[str, str] | None
+    sdf: tuple[str, str] | None = None
+
+
+def dynamics(word: str) -> tuple[str, str]:
+    """SDFormat's <dynamics> with one thing in it."""
+    return "joint", f"<dynamics><{word}>1</{word}></dynamics>"
 
 
 ELEMENTS = (
-    Element("mass, centre, inertia", ("link", INERTIAL.replace('value="1"', 'value="2"')), ("geom", 'mass="3"')),
-    Element("gravity", None, ("head", '<option gravity="1 2 3"/>')),
+    Element(
+        "mass, centre, inertia",
+        ("link", INERTIAL.replace('value="1"', 'value="2"')),
+        ("geom", 'mass="3"'),
+        ("link", "<inertial><mass>2</mass></inertial>"),
+    ),
+    Element("gravity", None, ("head", '<option gravity="1 2 3"/>'), ("world", "<gravity>1 2 3</gravity>")),
     Element("gravity compensation of a body", None, ("body", 'gravcomp="1"')),
-    Element("position limits", ("limit", bounds(lower="-1", upper="1")), ("joint", 'range="-1 1"')),
+    Element(
+        "position limits",
+        ("limit", bounds(lower="-1", upper="1")),
+        ("joint", 'range="-1 1"'),
+        ("limit", "<lower>-1</lower><upper>1</upper>"),
+    ),
     Element("cone of a ball joint", None, ("ball", 'range="0 1"')),
-    Element("limit of velocity", ("limit", bounds(velocity="3")), None),
-    Element("limit of effort", ("limit", bounds(effort="3")), ("joint", 'actuatorfrcrange="-1 1"')),
+    Element("limit of velocity", ("limit", bounds(velocity="3")), None, ("limit", "<velocity>3</velocity>")),
+    Element(
+        "limit of effort",
+        ("limit", bounds(effort="3")),
+        ("joint", 'actuatorfrcrange="-1 1"'),
+        ("limit", "<effort>3</effort>"),
+    ),
     Element("soft limits", ("joint", '<safety_controller k_velocity="1" soft_upper_limit="1"/>'), None),
-    Element("damping", ("joint", '<dynamics damping="1"/>'), ("joint", 'damping="1"')),
+    Element("damping", ("joint", '<dynamics damping="1"/>'), ("joint", 'damping="1"'), dynamics("damping")),
+    Element("gravity of one link switched off", None, None, ("inside", "<gravity>0</gravity>")),
+    Element(
+        "decay of a link's velocity", None, None, ("inside", "<velocity_decay><linear>1</linear></velocity_decay>")
+    ),
     Element("damping of a ball joint", None, ("ball", 'damping="1"')),
     Element("nonlinear damping", None, ("joint", 'damping="0 1"')),
-    Element("dry friction", ("joint", '<dynamics friction="1"/>'), ("joint", 'frictionloss="1"')),
+    Element("dry friction", ("joint", '<dynamics friction="1"/>'), ("joint", 'frictionloss="1"'), dynamics("friction")),
     Element(
         "spring",
         ("root", '<gazebo reference="j"><springStiffness>1</springStiffness></gazebo>'),
         ("joint", 'stiffness="1" springref="20"'),
+        dynamics("spring_stiffness"),
     ),
     Element("spring of a ball joint", None, ("ball", 'stiffness="1"')),
     Element("damping of a free joint", None, ("free", 'damping="1"')),
@@ -83,10 +118,15 @@ ELEMENTS = (
     Element("nonlinear spring", None, ("joint", 'stiffness="0 1"')),
     Element("spring and damper by their period", None, ("joint", 'springdamper="1 1"')),
     Element("forces switched off by a flag", None, ("head", '<option><flag actuation="disable"/></option>')),
-    Element("bushing", ("root", '<drake:linear_bushing_rpy name="x"/>'), None),
+    Element("bushing", ("root", '<drake:linear_bushing_rpy name="x"/>'), None, ("root", "<drake:linear_bushing_rpy/>")),
     Element("rotor inertia", ("root", transmission('<drake:rotor_inertia value="1"/>')), ("joint", 'armature="1"')),
     Element("rotor inertia and damping of an actuator", None, ("motor", 'armature="1" damping="2"')),
-    Element("motor", ("root", transmission("")), ("actuator", '<motor joint="j"/>')),
+    Element(
+        "motor",
+        ("root", transmission("")),
+        ("actuator", '<motor joint="j"/>'),
+        ("root", '<plugin name="p" filename="f"><joint_name>j</joint_name></plugin>'),
+    ),
     Element("gear", ("root", transmission("<mechanicalReduction>5</mechanicalReduction>")), ("motor", 'gear="5"')),
     Element("gear of a ball joint's motor", None, ("actuator", '<motor joint="ball" gear="0 1 0"/>')),
     Element("bounds of a motor", None, ("motor", 'ctrlrange="-1 1" forcerange="-2 2"')),
@@ -102,10 +142,20 @@ ELEMENTS = (
         None,
         ("tail", '<tendon><fixed stiffness="1"><joint joint="j" coef="1"/></fixed></tendon>'),
     ),
-    Element("softness of constraints", None, ("equality", 'solref="0.1 1"')),
+    Element(
+        "softness of constraints",
+        None,
+        ("equality", 'solref="0.1 1"'),
+        ("beside", "<physics><ode><cfm>0.1</cfm></ode></physics>"),
+    ),
     Element("contacts, as a section", None, ("tail", '<contact><exclude body1="a" body2="b"/></contact>')),
     Element("fluid", None, ("head", '<option density="1.2" viscosity="2"/>')),
-    Element("unknown attribute of an element", ("joint", '<dynamics dampin="1"/>'), ("joint", 'dampin="1"')),
+    Element(
+        "unknown attribute of an element",
+        ("joint", '<dynamics dampin="1"/>'),
+        ("joint", 'dampin="1"'),
+        dynamics("dampin"),
+    ),
 )
 
 
@@ -128,21 +178,28 @@ def mjcf(text: str, folder: Path) -> MechanismDescription:
     return read_description(folder / "one.xml")
 
 
+def sdf(text: str, folder: Path) -> MechanismDescription:
+    """Read an SDFormat file."""
+    (folder / "one.sdf").write_text(text)
+    return read_description(folder / "one.sdf")
+
+
 FORMATS: dict[str, tuple[str, Callable[[str, Path], MechanismDescription]]] = {
     "URDF": ("URDF", urdf),
     "URDF with robot.yaml": ("URDF", toolbox),
     "MJCF": ("MJCF", mjcf),
+    "SDFormat": ("SDF", sdf),
 }
 
 
 def verdict(element: Element, name: str, folder: Path) -> str:
     """What a reader does with an element: read, read and noted, noted, refused; – where the format cannot state it."""
     language, read = FORMATS[name]
-    stated = element.urdf if language == "URDF" else element.mjcf
+    stated = {"URDF": element.urdf, "MJCF": element.mjcf, "SDF": element.sdf}[language]
     if stated is None:
         return "–"
     slot, text = stated
-    template, slots = {"URDF": URDF, "MJCF": MJCF}[language], SLOTS[language]
+    template, slots = {"URDF": URDF, "MJCF": MJCF, "SDF": SDF}[language], SLOTS[language]
     before = read(template.format(**slots), folder)
     try:
         after = read(template.format(**slots | {slot: text}), folder)

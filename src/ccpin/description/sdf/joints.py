@@ -23,6 +23,7 @@ AXIS = ("xyz", "dynamics", "limit", "mimic", "initial_position", "use_parent_mod
 DYNAMICS = ("damping", "friction", "spring_reference", "spring_stiffness")
 LIMIT = ("lower", "upper", "effort", "velocity", "stiffness", "dissipation")
 TYPES = ("revolute", "continuous", "prismatic", "ball", "universal", "revolute2", "screw", "gearbox", "fixed")
+_SOFT = ("cfm", "erp", "suspension", "max_force", "velocity", "fudge_factor", "bounce")
 _Z = np.array([0.0, 0.0, 1.0])
 
 
@@ -81,6 +82,7 @@ def read_steps(element: XmlElement, name: str, frames: Frames, found: Joints) ->
     """
     kind = joint_type(element)
     found.notes += [f"joint '{name}': <{stranger}> is not read" for stranger in unread(element, JOINT)]
+    _note_softness(element, name, found)
     if kind in ("ball", "fixed"):
         if kind == "ball" and first(first(element, "axis"), "dynamics") is not None:
             found.notes.append(
@@ -103,6 +105,14 @@ def read_steps(element: XmlElement, name: str, frames: Frames, found: Joints) ->
         found.couplings.append(Coupling(f"{name}.thread", terms))
         return turn, slide
     return (_step(element, "axis", name, kind, frames, found),)
+
+
+def _note_softness(element: XmlElement, name: str, found: Joints) -> None:
+    engine = first(first(element, "physics"), "ode")
+    soft = own(engine, *_SOFT) if engine is not None else []
+    if soft:
+        left = ", ".join(f"<{part.tag}>" for part in soft)
+        found.notes.append(f"joint '{name}': {left} of its <physics> are left out: joints are rigid here")
 
 
 def _lead(element: XmlElement) -> float:
