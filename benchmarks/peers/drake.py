@@ -51,7 +51,7 @@ class Move:
         offsets = np.array([servo.offset for servo in self.servos.values()])
         zeros = np.zeros(2 * len(offsets))
         self.plant.get_actuation_input_port().FixValue(context, offsets)
-        self.plant.get_desired_state_input_port(drake_tree.ModelInstanceIndex(1)).FixValue(context, zeros)
+        self.plant.get_desired_state_input_port(drake_tree.default_model_instance()).FixValue(context, zeros)
         simulator = Simulator(self.plant, context)
         simulator.Initialize()
         count = round(steps * self.step / sample)
@@ -95,7 +95,7 @@ def plant_of(mechanism: ccpin.Mechanism, step: float, servos: dict[str, Servo]) 
             motor.set_default_gear_ratio(1.0)
             if joint.name in servos:
                 servo = servos[joint.name]
-                motor.set_controller_gains(drake_tree.PdControllerGains(servo.stiffness, servo.damping))
+                motor.set_controller_gains(drake_tree.PdControllerGains(p=servo.stiffness, d=servo.damping))
     for loop in mechanism.constraints().loops:
         kind, a, b = loop.closure.kind, bodies[loop.joint_a], bodies[loop.joint_b]
         if kind == "fixed":
