@@ -8,19 +8,19 @@ static int import_numpy() {
 
 NB_MODULE(_core, module) {
   using ccpin::Kernel;
-  using nb::arg;
+  const auto arg = [](const char* name) { return nb::arg(name).none(); };  // None fits no shape: the kernel declines
   if (import_numpy() < 0) throw nb::python_error();
-  const auto near = arg("near").none();
-  const auto q = arg("q").none() = nb::none();
-  const auto threads = arg("threads") = 1;
+  const auto near = arg("near");
+  const auto q = arg("q") = nb::none();
+  const auto threads = nb::arg("threads") = 1;
   nb::class_<Kernel>(module, "Kernel")
-      .def(nb::init<nb::dict>(), arg("specification"))
+      .def(nb::init<nb::dict>(), nb::arg("specification"))
       .def("__reduce__", [](nb::handle self) {
         return nb::make_tuple(self.type(), nb::make_tuple(nb::cast<const Kernel&>(self).numbers));
       })
       .def("constraints", &Kernel::constraints, arg("q_free"))
       .def("constraint_rate", &Kernel::constraint_rate, arg("q_free"), arg("v_free"))
-      .def("sigma", &Kernel::sigma, arg("q"), arg("near").none() = nb::none())
+      .def("sigma", &Kernel::sigma, arg("q"), arg("near") = nb::none())
       .def("closed_point", &Kernel::closed_point, near, q)
       .def("rcond", &Kernel::rcond, arg("q_free"))
       .def("terms", &Kernel::terms, near, arg("v"), q)
@@ -38,5 +38,5 @@ NB_MODULE(_core, module) {
       .def("generalized_force_many", &Kernel::generalized_force_many, arg("Q"), arg("V"), arg("A"), near, threads)
       .def("forward_dynamics_derivatives_many", &Kernel::forward_dynamics_derivatives_many, arg("Q"), arg("V"),
            arg("U"), near, threads)
-      .def("simulate", &Kernel::simulate, near, arg("law"), arg("run"), arg("tableau"));
+      .def("simulate", &Kernel::simulate, near, nb::arg("law"), nb::arg("run"), nb::arg("tableau"));
 }

@@ -4,7 +4,6 @@
 // no row: their columns are known (`direct`), and only the `dependent` columns of J are solved for.
 #pragma once
 #include "coordinates.hpp"
-#include "linear.hpp"
 #include "rows.hpp"
 
 namespace ccpin {
@@ -28,7 +27,7 @@ struct ClusterState {
     for (size_t k = 0; k < c.direct.size(); ++k) rho[size_t(c.direct[k]) * c.n() + k] = 1;
   }
   ClusterState(ClusterState&&) = default;
-  void bind(const Cluster& c) { factor = {A.data(), pivot.data(), diagonal.data(), c.rows(), c.unknowns()}; }
+  void bind(const Cluster& c) { factor = {&c.pattern, A.data(), pivot.data(), diagonal.data(), c.rows(), c.unknowns()}; }
 };
 
 class Constraints : public Kinematics {
@@ -59,12 +58,14 @@ class Constraints : public Kinematics {
   }
 
  protected:
-  // Joints, −φ, the gaps to q (null: none wanted) and J of one cluster, and its factorised dependent columns.
-  // Returns the largest residual.
-  double linearize(const Cluster& c, ClusterState& s, const double* q) {
+  // Joints, −φ and the gaps to q (null: none wanted) of one cluster. Returns the largest residual.
+  double residuals(const Cluster& c, ClusterState& s, const double* q) {
     place_cluster(c);
     int row = 0;
-    for (int i : c.loops) row = loop_jacobian(m.loops[i], c, s, row);
+    for (int i : c.loops) {
+      loop_rows(m.loops[i], ends(m.loops[i]), &s.rows[row], &s.residual[row]);
+      for (const int end = row + m.loops[i].size; row < end; ++row) s.residual[row] = -s.residual[row];
+    }
     for (int i : c.couplings) coupling_jacobian(m.couplings[i], c, s, row++);
     for (int i : c.components) component_jacobian(m.coordinates[i], c, s, q, row++);
     double size = 0;
@@ -73,10 +74,34 @@ class Constraints : public Kinematics {
       whole_gaps(c, q, s.gap.data());
       for (double g : s.gap) size = std::max(size, std::abs(g));
     }
+    return size;
+  }
+
+  // J of one cluster after `residuals`, and its factorised dependent columns.
+  void factorize(const Cluster& c, ClusterState& s) const {
+    int row = 0;
+    for (int i : c.loops) {
+      const Loop& loop = m.loops[i];
+      for (const int end = row + loop.size; row < end; ++row) {
+        double* J = &s.J[size_t(row) * c.width()];
+        for (const Column& k : loop.columns_a) J[k.local] = dot(s.rows[row].a, S[k.component]);
+        for (const Column& k : loop.columns_b) J[k.local] = dot(s.rows[row].b, S[k.component]);
+      }
+    }
     const int n = c.unknowns();
-    for (int k = 0; k < c.rows(); ++k)
-      for (int i = 0; i < n; ++i) s.A[size_t(k) * n + i] = s.J[size_t(k) * c.width() + c.dependent[i]];
+    for (const Block& b : c.pattern.blocks)
+      for (int r : b.rows) {
+        const double* J = &s.J[size_t(r) * c.width()];
+        double* A = &s.A[size_t(r) * n];
+        for (int k = b.first; k < b.end; ++k) A[k] = J[c.dependent[k]];
+        for (int k = c.pattern.shared; k < n && &b != &c.pattern.blocks.back(); ++k) A[k] = J[c.dependent[k]];
+      }
     s.factor.factorize();
+  }
+
+  double linearize(const Cluster& c, ClusterState& s, const double* q) {
+    const double size = residuals(c, s, q);
+    factorize(c, s);
     return size;
   }
 
@@ -108,20 +133,6 @@ class Constraints : public Kinematics {
   }
 
  private:
-  int loop_jacobian(const Loop& loop, const Cluster& c, ClusterState& s, int row) const {
-    loop_rows(loop, ends(loop), &s.rows[row], &s.residual[row]);
-    for (const int end = row + loop.size; row < end; ++row) {
-      double* J = &s.J[size_t(row) * c.width()];
-      const auto along = [&](const std::vector<int>& path, const Force& W) {
-        for (int j : path)
-          for (int i = m.joints[j].v; i < m.joints[j].v + m.joints[j].nv; ++i) J[m.column_of[i]] = dot(W, S[i]);
-      };
-      along(loop.path_a, s.rows[row].a), along(loop.path_b, s.rows[row].b);
-      s.residual[row] = -s.residual[row];
-    }
-    return row;
-  }
-
   void coupling_jacobian(const Coupling& coupling, const Cluster& c, ClusterState& s, int row) const {
     double* J = &s.J[size_t(row) * c.width()];
     double total = 0;

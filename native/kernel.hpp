@@ -33,7 +33,7 @@ class Kernel {
 
   nb::object sigma(In q, In near) {
     Pool::Lease w(pool_);
-    if (!close(w->model, near, q)) return nb::none();
+    if (!close(w->model, near, q, false)) return nb::none();
     return closed(w->model);
   }
   nb::object closed_point(In near, In q) {  // q′ and ρ
@@ -212,12 +212,12 @@ class Kernel {
   }
 
   // Closes the model at σ(q) from `near`, or at `near` itself; false where only the reference can tell.
-  bool close(ReducedModel& model, const In& near, const In& q) const {
+  bool close(ReducedModel& model, const In& near, const In& q, bool rho = true) const {
     if (near.given() && !(near.is_vector(m.nq) && on_manifold(near.data))) return false;
     if (!q.given()) return near.given() && model.at(near.data);
     if (!q.is_vector(m.n_q)) return false;
     const double* start = near.given() ? near.data : m.reference.data();
-    if (!close_at(model, q.data, [&](const double* x) { return model.sigma(x, start); })) return false;
+    if (!close_at(model, q.data, [&](const double* x) { return model.sigma(x, start, rho); })) return false;
     return !(near.given() && m.turnable && !model.aligned());
   }
 

@@ -1,13 +1,30 @@
-// Dense linear algebra for the few unknowns of one cluster: row-major, in place, no allocation.
+// Linear algebra for the few unknowns of one cluster: row-major, in place, no allocation.
 #pragma once
 #include <algorithm>
 #include <cmath>
+#include <vector>
 
 namespace ccpin {
+
+// Where a cluster's matrix is not zero. Each loop has unknowns of its own, that occur in its rows only, and shares the
+// others (those of a platform) with other loops: a bordered block diagonal. Eliminating each block's own unknowns within
+// its rows, and the shared ones from what rows are left, is Gaussian elimination (or Householder's) in that order of
+// columns with the products of zeros left out, so its pivots are the dense ones.
+struct Block {
+  std::vector<int> rows;  // in which its unknowns occur
+  int first, end;         // its unknowns
+};
+struct Pattern {
+  int rows = 0, n = 0;
+  int shared = 0;             // the first of the unknowns that blocks share
+  std::vector<Block> blocks;  // the last is that of the shared unknowns and the rows left
+  std::vector<int> slots;     // by unknown: the row that the solution stands in
+};
 
 // ψ_q′ restricted to a cluster's dependent columns: LU with partial pivoting where square, Householder QR where
 // redundant rows make it tall (least squares).
 struct Factor {
+  const Pattern* pattern;
   double* a;           // rows × n, row-major
   int* pivot;          // n
   double* diagonal;    // n (tall only)
@@ -17,7 +34,7 @@ struct Factor {
 
   void factorize() { rows == n ? lu() : qr(); }
 
-  // x (rows × k, row-major) becomes the solution in its first n rows.
+  // x (rows × k, row-major) becomes the solution, unknown i in row slots[i].
   void solve(double* x, int k) const { rows == n ? lu_solve(x, k) : qr_solve(x, k); }
 
   // The least-norm solution x (rows) of Aᵀ x = y (n).
@@ -25,100 +42,133 @@ struct Factor {
 
  private:
   void judge(double low, double high) { ratio = n ? (low > 0 && std::isfinite(high) ? low / high : 0) : 1; }
+  double* row(int r) const { return a + size_t(r) * n; }
+  bool is_last(const Block& b) const { return b.first == pattern->shared; }
+
+  // f(block, unknown, its rows from the pivot's on, how many they are), one elimination after the other.
+  template <class F> void for_steps(F&& f) const {
+    for (const Block& b : pattern->blocks)
+      for (int c = b.first; c < b.end; ++c) f(b, c, &b.rows[c - b.first], int(b.rows.size()) - (c - b.first));
+  }
+  template <class F> void for_steps_back(F&& f) const {
+    for (auto b = pattern->blocks.rbegin(); b != pattern->blocks.rend(); ++b)
+      for (int c = b->end - 1; c >= b->first; --c) f(*b, c, &b->rows[c - b->first], int(b->rows.size()) - (c - b->first));
+  }
+  // f(k) for the unknowns of a block from k on, and those shared.
+  template <class F> void for_columns(const Block& b, int k, F&& f) const {
+    for (; k < b.end; ++k) f(k);
+    if (!is_last(b))
+      for (k = pattern->shared; k < n; ++k) f(k);
+  }
+  // f(row of the pivot, unknown) for the unknowns eliminated before c that its column was a part of.
+  template <class F> void for_earlier(const Block& b, int c, F&& f) const {
+    for (int k = is_last(b) ? 0 : b.first; k < c; ++k) f(pattern->slots[k], k);
+  }
 
   void lu() {
     sign = 1;
     double low = INFINITY, high = 0;
-    for (int c = 0; c < n; ++c) {
-      int best = c;
-      for (int r = c + 1; r < n; ++r)
-        if (std::abs(a[r * n + c]) > std::abs(a[best * n + c])) best = r;
-      pivot[c] = best;
-      if (best != c) std::swap_ranges(a + best * n, a + best * n + n, a + c * n), sign = -sign;
-      const double p = a[c * n + c];
-      if (!(std::abs(p) > 0)) return judge(0, 1);
+    bool whole = true;
+    for_steps([&](const Block& b, int c, const int* left, int count) {
+      if (!whole) return;
+      int best = 0;
+      for (int r = 1; r < count; ++r)
+        if (std::abs(row(left[r])[c]) > std::abs(row(left[best])[c])) best = r;
+      double *top = row(left[0]), *chosen = row(left[best]);
+      pivot[c] = left[best];
+      if (best) {
+        sign = -sign;
+        for_columns(b, c, [&](int k) { std::swap(top[k], chosen[k]); });  // what was eliminated stays in its row
+      }
+      const double p = top[c];
+      if (!(std::abs(p) > 0)) {
+        whole = false;
+        return;
+      }
       low = std::min(low, std::abs(p)), high = std::max(high, std::abs(p));
       if (p < 0) sign = -sign;
       const double inverse = 1 / p;
-      for (int r = c + 1; r < n; ++r) {
-        const double f = a[r * n + c] *= inverse;
-        if (f != 0)
-          for (int k = c + 1; k < n; ++k) a[r * n + k] -= f * a[c * n + k];
+      for (int r = 1; r < count; ++r) {
+        double* x = row(left[r]);
+        const double f = x[c] *= inverse;
+        if (f != 0) for_columns(b, c + 1, [&](int k) { x[k] -= f * top[k]; });
       }
-    }
-    judge(low, high);
+    });
+    whole ? judge(low, high) : judge(0, 1);
   }
   void lu_solve(double* x, int k) const {
-    for (int c = 0; c < n; ++c)
-      if (pivot[c] != c) std::swap_ranges(x + pivot[c] * k, x + pivot[c] * k + k, x + c * k);
-    for (int c = 0; c < n; ++c)
-      for (int r = c + 1; r < n; ++r) subtract(x + r * k, a[r * n + c], x + c * k, k);
-    for (int c = n - 1; c >= 0; --c) {
-      const double inverse = 1 / a[c * n + c];
-      for (int i = 0; i < k; ++i) x[c * k + i] *= inverse;
-      for (int r = 0; r < c; ++r) subtract(x + r * k, a[r * n + c], x + c * k, k);
-    }
+    for_steps([&](const Block&, int c, const int* left, int count) {
+      if (pivot[c] != left[0]) std::swap_ranges(x + pivot[c] * k, x + pivot[c] * k + k, x + left[0] * k);
+      for (int r = 1; r < count; ++r) subtract(x + left[r] * k, row(left[r])[c], x + left[0] * k, k);
+    });
+    for_steps_back([&](const Block& b, int c, const int* left, int) {
+      double* y = x + left[0] * k;
+      const double inverse = 1 / row(left[0])[c];
+      for (int i = 0; i < k; ++i) y[i] *= inverse;
+      for_earlier(b, c, [&](int r, int) { subtract(x + r * k, row(r)[c], y, k); });
+    });
   }
   static void subtract(double* x, double f, const double* y, int k) {  // x −= f y
     if (f != 0)
       for (int i = 0; i < k; ++i) x[i] -= f * y[i];
   }
   void lu_transposed(const double* y, double* x) const {
-    for (int c = 0; c < n; ++c) {
+    for_steps([&](const Block& b, int c, const int* left, int) {
       double s = y[c];
-      for (int r = 0; r < c; ++r) s -= a[r * n + c] * x[r];
-      x[c] = s / a[c * n + c];
-    }
-    for (int c = n - 1; c >= 0; --c)
-      for (int r = c + 1; r < n; ++r) x[c] -= a[r * n + c] * x[r];
-    for (int c = n - 1; c >= 0; --c) std::swap(x[c], x[pivot[c]]);
+      for_earlier(b, c, [&](int r, int) { s -= row(r)[c] * x[r]; });
+      x[left[0]] = s / row(left[0])[c];
+    });
+    for_steps_back([&](const Block&, int c, const int* left, int count) {
+      for (int r = 1; r < count; ++r) x[left[0]] -= row(left[r])[c] * x[left[r]];
+      std::swap(x[left[0]], x[pivot[c]]);
+    });
   }
 
   void qr() {
     double low = INFINITY, high = 0;
-    for (int c = 0; c < n; ++c) {
+    bool whole = true;
+    for_steps([&](const Block& b, int c, const int* left, int count) {
+      if (!whole) return;
       double norm = 0;
-      for (int r = c; r < rows; ++r) norm += a[r * n + c] * a[r * n + c];
+      for (int r = 0; r < count; ++r) norm += row(left[r])[c] * row(left[r])[c];
       norm = std::sqrt(norm);
-      if (!(norm > 0)) return judge(0, 1);
-      low = std::min(low, norm), high = std::max(high, norm);
-      const double head = a[c * n + c], d = head > 0 ? -norm : norm;
-      diagonal[c] = d;
-      a[c * n + c] = head - d;  // the reflector v stays in the column, vᵀv = −2 d (head − d)
-      const double beta = -1 / (d * a[c * n + c]);
-      for (int k = c + 1; k < n; ++k) {
-        double s = 0;
-        for (int r = c; r < rows; ++r) s += a[r * n + c] * a[r * n + k];
-        s *= beta;
-        for (int r = c; r < rows; ++r) a[r * n + k] -= s * a[r * n + c];
+      if (!(norm > 0)) {
+        whole = false;
+        return;
       }
-    }
-    judge(low, high);
+      low = std::min(low, norm), high = std::max(high, norm);
+      const double head = row(left[0])[c], d = head > 0 ? -norm : norm;
+      diagonal[c] = d;
+      row(left[0])[c] = head - d;  // the reflector v stays in the column, vᵀv = −2 d (head − d)
+      for_columns(b, c + 1, [&](int k) { reflect(a + k, n, c, left, count); });
+    });
+    whole ? judge(low, high) : judge(0, 1);
   }
-  void reflect(double* x, int k, int c) const {
-    const double beta = -1 / (diagonal[c] * a[c * n + c]);
-    for (int i = 0; i < k; ++i) {
-      double s = 0;
-      for (int r = c; r < rows; ++r) s += a[r * n + c] * x[r * k + i];
-      s *= beta;
-      for (int r = c; r < rows; ++r) x[r * k + i] -= s * a[r * n + c];
-    }
+  // One column x of a matrix (with a stride) mirrored in the reflector of unknown c.
+  void reflect(double* x, int stride, int c, const int* left, int count) const {
+    double s = 0;
+    for (int r = 0; r < count; ++r) s += row(left[r])[c] * x[left[r] * stride];
+    s *= -1 / (diagonal[c] * row(left[0])[c]);
+    for (int r = 0; r < count; ++r) x[left[r] * stride] -= s * row(left[r])[c];
   }
   void qr_solve(double* x, int k) const {
-    for (int c = 0; c < n; ++c) reflect(x, k, c);
-    for (int c = n - 1; c >= 0; --c) {
-      for (int i = 0; i < k; ++i) x[c * k + i] /= diagonal[c];
-      for (int r = 0; r < c; ++r) subtract(x + r * k, a[r * n + c], x + c * k, k);
-    }
+    for_steps([&](const Block&, int c, const int* left, int count) {
+      for (int i = 0; i < k; ++i) reflect(x + i, k, c, left, count);
+    });
+    for_steps_back([&](const Block& b, int c, const int* left, int) {
+      double* y = x + left[0] * k;
+      for (int i = 0; i < k; ++i) y[i] /= diagonal[c];
+      for_earlier(b, c, [&](int r, int) { subtract(x + r * k, row(r)[c], y, k); });
+    });
   }
   void qr_transposed(const double* y, double* x) const {
     std::fill(x, x + rows, 0.);
-    for (int c = 0; c < n; ++c) {
+    for_steps([&](const Block& b, int c, const int* left, int) {
       double s = y[c];
-      for (int r = 0; r < c; ++r) s -= a[r * n + c] * x[r];
-      x[c] = s / diagonal[c];
-    }
-    for (int c = n - 1; c >= 0; --c) reflect(x, 1, c);
+      for_earlier(b, c, [&](int r, int) { s -= row(r)[c] * x[r]; });
+      x[left[0]] = s / diagonal[c];
+    });
+    for_steps_back([&](const Block&, int c, const int* left, int count) { reflect(x, 1, c, left, count); });
   }
 };
 

@@ -55,23 +55,25 @@ inline RowSlope product_slope(const Jet& a, const Jet& b) {  // of (a·b)˙ and 
 
 inline void loop_row_slopes(const Loop& loop, const Ends& ends, const BodyJet& on_a, const BodyJet& on_b, RowSlope* out) {
   const Jet gap = carried(on_b, ends.B.p, 1) - carried(on_a, ends.A.p, 1);
-  const auto of_a = [&](const Vec3& a) { return carried(on_a, ends.A.R * a, 0); };
-  for (const Vec3& axis : loop.basis) {
-    const Vec3 e = ends.C * axis;
-    *out++ = {-e.dot(gap.dx_1), -e.dot(gap.dx_2)};
-  }
-  for (const auto& direction : loop.directions) {
+  const auto jet = [&](const Vector& v) -> Jet {
+    if (v.frame == Frame::gap) return gap;
+    if (v.frame == Frame::A) return carried(on_a, ends.A.R * v.local, 0);
+    if (v.frame == Frame::B) return carried(on_b, ends.B.R * v.local, 0);
+    const Vec3 zero = Vec3::Zero();
+    return {ends.C * v.local, zero, zero, zero, zero, zero};
+  };
+  for (const LoopRow& row : loop.rows) {
+    if (row.form == Form::point) {
+      const Vec3 e = ends.C * row.products[0].x.local;
+      *out++ = {e.dot(gap.dx_1), e.dot(gap.dx_2)};
+      continue;
+    }
     RowSlope sum{0, 0};
-    for (const Product& p : direction) {
-      const RowSlope one = product_slope(of_a(p.a), carried(on_b, ends.B.R * p.b, 0));
-      sum.rate += p.weight * one.rate, sum.second += p.weight * one.second;
+    for (const Product& t : row.products) {
+      const RowSlope one = product_slope(jet(t.x), jet(t.y));
+      sum.rate += t.weight * one.rate, sum.second += t.weight * one.second;
     }
     *out++ = sum;
-  }
-  for (const Vec3& offset : loop.offsets) *out++ = product_slope(of_a(offset), gap);
-  if (loop.length > 0) {
-    const RowSlope square = product_slope(gap, gap);
-    *out++ = {square.rate / (2 * loop.length), square.second / (2 * loop.length)};
   }
 }
 

@@ -6,23 +6,37 @@
 // ch. 15: constraint embedding). All of a cluster's vectors are written in the frame of the body that carries it.
 #pragma once
 #include "joints.hpp"
+#include "linear.hpp"
 
 #include <vector>
 
 namespace ccpin {
 
-struct Product { double weight; Vec3 a, b; };
+// A vector fixed in a frame of a closure, or the gap p_B − p_A between its ends.
+enum class Frame { A, B, C, gap };
+constexpr const char* kFrameNames[] = {"A", "B", "C", "gap"};
+struct Vector { Frame frame; Vec3 local; };
+
+// w (x·y); where x is fixed its length holds the weight, and w is 1.
+struct Product { double weight; Vector x, y; };
+
+// A row Σ w (x·y) of φ. Two forms are evaluated sooner: the point row e·gap with e fixed in C, and Σ a·b of vectors of A
+// with vectors of B.
+enum class Form { point, direction, any };
+struct LoopRow { Form form; std::vector<Product> products; };
+
+struct Alignment { Vec3 a, b; };            // a of A and b of B, whose product is positive where closed the right way round
+
+struct Column { int component, local; };    // a component of q̇′, and its local column in the cluster
 
 // One closure: its rows of φ as data (ccpin.kinematics.rows), its ends and the paths to them.
 struct Loop {
   int a, b, ancestor;                       // joints that carry the ends, and their nearest common ancestor C
   Pose frame_a, frame_b;                    // closure frames in those joints' frames
-  std::vector<Vec3> basis;                  // point rows, in C's axes
-  std::vector<std::vector<Product>> directions;
-  std::vector<Vec3> offsets;
-  double length;                            // of the distance row; 0: none
-  std::vector<Product> alignment;           // products that are positive where closed the right way round
+  std::vector<LoopRow> rows;
+  std::vector<Alignment> alignment;
   std::vector<int> path_a, path_b;          // joints from C (left out) to the ends
+  std::vector<Column> columns_a, columns_b;  // of the joints on these paths
   int row, size;                            // window of φ
   int base = 0;                             // the joint that carries the loop's cluster
 };
@@ -46,6 +60,7 @@ struct Cluster {
   std::vector<int> loops, couplings, coordinates;
   std::vector<int> columns;                 // which component of q̇′ each local column is
   std::vector<int> dependent, direct;       // local columns solved for; and those that are components of q̇ themselves
+  Pattern pattern;                          // of J's dependent columns
   std::vector<int> whole, components;       // its coordinates of the two kinds
   std::vector<int> independent;             // components of q̇, in the order of ρ's columns: direct ones first
   std::vector<int> motors, motor_columns;   // (where motors are not the independent joints) which of u, at which column

@@ -7,8 +7,10 @@
 
 namespace ccpin {
 
-constexpr double kContraction = 0.125, kLargestMove = 1.0, kShortestStep = 0x1p-30, kOpenStart = 1e-6;
-constexpr int kMaxNewton = 12;
+constexpr double kContraction = 0.125, kChord = 0.0625, kNoise = 1e-9;
+constexpr double kLargestMove = 1.0, kShortestStep = 0x1p-30, kOpenStart = 1e-6;
+constexpr int kMaxNewton = 16;
+
 // A closed point, as a start: its ρ spares Newton the first evaluation.
 struct ClosedPoint {
   std::vector<double> q_free;
@@ -22,13 +24,15 @@ class Parametrization : public Tangent {
     q_start_.resize(m.n_q), q_ahead_.resize(m.n_q), line_.resize(m.n), here_.resize(m.nq);
   }
 
-  // σ(q) from a start; false where the trusted path does not lead there.
-  bool sigma(const double* q, const double* start) {
+  // σ(q) from a start; false where the trusted path does not lead there. With `rho` false: q′ alone.
+  bool sigma(const double* q, const double* start, bool rho = true) {
+    wants_rho_ = rho;
     for (size_t k = 0; k < m.clusters.size(); ++k)
       if (!solve(m.clusters[k], states[k], q, start, nullptr, 0)) return false;
     return true;
   }
-  bool sigma(const double* q, const ClosedPoint& near) {
+  bool sigma(const double* q, const ClosedPoint& near, bool rho = true) {
+    wants_rho_ = rho;
     for (size_t k = 0; k < m.clusters.size(); ++k)
       if (!solve(m.clusters[k], states[k], q, near.q_free.data(), near.rho[k].data(), near.sign[k])) return false;
     return true;
@@ -60,6 +64,7 @@ class Parametrization : public Tangent {
 
  private:
   std::vector<double> q_start_, q_ahead_, line_, here_;
+  bool wants_rho_ = true;
 
   bool solve(const Cluster& c, ClusterState& s, const double* q, const double* start, const double* rho, int sign) {
     bool open = false;
@@ -71,30 +76,46 @@ class Parametrization : public Tangent {
 
   // One trusted Newton solve on ψ̄ (11): its second correction is at most an eighth of the first, no step is longer than
   // one, and det ψ_q′ keeps its sign. Where ρ at a closed start is known, the first step is ρ Δq.
+  //
+  // A factor serves two corrections (Shamanskii's method, of third order). The second one, ψ̄ anew but ψ_q′ that of the
+  // iterate before, is taken where it is at most a sixteenth of the first: with h half of ω‖Δ₁‖ it is at most h‖Δ₁‖, and
+  // Newton's own at most h/(1 − 2h)‖Δ₁‖, so that he would trust the step too and ψ_q′ stays regular (Deuflhard, Newton
+  // Methods for Nonlinear Problems, 2004, sec. 2.1). A third is taken where it will be the last.
   bool newton(const Cluster& c, ClusterState& s, const double* q, const double* start, const double* rho, int sign,
               bool& open) {
     copy_cluster(c, start, q_free.data());
-    int first = 0;
+    const int first = rho && c.n() ? 1 : 0;
     double last = 0;
-    if (rho && c.n()) {
+    if (first) {
       last = tangent_step(c, s, q, rho);
       if (!(last <= kLargestMove)) return false;
       move(c, s.step.data());
-      first = 1;
     }
+    int served = 0;  // corrections that the factor at hand has made; 0: none to trust
     for (int iteration = first; iteration < kMaxNewton; ++iteration) {
-      const double size = linearize(c, s, q);
+      const double size = residuals(c, s, q);
+      const bool closed = size <= m.tolerance || (iteration && last <= kNoise && size <= 100 * m.tolerance);
+      if (served && closed && !wants_rho_) return true;
+      if (served && !closed) {
+        const double length = newton_step(c, s);
+        if (length <= kChord * last && (served == 1 || length * length <= last * m.tolerance)) {
+          last = length, ++served;
+          move(c, s.step.data());
+          continue;
+        }
+      }
+      factorize(c, s);
       if (iteration == 0) {
         sign = s.factor.sign;
         for (int r = 0; r < c.phi_rows(); ++r) open |= std::abs(s.residual[r]) > kOpenStart;
       }
       if (too_singular(c, s) || s.factor.sign != sign) return false;
-      if (size <= m.tolerance || (iteration && last <= 1e-9 && size <= 100 * m.tolerance))
-        return finish(c, s);
+      if (closed) return finish(c, s);
       const double length = newton_step(c, s);
       if (!(length <= kLargestMove)) return false;
-      if (iteration && length > kContraction * last && length > 1e-9) return false;
+      if (iteration && length > kContraction * last && length > kNoise) return false;
       last = length;
+      served = s.factor.ratio >= kSuspiciousPivots && regular(c, s);
       move(c, s.step.data());
     }
     return false;
@@ -175,7 +196,7 @@ class Parametrization : public Tangent {
       const double size = linearize(c, s, q_start_.data());
       if (iteration == 0) sign = s.factor.sign;
       if (too_singular(c, s) || s.factor.sign != sign) return false;
-      if (size <= m.tolerance || (last <= 1e-9 && size <= 100 * m.tolerance)) {
+      if (size <= m.tolerance || (last <= kNoise && size <= 100 * m.tolerance)) {
         copy_cluster(c, q_free.data(), here_.data());
         return true;
       }

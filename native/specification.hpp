@@ -80,6 +80,8 @@ class Reader {
   Mechanism m_;
   std::vector<int> motors_;
 
+  static nb::sequence sequence(nb::handle h) { return nb::cast<nb::sequence>(h); }
+  static double number(nb::handle h) { return nb::cast<double>(h); }
   static nb::tuple tuple(nb::handle h) { return nb::cast<nb::tuple>(h); }
   static std::vector<int> integers(nb::handle h) { return nb::cast<std::vector<int>>(h); }
   static std::vector<double> doubles(nb::handle h) { return nb::cast<std::vector<double>>(h); }
@@ -105,13 +107,28 @@ class Reader {
       if (name == kKindNames[k]) return Kind(k);
     throw std::invalid_argument("the core knows no joint of kind '" + name + "'");
   }
-  static std::vector<Product> products(nb::handle h) {
-    std::vector<Product> out;
-    for (nb::handle p : nb::cast<nb::sequence>(h)) {
-      const nb::tuple t = tuple(p);
-      out.push_back({nb::cast<double>(t[0]), vec(t[1]), vec(t[2])});
-    }
-    return out;
+  static Vector vector(nb::handle h) {
+    const nb::tuple t = tuple(h);
+    const std::string name = nb::cast<std::string>(t[0]);
+    for (int k = 0; k < 4; ++k)
+      if (name == kFrameNames[k]) return {Frame(k), vec(t[1])};
+    throw std::invalid_argument("a closure has no frame '" + name + "'");
+  }
+  static Product product(nb::handle h) {
+    const nb::tuple t = tuple(h);
+    Product p{number(t[0]), vector(t[1]), vector(t[2])};
+    if (p.x.frame == Frame::gap || p.y.frame == Frame::A) std::swap(p.x, p.y);
+    if (p.x.frame != Frame::gap) p.x.local *= p.weight, p.weight = 1;
+    return p;
+  }
+  static LoopRow row(nb::handle h) {
+    LoopRow row{Form::direction, {}};
+    for (nb::handle p : sequence(h)) row.products.push_back(product(p));
+    const auto fits = [](const Product& p, Frame x, Frame y) { return p.x.frame == x && p.y.frame == y; };
+    for (const Product& p : row.products)
+      if (!fits(p, Frame::A, Frame::B)) row.form = Form::any;
+    if (row.products.size() == 1 && fits(row.products[0], Frame::C, Frame::gap)) row.form = Form::point;
+    return row;
   }
 
   Joint joint(nb::tuple t) const {
@@ -132,13 +149,10 @@ class Reader {
     const std::vector<int> ends = integers(t[0]);
     l.a = ends[0], l.b = ends[1], l.ancestor = ends[2];
     l.frame_a = pose(t[1]), l.frame_b = pose(t[2]);
-    for (nb::handle e : nb::cast<nb::sequence>(t[3])) l.basis.push_back(vec(e));
-    for (nb::handle d : nb::cast<nb::sequence>(t[4])) l.directions.push_back(products(d));
-    for (nb::handle o : nb::cast<nb::sequence>(t[5])) l.offsets.push_back(vec(o));
-    l.length = nb::cast<double>(t[6]);
-    l.alignment = products(t[7]);
-    l.path_a = integers(t[8]), l.path_b = integers(t[9]);
-    l.size = int(l.basis.size() + l.directions.size() + l.offsets.size() + (l.length > 0));
+    for (nb::handle h : sequence(t[3])) l.rows.push_back(row(h));
+    for (nb::handle h : sequence(t[4])) l.alignment.push_back({vec(tuple(h)[0]), vec(tuple(h)[1])});
+    l.path_a = integers(t[5]), l.path_b = integers(t[6]);
+    l.size = int(l.rows.size());
     l.row = m_.m, m_.m += l.size;
     return l;
   }
@@ -170,11 +184,64 @@ class Reader {
         c.columns.push_back(m_.joints[j].v + k);
       }
     }
-    for (int i : c.loops) c.loop_rows += m_.loops[i].size, m_.loops[i].base = c.parent;
+    for (int i : c.loops) {
+      Loop& loop = m_.loops[i];
+      c.loop_rows += loop.size, loop.base = c.parent;
+      loop.columns_a = columns(loop.path_a), loop.columns_b = columns(loop.path_b);
+    }
     if (c.parent) m_.carries[c.parent] = 1, m_.clusters[m_.cluster_of[c.parent]].carries = true;
     choose_columns(c);
     if (c.rows() < c.unknowns()) throw std::invalid_argument("a cluster has fewer rows than unknowns");
+    find_pattern(c);
     m_.clusters.push_back(c);
+  }
+
+  std::vector<Column> columns(const std::vector<int>& path) const {
+    std::vector<Column> found;
+    for (int j : path)
+      for (int k = m_.joints[j].v; k < m_.joints[j].v + m_.joints[j].nv; ++k) found.push_back({k, m_.column_of[k]});
+    return found;
+  }
+
+  // Which unknowns occur in the rows of one loop, coupling or component alone; `dependent` in the order of elimination.
+  void find_pattern(Cluster& c) const {
+    std::vector<std::pair<int, std::vector<int>>> groups;  // rows, and the local columns they have
+    for (int i : c.loops) {
+      groups.push_back({m_.loops[i].size, {}});
+      for (const auto& path : {m_.loops[i].columns_a, m_.loops[i].columns_b})
+        for (const Column& k : path) groups.back().second.push_back(k.local);
+    }
+    for (int i : c.couplings) {
+      groups.push_back({1, {}});
+      for (const CouplingTerm& t : m_.couplings[i].terms) groups.back().second.push_back(m_.column_of[t.v]);
+    }
+    for (int i : c.components) {
+      const Joint& joint = m_.joints[m_.coordinates[i].joint];
+      groups.push_back({1, {}});
+      for (int k = 0; k < joint.nv; ++k) groups.back().second.push_back(m_.column_of[joint.v + k]);
+    }
+    std::vector<int> owner(c.width(), -1), order;  // by local column: its group; −2: several
+    for (int g = 0; g < int(groups.size()); ++g)
+      for (int col : groups[g].second) owner[col] = owner[col] == -1 || owner[col] == g ? g : -2;
+    Pattern& p = c.pattern;
+    Block last;
+    int row = 0;
+    for (int g = 0; g < int(groups.size()); ++g) {
+      Block b{{}, int(order.size()), 0};
+      for (int k = 0; k < groups[g].first; ++k) b.rows.push_back(row++);
+      for (int col : c.dependent)
+        if (owner[col] == g && order.size() < b.first + b.rows.size()) order.push_back(col);
+      b.end = int(order.size());
+      last.rows.insert(last.rows.end(), b.rows.begin() + (b.end - b.first), b.rows.end());
+      p.slots.insert(p.slots.end(), b.rows.begin(), b.rows.begin() + (b.end - b.first));
+      if (b.end > b.first) p.blocks.push_back(b);
+    }
+    p.shared = last.first = int(order.size()), last.end = p.n = c.unknowns(), p.rows = c.rows();
+    for (int col : c.dependent)
+      if (std::find(order.begin(), order.end(), col) == order.end()) order.push_back(col);
+    p.slots.insert(p.slots.end(), last.rows.begin(), last.rows.begin() + (last.end - last.first));
+    p.blocks.push_back(last);
+    c.dependent = order;
   }
 
   void choose_columns(Cluster& c) const {

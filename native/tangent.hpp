@@ -64,7 +64,7 @@ class Tangent : public Constraints {
     for (int i : c.components) change[row++] = -component_rate(m.coordinates[i], v, [](int, double) {});
     s.factor.solve(change, 1);
     std::fill(s.bias.begin(), s.bias.end(), 0.);
-    for (int k = 0; k < c.unknowns(); ++k) s.bias[c.dependent[k]] = change[k];
+    for (int k = 0; k < c.unknowns(); ++k) s.bias[c.dependent[k]] = change[c.pattern.slots[k]];
   }
 
   // ψ̇_q′ along q̇′ = v, entry by entry: f(row, local column, rate). After `bias` with the same v.
@@ -134,7 +134,7 @@ class Tangent : public Constraints {
   // Rows of a solution to the dependent columns of a width × n matrix.
   static void scatter(const Cluster& c, const double* solution, int n, double* out) {
     for (int k = 0; k < c.unknowns(); ++k)
-      std::copy(solution + size_t(k) * n, solution + size_t(k + 1) * n, out + size_t(c.dependent[k]) * n);
+      std::copy_n(solution + size_t(c.pattern.slots[k]) * n, n, out + size_t(c.dependent[k]) * n);
   }
 
  protected:
@@ -145,6 +145,17 @@ class Tangent : public Constraints {
     double largest = 0;
     for (double x : s.rho) largest = std::max(largest, std::abs(x));
     return (s.factor.ratio >= kSuspiciousPivots && largest <= kSuspiciousRho) || cluster_rcond(c, s) >= kSingular;
+  }
+  // Whether ψ_q′⁻¹ is moderate, told from one solution with a right side of no structure.
+  bool regular(const Cluster& c, ClusterState& s) const {
+    double x = 0.5, largest = 0;
+    for (int r = 0; r < c.rows(); ++r) {
+      x = 3.9 * x * (1 - x);
+      s.right[r] = r % 2 ? x + 0.1 : -x - 0.1;
+    }
+    s.factor.solve(s.right.data(), 1);
+    for (int slot : c.pattern.slots) largest = std::max(largest, std::abs(s.right[slot]));
+    return largest <= kSuspiciousRho;
   }
   bool too_singular(const Cluster& c, ClusterState& s) {
     if (s.factor.ratio >= kSuspiciousPivots) return false;
@@ -197,7 +208,11 @@ class Tangent : public Constraints {
     inverse_.assign(size_t(rows) * rows, 0.);
     for (int k = 0; k < rows; ++k) inverse_[size_t(k) * rows + k] = 1;
     if (rows) s.factor.solve(inverse_.data(), rows);
-    for (int k = 0; k < rows; ++k) inverse = std::max(inverse, column(&inverse_[k], c.unknowns(), rows));
+    for (int k = 0; k < rows; ++k) {
+      double sum = 0;
+      for (int slot : c.pattern.slots) sum += std::abs(inverse_[size_t(slot) * rows + k]);
+      inverse = std::max(inverse, sum);
+    }
     return {std::max(psi, 1e-300), std::max(inverse, 1e-300)};
   }
 };

@@ -130,6 +130,7 @@ def test_wrong_q(rpdr_model, q, message):
     for call in (
         lambda: rpdr_model.sigma(q),
         lambda: rpdr_model.terms(q, zero),
+        lambda: rpdr_model.terms(q, zero, rpdr_model.mechanism.q_reference),
         lambda: rpdr_model.forward_dynamics(q, zero, zero),
         lambda: rpdr_model.inverse_dynamics(q, zero, zero),
         lambda: rpdr_model.constraint_forces(q, zero, zero),
@@ -139,7 +140,7 @@ def test_wrong_q(rpdr_model, q, message):
             call()
 
 
-@pytest.mark.parametrize("wrong", [[1.0], [np.nan, 0.0], [1.0, 2.0, 3.0]])
+@pytest.mark.parametrize("wrong", [[1.0], [np.nan, 0.0], [1.0, 2.0, 3.0], "speed"])
 def test_other_arguments(rpdr_model, wrong):
     """v, u, a, the guess, q′, q̇′ and batches are checked too, by name."""
     zero = [0.0, 0.0]
@@ -158,6 +159,19 @@ def test_other_arguments(rpdr_model, wrong):
             call()
     with pytest.raises(InvalidInputError, match="lengths"):
         rpdr_model.terms_many([CLOSED, CLOSED], [zero])
+
+
+def test_nothing_where_numbers_belong(rpdr_model):
+    """None for v, u or a is refused by name, not taken for zero."""
+    zero, state = [0.0, 0.0], rpdr_model.at(CLOSED)
+    for name, call in (
+        ("v", lambda: state.terms(None)),
+        ("u", lambda: state.forward_dynamics(zero, None)),
+        ("u", lambda: rpdr_model.forward_dynamics(CLOSED, zero, None)),
+        ("a", lambda: rpdr_model.generalized_force_derivatives(CLOSED, zero, None)),
+    ):
+        with pytest.raises(InvalidInputError, match=rf"^{name} "):
+            call()
 
 
 def test_unreachable_and_singular(rpdr_model):

@@ -78,7 +78,7 @@ class LoopNotClosedError(CcpinError):
 
     Attributes:
         q_free: The least open configuration found, of shape (nq,).
-        errors: Residual norm of each loop at ``q_free`` by name.
+        errors: Residual norm of each loop of its cluster at ``q_free`` by name.
     """
 
     def __init__(self, message: str, *, q_free: NDArray[np.float64], errors: dict[str, float]) -> None:

@@ -11,6 +11,7 @@ import ccpin
 from ccpin.cli import main
 from ccpin.simulation import load_npz
 from tests.support.paper import MOVE_OPTIONS
+from tests.support.places import MODELS
 
 
 def test_info_in_words(capsys):
@@ -121,3 +122,46 @@ def test_module_runs_as_a_program():
     done = subprocess.run([sys.executable, "-m", "ccpin", "--version"], capture_output=True, text=True, check=True)
     assert ccpin.__version__ in done.stdout
     assert subprocess.run([sys.executable, "-m", "ccpin", "dance"], capture_output=True, check=False).returncode == 2
+
+
+def test_doctor_tells_what_is_installed_and_what_computes(capsys):
+    """Versions as the packages say them, the backend in use, and missing extras by name."""
+    assert main(["doctor", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["packages"][""]["numpy"] == np.__version__
+    assert facts["backend"]["name"] == ccpin.backend().name
+    assert facts["cores"] >= 1
+    assert main(["doctor"]) == 0
+    assert f"computed by  {ccpin.backend().name}" in capsys.readouterr().out
+
+
+def test_doctor_survives_a_wrong_backend_and_no_compiler(capsys, monkeypatch):
+    """What is wrong is told, not raised: that is what it is asked for."""
+    monkeypatch.setenv("CCPIN_BACKEND", "fortran")
+    monkeypatch.setenv("CXX", "/nowhere/c++")
+    assert main(["doctor"]) == 0
+    text = capsys.readouterr().out
+    assert "must be numpy or native" in text
+    assert "compiler     none found" in text
+
+
+def test_doctor_lists_missing_meshes(capsys, tmp_path):
+    """By the name they have in the file."""
+    text = (MODELS / "four_bar.urdf").read_text(encoding="utf-8")
+    visual = '<visual><geometry><mesh filename="gone.stl"/></geometry></visual></link>'
+    path = tmp_path / "meshless.urdf"
+    path.write_text(text.replace("</link>", visual, 1), encoding="utf-8")
+    assert main(["doctor", str(path), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["meshes"]
+    assert found["named"] == 1
+    assert "gone.stl" in found["missing"][0]
+
+
+def test_convert(tmp_path, capsys):
+    """A model written as MJCF is a file that loads; what cannot be written is said, and no file is left."""
+    assert main(["convert", "rpdr", "--out", str(tmp_path / "rpdr.xml")]) == 0
+    assert "n = 2" in capsys.readouterr().out
+    assert ccpin.load(tmp_path / "rpdr.xml").n == 2
+    assert main(["convert", "rpdr", "--out", str(tmp_path / "rpdr.step")]) == 1
+    assert "names none of" in capsys.readouterr().err
+    assert not (tmp_path / "rpdr.step").exists()

@@ -140,9 +140,9 @@ def test_couplings_are_mujocos_polynomials() -> None:
 
 
 def test_inactive_and_unsupported_constraints_become_notes() -> None:
-    """An inactive constraint, a tendon, springs and damping are named in the notes and left out."""
+    """An inactive constraint, a tendon and a spring stated by its period are named in the notes and left out."""
     text = model(
-        PAIR.replace('name="ja"', 'name="ja" damping="1" stiffness="2"'),
+        PAIR.replace('name="ja"', 'name="ja" springdamper="1 2"'),
         equality='<connect name="open" body1="a" anchor="0 0 0" active="false"/><weld body1="a"/><tendon tendon1="t"/>',
         tail='<tendon><fixed name="t"><joint joint="ja" coef="1"/></fixed></tendon>',
     )
@@ -150,7 +150,7 @@ def test_inactive_and_unsupported_constraints_become_notes() -> None:
     description = read(text)
     assert [closure.name for closure in description.closures] == ["weld_1"]
     notes = "\n".join(description.notes)
-    for word in ("'open'", "'tendon_1'", "springs of ja", "damping of ja", "tendons"):
+    for word in ("'open'", "'tendon_1'", "springdamper of joint 'ja'", "tendons"):
         assert word in notes
 
 

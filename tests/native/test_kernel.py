@@ -16,7 +16,8 @@ from ccpin import native
 from ccpin.description.closure_kinds import CLOSURE_KINDS, GAP, Fixed, LoopRows, PlaneNormal, Product
 from ccpin.description.model import LoopClosure
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.native.specification import clusters, row_forms
+from ccpin.kinematics.clusters import clusters
+from ccpin.native.specification import row_forms
 from tests.support.agreement import reference_model, relative
 
 native_only = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")

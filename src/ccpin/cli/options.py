@@ -14,9 +14,10 @@ from ccpin.mechanism import load as load_mechanism
 from ccpin.mechanism.mechanism import Mechanism
 
 
-def add_mechanism(parser: argparse.ArgumentParser) -> None:
+def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> None:
     """The mechanism and what overrides its file."""
-    parser.add_argument("mechanism", help="a file (URDF with loops, robot.yaml, MJCF) or an installed model's name")
+    what = "a file (URDF with loops, robot.yaml, MJCF) or an installed model's name"
+    parser.add_argument("mechanism", help=what, nargs="?" if optional else None)
     parser.add_argument("--independent", nargs="+", metavar="JOINT", help="independent joints, in the order of q")
     parser.add_argument("--actuated", nargs="+", metavar="JOINT", help="actuated joints, in the order of u")
     parser.add_argument("--floating-base", action="store_true", help="free the root link")

@@ -211,9 +211,9 @@ class CoulombCompensation(ControlLaw):
         width: float = 0.01,
     ) -> None:
         model = law.model
-        if model.mechanism.actuated != model.mechanism.independent:
+        if not model.mechanism.direct:
             raise UnsupportedMechanismError(
-                "friction compensation needs the motors on the independent joints, in order"
+                "friction compensation needs the motors on the independent joints, in order and without gears"
             )
         level = np.asarray(coulomb, dtype=np.float64)
         if level.shape not in ((), (model.n,)) or not np.isfinite(level).all() or np.any(level < 0):

@@ -16,6 +16,7 @@ from ccpin.description.model import (
     Link,
     LoopClosure,
     MechanismDescription,
+    Motor,
     Shape,
     Visual,
 )
@@ -32,6 +33,7 @@ __all__ = [
     "Link",
     "LoopClosure",
     "MechanismDescription",
+    "Motor",
     "Part",
     "Shape",
     "Visual",

@@ -10,7 +10,7 @@ import numpy as np
 
 from ccpin.description.closure_kinds import CLOSURE_KINDS
 from ccpin.description.joint_kinds import FIXED, JOINT_KINDS
-from ccpin.description.model import Inertia, MechanismDescription
+from ccpin.description.model import Inertia, Joint, MechanismDescription
 from ccpin.errors import DescriptionError
 
 MAGNITUDE_LIMIT = 1e9
@@ -49,10 +49,12 @@ class _Checker:
         for link in self.d.links:
             if link.inertia is not None:
                 self.inertia_is_physical(f"link '{link.name}'", link.inertia)
+        self.something_has_mass()
         self.joints_are_sound()
         self.closures_are_sound()
         self.couplings_are_sound()
         self.marks_are_sound()
+        self.motors_are_sound()
 
     def names_are_unique(self) -> None:
         for kind, field in (("link", "links"), ("joint", "joints"), ("loop", "closures"), ("coupling", "couplings")):
@@ -84,6 +86,10 @@ class _Checker:
                     raise self.fail(f"link '{link}'", "the joints form a cycle; cut it and state the loop as a closure")
                 seen.add(link)
 
+    def something_has_mass(self) -> None:
+        if all(link.inertia is None for link in self.d.links):
+            self.notes.append("no link states an inertia: nothing has mass, so there is no dynamics, only kinematics")
+
     def inertia_is_physical(self, element: str, inertia: Inertia) -> None:
         if inertia.com.shape != (3,) or inertia.rotational.shape != (3, 3):
             raise self.fail(element, "the centre of mass must have shape (3,), the rotational inertia shape (3, 3)")
@@ -112,8 +118,30 @@ class _Checker:
             self.placement_is_rigid(element, joint.placement)
             if not joint.lower <= joint.upper:
                 raise self.fail(element, f"lower limit {joint.lower:g} exceeds upper limit {joint.upper:g}")
-            if not 0 <= joint.armature < MAGNITUDE_LIMIT:
-                raise self.fail(element, f"reflected rotor inertia {joint.armature:g} is negative or not finite")
+            self.physics_is_sound(element, joint)
+
+    def physics_is_sound(self, element: str, joint: Joint) -> None:
+        words = {"armature": "reflected rotor inertia", "damping": "damping", "friction": "friction"}
+        for field, word in (words | {"stiffness": "stiffness"}).items():
+            value = getattr(joint, field)
+            if not 0 <= value < MAGNITUDE_LIMIT:
+                raise self.fail(element, f"{word} {value:g} is negative or not finite")
+        for field in ("effort", "velocity"):
+            if not getattr(joint, field) >= 0:
+                raise self.fail(
+                    element, f"the limit of {field}, {getattr(joint, field):g}, is negative or not a number"
+                )
+        self.is_sensible(element, (joint.spring_reference,), "the spring's reference")
+        if not joint.stiffness:
+            return
+        kind = JOINT_KINDS.get(joint.kind)
+        if kind is None or not kind.springs:
+            known = ", ".join(name for name, entry in JOINT_KINDS.items() if entry.springs)
+            raise self.fail(element, f"is {joint.kind}: a spring needs a joint of kind {known}")
+        if kind.unit and joint.spring_reference:
+            raise self.fail(
+                element, f"the spring of a {joint.kind} joint pulls to its zero; it has no spring_reference"
+            )
 
     def placement_is_rigid(self, element: str, placement: np.ndarray) -> None:
         if placement.shape != (4, 4):
@@ -161,10 +189,24 @@ class _Checker:
             for name in names or ():
                 if name.partition(":")[0] not in self.joints:
                     raise self.fail(f"joint '{name}'", f"is marked {role} but does not exist")
-        for name, values in self.d.reference.items():
-            if name not in self.joints:
-                raise self.fail(f"joint '{name}'", "has a reference value but does not exist")
-            self.is_sensible(f"joint '{name}'", values, "the reference value")
+        for pose in (self.d.reference, *self.d.poses.values()):
+            for name, values in pose.items():
+                if name not in self.joints:
+                    raise self.fail(f"joint '{name}'", "has a reference value but does not exist")
+                self.is_sensible(f"joint '{name}'", values, "the reference value")
+
+    def motors_are_sound(self) -> None:
+        for motor in self.d.motors:
+            element = f"motor '{motor.name}'"
+            if motor.joint not in self.joints:
+                raise self.fail(element, f"drives joint '{motor.joint}', which does not exist")
+            if not 0 < abs(motor.gear) < MAGNITUDE_LIMIT:
+                raise self.fail(element, f"gear {motor.gear:g} is zero or not finite")
+            if not motor.lower <= motor.upper:
+                raise self.fail(element, f"its lower bound {motor.lower:g} exceeds its upper bound {motor.upper:g}")
+        for joint, count in Counter(motor.joint for motor in self.d.motors).items():
+            if count > 1:
+                raise self.fail(f"joint '{joint}'", f"has {count} motors; put them together as one")
 
     def is_sensible(self, element: str, values: Iterable[float], what: str) -> None:
         if not all(abs(value) < MAGNITUDE_LIMIT for value in values):

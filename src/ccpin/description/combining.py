@@ -59,6 +59,7 @@ def combine(
             closures=(*(c for d in every for c in d.closures), *closures),
             couplings=tuple(c for d in every for c in d.couplings),
             actuated=tuple(joint for d in every for joint in d.actuated or ()) or None,
+            motors=tuple(motor for d in every for motor in d.motors),
             reference={joint: value for d in every for joint, value in d.reference.items()},
             notes=tuple(note for d in every for note in d.notes),
         )
@@ -80,6 +81,8 @@ def _renamed(d: MechanismDescription, prefix: str) -> MechanismDescription:
             Coupling(prefix + c.name, tuple(replace(t, joint=prefix + t.joint) for t in c.terms)) for c in d.couplings
         ),
         actuated=None if d.actuated is None else tuple(prefix + name for name in d.actuated),
+        motors=tuple(replace(m, name=prefix + m.name, joint=prefix + m.joint) for m in d.motors),
         reference={prefix + name: value for name, value in d.reference.items()},
+        poses={},  # of a part: the whole is in none of them
         notes=tuple(f"{prefix}: {note}" for note in d.notes),
     )

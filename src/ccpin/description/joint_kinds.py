@@ -64,6 +64,14 @@ class JointKind:
         return tuple(step[0] == "t" for step in self.steps)
 
     @property
+    def springs(self) -> bool:
+        """Whether a spring has one displacement to pull back: a plain number, or the rotation vector of a ball.
+
+        An angle on the circle is known up to whole turns only.
+        """
+        return self.nq == 1 or (self.unit == 4 and self.nv == 3)
+
+    @property
     def sliding(self) -> bool:
         """Whether it only slides: a displacement in metres."""
         return all(self.slides)
@@ -96,6 +104,11 @@ class JointKind:
     def stated(self, values: Array) -> Array:
         """A configuration as a description states it: an angle may stand for a point on the circle."""
         return self.configuration(values, np.eye(3)) if self.unit == 2 and values.shape == (self.nv,) else values
+
+    def told(self, q: Array) -> tuple[float, ...]:
+        """A configuration as a description states it, a point on the circle as its angle."""
+        values = self.theta(q, np.eye(3)) if self.unit == 2 else q
+        return tuple(float(value) for value in values)
 
     def reference(self, q: Array) -> Array:
         """The rotation (3, 3) that the turns of a chart centred at q are measured from: of a circle none."""

@@ -84,9 +84,11 @@ class Joint(Record):
     `kind` is one of `ccpin.description.joint_kinds.JOINT_KINDS`, or ``fixed``.
     `placement` is the joint frame in the parent link's frame at zero displacement; the child link's frame
     coincides with the moving joint frame. `axis` is a unit vector in that frame (the normal for planar).
+    `effort` (N m, N) and `velocity` (rad/s, m/s) are limits of the joint itself, whatever its motor.
     `armature` is the reflected rotor inertia (gear ratio squared times rotor inertia), kg m² or kg.
     `damping` b and `friction` (a Coulomb level) oppose each of its velocities: b θ̇ in N m or N, at most `friction`
-    when sliding. `stiffness` k pulls a 1-dof joint to `spring_reference`: k (θ − θ₀).
+    when sliding. `stiffness` k pulls a joint with one displacement to `spring_reference`: k (θ − θ₀), and a spherical
+    joint to its zero: k log R.
     """
 
     name: str
@@ -104,6 +106,33 @@ class Joint(Record):
     friction: float = 0.0
     stiffness: float = 0.0
     spring_reference: float = 0.0
+
+
+@dataclass(frozen=True)
+class Motor(Record):
+    """What drives a joint: its own input is an entry of u.
+
+    One unit of u is an effort of `gear` N m (or N) on the joint, and u keeps within `lower` and `upper`. What a file
+    closes around the motor (a servo, a muscle) is not simulated: u is then the force that it would exert before the
+    gear, `kind` and `gains` tell the loop, and a law plays its part. Of MJCF's actuators ``gains["gain"]`` is g and
+    ``gains["bias"]`` b of force = g·input + b₀ + b₁·gear·θ + b₂·gear·θ̇ (a position servo: k_p and (0, −k_p, −k_v)).
+
+    Attributes:
+        name: The motor's own.
+        joint: Whom it drives. A joint of several velocities has an entry of u for each, all of this gear.
+        gear: Effort on the joint per unit of u, of either sign, not zero.
+        lower, upper: Bounds of u.
+        kind: ``motor`` where u is all its input; else the file's word (position, velocity, general, …).
+        gains: The numbers of its loop, by name.
+    """
+
+    name: str
+    joint: str
+    gear: float = 1.0
+    lower: float = -np.inf
+    upper: float = np.inf
+    kind: str = "motor"
+    gains: Mapping[str, tuple[float, ...]] = FrozenMapping()
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,9 +180,11 @@ class MechanismDescription(Record):
         independent_is_default: True where the marks come from a format's default rather than from the author.
         dependent_hint: Joints to give up first if the independent set is too large (successors of couplings).
         actuated: The joints the file gives motors, or ``None`` where it says nothing.
+        motors: What the file says of those motors, one a joint at most; a joint without an entry has a plain one.
         reference: Joint displacements of a pose near which the loops close, by joint name: one number for a
             1-dof joint, a unit quaternion (x, y, z, w) for a spherical joint, (x, y, angle) for a planar one,
             position then quaternion for a floating one. Joints left out are at zero.
+        poses: Further poses the file names, each like `reference`.
         notes: What a reader had to assume or leave out, in sentences.
     """
 
@@ -167,7 +198,9 @@ class MechanismDescription(Record):
     independent_is_default: bool = False
     dependent_hint: tuple[str, ...] = ()
     actuated: tuple[str, ...] | None = None
+    motors: tuple[Motor, ...] = ()
     reference: Mapping[str, tuple[float, ...]] = FrozenMapping()
+    poses: Mapping[str, Mapping[str, tuple[float, ...]]] = FrozenMapping()
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     source: str | None = None
     notes: tuple[str, ...] = ()

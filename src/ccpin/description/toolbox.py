@@ -119,8 +119,10 @@ def _override(description: MechanismDescription, overrides: dict[str, str], sour
         if kind is None:
             joints.append(joint)
             continue
-        if joint.armature:
-            notes.append(f"{source}: joint '{joint.name}' becomes {kind} and loses its rotor inertia")
+        words = {"rotor inertia": joint.armature, "damping": joint.damping, "friction": joint.friction}
+        lost = [word for word, value in (words | {"spring": joint.stiffness}).items() if value]
+        if lost:
+            notes.append(f"{source}: joint '{joint.name}' becomes {kind} and loses its {', '.join(lost)}")
         if kind in UNIVERSAL:
             first, middle, second = _universal(joint, kind)
             joints += [first, second]
@@ -136,6 +138,7 @@ def _override(description: MechanismDescription, overrides: dict[str, str], sour
         joints=tuple(joints),
         independent=None if marked is None else tuple(name for name in marked if name in kept),
         actuated=None if description.actuated is None else tuple(n for n in description.actuated if n in kept) or None,
+        motors=tuple(motor for motor in description.motors if motor.joint in kept),
         reference={name: value for name, value in description.reference.items() if name not in overrides},
         notes=description.notes + tuple(notes),
     )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import cast
 
@@ -22,6 +21,7 @@ from ccpin.description.model import (
     Visual,
 )
 from ccpin.description.urdf_loops import read_marks
+from ccpin.description.urdf_physics import read_drive, read_dynamics, with_forces
 from ccpin.description.xml import (
     Colour,
     XmlElement,
@@ -43,6 +43,7 @@ NUMERIC: dict[str, dict[str, int]] = {
     "mass": {"value": 1},
     "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
     "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
+    "dynamics": {"damping": 1, "friction": 1, "armature": 1},
     "mimic": {"multiplier": 1, "offset": 1},
     "box": {"size": 3},
     "cylinder": {"radius": 1, "length": 1},
@@ -77,23 +78,24 @@ def urdf_description(root: XmlElement) -> MechanismDescription:
     links = tuple(reader.link(element) for element in root.iterfind("link"))
     if not links:
         raise DescriptionError("the file declares no link", source=source)
-    marks = read_marks(root, joints)
+    marks, drive = read_marks(root, joints), read_drive(root, joints)
     children = {joint.child for joint in joints}
     return check(
         MechanismDescription(
             name=root.get("name") or (Path(source).stem if source else "mechanism"),
             root=next((link.name for link in links if link.name not in children), links[0].name),
             links=links,
-            joints=tuple(replace(joint, armature=marks.armature.get(joint.name, 0.0)) for joint in joints),
+            joints=tuple(with_forces(joint, drive) for joint in joints),
             closures=marks.closures,
             couplings=(*marks.couplings, *mimics),
             independent=marks.independent,
             independent_is_default=marks.independent_is_default,
             dependent_hint=marks.dependent_hint + tuple(mimic.terms[0].joint for mimic in mimics),
-            actuated=marks.actuated,
+            actuated=drive.actuated,
+            motors=drive.motors,
             reference=marks.reference,
             source=source,
-            notes=tuple(reader.notes),
+            notes=(*reader.notes, *drive.notes),
         )
     )
 
@@ -126,7 +128,7 @@ class _TreeReader:
         return tuple(number for attribute in attributes for number in values[attribute])
 
     def joint(self, element: XmlElement) -> Joint:
-        """A <joint>; its rotor inertia stands elsewhere."""
+        """A <joint>; its motor and its spring stand elsewhere."""
         name, written = text_attribute(element, "name"), text_attribute(element, "type")
         name_of_kind = SYNONYMS.get(written, written)
         if name_of_kind not in (*JOINT_KINDS, FIXED):
@@ -154,9 +156,18 @@ class _TreeReader:
             axis=direction / norm if norm > 0 else X_AXIS,
             lower=lower,
             upper=upper,
-            effort=stated.get("effort", np.inf),
-            velocity=stated.get("velocity", np.inf),
+            effort=self.limit_of(stated, "effort", name),
+            velocity=self.limit_of(stated, "velocity", name),
+            **read_dynamics(element, self.notes),
         )
+
+    def limit_of(self, stated: dict[str, float], word: str, joint: str) -> float:
+        """A limit of effort or velocity; a negative one bounds nothing."""
+        value = stated.get(word, np.inf)
+        if value < 0:
+            self.notes.append(f"joint '{joint}' states the limit {word}={value:g}: taken as unlimited")
+            return np.inf
+        return value
 
     def mimics(self, element: XmlElement) -> list[Coupling]:
         """What a joint mimics, as couplings θ − multiplier·θ_master − offset = 0."""

@@ -1,4 +1,4 @@
-"""What the dialects add to a URDF: loops (URDF+, Isaac Sim, Drake), couplings, independence, motors, a pose."""
+"""What the dialects add to a URDF: loops (URDF+, Isaac Sim, Drake), couplings, independence, a pose."""
 
 from __future__ import annotations
 
@@ -40,8 +40,6 @@ class Marks(NamedTuple):
     independent: tuple[str, ...] | None
     independent_is_default: bool
     dependent_hint: tuple[str, ...]
-    actuated: tuple[str, ...] | None
-    armature: dict[str, float]
     reference: dict[str, tuple[float, ...]]
 
 
@@ -62,15 +60,12 @@ def read_marks(root: XmlElement, joints: list[Joint]) -> Marks:
     if marked or couplings:
         movable = [joint.name for joint in joints if joint.kind != "fixed"]
         independent = tuple(name for name in movable if marked.get(name, "true") == "true")
-    actuated, armature = _motors(root, {joint.name for joint in joints})
     return Marks(
         closures=tuple(closures),
         couplings=tuple(couplings),
         independent=independent,
         independent_is_default=independent is not None and any(name not in marked for name in independent),
         dependent_hint=tuple(hints),
-        actuated=actuated,
-        armature=armature,
         reference=_reference(root),
     )
 
@@ -165,25 +160,6 @@ def _chain(coupling: XmlElement, role: str, by_child: dict[str, Joint]) -> list[
         chain.append(joint)
         link = joint.parent
     return chain
-
-
-def _motors(root: XmlElement, known: set[str]) -> tuple[tuple[str, ...] | None, dict[str, float]]:
-    """Motors are the joints of <transmission>s; Drake's rotor inertia is reflected by its gear ratio squared."""
-    actuated: dict[str, None] = {}
-    armature: dict[str, float] = {}
-    for element in children(root, "transmission"):
-        for joint in children(element, "joint"):
-            name = text_attribute(joint, "name")
-            if name not in known:
-                raise fail(element, f"joint '{name}' does not exist")
-            actuated[name] = None
-            for actuator in children(element, "actuator"):
-                rotor = next(children(actuator, "rotor_inertia"), None)
-                gear = next(children(actuator, "gear_ratio"), None)
-                ratio = 1.0 if gear is None else number(gear, "value")
-                if rotor is not None:
-                    armature[name] = armature.get(name, 0.0) + ratio**2 * number(rotor, "value")
-    return tuple(actuated) or None, armature
 
 
 def _reference(root: XmlElement) -> dict[str, tuple[float, ...]]:

@@ -1,4 +1,8 @@
-"""The free system Σ′: D′q̈′ + C′q̇′ + g′ (2). The only caller of CRBA, RNEA and the Coriolis algorithm."""
+"""The free system Σ′: D′q̈′ + C′q̇′ + B′q̇′ + g′ (2). The only caller of CRBA, RNEA and the Coriolis algorithm.
+
+B′ = diag(b) ≥ 0 are the joints' dampers, constant; g′ is the gradient of the whole potential, gravity's and the joints'
+springs'. So all that the paper builds on g = ∂V/∂q holds with springs as it does without.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +13,21 @@ import numpy as np
 import pinocchio as pin
 
 from ccpin.arrays import Array
+from ccpin.dynamics.springs import Springs
 from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import Tree
+from ccpin.mechanism.physics import joint_physics
 
 
 class Energy(NamedTuple):
-    """Kinetic and potential energy in joules."""
+    """Kinetic and potential energy (of gravity and springs) in joules."""
 
     kinetic: float
     potential: float
 
 
 class InverseDynamicsSlopes(NamedTuple):
-    """τ′ = D′q̈′ + C′q̇′ + g′ and its derivatives, those by q′ along tangent steps (right increments).
+    """τ′ = D′q̈′ + C′q̇′ + B′q̇′ + g′ and its derivatives, those by q′ along tangent steps (right increments).
 
     Attributes:
         tau: Of shape (n′,).
@@ -36,7 +42,7 @@ class InverseDynamicsSlopes(NamedTuple):
 
 
 class FreeSystem:
-    """D′, C′, g′ and energies of the tree cut open; rotor inertias are part of D′. Threads may share one.
+    """D′, C′, B′, g′ and energies of the tree cut open; rotor inertias are part of D′. Threads may share one.
 
     Args:
         tree: The free system; its Pinocchio model is copied.
@@ -45,6 +51,8 @@ class FreeSystem:
     Attributes:
         model: The copy, with that gravity; not to be changed.
         scratch: Scratch memory for it.
+        damping: b, the diagonal of B′, of shape (n′,).
+        springs: The joints' springs.
     """
 
     def __init__(self, tree: Tree, gravity: Array | None = None) -> None:
@@ -52,6 +60,8 @@ class FreeSystem:
         if gravity is not None:
             self.model.gravity = pin.Motion(gravity, np.zeros(3))
         self.scratch = Scratch(self.model)
+        self.damping, self.springs = joint_physics(tree).damping, Springs(tree)
+        self._damped = bool(self.damping.any())
 
     def mass_matrix(self, q_free: Array) -> Array:
         """D′(q′), symmetric, of shape (n′, n′)."""
@@ -62,30 +72,45 @@ class FreeSystem:
         return self._computed(pin.computeCoriolisMatrix, q_free, v_free)
 
     def gravity(self, q_free: Array) -> Array:
-        """g′(q′), of shape (n′,)."""
+        """g′(q′) = ∂V/∂q′ of gravity and springs, of shape (n′,)."""
+        gravity = self.weight(q_free)
+        return gravity + self.springs.force(q_free) if self.springs else gravity
+
+    def weight(self, q_free: Array) -> Array:
+        """What gravity alone adds to g′, of shape (n′,)."""
         return self._computed(pin.computeGeneralizedGravity, q_free)
 
     def inverse_dynamics(self, q_free: Array, v_free: Array, a_free: Array) -> Array:
-        """D′ q̈′ + C′ q̇′ + g′ (2), of shape (n′,)."""
-        return self._computed(pin.rnea, q_free, v_free, a_free)
+        """D′ q̈′ + C′ q̇′ + B′ q̇′ + g′ (2), of shape (n′,)."""
+        force = self._computed(pin.rnea, q_free, v_free, a_free)
+        if self._damped:
+            force += self.damping * v_free
+        return force + self.springs.force(q_free) if self.springs else force
 
     def inverse_dynamics_derivatives(self, q_free: Array, v_free: Array, a_free: Array) -> InverseDynamicsSlopes:
-        """τ′ = D′q̈′ + C′q̇′ + g′ (2) with ∂τ′/∂q′, ∂τ′/∂q̇′ and ∂τ′/∂q̈′ = D′, exact."""
+        """τ′ = D′q̈′ + C′q̇′ + B′q̇′ + g′ (2) with ∂τ′/∂q′, ∂τ′/∂q̇′ and ∂τ′/∂q̈′ = D′, exact."""
         data = self.scratch.take()
         try:
             slopes = pin.computeRNEADerivatives(self.model, data, q_free, v_free, a_free)
-            return InverseDynamicsSlopes(np.array(data.tau), *(np.array(slope) for slope in slopes))
+            tau, (by_q, by_v, by_a) = np.array(data.tau), map(np.array, slopes)
         finally:
             self.scratch.give(data)
+        if self._damped:
+            tau, by_v = tau + self.damping * v_free, by_v + np.diag(self.damping)
+        if self.springs:
+            tau, by_q = tau + self.springs.force(q_free), by_q + self.springs.derivative(q_free)
+        return InverseDynamicsSlopes(tau, by_q, by_v, by_a)
 
     def gravity_derivative(self, q_free: Array) -> Array:
         """∂g′/∂q′ along tangent steps of q′, of shape (n′, n′)."""
-        return self._computed(pin.computeGeneralizedGravityDerivatives, q_free)
+        derivative = self._computed(pin.computeGeneralizedGravityDerivatives, q_free)
+        return derivative + self.springs.derivative(q_free) if self.springs else derivative
 
     def energy(self, q_free: Array, v_free: Array) -> Energy:
-        """½ q̇′ᵀ D′ q̇′ and the potential V with ∂V/∂q′ = g′ (zero at the world origin)."""
+        """½ q̇′ᵀ D′ q̇′ and the potential V with ∂V/∂q′ = g′ (zero at the world origin and slack springs)."""
         kinetic = 0.5 * v_free @ self.mass_matrix(q_free) @ v_free  # Pinocchio's own leaves rotor inertias out
-        return Energy(float(kinetic), float(self._computed(pin.computePotentialEnergy, q_free)))
+        potential = float(self._computed(pin.computePotentialEnergy, q_free))
+        return Energy(float(kinetic), potential + self.springs.energy(q_free) if self.springs else potential)
 
     def _computed(self, algorithm: Callable[..., Any], *state: Array) -> Array:
         """What one of Pinocchio's algorithms returns, copied out of its scratch memory."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -58,7 +59,7 @@ class ReducedModel:
         self.coordinates = self.parametrization.coordinates
         self.n = self.coordinates.n
         self.nq = self.coordinates.nq
-        self.actuation = None if mechanism.actuated == mechanism.independent else frozen(mechanism.actuation)
+        self.actuation = None if mechanism.direct else frozen(mechanism.actuation)
         self.n_actuated = self.n if self.actuation is None else len(self.actuation)
         self.core = kernel(mechanism, self.gravity_vector) or Declining()
 
@@ -120,12 +121,12 @@ class ReducedModel:
 
     def terms(self, q: ArrayLike, v: ArrayLike, guess: Near = None) -> ReducedTerms:
         """D, C, g (23)–(25) and what they come from: `State.terms`."""
-        answer = self.core.terms(self._place(guess), v, q)
+        answer = self._asked("terms", q, guess, v)
         return self.at(q, guess).terms(v) if answer is None else ReducedTerms(*answer)
 
     def gravity(self, q: ArrayLike, guess: Near = None) -> Array:
         """g(q) = ρᵀg′(σ(q)) (25), of shape (n,): `State.g`."""
-        answer = self.core.gravity(self._place(guess), q)
+        answer = self._asked("gravity", q, guess)
         return self.at(q, guess).g if answer is None else np.asarray(answer)
 
     def gravity_derivative(self, q: ArrayLike, guess: Near = None) -> Array:
@@ -134,12 +135,12 @@ class ReducedModel:
 
     def energy(self, q: ArrayLike, v: ArrayLike, guess: Near = None) -> Energy:
         """½ q̇ᵀD q̇ and V, in joules: `State.energy`."""
-        answer = self.core.energy(self._place(guess), v, q)
+        answer = self._asked("energy", q, guess, v)
         return self.at(q, guess).energy(v) if answer is None else Energy(*answer)
 
     def forward_dynamics(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None) -> Array:
         """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − g) (22), of shape (n,): `State.forward_dynamics`."""
-        answer = self.core.forward_dynamics(self._place(guess), v, u, q)
+        answer = self._asked("forward_dynamics", q, guess, v, u)
         return self.at(q, guess).forward_dynamics(v, u) if answer is None else np.asarray(answer)
 
     def inverse_dynamics(self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None) -> Array:
@@ -148,14 +149,14 @@ class ReducedModel:
 
     def constraint_forces(self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None) -> Array:
         """λ of the descriptor form (17), of shape (m,): `State.constraint_forces`."""
-        answer = self.core.constraint_forces(self._place(guess), v, u, q)
+        answer = self._asked("constraint_forces", q, guess, v, u)
         return self.at(q, guess).constraint_forces(v, u) if answer is None else np.asarray(answer)
 
     def forward_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None
     ) -> ForwardDynamicsDerivatives:
         """∂q̈/∂q, ∂q̈/∂q̇ and ∂q̈/∂u: `State.forward_dynamics_derivatives`."""
-        answer = self.core.forward_dynamics_derivatives(self._place(guess), v, u, q)
+        answer = self._asked("forward_dynamics_derivatives", q, guess, v, u)
         if answer is None:
             return self.at(q, guess).forward_dynamics_derivatives(v, u)
         return ForwardDynamicsDerivatives(*answer)
@@ -170,7 +171,7 @@ class ReducedModel:
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None
     ) -> GeneralizedForceDerivatives:
         """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + g: `State.generalized_force_derivatives`."""
-        answer = self.core.generalized_force_derivatives(self._place(guess), v, a, q)
+        answer = self._asked("generalized_force_derivatives", q, guess, v, a)
         if answer is None:
             return self.at(q, guess).generalized_force_derivatives(v, a)
         return GeneralizedForceDerivatives(*answer)
@@ -265,6 +266,10 @@ class ReducedModel:
         if isinstance(near, State):
             return self._own(near).point
         return None if near is None else self._configuration(near, "guess")
+
+    def _asked(self, name: str, q: ArrayLike | State, guess: Near, *arguments: ArrayLike) -> Any:
+        """The core's answer at σ(q); without q it would answer at the guess itself."""
+        return None if q is None else getattr(self.core, name)(self._place(guess), *arguments, q)
 
     def _place(self, near: Near) -> ArrayLike | None:
         """What the core is given for a branch."""

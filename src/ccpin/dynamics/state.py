@@ -149,8 +149,13 @@ class State:
         return locked(self.reference.D if answer is None else answer[4])
 
     @cached_property
+    def damping(self) -> Array:
+        """ρᵀB′ρ, of shape (n, n): the joints' dampers (B′ = diag b), symmetric, ≥ 0; zeros where there is none."""
+        return locked(self.rho.T @ (self.model.free_system.damping[:, None] * self.rho))
+
+    @cached_property
     def g(self) -> Array:
-        """Gravity's generalized force ρᵀg′ (25), of shape (n,), N m or N."""
+        """The potential's gradient ρᵀg′ (25), of shape (n,), N m or N: gravity and the joints' springs."""
         answer = self.model.core.gravity(self.q_free)
         return locked(self.reference.g if answer is None else answer)
 
@@ -181,12 +186,12 @@ class State:
         return self.reference.energy(self._velocity(v)) if answer is None else Energy(*answer)
 
     def tau(self, v: ArrayLike, a: ArrayLike) -> Array:
-        """The generalized force τ = D q̈ + C q̇ + g (22), of shape (n,), N m or N."""
+        """The generalized force τ = D q̈ + C q̇ + damping q̇ + g (22), of shape (n,), N m or N."""
         answer = self.model.core.generalized_force(self.q_free, v, a)
         return self.reference.tau(self._velocity(v), self._acceleration(a)) if answer is None else np.asarray(answer)
 
     def forward_dynamics(self, v: ArrayLike, u: ArrayLike) -> Array:
-        """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − g) (22), of shape (n,).
+        """q̈ = D⁻¹(ρᵀSᵀu − C q̇ − damping q̇ − g) (22), of shape (n,).
 
         Raises:
             SingularConfigurationError: D is not positive definite so near a singularity.
@@ -198,7 +203,7 @@ class State:
         return np.asarray(answer)
 
     def inverse_dynamics(self, v: ArrayLike, a: ArrayLike) -> Array:
-        """The actuated joints' efforts u with ρᵀSᵀu = D q̈ + C q̇ + g (22), of shape (motors,).
+        """The actuated joints' efforts u with ρᵀSᵀu = D q̈ + C q̇ + damping q̇ + g (22), of shape (motors,).
 
         With more motors than independent coordinates u is the solution of least norm.
 
@@ -218,7 +223,7 @@ class State:
         return u
 
     def constraint_forces(self, v: ArrayLike, u: ArrayLike) -> Array:
-        """λ of the descriptor form (17): D′q̈′ + C′q̇′ + g′ = Sᵀu + φ_q′ᵀλ, of shape (m,).
+        """λ of the descriptor form (17): D′q̈′ + C′q̇′ + B′q̇′ + g′ = Sᵀu + φ_q′ᵀλ, of shape (m,).
 
         λ has one entry a row of φ, in φ's order and axes (`ccpin.kinematics.constraints`): the force (N) that end A of
         a loop receives along a point row, B the opposite; the moment (N m) along a direction row. With redundant rows
@@ -271,7 +276,7 @@ class State:
         return self.reference.derivatives.inverse(self._velocity(v), u, self._acceleration(a))
 
     def generalized_force_derivatives(self, v: ArrayLike, a: ArrayLike) -> GeneralizedForceDerivatives:
-        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + g, whatever the motors."""
+        """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ = D q̈ + C q̇ + damping q̇ + g, whatever the motors."""
         answer = self.model.core.generalized_force_derivatives(self.q_free, v, a)
         if answer is not None:
             return GeneralizedForceDerivatives(*answer)

@@ -11,7 +11,7 @@ from ccpin.arrays import Array
 from ccpin.description.model import Coupling, LoopClosure
 from ccpin.kinematics.loops import resolve_closures, resolve_coupling
 from ccpin.kinematics.rows import Directions, Placed, RowStack, column_rates
-from ccpin.kinematics.scratch import Scratch
+from ccpin.kinematics.scratch import Scratch, six_rows
 from ccpin.kinematics.tree import Tree
 
 
@@ -155,7 +155,7 @@ class Constraints:
 
     def _placed(self, q_free: Array) -> Placed:
         data = self.scratch.take()
-        spatial, frames = np.array(pin.computeJointJacobians(self.model, data, q_free)), data.oMi
+        spatial, frames = six_rows(pin.computeJointJacobians(self.model, data, q_free)), data.oMi
         poses = np.array([frames[joint].homogeneous for joint in self._rows.joints]).reshape(-1, 4, 4)
         self.scratch.give(data)
         return self._rows.place(poses, spatial)
@@ -163,7 +163,7 @@ class Constraints:
     def _spatial_rate(self, q_free: Array, v_free: Array) -> Array:
         """Ṡ along q̇′, of shape (6, n′)."""
         data = self.scratch.take()
-        rate = np.array(pin.computeJointJacobiansTimeVariation(self.model, data, q_free, v_free))
+        rate = six_rows(pin.computeJointJacobiansTimeVariation(self.model, data, q_free, v_free))
         self.scratch.give(data)
         return rate
 

@@ -96,13 +96,15 @@ class IndependentCoordinates:
         self._index = np.array([i for part in selected for i in range(part.q_free.start, part.q_free.stop)], dtype=int)
 
     def _resolve(self, names: tuple[str, ...]) -> tuple[Coordinate, ...]:
-        parts, nq, nv, taken = [], 0, 0, set[str]()
+        parts, nq, nv, taken, split = [], 0, 0, set[str](), set[str]()
         for name in names:
             joint = self._joint_of(name)
             component = name.partition(":")[2] or None
-            if name in taken or (component and joint.name in taken) or any(t.startswith(f"{name}:") for t in taken):
+            if name in taken or (joint.name in taken if component else name in split):
                 raise IndependentSetError(f"'{name}' is named twice")
             taken.add(name)
+            if component:
+                split.add(joint.name)
             kind, q_free, v_free, slides = joint.kind, joint.q, joint.v, joint.kind.slides
             dq, dv = (1, 1) if component else (kind.nq, kind.nv)
             if component:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
+from scipy.linalg import lapack
 
 from ccpin.arrays import Array
 
@@ -13,6 +14,7 @@ P = TypeVar("P")
 _LARGEST_STEP = 0.3
 _MOST_ITERATIONS = 200
 _PATIENCE = 20
+_LEAST_DAMPING = 1e-6
 
 
 class Linearized(NamedTuple):
@@ -47,7 +49,7 @@ def levenberg_marquardt(
     move: Callable[[P, Array], P | None],
     tolerance: float,
 ) -> Descent[P]:
-    """Solve r = 0 by steps min ‖r + J Δ‖² + (μ s₁)²‖Δ‖², s₁ the largest singular value of J.
+    """Solve r = 0 by steps min ‖r + J Δ‖² + (μ s)²‖Δ‖², s the root mean square of J's singular values.
 
     The damping μ follows the residual; no step is longer than 0.3. Ended at |r| ≤ tolerance, where steps no longer
     help, or where 20 of them gain less than a fifth.
@@ -69,26 +71,32 @@ def levenberg_marquardt(
                 break
             earlier = best
         step = _damped_step(here, damping)
-        trial = move(place, step)
+        trial = move(place, step) if np.isfinite(step).all() else None
         there = None if trial is None else linearize(trial)
         now = np.inf if there is None else float(there.residual @ there.residual)
         if trial is not None and there is not None and now < best:
             settled = now > 0.999999 * best and float(np.linalg.norm(step)) < 1e-9
-            place, here, best, damping = trial, there, now, max(damping * 0.2, 1e-14)
+            place, here, best, damping = trial, there, now, max(damping * 0.2, _LEAST_DAMPING)
             if settled:
                 break
         elif damping > 1e8:
             break
         else:
-            damping = max(damping * 8.0, 1e-12)
+            damping = damping * 8.0
     return Descent(place, here.residual, iteration)
 
 
 def _damped_step(here: Linearized, damping: float) -> Array:
-    u, s, vt = np.linalg.svd(here.jacobian, full_matrices=False)
-    if s.size == 0 or s[0] == 0.0:
-        return np.zeros(here.jacobian.shape[1])
-    gain = np.where(s > 1e-9 * s[0], s / (s**2 + (damping * s[0]) ** 2), 0.0)
-    step = np.asarray(-vt.T @ (gain * (u.T @ here.residual)))
+    """−(JᵀJ + (μ s)² I)⁻¹ Jᵀ r by Cholesky, no longer than the largest step; NaN where rounding forbids it."""
+    jacobian = here.jacobian
+    rows, columns = jacobian.shape
+    size = float(np.linalg.norm(jacobian))
+    if size == 0.0:
+        return np.zeros(columns)
+    normal = jacobian.T @ jacobian
+    normal.flat[:: columns + 1] += (damping * size) ** 2 / min(rows, columns)
+    _, step, failed = lapack.dposv(normal, -(jacobian.T @ here.residual))
+    if failed:
+        return np.full(columns, np.nan)
     length = float(np.linalg.norm(step))
-    return step if length <= _LARGEST_STEP else step * (_LARGEST_STEP / length)
+    return np.asarray(step if length <= _LARGEST_STEP else step * (_LARGEST_STEP / length))

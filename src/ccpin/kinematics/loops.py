@@ -17,11 +17,11 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, cross
 from ccpin.description.closure_kinds import PARALLEL, LoopRows, PlaneNormal, rows_of
 from ccpin.description.model import Coupling, LoopClosure
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.kinematics.tree import Tree
+from ccpin.kinematics.tree import Attachment, Tree, rest_poses
 
 
 class ResolvedClosure(NamedTuple):
@@ -56,6 +56,11 @@ class ResolvedClosure(NamedTuple):
         """Number of rows."""
         return len(self.rows.rows)
 
+    @property
+    def turnable(self) -> bool:
+        """Whether its rows vanish with its axes turned end for end too; in a plane most axes cannot turn over."""
+        return bool(self.rows.alignment) and any(self.rows.direction_rows)
+
     def orientations(self, data: pin.Data) -> tuple[Array, Array]:
         """The world's view (3, 3) of frames A and B, from forward kinematics."""
         ends = ((self.joint_a, self.frame_a), (self.joint_b, self.frame_b))
@@ -63,53 +68,76 @@ class ResolvedClosure(NamedTuple):
         return a, b
 
 
+class LoopPath(NamedTuple):
+    """Where a closure's loop runs in a tree, by joint numbers.
+
+    Attributes:
+        carrier_a, carrier_b: What the closure's two links are attached to.
+        ancestor: The nearest common ancestor joint C (0: the world).
+        a, b: The joints between C and each end, root first.
+    """
+
+    carrier_a: Attachment
+    carrier_b: Attachment
+    ancestor: int
+    a: tuple[int, ...]
+    b: tuple[int, ...]
+
+
+def loop_path(tree: Tree, closure: LoopClosure) -> LoopPath:
+    """The joints on a closure's loop."""
+    carriers = tree.attachments[closure.link_a], tree.attachments[closure.link_b]
+    supports = [[int(joint) for joint in tree.model.supports[carrier.joint]] for carrier in carriers]
+    shared = set(supports[0]).intersection(supports[1])
+    paths = [tuple([joint for joint in support if joint not in shared]) for support in supports]
+    return LoopPath(*carriers, max(shared), *paths)
+
+
 def resolve_closures(
     tree: Tree, closures: Iterable[LoopClosure], reduce_planar: bool = True
 ) -> tuple[ResolvedClosure, ...]:
     """Place closures in the tree; with `reduce_planar` drop the rows that planarity proves constant."""
-    data = tree.model.createData()
-    pin.computeJointJacobians(tree.model, data, pin.neutral(tree.model))
-    return tuple(_resolve(tree, data, closure, reduce_planar) for closure in closures)
+    poses = rest_poses(tree)
+    return tuple(_resolve(tree, poses, closure, reduce_planar) for closure in closures)
 
 
-def _resolve(tree: Tree, data: pin.Data, closure: LoopClosure, reduce_planar: bool) -> ResolvedClosure:
-    carrier_a, carrier_b = tree.attachments[closure.link_a], tree.attachments[closure.link_b]
-    frame_a, frame_b = carrier_a.placement @ closure.placement_a, carrier_b.placement @ closure.placement_b
-    supports_a, supports_b = (list(tree.model.supports[carrier.joint]) for carrier in (carrier_a, carrier_b))
-    shared = [a for a, b in zip(supports_a, supports_b, strict=False) if a == b]
-    path_a, path_b = (tuple(int(j) for j in supports[len(shared) :]) for supports in (supports_a, supports_b))
+def _resolve(tree: Tree, poses: Array, closure: LoopClosure, reduce_planar: bool) -> ResolvedClosure:
+    path = loop_path(tree, closure)
+    ends = path.carrier_a, path.carrier_b
+    frames = ends[0].placement @ closure.placement_a, ends[1].placement @ closure.placement_b
     normal = PlaneNormal()
-    world = plane_normal(tree, data, (*path_a, *path_b)) if reduce_planar else None
+    world = plane_normal(tree, poses, (*path.a, *path.b)) if reduce_planar else None
     if world is not None:
-        turns = [data.oMi[joint].rotation for joint in (carrier_a.joint, carrier_b.joint, shared[-1])]
-        frames = (turns[0] @ frame_a[:3, :3], turns[1] @ frame_b[:3, :3], turns[2])
-        normal = PlaneNormal(*(np.asarray(frame.T @ world) for frame in frames))
+        turns = [(poses[end.joint] @ frame)[:3, :3] for end, frame in zip(ends, frames, strict=True)]
+        normal = PlaneNormal(*(np.asarray(turn.T @ world) for turn in (*turns, poses[path.ancestor, :3, :3])))
+    shared = tree.support(path.ancestor)
     return ResolvedClosure(
-        *(closure, carrier_a.joint, carrier_b.joint, int(shared[-1]), frame_a, frame_b, path_a, path_b),
-        mask_a=tree.support(carrier_a.joint) - tree.support(shared[-1]),
-        mask_b=tree.support(carrier_b.joint) - tree.support(shared[-1]),
+        *(closure, ends[0].joint, ends[1].joint, path.ancestor, *frames, path.a, path.b),
+        mask_a=tree.support(ends[0].joint) - shared,
+        mask_b=tree.support(ends[1].joint) - shared,
         rows=rows_of(closure, normal),
         normal=normal.C,
     )
 
 
-def plane_normal(tree: Tree, data: pin.Data, joints: Iterable[int]) -> Array | None:
+def plane_normal(tree: Tree, poses: Array, joints: Iterable[int]) -> Array | None:
     """Unit normal (3,) in the world of the plane the joints' bodies move parallel to, or ``None`` if there is none.
 
     Args:
         tree: The free system.
-        data: After Pinocchio's `computeJointJacobians` at any configuration.
-        joints: Indices of the joints on the loop, or of all joints.
+        poses: Its `rest_poses`.
+        joints: Numbers of the joints on the loop, or of all joints.
     """
     turns, slides = list[Array](), list[Array]()
-    for joint in joints:
-        for column in data.J[:, tree.joints[joint - 1].v].T:
-            turning = float(np.linalg.norm(column[3:])) > PARALLEL
-            (turns if turning else slides).append(column[3:] if turning else column[:3])
+    for number in joints:
+        joint = tree.joints[number - 1]
+        axes = joint.kind.directions(joint.axis) @ poses[number, :3, :3].T
+        for axis, slide in zip(axes, joint.kind.slides, strict=True):
+            (slides if slide else turns).append(axis)
     if not turns:
         return None
     normal = np.array(turns[0])
-    parallel = all(np.linalg.norm(np.cross(normal, axis)) < PARALLEL for axis in turns)
+    parallel = all(np.linalg.norm(cross(normal, axis)) < PARALLEL for axis in turns)
     return normal if parallel and all(abs(normal @ axis) < PARALLEL for axis in slides) else None
 
 

@@ -93,7 +93,7 @@ class Parametrization:
         self._unit = np.vstack([np.zeros((constraints.size, coordinates.n)), np.eye(coordinates.n)])
         tolerance = 1e-14 * max(1.0, _reach(self.model))
         self.rules = NewtonRules(tolerance, _MOST_STEPS, stalled=100 * tolerance)
-        self.turnable = any(any(loop.rows.direction_rows) and loop.rows.alignment for loop in constraints.loops)
+        self.turnable = any(loop.turnable for loop in constraints.loops)
 
     def psi_jacobian(self, q_free: Array) -> Array:
         """ψ_q′ = [φ_q′; α_q′] (10), of shape (m + n, n′)."""

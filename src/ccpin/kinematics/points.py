@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, cross, skew
 from ccpin.description.model import frame
 from ccpin.errors import InvalidInputError
-from ccpin.kinematics.scratch import Scratch
+from ccpin.kinematics.scratch import Scratch, six_rows
 from ccpin.kinematics.tree import Tree
 
 
@@ -66,7 +66,7 @@ class LinkPoint:
     def jacobian(self, q_free: Array) -> Array:
         """J with twist = J q̇′, of shape (6, n′)."""
         data = self._scratch.take()
-        columns = pin.computeJointJacobians(self._scratch.model, data, q_free) * self._path
+        columns = six_rows(pin.computeJointJacobians(self._scratch.model, data, q_free)) * self._path
         jacobian = _shifted(columns, self._placed(data)[:3, 3])
         self._scratch.give(data)
         return jacobian
@@ -75,7 +75,7 @@ class LinkPoint:
         """Pose, J and J̇ along q̇′."""
         data = self._scratch.take()
         pin.computeJointJacobiansTimeVariation(self._scratch.model, data, q_free, v_free)
-        columns, rates, pose = data.J * self._path, data.dJ * self._path, self._placed(data)
+        columns, rates, pose = six_rows(data.J) * self._path, six_rows(data.dJ) * self._path, self._placed(data)
         self._scratch.give(data)
         jacobian, rate = _shifted(columns, pose[:3, 3]), _shifted(rates, pose[:3, 3])
         rate[:3] -= skew(jacobian[:3] @ v_free) @ columns[3:]

@@ -28,6 +28,7 @@ import pinocchio as pin
 from ccpin.arrays import Array, Indices, cross
 from ccpin.description.closure_kinds import Fixed, Gap, Product
 from ccpin.kinematics.loops import ResolvedClosure
+from ccpin.kinematics.scratch import six_rows
 from ccpin.kinematics.tree import Tree
 
 
@@ -281,9 +282,8 @@ def _jet(model: pin.Model, data: pin.Data, joint: int, directions: Directions) -
     if joint == 0:
         return _Jet(np.zeros(6), np.zeros(6), *(np.zeros((directions.dq.shape[1], 6)) for _ in range(3)))
     dq, dv, placement = directions.dq, directions.dv, data.oMi[joint]
-    by_q, second_by_q, second_by_v, columns = pin.getJointAccelerationDerivatives(
-        model, data, joint, pin.ReferenceFrame.LOCAL
-    )
+    local = pin.getJointAccelerationDerivatives(model, data, joint, pin.ReferenceFrame.LOCAL)
+    by_q, second_by_q, second_by_v, columns = (six_rows(each) for each in local)
     velocity, acceleration, to_world = placement.act(data.v[joint]), placement.act(data.a[joint]), placement.action
     step = to_world @ (columns @ dq)
     d_velocity = to_world @ (by_q @ dq + columns @ dv) - velocity.action @ step

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pinocchio as pin
+
+from ccpin.arrays import Array
 
 
 class Scratch:
@@ -34,3 +37,8 @@ class Scratch:
 
     def __reduce__(self) -> tuple[type[Scratch], tuple[pin.Model]]:
         return Scratch, (self.model,)
+
+
+def six_rows(columns: Array) -> Array:
+    """A copy of Pinocchio's 6×n′ matrix, which comes flat where n′ = 1."""
+    return np.array(columns).reshape(6, -1)

@@ -36,6 +36,7 @@ class TreeJoint(Record):
         q, v: Where its configuration stands in q′ and its velocity in q̇′.
         placement: Its 4×4 frame at zero displacement in the parent joint's frame.
         axis: Its unit axis, of shape (3,), in its own frame; z where its kind turned that frame or has no axis.
+        stated: What the description says of it: limits, damping, friction, spring.
     """
 
     number: int
@@ -46,6 +47,7 @@ class TreeJoint(Record):
     v: slice
     placement: Array
     axis: Array
+    stated: Joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,11 +58,13 @@ class Tree:
         model: Pinocchio model with one joint for each movable joint, in depth-first order.
         joints: The movable joints; number k of `model` is joints[k − 1] (the free-flyer of a floating base included).
         attachments: Where each link sits, by link name.
+        names: The movable joints' names, in order.
     """
 
     model: pin.Model
     joints: tuple[TreeJoint, ...]
     attachments: FrozenMapping[str, Attachment]
+    names: tuple[str, ...] = field(init=False, repr=False)
     _numbers: FrozenMapping[str, int] = field(init=False, repr=False)
     _supports: Array = field(init=False, repr=False)
 
@@ -70,6 +74,7 @@ class Tree:
             supports[joint.number] = supports[joint.parent]
             supports[joint.number, joint.v] = 1.0
         object.__setattr__(self, "_supports", frozen(supports))
+        object.__setattr__(self, "names", tuple(joint.name for joint in self.joints))
         object.__setattr__(self, "_numbers", FrozenMapping({joint.name: joint.number for joint in self.joints}))
 
     def __repr__(self) -> str:
@@ -77,11 +82,6 @@ class Tree:
 
     def __reduce__(self) -> tuple[type[Tree], tuple[object, ...]]:
         return Tree, (self.model, self.joints, self.attachments)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The movable joints' names, in order."""
-        return tuple(self._numbers)
 
     def joint(self, name: str) -> TreeJoint:
         """The movable joint of a name.
@@ -112,6 +112,15 @@ def build_tree(description: MechanismDescription, floating_base: bool = False) -
     builder.add_root(floating_base)
     builder.add_subtree(description.root)
     return Tree(builder.model, tuple(builder.joints), FrozenMapping(builder.attachments))
+
+
+def rest_poses(tree: Tree) -> Array:
+    """World poses of the joint frames at zero displacement, of shape (joints + 1, 4, 4); entry 0 is the world."""
+    poses = np.empty((len(tree.joints) + 1, 4, 4))
+    poses[0] = np.eye(4)
+    for joint in tree.joints:
+        poses[joint.number] = poses[joint.parent] @ joint.placement
+    return poses
 
 
 class _Builder:
@@ -166,7 +175,7 @@ class _Builder:
         number = int(self.model.addJoint(carrier.joint, self.pin_joint(joint), pin.SE3(placement), joint.name))
         added = self.model.joints[number]
         q, v = slice(added.idx_q, added.idx_q + kind.nq), slice(added.idx_v, added.idx_v + kind.nv)
-        self.joints.append(TreeJoint(number, joint.name, kind, carrier.joint, q, v, placement, axis))
+        self.joints.append(TreeJoint(number, joint.name, kind, carrier.joint, q, v, placement, axis, joint))
         armature = np.array(self.model.armature)
         lower, upper = np.array(self.model.lowerPositionLimit), np.array(self.model.upperPositionLimit)
         armature[v] = joint.armature

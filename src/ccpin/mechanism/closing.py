@@ -1,8 +1,8 @@
-"""Finding a closed configuration from an open one."""
+"""Closing loops from one open configuration."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -10,21 +10,13 @@ import numpy as np
 import pinocchio as pin
 
 from ccpin.arrays import Array, cross, skew
-from ccpin.errors import LoopNotClosedError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.levenberg_marquardt import Linearized, levenberg_marquardt
 from ccpin.kinematics.loops import ResolvedClosure
+from ccpin.kinematics.scratch import six_rows
 
 TOLERANCE = 1e-12
 _NEARLY_PARALLEL = 1e-6
-
-
-class Closed(NamedTuple):
-    """A closed configuration, how it was found, and whether it respects the joint limits."""
-
-    q_free: Array
-    start: str
-    within_limits: bool
 
 
 class Attempt(NamedTuple):
@@ -50,28 +42,6 @@ def solve(model: pin.Model, linearize: Callable[[Array], Linearized], start: Arr
     return Attempt(found.place, found.error <= 10 * TOLERANCE)
 
 
-def starts(model: pin.Model, reference: Array, count: int) -> Iterator[tuple[str, Array]]:
-    """Deterministic starting configurations: the file's pose, the neutral pose, mid-range, then spread ones."""
-    yield "the stated pose", reference
-    neutral = pin.neutral(model)
-    yield "the neutral pose", neutral
-    lower, upper = model.lowerPositionLimit, model.upperPositionLimit
-    finite = np.isfinite(lower) & np.isfinite(upper) & (0.5 * upper - 0.5 * lower < 2 * np.pi)
-    middle = neutral.copy()
-    middle[finite] = 0.5 * (lower[finite] + upper[finite])
-    yield "the middle of the joint ranges", pin.normalize(model, middle)
-    generator = np.random.default_rng(20001)
-    for k in range(count):
-        step = (0.3 * 1.15**k if k < 14 else 2.0) * generator.standard_normal(model.nv)
-        yield f"start {k + 1}", pin.integrate(model, reference if k % 2 == 0 else middle, step)
-
-
-def within_limits(model: pin.Model, q_free: Array) -> bool:
-    """Whether every scalar joint is inside its limits (to 1e-9)."""
-    outside = np.maximum(model.lowerPositionLimit - q_free, q_free - model.upperPositionLimit)
-    return not np.any(outside > 1e-9)
-
-
 def close_from_afar(constraints: Constraints, start: Array) -> Attempt:
     """Close the loops from any pose, the right way round.
 
@@ -81,56 +51,13 @@ def close_from_afar(constraints: Constraints, start: Array) -> Attempt:
     attempt = close(constraints, start)
     if attempt.closed and constraints.aligned(attempt.q_free):
         return attempt
-    if any(loop.rows.alignment for loop in constraints.loops):
+    if any(loop.turnable for loop in constraints.loops):
         for rows in (position_rows, aligning_rows):
             start = solve(constraints.model, partial(rows, constraints), start).q_free
         staged = close(constraints, start)
         if staged.closed and constraints.aligned(staged.q_free):
             return staged
     return attempt._replace(closed=False)
-
-
-def find_closed(constraints: Constraints, reference: Array, count: int = 40) -> list[Closed]:
-    """Closed configurations from deterministic starts, the first found within the limits last to be looked for.
-
-    Returns:
-        At least one configuration, best first: the first one within the joint limits, then those outside.
-
-    Raises:
-        LoopNotClosedError: None was found; it carries the least open configuration and each loop's error.
-    """
-    found: list[Closed] = []
-    least, least_error = reference, np.inf
-    for name, start in starts(constraints.model, reference, count):
-        q_free, is_closed = close_from_afar(constraints, start)
-        if not is_closed:
-            error = float(np.linalg.norm(constraints.residual(q_free)))
-            if error < least_error:
-                least, least_error = q_free, error
-            continue
-        closed = Closed(q_free, name, within_limits(constraints.model, q_free))
-        if closed.within_limits:
-            return [closed, *found]
-        found.append(closed)
-        if len(found) >= 8:
-            break
-    if found:
-        return found
-    residual = constraints.residual(least)
-    errors = {name: float(np.linalg.norm(residual[rows])) for name, rows in constraints.row_slices().items()}
-    worst = max(errors, key=lambda name: errors[name])
-    message = (
-        f"no closed configuration was found from {count + 3} starts; the least open one leaves loop '{worst}' open by "
-        f'{errors[worst]:.4g} (m or rad). State a pose near a closed one (<group_state name="reference">), or check '
-        "the loop's frames and lengths"
-    )
-    if errors[worst] <= 1e-9 and not constraints.aligned(least):
-        turned = ", ".join(f"loop '{name}'" for name in constraints.turned(least))
-        message = (
-            f"the loops close only with the axes of {turned} turned end for end ({count + 3} starts tried); "
-            "turn one of its frames by half a turn"
-        )
-    raise LoopNotClosedError(message, q_free=least, errors=errors)
 
 
 def position_rows(constraints: Constraints, q_free: Array) -> Linearized:
@@ -153,7 +80,7 @@ def aligning_rows(constraints: Constraints, q_free: Array) -> Linearized:
     data = constraints.scratch.take()
     pin.computeJointJacobians(constraints.model, data, q_free)
     for loop in constraints.loops:
-        if loop.rows.alignment:
+        if loop.turnable:
             row, derivative = _rotation(loop, data)
             rows.append(row)
             derivatives.append(derivative)
@@ -164,7 +91,8 @@ def aligning_rows(constraints: Constraints, q_free: Array) -> Linearized:
 def _rotation(loop: ResolvedClosure, data: pin.Data) -> tuple[Array, Array]:
     """The rows θ n of one closure and their derivative."""
     turn_a, turn_b = loop.orientations(data)
-    turning_a, turning_b = data.J[3:] * loop.mask_a, data.J[3:] * loop.mask_b
+    turning = six_rows(data.J)[3:]
+    turning_a, turning_b = turning * loop.mask_a, turning * loop.mask_b
     if len(loop.rows.alignment) == 3:
         rotation = turn_b.T @ turn_a
         body_rate = turn_a.T @ turning_a - rotation.T @ (turn_b.T @ turning_b)

@@ -12,12 +12,13 @@ from typing import Protocol
 import numpy as np
 import pinocchio as pin
 
-from ccpin.arrays import Array, Record
+from ccpin.arrays import Array, Record, frozen
 from ccpin.description import read_description
 from ccpin.description.checks import check
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
+from ccpin.description.stating import Stated, with_stated
+from ccpin.description.writers import write_description
 from ccpin.errors import (
-    DescriptionError,
     IndependentSetError,
     InvalidInputError,
     LoopNotClosedError,
@@ -29,8 +30,10 @@ from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.tree import Tree, build_tree
-from ccpin.mechanism.closing import Closed, find_closed
-from ccpin.mechanism.mobility import Mobility, conditioning, generic_rank, idle_motions, independence, null_space
+from ccpin.mechanism.mobility import Mobility
+from ccpin.mechanism.physics import JointPhysics, Motors, joint_physics, motors_of
+from ccpin.mechanism.pinocchio import constraint_models
+from ccpin.mechanism.reference import check_independent, how_closed, idle, settle
 from ccpin.mechanism.selection import choose_independent
 
 
@@ -96,9 +99,29 @@ class Mechanism(Record):
         """The number of independent velocities."""
         return self.mobility.mobility
 
+    @cached_property
+    def joints(self) -> JointPhysics:
+        """Damping, friction, springs, rotor inertias and limits of the free system's joints, of shape (n′,) each."""
+        return joint_physics(self.tree)
+
+    @cached_property
+    def motors(self) -> Motors:
+        """The motors in the order of u: what is stated of each, gears and bounds of u."""
+        return motors_of(self.description, self.tree, self.actuated)
+
+    @property
+    def position_limits(self) -> tuple[Array, Array]:
+        """Lower and upper limits of the entries of q′, of shape (nq,) each, ±∞ where there is none."""
+        return frozen(self.tree.model.lowerPositionLimit), frozen(self.tree.model.upperPositionLimit)
+
+    @property
+    def direct(self) -> bool:
+        """Whether u acts on the independent velocities themselves, ρᵀSᵀu = u: motors on them, in order, of gear 1."""
+        return self.actuated == self.independent and bool((self.motors.gears == 1.0).all())
+
     @property
     def actuation(self) -> Array:
-        """S of shape (motors, n′), constant: u enters the free system as Sᵀu.
+        """S of shape (motors, n′), constant, gears included: u enters the free system as Sᵀu.
 
         Raises:
             UnsupportedMechanismError: A single component of a joint is actuated, so that S depends on q′
@@ -107,7 +130,47 @@ class Mechanism(Record):
         coordinates = IndependentCoordinates(self.tree, self.actuated, self.q_reference)
         if not coordinates.constant:
             raise UnsupportedMechanismError("S is not constant: a single component of a joint is actuated")
-        return coordinates.jacobian(self.q_reference)
+        return self.motors.gears[:, None] * coordinates.jacobian(self.q_reference)
+
+    def save(self, path: str | Path, format: str | None = None) -> None:
+        """Write the mechanism to a file, with the independent and actuated joints and the reference chosen here.
+
+        Args:
+            path: The file; its suffix tells the format where `format` does not (.urdf, .xml, .yaml).
+            format: ``"urdf"`` (with URDF+ loops), ``"mjcf"`` or ``"toolbox"`` (robot.yaml with its robot.urdf).
+
+        Raises:
+            InvalidInputError: The format is none of these, or the file cannot be written.
+            DescriptionError: The format has no words for something, by name.
+        """
+        write_description(self.settled(), path, format)
+
+    def pinocchio_constraints(self) -> list[pin.RigidConstraintModel]:
+        """The closures as constraint models of `pin_model`, for Pinocchio's own solvers: the caller's, made anew.
+
+        A spherical closure is a 3D contact, a fixed one a 6D contact, a revolute one two 3D contacts on its axis
+        (their six rows have rank five: give the solver a proximal step). Ends are in the joints' frames.
+
+        Raises:
+            UnsupportedMechanismError: A closure of another kind, or a coupling.
+        """
+        return constraint_models(self.constraints())
+
+    def settled(self) -> MechanismDescription:
+        """The description with what was chosen here: independent and actuated joints, and the closed reference.
+
+        Components of a joint cannot be marked in a description: with such coordinates nothing is.
+        """
+        own = {joint.name for joint in self.description.joints}
+        chosen = self.independent if own.issuperset(self.independent) else None
+        poses = {joint.name: joint.kind.told(self.q_reference[joint.q]) for joint in self.tree.joints}
+        return replace(
+            self.description,
+            independent=chosen,
+            independent_is_default=False,
+            actuated=self.actuated if own.issuperset(self.actuated) else self.description.actuated,
+            reference={name: pose for name, pose in poses.items() if name in own},
+        )
 
     def __repr__(self) -> str:
         return f"Mechanism({', '.join(f'{key}: {value}' for key, value in self._summary())})"
@@ -164,9 +227,6 @@ def mechanism_of(thing: Mechanism | HasMechanism) -> Mechanism:
     return found
 
 
-_FROM_SINGULAR = "a step away from a singular closed pose"
-
-
 def load(
     path: str | Path | MechanismDescription,
     *,
@@ -174,6 +234,8 @@ def load(
     couplings: Iterable[Coupling] | None = None,
     independent: Sequence[str] | None = None,
     actuated: Sequence[str] | None = None,
+    joints: Stated | None = None,
+    motors: Stated | None = None,
     floating_base: bool = False,
     format: str | None = None,
 ) -> Mechanism:
@@ -187,6 +249,10 @@ def load(
         independent: The independent joints in the order of q; default what the file marks, completed if it marks
             only motors (the completion is among the mechanism's notes).
         actuated: The actuated joints in the order of u; default the file's motors, else the independent joints.
+        joints: What the file lacks or says otherwise of its joints, by name: damping, friction, stiffness and
+            spring_reference, armature, effort, velocity, lower, upper (`ccpin.description.Joint`), as in
+            ``{"knee": {"damping": 0.1, "stiffness": 5.0}}``.
+        motors: Likewise of the motors, by the joint they drive: gear, lower, upper (`ccpin.description.Motor`).
         floating_base: Free the root link with a 6-dof joint named ``root_joint``.
         format: ``"urdf"``, ``"mjcf"`` or ``"toolbox"`` to override detection from the content.
 
@@ -195,10 +261,13 @@ def load(
         NoLoopError: It declares no closure and no coupling.
         LoopNotClosedError: No closed configuration was found.
         IndependentSetError: The independent or actuated joints named cannot be used.
+        InvalidInputError: What is stated of joints or motors names none of them, or is no number.
     """
     _check_arguments(path, independent, actuated)
     description = path if isinstance(path, MechanismDescription) else read_description(path, format)
-    if description is path or closures or couplings:
+    if joints or motors:
+        description = with_stated(description, joints, motors)
+    if description is path or closures or couplings or joints or motors:
         description = check(
             replace(
                 description,
@@ -209,44 +278,40 @@ def load(
     if not description.closures and not description.couplings:
         raise NoLoopError(_no_loop_message(description), source=description.source)
     try:
-        return _analysed(description, build_tree(description, floating_base), independent, actuated)
+        mechanism = _analysed(description, build_tree(description, floating_base), independent, actuated)
     except (IndependentSetError, LoopNotClosedError, SingularConfigurationError, UnsupportedMechanismError) as error:
         error.args = (f"{description.source or description.name}: {error}",)
         raise
+    idle = [name for name in motors or () if name not in {motor.joint for motor in mechanism.motors.each}]
+    if idle:
+        driven = ", ".join(mechanism.actuated)
+        raise InvalidInputError(f"motors: joint '{idle[0]}' is not actuated; {driven} are (actuated= chooses)")
+    return mechanism
 
 
 def _analysed(
     description: MechanismDescription, tree: Tree, independent: Sequence[str] | None, actuated: Sequence[str] | None
 ) -> Mechanism:
     """Close the loops, count the motions, settle who measures and who drives them."""
-    constraints = Constraints(tree, description.closures, description.couplings)
     wanted = tuple(independent) if independent is not None else (description.independent or ())
-    closed, rank = _reference(tree, constraints, description, wanted)
-    choice = choose_independent(tree, constraints, description, closed.q_free, rank, independent, actuated)
-    basis = null_space(constraints, closed.q_free, rank)
+    settled = settle(tree, description, wanted)
+    choice = choose_independent(tree, [found.motion for found in settled], description, independent, actuated)
+    rank = sum(found.tangent.rank for found in settled)
     mobility = Mobility(
         n_free=int(tree.model.nv),
-        rows=constraints.size,
+        rows=sum(found.constraints.size for found in settled),
         rank=rank,
         mobility=int(tree.model.nv) - rank,
-        idle=tuple(idle_motions(tree, constraints, closed.q_free, basis)),
+        idle=idle(tree, settled),
         notes=choice.notes,
     )
-    notes = list(description.notes + choice.notes)
-    if not closed.within_limits:
-        notes.append("the reference configuration lies outside some joint limits: none inside was found")
-    if closed.start != "the stated pose":
-        notes.append(f"the loops were closed from {closed.start}")
-    if closed.start == _FROM_SINGULAR:
-        notes.append(
-            "branches of σ meet at that pose, so which of them the reference lies on is arbitrary; a stated pose "
-            '(<group_state name="reference">) chooses'
-        )
-    chosen = choice.independent, choice.actuated, closed.q_free
-    mechanism = Mechanism(description, tree, *chosen, mobility, tuple(dict.fromkeys(notes)))
-    IndependentCoordinates(tree, mechanism.actuated, closed.q_free)  # refuses names that cannot be actuated
-    mechanism.parametrization().at(closed.q_free)
-    return mechanism
+    notes = dict.fromkeys([*description.notes, *choice.notes, *how_closed(settled)])
+    q_reference = np.empty(tree.model.nq)
+    for found in settled:
+        q_reference[found.part.q] = found.closed.q_free
+    IndependentCoordinates(tree, choice.actuated, q_reference)  # refuses names that cannot be actuated
+    check_independent(settled, choice.independent)
+    return Mechanism(description, tree, choice.independent, choice.actuated, q_reference, mobility, tuple(notes))
 
 
 def _check_arguments(path: object, independent: object, actuated: object) -> None:
@@ -266,48 +331,3 @@ def _no_loop_message(description: MechanismDescription) -> str:
     return (
         "no loop closure and no coupling is declared, so there is nothing to reduce; add <loop> elements or closures="
     )
-
-
-def stated_pose(tree: Tree, description: MechanismDescription) -> Array:
-    """The description's reference pose as a configuration (joints it leaves out are neutral).
-
-    Raises:
-        DescriptionError: A value has the wrong number of entries for its joint.
-    """
-    model = tree.model
-    q_free = pin.neutral(model)
-    for name, values in description.reference.items():
-        if name not in tree.names:
-            continue
-        joint = tree.joint(name)
-        value = joint.kind.stated(np.array(values, dtype=np.float64))
-        if value.size != joint.kind.nq:
-            message = f"the reference value has {value.size} numbers; a {joint.kind.name} joint needs {joint.kind.nq}"
-            raise DescriptionError(message, source=description.source, element=f"joint '{name}'")
-        q_free[joint.q] = value
-    return np.asarray(pin.normalize(model, q_free))
-
-
-def _reference(
-    tree: Tree, constraints: Constraints, description: MechanismDescription, wanted: tuple[str, ...]
-) -> tuple[Closed, int]:
-    """A closed, nonsingular configuration, checked against the rows that planarity made superfluous."""
-    closed = find_closed(constraints, stated_pose(tree, description))[0]
-    rank, candidates = generic_rank(constraints, closed.q_free)
-    names = [name for name in wanted if name.partition(":")[0] in tree.names]
-    scores = [independence(tree, null_space(constraints, q, rank), names) for q in candidates]
-    if candidates[0] is not closed.q_free or scores[0] < 1e-3:
-        quality = [score * conditioning(constraints, q, rank) for score, q in zip(scores, candidates, strict=True)]
-        best = candidates[int(np.argmax(quality))]
-        closed = closed._replace(q_free=best, start=_FROM_SINGULAR)
-    complete = Constraints(tree, description.closures, description.couplings, reduce_planar=False)
-    residual = complete.residual(closed.q_free)
-    errors = {name: float(np.abs(residual[rows]).max()) for name, rows in complete.row_slices().items()}
-    worst = max(errors, key=lambda name: errors[name])
-    if errors[worst] > 1e-6:
-        message = (
-            f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are {errors[worst]:.4g} "
-            "(m or rad) apart across it"
-        )
-        raise LoopNotClosedError(message, q_free=closed.q_free, errors=errors)
-    return closed, rank

@@ -7,13 +7,11 @@ from typing import NamedTuple
 
 import pinocchio as pin
 
-from ccpin.arrays import Array
 from ccpin.description.model import MechanismDescription
 from ccpin.errors import IndependentSetError
-from ccpin.kinematics.constraints import Constraints
-from ccpin.kinematics.coordinates import IndependentCoordinates, component_names
+from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.tree import ROOT_JOINT, Tree
-from ccpin.mechanism.mobility import complete_independent, components_of, null_space
+from ccpin.mechanism.independence import Motion, all_components, complete_independent, components_of
 
 
 class Choice(NamedTuple):
@@ -26,15 +24,13 @@ class Choice(NamedTuple):
 
 def choose_independent(
     tree: Tree,
-    constraints: Constraints,
+    motions: Sequence[Motion],
     description: MechanismDescription,
-    q_free: Array,
-    rank: int,
     independent: Sequence[str] | None,
     actuated: Sequence[str] | None,
 ) -> Choice:
     """Settle the independent and actuated sets, and say where the author did not state them exactly."""
-    basis, n = null_space(constraints, q_free, rank), int(tree.model.nv) - rank
+    n = sum(motion.n for motion in motions)
     motors = tuple(actuated) if actuated is not None else (description.actuated or ())
     for name in motors:
         if name.partition(":")[0] not in tree.names:
@@ -44,14 +40,14 @@ def choose_independent(
     notes: list[str] = []
     if independent is not None:
         names = tuple(independent)
-        _check_size(tree, names, n, basis)
-        names = complete_independent(tree, basis, names, (), n) if names else names
+        _check_size(tree, names, motions)
+        names = complete_independent(motions, names, ()) if names else names
     elif description.independent is not None:
-        names = _marked(tree, description, basis, base, n, notes)
+        names = _marked(tree, description, motions, base, notes)
     else:
         hinted = description.dependent_hint
         masters = tuple(name for name in tree.names if hinted and name not in hinted)
-        names = complete_independent(tree, basis, (), (*base, *(motors or masters)), n)
+        names = complete_independent(motions, (), (*base, *(motors or masters)))
         added = [name for name in names if name not in motors]
         if motors and added:
             notes.append(
@@ -70,11 +66,15 @@ def choose_independent(
 
 
 def _marked(
-    tree: Tree, description: MechanismDescription, basis: Array, base: tuple[str, ...], n: int, notes: list[str]
+    tree: Tree,
+    description: MechanismDescription,
+    motions: Sequence[Motion],
+    base: tuple[str, ...],
+    notes: list[str],
 ) -> tuple[str, ...]:
     """The set a file marks; the default marks of a coupling's successors are given up where it is too large."""
     marked = tuple(dict.fromkeys((*base, *(description.independent or ()))))
-    if _count(tree, marked) > n and description.independent_is_default:
+    if _count(motions, marked) > sum(motion.n for motion in motions) and description.independent_is_default:
         given_up = tuple(name for name in marked if name in description.dependent_hint)
         marked = tuple(name for name in marked if name not in given_up)
         notes.append(
@@ -82,28 +82,28 @@ def _marked(
             "taken as dependent (the successors)"
         )
     try:
-        _check_size(tree, marked, n, basis)
+        _check_size(tree, marked, motions)
     except IndependentSetError as error:
         hint = "; a joint without `independent` counts as independent" if description.independent_is_default else ""
         raise IndependentSetError(f"{error}{hint}") from None
-    return complete_independent(tree, basis, marked, (), n)
+    return complete_independent(motions, marked, ())
 
 
-def _count(tree: Tree, names: tuple[str, ...]) -> int:
+def _count(motions: Sequence[Motion], names: tuple[str, ...]) -> int:
     """How many velocity components joints and components have."""
-    return len(components_of(component_names(tree), names))
+    return len(components_of(all_components(motions), names))
 
 
-def _check_size(tree: Tree, names: tuple[str, ...], n: int, basis: Array) -> None:
+def _check_size(tree: Tree, names: tuple[str, ...], motions: Sequence[Motion]) -> None:
     """Raise an IndependentSetError unless the set has n velocity components, saying what to add or take away."""
     IndependentCoordinates(tree, names, pin.neutral(tree.model))
-    count = _count(tree, names)
+    count, n = _count(motions, names), sum(motion.n for motion in motions)
     if count == n:
         return
     given = f"{count} independent velocities are named ({', '.join(names) or 'none'}) but the mobility is {n}"
     if count < n:
-        whole = complete_independent(tree, basis, names, (), n)
+        whole = complete_independent(motions, names, ())
         missing = ", ".join(name for name in whole if name not in names)
         raise IndependentSetError(f"{given}: add {missing}, for instance")
-    suggestion = complete_independent(tree, basis, (), names, n)
+    suggestion = complete_independent(motions, (), names)
     raise IndependentSetError(f"{given}: {', '.join(suggestion) or 'none'} would do")

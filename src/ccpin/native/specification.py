@@ -12,9 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.closure_kinds import GAP, Fixed, LoopRows, Row, Vector
+from ccpin.description.closure_kinds import Fixed, Vector
 from ccpin.description.joint_kinds import JointKind
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.kinematics.clusters import clusters
 from ccpin.kinematics.coordinates import Coordinate, IndependentCoordinates
 from ccpin.kinematics.loops import ResolvedClosure, ResolvedCoupling
 from ccpin.kinematics.tree import TreeJoint
@@ -23,18 +24,6 @@ from ccpin.mechanism.mechanism import Mechanism
 Numbers = dict[str, Any]
 _ENTRIES = ("tx", "ty", "tz", "rx", "ry", "rz")
 _KINDS = ("revolute", "continuous", "prismatic", "spherical", "planar", "floating")
-
-
-class Cluster(NamedTuple):
-    """Joints that closures and couplings tie together, with all between them.
-
-    Attributes:
-        parent: The joint whose body carries the cluster (0: the world).
-        joints: Its joints, parents first.
-    """
-
-    parent: int
-    joints: list[int]
 
 
 def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers:
@@ -46,7 +35,7 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
 
     Raises:
         UnsupportedMechanismError: A closure joins two frames of one body, or a joint kind, a row of a closure or the
-            place of a motor is none that the core knows.
+            place of a motor is none that the core knows; springs, dampers and gears.
     """
     tree, parametrization = mechanism.tree, mechanism.parametrization()
     constraints, coordinates = parametrization.constraints, parametrization.coordinates
@@ -61,7 +50,8 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
     def inside(k: int, joints: Sequence[int]) -> list[int]:
         return [i for i, joint in enumerate(joints) if where[joint] == k]
 
-    direct = mechanism.actuated == mechanism.independent
+    _check_physics(mechanism)
+    direct = mechanism.direct
     return {
         "joints": [_joint(mechanism, joint) for joint in tree.joints],
         "loops": [_loop(loop) for loop in constraints.loops],
@@ -90,59 +80,6 @@ def specification(mechanism: Mechanism, gravity: Array | None = None) -> Numbers
     }
 
 
-def clusters(parents: Sequence[int], ties: Sequence[Sequence[int]]) -> list[Cluster]:
-    """The smallest groups of joints that hold every tie together and have one carrying body each, parents first.
-
-    Args:
-        parents: The parent of each joint; joint 0 is the world.
-        ties: Sets of joints that one closure or coupling involves.
-    """
-    group = list(range(len(parents)))
-
-    def find(joint: int) -> int:
-        while group[joint] != joint:
-            group[joint] = group[group[joint]]
-            joint = group[joint]
-        return joint
-
-    for tie in ties:
-        for joint in tie:
-            group[find(joint)] = find(tie[0])
-    while True:
-        members: dict[int, list[int]] = {}
-        for joint in range(1, len(parents)):
-            members.setdefault(find(joint), []).append(joint)
-        missing = [(joints[0], joint) for joints in members.values() for joint in _between(joints, parents)]
-        if not missing:
-            break
-        for joint, other in missing:
-            group[find(other)] = find(joint)
-    found = []
-    for joints in sorted(members.values()):
-        inside = set(joints)
-        found.append(Cluster(next(parents[joint] for joint in joints if parents[joint] not in inside), joints))
-    return found
-
-
-def _between(joints: list[int], parents: Sequence[int]) -> set[int]:
-    """The joints on the way from a group's topmost joints to their nearest common ancestor."""
-    inside = set(joints)
-    tops = {parents[joint] for joint in joints} - inside
-    if len(tops) < 2:
-        return set()
-    paths = [{0, top, *_support(top, parents)} for top in tops]
-    return set[int]().union(*paths) - paths[0].intersection(*paths[1:])
-
-
-def _support(joint: int, parents: Sequence[int], ancestor: int = 0) -> list[int]:
-    """A joint and those above it, up to an ancestor (left out)."""
-    path: list[int] = []
-    while joint != ancestor:
-        path.append(joint)
-        joint = parents[joint]
-    return path
-
-
 def _joint(mechanism: Mechanism, joint: TreeJoint) -> tuple[Any, ...]:
     """Kind, parent, (q, v, nq, nv), placement, axis, mass, centre, inertia about it, rotor inertias."""
     model = mechanism.tree.model
@@ -160,79 +97,39 @@ def _joint(mechanism: Mechanism, joint: TreeJoint) -> tuple[Any, ...]:
     )
 
 
+def _check_physics(mechanism: Mechanism) -> None:
+    """Refuse what would be left out in silence."""
+    has = {"springs": mechanism.joints.stiffness.any(), "dampers": mechanism.joints.damping.any()}
+    has["gears"] = (mechanism.motors.gears != 1.0).any()
+    found = [word for word, there in has.items() if there]
+    if found:
+        raise UnsupportedMechanismError(f"the compiled core does not know the {', '.join(found)} of {mechanism.name}")
+
+
 def _known(kind: JointKind) -> str:
     if kind.name not in _KINDS:
         raise UnsupportedMechanismError(f"the compiled core knows no {kind.name} joint, but {', '.join(_KINDS)}")
     return kind.name
 
 
-class RowForms(NamedTuple):
-    """A closure's rows sorted by their form, as the core evaluates them: points, directions, offsets, distance.
-
-    Attributes:
-        points: e of the rows −e·(p_B − p_A), e fixed in C.
-        directions: Products (w, a, b) of each row Σ w (a·b).
-        offsets: a of the rows a·(p_B − p_A).
-        length: L of the row (|p_B − p_A|² − L²) / 2L, or 0.
-    """
-
-    points: list[Array]
-    directions: list[list[tuple[float, Array, Array]]]
-    offsets: list[Array]
-    length: float
-
-
-def row_forms(name: str, rows: LoopRows) -> RowForms:
-    """Sort a closure's rows by their form.
-
-    Raises:
-        UnsupportedMechanismError: A row of another form, or rows in another order.
-    """
-    found: tuple[list[Any], ...] = ([], [], [], [])
-    last = 0
-    for row in rows.rows:
-        form, value = _form(row)
-        if form < last or (form == 3 and found[3]):
-            raise UnsupportedMechanismError(f"closure '{name}' has rows that the compiled core does not know")
-        found[form].append(value)
-        last = form
-    points, directions, offsets, lengths = found
-    return RowForms(points, directions, offsets, lengths[0] if lengths else 0.0)
-
-
-def _form(row: Row) -> tuple[int, Any]:
-    """Which list of `RowForms` a row belongs to, −1: none; and what stands there."""
-    if all(_fixed(left, "A") and _fixed(right, "B") for _, left, right in row):
-        return 1, [(float(w), np.array(a.local), np.array(b.local)) for w, a, b in row]  # type: ignore[union-attr]
-    weight, left, right = row[0]
-    if len(row) == 1 and right == GAP and isinstance(left, Fixed):
-        form = {("C", -1.0): 0, ("A", 1.0): 2}.get((left.frame, weight), -1)
-        return form, np.array(left.local)
-    if len(row) == 2 and left == right == GAP:
-        scale, rod, same = row[1]
-        length = 0.5 / weight
-        if scale == -weight and _fixed(rod, "C") and rod is same and np.isclose(np.linalg.norm(rod.local), length):  # type: ignore[union-attr]
-            return 3, length
-    return -1, None
-
-
-def _fixed(vector: Vector, frame: str) -> bool:
-    return isinstance(vector, Fixed) and vector.frame == frame
-
-
 def _loop(loop: ResolvedClosure) -> tuple[Any, ...]:
-    """Ends and ancestor, frames, the rows by form, alignment, and the joints on the two paths."""
+    """Ends and ancestor, frames, the rows' products, alignment, and the joints on the two paths."""
     if not loop.path_a and not loop.path_b:
         raise UnsupportedMechanismError(f"closure '{loop.closure.name}' joins two frames of one body")
     return (
         [loop.joint_a, loop.joint_b, loop.ancestor],
         np.array(loop.frame_a),
         np.array(loop.frame_b),
-        *row_forms(loop.closure.name, loop.rows),
-        [(1.0, np.array(a), np.array(b)) for a, b in loop.rows.alignment],
+        [[(float(w), _vector(x), _vector(y)) for w, x, y in row] for row in loop.rows.rows],
+        [(np.array(a), np.array(b)) for a, b in loop.rows.alignment],
         list(loop.path_a),
         list(loop.path_b),
     )
+
+
+def _vector(vector: Vector) -> tuple[str, Array]:
+    """The frame a vector is fixed in, and itself there; the gap is in none."""
+    return (vector.frame, np.array(vector.local)) if isinstance(vector, Fixed) else ("gap", np.zeros(3))
 
 
 def _coupling(coupling: ResolvedCoupling) -> tuple[Any, ...]:

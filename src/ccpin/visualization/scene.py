@@ -14,6 +14,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.kinematics import loops
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.scratch import Scratch
+from ccpin.kinematics.tree import rest_poses
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.visualization.page import Command
 from ccpin.visualization.shapes import corners, material, missing, parts, triangles, tube
@@ -235,10 +236,8 @@ class Framing(NamedTuple):
 
 def plane_normal(mechanism: Mechanism) -> Array | None:
     """Unit normal (3,) in the world of the plane all links move parallel to, or ``None`` if there is none."""
-    model = mechanism.tree.model
-    data = model.createData()
-    pin.computeJointJacobians(model, data, mechanism.q_reference)
-    return loops.plane_normal(mechanism.tree, data, list(range(1, model.njoints)))
+    tree = mechanism.tree
+    return loops.plane_normal(tree, rest_poses(tree), range(1, tree.model.njoints))
 
 
 def up_axes(mechanism: Mechanism) -> Array:

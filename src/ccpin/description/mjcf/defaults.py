@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ccpin.description.mjcf.element import Angles, Element, merged
+from ccpin.description.mjcf.general import ACTUATORS, as_general
 from ccpin.description.xml import XmlElement, fail
 
 MAIN = "main"
@@ -109,10 +110,20 @@ class Defaults:
     def _content(self, section: XmlElement, inherited: Mapping[str, dict[str, str]]) -> dict[str, dict[str, str]]:
         content = dict(inherited)
         for child in section.iterchildren("*"):
-            if child.tag != "default":
-                own = Element.of(child).values
+            if child.tag == "default":
+                continue
+            own = Element.of(child).values
+            if child.tag in ACTUATORS:
+                content["general"] = as_general(child.tag, own, content.get("general", {}))
+            else:
                 content[child.tag] = merged(content.get(child.tag, {}), own)
         return content
+
+    def actuator(self, xml: XmlElement) -> Element:
+        """Return an actuator in <general>'s words, with the defaults of its class merged in."""
+        bare = Element.of(xml)
+        inherited = self._classes[self.check(bare.text("class") or MAIN, bare)].get("general", {})
+        return Element(xml, as_general(xml.tag, bare.values, inherited))
 
     def check(self, name: str, element: Element) -> str:
         """Return the class name if there is such a class, and blame `element` if not."""

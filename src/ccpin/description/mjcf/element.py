@@ -62,7 +62,7 @@ class Element:
         for name in own:
             if allowed is not None and name not in allowed:
                 raise bare.fail(f"unknown attribute '{name}'; it takes: {', '.join(sorted(allowed))}")
-        for name in own.keys() & NUMERIC:
+        for name in own.keys() & NUMERIC if xml.tag != "flag" else ():
             bare.some_numbers(name, _LONGEST)
         for child in xml.iterchildren("*") if xml.tag in LEAVES else ():
             if child.tag != "plugin":
@@ -123,6 +123,17 @@ class Element:
     def flag(self, name: str, default: bool) -> bool:
         """Return a truth value; `default` where the attribute is absent."""
         return _FLAGS[self.choice(name, tuple(_FLAGS), "true" if default else "false")]
+
+    def bounds(self, switch: str, name: str, autolimits: bool) -> Array | None:
+        """Return the two numbers of a range that is in force (its switch is true, or auto and it is given), or None."""
+        word = self.choice(switch, ("true", "false", "auto"), "auto")
+        bounds = self.vector(name, 2, (0.0, 0.0))
+        given = bool(np.any(bounds))
+        if word == "auto" and given and not autolimits:
+            raise self.fail(f"{name} without {switch} is ambiguous when autolimits is off")
+        if not (word == "true" or (word == "auto" and given)):
+            return None
+        return bounds
 
     def orientation(self, angles: Angles) -> Array:
         """Return the rotation matrix (3, 3) of quat, axisangle, xyaxes, zaxis or euler; else the identity."""

@@ -19,7 +19,8 @@ from ccpin.description.xml import ZERO, XmlElement, fail
 _TYPES = ("free", "ball", "slide", "hinge")
 _KINDS = {"free": "floating", "ball": "spherical", "slide": "prismatic", "hinge": "revolute"}
 _DOFS = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
-_FORCES = {"stiffness": "springs", "damping": "damping", "frictionloss": "friction"}
+_PHYSICS = {"armature": "armature", "damping": "damping", "frictionloss": "friction", "stiffness": "stiffness"}
+_LEFT_OUT = ("springdamper", "springyield")
 _Z = (0.0, 0.0, 1.0)
 
 
@@ -61,7 +62,6 @@ class WorldBody:
         poses: Every body's frame (4, 4) in the world at qpos0.
         sites: The named sites.
         reference: Displacements of the movable joints at qpos0.
-        passive_forces: Joints with springs, damping or friction, by those words.
         notes: What was left out.
     """
 
@@ -72,7 +72,6 @@ class WorldBody:
     poses: dict[str, Array] = field(default_factory=dict)
     sites: dict[str, Site] = field(default_factory=dict)
     reference: dict[str, tuple[float, ...]] = field(default_factory=dict)
-    passive_forces: dict[str, list[str]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
 
     def pose_between(self, first: str, second: str) -> Array:
@@ -148,12 +147,8 @@ class JointReader:
             self._tree.reference[name] = (0.0, 0.0, 0.0, 1.0)
         else:
             self._tree.reference[name] = (ref,)
-        for attribute, word in _FORCES.items():
-            if any(said.some_numbers(attribute, 3)):
-                self._tree.passive_forces.setdefault(word, []).append(name)
-        forces, armature = self._bounds(said, "actuatorfrclimited", "actuatorfrcrange"), said.number("armature", 0.0)
-        if armature < 0.0:
-            raise said.fail("armature should not be negative")
+        forces = said.bounds("actuatorfrclimited", "actuatorfrcrange", self._compiler.autolimits)
+        physics = self._physics(said, kind, name)
         return Joint(
             name=name,
             kind=_KINDS[kind],
@@ -164,8 +159,31 @@ class JointReader:
             lower=lower,
             upper=upper,
             effort=np.inf if forces is None else float(np.abs(forces).max()),
-            armature=armature,
+            **physics,
         )
+
+    def _physics(self, said: Element, kind: str, name: str) -> dict[str, float]:
+        """Return rotor inertia, damping, friction and spring; what ccpin has no counterpart for is noted."""
+        physics = {field: self._plain(said, attribute, name) for attribute, field in _PHYSICS.items()}
+        for attribute in _LEFT_OUT:
+            if any(said.some_numbers(attribute, 2)):
+                self._tree.notes.append(f"Left out: {attribute} of joint '{name}'.")
+        if kind == "free" and physics["stiffness"]:
+            self._tree.notes.append(f"Left out: the spring of joint '{name}', which moves freely.")
+            physics["stiffness"] = 0.0
+        if physics["stiffness"] and kind in ("hinge", "slide"):
+            unit = self._compiler.angles.unit if kind == "hinge" else 1.0
+            physics["spring_reference"] = said.number("springref", 0.0) * unit
+        return physics
+
+    def _plain(self, said: Element, attribute: str, name: str) -> float:
+        """Return a number; further ones, the coefficients of a nonlinear force, are noted."""
+        value, *nonlinear = said.some_numbers(attribute, 3) or (0.0,)
+        if value < 0.0:
+            raise said.fail(f"{attribute} should not be negative")
+        if any(nonlinear):
+            self._tree.notes.append(f"Left out: the nonlinear part of the {attribute} of joint '{name}'.")
+        return value
 
     def _note_alignment(self, said: Element, name: str) -> None:
         word = said.choice("align", ("true", "false", "auto"), "auto")
@@ -177,7 +195,7 @@ class JointReader:
 
     def _range(self, said: Element, kind: str, name: str) -> tuple[float, float]:
         """Return the limits; a ball joint's cone cannot be expressed and is noted."""
-        bounds = self._bounds(said, "limited", "range")
+        bounds = said.bounds("limited", "range", self._compiler.autolimits)
         if bounds is None:
             return -np.inf, np.inf
         low, high = bounds
@@ -188,15 +206,6 @@ class JointReader:
             return -np.inf, np.inf
         unit = self._compiler.angles.unit if kind == "hinge" else 1.0
         return float(low * unit), float(high * unit)
-
-    def _bounds(self, said: Element, switch: str, range_name: str) -> Array | None:
-        """Return the two numbers of a range that is in force, or ``None``."""
-        word = said.choice(switch, ("true", "false", "auto"), "auto")
-        bounds = said.vector(range_name, 2, (0.0, 0.0))
-        given = bool(np.any(bounds))
-        if word == "auto" and given and not self._compiler.autolimits:
-            raise said.fail(f"{range_name} without {switch} is ambiguous when autolimits is off")
-        return bounds if word == "true" or (word == "auto" and given) else None
 
 
 def _type_of(said: Element) -> str:

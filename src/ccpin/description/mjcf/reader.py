@@ -7,9 +7,12 @@ displacement in the pose the file draws.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from ccpin.description.checks import check
+from ccpin.description.mjcf.actuators import Actuators, read_actuators
 from ccpin.description.mjcf.bodies import TreeReader
 from ccpin.description.mjcf.defaults import Defaults, read_compiler
 from ccpin.description.mjcf.element import Element
@@ -17,15 +20,15 @@ from ccpin.description.mjcf.equality import Equalities, read_equalities
 from ccpin.description.mjcf.geoms import read_assets
 from ccpin.description.mjcf.inertia import scaled_to_total
 from ccpin.description.mjcf.joints import WorldBody
+from ccpin.description.mjcf.keyframes import read_keyframes
 from ccpin.description.mjcf.schema import ATTRIBUTES, SECTIONS, WORLD
-from ccpin.description.model import MechanismDescription
-from ccpin.description.xml import XmlElement, fail, label, parse_xml, source_of
+from ccpin.description.model import Joint, MechanismDescription
+from ccpin.description.xml import XmlElement, fail, parse_xml, source_of
 
 _UNMODELLED = {
     "tendon": "The tendons are left out: ccpin does not model them.",
     "contact": "The contact section is left out: ccpin does not model contacts.",
     "deformable": "The deformable bodies are left out: ccpin models rigid bodies only.",
-    "keyframe": "The keyframes are not read; the reference pose is qpos0.",
 }
 _Gravity = tuple[float, float, float]
 
@@ -33,9 +36,11 @@ _Gravity = tuple[float, float, float]
 def read_mjcf(text: bytes, source: str | None) -> MechanismDescription:
     """Read an MJCF file: the bodies and joints as a tree below "world", the equalities as closures.
 
+    The reference pose is that of the keyframe "reference" where there is one, else qpos0; all keyframes are poses.
+
     A body's link keeps the body's name and frame. Several joints in one body become a chain of massless links;
-    connect becomes a spherical closure, weld a fixed one, joint a coupling. What has no counterpart here
-    (springs, damping, contacts, tendons, inactive equalities) is listed in the notes.
+    connect becomes a spherical closure, weld a fixed one, joint a coupling; actuators become motors. What has no
+    counterpart here (contacts, tendons, servo loops, inactive equalities) is listed in the notes.
 
     Args:
         text: The file's content.
@@ -59,27 +64,31 @@ def mjcf_description(root: XmlElement) -> MechanismDescription:
     defaults = Defaults(sections["default"])
     assets = read_assets(sections["asset"], defaults, compiler)
     tree = TreeReader(sections["worldbody"], defaults, compiler, assets).read()
-    gravity, equalities_on = _options(sections["option"])
+    options = _options(sections["option"])
     equalities = read_equalities(sections["equality"], tree, defaults)
-    if not equalities_on:
+    if "equality" in options.disabled:
         equalities = Equalities(notes=["The equalities are left out: the file disables them (flag equality)."])
-    actuated, actuator_notes = _actuated(sections["actuator"], tree)
-    passive = [f"Left out: {word} of {', '.join(who)}." for word, who in tree.passive_forces.items()]
+    actuators = read_actuators(sections["actuator"], tree, defaults, compiler.autolimits)
     notes = [note for name, note in _UNMODELLED.items() if any(len(section) for section in sections[name])]
+    notes += [*options.notes, *actuators.notes]
+    joints = _joints(tree, actuators, options.disabled, notes)
+    poses = read_keyframes(sections["keyframe"], tree)
     return check(
         MechanismDescription(
             name=root.get("model") or (Path(source).stem if source else "mechanism"),
             root=WORLD,
             links=scaled_to_total(tree.links, compiler.total_mass),
-            joints=tuple(tree.joints),
+            joints=joints,
             closures=tuple(equalities.closures),
             couplings=tuple(equalities.couplings),
             dependent_hint=tuple(dict.fromkeys(equalities.dependent)),
-            actuated=actuated,
-            reference=tree.reference,
-            gravity=gravity,
+            actuated=actuators.driven,
+            motors=actuators.motors,
+            reference=poses.get("reference", tree.reference),
+            poses=poses,
+            gravity=options.gravity,
             source=source,
-            notes=(*tree.notes, *passive, *equalities.notes, *actuator_notes, *notes),
+            notes=(*tree.notes, *equalities.notes, *notes),
         )
     )
 
@@ -97,36 +106,54 @@ def _sections(root: XmlElement) -> dict[str, list[XmlElement]]:
     return sections
 
 
-def _options(sections: Sequence[XmlElement]) -> tuple[_Gravity, bool]:
-    """Return gravity, and whether equality constraints are enabled at all."""
-    gravity, weightless, enabled = (0.0, 0.0, -9.81), False, True
+class _Options(NamedTuple):
+    """Gravity, what of physics the file switches off, and notes on what it has besides."""
+
+    gravity: _Gravity
+    disabled: frozenset[str]
+    notes: tuple[str, ...]
+
+
+def _options(sections: Sequence[XmlElement]) -> _Options:
+    """Read every <option>, later ones winning."""
+    gravity, disabled, notes = (0.0, 0.0, -9.81), set[str](), dict[str, None]()
     for section in sections:
         said = Element.of(section)
         x, y, z = said.vector("gravity", 3, gravity)
         gravity = (float(x), float(y), float(z))
+        for name in ("density", "viscosity"):
+            if said.number(name, 0.0):
+                notes[f"The surrounding fluid's {name} is left out: ccpin does not model fluids."] = None
+        if said.text("actuatorgroupdisable"):
+            notes["The groups of actuators that the file disables (actuatorgroupdisable) count as motors."] = None
         for xml in section.iterchildren("flag"):
             flags = Element.of(xml)
             words = ("enable", "disable")
-            weightless = flags.choice("gravity", words, words[weightless]) == "disable"
-            enabled = flags.choice("equality", words, words[not enabled]) == "enable"
-    return (0.0, 0.0, 0.0) if weightless else gravity, enabled
+            for name in ("gravity", "equality", "spring", "damper", "passive", "frictionloss", "actuation"):
+                if name in flags.values:
+                    off = flags.choice(name, words, "enable") == "disable"
+                    (disabled.add if off else disabled.discard)(name)
+    if "actuation" in disabled:
+        notes["The file disables its actuators (flag actuation); they count as motors."] = None
+    return _Options((0.0, 0.0, 0.0) if "gravity" in disabled else gravity, frozenset(disabled), tuple(notes))
 
 
-def _actuated(sections: Sequence[XmlElement], tree: WorldBody) -> tuple[tuple[str, ...] | None, list[str]]:
-    """Return the joints that actuators drive, in order, and notes on actuators that drive something else."""
-    driven: list[str] = []
-    notes: list[str] = []
-    for xml in (xml for section in sections for xml in section.iterchildren("*")):
-        said = Element.of(xml)
-        joint = said.text("joint") or said.text("jointinparent")
-        if joint is None:
-            notes.append(f"The actuator {label(xml)} drives no joint; it is left out.")
-        elif joint not in tree.reference:
-            known = ", ".join(tree.reference) or "none"
-            raise said.fail(f"there is no joint '{joint}'; there are: {known}")
-        else:
-            driven.append(joint)
-    return tuple(dict.fromkeys(driven)) or None, notes
+def _joints(tree: WorldBody, actuators: Actuators, disabled: frozenset[str], notes: list[str]) -> tuple[Joint, ...]:
+    """The joints with what their actuators add to them, and without the forces that the file switches off."""
+    joints, lost = [], dict[str, list[str]]()
+    for joint in tree.joints:
+        physics = {
+            "armature": joint.armature + actuators.armature.get(joint.name, 0.0),
+            "damping": joint.damping + actuators.damping.get(joint.name, 0.0),
+        }
+        for flag, field in (("spring", "stiffness"), ("damper", "damping"), ("frictionloss", "friction")):
+            off = flag in disabled or ("passive" in disabled and flag != "frictionloss")
+            if off and physics.get(field, getattr(joint, field)):
+                physics[field] = 0.0
+                lost.setdefault(f"{field} (flag {flag if flag in disabled else 'passive'})", []).append(joint.name)
+        joints.append(replace(joint, **physics))  # type: ignore[arg-type]
+    notes += [f"The file disables {what}: left out of {', '.join(who)}." for what, who in lost.items()]
+    return tuple(joints)
 
 
 def expand_includes(root: XmlElement) -> None:

@@ -16,6 +16,12 @@ _GEOM = (
     "adhesion castshadow surfacevel user"
 )
 
+_ACTUATOR = "name class group nsample interp delay ctrllimited forcelimited ctrlrange forcerange user"
+_DRIVEN = (
+    f"{_ACTUATOR} lengthrange gear damping armature cranklength joint jointinparent tendon cranksite slidersite site "
+    "refsite"
+)
+
 ATTRIBUTES: dict[str, frozenset[str]] = {
     tag: frozenset(names.split())
     for tag, names in {
@@ -64,13 +70,35 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
             "inertia builtin params material"
         ),
         "include": "file",
+        "adhesion": f"{_ACTUATOR} body gain",
+        "cylinder": f"{_DRIVEN} actearly timeconst area diameter bias",
+        "damper": f"{_DRIVEN} kv",
+        "dcmotor": (
+            f"{_DRIVEN} actearly actlimited actrange motorconst resistance nominal saturation inductance cogging "
+            "controller thermal lugre input"
+        ),
+        "general": (
+            f"{_DRIVEN} body actearly actlimited actrange dyntype gaintype biastype dynprm gainprm biasprm actdim "
+            "input ffrange velrange inheritrange"
+        ),
+        "intvelocity": f"{_DRIVEN} actearly actlimited actrange kp kv dampratio inheritrange",
+        "motor": _DRIVEN,
+        "muscle": (
+            f"{_DRIVEN} actearly actlimited actrange timeconst tausmooth range force scale lmin lmax vmax fpmax fvmax"
+        ),
+        "orientation": f"{_ACTUATOR} kp kv dampratio input inheritrange joint site refsite",
+        "pid": f"{_DRIVEN} input kp ki kv dampratio imax slewmax posrange velrange ffrange inheritrange",
+        "actuator/plugin": f"{_DRIVEN} plugin instance actearly actlimited actrange actdim dyntype dynprm",
+        "position": f"{_DRIVEN} actearly actlimited actrange kp kv dampratio timeconst inheritrange",
+        "velocity": f"{_DRIVEN} kv",
     }.items()
 }
 
 _NUMBERS = (
     "pos size fromto mass density group contype conaffinity condim priority friction margin gap solmix solref solimp "
     "solreflimit solimplimit solreffriction solimpfriction range ref springref stiffness damping frictionloss "
-    "armature axis gravcomp anchor relpose torquescale polycoef diaginertia fullinertia rgba"
+    "armature axis gear kp kv gainprm biasprm ctrlrange forcerange "
+    "gravcomp anchor relpose torquescale polycoef diaginertia fullinertia rgba"
 )
 NUMERIC = ORIENTATIONS | frozenset(_NUMBERS.split())
 LEAVES = frozenset({"joint", "freejoint", "inertial", "geom", "site", "connect", "weld"})

@@ -10,19 +10,19 @@ from lxml import etree
 from trimesh.transformations import euler_from_matrix
 
 from ccpin.description.model import Coupling, Joint, Link, LoopClosure, MechanismDescription, Visual, frame
+from ccpin.description.writers.xml import cannot, saved, written
 from ccpin.description.xml import XmlElement
-from ccpin.errors import DescriptionError
-from ccpin.files import write_atomically
 
 
 def write_urdf(description: MechanismDescription, path: str | Path) -> None:
     """Write a description as a URDF with URDF+ loops, which `read_urdf` reads back as the same mechanism.
 
-    Linear couplings of two joints become mimic joints. Gravity, notes, and shapes URDF has no element for (capsules,
-    ellipsoids) are not written.
+    Linear couplings of two joints become mimic joints, springs Gazebo's elements, gears mechanical reductions. Gravity,
+    notes, bounds and gains of motors, and shapes URDF has no element for (capsules, ellipsoids) are not written. The
+    rotor inertia of a joint without a motor is ``armature`` of its <dynamics>, which only ccpin reads.
 
     Raises:
-        DescriptionError: A coupling is not linear in two joints, or a joint without a motor has a rotor inertia.
+        DescriptionError: A coupling is not linear in two joints.
         InvalidInputError: The file cannot be written.
     """
     root = urdf_document(description).write_xml().getroot()
@@ -37,21 +37,28 @@ def write_urdf(description: MechanismDescription, path: str | Path) -> None:
     for closure in description.closures:
         _loop(root, closure)
     armature = {joint.name: joint.armature for joint in description.joints if joint.armature}
+    gears = {motor.joint: motor.gear for motor in description.motors}
     for name in description.actuated or ():
         motor = etree.SubElement(root, "transmission", name=f"{name}_motor")
         etree.SubElement(motor, "joint", name=name)
         actuator = etree.SubElement(motor, "actuator", name=name)
         etree.SubElement(actuator, "rotor_inertia", value=str(armature.pop(name, 0.0)))
-    for name in armature:
-        message = "URDF states a rotor inertia with a motor only, and this joint has none"
-        raise DescriptionError(message, source=description.source, element=f"joint '{name}'")
+        if gears.get(name, 1.0) != 1.0:
+            etree.SubElement(actuator, "mechanicalReduction").text = str(gears[name])
+    for name, inertia in armature.items():
+        dynamics = joints[name].find("dynamics")
+        dynamics = etree.SubElement(joints[name], "dynamics") if dynamics is None else dynamics
+        dynamics.set("armature", str(inertia))
+    for joint in description.joints:
+        if joint.stiffness:
+            spring = etree.SubElement(root, "gazebo", reference=joint.name)
+            etree.SubElement(spring, "springStiffness").text = str(joint.stiffness)
+            etree.SubElement(spring, "springReference").text = str(joint.spring_reference)
     if description.reference:
         state = etree.SubElement(root, "group_state", name="reference")
         for name, values in description.reference.items():
-            etree.SubElement(state, "joint", name=name, value=_written(values))
-    etree.indent(root)
-    text = etree.tostring(root, xml_declaration=True, encoding="utf-8")
-    write_atomically(path, "wb", lambda file: file.write(text))
+            etree.SubElement(state, "joint", name=name, value=written(values))
+    saved(root, path)
 
 
 def urdf_document(description: MechanismDescription) -> yourdfpy.URDF:
@@ -100,6 +107,7 @@ def _joint(joint: Joint) -> yourdfpy.Joint:
         origin=joint.placement,
         axis=joint.axis,
         limit=limit if any(map(np.isfinite, stated.values())) else None,
+        dynamics=yourdfpy.Dynamics(joint.damping, joint.friction) if joint.damping or joint.friction else None,
     )
 
 
@@ -109,7 +117,7 @@ def _mimic(joints: dict[str, XmlElement], coupling: Coupling, description: Mecha
     powers = [(*term.coefficients, 0.0, 0.0) for term in terms]
     if len(terms) != 2 or any(term.reference or any(c[2:]) for term, c in zip(terms, powers, strict=True)):
         message = "URDF couples two joints linearly only (mimic)"
-        raise DescriptionError(message, source=description.source, element=f"coupling '{coupling.name}'")
+        raise cannot(description, f"coupling '{coupling.name}'", message)
     (own, other), (dependent, master) = powers, terms
     multiplier, offset = -other[1] / own[1], -(own[0] + other[0]) / own[1]
     attributes = {"joint": master.joint, "multiplier": str(multiplier), "offset": str(offset)}
@@ -122,14 +130,10 @@ def _loop(root: XmlElement, closure: LoopClosure) -> None:
     ends = ("predecessor", closure.link_a, closure.placement_a), ("successor", closure.link_b, closure.placement_b)
     for role, link, placement in ends:
         end = etree.SubElement(loop, role, link=link)
-        etree.SubElement(end, "origin", xyz=_written(placement[:3, 3]), rpy=_written(euler_from_matrix(placement)))
+        etree.SubElement(end, "origin", xyz=written(placement[:3, 3]), rpy=written(euler_from_matrix(placement)))
     universal = closure.kind == "universal"
     etree.SubElement(loop, "axis", xyz="1 0 0" if universal else "0 0 1")
     if universal:
         etree.SubElement(loop, "axis2", xyz="0 1 0")
     if closure.length is not None:
         etree.SubElement(loop, "length", value=str(closure.length))
-
-
-def _written(values: object) -> str:
-    return " ".join(map(str, np.asarray(values, dtype=np.float64).tolist()))

@@ -1,0 +1,29 @@
+"""`ccpin convert`: a mechanism written in another format, or in its own with the pose and joints settled."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import Any
+
+from ccpin.cli.options import add_mechanism, load
+from ccpin.description.writers import FORMATS
+
+
+def add_convert(commands: Any) -> None:
+    """The command and its options."""
+    parser = commands.add_parser("convert", help="write the mechanism as URDF+, MJCF or a toolbox robot.yaml")
+    add_mechanism(parser)
+    parser.add_argument("--out", required=True, metavar="FILE", help="the file to write; .urdf, .xml or .yaml")
+    parser.add_argument("--to", choices=FORMATS, help="the format, where the suffix does not tell it")
+    parser.set_defaults(run=_convert)
+
+
+def _convert(options: argparse.Namespace) -> int:
+    mechanism = load(options)
+    mechanism.save(options.out, options.to)
+    if options.json:
+        print(json.dumps({"written": options.out, "n": mechanism.n}))
+    else:
+        print(f"{options.out} written: {mechanism.name}, n = {mechanism.n}, closed at its reference")
+    return 0

@@ -1,0 +1,19 @@
+"""Names that are nearly right."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+def nearest(name: str, known: Iterable[str]) -> str | None:
+    """The known name that this one is most like, or ``None`` where it is like none."""
+    found = get_close_matches(name.lower(), {other.lower(): other for other in known}, n=1, cutoff=0.7)
+    return next((other for other in known if found and other.lower() == found[0]), None)
+
+
+def choices(name: str, known: Iterable[str]) -> str:
+    """How an error about an unknown name ends: the one that was meant, perhaps, and all there are."""
+    listed = tuple(known)
+    meant = nearest(name, listed)
+    return (f"did you mean '{meant}'? " if meant else "") + f"there are {', '.join(listed) or 'none'}"

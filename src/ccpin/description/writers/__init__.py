@@ -1,0 +1,40 @@
+"""Descriptions out again: one writer a format, chosen by name or by the file's suffix."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from ccpin.description.model import MechanismDescription
+from ccpin.errors import InvalidInputError
+
+FORMATS = ("urdf", "mjcf", "toolbox")
+_SUFFIXES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf", ".yaml": "toolbox", ".yml": "toolbox"}
+
+
+def write_description(description: MechanismDescription, path: str | Path, format: str | None = None) -> None:
+    """Write a description as a file that `ccpin.load` and the format's own tools read.
+
+    Args:
+        description: What to write.
+        path: The file; its suffix tells the format where `format` does not (.urdf, .xml, .yaml).
+        format: ``"urdf"`` (with URDF+ loops), ``"mjcf"`` or ``"toolbox"`` (robot.yaml with its robot.urdf).
+
+    Raises:
+        InvalidInputError: The format is none of these, or the file cannot be written.
+        DescriptionError: The format has no words for something, by name.
+    """
+    wanted = format or _SUFFIXES.get(Path(path).suffix.lower())
+    writers = _writers()
+    if wanted not in writers:
+        told = f"format '{wanted}'" if format else f"the suffix of '{path}'"
+        raise InvalidInputError(f"{told} names none of {', '.join(writers)}; say format=")
+    writers[wanted](description, path)
+
+
+def _writers() -> dict[str, Callable[[MechanismDescription, str | Path], None]]:
+    from ccpin.description.writers.mjcf import write_mjcf
+    from ccpin.description.writers.toolbox import write_toolbox
+    from ccpin.description.writers.urdf import write_urdf
+
+    return {"urdf": write_urdf, "mjcf": write_mjcf, "toolbox": write_toolbox}

@@ -1,0 +1,77 @@
+"""What a mechanism's joints and motors state beside their geometry, as arrays along q′, q̇′ and u."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, frozen
+from ccpin.description.model import MechanismDescription, Motor
+from ccpin.kinematics.coordinates import component_names
+from ccpin.kinematics.tree import Tree
+
+
+class JointPhysics(NamedTuple):
+    """Of the free system's joints, of shape (n′,) each, read-only; a joint of several velocities has equal entries.
+
+    Attributes:
+        names: ``joint`` or ``joint:axis``.
+        damping: b of the force −b q̇′, N m s/rad or N s/m; in every equation of motion.
+        friction: Coulomb levels, N m or N; what `ccpin.simulate` takes where it is told no other.
+        stiffness: k of the force −k (θ − θ₀), N m/rad or N/m; part of g and of the potential energy.
+        spring_reference: θ₀, rad or m; zero for a ball joint, whose spring pulls by −k log R.
+        armature: Reflected rotor inertias, kg m² or kg; part of D.
+        effort: Limits of the joints' efforts, N m or N. Nothing here keeps to them but who reads them.
+        velocity: Limits of the joints' velocities, rad/s or m/s; as for `effort`.
+    """
+
+    names: tuple[str, ...]
+    damping: Array
+    friction: Array
+    stiffness: Array
+    spring_reference: Array
+    armature: Array
+    effort: Array
+    velocity: Array
+
+
+def joint_physics(tree: Tree) -> JointPhysics:
+    """What the joints of a tree state."""
+    columns = {}
+    for field in JointPhysics._fields[1:]:
+        values = np.zeros(tree.model.nv)
+        for joint in tree.joints:
+            values[joint.v] = getattr(joint.stated, field)
+        columns[field] = frozen(values)
+    return JointPhysics(tuple(component_names(tree)), **columns)
+
+
+class Motors(NamedTuple):
+    """The motors, one an entry of u.
+
+    Attributes:
+        each: What is stated of each; one motor stands for all entries of a joint with several velocities.
+        gears: Effort on the joint per unit of u, of shape (motors,).
+        limits: Bounds of u by its own and by its joint's limit of effort, of shape (motors, 2).
+    """
+
+    each: tuple[Motor, ...]
+    gears: Array
+    limits: Array
+
+
+def motors_of(description: MechanismDescription, tree: Tree, actuated: tuple[str, ...]) -> Motors:
+    """The motors of the actuated joints (or components), plain ones where the description says nothing of them."""
+    known = {motor.joint: motor for motor in description.motors}
+    each = []
+    for name in actuated:
+        joint = tree.joint(name.partition(":")[0])
+        motor = known.get(name) or known.get(joint.name) or Motor(name, name)
+        each += [(motor, joint.stated.effort)] * (1 if ":" in name else joint.kind.nv)
+    gears = np.array([motor.gear for motor, _ in each])
+    limits = [
+        (max(motor.lower, -effort / abs(motor.gear)), min(motor.upper, effort / abs(motor.gear)))
+        for motor, effort in each
+    ]
+    return Motors(tuple(motor for motor, _ in each), frozen(gears), frozen(np.reshape(limits, (-1, 2))))

@@ -1,0 +1,204 @@
+"""The reference configuration: closed, generic and within limits, found one cluster of joints at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from ccpin.arrays import Array
+from ccpin.description.closure_kinds import Gap, PlaneNormal, Vector, rows_of
+from ccpin.description.model import MechanismDescription
+from ccpin.errors import DescriptionError, LoopNotClosedError
+from ccpin.kinematics.clusters import Part, cut
+from ccpin.kinematics.constraints import Constraints
+from ccpin.kinematics.coordinates import IndependentCoordinates, component_names
+from ccpin.kinematics.loops import ResolvedClosure
+from ccpin.kinematics.parametrization import Parametrization
+from ccpin.kinematics.points import joint_poses
+from ccpin.kinematics.tree import Tree
+from ccpin.mechanism.idle import idle_motions
+from ccpin.mechanism.independence import Motion
+from ccpin.mechanism.mobility import Tangent, generic_rank, tangent
+from ccpin.mechanism.search import Closed, find_closed
+
+FROM_SINGULAR = "a step away from a singular closed pose"
+STATED = "the stated pose"
+_POOR = 1e-3
+
+
+def stated_pose(tree: Tree, description: MechanismDescription) -> Array:
+    """The description's reference pose as a configuration (joints it leaves out are neutral).
+
+    Raises:
+        DescriptionError: A value has the wrong number of entries for its joint.
+    """
+    model = tree.model
+    q_free = pin.neutral(model)
+    for name, values in description.reference.items():
+        if name not in tree.names:
+            continue
+        joint = tree.joint(name)
+        value = joint.kind.stated(np.array(values, dtype=np.float64))
+        if value.size != joint.kind.nq:
+            message = f"the reference value has {value.size} numbers; a {joint.kind.name} joint needs {joint.kind.nq}"
+            raise DescriptionError(message, source=description.source, element=f"joint '{name}'")
+        q_free[joint.q] = value
+    return np.asarray(pin.normalize(model, q_free))
+
+
+class Settled(NamedTuple):
+    """A cluster at its reference.
+
+    Attributes:
+        part: The cluster.
+        constraints: Its φ.
+        closed: Its reference configuration, and how it was found.
+        tangent: The velocities φ_q′ allows there; its rank is the generic one.
+    """
+
+    part: Part
+    constraints: Constraints
+    closed: Closed
+    tangent: Tangent
+
+    @property
+    def motion(self) -> Motion:
+        """The velocities it allows, by name."""
+        tree = self.part.tree
+        joints = tuple(joint.name for joint in tree.joints for _ in joint.kind.steps)
+        places = tuple(self.part.v.tolist())
+        return Motion(tuple(component_names(tree)), joints, places, self.tangent.basis(self.tangent.rank))
+
+
+def settle(tree: Tree, description: MechanismDescription, wanted: Sequence[str]) -> list[Settled]:
+    """Bring every cluster to a closed, nonsingular configuration where the wanted joints measure its motion.
+
+    Raises:
+        LoopNotClosedError: A loop does not close; it carries the whole configuration.
+    """
+    stated, settled = stated_pose(tree, description), []
+    for part in cut(tree, description.closures, description.couplings):
+        try:
+            settled.append(_settle(part, stated[part.q], wanted))
+        except LoopNotClosedError as error:
+            if error.q_free is not None:
+                whole = stated.copy()
+                whole[part.q] = error.q_free
+                error.q_free = whole
+            raise
+    return settled
+
+
+def _settle(part: Part, stated: Array, wanted: Sequence[str]) -> Settled:
+    constraints = Constraints(part.tree, part.closures, part.couplings)
+    closed = find_closed(constraints, stated)[0]
+    found = Settled(part, constraints, closed, tangent(constraints, closed.q_free))
+    regular = found.tangent.rank == min(constraints.size, constraints.model.nv)
+    if not regular or found.motion.independence(wanted) < _POOR:
+        found = _generic(found, wanted)
+    _check_across(part.tree, found)
+    return found
+
+
+def _generic(found: Settled, wanted: Sequence[str]) -> Settled:
+    """The same where φ_q′ has its generic rank and the wanted joints measure the motion well, else a step away."""
+    rank, candidates = generic_rank(found.constraints, found.tangent)
+    options = [found._replace(tangent=candidate) for candidate in candidates]
+    scores = [option.motion.independence(wanted) for option in options]
+    if options[0].tangent is found.tangent and scores[0] >= _POOR:
+        return found
+    quality = [score * candidate.conditioning(rank) for score, candidate in zip(scores, candidates, strict=True)]
+    best = options[int(np.argmax(quality))]
+    return best._replace(closed=found.closed._replace(q_free=best.tangent.q_free, start=FROM_SINGULAR))
+
+
+def _check_across(tree: Tree, found: Settled) -> None:
+    """Check a cluster's planar loops against the rows that planarity made superfluous.
+
+    Raises:
+        LoopNotClosedError: One is open across its plane, where nothing can close it.
+    """
+    planar = [loop for loop in found.constraints.loops if loop.normal is not None]
+    if not planar:
+        return
+    poses = joint_poses(found.constraints.scratch, found.closed.q_free)
+    errors = {loop.closure.name: float(np.abs(_unreduced(loop, poses)).max(initial=0.0)) for loop in planar}
+    worst = max(errors, key=lambda name: errors[name])
+    if errors[worst] > 1e-6:
+        raise LoopNotClosedError(
+            f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are "
+            f"{errors[worst]:.4g} (m or rad) apart across it",
+            q_free=found.closed.q_free,
+            errors=errors,
+        )
+
+
+def _unreduced(loop: ResolvedClosure, poses: Array) -> Array:
+    """All rows of a closure, also those that planarity makes constant, at world poses of the joints."""
+    frames = {
+        "A": poses[loop.joint_a] @ loop.frame_a,
+        "B": poses[loop.joint_b] @ loop.frame_b,
+        "C": poses[loop.ancestor],
+    }
+
+    def vector(v: Vector) -> Array:
+        if isinstance(v, Gap):
+            return np.asarray(frames["B"][:3, 3] - frames["A"][:3, 3])
+        return np.asarray(frames[v.frame][:3, :3] @ v.local)
+
+    def combine(terms: Iterable[tuple[float, float]]) -> float:
+        return sum(weight * product for weight, product in terms)
+
+    return np.array(rows_of(loop.closure, PlaneNormal()).evaluate(vector, lambda x, y: float(x @ y), combine))
+
+
+def idle(tree: Tree, settled: Sequence[Settled]) -> tuple[str, ...]:
+    """Sentences naming the mobilities that move nothing but one body of a loop (`ccpin.mechanism.idle`)."""
+    masses = np.array([inertia.mass for inertia in tree.model.inertias][1:])
+    heavy = set((1 + np.flatnonzero(masses > 1e-6 * masses.max(initial=0.0))).tolist())
+    carriers = {found.part.cluster.parent for found in settled}
+    poses = {0: np.eye(4)}
+    sentences = list[str]()
+    for found in settled:
+        joints = found.part.cluster.joints
+        pose = poses[found.part.cluster.parent]
+        own = joint_poses(found.constraints.scratch, found.closed.q_free)[1:]
+        poses |= zip(joints, pose @ own, strict=True)
+        here = [{k for k, joint in enumerate(joints, start=1) if joint in chosen} for chosen in (heavy, carriers)]
+        sentences += idle_motions(found.constraints, found.part.tree, found.tangent, pose, *here)
+    return tuple(sentences)
+
+
+def check_independent(settled: Sequence[Settled], names: Sequence[str]) -> None:
+    """Check cluster by cluster that the coordinates chosen fix the motion at the reference.
+
+    Raises:
+        SingularConfigurationError: They do not.
+    """
+    for found in settled:
+        tree, q_free = found.part.tree, found.closed.q_free
+        own = tuple(name for name in names if name in tree.names or name.rpartition(":")[0] in tree.names)
+        Parametrization(found.constraints, IndependentCoordinates(tree, own, q_free), q_free).at(q_free)
+
+
+def how_closed(settled: Sequence[Settled]) -> list[str]:
+    """Sentences saying how the reference was found, where it is not the stated pose within all limits."""
+    notes = []
+    if not all(found.closed.within_limits for found in settled):
+        notes.append("the reference configuration lies outside some joint limits: none inside was found")
+    starts: dict[str, list[str]] = {}
+    for found in settled:
+        if found.part.ties:
+            starts.setdefault(found.closed.start, []).extend(found.part.ties)
+    for start in (start for start in starts if start != STATED):
+        which = "the loops" if len(starts) == 1 else ", ".join(starts[start])
+        notes.append(f"{which} were closed from {start}")
+        if start == FROM_SINGULAR:
+            notes.append(
+                "branches of σ meet at that pose, so which of them the reference lies on is arbitrary; a stated pose "
+                '(<group_state name="reference">) chooses'
+            )
+    return notes

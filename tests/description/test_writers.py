@@ -1,0 +1,257 @@
+"""The writers: what they write reads back as the same mechanism, here, in Pinocchio and in MuJoCo."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import ccpin
+from ccpin.description import Coupling, CouplingTerm, read_description
+from ccpin.description.model import Motor
+from ccpin.description.writers.mjcf import write_mjcf
+from ccpin.description.writers.toolbox import write_toolbox
+from ccpin.description.writers.urdf import write_urdf
+from ccpin.errors import DescriptionError, InvalidInputError, UnsupportedMechanismError
+from tests.support.places import MODELS, SHARED
+
+BODY = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01"/></inertial>'
+GEAR = f"""<robot name="gear"><link name="base"/>
+<link name="arm">{BODY}</link><link name="motor">{BODY}</link><link name="wheel">{BODY}</link>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="arm"/></joint>
+<joint name="spin" type="continuous"><parent link="arm"/><child link="motor"/></joint>
+<joint name="turn" type="continuous"><parent link="arm"/><child link="wheel"/></joint>
+<coupling name="gear"><predecessor link="motor"/><successor link="wheel"/><ratio value="3"/></coupling></robot>"""
+
+
+def same_fields(mine, theirs, names):
+    """Whether two lists of records agree in the fields named, numbers and frames to rounding."""
+    for one, other in zip(mine, theirs, strict=True):
+        for name in names:
+            a, b = getattr(one, name), getattr(other, name)
+            if isinstance(a, np.ndarray):
+                np.testing.assert_allclose(a, b, atol=1e-15, rtol=1e-14)
+            else:
+                assert a == b, (one.name, name)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in MODELS.glob("*.urdf")))
+def test_what_is_written_reads_back(name, tmp_path):
+    """Joints, closures, motors, marks, reference, inertias and shapes survive; so do D, C and g."""
+    file = tmp_path / "written.urdf"
+    before = read_description(name)
+    write_urdf(before, file)
+    after = read_description(file)
+    joint = ("name", "kind", "parent", "child", "placement", "axis", "lower", "upper", "effort", "velocity", "armature")
+    same_fields(before.joints, after.joints, joint)
+    same_fields(before.closures, after.closures, ("name", "kind", "link_a", "placement_a", "placement_b", "length"))
+    for a, b in zip(before.links, after.links, strict=True):
+        assert (a.name, len(a.visuals)) == (b.name, len(b.visuals))
+        for one, other in zip(a.visuals, b.visuals, strict=True):
+            assert (one.shape.kind, one.shape.size, one.rgba) == (other.shape.kind, other.shape.size, other.rgba)
+            np.testing.assert_allclose(one.placement, other.placement, atol=1e-15)
+    for field in ("name", "root", "independent", "actuated", "reference", "couplings"):
+        assert getattr(before, field) == getattr(after, field)
+    models = [ccpin.ReducedModel(ccpin.load(path)) for path in (name, file)]
+    q = models[0].alpha(models[0].mechanism.q_reference)
+    v = np.linspace(0.3, 1.1, models[0].n)
+    for mine, theirs in zip(*(model.terms(q, v) for model in models), strict=True):
+        np.testing.assert_allclose(mine, theirs, atol=1e-10)
+    names = set(pin.buildModelFromUrdf(str(file)).names)
+    assert names == set(models[0].mechanism.pin_model.names)
+
+
+def test_a_linear_coupling_becomes_a_mimic(tmp_path):
+    """ratio·spin − turn = 0 written as turn = ratio·spin holds for the mechanism read back."""
+    (tmp_path / "gear.urdf").write_text(GEAR)
+    write_urdf(read_description(tmp_path / "gear.urdf"), tmp_path / "back.urdf")
+    ((own, master),) = (coupling.terms for coupling in read_description(tmp_path / "back.urdf").couplings)
+    assert (own.joint, master.joint) == ("turn", "spin")
+    assert (own.coefficients[1], master.coefficients[1]) == (1.0, -3.0)
+
+
+def test_what_urdf_cannot_say_is_refused(tmp_path):
+    """A polynomial coupling is named; no file is left behind."""
+    (tmp_path / "gear.urdf").write_text(GEAR)
+    gear = read_description(tmp_path / "gear.urdf")
+    curved = replace(
+        gear,
+        couplings=(Coupling("cam", (CouplingTerm("spin", (0, 1, 2)), CouplingTerm("turn", (0, 1)))),),
+    )
+    with pytest.raises(DescriptionError, match=r"coupling 'cam': .*linearly"):
+        write_urdf(curved, tmp_path / "none.urdf")
+    assert not (tmp_path / "none.urdf").exists()
+
+
+def everything():
+    """A four-bar with each physical element on some joint, a geared motor and a rotor where there is none."""
+    before = read_description("four_bar")
+    crank, *others = before.joints
+    crank = replace(crank, damping=0.3, friction=0.2, armature=0.05, stiffness=2.0, spring_reference=0.4, effort=9.0)
+    others[0] = replace(others[0], armature=0.01, damping=0.1)
+    motor = Motor("drive", crank.name, gear=6.0)
+    return replace(before, joints=(crank, *others), actuated=(crank.name,), motors=(motor,))
+
+
+def moved(mechanism, q_of):
+    """D, C, g and q̈ at a pose given by all joints' displacements, with v and u fixed."""
+    model = ccpin.ReducedModel(mechanism)
+    q = model.alpha(q_of)
+    v, u = np.linspace(0.3, 1.1, model.n), np.linspace(-1.0, 2.0, model.n_actuated)
+    terms = model.terms(q, v, q_of)
+    return terms.D, terms.C, terms.g, model.forward_dynamics(q, v, u, q_of)
+
+
+def round_trip(mechanism, suffix, folder):
+    """The mechanism saved and loaded again, with the same independent joints."""
+    file = folder / f"saved{suffix}"
+    mechanism.save(file)
+    return ccpin.load(file, independent=mechanism.independent, actuated=mechanism.actuated)
+
+
+def assert_same_motion(before, after):
+    """Equal reduced dynamics at the reference, which both have."""
+    np.testing.assert_allclose(after.q_reference, before.q_reference, rtol=0, atol=1e-9)
+    for mine, theirs in zip(moved(before, before.q_reference), moved(after, after.q_reference), strict=True):
+        np.testing.assert_allclose(theirs, mine, rtol=1e-8, atol=1e-8 * max(1.0, np.abs(mine).max()))
+
+
+SUFFIXES = (".urdf", ".xml", ".yaml")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("name", sorted(path.stem for path in MODELS.glob("*.urdf")))
+def test_every_model_through_every_writer_and_back(name, suffix, tmp_path):
+    """D, C, g and q̈ at the same reference, to 1e-8."""
+    before = ccpin.load(name)
+    assert_same_motion(before, round_trip(before, suffix, tmp_path))
+
+
+OTHERS = ("four_bar.urdf", "5bar_linkage_iso3d", "cassie_like", "digit_like", "cassie_closed_chain.xml")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("name", OTHERS)
+def test_models_of_others(name, suffix, tmp_path):
+    """Likewise."""
+    if not (SHARED / name).exists():
+        pytest.skip(f"no {SHARED / name}: these files belong to others")
+    before = ccpin.load(SHARED / name)
+    assert_same_motion(before, round_trip(before, suffix, tmp_path))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_springs_friction_rotors_and_gears_are_kept(suffix, tmp_path):
+    """Field by field, and in the motion."""
+    before = ccpin.load(everything())
+    after = round_trip(before, suffix, tmp_path)
+    fields = ("name", "damping", "friction", "armature", "stiffness", "spring_reference", "lower", "upper")
+    read = [joint for joint in after.description.joints if joint.kind != "fixed"]
+    same_fields(before.description.joints, read, fields)
+    assert read[0].effort == 9.0
+    assert [motor.gear for motor in after.description.motors] == [6.0]
+    assert_same_motion(before, after)
+
+
+def test_mujoco_moves_alike(tmp_path):
+    """MuJoCo's own D′, forces and Jacobian give the reduced model's acceleration, springs and gear included."""
+    mujoco = pytest.importorskip("mujoco")
+    before = ccpin.load(everything())
+    before.save(tmp_path / "saved.xml")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "saved.xml"))
+    model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_FRICTIONLOSS
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    np.testing.assert_allclose(data.qpos, before.q_reference, atol=1e-12)
+    data.ctrl[:] = 0.7
+    mujoco.mj_forward(model, data)
+    reduced = ccpin.ReducedModel(before)
+    q = reduced.alpha(before.q_reference)
+    state = reduced.at(q)
+    # At rest: D′a = τ + Jᵀf with J a = 0, and MuJoCo's own D′, τ and J.
+    mass, jacobian = np.zeros((model.nv, model.nv)), data.efc_J.reshape(-1, model.nv)
+    mujoco.mj_fullM(model, data, mass)
+    force = data.qfrc_actuator + data.qfrc_passive - data.qfrc_bias
+    system = np.block([[mass, -jacobian.T], [jacobian, np.zeros((len(jacobian), len(jacobian)))]])
+    found = np.linalg.lstsq(system, np.concatenate([force, np.zeros(len(jacobian))]), rcond=None)[0][: model.nv]
+    np.testing.assert_allclose(found, state.rho @ state.forward_dynamics([0.0], [0.7]), rtol=1e-8)
+
+
+def test_massless_links_go_into_the_next_body(tmp_path):
+    """Two hinges with no mass between them are one MuJoCo body's; a moving body without mass is refused by name."""
+    before = ccpin.load("stewart")
+    before.save(tmp_path / "saved.xml")
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "saved.xml"))
+    assert model.nbody < len(before.description.links) + 1
+    assert model.nv == before.n_free
+    bare = replace(before.description, links=tuple(replace(link, inertia=None) for link in before.description.links))
+    with pytest.raises(DescriptionError, match="MJCF wants a mass in every moving body"):
+        write_mjcf(bare, tmp_path / "none.xml")
+    assert not (tmp_path / "none.xml").exists()
+
+
+@pytest.mark.parametrize("kind", ["prismatic", "universal", "planar", "cylindrical"])
+@pytest.mark.parametrize("writer", [write_mjcf, write_toolbox])
+def test_closures_a_format_has_not_are_refused(writer, kind, tmp_path):
+    """By the closure's name."""
+    before = read_description("four_bar")
+    other = replace(before, closures=(replace(before.closures[0], kind=kind),))
+    with pytest.raises(DescriptionError, match=f"closure '{before.closures[0].name}': .* no {kind} closure"):
+        writer(other, tmp_path / "robot.yaml")
+
+
+def test_a_polynomial_coupling_in_mjcf(tmp_path):
+    """θ₂ = p(θ₁) about references that are not zero comes back as the same curve."""
+    (tmp_path / "gear.urdf").write_text(GEAR.replace("continuous", "revolute"))
+    gear = read_description(tmp_path / "gear.urdf")
+    curve = Coupling("cam", (CouplingTerm("spin", (0.1, 1.0, 0.5, -0.2), 0.3), CouplingTerm("turn", (0.2, -2.0), -0.1)))
+    write_mjcf(replace(gear, couplings=(curve,)), tmp_path / "cam.xml")
+    (back,) = read_description(tmp_path / "cam.xml").couplings
+
+    def residual(coupling, angles):
+        return sum(
+            np.polynomial.polynomial.polyval(angles[term.joint] - term.reference, term.coefficients)
+            for term in coupling.terms
+        )
+
+    for spin in (-0.7, 0.0, 0.9):
+        turn = (0.2 + 0.1 + (spin - 0.3) + 0.5 * (spin - 0.3) ** 2 - 0.2 * (spin - 0.3) ** 3) / 2.0 - 0.1
+        angles = {"spin": spin, "turn": turn}
+        assert abs(residual(curve, angles)) < 1e-14
+        assert abs(residual(back, angles)) < 1e-14
+
+
+def test_pinocchio_solves_with_our_constraint_models():
+    """constraintDynamics with them gives q̈′ of the reduced model, loops of points and of axes."""
+    for name in ("delta", "bennett"):
+        mechanism = ccpin.load(name)
+        model, pinocchio = ccpin.ReducedModel(mechanism), mechanism.pin_model
+        contacts, memory = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
+        for contact in mechanism.pinocchio_constraints():
+            contacts.append(contact)
+            memory.append(contact.createData())
+        data = pinocchio.createData()
+        pin.initConstraintDynamics(pinocchio, data, contacts, memory)
+        state, u = model.at(model.alpha(mechanism.q_reference)), np.ones(model.n_actuated)
+        v = np.linspace(0.2, 0.4, model.n)
+        tau, settings = state.joint_efforts(u), pin.ProximalSettings(1e-14, 1e-10, 200)
+        found = pin.constraintDynamics(pinocchio, data, state.q_free, state.v_free(v), tau, contacts, memory, settings)
+        expected = state.a_free(v, state.forward_dynamics(v, u))
+        np.testing.assert_allclose(found, expected, atol=1e-7 * np.abs(expected).max())
+
+
+def test_a_coupling_has_no_constraint_model(tmp_path):
+    """Told by name."""
+    (tmp_path / "gear.urdf").write_text(GEAR)
+    with pytest.raises(UnsupportedMechanismError, match=r"coupling \(gear\)"):
+        ccpin.load(tmp_path / "gear.urdf").pinocchio_constraints()
+
+
+def test_the_suffix_tells_the_format(tmp_path):
+    """Or `format` does; another one is refused."""
+    mechanism = ccpin.load("rpdr")
+    with pytest.raises(InvalidInputError, match=r"the suffix of .* names none of urdf, mjcf, toolbox"):
+        mechanism.save(tmp_path / "robot.step")
+    mechanism.save(tmp_path / "robot.model", "mjcf")
+    assert ccpin.load(tmp_path / "robot.model").n == 2
