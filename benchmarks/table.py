@@ -49,12 +49,14 @@ def _cell(figure: Measured | None) -> str:
 
 
 def _cells(figures: Sequence[Measured]) -> tuple[list[str], list[list[str]]]:
-    """Head and rows."""
-    columns = list(dict.fromkeys(each.who for each in figures))
-    keys = dict.fromkeys((each.subject, each.quantity) for each in figures)
-    found = {(each.subject, each.quantity, each.who): each for each in figures}
-    rows = [[*key, *(_cell(found.get((*key, who))) for who in columns)] for key in keys]
-    return ["of", "what", *columns], rows
+    """Head and rows: a column for each who, or for each quantity where that is the narrower table."""
+    who, quantities = (list(dict.fromkeys(each[k] for each in figures)) for k in (3, 2))
+    across, down = ("who", "quantity") if len(quantities) < len(who) else ("quantity", "who")
+    columns = quantities if across == "who" else who
+    found = {(each.subject, getattr(each, across), getattr(each, down)): each for each in figures}
+    keys = list(dict.fromkeys(key[:2] for key in found))
+    rows = [[*key, *(_cell(found.get((*key, column))) for column in columns)] for key in keys]
+    return ["of", "who" if across == "who" else "what", *columns], rows
 
 
 def _block(part: str, figures: Sequence[Measured]) -> str:

@@ -99,5 +99,5 @@ def exponents(family: str, times: Mapping[Key, Timing]) -> Iterator[Measured]:
             joints = [*fitted]
             rounds = np.array([timing.samples for timing in fitted.values()]).T
             slope = float(np.median([exponent(joints, seconds) for seconds in rounds]))
-            note = f"{joints[0]} to {joints[-1]} joints"
-            yield Measured(PART, family, EXPONENT.format(quantity), who, slope, "", note=note)
+            subject = f"{family}, {joints[0]} to {joints[-1]} joints"
+            yield Measured(PART, subject, EXPONENT.format(quantity), who, slope, "")

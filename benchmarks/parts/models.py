@@ -44,14 +44,15 @@ def figures(subject: str, mechanism: ccpin.Mechanism, options: Options) -> Itera
     for who, model in models.items():
         calls |= {(quantity, who): call for quantity, call in ours(model, at).items()}
     calls[DERIVATIVES, DIFFERENCES] = lambda: central_differences(next(iter(models.values())), at)
-    for add in (add_pinocchio, add_mujoco, add_drake):
-        yield from add(subject, mechanism, at, calls, notes)
+    adding = (add_pinocchio, add_mujoco, add_drake)
+    others = [each for add in adding for each in add(subject, mechanism, at, calls, notes)]
     times = in_turn(calls, options.rounds, options.slice_seconds)
     for (quantity, who), timing in times.items():
         peer = times.get((DERIVATIVES if quantity == DERIVATIVES else ACCELERATION, PINOCCHIO))
         yield Measured(
             PART, subject, quantity, who, timing.seconds, "s", _ratio(timing, peer), notes.get((quantity, who), "")
         )
+    yield from others
 
 
 def ours(model: ccpin.ReducedModel, at: Place) -> dict[str, Callable[[], object]]:
