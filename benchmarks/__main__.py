@@ -48,7 +48,9 @@ def main(arguments: list[str] | None = None) -> None:
 def _options(asked: argparse.Namespace) -> Options:
     """What the command line says, over the defaults."""
     options = Options.smallest() if asked.smallest else Options()
-    given = {name: getattr(asked, name) for name in ("models", "sizes", "peer_joints", "numpy_joints", "rows", "rounds")}
+    given = {
+        name: getattr(asked, name) for name in ("models", "sizes", "peer_joints", "numpy_joints", "rows", "rounds")
+    }
     given = {name: tuple(value) if isinstance(value, list) else value for name, value in given.items() if value}
     options = options._replace(**given, deep=options.deep and not asked.quick)
     others = tuple(str(asked.others / name) for name in PEOPLES_MODELS) if asked.others else ()

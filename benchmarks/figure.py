@@ -12,7 +12,14 @@ from benchmarks.measured import DRAKE, LCABA, MUJOCO, NATIVE, NUMPY, PINOCCHIO, 
 from benchmarks.parts import families, models, simulated
 
 DPI = 200
-COLOURS = {NATIVE: "#c2410c", NUMPY: "#a8a29e", PINOCCHIO: "#1d4ed8", LCABA: "#60a5fa", MUJOCO: "#15803d", DRAKE: "#7e22ce"}
+COLOURS = {
+    NATIVE: "#c2410c",
+    NUMPY: "#a8a29e",
+    PINOCCHIO: "#1d4ed8",
+    LCABA: "#60a5fa",
+    MUJOCO: "#15803d",
+    DRAKE: "#7e22ce",
+}
 BARS = (  # quantity, who, label, hatch
     (models.ACCELERATION, NATIVE, "ccpin, q̈", ""),
     (models.TERMS, NATIVE, "ccpin, D C g", "//"),
@@ -29,6 +36,7 @@ LINES = (  # quantity, who, label, marker
     (models.ACCELERATION, MUJOCO, "MuJoCo", "o-"),
     (models.ACCELERATION, PINOCCHIO, "constraintDynamics", "o-"),
 )
+SPOTS = {"": 8, "DOP853": -16, "NumPy": -16}  # points above (below) a point of the last panel, for its label
 
 
 def draw(figures: Sequence[Measured], path: Path) -> None:
@@ -56,11 +64,11 @@ def _ratios(axes: Axes, figures: Sequence[Measured]) -> None:
         drawn = [(x, height) for x, height in zip(places, heights, strict=True) if height is not None]
         if drawn:
             axes.bar(*zip(*drawn, strict=True), width, label=label, color=COLOURS[who], hatch=hatch, edgecolor="white")
-    axes.axhline(1.0, color=COLOURS[PINOCCHIO], lw=1.5)
-    axes.text(1.0, 1.03, "constraintDynamics", color=COLOURS[PINOCCHIO], transform=axes.get_yaxis_transform(), ha="right")
+    axes.axhline(1.0, color=COLOURS[PINOCCHIO], lw=1.5, label="constraintDynamics")
     axes.set_yscale("log")
     axes.set_yticks([0.2, 0.5, 1, 2, 5, 10, 20, 50], ["0.2", "0.5", "1", "2", "5", "10", "20", "50"])
     axes.minorticks_off()
+    axes.set_ylim(0.2, 100.0)  # room for the legend
     axes.set_xticks(range(len(names)), names)
     axes.set_title("CPU time of one call, over Pinocchio's constraintDynamics")
     if names:
@@ -76,7 +84,9 @@ def _growth(axes: Axes, figures: Sequence[Measured]) -> None:
         if chosen:
             joints = [int(each.subject.split()[1]) for each in chosen]
             power = "" if slope is None else f"  ~ joints$^{{{slope:.2f}}}$"
-            axes.plot(joints, [1e6 * each.value for each in chosen], style, ms=4, color=COLOURS[who], label=label + power)
+            axes.plot(
+                joints, [1e6 * each.value for each in chosen], style, ms=4, color=COLOURS[who], label=label + power
+            )
     axes.set(xscale="log", yscale="log", xlabel="joints", ylabel="µs")
     axes.set_title("Four-bars standing on one another")
     if mine:
@@ -87,22 +97,12 @@ def _move(axes: Axes, figures: Sequence[Measured]) -> None:
     mine = {each[2:4]: each.value for each in figures if each.part == simulated.PART and each.value is not None}
     everyone = [who for quantity, who in mine if quantity == simulated.COST and (simulated.ERROR, who) in mine]
     for who in everyone:
-        cost, error = 1e3 * mine[simulated.COST, who], mine[simulated.ERROR, who]
+        point = 1e3 * mine[simulated.COST, who], mine[simulated.ERROR, who]
         colour = next((colour for name, colour in COLOURS.items() if who.startswith(name)), "black")
-        axes.plot([cost], [error], "o", color=colour, ms=7)
-        beyond = cost > 500.0
-        text = who.replace(NATIVE, "ccpin").replace(NUMPY, "ccpin, NumPy")
-        shift = (-7, 0) if beyond else (7, 0)
-        up = {"DOP853": -5, "RK45": 5}.get(who.split(", ")[-1], 0)
-        axes.annotate(
-            text,
-            (cost, error),
-            xytext=(shift[0], up),
-            textcoords="offset points",
-            fontsize="small",
-            ha="right" if beyond else "left",
-            va="center",
-        )
+        axes.plot(*point, "o", color=colour, ms=7)
+        text = who.replace(NATIVE, "ccpin").replace(NUMPY, "ccpin on NumPy")
+        where = SPOTS["DOP853" if "DOP853" in who else "NumPy" if who.startswith(NUMPY) else ""]
+        axes.annotate(text, point, textcoords="offset points", fontsize="small", ha="center", xytext=(0, where))
     axes.set(xscale="log", yscale="log", xlabel="CPU time, ms", ylabel="largest error of q, rad")
-    axes.margins(x=0.25, y=0.1)
+    axes.margins(x=0.25, y=0.12)
     axes.set_title("The paper's move, one second, 1,001 samples")

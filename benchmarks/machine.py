@@ -18,7 +18,7 @@ def machine() -> dict[str, str]:
         "date": date.today().isoformat(),
         "processor": _processor(),
         "cores": str(os.cpu_count()),
-        "load": " ".join(f"{each:.1f}" for each in os.getloadavg()),
+        "load average": " ".join(f"{each:.1f}" for each in os.getloadavg()),
         "system": f"{platform.system()} {platform.machine()}",
         "python": sys.version.split()[0],
         "BLAS threads": os.environ.get("OPENBLAS_NUM_THREADS", "not limited"),

@@ -1,4 +1,4 @@
-"""What is measured: mechanisms, both backends' models of one, and a state of it that both and the peers are asked at."""
+"""What is measured: mechanisms, both backends' models of one, and a state that these and the peers are asked at."""
 
 from __future__ import annotations
 

@@ -38,7 +38,10 @@ class Target(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """A target beside its worst figure; `met` is ``None`` where nothing was measured."""
+    """A target beside its worst figure, and where it is missed, or met worst.
+
+    `met` is ``None`` where nothing was measured.
+    """
 
     target: Target
     met: bool | None
@@ -102,15 +105,25 @@ def _verdict(target: Target, figures: Sequence[Measured]) -> Verdict:
     if not chosen:
         return Verdict(target, None, "", "")
     worst = (min if target.least else max)(chosen, key=target.value)
-    value = target.value(worst)
-    met = value >= target.limit if target.least else value <= target.limit
-    found = f"{value:.2f}" if target.of_ratio else amount(value, worst.unit)
-    return Verdict(target, met, found, worst.subject)
+    missed = [each for each in chosen if not _within(target, each)]
+    where = ", ".join(f"{each.subject} {_number(target, each)}" for each in missed) or worst.subject
+    return Verdict(target, not missed, _number(target, worst), where)
+
+
+def _within(target: Target, figure: Measured) -> bool:
+    value = target.value(figure)
+    return value >= target.limit if target.least else value <= target.limit
+
+
+def _number(target: Target, figure: Measured) -> str:
+    return f"{figure.ratio:.2f}" if target.of_ratio else amount(figure.value, figure.unit)
 
 
 def _more_accurate(figures: Sequence[Measured]) -> Verdict:
     """The error of the move over that of MuJoCo at its shorter step, a number below 1."""
-    errors = {each.who: each.value for each in figures if (each.part, each.quantity) == (simulated.PART, simulated.ERROR)}
+    errors = {
+        each.who: each.value for each in figures if (each.part, each.quantity) == (simulated.PART, simulated.ERROR)
+    }
     target = Target("the move's error / MuJoCo RK4's at 1e-4", 1.0, lambda _: False)
     if RK45 not in errors or simulated.COMPARED not in errors:
         return Verdict(target, None, "", "")

@@ -15,7 +15,9 @@ from tests.support.families import walker
 PART, LOAD, IMPORT = "load", "load", "import ccpin and its first name"
 ROUNDS, LEGS = 5, 14
 WALKERS = {f"walker of {LEGS} legs": walker(LEGS), f"walker of {LEGS} legs, limits": walker(LEGS, limit=0.5)}
-IMPORTS = "import time; began = time.process_time(); import ccpin; ccpin.ReducedModel; print(time.process_time() - began)"
+IMPORTS = (
+    "import time; began = time.process_time(); import ccpin; ccpin.ReducedModel; print(time.process_time() - began)"
+)
 
 
 def measure(options: Options) -> Iterator[Measured]:

@@ -1,4 +1,4 @@
-"""Memory: the highest resident size of a process that loads a model and computes q̈ once, less that of one which does not.
+"""Memory: the highest resident size of a process that loads a model and computes q̈ once, less that of the imports.
 
 Each figure is a process of its own: what a process has once taken it does not give back.
 """
@@ -15,7 +15,9 @@ from benchmarks.subjects import backends, loaded
 from ccpin.native import VARIABLE
 
 PART, PEAK, IMPORTS = "memory", "peak, over the imports'", "imports alone"
-BEGIN = "import resource, ccpin, numpy as np, pinocchio; from tests.support.families import serial; ccpin.ReducedModel; "
+BEGIN = (
+    "import resource, ccpin, numpy as np, pinocchio; from tests.support.families import serial; ccpin.ReducedModel; "
+)
 WORK = (
     "model = ccpin.ReducedModel(ccpin.load({source})); state = model.at(model.alpha(model.mechanism.q_reference)); "
     "state.forward_dynamics(np.zeros(model.n), np.zeros(model.n_actuated)); "

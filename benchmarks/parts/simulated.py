@@ -30,7 +30,7 @@ COST, ERROR, CLOSURE, SAME = "CPU time", "largest error of q", "largest ‖φ‖
 REFERENCE = "closed forms (31)–(40), DOP853"
 SAMPLE, COUNT = 1e-3, 1000
 MOST_ROUNDS = 5
-STEPS = (1e-3, 1e-4)
+METHODS, STEPS = ("RK45", "DOP853"), (1e-3, 1e-4)
 RK4 = "MuJoCo RK4 at {:g}".format
 SAP = "Drake SAP at {:g}".format
 COMPARED = RK4(1e-4)
@@ -107,9 +107,9 @@ def runners(mechanism: ccpin.Mechanism, models: dict[str, ccpin.ReducedModel], o
     """Everyone's run."""
     runs: dict[str, Runner] = {}
     for who, model in models.items():
-        for method in ("RK45", "DOP853"):
+        for method in METHODS if who == NATIVE else METHODS[:1]:
             runs[f"{who}, {method}"] = ours(model, method)
-    runs[f"{PINOCCHIO}, RK45"] = constrained(models[NUMPY])
+    runs[f"{PINOCCHIO}, SciPy's RK45"] = constrained(models[NUMPY])
     start = models[NUMPY].sigma(START)
     pull = models[NUMPY].gravity(GOAL)
     laws = zip(mechanism.independent, K_P, GOAL, K_V, pull, strict=True)

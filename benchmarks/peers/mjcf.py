@@ -40,8 +40,10 @@ def mjcf(
 
     Args:
         mechanism: With 1-dof joints (no full circles) and spherical, fixed or planar closures.
-        timestep, integrator: MuJoCo's.
-        solref, solimp: How stiff loops are.
+        timestep: In seconds.
+        integrator: One of MuJoCo's.
+        solref: How fast an open loop closes (a time in seconds, a damping ratio).
+        solimp: How stiff loops are.
         servos: Motors by joint.
 
     Raises:
