@@ -12,8 +12,8 @@ HEAD = """# What it costs
 
 ![Ratios of each model, growth in joints, and the paper's move](benchmarks.png)
 
-CPU time of one process, the Python call included; everyone is taken in turn within a round, and the figure is the median
-of the rounds. In brackets: the ratio to the peer's time, the median of the rounds' ratios; the peer is Pinocchio's
+CPU time of one process, the Python call included; everyone is taken in turn within a round, and the figure is the
+median of the rounds. In brackets: the ratio to the peer's time, the median of the rounds; the peer is Pinocchio's
 `constraintDynamics` (for ∂q̈ its derivatives, for batches a Python loop over it, for the paper's move MuJoCo's RK4 at
 1e-4). `native` is the compiled core and `numpy` the NumPy reference ([native.md](native.md)). Made by
 
@@ -36,7 +36,7 @@ EXPLAINED = {
 configuration 1e-2 rad away.""",
     "families": """n four-bars standing on one another (serial) or side by side (parallel), 3n joints. Exponents are
 fitted to the members of 24 joints and more, every round for itself.""",
-    "batches": "Each row finds its own σ from 1e-2 rad away; the loop over Pinocchio is given q′. Threads by wall clock.",
+    "batches": "Each row finds its own σ from 1e-2 rad away; the loop over Pinocchio is given q′. Threads: wall clock.",
     "memory": "The highest resident size of a process of its own.",
     "simulated": """The paper's move with the set-point law (28): CPU time, and the largest error in q at 1,001 samples
 against the closed forms (31)–(40) integrated to 1e-13.""",

@@ -124,7 +124,7 @@ def test_pinocchio_is_asked_accurately(name):
 
 
 def test_mujoco_runs_the_same_move():
-    """Against the closed forms: they are sure of themselves, ccpin is near them, and MuJoCo as near as its step lets it."""
+    """Against the closed forms, sure of themselves: ccpin is near them, and MuJoCo as near as its step lets it."""
     figures = measured(simulated.PART)
     errors = {each.who: each.value for each in figures if each.quantity == simulated.ERROR}
     assert errors[simulated.REFERENCE] < 1e-12

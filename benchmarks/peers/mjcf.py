@@ -1,22 +1,23 @@
-"""A mechanism as MJCF, for timing MuJoCo on it: bodies, 1-dof joints, inertias and loops, nothing to look at.
-
-MuJoCo's bodies must have mass, so joints between massless links become one body with several joints: these turn and
-slide one after another, root side first, and their axes are stated in the body's frame at zero displacement.
-"""
+"""A mechanism as MuJoCo's model at its best: ccpin's own MJCF, with stiff loops, no needless rows and no contacts."""
 
 from __future__ import annotations
 
+import tempfile
+from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
-
-import numpy as np
-import pinocchio as pin
 
 import ccpin
 from benchmarks.peers import NotForThisError
+from ccpin.errors import CcpinError
 
-OPTIONS = {"solver": "Newton", "jacobian": "auto", "iterations": "20", "tolerance": "1e-14"}
-EQUALITY_KINDS = {"spherical": "connect", "fixed": "weld"}
+try:
+    import mujoco
+except ImportError:
+    mujoco = None
+
+ITERATIONS, TOLERANCE = 20, 1e-14
+STIFF = (0.9999, 0.9999, 0.001, 0.5, 2.0)  # solimp
 
 
 class Servo(NamedTuple):
@@ -27,108 +28,53 @@ class Servo(NamedTuple):
     damping: float
 
 
-def mjcf(
+def mujoco_model(
     mechanism: ccpin.Mechanism,
     *,
     timestep: float = 1e-3,
     integrator: str = "Euler",
-    solref: str = "0.002 1",
-    solimp: str = "0.9999 0.9999 0.001 0.5 2",
     servos: dict[str, Servo] | None = None,
-) -> str:
-    """The file's text.
+) -> mujoco.MjModel:
+    """The compiled model; loops close as fast as a step allows, planar ones by their common point alone.
 
     Args:
-        mechanism: With 1-dof joints (no full circles) and spherical, fixed or planar closures.
+        mechanism: The mechanism.
         timestep: In seconds.
-        integrator: One of MuJoCo's.
-        solref: How fast an open loop closes (a time in seconds, a damping ratio).
-        solimp: How stiff loops are.
-        servos: Motors by joint.
+        integrator: ``"Euler"`` or ``"RK4"``.
+        servos: Motors by joint; default none.
 
     Raises:
-        NotForThisError: MuJoCo has no such joint or closure, or a massless link branches or ends the tree.
+        NotForThisError: MuJoCo is not installed, or has no such joint or closure.
     """
-    root = ElementTree.Element("mujoco", model=mechanism.name)
-    ElementTree.SubElement(root, "compiler", angle="radian", autolimits="false")
-    gravity = _text(mechanism.description.gravity)
-    option = {"timestep": repr(timestep), "integrator": integrator, "gravity": gravity}
-    flags = ElementTree.SubElement(root, "option", OPTIONS | option)
-    ElementTree.SubElement(flags, "flag", contact="disable", limit="disable", frictionloss="disable")
-    bodies = _Bodies(mechanism, ElementTree.SubElement(root, "worldbody"))
-    equality = ElementTree.SubElement(root, "equality")
-    for loop in mechanism.constraints().loops:
-        kind = "connect" if loop.normal is not None else EQUALITY_KINDS.get(loop.closure.kind)
-        if kind is None:
-            raise NotForThisError(f"this writer has no MJCF for a {loop.closure.kind} closure")
-        name = loop.closure.name
-        bodies.site(loop.joint_a, f"{name}/a", loop.frame_a)
-        bodies.site(loop.joint_b, f"{name}/b", loop.frame_b)
-        ElementTree.SubElement(
-            equality, kind, name=name, site1=f"{name}/a", site2=f"{name}/b", solref=solref, solimp=solimp
-        )
-    if mechanism.couplings:
-        raise NotForThisError("this writer has no MJCF for couplings")
-    motors = ElementTree.SubElement(root, "actuator")
+    if mujoco is None:
+        raise NotForThisError("MuJoCo is not installed")
+    planar = {loop.closure.name for loop in mechanism.constraints().loops if loop.normal is not None}
+    closures = tuple(
+        replace(each, kind="spherical") if each.name in planar else each for each in mechanism.description.closures
+    )
+    bare = tuple(replace(link, visuals=()) for link in mechanism.description.links)
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / "mechanism.xml"
+            ccpin.load(replace(mechanism.settled(), closures=closures, links=bare)).save(file)
+            made = mujoco.MjSpec.from_file(str(file))
+    except (CcpinError, ValueError) as error:
+        raise NotForThisError(f"MuJoCo cannot have it: {error}") from None
+    made.compiler.fusestatic = True
+    made.option.timestep, made.option.integrator = (
+        timestep,
+        getattr(mujoco.mjtIntegrator, f"mjINT_{integrator.upper()}"),
+    )
+    made.option.iterations, made.option.tolerance = ITERATIONS, TOLERANCE
+    made.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_LIMIT
+    for equality in made.equalities:
+        equality.solref[:], equality.solimp[:] = (2.0 * timestep, 1.0), STIFF
+    for motor in list(made.actuators):
+        made.delete(motor)
     for joint, (offset, stiffness, damping) in (servos or {}).items():
-        law = {"gainprm": "0", "biastype": "affine", "biasprm": _text((offset, -stiffness, -damping))}
-        ElementTree.SubElement(motors, "general", law, joint=joint)
-    return ElementTree.tostring(root, encoding="unicode")
-
-
-class _Bodies:
-    """The tree of bodies: joints gathered until one that carries mass."""
-
-    def __init__(self, mechanism: ccpin.Mechanism, world: ElementTree.Element) -> None:
-        self.tree, self.model = mechanism.tree, mechanism.pin_model
-        self.body_of = {0: world}
-        waiting: dict[int, list[int]] = {}
-        for joint in self.tree.joints:
-            if joint.kind.nv != 1 or joint.kind.nq != 1:
-                raise NotForThisError(f"this writer has no MJCF for a {joint.kind.name} joint")
-            chain = [*waiting.pop(joint.parent, []), joint.number]
-            if joint.parent not in self.body_of and len(chain) == 1:
-                raise NotForThisError(f"the massless link after joint {self.tree.names[joint.parent - 1]} branches")
-            if self.model.inertias[joint.number].mass > 0:
-                self._add(chain)
-            else:
-                waiting[joint.number] = chain
-        if waiting:
-            raise NotForThisError("a link at the end of the tree has no mass")
-
-    def _add(self, chain: list[int]) -> None:
-        """A body for the joints of a chain; its frame is the last one's."""
-        joints = [self.tree.joints[number - 1] for number in chain]
-        place, frames = np.eye(4), []
-        for joint in joints:
-            place = place @ np.array(joint.placement)
-            frames.append(place)
-        parent = self.body_of[joints[0].parent]
-        body = ElementTree.SubElement(parent, "body", name=joints[-1].name, **_pose(place))
-        inertia = self.model.inertias[chain[-1]]
-        moments = np.array(inertia.inertia)[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]
-        values = {"mass": _text([inertia.mass]), "pos": _text(inertia.lever), "fullinertia": _text(moments)}
-        ElementTree.SubElement(body, "inertial", values)
-        for joint, frame in zip(joints, frames, strict=True):
-            seen = np.linalg.inv(place) @ frame
-            axis = seen[:3, :3] @ joint.kind.directions(np.array(joint.axis))[0]
-            kind = "slide" if joint.kind.sliding else "hinge"
-            armature = _text([self.model.armature[joint.v.start]])
-            values = {"pos": _text(seen[:3, 3]), "axis": _text(axis), "armature": armature}
-            ElementTree.SubElement(body, "joint", values, name=joint.name, type=kind)
-        self.body_of[chain[-1]] = body
-
-    def site(self, joint: int, name: str, frame: np.ndarray) -> None:
-        """A loop's end on the body that a joint carries."""
-        if joint not in self.body_of:
-            raise NotForThisError("a loop ends on a massless link")
-        ElementTree.SubElement(self.body_of[joint], "site", name=name, **_pose(np.array(frame)))
-
-
-def _pose(frame: np.ndarray) -> dict[str, str]:
-    x, y, z, w = pin.Quaternion(frame[:3, :3]).coeffs()
-    return {"pos": _text(frame[:3, 3]), "quat": _text((w, x, y, z))}
-
-
-def _text(values: object) -> str:
-    return " ".join(repr(float(value)) for value in np.asarray(values).ravel())
+        motor = made.add_actuator(name=joint, target=joint, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        motor.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        motor.gainprm[0], motor.biasprm[:3] = 0.0, (offset, -stiffness, -damping)
+    for joint in made.joints:
+        joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+    return made.compile()

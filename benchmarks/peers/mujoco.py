@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import ccpin
-from benchmarks.peers import NotForThisError
-from benchmarks.peers.mjcf import Servo, mjcf
+from benchmarks.peers.mjcf import Servo, mujoco_model
 from benchmarks.subjects import Place
 
 try:
@@ -24,7 +23,7 @@ class MuJoCo:
     """
 
     def __init__(self, mechanism: ccpin.Mechanism, at: Place) -> None:
-        self.at, self.model = at, compiled(mjcf(mechanism))
+        self.at, self.model = at, mujoco_model(mechanism)
         self.data = mujoco.MjData(self.model)
         self.data.qfrc_applied[:] = at.tau
 
@@ -44,8 +43,7 @@ class Move:
     """A controlled motion with RK4, all in C: the motors' laws are MuJoCo's own affine actuators."""
 
     def __init__(self, mechanism: ccpin.Mechanism, servos: dict[str, Servo], start: np.ndarray, step: float) -> None:
-        solref = f"{2.0 * step} 1"  # the stiffest that MuJoCo takes
-        self.model = compiled(mjcf(mechanism, timestep=step, integrator="RK4", solref=solref, servos=servos))
+        self.model = mujoco_model(mechanism, timestep=step, integrator="RK4", servos=servos)
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:] = start
         self.initial = np.empty(mujoco.mj_stateSize(self.model, mujoco.mjtState.mjSTATE_FULLPHYSICS))
@@ -56,17 +54,3 @@ class Move:
         states, _ = rollout.rollout(self.model, self.data, initial_state=self.initial[None], nstep=steps)
         whole = np.vstack([self.initial, states[0]])
         return whole[:, 1 : 1 + self.model.nq]  # the state begins with time
-
-
-def compiled(text: str) -> mujoco.MjModel:
-    """MuJoCo's model of a file.
-
-    Raises:
-        NotForThisError: MuJoCo is not installed, or refuses it.
-    """
-    if mujoco is None:
-        raise NotForThisError("MuJoCo is not installed")
-    try:
-        return mujoco.MjModel.from_xml_string(text)
-    except ValueError as error:
-        raise NotForThisError(f"MuJoCo refuses it: {error}") from None
