@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from importlib import import_module
 from pathlib import Path
 
@@ -17,8 +18,15 @@ PEOPLES_MODELS = ("cassie_like", "digit_like")
 
 
 def measured(parts: tuple[str, ...], options: Options) -> list[Measured]:
-    """Every figure of some parts."""
-    return [figure for part in parts for figure in import_module(f"benchmarks.parts.{part}").measure(options)]
+    """Every figure of some parts; after Ctrl-C those there are."""
+    figures = list[Measured]()
+    try:
+        for part in parts:
+            print(f"measuring {part} …", file=sys.stderr, flush=True)
+            figures.extend(import_module(f"benchmarks.parts.{part}").measure(options))
+    except KeyboardInterrupt:
+        print("interrupted: what follows is what was measured so far", file=sys.stderr)
+    return figures
 
 
 def main(arguments: list[str] | None = None) -> None:

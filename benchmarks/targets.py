@@ -69,7 +69,7 @@ TARGETS = (
     Target("∂q̈ / Pinocchio's derivatives", 2.0, _of(models.PART, models.DERIVATIVES), True),
     Target("a batch's row / a Python loop", 1.0, _of(batches.PART, batches.DYNAMICS), True),
     Target("a batch's row, RPDR / a Python loop", 0.5, _of(batches.PART, batches.DYNAMICS, NATIVE, "rpdr"), True),
-    Target("two threads over one", 1.6, _of(batches.PART, batches.THREADS), least=True),
+    Target("two threads over one (of two free cores)", 1.6, _of(batches.PART, batches.THREADS), least=True),
     Target("exponent of σ", 1.15, _growth(models.SIGMA)),
     Target("exponent of q̈", 1.15, _growth(models.ACCELERATION)),
     Target("exponent of D, C, g", 1.35, _growth(models.TERMS)),

@@ -18,6 +18,7 @@ from benchmarks.timing import Timing, in_turn
 PART = "models"
 ACCELERATION, TERMS, SIGMA = "q̈ at a known q′", "D, C, g at a known q′", "σ from 1e-2 rad away"
 WITH_SIGMA, STEP, DERIVATIVES = "q̈ with σ from 1e-2 rad away", "a step of 1 ms", "∂q̈ at a known q′"
+KERNEL = "kernel alone"
 DIFFERENCES = "central differences, native"
 ERROR = "q̈′ differs from the reference's by"
 STEP_OF_DIFFERENCES = 1e-6
@@ -43,6 +44,8 @@ def figures(subject: str, mechanism: ccpin.Mechanism, options: Options) -> Itera
     calls, notes = {}, dict[Call, str]()
     for who, model in models.items():
         calls |= {(quantity, who): call for quantity, call in ours(model, at).items()}
+        if who == NATIVE:
+            calls[ACCELERATION, KERNEL] = lambda core=model.core: core.forward_dynamics(at.q_free, at.v, at.u)
     calls[DERIVATIVES, DIFFERENCES] = lambda: central_differences(next(iter(models.values())), at)
     adding = (add_pinocchio, add_mujoco, add_drake)
     others = [each for add in adding for each in add(subject, mechanism, at, calls, notes)]
