@@ -71,31 +71,12 @@ def plant_of(mechanism: ccpin.Mechanism, step: float, servos: dict[str, Servo]) 
     """
     if drake_plant is None:
         raise NotForThisError(ABSENT)
-    plant, model = drake_plant.MultibodyPlant(step), mechanism.pin_model
+    plant = drake_plant.MultibodyPlant(step)
     plant.set_discrete_contact_approximation(drake_plant.DiscreteContactApproximation.kSap)
     plant.SetUseSampledOutputPorts(False)
-    instance = drake_tree.default_model_instance()
     bodies = {0: plant.world_body()}
     for joint in mechanism.tree.joints:
-        if joint.kind.nv != 1 or joint.kind.nq != 1:
-            raise NotForThisError(f"this builder has no Drake joint for {joint.kind.name}")
-        inertia = model.inertias[joint.number]
-        bodies[joint.number] = plant.AddRigidBody(f"{joint.name}/body", instance, _inertia(inertia))
-        placed = drake_tree.FixedOffsetFrame(
-            f"{joint.name}/frame", bodies[joint.parent].body_frame(), _transform(joint.placement)
-        )
-        frame = plant.AddFrame(placed)
-        axis = joint.kind.directions(np.array(joint.axis))[0]
-        kind = drake_tree.PrismaticJoint if joint.kind.sliding else drake_tree.RevoluteJoint
-        made = plant.AddJoint(kind(joint.name, frame, bodies[joint.number].body_frame(), axis))
-        armature = float(model.armature[joint.v.start])
-        if armature or joint.name in servos:
-            motor = plant.AddJointActuator(joint.name, made)
-            motor.set_default_rotor_inertia(armature)
-            motor.set_default_gear_ratio(1.0)
-            if joint.name in servos:
-                servo = servos[joint.name]
-                motor.set_controller_gains(drake_tree.PdControllerGains(p=servo.stiffness, d=servo.damping))
+        _add_joint(plant, mechanism, joint.number, bodies, servos)
     for loop in mechanism.constraints().loops:
         kind, a, b = loop.closure.kind, bodies[loop.joint_a], bodies[loop.joint_b]
         if kind == "fixed":
@@ -107,6 +88,34 @@ def plant_of(mechanism: ccpin.Mechanism, step: float, servos: dict[str, Servo]) 
     plant.mutable_gravity_field().set_gravity_vector(np.array(mechanism.description.gravity))
     plant.Finalize()
     return plant
+
+
+def _add_joint(
+    plant: drake_plant.MultibodyPlant,
+    mechanism: ccpin.Mechanism,
+    number: int,
+    bodies: dict[int, drake_tree.RigidBody],
+    servos: dict[str, Servo],
+) -> None:
+    """A joint with the body it carries and, where it has a rotor or a servo, its motor."""
+    joint, model = mechanism.tree.joints[number - 1], mechanism.pin_model
+    if joint.kind.nv != 1 or joint.kind.nq != 1:
+        raise NotForThisError(f"this builder has no Drake joint for a {joint.kind.name} joint")
+    inertia = _inertia(model.inertias[number])
+    bodies[number] = plant.AddRigidBody(f"{joint.name}/body", drake_tree.default_model_instance(), inertia)
+    parent = bodies[joint.parent].body_frame()
+    frame = plant.AddFrame(drake_tree.FixedOffsetFrame(f"{joint.name}/frame", parent, _transform(joint.placement)))
+    axis = joint.kind.directions(np.array(joint.axis))[0]
+    kind = drake_tree.PrismaticJoint if joint.kind.sliding else drake_tree.RevoluteJoint
+    made = plant.AddJoint(kind(joint.name, frame, bodies[number].body_frame(), axis))
+    armature = float(model.armature[joint.v.start])
+    if armature or joint.name in servos:
+        motor = plant.AddJointActuator(joint.name, made)
+        motor.set_default_rotor_inertia(armature)
+        motor.set_default_gear_ratio(1.0)
+        if joint.name in servos:
+            servo = servos[joint.name]
+            motor.set_controller_gains(drake_tree.PdControllerGains(p=servo.stiffness, d=servo.damping))
 
 
 def _transform(placement: np.ndarray) -> drake_math.RigidTransform:
