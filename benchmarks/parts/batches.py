@@ -18,6 +18,7 @@ PART = "batches"
 DYNAMICS, TERMS, SIGMA, DERIVATIVES = "a row of q̈", "a row of D, C, g", "a row of σ", "a row of ∂q̈"
 THREADS = "two threads over one (wall clock)"
 ROUNDS, NUMPY_ROWS = 3, 200
+FEWER = 10  # derivatives are taken of so many times fewer rows
 
 Run = tuple[Callable[[int], object], int]  # called with the number of threads; how many rows it does
 
@@ -44,7 +45,9 @@ def figures(subject: str, mechanism: ccpin.Mechanism, options: Options) -> Itera
         pass
     for who, model in models.items():
         count = options.rows if who == NATIVE else min(options.rows, NUMPY_ROWS)
+        few = max(1, count // FEWER)
         runs |= {(quantity, who): (run, count) for quantity, run in batches(model, given, at.q_free, count).items()}
+        runs[DERIVATIVES, who] = (derivatives(model, given, at.q_free, few), few)
     samples: dict[tuple[str, str], list[float]] = {key: [] for key in runs}
     for _ in range(min(options.rounds, ROUNDS)):
         for key, (run, count) in runs.items():
@@ -69,5 +72,12 @@ def batches(
         DYNAMICS: lambda threads: model.forward_dynamics_many(q, v, u, near, threads=threads),
         SIGMA: lambda threads: model.sigma_many(q, near, threads=threads),
         TERMS: lambda threads: model.terms_many(q, v, near, threads=threads),
-        DERIVATIVES: lambda threads: model.forward_dynamics_derivatives_many(q, v, u, near, threads=threads),
     }
+
+
+def derivatives(
+    model: ccpin.ReducedModel, given: tuple[np.ndarray, ...], near: np.ndarray, count: int
+) -> Callable[[int], object]:
+    """The batched derivatives on some rows."""
+    q, v, u = (np.ascontiguousarray(each[:count]) for each in given)
+    return lambda threads: model.forward_dynamics_derivatives_many(q, v, u, near, threads=threads)
