@@ -56,7 +56,8 @@ def figures(subject: str, mechanism: ccpin.Mechanism, options: Options) -> Itera
     loop = times.get((DYNAMICS, LOOP))
     for (quantity, who), timing in times.items():
         ratio = None if loop is None else timing.ratio(loop)
-        yield Measured(PART, subject, quantity, who, timing.seconds, "s", ratio)
+        note = f"{options.rows} rows" if (quantity, who) == (DYNAMICS, NATIVE) else ""
+        yield Measured(PART, subject, quantity, who, timing.seconds, "s", ratio, note)
     if NATIVE in models:
         run, _ = runs[DYNAMICS, NATIVE]
         pairs = [[timed(lambda n=n: run(n), time.perf_counter)[1] for n in (1, 2)] for _ in range(ROUNDS)]
