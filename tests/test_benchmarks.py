@@ -4,6 +4,7 @@ import json
 import os
 from functools import cache
 from importlib import import_module
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -14,7 +15,7 @@ import ccpin
 from benchmarks.__main__ import PARTS, main
 from benchmarks.measured import NATIVE, NUMPY, Measured, Options
 from benchmarks.page import page
-from benchmarks.parts import models, simulated
+from benchmarks.parts import memory, models, simulated
 from benchmarks.peers import NotForThisError, drake
 from benchmarks.peers.mujoco import MuJoCo
 from benchmarks.peers.pinocchio import Pinocchio
@@ -130,6 +131,15 @@ def test_mujoco_runs_the_same_move():
     assert errors[simulated.REFERENCE] < 1e-12
     assert errors[f"{NUMPY}, RK45"] < 1e-8
     assert errors[simulated.RK4(1e-3)] < 1e-5
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is measured on Linux")
+def test_memory_is_the_new_process_own():
+    """What this process holds does not count, and what the new one held does, once it is given back too."""
+    ballast = np.ones(100_000_000)  # 800 MB
+    nothing = memory.peak("", NUMPY)
+    assert nothing < ballast.nbytes / 1e6
+    assert memory.peak("np.ones(25_000_000); ", NUMPY) - nothing > 150
 
 
 def test_the_backend_is_put_back(monkeypatch):
