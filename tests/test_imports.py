@@ -131,7 +131,7 @@ def test_import_is_light(code, absent):
 def test_what_scripts_use_is_public():
     """Scripts and benchmarks import from the package and the public faces of its rooms only."""
     root = Path(__file__).resolve().parents[1]
-    for path in (*root.glob("scripts/*.py"), *root.glob("benchmarks/*.py"), root / "README.md"):
+    for path in (*root.glob("scripts/*.py"), *root.glob("benchmarks/**/*.py"), root / "README.md"):
         inner = re.findall(r"^\s*(?:from|import) ccpin\.\w+\.\w.*", path.read_text(encoding="utf-8"), re.MULTILINE)
         assert inner == [], path
     assert {*ccpin.__all__} <= {*dir(ccpin)}
