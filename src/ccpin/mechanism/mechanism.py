@@ -28,9 +28,12 @@ from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.tree import Tree, build_tree
+from ccpin.mechanism.geometry import changed
 from ccpin.mechanism.mobility import Mobility
 from ccpin.mechanism.reference import check_independent, how_closed, idle, settle
 from ccpin.mechanism.selection import choose_independent
+
+GEOMETRY_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +175,7 @@ def load(
     actuated: Sequence[str] | None = None,
     floating_base: bool = False,
     format: str | None = None,
+    geometry_tolerance: float = GEOMETRY_TOLERANCE,
 ) -> Mechanism:
     """Load a mechanism from a file, an installed model's name, or a description built in Python.
 
@@ -185,6 +189,9 @@ def load(
         actuated: The actuated joints in the order of u; default the file's motors, else the independent joints.
         floating_base: Free the root link with a 6-dof joint named ``root_joint``.
         format: ``"urdf"``, ``"mjcf"`` or ``"toolbox"`` to override detection from the content.
+        geometry_tolerance: Error of the file's lengths and angles, relative to the size of a loop. Rows that are
+            redundant within it are made so by the smallest change of frames (`ccpin.mechanism.repair`), which notes
+            tell; 0 takes every number as exact.
 
     Raises:
         DescriptionNotFoundError, InvalidXmlError, DescriptionError: The file is absent, malformed or unsound.
@@ -192,7 +199,7 @@ def load(
         LoopNotClosedError: No closed configuration was found.
         IndependentSetError: The independent or actuated joints named cannot be used.
     """
-    _check_arguments(path, independent, actuated)
+    _check_arguments(path, independent, actuated, geometry_tolerance)
     description = path if isinstance(path, MechanismDescription) else read_description(path, format)
     if description is path or closures or couplings:
         description = check(
@@ -205,18 +212,27 @@ def load(
     if not description.closures and not description.couplings:
         raise NoLoopError(_no_loop_message(description), source=description.source)
     try:
-        return _analysed(description, build_tree(description, floating_base), independent, actuated)
+        return _analysed(description, floating_base, independent, actuated, geometry_tolerance)
     except (IndependentSetError, LoopNotClosedError, SingularConfigurationError, UnsupportedMechanismError) as error:
         error.args = (f"{description.source or description.name}: {error}",)
         raise
 
 
 def _analysed(
-    description: MechanismDescription, tree: Tree, independent: Sequence[str] | None, actuated: Sequence[str] | None
+    description: MechanismDescription,
+    floating_base: bool,
+    independent: Sequence[str] | None,
+    actuated: Sequence[str] | None,
+    tolerance: float,
 ) -> Mechanism:
     """Close the loops, count the motions, settle who measures and who drives them."""
     wanted = tuple(independent) if independent is not None else (description.independent or ())
-    settled = settle(tree, description, wanted)
+    tree = build_tree(description, floating_base)
+    settled = settle(tree, description, wanted, tolerance)
+    repairs = [found.repair for found in settled if found.repair is not None]
+    for repair in repairs:
+        description = changed(description, repair.change)
+    tree = build_tree(description, floating_base) if repairs else tree
     choice = choose_independent(tree, [found.motion for found in settled], description, independent, actuated)
     rank = sum(found.tangent.rank for found in settled)
     mobility = Mobility(
@@ -236,12 +252,14 @@ def _analysed(
     return Mechanism(description, tree, choice.independent, choice.actuated, q_reference, mobility, tuple(notes))
 
 
-def _check_arguments(path: object, independent: object, actuated: object) -> None:
+def _check_arguments(path: object, independent: object, actuated: object, tolerance: object) -> None:
     if not isinstance(path, str | Path | MechanismDescription):
         raise InvalidInputError(f"load takes a path, a model's name or a description, not {type(path).__name__}")
     for role, names in (("independent", independent), ("actuated", actuated)):
         if isinstance(names, str) or (names is not None and not all(isinstance(n, str) for n in names)):  # type: ignore[attr-defined]
             raise InvalidInputError(f"{role} must be a sequence of joint names, e.g. ['joint1', 'joint2']")
+    if not isinstance(tolerance, float | int) or not 0.0 <= tolerance <= 1e-2:
+        raise InvalidInputError(f"geometry_tolerance is {tolerance}; it must be a number between 0 and 0.01")
 
 
 def _no_loop_message(description: MechanismDescription) -> str:
