@@ -36,6 +36,10 @@ class Change(NamedTuple):
     ends: dict[str, tuple[Array, Array]]
     lengths: dict[str, float]
 
+    def end(self, closure: str) -> tuple[Array, Array]:
+        """The motions of a closure's two frames."""
+        return self.ends.get(closure, (IDENTITY, IDENTITY))
+
     def largest(self, size: float) -> tuple[str, float]:
         """The frame changed most, in words, and by how much, m: its shift plus its turn times a size."""
         moved = {f"joint '{name}'": _extent(motion, size) for name, motion in self.joints.items()}
@@ -59,25 +63,50 @@ def shape_of(part: Part) -> Shape:
     return Shape(part, Constraints(part.tree, part.closures, part.couplings, reduce_planar=False))
 
 
+class Relations(NamedTuple):
+    """Axes made parallel.
+
+    Attributes:
+        change: The turns of joints' and closures' frames.
+        joints: Joints whose frames must not turn any more, by name.
+        ends: Closures whose frames must not, by name and end (0: A, 1: B).
+    """
+
+    change: Change
+    joints: set[str]
+    ends: set[tuple[str, int]]
+
+
+NO_RELATIONS = Relations(Change({}, {}, {}), set(), set())
+
+
 class Geometry:
     """The parameters p of a cluster's geometry: six for every frame, in metres (a turn times the cluster's size).
 
     Args:
-        shape: The cluster with its geometry as it is to begin with, p = 0.
+        shape: The cluster with its geometry as it is to begin with.
         size: Its size, m.
+        relations: What is changed first, and the frames that must not turn after that.
     """
 
-    def __init__(self, shape: Shape, size: float) -> None:
-        self.start = shape
+    def __init__(self, shape: Shape, size: float, relations: Relations) -> None:
+        self.start, self.relations = shape, relations
         loops = shape.constraints.loops
         on_loop = sorted({joint for loop in loops for joint in (*loop.path_a, *loop.path_b)})
         self.joints = on_loop
         self.rods = [closure.name for closure in shape.part.closures if closure.length is not None]
         self.count = 6 * len(on_loop) + 12 * len(loops) + len(self.rods)
+        names = [shape.part.tree.joints[joint - 1].name for joint in on_loop]
+        fixed = [name in relations.joints for name in names]
+        fixed += [(loop.closure.name, end) in relations.ends for loop in loops for end in (0, 1)]
+        self._held = np.array([(*[False] * 3, *[held] * 3) for held in fixed]).reshape(-1)
         self._units = np.array([1.0, 1.0, 1.0, 1.0 / size, 1.0 / size, 1.0 / size])
 
     def jacobian(self, shape: Shape, at: ConstraintValue) -> Array:
-        """∂φ/∂p at a configuration, of shape (m, count), for p small: exp(ξ + dξ) = exp(ξ) exp(dξ) to first order."""
+        """∂φ/∂p at a configuration, of shape (m, count), zero for what must not turn.
+
+        For p small: exp(ξ + dξ) = exp(ξ) exp(dξ) to first order.
+        """
         part, constraints = shape
         rows, jacobian = constraints.row_slices(), np.zeros((constraints.size, self.count))
         poses = joint_poses(constraints.scratch, at.q_free)
@@ -96,6 +125,7 @@ class Geometry:
                 column += 6
         for k, rod in enumerate(self.rods):
             jacobian[rows[rod], column + k] = -1.0
+        jacobian[:, : len(self._held)][:, self._held] = 0.0
         return jacobian
 
     def change(self, p: Array) -> Change:
@@ -104,9 +134,11 @@ class Geometry:
         motions = [np.array(pin.exp6(pin.Motion(xi)).homogeneous) for xi in frames.reshape(-1, 6) * self._units]
         joints, ends = motions[: len(self.joints)], iter(motions[len(self.joints) :])
         names = [self.start.part.tree.joints[joint - 1].name for joint in self.joints]
+        first = self.relations.change
+        pairs = {closure.name: (next(ends), next(ends)) for closure in self.start.part.closures}
         return Change(
-            dict(zip(names, joints, strict=True)),
-            {closure.name: (next(ends), next(ends)) for closure in self.start.part.closures},
+            {name: first.joints.get(name, IDENTITY) @ motion for name, motion in zip(names, joints, strict=True)},
+            {name: (before[0] @ a, before[1] @ b) for name, (a, b) in pairs.items() for before in (first.end(name),)},
             dict(zip(self.rods, added.tolist(), strict=True)),
         )
 

@@ -38,11 +38,13 @@ from ccpin.kinematics.clusters import Part
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.points import moved
 from ccpin.mechanism.closing import close
-from ccpin.mechanism.geometry import Change, Geometry, Shape, shape_of
+from ccpin.mechanism.geometry import NO_RELATIONS, Change, Geometry, Shape, shape_of
+from ccpin.mechanism.relations import parallel_axes
 
 EXACT = 1e-12
 _GAP = 30.0
 _LEAST_CUT = 1e-9
+_PARALLEL = 10.0
 _SAMPLES = 12
 _FEWEST = 3
 _ROUNDS = 4
@@ -121,20 +123,20 @@ class Rounded:
         rank, poses = self._motion(start)
         if rank == self.shape.constraints.size or len(poses) < _FEWEST or self._is_exact(poses, rank):
             return None
-        geometry, p, known = Geometry(self.shape, self.size), None, poses
-        for k in range(_ROUNDS):
-            p, known = self._fit(geometry, known, rank)
-            shape = geometry.shape(p)
-            others = self._walk(shape, known[k], rank, _SEED + 1 + k)
-            if len(others) >= _FEWEST and max(pose.misfit for pose in others) <= self._exact:
-                break
-            known = [*known, *others]
-        else:
-            raise self._refusal(poses, rank, None)
-        change = geometry.change(p)
-        if change.largest(self.size)[1] > self.open_by:
-            raise self._refusal(poses, rank, change)
-        return Repair(change, shape.part, known[0].q_free, self._note(poses, rank, change, others))
+        change = None
+        for relations in (parallel_axes(self.shape, _PARALLEL * self.tolerance), NO_RELATIONS):
+            geometry, known = Geometry(self.shape, self.size, relations), poses
+            for k in range(_ROUNDS):
+                p, known = self._fit(geometry, known, rank)
+                shape = geometry.shape(p)
+                others = self._walk(shape, known[k], rank, _SEED + 1 + k)
+                if len(others) >= _FEWEST and max(pose.misfit for pose in others) <= self._exact:
+                    change = geometry.change(p)
+                    if change.largest(self.size)[1] <= self.open_by:
+                        return Repair(change, shape.part, known[0].q_free, self._note(poses, rank, change, others))
+                    break
+                known = [*known, *others]
+        raise self._refusal(poses, rank, change)
 
     def _near(self, shape: Shape, q_free: Array, rank: int | None = None) -> Near:
         """Satisfy the r directions that count, from a pose nearly closed; r is judged at each step if not given."""
@@ -198,7 +200,8 @@ class Rounded:
         Small singular values of the conditions on p are errors of the geometry themselves as long as it has any: those
         below a cut are left out, and the cut sinks with the misfit.
         """
-        p, shape, cut = np.zeros(geometry.count), self.shape, _GAP * self.tolerance
+        p, cut = np.zeros(geometry.count), _GAP * self.tolerance
+        shape = geometry.shape(p)
         poses = [self._near(shape, pose.q_free, rank) for pose in poses]
         error = max(pose.misfit for pose in poses)
         for _ in range(_MOST_STEPS):
