@@ -141,7 +141,7 @@ def _check_across(constraints: Constraints, q_free: Array, tolerance: float) -> 
     if errors[worst] > tolerance:
         raise LoopNotClosedError(
             f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are "
-            f"{errors[worst]:.4g} (m or rad) apart across it",
+            f"{errors[worst]:.4g} (m or rad) apart across it (geometry tolerance {tolerance:.1e})",
             q_free=q_free,
             errors=errors,
         )

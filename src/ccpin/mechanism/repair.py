@@ -104,12 +104,10 @@ class Rounded:
     def __init__(self, part: Part, tolerance: float) -> None:
         self.shape = shape_of(part)
         constraints = self.shape.constraints
-        self.size = size_of(constraints)
+        self.size = constraints.extent
         self.tolerance, self.open_by = tolerance, open_by(constraints, tolerance)
         self._exact = EXACT * max(self.size, 1.0)
-        turning = [turns for loop in constraints.loops for turns in loop.rows.direction_rows]
-        scale = np.where([*turning, *(True for _ in constraints.couplings)], 1.0, 1.0 / self.size)
-        self._scale = scale
+        self._scale = constraints.row_scale()
 
     def repaired(self, q_free: Array) -> Repair | None:
         """Make redundant rows agree exactly, from a pose closed within the tolerance; ``None`` where nothing is to do.
@@ -250,9 +248,9 @@ class Rounded:
         }
         return LoopNotClosedError(
             f"{len(poses[0].phi) - rank} of the {len(poses[0].phi)} rows of {self._loops()} are redundant within the "
-            f"geometry tolerance ({self.tolerance:g} of the size or of 1 m: {self.open_by:.1e} m), but loop '{loop}' stays open "
-            f"by {misfit:.1e} (m or rad) and {why}; state lengths and angles with more decimals, or pass another "
-            "geometry_tolerance to load (0 takes every number as exact)",
+            f"geometry tolerance ({self.tolerance:g} of the size or of 1 m: {self.open_by:.1e} m), but loop '{loop}' "
+            f"stays open by {misfit:.1e} (m or rad) and {why}; state lengths and angles with more decimals, or pass "
+            "another geometry_tolerance to load (0 takes every number as exact)",
             q_free=poses[0].q_free,
             errors=errors,
         )
@@ -264,15 +262,4 @@ class Rounded:
 
 def open_by(constraints: Constraints, tolerance: float) -> float:
     """How far loops may be open, and frames changed, at a tolerance relative to the cluster's size (1 m at least)."""
-    return tolerance * max(size_of(constraints), 1.0)
-
-
-def size_of(constraints: Constraints) -> float:
-    """The size of a cluster, m: the largest sum of lengths around one of its loops (1 where there are none)."""
-    model, sizes = constraints.model, [0.0]
-    for loop in constraints.loops:
-        joints = (*loop.path_a, *loop.path_b)
-        lengths = [float(np.linalg.norm(model.jointPlacements[joint].translation)) for joint in joints]
-        ends = float(np.linalg.norm(loop.frame_a[:3, 3]) + np.linalg.norm(loop.frame_b[:3, 3]))
-        sizes.append(sum(lengths) + ends + (loop.closure.length or 0.0))
-    return max(sizes) or 1.0
+    return tolerance * max(constraints.extent, 1.0)

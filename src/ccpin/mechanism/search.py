@@ -18,6 +18,7 @@ _SEED = 20001
 _MOST_OUTSIDE = 8
 _TRIES = 8
 _INSET = 0.01
+_NEARLY = 1e-2
 
 
 class Closed(NamedTuple):
@@ -178,6 +179,8 @@ def find_closed(
         f'{errors[worst]:.4g} (m or rad). State a pose near a closed one (<group_state name="reference">), or check '
         "the loop's frames and lengths"
     )
+    if errors[worst] < _NEARLY:
+        message += "; if its numbers are rounded as much as that, pass a larger geometry_tolerance to load"
     if errors[worst] <= max(1e-9, 10 * tolerance) and not constraints.aligned(least):
         turned = ", ".join(f"loop '{name}'" for name in constraints.turned(least))
         message = (
