@@ -40,7 +40,7 @@ def compare(exact: ccpin.Mechanism, tried: ccpin.Mechanism, count: int = 12) -> 
     found, poses = [], poses_along(exact, count)
     for pose in poses:
         here = one.at(one.coordinates.alpha(pose), near=pose)
-        v, u = generator.standard_normal(exact.n), generator.standard_normal(len(exact.actuated))
+        v, u = generator.standard_normal(exact.n), generator.standard_normal(one.n_actuated)
         try:
             there = other.at(here.q, near=pose)
         except ccpin.CcpinError:

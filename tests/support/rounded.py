@@ -1,5 +1,6 @@
 """Geometry as exporters write it: turned as a whole, and every number rounded to some decimals."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,10 @@ def rounded(description, decimals, seed=3):
 
     def placed(placement, link):
         placement = tilt @ placement if link == description.root else placement
-        angles = np.round(Rotation.from_matrix(placement[:3, :3]).as_euler("xyz"), decimals)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # gimbal lock: any of the angles will do
+            angles = Rotation.from_matrix(placement[:3, :3]).as_euler("xyz")
+        angles = np.round(angles, decimals)
         return frame(np.round(placement[:3, 3], decimals), Rotation.from_euler("xyz", angles).as_matrix())
 
     joints = []

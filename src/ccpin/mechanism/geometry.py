@@ -123,8 +123,9 @@ class Geometry:
             for joint, placement, wrenches in ends:
                 jacobian[here, column : column + 6] = wrenches[here] @ self._twists(poses[joint] @ placement)
                 column += 6
-        for k, rod in enumerate(self.rods):
-            jacobian[rows[rod], column + k] = -1.0
+        for k, rod in enumerate(self.rods):  # φ = (|gap|² − L²) / 2L
+            length = next(loop.closure.length for loop in constraints.loops if loop.closure.name == rod)
+            jacobian[rows[rod], column + k] = -1.0 - at.phi[rows[rod]] / (length or 1.0)
         jacobian[:, : len(self._held)][:, self._held] = 0.0
         return jacobian
 

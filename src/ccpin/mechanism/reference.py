@@ -98,7 +98,7 @@ def settle(tree: Tree, description: MechanismDescription, wanted: Sequence[str],
 
 def _settle(part: Part, stated: Array, wanted: Sequence[str], tolerance: float) -> Settled:
     constraints = Constraints(part.tree, part.closures, part.couplings)
-    nearly = max(TOLERANCE, 0.1 * open_by(constraints, tolerance))
+    nearly = max(TOLERANCE, open_by(constraints, tolerance))
     closed = find_closed(constraints, stated, nearly)[0]
     _check_across(constraints, closed.q_free, max(1e-6, 10 * nearly))
     repair = Rounded(part, tolerance).repaired(closed.q_free) if part.closures and tolerance else None

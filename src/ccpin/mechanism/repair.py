@@ -22,7 +22,7 @@ manifold and rank φ_q′ = r along it, so that σ, ρ and certificates stand on
 for a geometry that is exact. The other rows are analytic on the manifold: on a connected piece they vanish everywhere
 or on a thin subset only (identity theorem), to which poses drawn at random do not belong. So a row that vanishes at
 random poses other than those fitted vanishes throughout with probability one, in exact arithmetic; what is computed
-is that it is below 1e-12 there. This is evidence, not a certificate, and the notes tell how many poses it stands on.
+is that it is below 1e-13 of the size there. This is evidence, not a certificate; notes tell how many poses it is from.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from ccpin.mechanism.closing import close
 from ccpin.mechanism.geometry import NO_RELATIONS, Change, Geometry, Shape, shape_of
 from ccpin.mechanism.relations import parallel_axes
 
-EXACT = 1e-12
+EXACT = 1e-13
 _GAP = 30.0
 _LEAST_CUT = 1e-9
 _PARALLEL = 10.0
@@ -186,7 +186,7 @@ class Rounded:
                 heading = heading / max(float(np.linalg.norm(heading)), 1e-300)
                 step = generator.uniform(0.5, 1.5) * _STRIDE * heading
                 away = pin.integrate(constraints.model, here.q_free, step)
-                there = self._near(shape, close(constraints, away, 0.1 * self.open_by).q_free, rank)
+                there = self._near(shape, close(constraints, away, self.open_by).q_free, rank)
                 if there.misfit <= 10.0 * self.open_by and constraints.aligned(there.q_free):
                     here = there
                     found.append(here)
