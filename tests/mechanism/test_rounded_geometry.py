@@ -85,13 +85,21 @@ def test_a_file_rounded_as_text(tmp_path):
 
 
 def test_beyond_the_tolerance_it_is_refused_by_name():
-    """Four decimals are too few for Bennett's linkage: the loop, its misfit and the change it would take are told."""
-    description = rounded(exact("bennett").description, 4)
+    """Four decimals are too few for a Delta: the loop, its misfit and the change it would take are told."""
+    description = rounded(exact("revolute_delta").description, 4)
     with pytest.raises(
-        LoopNotClosedError, match=r"loop 'joint4' stays open by \d.\de-05.*change of \d.\de-05 m"
+        LoopNotClosedError, match=r"loop 'bars\d' stays open by \d.\de-06.*change of \d.\de-05 m"
     ) as caught:
         ccpin.load(description)
-    assert set(caught.value.errors) == {"joint4"}
+    assert set(caught.value.errors) == {closure.name for closure in description.closures}
+    assert ccpin.load(description, geometry_tolerance=1e-4).n == 3
+
+
+def test_too_open_to_be_rounded():
+    """Bennett's linkage with four decimals stays open by more than the tolerance: told, with the way out."""
+    description = rounded(exact("bennett").description, 4)
+    with pytest.raises(LoopNotClosedError, match=r"loop 'joint4' open by 4.*e-05.*larger geometry_tolerance"):
+        ccpin.load(description)
     assert ccpin.load(description, geometry_tolerance=1e-4).n == 1
 
 

@@ -27,7 +27,7 @@ class Attempt(NamedTuple):
 
 
 def close(constraints: Constraints, start: Array, tolerance: float = TOLERANCE) -> Attempt:
-    """Close the loops from `start` up to ten times a tolerance: Levenberg–Marquardt on φ."""
+    """Close the loops from `start` up to a few times a tolerance: Levenberg–Marquardt on φ."""
 
     def linearize(q_free: Array) -> Linearized:
         point = constraints.value(q_free)
@@ -39,9 +39,9 @@ def close(constraints: Constraints, start: Array, tolerance: float = TOLERANCE) 
 def solve(
     model: pin.Model, linearize: Callable[[Array], Linearized], start: Array, tolerance: float = TOLERANCE
 ) -> Attempt:
-    """Solve equations in q′ from a start of shape (nq,) up to ten times a tolerance."""
+    """Solve equations in q′ from a start of shape (nq,) up to a few times a tolerance."""
     found = levenberg_marquardt(start, linearize, lambda q, step: np.asarray(pin.integrate(model, q, step)), tolerance)
-    return Attempt(found.place, found.error <= 10 * tolerance)
+    return Attempt(found.place, found.error <= max(10 * TOLERANCE, 3 * tolerance))
 
 
 def close_from_afar(constraints: Constraints, start: Array, tolerance: float = TOLERANCE) -> Attempt:

@@ -50,6 +50,10 @@ _FEWEST = 3
 _ROUNDS = 4
 _MOST_STEPS = 10
 _STRIDE = 0.4
+_TRIAL = 0.1
+_TRIALS = 3
+_MOST_FALSE = 50
+_MOST_PARAMETERS = 1500
 _SEED = 20003
 
 
@@ -60,6 +64,7 @@ class Near(NamedTuple):
         q_free: q′.
         point: φ and φ_q′.
         phi: φ with the rows of points divided by the size.
+        rank: r, how many directions that is.
         left, singular, right: The singular value decomposition of φ_q′ scaled likewise: left singular vectors as
             columns (m, m), singular values, right singular vectors as rows (n′, n′).
     """
@@ -67,6 +72,7 @@ class Near(NamedTuple):
     q_free: Array
     point: ConstraintValue
     phi: Array
+    rank: int
     left: Array
     singular: Array
     right: Array
@@ -112,11 +118,18 @@ class Rounded:
     def repaired(self, q_free: Array) -> Repair | None:
         """Make redundant rows agree exactly, from a pose closed within the tolerance; ``None`` where nothing is to do.
 
+        A cluster of more than some 120 joints is left as it is: it closes as it stands or is refused.
+
         Raises:
             LoopNotClosedError: They do not agree within the tolerance.
         """
         start = self._near(self.shape, q_free)
-        if self._is_exact([start], self._rank(start.singular)):
+        if self._is_exact([start], start.rank):
+            return None
+        if Geometry(self.shape, self.size, NO_RELATIONS).count > _MOST_PARAMETERS:
+            return None
+        start = self._moving(start)
+        if self._is_exact([start], start.rank):
             return None
         rank, poses = self._motion(start)
         if rank == self.shape.constraints.size or len(poses) < _FEWEST or self._is_exact(poses, rank):
@@ -138,20 +151,39 @@ class Rounded:
 
     def _near(self, shape: Shape, q_free: Array, rank: int | None = None) -> Near:
         """Satisfy the r directions that count, from a pose nearly closed; r is judged at each step if not given."""
-        here, last = self._at(shape, q_free), np.inf
+        here, last = self._at(shape, q_free, rank), np.inf
         for _ in range(_MOST_STEPS):
-            r = self._rank(here.singular) if rank is None else rank
+            r = here.rank
             step = -here.right[:r].T @ ((here.left[:, :r].T @ here.phi) / here.singular[:r])
             length = float(np.linalg.norm(step))
             if length >= 0.5 * last or length > 1.0:
                 break
-            here, last = self._at(shape, moved(shape.constraints.model, here.q_free, step)), length
+            here, last = self._at(shape, moved(shape.constraints.model, here.q_free, step), rank), length
         return here
 
-    def _at(self, shape: Shape, q_free: Array) -> Near:
+    def _at(self, shape: Shape, q_free: Array, rank: int | None) -> Near:
         point = shape.constraints.value(q_free)
         left, singular, right = np.linalg.svd(self._scale[:, None] * point.jacobian, full_matrices=True)
-        return Near(q_free, point, self._scale * point.phi, left, singular, right)
+        r = self._rank(singular) if rank is None else rank
+        return Near(q_free, point, self._scale * point.phi, r, left, singular, right)
+
+    def _moving(self, start: Near) -> Near:
+        """The pose with the least rank whose directions left over are motions.
+
+        A small singular value near a singular pose belongs to no motion: a finite step along it opens the loops by
+        its square, where one along a redundant row opens them by errors of the geometry only.
+        """
+        generator, model = np.random.default_rng(_SEED), self.shape.constraints.model
+        for rank in range(start.rank, min(len(start.singular), start.rank + _MOST_FALSE) + 1):
+            here = start if rank == start.rank else self._near(self.shape, start.q_free, rank)
+            free, opened = here.right[rank:], 0.0
+            for _ in range(_TRIALS if len(free) else 0):
+                step = free.T @ generator.standard_normal(len(free))
+                away = pin.integrate(model, here.q_free, _TRIAL * step / np.linalg.norm(step))
+                opened = max(opened, self._near(self.shape, away, rank).misfit)
+            if opened <= 10.0 * self.open_by:
+                return here
+        return start
 
     def _rank(self, singular: Array) -> int:
         """How many singular values are above what an error of the geometry makes of zero."""
@@ -165,7 +197,7 @@ class Rounded:
 
     def _motion(self, start: Near) -> tuple[int, list[Near]]:
         """The rank that the median of the singular values along the motion tells, and poses along it."""
-        rank = self._rank(start.singular)
+        rank = start.rank
         poses = [start, *self._walk(self.shape, start, rank, _SEED)]
         typical = self._rank(np.median([pose.singular / pose.singular[0] for pose in poses], axis=0))
         if typical != rank:

@@ -137,7 +137,7 @@ def find_closed(
     Args:
         constraints: φ.
         reference: The stated pose, of shape (nq,).
-        tolerance: A tenth of how far φ may be from zero, m and rad.
+        tolerance: How far φ may be from zero, about, m and rad.
         count: Number of spread starts.
 
     Returns:
