@@ -23,7 +23,8 @@ from ccpin.mechanism.closing import TOLERANCE, close
 from ccpin.mechanism.idle import idle_motions
 from ccpin.mechanism.independence import Motion
 from ccpin.mechanism.mobility import Tangent, generic_rank, tangent
-from ccpin.mechanism.repair import Repair, Rounded, open_by
+from ccpin.mechanism.near import open_by
+from ccpin.mechanism.repair import Repair, Rounded
 from ccpin.mechanism.search import Closed, find_closed
 
 FROM_SINGULAR = "a step away from a singular closed pose"

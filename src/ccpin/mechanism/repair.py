@@ -5,11 +5,10 @@ parallel axes are tilted in space, Bennett's linkage, parallel bars of equal len
 at single poses only. Redundant rows are measurements of one geometry, each with an error: they are recognised within a
 tolerance and the geometry is changed once, as little as possible, so that they agree along the whole motion.
 
-**Recognising.** Near a pose closed within the tolerance the singular values s_k of φ_q′ (direction rows as they are,
-point rows by the loop's size) split: r of them measure the motion, the others are of the size of the error. With the r
-directions U = [u_1 … u_r], Gauss–Newton steps δ = −(Uᵀφ_q′)⁺ Uᵀφ satisfy r equations whatever the others say, and lead
-along an (n′ − r)-dimensional motion; the rank is judged by the median of s_k over poses along it, so a singular pose
-does not hide it and no single one decides.
+**Recognising.** Which rows are redundant within the tolerance is judged by the gap of φ_q′'s singular values, by their
+median over poses along the motion (`ccpin.mechanism.near`): a singular pose does not hide a rank, and no single pose
+decides. Axes parallel within the tolerance are made exactly so first (`ccpin.mechanism.relations`); planar loops are
+then planar by proof.
 
 **Repairing.** Let p be the geometry (frames of joints and closures, `ccpin.mechanism.geometry`), N_i an orthonormal
 basis of the left null directions of φ_q′ at pose q_i. φ(q_i + δ, p + dp) = 0 has a solution δ to first order exactly
@@ -30,57 +29,20 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pinocchio as pin
 
 from ccpin.arrays import Array
 from ccpin.errors import LoopNotClosedError
 from ccpin.kinematics.clusters import Part
-from ccpin.kinematics.constraints import Constraints, ConstraintValue
-from ccpin.kinematics.points import moved
-from ccpin.mechanism.closing import close
-from ccpin.mechanism.geometry import NO_RELATIONS, Change, Geometry, Shape, shape_of
+from ccpin.mechanism.geometry import NO_RELATIONS, Change, Geometry, shape_of
+from ccpin.mechanism.near import GAP, SEED, Near, Poses
 from ccpin.mechanism.relations import parallel_axes
 
-EXACT = 1e-13
-_GAP = 30.0
 _LEAST_CUT = 1e-9
 _PARALLEL = 10.0
-_SAMPLES = 12
 _FEWEST = 3
 _ROUNDS = 4
 _MOST_STEPS = 10
-_STRIDE = 0.4
-_TRIAL = 0.1
-_TRIALS = 3
-_MOST_FALSE = 50
 _MOST_PARAMETERS = 1500
-_SEED = 20003
-
-
-class Near(NamedTuple):
-    """A pose that satisfies the directions of φ that count, and what the others say there.
-
-    Attributes:
-        q_free: q′.
-        point: φ and φ_q′.
-        phi: φ with the rows of points divided by the size.
-        rank: r, how many directions that is.
-        left, singular, right: The singular value decomposition of φ_q′ scaled likewise: left singular vectors as
-            columns (m, m), singular values, right singular vectors as rows (n′, n′).
-    """
-
-    q_free: Array
-    point: ConstraintValue
-    phi: Array
-    rank: int
-    left: Array
-    singular: Array
-    right: Array
-
-    @property
-    def misfit(self) -> float:
-        """The largest entry of φ, m or rad."""
-        return float(np.abs(self.point.phi).max(initial=0.0))
 
 
 class Repair(NamedTuple):
@@ -109,11 +71,7 @@ class Rounded:
 
     def __init__(self, part: Part, tolerance: float) -> None:
         self.shape = shape_of(part)
-        constraints = self.shape.constraints
-        self.size = constraints.extent
-        self.tolerance, self.open_by = tolerance, open_by(constraints, tolerance)
-        self._exact = EXACT * max(self.size, 1.0)
-        self._scale = constraints.row_scale()
+        self.poses = Poses(self.shape.constraints, tolerance)
 
     def repaired(self, q_free: Array) -> Repair | None:
         """Make redundant rows agree exactly, from a pose closed within the tolerance; ``None`` where nothing is to do.
@@ -123,106 +81,31 @@ class Rounded:
         Raises:
             LoopNotClosedError: They do not agree within the tolerance.
         """
-        start = self._near(self.shape, q_free)
-        if self._is_exact([start], start.rank):
+        start = self.poses.near(self.shape, q_free)
+        if self.poses.is_exact([start], start.rank):
             return None
-        if Geometry(self.shape, self.size, NO_RELATIONS).count > _MOST_PARAMETERS:
+        if Geometry(self.shape, self.poses.size, NO_RELATIONS).count > _MOST_PARAMETERS:
             return None
-        start = self._moving(start)
-        if self._is_exact([start], start.rank):
+        start = self.poses.moving(self.shape, start)
+        if self.poses.is_exact([start], start.rank):
             return None
-        rank, poses = self._motion(start)
-        if rank == self.shape.constraints.size or len(poses) < _FEWEST or self._is_exact(poses, rank):
+        rank, poses = self.poses.motion(self.shape, start)
+        if rank == self.shape.constraints.size or len(poses) < _FEWEST or self.poses.is_exact(poses, rank):
             return None
         change = None
-        for relations in (parallel_axes(self.shape, _PARALLEL * self.tolerance), NO_RELATIONS):
-            geometry, known = Geometry(self.shape, self.size, relations), poses
+        for relations in (parallel_axes(self.shape, _PARALLEL * self.poses.tolerance), NO_RELATIONS):
+            geometry, known = Geometry(self.shape, self.poses.size, relations), poses
             for k in range(_ROUNDS):
                 p, known = self._fit(geometry, known, rank)
                 shape = geometry.shape(p)
-                others = self._walk(shape, known[k], rank, _SEED + 1 + k)
-                if len(others) >= _FEWEST and max(pose.misfit for pose in others) <= self._exact:
+                others = self.poses.walk(shape, known[k], rank, SEED + 1 + k)
+                if len(others) >= _FEWEST and max(pose.misfit for pose in others) <= self.poses.exact:
                     change = geometry.change(p)
-                    if change.largest(self.size)[1] <= self.open_by:
+                    if change.largest(self.poses.size)[1] <= self.poses.open_by:
                         return Repair(change, shape.part, known[0].q_free, self._note(poses, rank, change, others))
                     break
                 known = [*known, *others]
         raise self._refusal(poses, rank, change)
-
-    def _near(self, shape: Shape, q_free: Array, rank: int | None = None) -> Near:
-        """Satisfy the r directions that count, from a pose nearly closed; r is judged at each step if not given."""
-        here, last = self._at(shape, q_free, rank), np.inf
-        for _ in range(_MOST_STEPS):
-            r = here.rank
-            step = -here.right[:r].T @ ((here.left[:, :r].T @ here.phi) / here.singular[:r])
-            length = float(np.linalg.norm(step))
-            if length >= 0.5 * last or length > 1.0:
-                break
-            here, last = self._at(shape, moved(shape.constraints.model, here.q_free, step), rank), length
-        return here
-
-    def _at(self, shape: Shape, q_free: Array, rank: int | None) -> Near:
-        point = shape.constraints.value(q_free)
-        left, singular, right = np.linalg.svd(self._scale[:, None] * point.jacobian, full_matrices=True)
-        r = self._rank(singular) if rank is None else rank
-        return Near(q_free, point, self._scale * point.phi, r, left, singular, right)
-
-    def _moving(self, start: Near) -> Near:
-        """The pose with the least rank whose directions left over are motions.
-
-        A small singular value near a singular pose belongs to no motion: a finite step along it opens the loops by
-        its square, where one along a redundant row opens them by errors of the geometry only.
-        """
-        generator, model = np.random.default_rng(_SEED), self.shape.constraints.model
-        for rank in range(start.rank, min(len(start.singular), start.rank + _MOST_FALSE) + 1):
-            here = start if rank == start.rank else self._near(self.shape, start.q_free, rank)
-            free, opened = here.right[rank:], 0.0
-            for _ in range(_TRIALS if len(free) else 0):
-                step = free.T @ generator.standard_normal(len(free))
-                away = pin.integrate(model, here.q_free, _TRIAL * step / np.linalg.norm(step))
-                opened = max(opened, self._near(self.shape, away, rank).misfit)
-            if opened <= 10.0 * self.open_by:
-                return here
-        return start
-
-    def _rank(self, singular: Array) -> int:
-        """How many singular values are above what an error of the geometry makes of zero."""
-        return int(np.count_nonzero(singular > _GAP * self.tolerance * max(float(singular.max(initial=0.0)), 1e-12)))
-
-    def _is_exact(self, poses: list[Near], rank: int) -> bool:
-        """Whether the rows agree, and those that are redundant are so, up to rounding in the arithmetic."""
-        return all(
-            pose.misfit <= self._exact and np.all(pose.singular[rank:] <= EXACT * pose.singular[0]) for pose in poses
-        )
-
-    def _motion(self, start: Near) -> tuple[int, list[Near]]:
-        """The rank that the median of the singular values along the motion tells, and poses along it."""
-        rank = start.rank
-        poses = [start, *self._walk(self.shape, start, rank, _SEED)]
-        typical = self._rank(np.median([pose.singular / pose.singular[0] for pose in poses], axis=0))
-        if typical != rank:
-            begin = next((pose for pose in poses if self._rank(pose.singular) == typical), start)
-            begin = self._near(self.shape, begin.q_free, typical)
-            poses = [begin, *self._walk(self.shape, begin, typical, _SEED)]
-        return typical, poses
-
-    def _walk(self, shape: Shape, start: Near, rank: int, seed: int) -> list[Near]:
-        """Poses along the motion, closed within the tolerance: one random way from the start, then the opposite way."""
-        generator, found, constraints = np.random.default_rng(seed), list[Near](), shape.constraints
-        first = start.right[rank:].T @ generator.standard_normal(len(start.right) - rank)
-        for heading in (first, -first):
-            here = start
-            for _ in range(_SAMPLES // 2):
-                free = here.right[rank:]
-                heading = free.T @ (free @ heading + 0.5 * generator.standard_normal(len(free)))
-                heading = heading / max(float(np.linalg.norm(heading)), 1e-300)
-                step = generator.uniform(0.5, 1.5) * _STRIDE * heading
-                away = pin.integrate(constraints.model, here.q_free, step)
-                there = self._near(shape, close(constraints, away, self.open_by).q_free, rank)
-                if there.misfit <= 10.0 * self.open_by and constraints.aligned(there.q_free):
-                    here = there
-                    found.append(here)
-        return found
 
     def _fit(self, geometry: Geometry, poses: list[Near], rank: int) -> tuple[Array, list[Near]]:
         """The smallest geometry at which all rows agree at the poses, and the poses there.
@@ -230,23 +113,23 @@ class Rounded:
         Small singular values of the conditions on p are errors of the geometry themselves as long as it has any: those
         below a cut are left out, and the cut sinks with the misfit.
         """
-        p, cut = np.zeros(geometry.count), _GAP * self.tolerance
+        p, cut = np.zeros(geometry.count), GAP * self.poses.tolerance
         shape = geometry.shape(p)
-        poses = [self._near(shape, pose.q_free, rank) for pose in poses]
+        poses = [self.poses.near(shape, pose.q_free, rank) for pose in poses]
         error = max(pose.misfit for pose in poses)
         for _ in range(_MOST_STEPS):
             conditions, rights = [], []
             for pose in poses:
                 loose = pose.left[:, rank:].T
-                conditions.append(loose @ (self._scale[:, None] * geometry.jacobian(shape, pose.point)))
+                conditions.append(loose @ (self.poses.scale[:, None] * geometry.jacobian(shape, pose.point)))
                 rights.append(conditions[-1] @ p - loose @ pose.phi)
             trial = np.linalg.lstsq(np.vstack(conditions), np.concatenate(rights), rcond=cut)[0]
             trial_shape = geometry.shape(trial)
-            there = [self._near(trial_shape, pose.q_free, rank) for pose in poses]
+            there = [self.poses.near(trial_shape, pose.q_free, rank) for pose in poses]
             now = max(pose.misfit for pose in there)
             if now < error:
                 p, shape, poses, error = trial, trial_shape, there, now
-            if error <= 0.01 * self._exact or cut <= _LEAST_CUT:
+            if error <= 0.01 * self.poses.exact or cut <= _LEAST_CUT:
                 break
             cut = max(0.03 * cut, _LEAST_CUT)
         return p, poses
@@ -259,20 +142,21 @@ class Rounded:
 
     def _note(self, poses: list[Near], rank: int, change: Change, others: list[Near]) -> str:
         loop, misfit = self._worst(poses)
-        frame, most = change.largest(self.size)
+        frame, most = change.largest(self.poses.size)
         checked = max(pose.misfit for pose in others)
         return (
             f"geometry repaired: the file's numbers leave loop '{loop}' open by up to {misfit:.1e} (m or rad) along "
             f"the motion; {rank} of the {len(poses[0].phi)} rows of {self._loops()} count and the others agree now. "
-            f"The largest change is {most:.1e} m, of {frame} (tolerance {self.open_by:.1e} m, which is "
-            f"{self.tolerance:g} of the size or of 1 m); at {len(others)} other poses the loops close to {checked:.0e}"
+            f"The largest change is {most:.1e} m, of {frame} (tolerance {self.poses.open_by:.1e} m, which is "
+            f"{self.poses.tolerance:g} of the size or of 1 m); at {len(others)} other poses the loops close to "
+            f"{checked:.0e}"
         )
 
     def _refusal(self, poses: list[Near], rank: int, change: Change | None) -> LoopNotClosedError:
         loop, misfit = self._worst(poses)
         why = "no small change of the geometry makes them agree along the motion"
         if change is not None:
-            frame, most = change.largest(self.size)
+            frame, most = change.largest(self.poses.size)
             why = f"it would take a change of {most:.1e} m ({frame}) to make them agree along the motion"
         errors = {
             name: float(np.linalg.norm(poses[0].point.phi[at]))
@@ -280,9 +164,9 @@ class Rounded:
         }
         return LoopNotClosedError(
             f"{len(poses[0].phi) - rank} of the {len(poses[0].phi)} rows of {self._loops()} are redundant within the "
-            f"geometry tolerance ({self.tolerance:g} of the size or of 1 m: {self.open_by:.1e} m), but loop '{loop}' "
-            f"stays open by {misfit:.1e} (m or rad) and {why}; state lengths and angles with more decimals, or pass "
-            "another geometry_tolerance to load (0 takes every number as exact)",
+            f"geometry tolerance ({self.poses.tolerance:g} of the size or of 1 m: {self.poses.open_by:.1e} m), but "
+            f"loop '{loop}' stays open by {misfit:.1e} (m or rad) and {why}; state lengths and angles with more decimals, "
+            "or pass another geometry_tolerance to load (0 takes every number as exact)",
             q_free=poses[0].q_free,
             errors=errors,
         )
@@ -290,8 +174,3 @@ class Rounded:
     def _loops(self) -> str:
         names = ", ".join(f"'{closure.name}'" for closure in self.shape.part.closures)
         return f"loop {names}" if len(self.shape.part.closures) == 1 else f"loops {names}"
-
-
-def open_by(constraints: Constraints, tolerance: float) -> float:
-    """How far loops may be open, and frames changed, at a tolerance relative to the cluster's size (1 m at least)."""
-    return tolerance * max(constraints.extent, 1.0)
