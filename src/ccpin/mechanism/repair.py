@@ -165,8 +165,8 @@ class Rounded:
         return LoopNotClosedError(
             f"{len(poses[0].phi) - rank} of the {len(poses[0].phi)} rows of {self._loops()} are redundant within the "
             f"geometry tolerance ({self.poses.tolerance:g} of the size or of 1 m: {self.poses.open_by:.1e} m), but "
-            f"loop '{loop}' stays open by {misfit:.1e} (m or rad) and {why}; state lengths and angles with more decimals, "
-            "or pass another geometry_tolerance to load (0 takes every number as exact)",
+            f"loop '{loop}' stays open by {misfit:.1e} (m or rad) and {why}; state lengths and angles with more "
+            "decimals, or pass another geometry_tolerance to load (0 takes every number as exact)",
             q_free=poses[0].q_free,
             errors=errors,
         )
