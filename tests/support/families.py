@@ -123,3 +123,100 @@ def _turn(angle):
     c, s = np.cos(angle), np.sin(angle)
     placement[:2, :2] = [[c, -s], [s, c]]
     return placement
+
+
+def parallel_bars(bars=3):
+    """A coupler carried by equal, parallel cranks: one loop a crank beyond the first two is superfluous."""
+    links, joints, closures = [Link("base", _bar(1.0)), Link("coupler", _bar(1.0))], [], []
+    for k in range(bars):
+        links.append(Link(f"crank{k}", _bar(0.4)))
+        joints.append(Joint(f"foot{k}", "revolute", "base", f"crank{k}", _at(0.35 * k, 0.1 * k * k), Z))
+        if k:
+            ends = _at(0.35 * k, 0.1 * k * k), _shift(0.4)
+            closures.append(LoopClosure(f"pin{k}", "revolute", "coupler", f"crank{k}", *ends))
+    joints.append(Joint("head", "revolute", "crank0", "coupler", _shift(0.4), Z))
+    reference = {f"foot{k}": (0.9,) for k in range(bars)} | {"head": (-0.9,)}
+    return MechanismDescription(
+        f"{bars} bars", "base", tuple(links), tuple(joints), tuple(closures), actuated=("foot0",), reference=reference
+    )
+
+
+def welded_four_bar():
+    """A four-bar of four revolute joints, cut through its coupler and welded there: six rows, of which three count."""
+    four_bar = serial(1)
+    coupler, rocker = four_bar_angles()
+    pin = Joint("knee", "revolute", "rocker0", "half", _shift(ROCKER), Z)
+    weld = LoopClosure("weld", "fixed", "coupler0", "half", _shift(0.5 * COUPLER), _shift(-0.5 * COUPLER))
+    return MechanismDescription(
+        "welded four-bar",
+        "base",
+        (*four_bar.links, Link("half", _bar(0.1))),
+        (*four_bar.joints, pin),
+        (weld,),
+        actuated=("crank_joint0",),
+        reference={**four_bar.reference, "knee": (START + coupler - rocker,)},
+    )
+
+
+def spherical_four_bar():
+    """Four revolute joints whose axes meet in a point, with the closure's frames away from it."""
+    arcs = np.radians([25.0, 70.0, 55.0, 80.0])
+    links, joints = [Link("base", _bar(0.3))], []
+    for name, parent, arc in (("a", "base", 0.0), ("b", "a", arcs[0]), ("c", "base", arcs[3])):
+        links.append(Link(name, _bar(0.3)))
+        axis = np.array([np.sin(arc), 0.0, np.cos(arc)])
+        joints.append(Joint(f"joint_{name}", "revolute", parent, name, np.eye(4), axis))
+    ends = [_about_y(arcs[0] + arcs[1]) @ _shift(0.2, axis=2), _about_y(arcs[3] - arcs[2]) @ _shift(0.2, axis=2)]
+    closure = LoopClosure("cap", "revolute", "b", "c", *ends)
+    return MechanismDescription(
+        "spherical four-bar", "base", tuple(links), tuple(joints), (closure,), actuated=("joint_a",)
+    )
+
+
+def _about_y(angle):
+    placement, (c, s) = np.eye(4), (np.cos(angle), np.sin(angle))
+    placement[:3, :3] = [[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]]
+    return placement
+
+
+_LEG = ("arm", "bracket", "rod", "twin", "foot", "heel")
+
+
+def revolute_delta():
+    """A Delta whose legs are all revolute joints, parallelograms cut at a corner and feet pinned: many rows agree."""
+    upper, lower, base, platform, half = 0.3, 0.8, 0.2, 0.05, 0.05
+    links, joints, closures = [Link("base", _bar(0.3))], [], []
+    y = np.array([0.0, 1.0, 0.0])
+    angle = 0.3
+    # in a leg's plane: knee at base + upper cos, −upper sin; foot below at platform, and its height by Pythagoras
+    knee = np.array([base + upper * np.cos(angle), -upper * np.sin(angle)])
+    drop = np.sqrt(lower**2 - (knee[0] - platform) ** 2)
+    fall = np.arctan2(drop, platform - knee[0])
+    reference = {}
+    for k in range(3):
+        turn = _turn(2.0 * np.pi * k / 3.0)
+        arm, bracket, rod, twin, foot, heel = names = [f"{part}{k}" for part in _LEG]
+        links += [Link(name, _bar(0.2)) for name in names]
+        joints += [
+            Joint(f"motor{k}", "revolute", "base", arm, turn @ _shift(base), y),
+            Joint(f"knee{k}", "revolute", arm, bracket, _shift(upper), y),
+            Joint(f"left{k}", "revolute", bracket, rod, _shift(half, axis=1), Z),
+            Joint(f"right{k}", "revolute", bracket, twin, _shift(-half, axis=1), Z),
+            Joint(f"low{k}", "revolute", rod, foot, _shift(lower), Z),
+            Joint(f"ankle{k}", "revolute", foot, heel, _shift(-half, axis=1), y),
+        ]
+        closures.append(LoopClosure(f"bars{k}", "revolute", foot, twin, _shift(-2 * half, axis=1), _shift(lower)))
+        reference |= {f"motor{k}": (angle,), f"knee{k}": (fall - angle,), f"ankle{k}": (-fall,)}
+        if k:
+            centre = _shift(-platform)
+            ends = centre, centre @ _turn(-2.0 * np.pi * k / 3.0)
+            closures.append(LoopClosure(f"platform{k}", "fixed", "heel0", heel, *ends))
+    return MechanismDescription(
+        "revolute Delta",
+        "base",
+        tuple(links),
+        tuple(joints),
+        tuple(closures),
+        actuated=tuple(f"motor{k}" for k in range(3)),
+        reference=reference,
+    )

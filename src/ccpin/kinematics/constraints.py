@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -66,6 +67,16 @@ class Constraints:
         names = [*(loop.closure.name for loop in self.loops), *(each.coupling.name for each in self.couplings)]
         stops = np.cumsum([*(loop.size for loop in self.loops), *(1 for _ in self.couplings)], dtype=int).tolist()
         return {name: slice(start, stop) for name, start, stop in zip(names, [0, *stops], stops, strict=False)}
+
+    @cached_property
+    def extent(self) -> float:
+        """The largest sum of lengths around a loop, m (1 where there are none)."""
+        return max((loop.extent(self.model) for loop in self.loops), default=0.0) or 1.0
+
+    def row_scale(self) -> Array:
+        """What makes each row dimensionless, of shape (m,): 1 of directions and couplings, 1/extent of lengths."""
+        turns = [turns for loop in self.loops for turns in loop.rows.direction_rows]
+        return np.where([*turns, *(True for _ in self.couplings)], 1.0, 1.0 / self.extent)
 
     def value(self, q_free: Array) -> ConstraintValue:
         """φ(q′) and φ_q′(q′) (3), (10)."""

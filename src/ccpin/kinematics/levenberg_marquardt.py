@@ -87,16 +87,20 @@ def levenberg_marquardt(
 
 
 def _damped_step(here: Linearized, damping: float) -> Array:
-    """−(JᵀJ + (μ s)² I)⁻¹ Jᵀ r by Cholesky, no longer than the largest step; NaN where rounding forbids it."""
+    """−Jᵀ (JJᵀ + (μ s)² I)⁻¹ r by Cholesky, no longer than the largest step; NaN where rounding forbids it.
+
+    Written so it is a combination of J's rows: rounding does not move the place along directions that change nothing.
+    """
     jacobian = here.jacobian
     rows, columns = jacobian.shape
     size = float(np.linalg.norm(jacobian))
     if size == 0.0:
         return np.zeros(columns)
-    normal = jacobian.T @ jacobian
-    normal.flat[:: columns + 1] += (damping * size) ** 2 / min(rows, columns)
-    _, step, failed = lapack.dposv(normal, -(jacobian.T @ here.residual))
+    gram = jacobian @ jacobian.T
+    gram.flat[:: rows + 1] += (damping * size) ** 2 / min(rows, columns)
+    _, weights, failed = lapack.dposv(gram, here.residual)
     if failed:
         return np.full(columns, np.nan)
+    step = -(jacobian.T @ weights)
     length = float(np.linalg.norm(step))
     return np.asarray(step if length <= _LARGEST_STEP else step * (_LARGEST_STEP / length))

@@ -61,6 +61,12 @@ class ResolvedClosure(NamedTuple):
         """Whether its rows vanish with its axes turned end for end too; in a plane most axes cannot turn over."""
         return bool(self.rows.alignment) and any(self.rows.direction_rows)
 
+    def extent(self, model: pin.Model) -> float:
+        """The sum of the lengths around the loop at zero displacement, m."""
+        links = (model.jointPlacements[joint].translation for joint in (*self.path_a, *self.path_b))
+        ends = (self.frame_a[:3, 3], self.frame_b[:3, 3])
+        return sum(float(np.linalg.norm(v)) for v in (*links, *ends)) + (self.closure.length or 0.0)
+
     def orientations(self, data: pin.Data) -> tuple[Array, Array]:
         """The world's view (3, 3) of frames A and B, from forward kinematics."""
         ends = ((self.joint_a, self.frame_a), (self.joint_b, self.frame_b))

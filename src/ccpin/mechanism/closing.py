@@ -26,35 +26,37 @@ class Attempt(NamedTuple):
     closed: bool
 
 
-def close(constraints: Constraints, start: Array) -> Attempt:
-    """Close the loops from `start`: Levenberg–Marquardt on φ."""
+def close(constraints: Constraints, start: Array, tolerance: float = TOLERANCE) -> Attempt:
+    """Close the loops from `start` up to a few times a tolerance: Levenberg–Marquardt on φ."""
 
     def linearize(q_free: Array) -> Linearized:
         point = constraints.value(q_free)
         return Linearized(point.phi, point.jacobian)
 
-    return solve(constraints.model, linearize, start)
+    return solve(constraints.model, linearize, start, tolerance)
 
 
-def solve(model: pin.Model, linearize: Callable[[Array], Linearized], start: Array) -> Attempt:
-    """Solve equations in q′ from a start of shape (nq,)."""
-    found = levenberg_marquardt(start, linearize, lambda q, step: np.asarray(pin.integrate(model, q, step)), TOLERANCE)
-    return Attempt(found.place, found.error <= 10 * TOLERANCE)
+def solve(
+    model: pin.Model, linearize: Callable[[Array], Linearized], start: Array, tolerance: float = TOLERANCE
+) -> Attempt:
+    """Solve equations in q′ from a start of shape (nq,) up to a few times a tolerance."""
+    found = levenberg_marquardt(start, linearize, lambda q, step: np.asarray(pin.integrate(model, q, step)), tolerance)
+    return Attempt(found.place, found.error <= max(10 * TOLERANCE, 3 * tolerance))
 
 
-def close_from_afar(constraints: Constraints, start: Array) -> Attempt:
+def close_from_afar(constraints: Constraints, start: Array, tolerance: float = TOLERANCE) -> Attempt:
     """Close the loops from any pose, the right way round.
 
     Where the loops do not close directly, or close with axes turned end for end, they are closed in position
     first, then with rotation rows that vanish one way round only, then exactly.
     """
-    attempt = close(constraints, start)
+    attempt = close(constraints, start, tolerance)
     if attempt.closed and constraints.aligned(attempt.q_free):
         return attempt
     if any(loop.turnable for loop in constraints.loops):
         for rows in (position_rows, aligning_rows):
-            start = solve(constraints.model, partial(rows, constraints), start).q_free
-        staged = close(constraints, start)
+            start = solve(constraints.model, partial(rows, constraints), start, tolerance).q_free
+        staged = close(constraints, start, tolerance)
         if staged.closed and constraints.aligned(staged.q_free):
             return staged
     return attempt._replace(closed=False)

@@ -62,7 +62,8 @@ def _describe(tree: Tree, group: set[int], twist: Array, count: int) -> str:
     turning = float(np.linalg.norm(angular))
     pitch = abs(linear @ angular)
     if count == 1 and turning > 1e-9 and pitch < 1e-6 * turning * max(float(np.linalg.norm(linear)), 1.0):
-        axis = angular / turning
+        main = int(np.argmax(np.round(np.abs(angular), 9)))
+        axis = angular / turning * np.sign(angular[main])  # either way along it is the same spin
         point = np.cross(angular, linear) / turning**2
         return (
             f"{named} can spin about its axis: direction {_vector(axis)} through {_vector(point)} at the reference; "

@@ -31,11 +31,14 @@ from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.tree import Tree, build_tree
 from ccpin.mechanism.from_pinocchio import describe_pinocchio
+from ccpin.mechanism.geometry import changed
 from ccpin.mechanism.mobility import Mobility
 from ccpin.mechanism.physics import JointPhysics, Motors, joint_physics, motors_of
 from ccpin.mechanism.pinocchio import constraint_models
 from ccpin.mechanism.reference import check_independent, how_closed, idle, settle
 from ccpin.mechanism.selection import choose_independent
+
+GEOMETRY_TOLERANCE = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,6 +247,7 @@ def load(
     xacro_arguments: Mapping[str, str] | None = None,
     geometry: pin.GeometryModel | None = None,
     constraints: Iterable[object] = (),
+    geometry_tolerance: float = GEOMETRY_TOLERANCE,
 ) -> Mechanism:
     """Load a mechanism from a file, an installed model's name, a description or a Pinocchio model.
 
@@ -266,6 +270,9 @@ def load(
         xacro_arguments: Values of a xacro file's arguments (the extra ``[xacro]``).
         geometry: What to draw of a `pinocchio.Model`.
         constraints: Pinocchio's constraint models that close the loops of a `pinocchio.Model`.
+        geometry_tolerance: Error of the file's lengths and angles, relative to the size of a loop. Rows that are
+            redundant within it are made so by the smallest change of frames (`ccpin.mechanism.repair`), which notes
+            tell; 0 takes every number as exact.
 
     Raises:
         DescriptionNotFoundError, InvalidXmlError, DescriptionError: The file is absent, malformed or unsound.
@@ -274,7 +281,7 @@ def load(
         IndependentSetError: The independent or actuated joints named cannot be used.
         InvalidInputError: What is stated of joints or motors names none of them, or is no number.
     """
-    _check_arguments(path, independent, actuated)
+    _check_arguments(path, independent, actuated, geometry_tolerance)
     if isinstance(path, MechanismDescription):
         description = path
     elif isinstance(path, pin.Model):
@@ -296,7 +303,7 @@ def load(
     if not description.closures and not description.couplings:
         raise NoLoopError(_no_loop_message(description), source=description.source)
     try:
-        mechanism = _analysed(description, build_tree(description, floating_base), independent, actuated)
+        mechanism = _analysed(description, floating_base, independent, actuated, geometry_tolerance)
     except MemoryError:
         message = f"{description.source or description.name}: {len(description.joints)} joints do not fit into memory"
         raise UnsupportedMechanismError(message) from None
@@ -311,11 +318,20 @@ def load(
 
 
 def _analysed(
-    description: MechanismDescription, tree: Tree, independent: Sequence[str] | None, actuated: Sequence[str] | None
+    description: MechanismDescription,
+    floating_base: bool,
+    independent: Sequence[str] | None,
+    actuated: Sequence[str] | None,
+    tolerance: float,
 ) -> Mechanism:
     """Close the loops, count the motions, settle who measures and who drives them."""
     wanted = tuple(independent) if independent is not None else (description.independent or ())
-    settled = settle(tree, description, wanted)
+    tree = build_tree(description, floating_base)
+    settled = settle(tree, description, wanted, tolerance)
+    repairs = [found.repair for found in settled if found.repair is not None]
+    for repair in repairs:
+        description = changed(description, repair.change)
+    tree = build_tree(description, floating_base) if repairs else tree
     choice = choose_independent(tree, [found.motion for found in settled], description, independent, actuated)
     rank = sum(found.tangent.rank for found in settled)
     mobility = Mobility(
@@ -351,13 +367,15 @@ def _forces_told(description: MechanismDescription, tree: Tree, actuated: tuple[
     return told
 
 
-def _check_arguments(path: object, independent: object, actuated: object) -> None:
+def _check_arguments(path: object, independent: object, actuated: object, tolerance: object) -> None:
     if not isinstance(path, str | Path | MechanismDescription | pin.Model):
         known = "a path, a model's name, a description or a pinocchio.Model"
         raise InvalidInputError(f"load takes {known}, not {type(path).__name__}")
     for role, names in (("independent", independent), ("actuated", actuated)):
         if isinstance(names, str) or (names is not None and not all(isinstance(n, str) for n in names)):  # type: ignore[attr-defined]
             raise InvalidInputError(f"{role} must be a sequence of joint names, e.g. ['joint1', 'joint2']")
+    if not isinstance(tolerance, float | int) or not 0.0 <= tolerance <= 1e-2:
+        raise InvalidInputError(f"geometry_tolerance is {tolerance}; it must be a number between 0 and 0.01")
 
 
 def _no_loop_message(description: MechanismDescription) -> str:

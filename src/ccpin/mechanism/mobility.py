@@ -77,11 +77,8 @@ def tangent(constraints: Constraints, q_free: Array) -> Tangent:
 
 
 def scaled_jacobian(constraints: Constraints, q_free: Array) -> Array:
-    """φ_q′ with each row divided by its norm, so that rank is judged without units; rows of round-off stay small."""
-    jacobian = constraints.value(q_free).jacobian
-    norms = np.linalg.norm(jacobian, axis=1)
-    reach = max(float(norms.max(initial=0.0)), 0.1)
-    return np.asarray(jacobian / np.maximum(norms, 1e-6 * reach)[:, None])
+    """φ_q′ with the rows of points and lengths divided by the cluster's size: dimensionless, tiny rows stay tiny."""
+    return np.asarray(constraints.row_scale()[:, None] * constraints.value(q_free).jacobian)
 
 
 def rank_at(constraints: Constraints, q_free: Array) -> int:

@@ -19,9 +19,12 @@ from ccpin.kinematics.loops import ResolvedClosure
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.tree import Tree
+from ccpin.mechanism.closing import TOLERANCE, close
 from ccpin.mechanism.idle import idle_motions
 from ccpin.mechanism.independence import Motion
 from ccpin.mechanism.mobility import Tangent, generic_rank, tangent
+from ccpin.mechanism.near import open_by
+from ccpin.mechanism.repair import Repair, Rounded
 from ccpin.mechanism.search import Closed, find_closed
 
 FROM_SINGULAR = "a step away from a singular closed pose"
@@ -57,12 +60,14 @@ class Settled(NamedTuple):
         constraints: Its φ.
         closed: Its reference configuration, and how it was found.
         tangent: The velocities φ_q′ allows there; its rank is the generic one.
+        repair: How its geometry was changed within the tolerance, if it was.
     """
 
     part: Part
     constraints: Constraints
     closed: Closed
     tangent: Tangent
+    repair: Repair | None = None
 
     @property
     def motion(self) -> Motion:
@@ -73,7 +78,7 @@ class Settled(NamedTuple):
         return Motion(tuple(component_names(tree)), joints, places, self.tangent.basis(self.tangent.rank))
 
 
-def settle(tree: Tree, description: MechanismDescription, wanted: Sequence[str]) -> list[Settled]:
+def settle(tree: Tree, description: MechanismDescription, wanted: Sequence[str], tolerance: float) -> list[Settled]:
     """Bring every cluster to a closed, nonsingular configuration where the wanted joints measure its motion.
 
     Raises:
@@ -82,7 +87,7 @@ def settle(tree: Tree, description: MechanismDescription, wanted: Sequence[str])
     stated, settled = stated_pose(tree, description), []
     for part in cut(tree, description.closures, description.couplings):
         try:
-            settled.append(_settle(part, stated[part.q], wanted))
+            settled.append(_settle(part, stated[part.q], wanted, tolerance))
         except LoopNotClosedError as error:
             if error.q_free is not None:
                 whole = stated.copy()
@@ -92,14 +97,21 @@ def settle(tree: Tree, description: MechanismDescription, wanted: Sequence[str])
     return settled
 
 
-def _settle(part: Part, stated: Array, wanted: Sequence[str]) -> Settled:
+def _settle(part: Part, stated: Array, wanted: Sequence[str], tolerance: float) -> Settled:
     constraints = Constraints(part.tree, part.closures, part.couplings)
-    closed = find_closed(constraints, stated)[0]
-    found = Settled(part, constraints, closed, tangent(constraints, closed.q_free))
+    nearly = max(TOLERANCE, open_by(constraints, tolerance))
+    closed = find_closed(constraints, stated, nearly)[0]
+    _check_across(constraints, closed.q_free, max(1e-6, 10 * nearly))
+    repair = Rounded(part, tolerance).repaired(closed.q_free) if part.closures and tolerance else None
+    if repair is not None:
+        part, constraints = repair.part, Constraints(repair.part.tree, repair.part.closures, part.couplings)
+        closed = closed._replace(q_free=repair.q_free)
+    exact = close(constraints, closed.q_free)
+    closed = closed._replace(q_free=exact.q_free) if exact.closed else find_closed(constraints, stated)[0]
+    found = Settled(part, constraints, closed, tangent(constraints, closed.q_free), repair)
     regular = found.tangent.rank == min(constraints.size, constraints.model.nv)
     if not regular or found.motion.independence(wanted) < _POOR:
         found = _generic(found, wanted)
-    _check_across(part.tree, found)
     return found
 
 
@@ -115,23 +127,23 @@ def _generic(found: Settled, wanted: Sequence[str]) -> Settled:
     return best._replace(closed=found.closed._replace(q_free=best.tangent.q_free, start=FROM_SINGULAR))
 
 
-def _check_across(tree: Tree, found: Settled) -> None:
+def _check_across(constraints: Constraints, q_free: Array, tolerance: float) -> None:
     """Check a cluster's planar loops against the rows that planarity made superfluous.
 
     Raises:
         LoopNotClosedError: One is open across its plane, where nothing can close it.
     """
-    planar = [loop for loop in found.constraints.loops if loop.normal is not None]
+    planar = [loop for loop in constraints.loops if loop.normal is not None]
     if not planar:
         return
-    poses = joint_poses(found.constraints.scratch, found.closed.q_free)
+    poses = joint_poses(constraints.scratch, q_free)
     errors = {loop.closure.name: float(np.abs(_unreduced(loop, poses)).max(initial=0.0)) for loop in planar}
     worst = max(errors, key=lambda name: errors[name])
-    if errors[worst] > 1e-6:
+    if errors[worst] > tolerance:
         raise LoopNotClosedError(
             f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are "
-            f"{errors[worst]:.4g} (m or rad) apart across it",
-            q_free=found.closed.q_free,
+            f"{errors[worst]:.4g} (m or rad) apart across it (geometry tolerance {tolerance:.1e})",
+            q_free=q_free,
             errors=errors,
         )
 
@@ -186,7 +198,7 @@ def check_independent(settled: Sequence[Settled], names: Sequence[str]) -> None:
 
 def how_closed(settled: Sequence[Settled]) -> list[str]:
     """Sentences saying how the reference was found, where it is not the stated pose within all limits."""
-    notes = []
+    notes = [found.repair.note for found in settled if found.repair is not None]
     if not all(found.closed.within_limits for found in settled):
         notes.append("the reference configuration lies outside some joint limits: none inside was found")
     starts: dict[str, list[str]] = {}

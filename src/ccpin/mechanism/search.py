@@ -12,12 +12,13 @@ from ccpin.arrays import Array, Mask
 from ccpin.errors import LoopNotClosedError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.levenberg_marquardt import Linearized
-from ccpin.mechanism.closing import Attempt, close, close_from_afar, solve
+from ccpin.mechanism.closing import TOLERANCE, Attempt, close, close_from_afar, solve
 
 _SEED = 20001
 _MOST_OUTSIDE = 8
 _TRIES = 8
 _INSET = 0.01
+_NEARLY = 1e-2
 
 
 class Closed(NamedTuple):
@@ -74,7 +75,7 @@ def stages(constraints: Constraints) -> list[Stage]:
     return ordered
 
 
-def assemble(constraints: Constraints, start: Array, order: Sequence[Stage]) -> Attempt:
+def assemble(constraints: Constraints, start: Array, order: Sequence[Stage], tolerance: float) -> Attempt:
     """Close the loops one after another, those closed before held closed, each from several values of its new joints.
 
     A mechanism of many loops seldom closes all at once from afar; one loop more usually does.
@@ -90,16 +91,16 @@ def assemble(constraints: Constraints, start: Array, order: Sequence[Stage]) -> 
 
         for k in range(_TRIES):
             step = np.where(stage.new, min(k, 2) * generator.standard_normal(model.nv), 0.0)
-            attempt = solve(model, linearize, pin.integrate(model, here, step))
+            attempt = solve(model, linearize, pin.integrate(model, here, step), tolerance)
             if attempt.closed and stage.name not in constraints.turned(attempt.q_free):
                 break
         else:
             return Attempt(attempt.q_free, False)
         here = attempt.q_free
-    return close(constraints, here)
+    return close(constraints, here, tolerance)
 
 
-def moved_within_limits(constraints: Constraints, q_free: Array) -> Array | None:
+def moved_within_limits(constraints: Constraints, q_free: Array, tolerance: float) -> Array | None:
     """A closed configuration within the joint limits that a closed one outside leads to, or ``None``.
 
     Levenberg–Marquardt on φ and on how far each limited joint is outside its range made smaller by a hundredth.
@@ -120,16 +121,24 @@ def moved_within_limits(constraints: Constraints, q_free: Array) -> Array | None
         slopes[np.arange(len(places)), at_v] = outside != 0.0
         return Linearized(np.concatenate([point.phi, outside]), np.vstack([point.jacobian, slopes]))
 
-    attempt = close(constraints, solve(model, linearize, q_free).q_free)
+    attempt = close(constraints, solve(model, linearize, q_free, tolerance).q_free, tolerance)
     inside = attempt.closed and constraints.aligned(attempt.q_free) and within_limits(model, attempt.q_free)
     return attempt.q_free if inside else None
 
 
-def find_closed(constraints: Constraints, reference: Array, count: int = 40) -> list[Closed]:
+def find_closed(
+    constraints: Constraints, reference: Array, tolerance: float = TOLERANCE, count: int = 40
+) -> list[Closed]:
     """Closed configurations from deterministic starts, until one within the limits is found.
 
     Each start is closed directly or, until one closes, loop by loop, and what is closed outside the limits is moved
     into them if it can be. After the first one that is closed at most eight more starts are tried.
+
+    Args:
+        constraints: φ.
+        reference: The stated pose, of shape (nq,).
+        tolerance: How far φ may be from zero, about, m and rad.
+        count: Number of spread starts.
 
     Returns:
         At least one configuration, best first: the first one within the joint limits, then those outside.
@@ -143,9 +152,9 @@ def find_closed(constraints: Constraints, reference: Array, count: int = 40) -> 
     for name, start in starts(constraints.model, reference, count):
         if not left:
             break
-        q_free, is_closed = close_from_afar(constraints, start)
+        q_free, is_closed = close_from_afar(constraints, start, tolerance)
         if not is_closed and not found and len(order) > 1:
-            assembled = assemble(constraints, start, order)
+            assembled = assemble(constraints, start, order, tolerance)
             q_free, is_closed = assembled if assembled.closed else (q_free, False)
         left -= 1
         if not is_closed:
@@ -155,7 +164,7 @@ def find_closed(constraints: Constraints, reference: Array, count: int = 40) -> 
             continue
         if within_limits(constraints.model, q_free):
             return [Closed(q_free, name, True), *found]
-        inside = moved_within_limits(constraints, q_free)
+        inside = moved_within_limits(constraints, q_free, tolerance)
         if inside is not None:
             return [Closed(inside, f"{name}, moved into the joint limits", True), *found]
         found.append(Closed(q_free, name, False))
@@ -170,7 +179,9 @@ def find_closed(constraints: Constraints, reference: Array, count: int = 40) -> 
         f'{errors[worst]:.4g} (m or rad). State a pose near a closed one (<group_state name="reference">), or check '
         "the loop's frames and lengths"
     )
-    if errors[worst] <= 1e-9 and not constraints.aligned(least):
+    if errors[worst] < _NEARLY:
+        message += "; if its numbers are rounded as much as that, pass a larger geometry_tolerance to load"
+    if errors[worst] <= max(1e-9, 10 * tolerance) and not constraints.aligned(least):
         turned = ", ".join(f"loop '{name}'" for name in constraints.turned(least))
         message = (
             f"the loops close only with the axes of {turned} turned end for end ({count + 3} starts tried); "

@@ -47,7 +47,7 @@ def choose_independent(
     else:
         hinted = description.dependent_hint
         masters = tuple(name for name in tree.names if hinted and name not in hinted)
-        names = complete_independent(motions, (), (*base, *(motors or masters)))
+        names = _in_order(complete_independent(motions, (), (*base, *(motors or masters))), (*base, *motors))
         added = [name for name in names if name not in motors]
         if motors and added:
             notes.append(
@@ -87,6 +87,11 @@ def _marked(
         hint = "; a joint without `independent` counts as independent" if description.independent_is_default else ""
         raise IndependentSetError(f"{error}{hint}") from None
     return complete_independent(motions, marked, ())
+
+
+def _in_order(names: Sequence[str], first: Sequence[str]) -> tuple[str, ...]:
+    """Names with the `first` among them before the others, in their order: q's order is that of the motors."""
+    return (*(name for name in first if name in names), *(name for name in names if name not in first))
 
 
 def _count(motions: Sequence[Motion], names: tuple[str, ...]) -> int:
