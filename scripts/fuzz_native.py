@@ -11,6 +11,7 @@ another error ends the process with a status other than 0. Needs CMake, Ninja an
 from __future__ import annotations
 
 import argparse
+import contextlib
 import copy
 import os
 import subprocess
@@ -116,10 +117,8 @@ def fuzz(examples: int, seed: int) -> int:
         mechanism, rng = ccpin.load(drawn.description), np.random.default_rng(draw)
         if rng.random() < 0.5:
             names = [name for name in mechanism.tree.names if rng.random() < 0.5]
-            try:
+            with contextlib.suppress(ccpin.errors.CcpinError):
                 mechanism = ccpin.load(drawn.description, actuated=names)
-            except ccpin.errors.CcpinError:
-                pass
         numbers = specification(mechanism)
         kernel = Kernel(numbers)
         asked["methods"] += ask_everything(kernel, numbers, rng)
@@ -141,7 +140,7 @@ def fuzz(examples: int, seed: int) -> int:
 
 def ask_everything(kernel: Any, numbers: dict[str, Any], rng: np.random.Generator) -> int:
     """Every method with sound arguments, then with some of them spoilt; returns how many calls that made."""
-    n_q, n, nq, nv = (int(numbers[key]) for key in ("n_q", "n", "nq", "nv"))
+    n_q, n, nv = (int(numbers[key]) for key in ("n_q", "n", "nv"))
     motors = n if numbers["direct"] else len(numbers["motors"])
     near = np.array(numbers["reference"], dtype=np.float64)
     calls = 0
@@ -183,10 +182,8 @@ def _ask_for_runs(kernel: Any, near: np.ndarray, n_q: int, n: int, rng: np.rando
         kernel.simulate(near, law, run, tableau)
         arguments = [copy.deepcopy(each) for each in (law, run, dict(tableau))]
         spoil(arguments[int(rng.integers(3))], rng)
-        try:
+        with contextlib.suppress(ValueError):
             kernel.simulate(near, *arguments)
-        except ValueError:
-            pass
     return 2 * len(TABLEAUX)
 
 
