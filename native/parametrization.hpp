@@ -8,7 +8,7 @@
 namespace ccpin {
 
 constexpr double kContraction = 0.125, kChord = 0.0625, kNoise = 1e-9;
-constexpr double kStill = 1e-3, kNear = 0.5;  // of the inverse of ψ_q′ times the way since it was factorised
+constexpr double kStill = 1e-3;  // of the inverse of ψ_q′ times the way since it was factorised
 constexpr double kLargestMove = 1.0, kShortestStep = 0x1p-30, kOpenStart = 1e-6;
 constexpr int kMaxNewton = 16;
 
@@ -99,7 +99,7 @@ class Parametrization : public Tangent {
       const double size = residuals(c, s, q);
       const bool closed = size <= m.tolerance || (iteration && last <= kNoise && size <= 100 * m.tolerance);
       if (served && closed && !wants_rho_ && inverse * way <= kStill) return true;
-      if (served && !closed && last > kNoise && inverse * way <= kNear) {
+      if (served && !closed && last > kNoise) {
         const double length = newton_step(c, s);
         if (length <= kChord * last && (served == 1 || length * length <= last * m.tolerance)) {
           last = length, way += length, ++served;
@@ -167,7 +167,7 @@ class Parametrization : public Tangent {
     }
     copy_cluster(c, start, here_.data());
     double done = 0, stride = 0.5;
-    bool open;
+    bool open = false;
     while (stride >= kShortestStep) {
       const double ahead = std::min(1.0, done + stride);
       for (int i : c.coordinates) target(m.coordinates[i], q, ahead);
