@@ -21,6 +21,10 @@ def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> No
     parser.add_argument("mechanism", help=what, nargs="?" if optional else None)
     parser.add_argument("--independent", nargs="+", metavar="JOINT", help="independent joints, in the order of q")
     parser.add_argument("--actuated", nargs="+", metavar="JOINT", help="actuated joints, in the order of u")
+    near = "the pose to close near: one of the file's by name, or joint=value … in rad and m"
+    parser.add_argument("--reference", nargs="+", metavar="POSE", help=near)
+    wide = "error of the file's lengths and angles, relative to a loop's size (default 1e-5)"
+    parser.add_argument("--geometry-tolerance", type=float, metavar="PART", help=wide)
     parser.add_argument("--floating-base", action="store_true", help="free the root link")
     parser.add_argument("--format", choices=FORMATS, help="instead of telling it from the content")
     parser.add_argument("--model", metavar="NAME", help="which model of an SDF file, where it holds several")
@@ -35,6 +39,8 @@ def load(options: argparse.Namespace) -> Mechanism:
         options.mechanism,
         independent=options.independent,
         actuated=options.actuated,
+        reference=_pose(options.reference),
+        **({} if options.geometry_tolerance is None else {"geometry_tolerance": options.geometry_tolerance}),
         floating_base=options.floating_base,
         format=options.format,
         model=options.model,
@@ -53,6 +59,26 @@ def _xacro_arguments(written: list[str]) -> dict[str, str]:
     if any(not (name and sign) for name, sign, _ in pairs):
         raise InvalidInputError(f"--xacro-arg takes name:=value, not {' '.join(written)}")
     return {name: value for name, _, value in pairs}
+
+
+def _pose(words: list[str] | None) -> str | dict[str, list[float]] | None:
+    """What --reference states: one name, or joint=value with commas between the numbers of a joint.
+
+    Raises:
+        InvalidInputError: It is neither.
+    """
+    if words is None or (len(words) == 1 and "=" not in words[0]):
+        return words[0] if words else None
+    pose: dict[str, list[float]] = {}
+    for word in words:
+        joint, _, value = word.rpartition("=")
+        try:
+            pose[joint] = [float(number) for number in value.split(",")]
+        except ValueError:
+            joint = ""
+        if not joint:
+            raise InvalidInputError(f"--reference: '{word}' is not joint=value, as in crank=0.5 (rad, m)")
+    return pose
 
 
 def add_vector(parser: argparse.ArgumentParser, name: str, help_text: str) -> None:

@@ -104,6 +104,7 @@ def urdf_description(root: XmlElement) -> MechanismDescription:
             actuated=drive.actuated,
             motors=drive.motors,
             reference=marks.reference,
+            poses=marks.poses,
             source=source,
             notes=(*reader.notes, *drive.notes, *marks.notes, *graph.notes),
         )

@@ -28,6 +28,7 @@ class Marks(NamedTuple):
     independent_is_default: bool
     dependent_hint: tuple[str, ...]
     reference: dict[str, tuple[float, ...]]
+    poses: dict[str, dict[str, tuple[float, ...]]]
     notes: tuple[str, ...] = ()
 
 
@@ -57,6 +58,7 @@ def read_marks(root: XmlElement, joints: Sequence[Joint]) -> Marks:
         independent_is_default=independent is not None and any(name not in marked for name in independent),
         dependent_hint=tuple(hints),
         reference=_reference(root),
+        poses=_poses(root, {joint.name for joint in joints if joint.kind != "fixed"}),
         notes=tuple(notes),
     )
 
@@ -106,3 +108,16 @@ def _reference(root: XmlElement) -> dict[str, tuple[float, ...]]:
         if state.get("name") == "reference"
         for joint in children(state, "joint")
     }
+
+
+def _poses(root: XmlElement, movable: set[str]) -> dict[str, dict[str, tuple[float, ...]]]:
+    """The other named ``<group_state>``s; joints that are fixed or of another robot are left out of them."""
+    poses: dict[str, dict[str, tuple[float, ...]]] = {}
+    for state in children(root, "group_state"):
+        name = state.get("name")
+        if name and name != "reference":
+            stated = {text_attribute(joint, "name"): joint for joint in children(state, "joint")}
+            poses.setdefault(name, {}).update(
+                {joint: numbers(element, "value", None) for joint, element in stated.items() if joint in movable}
+            )
+    return poses

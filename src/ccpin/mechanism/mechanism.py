@@ -16,6 +16,7 @@ from ccpin.arrays import Array, Record, frozen
 from ccpin.description import read_description
 from ccpin.description.checks import check
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
+from ccpin.description.posing import Pose, with_reference
 from ccpin.description.stating import Stated, with_stated
 from ccpin.description.writers import write_description
 from ccpin.errors import (
@@ -35,7 +36,7 @@ from ccpin.mechanism.geometry import changed
 from ccpin.mechanism.mobility import Mobility
 from ccpin.mechanism.physics import JointPhysics, Motors, joint_physics, motors_of
 from ccpin.mechanism.pinocchio import constraint_models
-from ccpin.mechanism.reference import check_independent, how_closed, idle, settle
+from ccpin.mechanism.reference import check_independent, how_closed, how_moved, idle, settle
 from ccpin.mechanism.selection import choose_independent
 
 GEOMETRY_TOLERANCE = 1e-5
@@ -238,6 +239,7 @@ def load(
     couplings: Iterable[Coupling] | None = None,
     independent: Sequence[str] | None = None,
     actuated: Sequence[str] | None = None,
+    reference: Pose | None = None,
     joints: Stated | None = None,
     motors: Stated | None = None,
     floating_base: bool = False,
@@ -259,6 +261,11 @@ def load(
         independent: The independent joints in the order of q; default what the file marks, completed if it marks
             only motors (the completion is among the mechanism's notes).
         actuated: The actuated joints in the order of u; default the file's motors, else the independent joints.
+        reference: A pose near which the loops are to close, which chooses the assembly mode: the name of a keyframe or
+            group_state of the file, or displacements of some joints as ``{"crank": 0.5}`` (a quaternion x, y, z, w of
+            a ball joint); the others stay as in the file. Tried first; after it, where the loops do not close from it
+            within the joint limits, the file's other poses in their order, the neutral pose, the middle of the ranges,
+            and spread starts; `notes` tell which it was, and by how much stated joints had to move.
         joints: What the file lacks or says otherwise of its joints, by name: damping, friction, stiffness and
             spring_reference, armature, effort, velocity, lower, upper (`ccpin.description.Joint`), as in
             ``{"knee": {"damping": 0.1, "stiffness": 5.0}}``.
@@ -292,7 +299,9 @@ def load(
         )
     if joints or motors:
         description = with_stated(description, joints, motors)
-    if description is path or closures or couplings or joints or motors:
+    if reference is not None:
+        description = with_reference(description, reference)
+    if description is path or closures or couplings or joints or motors or reference is not None:
         description = check(
             replace(
                 description,
@@ -342,12 +351,11 @@ def _analysed(
         idle=idle(tree, settled),
         notes=choice.notes,
     )
-    notes = dict.fromkeys(
-        [*description.notes, *choice.notes, *how_closed(settled), *_forces_told(description, tree, choice.actuated)]
-    )
     q_reference = np.empty(tree.model.nq)
     for found in settled:
         q_reference[found.part.q] = found.closed.q_free
+    told = how_moved(tree, description, q_reference) + _forces_told(description, tree, choice.actuated)
+    notes = dict.fromkeys([*description.notes, *choice.notes, *how_closed(settled), *told])
     IndependentCoordinates(tree, choice.actuated, q_reference)  # refuses names that cannot be actuated
     check_independent(settled, choice.independent)
     return Mechanism(description, tree, choice.independent, choice.actuated, q_reference, mobility, tuple(notes))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,22 +25,25 @@ from ccpin.mechanism.independence import Motion
 from ccpin.mechanism.mobility import Tangent, generic_rank, tangent
 from ccpin.mechanism.near import open_by
 from ccpin.mechanism.repair import Repair, Rounded
-from ccpin.mechanism.search import Closed, find_closed
+from ccpin.mechanism.search import Closed, Poses, find_closed
 
 FROM_SINGULAR = "a step away from a singular closed pose"
 STATED = "the stated pose"
 _POOR = 1e-3
+_MOVED = 1e-3
 
 
-def stated_pose(tree: Tree, description: MechanismDescription) -> Array:
-    """The description's reference pose as a configuration (joints it leaves out are neutral).
+def stated_pose(
+    tree: Tree, description: MechanismDescription, pose: Mapping[str, tuple[float, ...]] | None = None
+) -> Array:
+    """A pose, by default the description's reference, as a configuration (joints it leaves out are neutral).
 
     Raises:
         DescriptionError: A value has the wrong number of entries for its joint.
     """
     model = tree.model
     q_free = pin.neutral(model)
-    for name, values in description.reference.items():
+    for name, values in (description.reference if pose is None else pose).items():
         if name not in tree.names:
             continue
         joint = tree.joint(name)
@@ -85,9 +88,11 @@ def settle(tree: Tree, description: MechanismDescription, wanted: Sequence[str],
         LoopNotClosedError: A loop does not close; it carries the whole configuration.
     """
     stated, settled = stated_pose(tree, description), []
+    poses = [(f"the pose '{name}'", stated_pose(tree, description, pose)) for name, pose in description.poses.items()]
     for part in cut(tree, description.closures, description.couplings):
         try:
-            settled.append(_settle(part, stated[part.q], wanted, tolerance))
+            others = [(name, pose[part.q]) for name, pose in poses]
+            settled.append(_settle(part, stated[part.q], others, wanted, tolerance))
         except LoopNotClosedError as error:
             if error.q_free is not None:
                 whole = stated.copy()
@@ -97,17 +102,17 @@ def settle(tree: Tree, description: MechanismDescription, wanted: Sequence[str],
     return settled
 
 
-def _settle(part: Part, stated: Array, wanted: Sequence[str], tolerance: float) -> Settled:
+def _settle(part: Part, stated: Array, poses: Poses, wanted: Sequence[str], tolerance: float) -> Settled:
     constraints = Constraints(part.tree, part.closures, part.couplings)
     nearly = max(TOLERANCE, open_by(constraints, tolerance))
-    closed = find_closed(constraints, stated, nearly)[0]
+    closed = find_closed(constraints, stated, nearly, poses=poses)[0]
     _check_across(constraints, closed.q_free, max(1e-6, 10 * nearly))
     repair = Rounded(part, tolerance).repaired(closed.q_free) if part.closures and tolerance else None
     if repair is not None:
         part, constraints = repair.part, Constraints(repair.part.tree, repair.part.closures, part.couplings)
         closed = closed._replace(q_free=repair.q_free)
     exact = close(constraints, closed.q_free)
-    closed = closed._replace(q_free=exact.q_free) if exact.closed else find_closed(constraints, stated)[0]
+    closed = closed._replace(q_free=exact.q_free) if exact.closed else find_closed(constraints, stated, poses=poses)[0]
     found = Settled(part, constraints, closed, tangent(constraints, closed.q_free), repair)
     regular = found.tangent.rank == min(constraints.size, constraints.model.nv)
     if not regular or found.motion.independence(wanted) < _POOR:
@@ -194,6 +199,25 @@ def check_independent(settled: Sequence[Settled], names: Sequence[str]) -> None:
         tree, q_free = found.part.tree, found.closed.q_free
         own = tuple(name for name in names if tree.split(name)[0] in tree.names)
         Parametrization(found.constraints, IndependentCoordinates(tree, own, q_free), q_free).at(q_free)
+
+
+def how_moved(tree: Tree, description: MechanismDescription, q_reference: Array) -> list[str]:
+    """A sentence saying by how much stated joints had to move to close the loops, the one moved most first."""
+    stated, moved = stated_pose(tree, description), list[tuple[float, str]]()
+    for name in description.reference:
+        if name not in tree.names:
+            continue
+        joint = tree.joint(name)
+        far = np.abs(joint.kind.difference(stated[joint.q], q_reference[joint.q]))
+        most = int(far.argmax())
+        if far[most] > _MOVED:
+            told = f"{far[most]:.3g} m" if joint.kind.slides[most] else f"{np.degrees(far[most]):.3g}°"
+            moved.append((float(far[most]), f"{name} by {told}"))
+    if not moved:
+        return []
+    first = ", ".join(text for _, text in sorted(moved, reverse=True)[:3])
+    more = f" and {len(moved) - 3} more" if len(moved) > 3 else ""
+    return [f"the stated pose was moved to close the loops: {first}{more}"]
 
 
 def how_closed(settled: Sequence[Settled]) -> list[str]:

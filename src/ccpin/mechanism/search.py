@@ -29,9 +29,13 @@ class Closed(NamedTuple):
     within_limits: bool
 
 
-def starts(model: pin.Model, reference: Array, count: int) -> Iterator[tuple[str, Array]]:
-    """Deterministic starting configurations: the file's pose, the neutral pose, mid-range, then spread ones."""
+Poses = Sequence[tuple[str, Array]]
+
+
+def starts(model: pin.Model, reference: Array, poses: Poses, count: int) -> Iterator[tuple[str, Array]]:
+    """Deterministic starting configurations: the stated pose, the file's others, neutral, mid-range, then spread."""
     yield "the stated pose", reference
+    yield from poses
     neutral = pin.neutral(model)
     yield "the neutral pose", neutral
     lower, upper = model.lowerPositionLimit, model.upperPositionLimit
@@ -127,7 +131,7 @@ def moved_within_limits(constraints: Constraints, q_free: Array, tolerance: floa
 
 
 def find_closed(
-    constraints: Constraints, reference: Array, tolerance: float = TOLERANCE, count: int = 40
+    constraints: Constraints, reference: Array, tolerance: float = TOLERANCE, count: int = 40, poses: Poses = ()
 ) -> list[Closed]:
     """Closed configurations from deterministic starts, until one within the limits is found.
 
@@ -139,6 +143,7 @@ def find_closed(
         reference: The stated pose, of shape (nq,).
         tolerance: How far φ may be from zero, about, m and rad.
         count: Number of spread starts.
+        poses: Further poses to start from, each with its name in words.
 
     Returns:
         At least one configuration, best first: the first one within the joint limits, then those outside.
@@ -148,8 +153,8 @@ def find_closed(
     """
     found: list[Closed] = []
     least, least_error, order = reference, np.inf, stages(constraints)
-    left = count + 3
-    for name, start in starts(constraints.model, reference, count):
+    left = count + 3 + len(poses)
+    for name, start in starts(constraints.model, reference, poses, count):
         if not left:
             break
         q_free, is_closed = close_from_afar(constraints, start, tolerance)
@@ -175,9 +180,9 @@ def find_closed(
     errors = {name: float(np.linalg.norm(residual[rows])) for name, rows in constraints.row_slices().items()}
     worst = max(errors, key=lambda name: errors[name])
     message = (
-        f"no closed configuration was found from {count + 3} starts; the least open one leaves loop '{worst}' open by "
-        f'{errors[worst]:.4g} (m or rad). State a pose near a closed one (<group_state name="reference">), or check '
-        "the loop's frames and lengths"
+        f"no closed configuration was found from {count + 3 + len(poses)} starts; the least open one leaves loop "
+        f"'{worst}' open by {errors[worst]:.4g} (m or rad). State a pose near a closed one (load(reference=…)), or "
+        "check the loop's frames and lengths"
     )
     if errors[worst] < _NEARLY:
         message += "; if its numbers are rounded as much as that, pass a larger geometry_tolerance to load"
