@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from ccpin.description.urdf_writer import write_urdf
+from ccpin.description.writers.urdf import write_urdf
 from hypothesis import given, settings
 
 import ccpin

@@ -1,6 +1,6 @@
 """Ask the compiled core what it must refuse, under AddressSanitizer and UndefinedBehaviorSanitizer.
 
-    python scripts/fuzz_native.py [--examples 200] [--seed 0] [--folder build/fuzz]
+    python tests/native/fuzz.py [--examples 200] [--seed 0] [--folder build/fuzz]
 
 Builds the core with both sanitizers into a folder of its own, then runs itself again with their library loaded first:
 random mechanisms, NaN, wrong sizes, singular and unreachable q through every method, and specifications and runs with
@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 FLAGS = "-fsanitize=address,undefined;-fno-sanitize-recover=undefined;-fno-omit-frame-pointer;-O1;-fno-inline"
 FAR = 9.0
 
@@ -35,7 +35,7 @@ def build(folder: Path) -> Path:
     """
     nanobind = subprocess.run([sys.executable, "-m", "nanobind", "--cmake_dir"], capture_output=True, text=True)
     if nanobind.returncode:
-        raise SystemExit("fuzz_native needs nanobind: pip install nanobind cmeel-eigen")
+        raise SystemExit("fuzzing needs nanobind: pip install nanobind cmeel-eigen")
     configure = ["cmake", "-G", "Ninja", "-S", str(ROOT / "native"), "-B", str(folder / "build")]
     configure += ["-DCMAKE_BUILD_TYPE=Debug", f"-DCCPIN_FLAGS={FLAGS}", f"-DPython_EXECUTABLE={sys.executable}"]
     configure += [f"-Dnanobind_DIR={nanobind.stdout.strip()}"]
@@ -43,7 +43,7 @@ def build(folder: Path) -> Path:
         try:
             subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
         except FileNotFoundError:
-            raise SystemExit("fuzz_native needs CMake and Ninja") from None
+            raise SystemExit("fuzzing needs CMake and Ninja") from None
         except subprocess.CalledProcessError:
             raise SystemExit("the core does not build with sanitizers: does the compiler bring libasan?") from None
     package = folder / "package" / "ccpin"
