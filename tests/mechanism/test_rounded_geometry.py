@@ -6,11 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from ccpin.description.writers.urdf import write_urdf
 from hypothesis import given, settings
 
 import ccpin
 from ccpin.description import read_description
+from ccpin.description.writers.urdf import write_urdf
 from ccpin.errors import InvalidInputError, LoopNotClosedError
 from ccpin.kinematics.clusters import cut
 from ccpin.kinematics.points import moved

@@ -134,7 +134,7 @@ def fuzz(examples: int, seed: int) -> int:
             ask_everything(other, spoilt, rng)
 
     one()
-    print(", ".join(f"{count} {name}" for name, count in asked.items()))
+    print(", ".join(f"{count} {name}" for name, count in asked.items()))  # noqa: T201
     return 0
 
 
