@@ -1,43 +1,29 @@
-"""`load` and `Mechanism`: a closed, analysed closed-chain mechanism, immutable and picklable."""
+"""`Mechanism`: a closed, analysed closed-chain mechanism, immutable and picklable."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from html import escape
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
 import pinocchio as pin
 
 from ccpin.arrays import Array, Record, frozen
-from ccpin.description import read_description
-from ccpin.description.checks import check
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
-from ccpin.description.posing import Pose, with_reference
-from ccpin.description.stating import Stated, with_stated
 from ccpin.description.writers import write_description
 from ccpin.errors import (
-    IndependentSetError,
     InvalidInputError,
-    LoopNotClosedError,
-    NoLoopError,
-    SingularConfigurationError,
     UnsupportedMechanismError,
 )
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import Parametrization
-from ccpin.kinematics.tree import Tree, build_tree
-from ccpin.mechanism.from_pinocchio import describe_pinocchio
-from ccpin.mechanism.geometry import changed
+from ccpin.kinematics.tree import Tree
 from ccpin.mechanism.mobility import Mobility
 from ccpin.mechanism.physics import JointPhysics, Motors, joint_physics, motors_of
 from ccpin.mechanism.pinocchio import constraint_models
-from ccpin.mechanism.reference import check_independent, how_closed, how_moved, idle, settle
-from ccpin.mechanism.selection import choose_independent
 
 GEOMETRY_TOLERANCE = 1e-5
 
@@ -230,168 +216,3 @@ def mechanism_of(thing: Mechanism | HasMechanism) -> Mechanism:
     if not isinstance(found, Mechanism):
         raise InvalidInputError(f"a mechanism (`ccpin.load`) or a ReducedModel is needed, not {type(thing).__name__}")
     return found
-
-
-def load(
-    path: str | Path | MechanismDescription | pin.Model,
-    *,
-    closures: Iterable[LoopClosure] | None = None,
-    couplings: Iterable[Coupling] | None = None,
-    independent: Sequence[str] | None = None,
-    actuated: Sequence[str] | None = None,
-    reference: Pose | None = None,
-    joints: Stated | None = None,
-    motors: Stated | None = None,
-    floating_base: bool = False,
-    format: str | None = None,
-    model: str | None = None,
-    include_root: str | Path | None = None,
-    xacro_arguments: Mapping[str, str] | None = None,
-    geometry: pin.GeometryModel | None = None,
-    constraints: Iterable[object] = (),
-    geometry_tolerance: float = GEOMETRY_TOLERANCE,
-) -> Mechanism:
-    """Load a mechanism from a file, an installed model's name, a description or a Pinocchio model.
-
-    Args:
-        path: A file (URDF with loop elements, SDFormat, toolbox-parallel-robots YAML, MJCF), the name of a model that
-            comes with ccpin (``"rpdr"``), a `MechanismDescription`, or a `pinocchio.Model`.
-        closures: Loop closures, in addition to the file's.
-        couplings: Joint couplings, in addition to the file's.
-        independent: The independent joints in the order of q; default what the file marks, completed if it marks
-            only motors (the completion is among the mechanism's notes).
-        actuated: The actuated joints in the order of u; default the file's motors, else the independent joints.
-        reference: A pose near which the loops are to close, which chooses the assembly mode: the name of a keyframe or
-            group_state of the file, or displacements of some joints as ``{"crank": 0.5}`` (a quaternion x, y, z, w of
-            a ball joint); the others stay as in the file. Tried first; after it, where the loops do not close from it
-            within the joint limits, the file's other poses in their order, the neutral pose, the middle of the ranges,
-            and spread starts; `notes` tell which it was, and by how much stated joints had to move.
-        joints: What the file lacks or says otherwise of its joints, by name: damping, friction, stiffness and
-            spring_reference, armature, effort, velocity, lower, upper (`ccpin.description.Joint`), as in
-            ``{"knee": {"damping": 0.1, "stiffness": 5.0}}``.
-        motors: Likewise of the motors, by the joint they drive: gear, lower, upper (`ccpin.description.Motor`).
-        floating_base: Free the root link with a 6-dof joint named ``root_joint``.
-        format: ``"urdf"``, ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` to override detection from the content.
-        model: Which model of an SDFormat file to read, where it holds several.
-        include_root: The folder an SDFormat file may include others from; default its own.
-        xacro_arguments: Values of a xacro file's arguments (the extra ``[xacro]``).
-        geometry: What to draw of a `pinocchio.Model`.
-        constraints: Pinocchio's constraint models that close the loops of a `pinocchio.Model`.
-        geometry_tolerance: Error of the file's lengths and angles, relative to the size of a loop. Rows that are
-            redundant within it are made so by the smallest change of frames (`ccpin.mechanism.repair`), which notes
-            tell; 0 takes every number as exact.
-
-    Raises:
-        DescriptionNotFoundError, InvalidXmlError, DescriptionError: The file is absent, malformed or unsound.
-        NoLoopError: It declares no closure and no coupling.
-        LoopNotClosedError: No closed configuration was found.
-        IndependentSetError: The independent or actuated joints named cannot be used.
-        InvalidInputError: What is stated of joints or motors names none of them, or is no number.
-    """
-    _check_arguments(path, independent, actuated, geometry_tolerance)
-    if isinstance(path, MechanismDescription):
-        description = path
-    elif isinstance(path, pin.Model):
-        description = describe_pinocchio(path, geometry=geometry, constraints=constraints)
-    else:
-        description = read_description(
-            path, format, model=model, include_root=include_root, xacro_arguments=xacro_arguments
-        )
-    if joints or motors:
-        description = with_stated(description, joints, motors)
-    if reference is not None:
-        description = with_reference(description, reference)
-    if description is path or closures or couplings or joints or motors or reference is not None:
-        description = check(
-            replace(
-                description,
-                closures=description.closures + tuple(closures or ()),
-                couplings=description.couplings + tuple(couplings or ()),
-            )
-        )
-    if not description.closures and not description.couplings:
-        raise NoLoopError(_no_loop_message(description), source=description.source)
-    try:
-        mechanism = _analysed(description, floating_base, independent, actuated, geometry_tolerance)
-    except MemoryError:
-        message = f"{description.source or description.name}: {len(description.joints)} joints do not fit into memory"
-        raise UnsupportedMechanismError(message) from None
-    except (IndependentSetError, LoopNotClosedError, SingularConfigurationError, UnsupportedMechanismError) as error:
-        error.args = (f"{description.source or description.name}: {error}",)
-        raise
-    idle = [name for name in motors or () if name not in {motor.joint for motor in mechanism.motors.each}]
-    if idle:
-        driven = ", ".join(mechanism.actuated)
-        raise InvalidInputError(f"motors: joint '{idle[0]}' is not actuated; {driven} are (actuated= chooses)")
-    return mechanism
-
-
-def _analysed(
-    description: MechanismDescription,
-    floating_base: bool,
-    independent: Sequence[str] | None,
-    actuated: Sequence[str] | None,
-    tolerance: float,
-) -> Mechanism:
-    """Close the loops, count the motions, settle who measures and who drives them."""
-    wanted = tuple(independent) if independent is not None else (description.independent or ())
-    tree = build_tree(description, floating_base)
-    settled = settle(tree, description, wanted, tolerance)
-    repairs = [found.repair for found in settled if found.repair is not None]
-    for repair in repairs:
-        description = changed(description, repair.change)
-    tree = build_tree(description, floating_base) if repairs else tree
-    choice = choose_independent(tree, [found.motion for found in settled], description, independent, actuated)
-    rank = sum(found.tangent.rank for found in settled)
-    mobility = Mobility(
-        n_free=int(tree.model.nv),
-        rows=sum(found.constraints.size for found in settled),
-        rank=rank,
-        mobility=int(tree.model.nv) - rank,
-        idle=idle(tree, settled),
-        notes=choice.notes,
-    )
-    q_reference = np.empty(tree.model.nq)
-    for found in settled:
-        q_reference[found.part.q] = found.closed.q_free
-    told = how_moved(tree, description, q_reference) + _forces_told(description, tree, choice.actuated)
-    notes = dict.fromkeys([*description.notes, *choice.notes, *how_closed(settled), *told])
-    IndependentCoordinates(tree, choice.actuated, q_reference)  # refuses names that cannot be actuated
-    check_independent(settled, choice.independent)
-    return Mechanism(description, tree, choice.independent, choice.actuated, q_reference, mobility, tuple(notes))
-
-
-def _forces_told(description: MechanismDescription, tree: Tree, actuated: tuple[str, ...]) -> list[str]:
-    """Notes where joints state dry friction, and where one unit of u is not one N m (or N) on its joint."""
-    told, rubbing = [], [joint.name for joint in tree.joints if joint.stated.friction]
-    if rubbing:
-        told.append(
-            f"dry friction of {', '.join(rubbing)}: `simulate` has it, the smooth equations (dynamics, laws, "
-            "certificates) have not"
-        )
-    geared = [f"{m.gear:g} on {m.joint}" for m in description.motors if m.gear != 1.0 and m.joint in actuated]
-    if geared:
-        told.append(f"u is the motors' own input: one unit is {', '.join(geared)} (N m or N)")
-    return told
-
-
-def _check_arguments(path: object, independent: object, actuated: object, tolerance: object) -> None:
-    if not isinstance(path, str | Path | MechanismDescription | pin.Model):
-        known = "a path, a model's name, a description or a pinocchio.Model"
-        raise InvalidInputError(f"load takes {known}, not {type(path).__name__}")
-    for role, names in (("independent", independent), ("actuated", actuated)):
-        if isinstance(names, str) or (names is not None and not all(isinstance(n, str) for n in names)):  # type: ignore[attr-defined]
-            raise InvalidInputError(f"{role} must be a sequence of joint names, e.g. ['joint1', 'joint2']")
-    if not isinstance(tolerance, float | int) or not 0.0 <= tolerance <= 1e-2:
-        raise InvalidInputError(f"geometry_tolerance is {tolerance}; it must be a number between 0 and 0.01")
-
-
-def _no_loop_message(description: MechanismDescription) -> str:
-    if description.independent is not None and len(description.independent) < len(description.joints):
-        return (
-            'joints are marked dependent (independent="false") but no <loop> or <coupling> says what they depend on; '
-            "add the loops to the file, a robot.yaml beside it, or pass closures="
-        )
-    return (
-        "no loop closure and no coupling is declared, so there is nothing to reduce; add <loop> elements or closures="
-    )
