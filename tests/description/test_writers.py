@@ -64,6 +64,36 @@ def test_what_is_written_reads_back(name, tmp_path):
     assert names == set(models[0].mechanism.pin_model.names)
 
 
+@pytest.mark.parametrize("name", sorted(path.stem for path in MODELS.glob("*.urdf")))
+def test_what_is_written_as_sdf_reads_back(name, tmp_path):
+    """Joints, closures by kind and points, inertias and shapes survive; links may have other names."""
+    before = read_description(name)
+    write_sdf(before, tmp_path / "written.sdf")
+    after = read_description(tmp_path / "written.sdf")
+    held, *joints = after.joints
+    assert (held.kind, held.parent, after.root) == ("fixed", "world", "world")
+    fields = ("name", "kind", "lower", "upper", "effort", "velocity", "armature", "damping", "friction", "stiffness")
+    same_fields(before.joints, joints, fields)
+    for one, other in zip(before.joints, joints, strict=True):
+        np.testing.assert_allclose(other.placement, one.placement, atol=1e-14)
+        np.testing.assert_allclose(other.axis, one.axis, atol=1e-14)
+    same_fields(before.closures, after.closures, ("name", "kind"))
+    for one, other in zip(before.closures, after.closures, strict=True):
+        part = np.s_[:3, 2:] if one.kind == "revolute" else np.s_[:3, 3]
+        np.testing.assert_allclose(other.placement_a[part], one.placement_a[part], atol=1e-12)
+        np.testing.assert_allclose(other.placement_b[part], one.placement_b[part], atol=1e-12)
+    for a, b in zip(before.links, after.links[1:], strict=True):
+        assert b.name in (a.name, f"{a.name}_link")
+        mass = b.inertia.mass
+        assert mass == (a.inertia.mass if a.inertia else 0.0)
+        if mass:
+            np.testing.assert_allclose(b.inertia.com, a.inertia.com, atol=1e-15)
+            np.testing.assert_allclose(b.inertia.rotational, a.inertia.rotational, atol=1e-15)
+        for one, other in zip(a.visuals, b.visuals, strict=True):
+            assert (one.shape.kind, one.shape.size, one.rgba) == (other.shape.kind, other.shape.size, other.rgba)
+            np.testing.assert_allclose(other.placement, one.placement, atol=1e-15)
+
+
 def test_a_linear_coupling_becomes_a_mimic(tmp_path):
     """ratio·spin − turn = 0 written as turn = ratio·spin holds for the mechanism read back."""
     (tmp_path / "gear.urdf").write_text(GEAR)
