@@ -412,3 +412,16 @@ def test_a_free_body_in_sdf_stays_free(tmp_path):
     damped = replace(free, joints=(replace(free.joints[0], damping=1.0), *others))
     with pytest.raises(DescriptionError, match="joint 'shoulder': SDFormat gives a floating joint no"):
         write_sdf(damped, tmp_path / "none.sdf")
+
+
+def test_names_in_sdf_are_unique(tmp_path):
+    """A link gives way to a joint, but takes no other link's name; a joint "world" and "::" are refused."""
+    text = GEAR.replace('"motor"', '"spin"').replace('"wheel"', '"spin_link"')
+    gear = read_description_of(text)
+    write_sdf(gear, tmp_path / "gear.sdf")
+    back = read_description(tmp_path / "gear.sdf")
+    assert [link.name for link in back.links] == ["world", "base", "arm", "spin_2", "spin_link"]
+    for name in ("world", "a::b", "__model__"):
+        other = replace(gear, joints=(replace(gear.joints[0], name=name), *gear.joints[1:]))
+        with pytest.raises(DescriptionError, match=f"'{name}'.*SDFormat keeps"):
+            write_sdf(other, tmp_path / "none.sdf")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain, count
 from pathlib import Path
 
 import numpy as np
@@ -51,9 +52,10 @@ def write_sdf(description: MechanismDescription, path: str | Path) -> None:
     """Write a description as an SDFormat file that Gazebo and `read_description` read.
 
     Displacements are zero where the model is drawn. A joint of SDFormat has one frame, so a loop must be closed there
-    to be closed by a joint. A loop that is open there is written as Drake writes it: by ball and weld constraints,
-    which Gazebo passes over; a revolute closure becomes two balls on its axis, and a distance closure is always
-    Drake's. Rotor inertias are Drake's ``drake:rotor_inertia``. Linear couplings are mimics.
+    to be closed by a joint: that is for Gazebo, and Drake refuses it. A loop that is open there is written by
+    ``drake:`` constraints, which Gazebo passes over; a revolute closure becomes two balls on its axis, and a distance
+    closure is always such a constraint. Drake reads the balls; its parser has no ``weld_constraint`` as yet. Rotor
+    inertias are ``drake:rotor_inertia``. Linear couplings are mimics.
 
     SDFormat has no place for the reference pose (closing starts from the pose drawn; a description that was read can be
     given another with ``dataclasses.replace``), for motors and their gears, for which joints are independent, nor for
@@ -77,8 +79,12 @@ class _Writer:
         self.description = description
         self.model = etree.Element("model", name=description.name, nsmap={"drake": _DRAKE})
         self.poses = zero_poses(description.root, description.joints)
+        self.links = {link.name for link in description.links}
         self.named = {joint.name for joint in description.joints} | {WORLD}
-        for name in (*self.named, *(link.name for link in description.links)):
+        for joint in description.joints:
+            if joint.name == WORLD:
+                raise cannot(description, f"joint '{joint.name}'", "SDFormat keeps this name for itself")
+        for name in (*self.named, *self.links):
             if "::" in name or (name.startswith("__") and name.endswith("__")):
                 raise cannot(description, f"'{name}'", "SDFormat keeps '::' and names between '__' for itself")
         self.names: dict[str, str] = {}
@@ -94,8 +100,9 @@ class _Writer:
 
     def unique(self, name: str, other: str | None = None) -> str:
         """A name that nothing in the model has yet: this one, `other`, or one with a number."""
-        candidates = [name, *([other] if other else []), *(f"{name}_{k}" for k in range(2, len(self.named) + 3))]
-        found = next(candidate for candidate in candidates if candidate not in self.named)
+        candidates = chain([name, other or name], (f"{name}_{k}" for k in count(2)))
+        free = (candidate for candidate in candidates if candidate == name or candidate not in self.links)
+        found = next(candidate for candidate in free if candidate not in self.named)
         self.named.add(found)
         return found
 
