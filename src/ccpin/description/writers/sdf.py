@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from lxml import etree
-from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
 from ccpin.description.graph import PERPENDICULAR, has_force, limited, zero_poses
@@ -20,11 +19,11 @@ from ccpin.description.model import (
     Link,
     LoopClosure,
     MechanismDescription,
-    Visual,
     frame,
     inverse,
 )
-from ccpin.description.writers.xml import cannot, saved, written
+from ccpin.description.writers.sdf_parts import add_axis, add_pose, add_visual, say
+from ccpin.description.writers.xml import cannot, saved
 from ccpin.description.xml import XmlElement
 
 WORLD, MODEL = "world", "__model__"
@@ -32,19 +31,6 @@ GRAVITY = (0.0, 0.0, -9.81)
 CLOSED = 1e-10
 _DRAKE = "drake.mit.edu"
 _TYPES = {"revolute", "continuous", "prismatic", "fixed"}
-_SIZES = {
-    "box": ("size",),
-    "cylinder": ("radius", "length"),
-    "sphere": ("radius",),
-    "capsule": ("radius", "length"),
-    "ellipsoid": ("radii",),
-}
-_FORCES = {
-    "damping": "damping",
-    "friction": "friction",
-    "spring_reference": "spring_reference",
-    "stiffness": "spring_stiffness",
-}
 _CLOSURES = {"spherical": "ball", "revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
 
 
@@ -112,7 +98,7 @@ class _Writer:
         above = root
         if self.description.gravity != GRAVITY:
             above = etree.SubElement(root, "world", name="default")
-            _say(above, "gravity", self.description.gravity)
+            say(above, "gravity", self.description.gravity)
         above.append(self.model)
         by_child = {joint.child: joint for joint in self.description.joints}
         for link in self.description.links:
@@ -134,18 +120,18 @@ class _Writer:
         """A link, where its joint is; a free one where it stands."""
         element = etree.SubElement(self.model, "link", name=self.names[link.name])
         if joint is not None and joint.kind == "floating":
-            _place(element, self.poses[link.name])
+            add_pose(element, self.poses[link.name])
         elif joint is not None:
-            _place(element, IDENTITY, joint.name)
+            add_pose(element, IDENTITY, joint.name)
         inertia = link.inertia or Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
         inertial = etree.SubElement(element, "inertial")
-        _place(inertial, frame(inertia.com))
-        _say(inertial, "mass", inertia.mass)
+        add_pose(inertial, frame(inertia.com))
+        say(inertial, "mass", inertia.mass)
         matrix = etree.SubElement(inertial, "inertia")
         for i, j in zip(*np.triu_indices(3), strict=True):
-            _say(matrix, f"i{'xyz'[i]}{'xyz'[j]}", inertia.rotational[i, j])
+            say(matrix, f"i{'xyz'[i]}{'xyz'[j]}", inertia.rotational[i, j])
         for position, visual in enumerate(link.visuals, start=1):
-            _visual(element, visual, f"visual_{position}")
+            add_visual(element, visual, f"visual_{position}")
 
     def ends(self, kind: str, name: str, parent: str, child: str) -> XmlElement:
         """A joint between two links, named as in the file."""
@@ -169,11 +155,11 @@ class _Writer:
         parent = self.names[joint.parent]
         element = self.ends(kind, joint.name, parent, self.names[joint.child])
         self.joints[joint.name] = element
-        _place(element, joint.placement, MODEL if parent == WORLD else parent)
+        add_pose(element, joint.placement, MODEL if parent == WORLD else parent)
         if kind not in ("ball", "fixed"):
-            _axis(element, joint)
+            add_axis(element, joint)
         if joint.armature:
-            _say(element, f"{{{_DRAKE}}}rotor_inertia", joint.armature)
+            say(element, f"{{{_DRAKE}}}rotor_inertia", joint.armature)
 
     def closure(self, closure: LoopClosure) -> None:
         """A joint between two links where the loop is closed as drawn, else Drake's constraints."""
@@ -217,11 +203,11 @@ class _Writer:
         (parent, placement, first), (child, other, second) = ends
         kind = _CLOSURES.get(closure.kind, "universal")
         element = self.ends(kind, self.unique(closure.name), self.names[parent], self.names[child])
-        _place(element, placement, MODEL if self.names[parent] == WORLD else self.names[parent])
+        add_pose(element, placement, MODEL if self.names[parent] == WORLD else self.names[parent])
         across = (self.poses[parent] @ placement)[:3, :3].T @ (self.poses[child] @ other)[:3, :3]
         axes = {"universal": (np.eye(3)[first], across[:, second]), "ball": (), "fixed": ()}.get(kind, (np.eye(3)[2],))
         for name, axis in zip(("axis", "axis2"), axes, strict=False):
-            _say(etree.SubElement(element, name), "xyz", axis)
+            say(etree.SubElement(element, name), "xyz", axis)
 
     def weld(self, closure: LoopClosure) -> None:
         """Drake's weld of a frame on each of the two links."""
@@ -232,7 +218,7 @@ class _Writer:
             frames.append(self.unique(f"{name}_{side}"))
             on = self.names[link]
             element = etree.SubElement(self.model, "frame", name=frames[-1], attached_to=on)
-            _place(element, place, MODEL if on == WORLD else on)
+            add_pose(element, place, MODEL if on == WORLD else on)
         element = etree.SubElement(self.model, f"{{{_DRAKE}}}weld_constraint", name=name)
         for role, named in zip(("parent", "child"), frames, strict=True):
             etree.SubElement(element, role).text = named
@@ -244,9 +230,9 @@ class _Writer:
         ends = ("A", "AP", closure.link_a, closure.placement_a), ("B", "BQ", closure.link_b, closure.placement_b)
         for body, point, link, place in ends:
             etree.SubElement(element, f"{{{_DRAKE}}}{kind}_body_{body}").text = self.names[link]
-            _say(element, f"{{{_DRAKE}}}{kind}_p_{point}", (place @ along)[:3, 3])
+            say(element, f"{{{_DRAKE}}}{kind}_p_{point}", (place @ along)[:3, 3])
         if closure.length is not None:
-            _say(element, f"{{{_DRAKE}}}{kind}_distance", closure.length)
+            say(element, f"{{{_DRAKE}}}{kind}_distance", closure.length)
 
     def size(self) -> float:
         """A length of the mechanism's own size."""
@@ -265,61 +251,14 @@ class _Writer:
             axis = next(self.joints[own.joint].iterchildren("axis"))
             if axis.find("mimic") is None:
                 mimic = etree.SubElement(axis, "mimic", joint=leader.joint, axis="axis")
-                _say(mimic, "multiplier", -d1 / c1)
-                _say(mimic, "offset", own.reference - (c0 + d0) / c1)
-                _say(mimic, "reference", leader.reference)
+                say(mimic, "multiplier", -d1 / c1)
+                say(mimic, "offset", own.reference - (c0 + d0) / c1)
+                say(mimic, "reference", leader.reference)
                 return
         raise cannot(self.description, where, "both its joints mimic another already, and SDFormat's mimic one at most")
-
-
-def _axis(joint_element: XmlElement, joint: Joint) -> None:
-    """The axis of a joint with one displacement, its limits and its forces."""
-    axis = etree.SubElement(joint_element, "axis")
-    _say(axis, "xyz", joint.axis)
-    bounds = {name: getattr(joint, name) for name in ("lower", "upper", "effort", "velocity")}
-    bounds = {name: value for name, value in bounds.items() if np.isfinite(value)}
-    forces = {word: getattr(joint, field) for field, word in _FORCES.items() if getattr(joint, field)}
-    for part, said in (("limit", bounds), ("dynamics", forces)):
-        if said:
-            element = etree.SubElement(axis, part)
-            for name, value in said.items():
-                _say(element, name, value)
-
-
-def _visual(link: XmlElement, visual: Visual, name: str) -> None:
-    """A shape that is seen."""
-    element = etree.SubElement(link, "visual", name=name)
-    _place(element, visual.placement)
-    shape = visual.shape
-    drawn = etree.SubElement(etree.SubElement(element, "geometry"), shape.kind)
-    if shape.kind == "mesh":
-        etree.SubElement(drawn, "uri").text = shape.mesh
-        _say(drawn, "scale", shape.size)
-    else:
-        parts = _SIZES[shape.kind]
-        for part, size in zip(parts, np.split(np.array(shape.size), len(parts)), strict=True):
-            _say(drawn, part, size)
-    _say(etree.SubElement(element, "material"), "diffuse", visual.rgba)
 
 
 def _linear(term: CouplingTerm) -> tuple[float, float] | None:
     """A term's constant and slope, or ``None`` where it is no line that rises or falls."""
     c0, c1, *rest = (*term.coefficients, 0.0, 0.0)
     return None if any(rest) or not c1 else (float(c0), float(c1))
-
-
-def _say(above: XmlElement, name: str, values: object) -> None:
-    """A child element whose text is a number or numbers."""
-    etree.SubElement(above, name).text = written(values)
-
-
-def _place(above: XmlElement, placement: Array, relative_to: str | None = None) -> None:
-    """A <pose>, as a quaternion where it turns: angles lose digits near ±90° of pitch."""
-    turned = not np.array_equal(placement[:3, :3], np.eye(3))
-    if not turned and not np.any(placement[:3, 3]) and relative_to is None:
-        return
-    said = {} if relative_to is None else {"relative_to": relative_to}
-    if turned:
-        said["rotation_format"] = "quat_xyzw"
-    angles = Rotation.from_matrix(placement[:3, :3]).as_quat() if turned else np.zeros(3)
-    etree.SubElement(above, "pose", said).text = written([*placement[:3, 3], *angles])
