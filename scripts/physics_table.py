@@ -119,7 +119,12 @@ ELEMENTS = (
     Element("spring and damper by their period", None, ("joint", 'springdamper="1 1"')),
     Element("forces switched off by a flag", None, ("head", '<option><flag actuation="disable"/></option>')),
     Element("bushing", ("root", '<drake:linear_bushing_rpy name="x"/>'), None, ("root", "<drake:linear_bushing_rpy/>")),
-    Element("rotor inertia", ("root", transmission('<drake:rotor_inertia value="1"/>')), ("joint", 'armature="1"')),
+    Element(
+        "rotor inertia",
+        ("root", transmission('<drake:rotor_inertia value="1"/>')),
+        ("joint", 'armature="1"'),
+        ("beside", '<drake:rotor_inertia xmlns:drake="drake.mit.edu">1</drake:rotor_inertia>'),
+    ),
     Element("rotor inertia and damping of an actuator", None, ("motor", 'armature="1" damping="2"')),
     Element(
         "motor",

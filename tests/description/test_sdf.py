@@ -615,6 +615,16 @@ class TestDrake:
         with pytest.raises(DescriptionError, match="must be positive"):
             read(model(four_bar_links(), *FOUR_BAR_JOINTS[:3], text.replace("0.4<", "0<")))
 
+    def test_rotor_inertia(self):
+        """Times the gear ratio squared, of a joint with one axis; a negative one is refused."""
+        said = "<drake:rotor_inertia>0.5</drake:rotor_inertia><drake:gear_ratio>3</drake:gear_ratio></joint>"
+        text = model(four_bar_links(), FOUR_BAR_JOINTS[0].replace("</joint>", said), *FOUR_BAR_JOINTS[1:])
+        description = read(text)
+        assert [joint.armature for joint in description.joints if joint.armature] == [4.5]
+        assert not any("drake" in note for note in description.notes)
+        with pytest.raises(DescriptionError, match="must not be negative"):
+            read(text.replace("0.5</drake", "-0.5</drake"))
+
     def test_elements_of_other_namespaces_are_not_sdformats(self):
         """drake:joint is no <joint>: it is noted."""
         text = model(four_bar_links(), *FOUR_BAR_JOINTS, '<drake:joint name="A" type="planar"/>')

@@ -12,9 +12,9 @@ from ccpin.description.writers import FORMATS
 
 def add_convert(commands: Any) -> None:
     """The command and its options."""
-    parser = commands.add_parser("convert", help="write the mechanism as URDF+, MJCF or a toolbox robot.yaml")
+    parser = commands.add_parser("convert", help="write the mechanism as URDF+, SDFormat, MJCF or a toolbox robot.yaml")
     add_mechanism(parser)
-    parser.add_argument("--out", required=True, metavar="FILE", help="the file to write; .urdf, .xml or .yaml")
+    parser.add_argument("--out", required=True, metavar="FILE", help="the file to write; .urdf, .sdf, .xml or .yaml")
     parser.add_argument("--to", choices=FORMATS, help="the format, where the suffix does not tell it")
     parser.set_defaults(run=_convert)
 

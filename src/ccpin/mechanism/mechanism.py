@@ -127,8 +127,9 @@ class Mechanism(Record):
         """Write the mechanism to a file, with the independent and actuated joints and the reference chosen here.
 
         Args:
-            path: The file; its suffix tells the format where `format` does not (.urdf, .xml, .yaml).
-            format: ``"urdf"`` (with URDF+ loops), ``"mjcf"`` or ``"toolbox"`` (robot.yaml with its robot.urdf).
+            path: The file; its suffix tells the format where `format` does not (.urdf, .sdf, .xml, .yaml).
+            format: ``"urdf"`` (with URDF+ loops), ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (robot.yaml with
+                robot.urdf).
 
         Raises:
             InvalidInputError: The format is none of these, or the file cannot be written.

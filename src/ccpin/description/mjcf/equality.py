@@ -10,16 +10,16 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.description.closing_frames import closing_pairs
+from ccpin.description.hinges import make_hinges
 from ccpin.description.mjcf.defaults import MAIN, Defaults
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.joints import Names, WorldBody
 from ccpin.description.mjcf.schema import WORLD
-from ccpin.description.model import Coupling, CouplingTerm, LoopClosure, frame, rotation_to
+from ccpin.description.model import Coupling, CouplingTerm, LoopClosure, frame
 from ccpin.description.xml import ZERO, XmlElement, fail
 
 _KINDS: dict[str, str] = {"connect": "spherical", "weld": "fixed"}
 _LEFT_OUT = ("tendon", "flex", "flexvert", "flexstrain", "distance")
-_APART, _ROUNDED = 1e-4, 1e-4  # metres between two points of a hinge; share by which rounding may change that
 _POLYNOMIAL = (0.0, 1.0, 0.0, 0.0, 0.0)
 
 
@@ -59,41 +59,11 @@ def read_equalities(sections: Iterable[XmlElement], tree: WorldBody, defaults: D
             found.dependent.append(constraint.terms[0].joint)
         else:
             found.closures.append(constraint)
-    _make_hinges(found)
+    make_hinges(found.closures, found.notes, "connects")
     if not found.closures:
         sites = {name: (site.body, site.placement) for name, site in tree.sites.items() if name}
         found.closures.extend(closing_pairs(sites, found.notes))
     return found
-
-
-def _make_hinges(found: Equalities) -> None:
-    """Replace two connects of the same two bodies by the hinge they make, about the line through their points.
-
-    Its sixth row, the points' distance, is the same number in both bodies, so it is redundant where the file states
-    it exactly and contradicts the others where it is rounded (onshape-to-robot writes six digits): it is dropped.
-    """
-    connects: dict[tuple[str, str], list[LoopClosure]] = {}
-    for closure in found.closures:
-        if closure.kind == "spherical":
-            connects.setdefault((closure.link_a, closure.link_b), []).append(closure)
-    for pair in connects.values():
-        lines = [other - first for first, other in zip(_points(pair[0]), _points(pair[-1]), strict=True)]
-        lengths = [float(np.linalg.norm(line)) for line in lines]
-        if len(pair) != 2 or min(lengths) < _APART or abs(lengths[0] - lengths[1]) > _ROUNDED * lengths[0]:
-            continue
-        first, second = pair
-        a, b = (
-            frame(point, rotation_to(line / length))
-            for point, line, length in zip(_points(first), lines, lengths, strict=True)
-        )
-        hinge = LoopClosure(first.name, "revolute", first.link_a, first.link_b, a, b)
-        found.closures[found.closures.index(first)] = hinge
-        found.closures.remove(second)
-        found.notes.append(f"The connects '{first.name}' and '{second.name}' of the same bodies are read as a hinge.")
-
-
-def _points(closure: LoopClosure) -> tuple[Array, Array]:
-    return closure.placement_a[:3, 3], closure.placement_b[:3, 3]
 
 
 def _closure(said: Element, name: str, tree: WorldBody) -> LoopClosure:

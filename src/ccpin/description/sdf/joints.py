@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from ccpin.arrays import Array
 from ccpin.description.graph import Connection
 from ccpin.description.model import Coupling, CouplingTerm, Joint
 from ccpin.description.sdf.values import first, flag, limit, number, numbers, own, required, text, unread, version
-from ccpin.description.xml import XmlElement, fail, text_attribute
+from ccpin.description.xml import XmlElement, fail, tag, text_attribute
 
 JOINT = (
     *("parent", "child", "pose", "axis", "axis2", "physics", "sensor", "gearbox_ratio", "gearbox_reference_body"),
@@ -22,6 +22,7 @@ JOINT = (
 AXIS = ("xyz", "dynamics", "limit", "mimic", "initial_position", "use_parent_model_frame")
 DYNAMICS = ("damping", "friction", "spring_reference", "spring_stiffness")
 LIMIT = ("lower", "upper", "effort", "velocity", "stiffness", "dissipation")
+DRAKE = ("drake:rotor_inertia", "drake:gear_ratio")
 TYPES = ("revolute", "continuous", "prismatic", "ball", "universal", "revolute2", "screw", "gearbox", "fixed")
 _SOFT = ("cfm", "erp", "suspension", "max_force", "velocity", "fudge_factor", "bounce")
 _Z = np.array([0.0, 0.0, 1.0])
@@ -81,7 +82,9 @@ def read_steps(element: XmlElement, name: str, frames: Frames, found: Joints) ->
     A universal joint and a revolute2 turn about `axis`, then about `axis2`; a screw turns and slides along `axis`.
     """
     kind = joint_type(element)
-    found.notes += [f"joint '{name}': <{stranger}> is not read" for stranger in unread(element, JOINT)]
+    one_axis = kind in ("revolute", "continuous", "prismatic")
+    strangers = [word for word in unread(element, JOINT) if not (one_axis and word in DRAKE)]
+    found.notes += [f"joint '{name}': <{stranger}> is not read" for stranger in strangers]
     _note_softness(element, name, found)
     if kind in ("ball", "fixed"):
         if kind == "ball" and first(first(element, "axis"), "dynamics") is not None:
@@ -104,7 +107,18 @@ def read_steps(element: XmlElement, name: str, frames: Frames, found: Joints) ->
         terms = CouplingTerm(slide.name, (0.0, 1.0)), CouplingTerm(name, (0.0, -_lead(element)))
         found.couplings.append(Coupling(f"{name}.thread", terms))
         return turn, slide
-    return (_step(element, "axis", name, kind, frames, found),)
+    return (replace(_step(element, "axis", name, kind, frames, found), armature=_reflected(element)),)
+
+
+def _reflected(element: XmlElement) -> float:
+    """The rotor's inertia times the gear ratio squared, which Drake adds to joints of one axis."""
+    said = {f"{child.prefix}:{tag(child)}": child for child in element.iterchildren("*")}
+    rotor, ratio = (
+        float(numbers(said[word], 1)[0]) if word in said else k for word, k in zip(DRAKE, (0.0, 1.0), strict=True)
+    )
+    if rotor < 0:
+        raise fail(element, "<drake:rotor_inertia> must not be negative")
+    return rotor * ratio**2
 
 
 def _note_softness(element: XmlElement, name: str, found: Joints) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from ccpin.description.checks import check
 from ccpin.description.closing_frames import closing_pairs
 from ccpin.description.graph import Parts, as_loop, as_tree, loop_notes, span
+from ccpin.description.hinges import make_hinges
 from ccpin.description.model import IDENTITY, Coupling, Joint, Link, LoopClosure, MechanismDescription, inverse
 from ccpin.description.sdf.bodies import Bodies
 from ccpin.description.sdf.constraints import drake_closures
@@ -123,7 +124,8 @@ class _Model:
         joints = (*mounts, *(joint for part in parts for joint in part.joints))
         gears = tuple(gear_coupling(gear, joints, self.poses) for gear in self.joints.gearboxes)
         couplings = (*self.joints.couplings, *gears, *mimics)
-        stated = tuple(c for inner in self.scope.inside() for c in drake_closures(inner, self.notes))
+        stated = [c for inner in self.scope.inside() for c in drake_closures(inner, self.notes)]
+        make_hinges(stated, self.notes, "balls")
         between = (link for part in parts for link in part.links)
         return check(
             MechanismDescription(

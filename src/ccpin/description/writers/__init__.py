@@ -8,8 +8,15 @@ from pathlib import Path
 from ccpin.description.model import MechanismDescription
 from ccpin.errors import InvalidInputError
 
-FORMATS = ("urdf", "mjcf", "toolbox")
-_SUFFIXES = {".urdf": "urdf", ".xml": "mjcf", ".mjcf": "mjcf", ".yaml": "toolbox", ".yml": "toolbox"}
+FORMATS = ("urdf", "sdf", "mjcf", "toolbox")
+_SUFFIXES = {
+    ".urdf": "urdf",
+    ".sdf": "sdf",
+    ".xml": "mjcf",
+    ".mjcf": "mjcf",
+    ".yaml": "toolbox",
+    ".yml": "toolbox",
+}
 
 
 def write_description(description: MechanismDescription, path: str | Path, format: str | None = None) -> None:
@@ -17,8 +24,8 @@ def write_description(description: MechanismDescription, path: str | Path, forma
 
     Args:
         description: What to write.
-        path: The file; its suffix tells the format where `format` does not (.urdf, .xml, .yaml).
-        format: ``"urdf"`` (with URDF+ loops), ``"mjcf"`` or ``"toolbox"`` (robot.yaml with its robot.urdf).
+        path: The file; its suffix tells the format where `format` does not (.urdf, .sdf, .xml, .yaml).
+        format: ``"urdf"`` (with URDF+ loops), ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (robot.yaml with its robot.urdf).
 
     Raises:
         InvalidInputError: The format is none of these, or the file cannot be written.
@@ -34,7 +41,8 @@ def write_description(description: MechanismDescription, path: str | Path, forma
 
 def _writers() -> dict[str, Callable[[MechanismDescription, str | Path], None]]:
     from ccpin.description.writers.mjcf import write_mjcf
+    from ccpin.description.writers.sdf import write_sdf
     from ccpin.description.writers.toolbox import write_toolbox
     from ccpin.description.writers.urdf import write_urdf
 
-    return {"urdf": write_urdf, "mjcf": write_mjcf, "toolbox": write_toolbox}
+    return {"urdf": write_urdf, "sdf": write_sdf, "mjcf": write_mjcf, "toolbox": write_toolbox}
