@@ -117,7 +117,7 @@ MALFORMED = {
             '<body name="a"><joint/><geom type="mesh" mesh="m"/></body>',
             head='<asset><mesh name="m" file="m.stl"/></asset>',
         ),
-        "body 'a'",
+        "no such file",
     ),
     "unknown material": (body('<geom size="1" material="m"/>'), "material 'm'"),
     "negative mass": (body('<inertial pos="0 0 0" mass="-1" diaginertia="1 1 1"/>'), "negative"),
