@@ -22,11 +22,11 @@ from ccpin.description.mjcf.inertia import scaled_to_total
 from ccpin.description.mjcf.joints import WorldBody
 from ccpin.description.mjcf.keyframes import read_keyframes
 from ccpin.description.mjcf.schema import ATTRIBUTES, SECTIONS, WORLD
+from ccpin.description.mjcf.tendons import left_out, read_tendons
 from ccpin.description.model import Joint, MechanismDescription
 from ccpin.description.xml import XmlElement, fail, parse_xml, source_of
 
 _UNMODELLED = {
-    "tendon": "The tendons are left out: ccpin does not model them.",
     "contact": "The contact section is left out: ccpin does not model contacts.",
     "deformable": "The deformable bodies are left out: ccpin models rigid bodies only.",
 }
@@ -39,8 +39,9 @@ def read_mjcf(text: bytes, source: str | None) -> MechanismDescription:
     The reference pose is that of the keyframe "reference" where there is one, else qpos0; all keyframes are poses.
 
     A body's link keeps the body's name and frame. Several joints in one body become a chain of massless links;
-    connect becomes a spherical closure, weld a fixed one, joint a coupling; actuators become motors. What has no
-    counterpart here (contacts, tendons, servo loops, inactive equalities) is listed in the notes.
+    connect becomes a spherical closure, weld a fixed one, joint a coupling, and so does tendon between fixed tendons;
+    actuators become motors. What has no counterpart here (contacts, other tendons, servo loops, inactive equalities)
+    is listed in the notes.
 
     Args:
         text: The file's content.
@@ -65,11 +66,14 @@ def mjcf_description(root: XmlElement) -> MechanismDescription:
     assets = read_assets(sections["asset"], defaults, compiler)
     tree = TreeReader(sections["worldbody"], defaults, compiler, assets).read()
     options = _options(sections["option"])
-    equalities = read_equalities(sections["equality"], tree, defaults)
+    tendons = read_tendons(sections["tendon"], tree)
+    equalities = read_equalities(sections["equality"], tree, defaults, tendons)
     if "equality" in options.disabled:
         equalities = Equalities(notes=["The equalities are left out: the file disables them (flag equality)."])
     actuators = read_actuators(sections["actuator"], tree, defaults, compiler.autolimits)
     notes = [note for name, note in _UNMODELLED.items() if any(len(section) for section in sections[name])]
+    if left_out(sections["tendon"], defaults, frozenset(equalities.tendons)):
+        notes.append("The tendons are left out, but for equalities of fixed ones: ccpin does not model them.")
     if any(xml.get("solref") or xml.get("solimp") for part in root.iter("equality") for xml in part.iter()):
         notes.append("The softness of constraints (solref, solimp) is left out: closures and couplings hold exactly.")
     notes += [*options.notes, *actuators.notes]
