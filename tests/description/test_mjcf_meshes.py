@@ -128,3 +128,11 @@ def test_a_flat_mesh_has_no_volume_but_a_shell(tmp_path: Path) -> None:
     assert inertia is not None
     assert inertia.mass == pytest.approx(1000.0)
     np.testing.assert_allclose(np.linalg.eigvalsh(inertia.rotational), 1000.0 / np.array([12.0, 12.0, 6.0]), rtol=1e-9)
+
+
+def test_a_name_no_file_can_have_is_no_file(tmp_path: Path) -> None:
+    """An overlong file name is our error, not the operating system's."""
+    main = _files(tmp_path, MESHES["ball"], "stl", "", "")
+    text = main.read_text().replace('file="m.stl"', f'name="m" file="{"x" * 400}.stl"')
+    with pytest.raises(DescriptionError, match="no such file"):
+        read_mjcf(text.encode(), str(main))

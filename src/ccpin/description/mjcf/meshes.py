@@ -84,7 +84,7 @@ class MeshAsset:
         file = Path(self.file)
         if file.suffix.lower() not in _READABLE:
             raise self._fail(f"its inertia can be read from {' and '.join(_READABLE)} files only")
-        if not file.is_file():
+        if not _is_file(file):
             raise self._fail("there is no such file")
         try:
             if file.stat().st_size > _LARGEST:
@@ -104,7 +104,7 @@ class MeshAsset:
         return (corners[:, ::-1] if np.linalg.det(self.matrix) < 0.0 else corners), closed
 
     def _fail(self, reason: str) -> Exception:
-        return self.said.fail(f"mesh '{Path(self.file).name}': {reason}; or give the body an <inertial> element")
+        return self.said.fail(f"mesh {Path(self.file).name[:120]!r}: {reason}; or give the body an <inertial> element")
 
 
 def read_mesh(said: Element, file: str, compiler: Compiler) -> MeshAsset:
@@ -122,10 +122,18 @@ def read_mesh(said: Element, file: str, compiler: Compiler) -> MeshAsset:
     rigid = bool(np.all(scale == scale[0]) or np.allclose(turn, np.eye(3), atol=1e-12, rtol=0.0))
     return MeshAsset(
         said=said,
-        file=str(found.resolve()) if found.is_file() else file,
+        file=str(found.resolve()) if _is_file(found) else file,
         scale=tuple(scale.tolist()),
         placement=frame(shift, turn) if rigid else None,
         matrix=np.diag(scale) @ turn,
         shift=shift,
         way=said.choice("inertia", _WAYS, "legacy"),
     )
+
+
+def _is_file(path: Path) -> bool:
+    """Whether there is such a file; a name that no file can have is none."""
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
