@@ -136,3 +136,14 @@ def test_a_name_no_file_can_have_is_no_file(tmp_path: Path) -> None:
     text = main.read_text().replace('file="m.stl"', f'name="m" file="{"x" * 400}.stl"')
     with pytest.raises(DescriptionError, match="no such file"):
         read_mjcf(text.encode(), str(main))
+
+
+def test_older_files_ask_for_exact_inertias_of_all_meshes(tmp_path: Path) -> None:
+    """The compiler's exactmeshinertia, which MuJoCo had before the mesh's own word, means inertia exact."""
+    main = _files(tmp_path, MESHES["bracket"], "stl", 'inertia="exact"', "")
+    old = (
+        main.read_text()
+        .replace(' inertia="exact"', "")
+        .replace("<asset>", '<compiler exactmeshinertia="true"/><asset>')
+    )
+    _agrees(read_mjcf(old.encode(), str(main)).links[1].inertia, main)

@@ -127,7 +127,7 @@ def read_mesh(said: Element, file: str, compiler: Compiler) -> MeshAsset:
         placement=frame(shift, turn) if rigid else None,
         matrix=np.diag(scale) @ turn,
         shift=shift,
-        way=said.choice("inertia", _WAYS, "legacy"),
+        way=said.choice("inertia", _WAYS, compiler.mesh_inertia),
     )
 
 
