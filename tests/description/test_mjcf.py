@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
 from ccpin.description import Joint, MechanismDescription
+from ccpin.errors import DescriptionError
 from tests.support.mjcf_files import ALL, BALL, PAIR, SAMPLES, model, read
 
 mujoco = pytest.importorskip("mujoco")
@@ -139,12 +140,81 @@ def test_couplings_are_mujocos_polynomials() -> None:
     assert pair.description.dependent_hint == ("j", "l", "k")
 
 
+def test_tendon_equalities_are_mujocos_residuals() -> None:
+    """Fixed tendons' equalities at a random qpos are MuJoCo's efc_pos: sums, one alone, shared joints, a quartic."""
+    bodies = "".join(
+        f'<body name="b{name}"><joint name="{name}" ref="{ref}" type="{kind}"/>{BALL}</body>'
+        for name, ref, kind in (("i", 20, "hinge"), ("j", -30, "hinge"), ("k", 0.2, "slide"), ("l", 0, "hinge"))
+    )
+    tendons = (
+        '<fixed name="s"><joint joint="i" coef="2"/><joint joint="k" coef="-0.5"/></fixed>'
+        '<fixed name="t"><joint joint="j" coef="0.7"/><joint joint="i" coef="0.4"/></fixed>'
+        '<fixed name="u"><joint joint="l" coef="-3"/></fixed>'
+    )
+    text = model(
+        bodies,
+        equality='<tendon name="sums" tendon1="s" tendon2="t" polycoef="0.1 0.2"/><tendon tendon1="s"/>'
+        '<tendon name="held" tendon1="t" polycoef="0.3 5"/>'
+        '<tendon tendon1="t" tendon2="u" polycoef="0.1 0.2 0.3 0.4 0.5"/><tendon tendon1="u" tendon2="t"/>',
+        tail=f"<tendon>{tendons}</tendon>",
+    )
+    pair = Pair(text)
+    couplings = pair.description.couplings
+    assert [coupling.name for coupling in couplings] == ["sums", "tendon_2", "held", "tendon_4", "tendon_5"]
+    for row, coupling in enumerate(couplings):
+        value = sum(
+            np.polynomial.polynomial.polyval(pair.displacement[term.joint][0] - term.reference, term.coefficients)
+            for term in coupling.terms
+        )
+        assert value == pytest.approx(pair.data.efc_pos[row], abs=1e-9)
+    assert not any("tendon" in note for note in pair.description.notes)
+
+
+def test_what_no_coupling_can_say_of_tendons_becomes_a_note() -> None:
+    """A square of a sum of joints is left out by name; a tendon's spring is told where its equality is read."""
+    parts = '<joint joint="ja" coef="1"/><joint joint="jb" coef="2"/>'
+    tail = f'<tendon><fixed name="s">{parts}</fixed><fixed name="t"><joint joint="ja" coef="1"/></fixed></tendon>'
+    square = '<tendon name="e" tendon1="t" tendon2="s" polycoef="0 1 0.5"/>'
+    description = read(model(PAIR, equality=square, tail=tail))
+    assert description.couplings == ()
+    assert any("'e'" in note and "degree" in note for note in description.notes)
+    line = '<tendon name="e" tendon1="t" tendon2="s"/>'
+    assert not read(model(PAIR, equality=line, tail=tail)).notes
+    head = '<default><tendon stiffness="3"/></default>'
+    assert any("tendons are left out" in note for note in read(model(PAIR, equality=line, tail=tail, head=head)).notes)
+
+
+SIDE = '<joint joint="ja" coef="1"/>'
+
+
+@pytest.mark.parametrize(
+    ("tendon", "equality", "matter"),
+    [
+        (f'<fixed name="t">{SIDE}</fixed>', 'tendon1="u"', "no tendon 'u'"),
+        ('<fixed name="t"><joint joint="jx" coef="1"/></fixed>', 'tendon1="t"', "no joint 'jx'"),
+        ('<fixed name="t"><joint joint="ja" coeff="1"/></fixed>', 'tendon1="t"', "coeff"),
+        ('<fixed name="t"><joint joint="ja" coef="x"/></fixed>', 'tendon1="t"', "coef"),
+        ('<fixed name="t"><joint joint="ja"/></fixed>', 'tendon1="t"', "coef"),
+        ('<fixed name="t"/>', 'tendon1="t"', "coef"),
+        (f'<fixed name="t">{2 * SIDE}</fixed>', 'tendon1="t"', "comes twice"),
+        (f'<fixed name="t">{SIDE}</fixed>', 'tendon1="t" tendon2="t"', "to itself"),
+        (f'<fixed name="t">{SIDE}</fixed>', 'tendon1="t" polycoeff="1"', "polycoeff"),
+        (f'<fixed name="t">{SIDE}</fixed>' * 2, 'tendon1="t"', "used twice"),
+    ],
+)
+def test_wrong_tendons_are_refused_by_name(tendon: str, equality: str, matter: str) -> None:
+    """Names that do not exist, misspelt attributes and empty sums are errors."""
+    with pytest.raises(DescriptionError, match=matter):
+        read(model(PAIR, equality=f"<tendon {equality}/>", tail=f"<tendon>{tendon}</tendon>"))
+
+
 def test_inactive_and_unsupported_constraints_become_notes() -> None:
     """An inactive constraint, a tendon and a spring stated by its period are named in the notes and left out."""
     text = model(
-        PAIR.replace('name="ja"', 'name="ja" springdamper="1 2"'),
+        PAIR.replace('name="ja"', 'name="ja" springdamper="1 2"').replace("</body>", '<site name="s"/></body>', 1)
+        + '<site name="w" pos="1 2 3"/>',
         equality='<connect name="open" body1="a" anchor="0 0 0" active="false"/><weld body1="a"/><tendon tendon1="t"/>',
-        tail='<tendon><fixed name="t"><joint joint="ja" coef="1"/></fixed></tendon>',
+        tail='<tendon><spatial name="t"><site site="s"/><site site="w"/></spatial></tendon>',
     )
     mujoco.MjModel.from_xml_string(text)
     description = read(text)

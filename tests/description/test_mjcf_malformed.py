@@ -6,6 +6,9 @@ from pathlib import Path
 
 import pytest
 
+import ccpin
+from ccpin import cli
+from ccpin.description import read_description
 from ccpin.description.mjcf.reader import read_mjcf
 from ccpin.errors import DescriptionError, InvalidXmlError
 from tests.support.mjcf_files import BALL, PAIR, model, read
@@ -33,6 +36,7 @@ def test_includes_are_read_from_the_models_folder(tmp_path: Path) -> None:
         ("main.xml", "twice"),
         ("empty.xml", "nothing"),
         ("", "required"),
+        ("x" * 300, "no "),
     ],
 )
 def test_bad_includes_are_refused(tmp_path: Path, file: str, reason: str) -> None:
@@ -45,6 +49,29 @@ def test_bad_includes_are_refused(tmp_path: Path, file: str, reason: str) -> Non
     main.write_text(model(f'<include file="{file}"/>'))
     with pytest.raises(DescriptionError, match=reason):
         read_mjcf(main.read_bytes(), str(main))
+
+
+def test_an_include_root_allows_what_lies_below_it(tmp_path: Path) -> None:
+    """A library's files include each other by ../ where its folder is named, in Python and on the command line."""
+    for folder in ("library/robot", "library/common"):
+        (tmp_path / folder).mkdir(parents=True)
+    pair = f'<mujoco>{PAIR}<include file="../common/more.xml"/></mujoco>'
+    (tmp_path / "library" / "common" / "pair.xml").write_text(pair)
+    (tmp_path / "library" / "common" / "more.xml").write_text(f'<mujoco><body name="c">{BALL}</body></mujoco>')
+    (tmp_path / "secret.xml").write_text(pair)
+    main = tmp_path / "library" / "robot" / "main.xml"
+    main.write_text(model('<include file="../common/pair.xml"/>', equality='<joint joint1="ja" joint2="jb"/>'))
+    mujoco = pytest.importorskip("mujoco")
+    compiled = mujoco.MjModel.from_xml_path(str(main))
+    with pytest.raises(DescriptionError, match="include_root"):
+        read_description(main)
+    description = read_description(main, include_root=tmp_path / "library")
+    assert [link.name for link in description.links] == [compiled.body(k).name for k in range(compiled.nbody)]
+    assert ccpin.load(main, include_root=tmp_path / "library").n == 1
+    assert cli.main(["info", str(main), "--include-root", str(tmp_path / "library")]) == 0
+    main.write_text(model('<include file="../../secret.xml"/>'))
+    with pytest.raises(DescriptionError, match="outside library/"):
+        read_description(main, include_root=tmp_path / "library")
 
 
 def test_includes_need_a_file() -> None:
@@ -117,7 +144,7 @@ MALFORMED = {
             '<body name="a"><joint/><geom type="mesh" mesh="m"/></body>',
             head='<asset><mesh name="m" file="m.stl"/></asset>',
         ),
-        "body 'a'",
+        "no such file",
     ),
     "unknown material": (body('<geom size="1" material="m"/>'), "material 'm'"),
     "negative mass": (body('<inertial pos="0 0 0" mass="-1" diaginertia="1 1 1"/>'), "negative"),

@@ -28,7 +28,7 @@ def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> No
     parser.add_argument("--floating-base", action="store_true", help="free the root link")
     parser.add_argument("--format", choices=FORMATS, help="instead of telling it from the content")
     parser.add_argument("--model", metavar="NAME", help="which model of an SDF file, where it holds several")
-    parser.add_argument("--include-root", metavar="DIR", help="folder an SDF file may include from (default: its own)")
+    parser.add_argument("--include-root", metavar="DIR", help="folder an SDF or MJCF file may include from (its own)")
     parser.add_argument("--xacro-arg", nargs="+", metavar="NAME:=VALUE", default=[], help="arguments of a xacro file")
     parser.add_argument("--json", action="store_true", help="print machine-readable JSON (SI units, radians)")
 

@@ -91,7 +91,7 @@ def read_description(
             in it.
         format: ``"urdf"``, ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (toolbox-parallel-robots: YAML beside a URDF).
         model: Which model of an SDFormat file to read, where it holds several.
-        include_root: The folder an SDFormat file may include others from; default its own.
+        include_root: The folder an SDFormat or MJCF file may include others from; default its own.
         xacro_arguments: Values of a xacro file's arguments.
 
     Raises:
@@ -126,7 +126,7 @@ def read_description(
     if kind == "mjcf":
         from ccpin.description.mjcf.reader import mjcf_description
 
-        return mjcf_description(root)
+        return mjcf_description(root, include_root=include_root)
     if kind == "urdf" and is_xacro(root):
         from ccpin.description.xacro_files import xacro_description
 

@@ -75,7 +75,7 @@ def load(
         floating_base: Free the root link with a 6-dof joint named ``root_joint``.
         format: ``"urdf"``, ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` to override detection from the content.
         model: Which model of an SDFormat file to read, where it holds several.
-        include_root: The folder an SDFormat file may include others from; default its own.
+        include_root: The folder an SDFormat or MJCF file may include others from; default its own.
         xacro_arguments: Values of a xacro file's arguments (the extra ``[xacro]``).
         geometry: What to draw of a `pinocchio.Model`.
         constraints: Pinocchio's constraint models that close the loops of a `pinocchio.Model`.

@@ -95,7 +95,7 @@ class TreeReader:
         if len(inertials) > 1:
             raise fail(inertials[1], "a body can have one <inertial> only")
         inertial = Element.of(inertials[0]) if inertials else None
-        inertia = body_inertia(said, inertial, geoms, self._compiler, moves)
+        inertia = body_inertia(said, inertial, geoms, self._assets, self._compiler, moves)
         self.tree.links.append(Link(name, inertia, self._visuals(geoms)))
         self._note_body(said, name)
         for body in items["body"]:

@@ -22,6 +22,7 @@ class Compiler:
         inertia_from_geom: "true" always, "auto" where a body has no inertial, "false" never.
         inertia_groups: First and last geom group that counts for inertia.
         mesh_folder: What to put before mesh file names.
+        mesh_inertia: What meshes that do not say their inertia have; older files say it for all (exactmeshinertia).
         total_mass: The mass to scale the model to; not positive for none.
     """
 
@@ -34,6 +35,7 @@ class Compiler:
     bound_inertia: float = 0.0
     total_mass: float = -1.0
     mesh_folder: str = ""
+    mesh_inertia: str = "legacy"
     strip_path: bool = False
     align_free: bool = False
 
@@ -67,6 +69,7 @@ def read_compiler(sections: Sequence[XmlElement]) -> Compiler:
         bound_inertia=_not_negative(said, "boundinertia"),
         total_mass=said.number("settotalmass", -1.0),
         mesh_folder=said.text("meshdir") or said.text("assetdir") or "",
+        mesh_inertia="exact" if said.flag("exactmeshinertia", False) else "legacy",
         strip_path=said.flag("strippath", False),
         align_free=said.flag("alignfree", False),
     )

@@ -13,28 +13,35 @@ from ccpin.description.closing_frames import closing_pairs
 from ccpin.description.hinges import make_hinges
 from ccpin.description.mjcf.defaults import MAIN, Defaults
 from ccpin.description.mjcf.element import Element
-from ccpin.description.mjcf.joints import Names, WorldBody
+from ccpin.description.mjcf.joints import Names, WorldBody, displacement
 from ccpin.description.mjcf.schema import WORLD
+from ccpin.description.mjcf.tendons import Tendons, tendon_coupling
 from ccpin.description.model import Coupling, CouplingTerm, LoopClosure, frame
 from ccpin.description.xml import ZERO, XmlElement, fail
 
 _KINDS: dict[str, str] = {"connect": "spherical", "weld": "fixed"}
-_LEFT_OUT = ("tendon", "flex", "flexvert", "flexstrain", "distance")
+_LEFT_OUT = ("flex", "flexvert", "flexstrain", "distance")
 _POLYNOMIAL = (0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Equalities:
-    """The active constraints: closures, couplings, the joints couplings determine, and what was left out."""
+    """The active constraints: closures, couplings, the joints couplings determine, and what was left out.
+
+    `tendons` names the tendons whose equalities are among the couplings.
+    """
 
     closures: list[LoopClosure] = field(default_factory=list)
     couplings: list[Coupling] = field(default_factory=list)
     dependent: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    tendons: set[str] = field(default_factory=set)
 
 
-def read_equalities(sections: Iterable[XmlElement], tree: WorldBody, defaults: Defaults) -> Equalities:
-    """Read connect, weld and joint constraints; the others and inactive ones become notes.
+def read_equalities(
+    sections: Iterable[XmlElement], tree: WorldBody, defaults: Defaults, tendons: Tendons
+) -> Equalities:
+    """Read connect, weld, joint and tendon constraints; the others and inactive ones become notes.
 
     Raises:
         DescriptionError: A constraint names what does not exist, or says too little or too much.
@@ -48,14 +55,17 @@ def read_equalities(sections: Iterable[XmlElement], tree: WorldBody, defaults: D
         if xml.tag in _LEFT_OUT:
             found.notes.append(f"The {xml.tag} equality '{name}' is left out: ccpin does not model it.")
             continue
-        if xml.tag not in ("connect", "weld", "joint"):
+        if xml.tag not in ("connect", "weld", "joint", "tendon"):
             raise fail(xml, "no such equality constraint")
         said = defaults.resolve(xml, MAIN, "equality")
-        constraint = _coupling(said, name, tree) if xml.tag == "joint" else _closure(said, name, tree)
+        constraint = _constraint(said, name, tree, tendons)
         if not said.flag("active", True):
             found.notes.append(f"The {xml.tag} equality '{name}' is left out: the file says it is not active.")
+        elif isinstance(constraint, str):
+            found.notes.append(f"The {xml.tag} equality '{name}' is left out: {constraint}.")
         elif isinstance(constraint, Coupling):
             found.couplings.append(constraint)
+            found.tendons.update(filter(None, (said.text("tendon1"), said.text("tendon2"))))
             found.dependent.append(constraint.terms[0].joint)
         else:
             found.closures.append(constraint)
@@ -64,6 +74,15 @@ def read_equalities(sections: Iterable[XmlElement], tree: WorldBody, defaults: D
         sites = {name: (site.body, site.placement) for name, site in tree.sites.items() if name}
         found.closures.extend(closing_pairs(sites, found.notes))
     return found
+
+
+def _constraint(said: Element, name: str, tree: WorldBody, tendons: Tendons) -> LoopClosure | Coupling | str:
+    """A closure, a coupling, or why it is left out."""
+    if said.xml.tag == "joint":
+        return _coupling(said, name, tree)
+    if said.xml.tag == "tendon":
+        return tendon_coupling(said, name, _polynomial(said), tendons, tree)
+    return _closure(said, name, tree)
 
 
 def _closure(said: Element, name: str, tree: WorldBody) -> LoopClosure:
@@ -121,25 +140,20 @@ def _welded(said: Element, bodies: tuple[str, str], tree: WorldBody) -> tuple[Ar
 
 def _coupling(said: Element, name: str, tree: WorldBody) -> Coupling:
     """Return y − y₀ − Σ aₖ (x − x₀)ᵏ = 0, with the references y₀, x₀ of joints 1 and 2."""
-    written = said.some_numbers("polycoef", 5)
-    polynomial = (*written, *_POLYNOMIAL[len(written) :])
+    polynomial = _polynomial(said)
     dependent = said.required("joint1")
-    y0 = _displacement(said, dependent, tree)
+    y0 = displacement(said, dependent, tree)
     if said.text("joint2") is None:
         return Coupling(name, (CouplingTerm(dependent, (-polynomial[0], 1.0), y0),))
     driver = said.required("joint2")
-    x0 = _displacement(said, driver, tree)
+    x0 = displacement(said, driver, tree)
     if driver == dependent:
         raise said.fail(f"it couples joint '{driver}' to itself")
     negated = tuple(-coefficient for coefficient in polynomial)
     return Coupling(name, (CouplingTerm(dependent, (0.0, 1.0), y0), CouplingTerm(driver, negated, x0)))
 
 
-def _displacement(said: Element, joint: str, tree: WorldBody) -> float:
-    """Return the displacement of a hinge or slide at qpos0."""
-    value = tree.reference.get(joint)
-    if value is None:
-        raise said.fail(f"there is no joint '{joint}'; there are: {', '.join(tree.reference) or 'none'}")
-    if len(value) != 1:
-        raise said.fail(f"joint '{joint}' is neither a hinge nor a slide")
-    return value[0]
+def _polynomial(said: Element) -> tuple[float, ...]:
+    """The five coefficients, MuJoCo's own where the file is silent."""
+    written = said.some_numbers("polycoef", 5)
+    return (*written, *_POLYNOMIAL[len(written) :])

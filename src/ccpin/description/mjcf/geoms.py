@@ -12,8 +12,9 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler, Defaults
 from ccpin.description.mjcf.element import Element
-from ccpin.description.model import Inertia, Shape, Visual, frame
-from ccpin.description.xml import ZERO, Colour, XmlElement, source_of
+from ccpin.description.mjcf.meshes import MeshAsset, read_mesh
+from ccpin.description.model import Inertia, Shape, Visual
+from ccpin.description.xml import Colour, XmlElement
 
 Kind = Literal["sphere", "capsule", "cylinder", "ellipsoid", "box"]
 Axes = tuple[float, float, float]
@@ -22,18 +23,6 @@ _SURFACES = ("plane", "hfield")
 _MESHES = ("mesh", "sdf")
 _TYPES = (*_SIZES, *_SURFACES, *_MESHES)
 _ELONGATED = ("capsule", "cylinder", "ellipsoid", "box")
-
-
-@dataclass(frozen=True)
-class MeshAsset:
-    """A mesh file, its scale, and the frame (4, 4) of the scaled file in the geom's frame.
-
-    `placement` is ``None`` where no rigid frame exists (a reference orientation with unequal scales).
-    """
-
-    file: str
-    scale: tuple[float, ...]
-    placement: Array | None
 
 
 @dataclass(frozen=True)
@@ -78,26 +67,11 @@ def read_assets(sections: Iterable[XmlElement], defaults: Defaults, compiler: Co
             name = said.text("name") or (Path(file).stem if file else None)
             if name is None:
                 raise said.fail("a mesh needs a name or a file")
-            assets.meshes[name] = _read_mesh(said, file, compiler) if file else None
+            assets.meshes[name] = read_mesh(said, file, compiler) if file else None
         for xml in section.iterchildren("material"):
             said = defaults.resolve(xml)
             assets.materials[said.required("name")] = _rgba(said)
     return assets
-
-
-def _read_mesh(said: Element, file: str, compiler: Compiler) -> MeshAsset:
-    """Resolve the file; MuJoCo's vertices are S Rᵀ (v − p) with reference pose (R, p) and scale S."""
-    path = Path(Path(file).name if compiler.strip_path else file)
-    found = Path(source_of(said.xml) or "").parent / compiler.mesh_folder / path
-    turn = said.quaternion(said.vector("refquat", 4, (1.0, 0.0, 0.0, 0.0)), "refquat").T
-    scale = said.vector("scale", 3, (1.0, 1.0, 1.0))
-    shift = -scale * (turn @ said.vector("refpos", 3, ZERO))
-    rigid = bool(np.all(scale == scale[0]) or np.allclose(turn, np.eye(3), atol=1e-12, rtol=0.0))
-    return MeshAsset(
-        file=str(found.resolve()) if found.is_file() else file,
-        scale=tuple(scale.tolist()),
-        placement=frame(shift, turn) if rigid else None,
-    )
 
 
 def _rgba(said: Element) -> Colour | None:
@@ -142,22 +116,37 @@ def _size_and_pose(said: Element, kind: str, compiler: Compiler) -> tuple[tuple[
     return (sizes[0],) * (_SIZES[kind] - 1) + (half,), placement
 
 
-def geom_inertia(geom: Geom) -> Inertia:
-    """Return mass, centre and inertia of a solid geom in the body's frame (MuJoCo's formulas).
+def geom_inertia(geom: Geom, assets: Assets) -> Inertia:
+    """Return mass, centre and inertia of a solid or mesh geom in the body's frame (MuJoCo's formulas).
 
     Raises:
-        DescriptionError: The mass or density is negative, or the geom is a shell.
+        DescriptionError: The mass or density is negative, the geom is a shell, or its mesh gives no inertia.
     """
-    said = geom.element
+    said, turn = geom.element, geom.placement[:3, :3]
     if said.flag("shellinertia", False):
         raise said.fail("shellinertia is not supported; give the body an <inertial> element")
-    volume, diagonal = _PRIMITIVES[cast(str, geom.kind)](*geom.size)
+    if geom.kind is not None:
+        volume, diagonal = _PRIMITIVES[geom.kind](*geom.size)
+        about, com = np.diag(diagonal), np.zeros(3)
+    else:
+        solid = _solid(geom, assets)
+        volume, about, com = solid.mass, solid.rotational / solid.mass, solid.com
     mass = said.number("mass", said.number("density", 1000.0) * volume)
     if mass < 0.0:
         raise said.fail("mass and density should not be negative")
-    turn = geom.placement[:3, :3]
-    rotational = turn @ np.diag(mass * np.array(diagonal)) @ turn.T
-    return Inertia(mass, geom.placement[:3, 3], rotational)
+    return Inertia(mass, turn @ com + geom.placement[:3, 3], mass * turn @ about @ turn.T)
+
+
+def _solid(geom: Geom, assets: Assets) -> Inertia:
+    """What a mesh encloses; ccpin does not fit primitives to meshes, nor read meshes written into the model."""
+    asset = assets.meshes[geom.mesh] if geom.mesh else None
+    if asset is None or not geom.drawn_mesh:
+        what = "a primitive fitted to" if asset else "the vertices written in"
+        raise geom.element.fail(
+            f"its inertia would come from {what} the mesh '{geom.mesh}', which ccpin does not read; give the body "
+            "an <inertial> element"
+        )
+    return asset.solid
 
 
 def weighs_nothing(geom: Geom) -> bool:

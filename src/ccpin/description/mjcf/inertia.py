@@ -9,7 +9,7 @@ import numpy as np
 
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
-from ccpin.description.mjcf.geoms import Geom, geom_inertia, weighs_nothing
+from ccpin.description.mjcf.geoms import Assets, Geom, geom_inertia, weighs_nothing
 from ccpin.description.mjcf.schema import ORIENTATIONS
 from ccpin.description.model import Inertia, Link
 
@@ -18,7 +18,7 @@ _NOTHING = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 def body_inertia(
-    body: Element, inertial: Element | None, geoms: Sequence[Geom], compiler: Compiler, moves: bool
+    body: Element, inertial: Element | None, geoms: Sequence[Geom], assets: Assets, compiler: Compiler, moves: bool
 ) -> Inertia | None:
     """Return a body's inertia in its frame, from its ``<inertial>`` or its geoms as the compiler settings decide.
 
@@ -26,10 +26,10 @@ def body_inertia(
     that cannot matters to nobody.
 
     Raises:
-        DescriptionError: The numbers are no inertia of a solid, or the geoms' masses need mesh files.
+        DescriptionError: The numbers are no inertia of a solid, or a mesh that has to give them cannot.
     """
     if compiler.inertia_from_geom == "true" or (compiler.inertia_from_geom == "auto" and inertial is None):
-        summed = _from_geoms(body, geoms, compiler, moves)
+        summed = _from_geoms(geoms, assets, compiler, moves)
         if summed.mass > 0.0 or inertial is None:
             return _conditioned(body, summed, compiler)
     if inertial is None:
@@ -54,20 +54,15 @@ def _from_inertial(said: Element, compiler: Compiler) -> Inertia:
     return Inertia(mass, com, rotational)
 
 
-def _from_geoms(body: Element, geoms: Sequence[Geom], compiler: Compiler, moves: bool) -> Inertia:
+def _from_geoms(geoms: Sequence[Geom], assets: Assets, compiler: Compiler, moves: bool) -> Inertia:
     """Add up the geoms: I = Σ Iₖ + mₖ (|rₖ|² 1 − rₖ rₖᵀ) with rₖ from the common centre."""
     first, last = compiler.inertia_groups
     parts = []
     for geom in geoms:
         if not first <= geom.element.number("group", 0.0) <= last or weighs_nothing(geom):
             continue
-        if geom.kind is not None:
-            parts.append(geom_inertia(geom))
-        elif geom.mesh is not None and (moves or compiler.total_mass > 0.0):
-            raise body.fail(
-                f"its inertia would come from the mesh '{geom.mesh}', and ccpin does not read meshes for "
-                "that; give the body an <inertial> element"
-            )
+        if geom.kind is not None or (geom.mesh is not None and (moves or compiler.total_mass > 0.0)):
+            parts.append(geom_inertia(geom, assets))
     mass = sum(part.mass for part in parts)
     if mass == 0.0:
         return _NOTHING

@@ -218,3 +218,13 @@ def _motion(kind: str, axis: Array, displacement: float) -> Array:
     if kind == "hinge":
         return frame(ZERO, Rotation.from_rotvec(axis * displacement).as_matrix())
     return frame(axis * displacement)
+
+
+def displacement(said: Element, joint: str, tree: WorldBody) -> float:
+    """Return the displacement of a hinge or slide at qpos0."""
+    value = tree.reference.get(joint)
+    if value is None:
+        raise said.fail(f"there is no joint '{joint}'; there are: {', '.join(tree.reference) or 'none'}")
+    if len(value) != 1:
+        raise said.fail(f"joint '{joint}' is neither a hinge nor a slide")
+    return value[0]

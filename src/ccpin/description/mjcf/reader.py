@@ -22,54 +22,59 @@ from ccpin.description.mjcf.inertia import scaled_to_total
 from ccpin.description.mjcf.joints import WorldBody
 from ccpin.description.mjcf.keyframes import read_keyframes
 from ccpin.description.mjcf.schema import ATTRIBUTES, SECTIONS, WORLD
+from ccpin.description.mjcf.tendons import left_out, read_tendons
 from ccpin.description.model import Joint, MechanismDescription
 from ccpin.description.xml import XmlElement, fail, parse_xml, source_of
 
 _UNMODELLED = {
-    "tendon": "The tendons are left out: ccpin does not model them.",
     "contact": "The contact section is left out: ccpin does not model contacts.",
     "deformable": "The deformable bodies are left out: ccpin models rigid bodies only.",
 }
 _Gravity = tuple[float, float, float]
 
 
-def read_mjcf(text: bytes, source: str | None) -> MechanismDescription:
+def read_mjcf(text: bytes, source: str | None, *, include_root: str | Path | None = None) -> MechanismDescription:
     """Read an MJCF file: the bodies and joints as a tree below "world", the equalities as closures.
 
     The reference pose is that of the keyframe "reference" where there is one, else qpos0; all keyframes are poses.
 
     A body's link keeps the body's name and frame. Several joints in one body become a chain of massless links;
-    connect becomes a spherical closure, weld a fixed one, joint a coupling; actuators become motors. What has no
-    counterpart here (contacts, tendons, servo loops, inactive equalities) is listed in the notes.
+    connect becomes a spherical closure, weld a fixed one, joint a coupling, and so does tendon between fixed tendons;
+    actuators become motors. What has no counterpart here (contacts, other tendons, servo loops, inactive equalities)
+    is listed in the notes.
 
     Args:
         text: The file's content.
         source: The file, against which includes and meshes are looked up; ``None`` if there is none.
+        include_root: The folder included files may come from; default the file's own.
 
     Raises:
         InvalidXmlError: Not well-formed, or refused for safety.
         DescriptionError: An element is unknown, unsupported, incomplete or contradictory.
     """
-    return mjcf_description(parse_xml(text, source))
+    return mjcf_description(parse_xml(text, source), include_root=include_root)
 
 
-def mjcf_description(root: XmlElement) -> MechanismDescription:
+def mjcf_description(root: XmlElement, *, include_root: str | Path | None = None) -> MechanismDescription:
     """The description that a parsed MJCF file states (see `read_mjcf`)."""
     source = source_of(root)
     if root.tag != "mujoco":
         raise fail(root, "an MJCF file has the root element <mujoco>")
-    expand_includes(root)
+    expand_includes(root, include_root)
     sections = _sections(root)
     compiler = read_compiler(sections["compiler"])
     defaults = Defaults(sections["default"])
     assets = read_assets(sections["asset"], defaults, compiler)
     tree = TreeReader(sections["worldbody"], defaults, compiler, assets).read()
     options = _options(sections["option"])
-    equalities = read_equalities(sections["equality"], tree, defaults)
+    tendons = read_tendons(sections["tendon"], tree)
+    equalities = read_equalities(sections["equality"], tree, defaults, tendons)
     if "equality" in options.disabled:
         equalities = Equalities(notes=["The equalities are left out: the file disables them (flag equality)."])
     actuators = read_actuators(sections["actuator"], tree, defaults, compiler.autolimits)
     notes = [note for name, note in _UNMODELLED.items() if any(len(section) for section in sections[name])]
+    if left_out(sections["tendon"], defaults, frozenset(equalities.tendons)):
+        notes.append("The tendons are left out, but for equalities of fixed ones: ccpin does not model them.")
     if any(xml.get("solref") or xml.get("solimp") for part in root.iter("equality") for xml in part.iter()):
         notes.append("The softness of constraints (solref, solimp) is left out: closures and couplings hold exactly.")
     notes += [*options.notes, *actuators.notes]
@@ -158,38 +163,51 @@ def _joints(tree: WorldBody, actuators: Actuators, disabled: frozenset[str], not
     return tuple(joints)
 
 
-def expand_includes(root: XmlElement) -> None:
-    """Replace every ``<include>`` below `root` by the content of the file it names, from the model's own folder only.
+def expand_includes(root: XmlElement, include_root: str | Path | None = None) -> None:
+    """Replace every ``<include>`` below `root` by the content of the file it names, from below one folder only.
 
     File names are relative to the folder of the root's source, whatever file they stand in. Each file may come once.
 
     Raises:
-        DescriptionError: The file is absent, outside that folder, included twice, or empty.
+        DescriptionError: The file is absent, outside `include_root` (default the source's folder), included twice, or
+            empty.
         InvalidXmlError: The included file is not well-formed.
     """
     source = source_of(root)
     seen = {Path(source).resolve()} if source else set()
     while (include := next(root.iter("include"), None)) is not None:
-        path = _locate(include, source)
+        path = _locate(include, source, include_root)
         if path in seen:
             raise fail(include, f"the file '{path.name}' is included twice")
         seen.add(path)
-        content = list(parse_xml(path.read_bytes(), str(path)).iterchildren("*"))
+        try:
+            text = path.read_bytes()
+        except OSError as error:
+            raise fail(include, f"the file '{path.name}' cannot be read: {error.strerror}") from None
+        content = list(parse_xml(text, str(path)).iterchildren("*"))
         if not content:
             raise fail(include, f"the file '{path.name}' holds nothing to include")
         parent, index = include.getparent(), include.getparent().index(include)
         parent[index : index + 1] = content
 
 
-def _locate(include: XmlElement, source: str | None) -> Path:
+def _locate(include: XmlElement, source: str | None, include_root: str | Path | None) -> Path:
     said = Element.of(include)
     name = said.required("file")
     if source is None or not Path(source).is_file():
-        raise said.fail(f"the file '{name}' cannot be found, because this model was not read from a file")
+        raise said.fail(f"the file '{name[:120]}' cannot be found, because this model was not read from a file")
     folder = Path(source).resolve().parent
-    path = (folder / name).resolve()
-    if not path.is_relative_to(folder):
-        raise said.fail(f"the file '{name}' lies outside the model's folder, which is refused")
-    if not path.is_file():
-        raise said.fail(f"there is no file '{name}' in the model's folder")
+    allowed = Path(include_root).resolve() if include_root else folder
+    try:
+        path = (folder / name).resolve()
+        inside, found = path.is_relative_to(allowed), path.is_relative_to(allowed) and path.is_file()
+    except (OSError, ValueError, RuntimeError):
+        raise said.fail(f"'{name[:120]}' is no usable file name") from None
+    if not inside:
+        raise said.fail(
+            f"the file '{name[:120]}' lies outside {allowed.name}/, which is refused (include_root names the folder "
+            "that may be included from)"
+        )
+    if not found:
+        raise said.fail(f"there is no file '{name[:120]}', looked up from the model's folder {folder.name}/")
     return path
