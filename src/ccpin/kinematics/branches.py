@@ -38,8 +38,9 @@ from ccpin.kinematics.linear import Factor
 from ccpin.kinematics.tree import TreeJoint
 
 _BELOW_ONE = 0.98
-_ROUNDS = 6
+_ROUNDS = 5
 _TRIALS = 8
+_LIKELY = 0.55
 
 
 class Proof(NamedTuple):
@@ -47,10 +48,12 @@ class Proof(NamedTuple):
 
     Attributes:
         part: Which part of the step stays on its branch: 1 all of it, 0 none that is worth while.
+        likely: Which part of it a next step of its kind may well have, 2 at most.
         centre, radius: The box that holds the solution at its end and no other, as displacements, of shape (n′,).
     """
 
     part: float
+    likely: float
     centre: Array
     radius: Array
 
@@ -82,21 +85,21 @@ class Branches:
         u = np.abs(step) + noise
         bent = 2.0 * start.second(u, u, u)
         radius = u + bent
-        grown = start.second(radius, radius, radius)
-        if np.all(grown <= _BELOW_ONE * radius) and np.all(0.5 * grown <= bent):
-            return Proof(1.0, np.zeros_like(u), radius)
+        if np.all(bent <= 4.0 * u.max()):
+            grown = start.second(radius, radius, radius)
+            if np.all(grown <= _BELOW_ONE * radius) and np.all(0.5 * grown <= bent):
+                return Proof(1.0, 2.0, np.zeros_like(u), radius)
         turning = inverse @ self._rate(at, step)
         bend, sag = self._straightened(turning, step), 0.5 * np.abs(turning @ step)
-        part, size = 1.0, np.abs(bend)
-        growth = _growth(size, u)
-        if growth > _BELOW_ONE:
-            part = 0.6 / growth
+        size = np.abs(bend)
+        likely = _LIKELY / max(_growth(size, u), 0.5 * _LIKELY)
+        part = 1.0 if likely > 0.6 else likely
         for _ in range(_TRIALS):
-            radius = _tube(start, part * u, part * size, part**2 * sag + noise)
-            if radius is not None:
-                return Proof(part, part * step, radius)
+            found = _tube(start, part * u, part * size, part**2 * sag + noise)
+            if found is not None:
+                return Proof(part, likely, part * step, found)
             part *= 0.6
-        return Proof(0.0, step, u)
+        return Proof(0.0, 0.0, step, u)
 
     def _rate(self, at: ConstraintValue, step: Array) -> Array:
         """ψ̇_q′ along a step, of shape (m + n, n′)."""
@@ -130,25 +133,28 @@ class _Start(NamedTuple):
 
 def _tube(start: _Start, u: Array, bend: Array, sag: Array) -> Array | None:
     """ε of (ii) in the theorem, or ``None`` where none is found: |u|, |N| and ½|N u| + rounding are given."""
-    radius = sag + bend @ sag
+    even = np.maximum(u, 0.05 * u.max())
+    solved = np.linalg.solve(np.eye(len(u)) - bend, np.stack([1.1 * sag, even], axis=1)).T
+    radius, w = np.maximum(solved, [sag, even])  # guesses, right where |N| is small; what counts is tested
     for _ in range(_ROUNDS):
         box = u + radius
         need = sag + bend @ radius + 0.5 * start.second(box, radius, radius) + start.third(box, box, box) / 6.0
         if np.all(need <= radius):
-            return radius if _contracts(start, box, radius, bend) else None
-        radius = 1.1 * need
-        if not radius.max() <= 10.0 * u.max():
+            return radius if _contracts(start, box, radius, bend, w) else None
+        radius = np.maximum(radius, 1.1 * need)
+        if not radius.max() <= 3.0 * u.max():
             return None
     return None
 
 
-def _contracts(start: _Start, box: Array, radius: Array, bend: Array) -> bool:
-    """Whether there is a w for the second inequality of (ii)."""
-    w = radius
+def _contracts(start: _Start, box: Array, radius: Array, bend: Array, w: Array) -> bool:
+    """Whether the second inequality of (ii) holds, for a w like that given."""
     for _ in range(_ROUNDS):
         image = bend @ w + start.second(box, radius, w) + 0.5 * start.third(box, box, w)
         if np.all(image <= _BELOW_ONE * w):
             return True
+        if np.all(image > _BELOW_ONE * w):
+            return False
         w = np.maximum(image, 0.5 * w)
     return False
 

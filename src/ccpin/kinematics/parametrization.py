@@ -67,7 +67,8 @@ class NewtonSolve(NamedTuple):
         steps: Newton steps taken.
         residual: Largest |ψ̄| at the last iterate, metres and radians.
         started_open: Whether the start was not closed.
-        trusted: Which part of the way is proven to stay on the start's branch.
+        trusted: Which part of the way is proven to stay on the start's branch; where solved, how much longer a next
+            step of its kind may well be.
     """
 
     point: ClosedPoint | None
@@ -174,11 +175,11 @@ class Parametrization:
             target = q if ahead == 1.0 else coordinates.integrate(q_start, ahead * line)
             solve = self.newton(here, target, self.rules)
             if solve.point is None:
-                stride = min(0.5, solve.trusted) * (ahead - done)
+                stride = min(0.8, solve.trusted) * (ahead - done)
                 continue
             if ahead == 1.0:
                 return solve.point
-            here, done, stride = solve.point, ahead, 2.0 * stride
+            here, done, stride = solve.point, ahead, min(2.0, solve.trusted) * (ahead - done)
         if isinstance(here, ClosedPoint):
             here = here.q_free
         rcond = self.rcond(here)
@@ -209,7 +210,7 @@ class Parametrization:
         """
         known = start if isinstance(start, ClosedPoint) else None
         q_free: Array = start.q_free if isinstance(start, ClosedPoint) else start.copy()
-        first, proof, sign, last, residual, open_, trusted = q_free, None, 0, np.inf, np.inf, False, 0.0
+        first, proof, sign, last, residual, open_, trusted = q_free, None, 0, np.inf, np.inf, False, 2.0
         for steps in range(rules.most_steps + 1):
             if known is not None and not steps:
                 point, factor = known.constraints, known.factor
@@ -225,15 +226,15 @@ class Parametrization:
             if residual <= rules.tolerance or (last <= rules.noise and residual <= rules.stalled):
                 if proof is not None and not proof.holds(self._displacement(first, q_free)):
                     break
-                return NewtonSolve(self._closed_point(point, factor), steps, residual, open_, 1.0)
+                return NewtonSolve(self._closed_point(point, factor), steps, residual, open_, trusted)
             if steps == rules.most_steps:
                 break
             step = factor.solve(gap)
             length = float(np.linalg.norm(step))
             if not steps:
                 proof = self._branches.prove(point, factor, step)
-                trusted = proof.part
-            if trusted < 1.0 or not length <= max(last, rules.noise):
+                trusted = proof.part if proof.part < 1.0 else proof.likely
+            if proof is None or proof.part < 1.0 or not length <= max(last, rules.noise):
                 return NewtonSolve(None, steps + 1, residual, open_, trusted)
             q_free, last = moved(self.model, q_free, step), length
         return NewtonSolve(None, steps, residual, open_, trusted)
