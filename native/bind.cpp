@@ -26,6 +26,7 @@ NB_MODULE(_core, module) {
       .def("terms", &Kernel::terms, near, arg("v"), q)
       .def("forward_dynamics", &Kernel::forward_dynamics, near, arg("v"), arg("u"), q)
       .def("generalized_force", &Kernel::generalized_force, near, arg("v"), arg("a"), q)
+      .def("inverse_dynamics", &Kernel::inverse_dynamics, near, arg("v"), arg("a"), q)
       .def("gravity", &Kernel::gravity, near, q)
       .def("transmission", &Kernel::transmission, near, q)
       .def("constraint_forces", &Kernel::constraint_forces, near, arg("v"), arg("u"), q)
@@ -36,6 +37,7 @@ NB_MODULE(_core, module) {
       .def("terms_many", &Kernel::terms_many, arg("Q"), arg("V"), near, threads)
       .def("forward_dynamics_many", &Kernel::forward_dynamics_many, arg("Q"), arg("V"), arg("U"), near, threads)
       .def("generalized_force_many", &Kernel::generalized_force_many, arg("Q"), arg("V"), arg("A"), near, threads)
+      .def("inverse_dynamics_many", &Kernel::inverse_dynamics_many, arg("Q"), arg("V"), arg("A"), near, threads)
       .def("forward_dynamics_derivatives_many", &Kernel::forward_dynamics_derivatives_many, arg("Q"), arg("V"),
            arg("U"), near, threads)
       .def("simulate", &Kernel::simulate, near, nb::arg("law"), nb::arg("run"), nb::arg("tableau"));

@@ -63,7 +63,7 @@ class Constraints : public Kinematics {
     place_cluster(c);
     int row = 0;
     for (int i : c.loops) {
-      loop_rows(m.loops[i], ends(m.loops[i]), &s.rows[row], &s.residual[row]);
+      loop_rows(m.loops[i], ends(m.loops[i]), s.rows.data() + row, s.residual.data() + row);
       for (const int end = row + m.loops[i].size; row < end; ++row) s.residual[row] = -s.residual[row];
     }
     for (int i : c.couplings) coupling_jacobian(m.couplings[i], c, s, row++);
@@ -83,7 +83,7 @@ class Constraints : public Kinematics {
     for (int i : c.loops) {
       const Loop& loop = m.loops[i];
       for (const int end = row + loop.size; row < end; ++row) {
-        double* J = &s.J[size_t(row) * c.width()];
+        double* J = s.J.data() + size_t(row) * c.width();
         for (const Column& k : loop.columns_a) J[k.local] = dot(s.rows[row].a, S[k.component]);
         for (const Column& k : loop.columns_b) J[k.local] = dot(s.rows[row].b, S[k.component]);
       }
@@ -91,8 +91,8 @@ class Constraints : public Kinematics {
     const int n = c.unknowns();
     for (const Block& b : c.pattern.blocks)
       for (int r : b.rows) {
-        const double* J = &s.J[size_t(r) * c.width()];
-        double* A = &s.A[size_t(r) * n];
+        const double* J = s.J.data() + size_t(r) * c.width();
+        double* A = s.A.data() + size_t(r) * n;
         for (int k = b.first; k < b.end; ++k) A[k] = J[c.dependent[k]];
         for (int k = c.pattern.shared; k < n && &b != &c.pattern.blocks.back(); ++k) A[k] = J[c.dependent[k]];
       }
@@ -109,12 +109,12 @@ class Constraints : public Kinematics {
   void whole_gaps(const Cluster& c, const double* q, double* out) const {
     for (int i : c.whole) {
       const Coordinate& k = m.coordinates[i];
-      difference(k.kind, &q_free[m.joints[k.joint].q], q + k.q, out);
+      difference(k.kind, q_free.data() + m.joints[k.joint].q, q + k.q, out);
       out += k.nv;
     }
   }
   double component_gap(const Coordinate& k, const double* q) const {
-    const double here = component(k, &q_free[m.joints[k.joint].q]);
+    const double here = component(k, q_free.data() + m.joints[k.joint].q);
     double gap;
     coordinate_difference(k, &here, q + k.q, &gap);
     return gap;
@@ -134,7 +134,7 @@ class Constraints : public Kinematics {
 
  private:
   void coupling_jacobian(const Coupling& coupling, const Cluster& c, ClusterState& s, int row) const {
-    double* J = &s.J[size_t(row) * c.width()];
+    double* J = s.J.data() + size_t(row) * c.width();
     double total = 0;
     for (const CouplingTerm& t : coupling.terms) J[m.column_of[t.v]] = 0;
     for (const CouplingTerm& t : coupling.terms)
@@ -145,8 +145,8 @@ class Constraints : public Kinematics {
   void component_jacobian(const Coordinate& k, const Cluster& c, ClusterState& s, const double* q, int row) const {
     const Joint& joint = m.joints[k.joint];
     double along[6], unused[6];
-    component_row(k, &q_free[joint.q], nullptr, along, unused);
-    std::copy(along, along + joint.nv, &s.J[size_t(row) * c.width() + m.column_of[joint.v]]);
+    component_row(k, q_free.data() + joint.q, nullptr, along, unused);
+    std::copy(along, along + joint.nv, s.J.data() + (size_t(row) * c.width() + m.column_of[joint.v]));
     s.residual[row] = q ? component_gap(k, q) : 0;
   }
 };

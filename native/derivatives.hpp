@@ -63,32 +63,19 @@ class Derivatives {
     double *dq = slopes_.data(), *dv = dq + size_t(n) * n;
     generalized_force(v, a, m_.direct ? nullptr : u, dq, dv, D_.data());
     for (int i = 0; i < n; ++i) {
-      double* row = &right_[size_t(i) * width];
+      double* row = right_.data() + size_t(i) * width;
       for (int k = 0; k < n; ++k) row[k] = -dq[i * n + k], row[n + k] = -dv[i * n + k];
     }
-    transmission(&right_[2 * n], width);
+    r_.transmission(right_.data() + 2 * n, width);
     if (!cholesky(D_.data(), n)) return false;
     cholesky_solve(D_.data(), n, right_.data(), width);
     for (int i = 0; i < n; ++i) {
-      const double* row = &right_[size_t(i) * width];
+      const double* row = right_.data() + size_t(i) * width;
       std::copy(row, row + n, da_dq + size_t(i) * n);
       std::copy(row + n, row + 2 * n, da_dv + size_t(i) * n);
       std::copy(row + 2 * n, row + width, da_du + size_t(i) * m_.motors);
     }
     return true;
-  }
-
-  // ρᵀSᵀ into rows of a given stride that hold zeros.
-  void transmission(double* out, int stride) const {
-    for (size_t k = 0; k < m_.clusters.size(); ++k) {
-      const Cluster& c = m_.clusters[k];
-      for (int i = 0; i < c.n(); ++i) {
-        double* row = out + size_t(c.independent[i]) * stride;
-        if (m_.direct) row[c.independent[i]] = 1;
-        for (size_t r = 0; r < c.motors.size(); ++r)
-          row[c.motors[r]] = r_.states[k].rho[size_t(c.motor_columns[r]) * c.n() + i];
-      }
-    }
   }
 
  private:
@@ -115,7 +102,7 @@ class Derivatives {
       for (int k = 0; k < joint.nv; ++k) s += r_.S[joint.v + k] * x[size_t(m_.column_of[joint.v] + k) * stride];
     return s;
   }
-  const Motion* twists(int j) const { return &r_.X[r_.x_offset[j]]; }
+  const Motion* twists(int j) const { return r_.X.data() + r_.x_offset[j]; }
   Motion step_of(const Cluster& c, int j, int k) const {  // ξ_jk
     const int parent = m_.joints[j].parent;
     return parent == c.parent ? twists(j)[k] : twists(j)[k] - twists(parent)[k];
@@ -156,7 +143,7 @@ class Derivatives {
   // (null: zero): give(row, direction, slope).
   template <class G> void slopes(int k, const double* step, const double* dv, G&& give) {
     const Cluster& c = m_.clusters[k];
-    const double *v = &r_.v_free[r_.offset[k]], *a = &r_.a_free[r_.offset[k]];
+    const double *v = r_.v_free.data() + r_.offset[k], *a = r_.a_free.data() + r_.offset[k];
     const int n = c.n();
     const auto column = [](const double* matrix, int i) { return matrix ? matrix + i : nullptr; };
     int row = 0;
@@ -196,7 +183,7 @@ class Derivatives {
       for (int i = 0; i < n; ++i) {
         double dq[6], change[6];
         for (int s = 0; s < joint.nv; ++s) dq[s] = at(step, first + s, i), change[s] = at(dv, first + s, i);
-        give(row, i, component_slope(coordinate, &r_.q_free[joint.q], v + first, a + first, dq, change));
+        give(row, i, component_slope(coordinate, r_.q_free.data() + joint.q, v + first, a + first, dq, change));
       }
       ++row;
     }
@@ -213,10 +200,10 @@ class Derivatives {
       const Motion &V = first ? V0 : r_.body[parent].V, &A = first ? A0 : r_.body[parent].A, &Vj = r_.body[j].V;
       for (int i = 0; i < n; ++i) {
         const int at = r_.x_offset[j] + i, from = r_.x_offset[parent] + i;
-        const Motion step = step_of(c, j, i), ds = own(j, &dv_[k][i], n), gain = cross(V, step) + ds;
+        const Motion step = step_of(c, j, i), ds = own(j, dv_[k].data() + i, n), gain = cross(V, step) + ds;
         dV_[at] = gain;
-        dA_[at] = cross(V, gain) + cross(A, step) + cross(Vj, ds) + own(j, &da_[k][i], 2 * n);
-        dA_by_v_[at] = cross(V + Vj, step) + own(j, &da_[k][n + i], 2 * n);
+        dA_[at] = cross(V, gain) + cross(A, step) + cross(Vj, ds) + own(j, da_[k].data() + i, 2 * n);
+        dA_by_v_[at] = cross(V + Vj, step) + own(j, da_[k].data() + n + i, 2 * n);
         if (!first) dV_[at] += dV_[from], dA_[at] += dA_[from], dA_by_v_[at] += dA_by_v_[from];
       }
     }
@@ -244,7 +231,7 @@ class Derivatives {
         const Force turned = by_q_[at] - cross(r_.X[at], r_.subtree[*j]);
         for (int s = 0; s < joint.nv; ++s) {
           const Motion& column = r_.S[joint.v + s];
-          const double* rho = &r_.states[k].rho[size_t(m_.column_of[joint.v] + s) * n];
+          const double* rho = r_.states[k].rho.data() + size_t(m_.column_of[joint.v] + s) * n;
           const double x = dot(turned, column), y = dot(by_v_[at], column), z = dot(by_a_[at], column);
           for (int l = 0; l < n; ++l) {
             const int row = c.independent[l], col = c.independent[i];
@@ -273,7 +260,7 @@ class Derivatives {
     for (int i : c.couplings) {
       for (const CouplingTerm& t : m_.couplings[i].terms) {
         const double second = mu[row] * slope(t, r_.q_free.data(), 2);
-        const double* rho = &s.rho[size_t(m_.column_of[t.v]) * n];
+        const double* rho = s.rho.data() + size_t(m_.column_of[t.v]) * n;
         for (int l = 0; l < n; ++l)
           for (int o = 0; o < n; ++o) entry(dq, c.independent[l], c.independent[o]) -= second * rho[l] * rho[o];
       }
@@ -282,11 +269,11 @@ class Derivatives {
     for (int i : c.components) {
       const Coordinate& coordinate = m_.coordinates[i];
       const Joint& joint = m_.joints[coordinate.joint];
-      const double* rho = &s.rho[size_t(m_.column_of[joint.v]) * n];
+      const double* rho = s.rho.data() + size_t(m_.column_of[joint.v]) * n;
       for (int o = 0; o < n; ++o) {
         double step[6], unused[6], rate[6];
         for (int t = 0; t < joint.nv; ++t) step[t] = rho[size_t(t) * n + o];
-        component_row(coordinate, &r_.q_free[joint.q], step, unused, rate);
+        component_row(coordinate, r_.q_free.data() + joint.q, step, unused, rate);
         for (int l = 0; l < n; ++l)
           for (int t = 0; t < joint.nv; ++t)
             entry(dq, c.independent[l], c.independent[o]) -= mu[row] * rate[t] * rho[size_t(t) * n + l];
@@ -325,7 +312,7 @@ class Derivatives {
     const Cluster& c = m_.clusters[k];
     const int n = c.n();
     r_.for_armature(c, [&](int col, double arm) {
-      const double *rho = &r_.states[k].rho[size_t(col) * n], *da = &da_[k][size_t(col) * 2 * n];
+      const double *rho = r_.states[k].rho.data() + size_t(col) * n, *da = da_[k].data() + size_t(col) * 2 * n;
       for (int l = 0; l < n; ++l)
         for (int o = 0; o < n; ++o) {
           const int row = c.independent[l], at = c.independent[o];

@@ -9,6 +9,19 @@ namespace ccpin {
 
 enum class Kind { revolute, prismatic, continuous, spherical, planar, floating };
 constexpr const char* kKindNames[] = {"revolute", "prismatic", "continuous", "spherical", "planar", "floating"};
+struct Sizes { int nq, nv; };
+constexpr Sizes kSizes[] = {{1, 1}, {1, 1}, {2, 1}, {4, 3}, {4, 3}, {7, 6}};
+
+// Whether a joint has a component: 0…2 a translation, 3…5 a rotation, about or along x, y, z.
+inline bool has_component(Kind kind, int component) {
+  switch (kind) {
+    case Kind::spherical: return component >= 3 && component < 6;
+    case Kind::planar: return component == 0 || component == 1 || component == 5;
+    case Kind::floating: return component >= 0 && component < 6;
+    default: return false;
+  }
+}
+
 
 struct Joint {
   Kind kind;
@@ -16,6 +29,8 @@ struct Joint {
   int q, v, nq, nv;    // windows of q′ and q̇′
   Pose placement;      // in the parent joint's frame
   Vec3 axis;           // of revolute and prismatic joints; the others use z
+  bool turned;         // whether the placement turns
+  int along;           // the coordinate axis that `axis` lies along, −1: none
   double mass;
   Vec3 centre;         // of the body it carries
   Mat3 inertia;        // about that centre
@@ -34,41 +49,58 @@ inline UnitWindow unit_window(Kind kind) {
   }
 }
 
-// The joint's frame in its cluster's frame, from its parent's, and the columns of its motion subspace there. Every
-// column is fixed in the frame of the joint's own body.
-inline void place(const Joint& j, const double* q, const Pose& parent, Pose& X, Motion* S) {
-  const Mat3 R0 = parent.R * j.placement.R;
-  X.p = parent.p + parent.R * j.placement.p;
+// R ← R times a turn about its own axis k with cosine c and sine s.
+inline void turn_about(Mat3& R, int k, double c, double s) {
+  const int i = k == 2 ? 0 : k + 1, j = k == 0 ? 2 : k - 1;
+  const Vec3 u = R.col(i), v = R.col(j);
+  R.col(i) = c * u + s * v, R.col(j) = c * v - s * u;
+}
+
+// The joint's frame in its cluster's frame, from its parent's (null: the cluster's), and the columns of its motion
+// subspace there. Every column is fixed in the frame of the joint's own body.
+inline void place(const Joint& j, const double* q, const Pose* parent, Pose& X, Motion* S) {
+  if (!parent) X = j.placement;
+  else {
+    if (j.turned) X.R.noalias() = parent->R * j.placement.R;
+    else X.R = parent->R;
+    X.p = parent->p + parent->R * j.placement.p;
+  }
   const auto turning = [&](const Vec3& a) -> Motion { return {X.p.cross(a), a}; };
   switch (j.kind) {
-    case Kind::revolute:
-      X.R = R0 * about(j.axis, std::cos(q[0]), std::sin(q[0]));
-      S[0] = turning(R0 * j.axis);
+    case Kind::revolute: {
+      const double c = std::cos(q[0]), s = std::sin(q[0]);
+      if (j.along >= 0) {
+        turn_about(X.R, j.along, c, j.axis[j.along] * s);
+        S[0] = turning(X.R.col(j.along) * j.axis[j.along]);
+      } else {
+        X.R = (X.R * about(j.axis, c, s)).eval();
+        S[0] = turning(X.R * j.axis);
+      }
       return;
+    }
     case Kind::prismatic: {
-      const Vec3 a = R0 * j.axis;
-      X.R = R0;
+      const Vec3 a = X.R * j.axis;
       X.p += a * q[0];
       S[0] = {a, Vec3::Zero()};
       return;
     }
     case Kind::continuous:
-      X.R = R0 * about_z(q[0], q[1]);
+      turn_about(X.R, 2, q[0], q[1]);
       S[0] = turning(X.R.col(2));
       return;
     case Kind::spherical:
-      X.R = R0 * quaternion(q).toRotationMatrix();
+      X.R = (X.R * quaternion(q).toRotationMatrix()).eval();
       for (int k = 0; k < 3; ++k) S[k] = turning(X.R.col(k));
       return;
     case Kind::planar:
-      X.R = R0 * about_z(q[2], q[3]);
-      X.p += R0 * Vec3(q[0], q[1], 0);
+      X.p += X.R.col(0) * q[0] + X.R.col(1) * q[1];
+      turn_about(X.R, 2, q[2], q[3]);
       for (int k = 0; k < 2; ++k) S[k] = {X.R.col(k), Vec3::Zero()};
       S[2] = turning(X.R.col(2));
       return;
     case Kind::floating:
-      X.R = R0 * quaternion(q + 3).toRotationMatrix();
-      X.p += R0 * Vec3(q[0], q[1], q[2]);
+      X.p += X.R * Vec3(q[0], q[1], q[2]);
+      X.R = (X.R * quaternion(q + 3).toRotationMatrix()).eval();
       for (int k = 0; k < 3; ++k) S[k] = {X.R.col(k), Vec3::Zero()}, S[3 + k] = turning(X.R.col(k));
   }
 }

@@ -3,6 +3,7 @@
 // there; q None: at `near` itself, which is closed.
 #pragma once
 #include "batch.hpp"
+#include "run_specification.hpp"
 #include "specification.hpp"
 
 namespace ccpin {
@@ -74,6 +75,14 @@ class Kernel {
     w->model.inverse(v.data, acceleration.data, out);
     return a;
   }
+  nb::object inverse_dynamics(In near, In v, In acceleration, In q) {
+    Pool::Lease w(pool_);
+    if (!v.is_vector(m.n) || !acceleration.is_vector(m.n) || !close(w->model, near, q)) return nb::none();
+    double* out;
+    nb::object a = new_array({m.motors}, out);
+    if (!w->motors.efforts(v.data, acceleration.data, out)) return nb::none();
+    return a;
+  }
   nb::object gravity(In near, In q) {
     Pool::Lease w(pool_);
     if (!close(w->model, near, q)) return nb::none();
@@ -88,7 +97,7 @@ class Kernel {
     double* out;
     nb::object a = new_array({m.n, m.motors}, out);
     std::fill(out, out + size_t(m.n) * m.motors, 0.);
-    w->derivatives.transmission(out, m.motors);
+    w->model.transmission(out, m.motors);
     return a;
   }
   nb::object constraint_forces(In near, In v, In u, In q) {
@@ -170,6 +179,17 @@ class Kernel {
       return good;
     });
   }
+  nb::object inverse_dynamics_many(In Q, In V, In A, In near, int threads) {
+    const Batch batch(*this, near, Q);
+    if (!batch.good || !rows_of(V, m.n, Q.rows) || !rows_of(A, m.n, Q.rows)) return nb::none();
+    double* out;
+    const nb::object a = new_array({Q.rows, m.motors}, out);
+    return with_mask(a, batch, threads, [&](Workspace& w, Py_ssize_t k, bool good) {
+      good = good && w.motors.efforts(V.data + k * m.n, A.data + k * m.n, out + k * m.motors);
+      if (!good) std::fill_n(out + k * m.motors, m.motors, NAN);
+      return good;
+    });
+  }
   nb::object forward_dynamics_derivatives_many(In Q, In V, In U, In near, int threads) {
     const Batch batch(*this, near, Q);
     if (!batch.good || !rows_of(V, m.n, Q.rows) || !rows_of(U, m.motors, Q.rows)) return nb::none();
@@ -188,9 +208,8 @@ class Kernel {
   // A run under a law of the core: how many samples, then q, q̇, u, q′, |φ|, how it ended, since when it is settled, evaluations.
   nb::object simulate(In near, nb::dict law, nb::dict run, nb::dict tableau) {
     if (!m.direct) return nb::none();
-    const Law a = Reader::law(law, m);
-    const Run b = Reader::run(run, m);
-    const Tableau c = Reader::tableau(tableau);
+    const auto [a, b, c] =
+        reading::checked([&] { return std::tuple(read_law(law, m), read_run(run, m), read_tableau(tableau)); });
     const Py_ssize_t rows = b.times.size();
     Pool::Lease w(pool_);
     In q;

@@ -21,10 +21,10 @@ class Kinematics {
       : m(mechanism), q_free(mechanism.reference), pose(mechanism.joints.size()), S(mechanism.nv) {}
 
   void place_cluster(const Cluster& c) {
-    static const Pose root;
     for (int j : c.joints) {
       const Joint& joint = m.joints[j];
-      place(joint, &q_free[joint.q], joint.parent == c.parent ? root : pose[joint.parent], pose[j], &S[joint.v]);
+      const Pose* parent = joint.parent == c.parent ? nullptr : &pose[joint.parent];
+      place(joint, q_free.data() + joint.q, parent, pose[j], S.data() + joint.v);
     }
   }
 

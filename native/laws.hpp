@@ -26,7 +26,7 @@ struct Path {
     const size_t piece = size_t(next - breaks.begin()) - 1;
     const double x = within - breaks[piece];
     std::vector<double> way(m.n, 0.);
-    const double* c = &coefficients[piece * (degree + 1) * m.n];
+    const double* c = coefficients.data() + (piece * (degree + 1) * m.n);
     for (int power = degree; power >= 0; --power, c += m.n)
       for (int i = 0; i < m.n; ++i) {
         a[i] = a[i] * x + 2 * v[i];
@@ -34,7 +34,7 @@ struct Path {
         way[i] = way[i] * x + c[i];
       }
     if (t < breaks.front() || t >= breaks.back()) std::fill(v, v + m.n, 0.), std::fill(a, a + m.n, 0.);
-    for (const Coordinate& k : m.coordinates) coordinate_retract(k, q + k.q, &way[k.v]);
+    for (const Coordinate& k : m.coordinates) coordinate_retract(k, q + k.q, way.data() + k.v);
   }
 };
 
@@ -59,7 +59,7 @@ class LawRunner {
   void effort(double t, const double* q, const double* v, double* u) {
     const int n = m_.n;
     law_.path.at(m_, t, q_.data(), v_.data(), a_.data());
-    for (const Coordinate& k : m_.coordinates) coordinate_difference(k, q + k.q, &q_[k.q], &e_[k.v]);
+    for (const Coordinate& k : m_.coordinates) coordinate_difference(k, q + k.q, q_.data() + k.q, e_.data() + k.v);
     for (int i = 0; i < n; ++i) edot_[i] = v_[i] - v[i];
     for (int i = 0; i < n; ++i) {
       demand_[i] = 0;

@@ -35,7 +35,13 @@ struct Factor {
   void factorize() { rows == n ? lu() : qr(); }
 
   // x (rows × k, row-major) becomes the solution, unknown i in row slots[i].
-  void solve(double* x, int k) const { rows == n ? lu_solve(x, k) : qr_solve(x, k); }
+  void solve(double* x, int k) const {
+    if (rows != n) qr_solve(x, k);
+    else if (k == 1) lu_solve(x, [] { return 1; });
+    else if (k == 2) lu_solve(x, [] { return 2; });
+    else if (k == 3) lu_solve(x, [] { return 3; });
+    else lu_solve(x, [k] { return k; });
+  }
 
   // The least-norm solution x (rows) of Aᵀ x = y (n).
   void solve_transposed(const double* y, double* x) const { rows == n ? lu_transposed(y, x) : qr_transposed(y, x); }
@@ -96,7 +102,8 @@ struct Factor {
     });
     whole ? judge(low, high) : judge(0, 1);
   }
-  void lu_solve(double* x, int k) const {
+  template <class K> void lu_solve(double* x, K width) const {  // of a width known to the compiler, where it is small
+    const auto k = width();
     for_steps([&](const Block&, int c, const int* left, int count) {
       if (pivot[c] != left[0]) std::swap_ranges(x + pivot[c] * k, x + pivot[c] * k + k, x + left[0] * k);
       for (int r = 1; r < count; ++r) subtract(x + left[r] * k, row(left[r])[c], x + left[0] * k, k);

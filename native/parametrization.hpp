@@ -8,6 +8,7 @@
 namespace ccpin {
 
 constexpr double kContraction = 0.125, kChord = 0.0625, kNoise = 1e-9;
+constexpr double kStill = 1e-3;  // of the inverse of ψ_q′ times the way since it was factorised
 constexpr double kLargestMove = 1.0, kShortestStep = 0x1p-30, kOpenStart = 1e-6;
 constexpr int kMaxNewton = 16;
 
@@ -79,8 +80,9 @@ class Parametrization : public Tangent {
   //
   // A factor serves two corrections (Shamanskii's method, of third order). The second one, ψ̄ anew but ψ_q′ that of the
   // iterate before, is taken where it is at most a sixteenth of the first: with h half of ω‖Δ₁‖ it is at most h‖Δ₁‖, and
-  // Newton's own at most h/(1 − 2h)‖Δ₁‖, so that he would trust the step too and ψ_q′ stays regular (Deuflhard, Newton
-  // Methods for Nonlinear Problems, 2004, sec. 2.1). A third is taken where it will be the last.
+  // Newton's own at most h/(1 − 2h)‖Δ₁‖, so that he would trust the step too (Deuflhard, Newton Methods for Nonlinear
+  // Problems, 2004, sec. 2.1). A third is taken where it will be the last. Where q′ alone is wanted the solution needs no
+  // ψ_q′ of its own if the last one's inverse times the way since is so small that the determinant cannot vanish on it.
   bool newton(const Cluster& c, ClusterState& s, const double* q, const double* start, const double* rho, int sign,
               bool& open) {
     copy_cluster(c, start, q_free.data());
@@ -91,15 +93,16 @@ class Parametrization : public Tangent {
       if (!(last <= kLargestMove)) return false;
       move(c, s.step.data());
     }
-    int served = 0;  // corrections that the factor at hand has made; 0: none to trust
+    int served = 0;              // corrections that the factor at hand has made
+    double inverse = 0, way = 0;  // the size of its inverse, and the length of these
     for (int iteration = first; iteration < kMaxNewton; ++iteration) {
       const double size = residuals(c, s, q);
       const bool closed = size <= m.tolerance || (iteration && last <= kNoise && size <= 100 * m.tolerance);
-      if (served && closed && !wants_rho_) return true;
-      if (served && !closed) {
+      if (served && closed && !wants_rho_ && inverse * way <= kStill) return true;
+      if (served && !closed && last > kNoise) {
         const double length = newton_step(c, s);
         if (length <= kChord * last && (served == 1 || length * length <= last * m.tolerance)) {
-          last = length, ++served;
+          last = length, way += length, ++served;
           move(c, s.step.data());
           continue;
         }
@@ -114,8 +117,9 @@ class Parametrization : public Tangent {
       const double length = newton_step(c, s);
       if (!(length <= kLargestMove)) return false;
       if (iteration && length > kContraction * last && length > kNoise) return false;
-      last = length;
-      served = s.factor.ratio >= kSuspiciousPivots && regular(c, s);
+      last = way = length;
+      served = s.factor.ratio >= kSuspiciousPivots;
+      inverse = inverse_size(c, s);
       move(c, s.step.data());
     }
     return false;
@@ -151,7 +155,7 @@ class Parametrization : public Tangent {
   }
 
   void move(const Cluster& c, const double* step) {
-    for (int j : c.joints) retract(m.joints[j].kind, &q_free[m.joints[j].q], step + m.column_of[m.joints[j].v]);
+    for (int j : c.joints) retract(m.joints[j].kind, q_free.data() + m.joints[j].q, step + m.column_of[m.joints[j].v]);
   }
 
   // Along the straight line from α(start) to q, in steps that Newton trusts.
@@ -159,11 +163,11 @@ class Parametrization : public Tangent {
     alpha(start, q_start_.data());
     for (int i : c.coordinates) {
       const Coordinate& k = m.coordinates[i];
-      coordinate_difference(k, &q_start_[k.q], q + k.q, &line_[k.v]);
+      coordinate_difference(k, q_start_.data() + k.q, q + k.q, line_.data() + k.v);
     }
     copy_cluster(c, start, here_.data());
     double done = 0, stride = 0.5;
-    bool open;
+    bool open = false;
     while (stride >= kShortestStep) {
       const double ahead = std::min(1.0, done + stride);
       for (int i : c.coordinates) target(m.coordinates[i], q, ahead);
@@ -179,11 +183,11 @@ class Parametrization : public Tangent {
   }
   void target(const Coordinate& k, const double* q, double ahead) {
     const double* from = ahead == 1 ? q : q_start_.data();
-    std::copy(from + k.q, from + k.q + k.nq, &q_ahead_[k.q]);
+    std::copy(from + k.q, from + k.q + k.nq, q_ahead_.data() + k.q);
     if (ahead == 1) return;
     double step[6];
     for (int i = 0; i < k.nv; ++i) step[i] = ahead * line_[k.v + i];
-    coordinate_retract(k, &q_ahead_[k.q], step);
+    coordinate_retract(k, q_ahead_.data() + k.q, step);
   }
 
   // Closes an open guess at its own q, into `here_`; false where it is too far open.

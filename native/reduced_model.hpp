@@ -108,6 +108,19 @@ class ReducedModel : public Parametrization {
     return e;
   }
 
+  // ρᵀSᵀ into rows of a given stride that hold zeros.
+  void transmission(double* out, int stride) const {
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      for (int i = 0; i < c.n(); ++i) {
+        double* row = out + size_t(c.independent[i]) * stride;
+        if (m.direct) row[c.independent[i]] = 1;
+        for (size_t r = 0; r < c.motors.size(); ++r)
+          row[c.motors[r]] = states[k].rho[size_t(c.motor_columns[r]) * c.n() + i];
+      }
+    }
+  }
+
   // From the packed order of clusters to the order of q̇′.
   void unpack(const std::vector<double>& packed, double* out) const {
     for (size_t k = 0; k < m.clusters.size(); ++k)
@@ -133,8 +146,8 @@ class ReducedModel : public Parametrization {
       const Cluster& c = m.clusters[k];
       ClusterState& s = states[k];
       const int n = c.n();
-      const double* v = &v_free[offset[k]];
-      double* acceleration = &a_free[offset[k]];
+      const double* v = v_free.data() + offset[k];
+      double* acceleration = a_free.data() + offset[k];
       if (moving) bias(c, s, v);
       else std::fill(s.bias.begin(), s.bias.end(), 0.);
       for (int col = 0; col < c.width(); ++col) {
@@ -182,10 +195,10 @@ class ReducedModel : public Parametrization {
   void add_twists(const Cluster& c, const ClusterState& s, int j) {
     const Joint& joint = m.joints[j];
     const int n = c.n();
-    Motion* twist = &X[x_offset[j]];
+    Motion* twist = X.data() + x_offset[j];
     for (int i = 0; i < n; ++i) twist[i] = joint.parent == c.parent ? Motion() : X[x_offset[joint.parent] + i];
     for (int k = 0; k < joint.nv; ++k) {
-      const double* rho = &s.rho[size_t(m.column_of[joint.v] + k) * n];
+      const double* rho = s.rho.data() + size_t(m.column_of[joint.v] + k) * n;
       for (int i = 0; i < n; ++i) twist[i] += S[joint.v + k] * rho[i];
     }
   }
@@ -196,8 +209,11 @@ class ReducedModel : public Parametrization {
     const Vec3 centre = pose[j].p + pose[j].R * joint.centre;
     Y.m = joint.mass;
     Y.h = joint.mass * centre;
-    Y.I.noalias() = pose[j].R * joint.inertia * pose[j].R.transpose();
-    Y.I += joint.mass * (centre.squaredNorm() * Mat3::Identity() - centre * centre.transpose());
+    const Mat3 turned = pose[j].R * joint.inertia;
+    const double square = joint.mass * centre.squaredNorm();
+    for (int r = 0; r < 3; ++r)
+      for (int k = 0; k <= r; ++k)
+        Y.I(r, k) = Y.I(k, r) = turned.row(r).dot(pose[j].R.row(k)) - Y.h[r] * centre[k] + (r == k ? square : 0);
     return Y;
   }
 
@@ -226,22 +242,25 @@ class ReducedModel : public Parametrization {
   bool articulate(int k) {
     const Cluster& c = m.clusters[k];
     const int n = c.n();
-    double *D = &D_[d_offset_[k]], *t = &a_[n_offset_[k]];
-    Force passed, *U = &U_[n_offset_[k]];
+    double *D = D_.data() + d_offset_[k], *t = a_.data() + n_offset_[k];
+    Force passed, *U = U_.data() + n_offset_[k];
     Mat6 inertia = Mat6::Zero();
+    RigidInertia light;
     std::fill(D, D + n * n, 0.), std::fill(U, U + n, Force());
     for (int i = 0; i < n; ++i) t[i] = tau_[c.independent[i]];
     for (int j : c.joints) {
       const bool heavy = m.carries[j];
       for (int i = x_offset[j]; i < x_offset[j] + n; ++i) W_[i] = heavy ? apply(articulated_[j], X[i]) : body[j].Y * X[i];
-      if (c.parent) inertia += heavy ? articulated_[j] : matrix(body[j].Y);
+      if (c.parent && heavy) inertia += articulated_[j];
+      if (c.parent && !heavy) light += body[j].Y;
     }
+    if (c.parent) inertia += matrix(light);
     for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j) {
       const Joint& joint = m.joints[*j];
-      const Force* W = &W_[x_offset[*j]];
+      const Force* W = W_.data() + x_offset[*j];
       for (int s = 0; s < joint.nv; ++s) {
         const int col = m.column_of[joint.v] + s;
-        const double *rho = &states[k].rho[size_t(col) * n], arm = joint.armature[s];
+        const double *rho = states[k].rho.data() + size_t(col) * n, arm = joint.armature[s];
         const double effort = dot(body[*j].f, S[joint.v + s]) + arm * states[k].bias[col];
         for (int i = 0; i < n; ++i) {
           const double column = dot(W[i], S[joint.v + s]) + arm * rho[i];
@@ -251,7 +270,7 @@ class ReducedModel : public Parametrization {
       }
       const bool first = joint.parent == c.parent;
       (first ? passed : body[joint.parent].f) += body[*j].f;
-      Force* below = first ? U : &W_[x_offset[joint.parent]];
+      Force* below = first ? U : W_.data() + x_offset[joint.parent];
       if (!first || c.parent)
         for (int i = 0; i < n; ++i) below[i] += W[i];
     }
@@ -259,10 +278,10 @@ class ReducedModel : public Parametrization {
     cholesky_solve(D, n, t, 1);
     if (!c.parent) return true;
     scratch_.resize(size_t(n) * 6);  // D⁻¹ Uᵀ, n × 6
-    for (int i = 0; i < n; ++i) Eigen::Map<Vec6>{&scratch_[i * 6]} = vector(U[i]);
+    for (int i = 0; i < n; ++i) Eigen::Map<Vec6>{scratch_.data() + i * 6} = vector(U[i]);
     cholesky_solve(D, n, scratch_.data(), 6);
     for (int i = 0; i < n; ++i) {
-      inertia.noalias() -= vector(U[i]) * Eigen::Map<Eigen::Matrix<double, 1, 6>>(&scratch_[i * 6]);
+      inertia.noalias() -= vector(U[i]) * Eigen::Map<Eigen::Matrix<double, 1, 6>>(scratch_.data() + i * 6);
       passed += U[i] * t[i];
     }
     articulated_[c.parent] += out_of_frame(pose[c.parent], inertia);
@@ -274,13 +293,13 @@ class ReducedModel : public Parametrization {
   void accelerate(int k, double* a) {
     const Cluster& c = m.clusters[k];
     const int n = c.n();
-    double* t = &a_[n_offset_[k]];
+    double* t = a_.data() + n_offset_[k];
     Motion moved;
     if (c.parent) {
       moved = in_frame(pose[c.parent], moved_[c.parent]);
       scratch_.resize(std::max(1, n));
       for (int i = 0; i < n; ++i) scratch_[i] = dot(U_[n_offset_[k] + i], moved);
-      cholesky_solve(&D_[d_offset_[k]], n, scratch_.data(), 1);
+      cholesky_solve(D_.data() + d_offset_[k], n, scratch_.data(), 1);
       for (int i = 0; i < n; ++i) t[i] -= scratch_[i];
     }
     for (int i = 0; i < n; ++i) a[c.independent[i]] = t[i];

@@ -70,7 +70,7 @@ class Simulation {
     if (!close(state)) return false;
     const double* v = state + m_.n_q;
     law_.effort(t, q_.data(), v, u_.data());
-    for (const Coordinate& k : m_.coordinates) coordinate_rate(k, &q_[k.q], v + k.v, rate + k.q);
+    for (const Coordinate& k : m_.coordinates) coordinate_rate(k, q_.data() + k.q, v + k.v, rate + k.q);
     return w_.model.forward(v, u_.data(), rate + m_.n_q);
   }
 
@@ -88,7 +88,7 @@ class Simulation {
     q_.assign(state, state + m_.n_q);
     for (const Coordinate& k : m_.coordinates) {
       const UnitWindow unit = k.whole() ? unit_window(k.kind) : UnitWindow{0, 0};
-      if (unit.size) Eigen::Map<Eigen::VectorXd>(&q_[k.q + unit.start], unit.size).normalize();
+      if (unit.size) Eigen::Map<Eigen::VectorXd>(q_.data() + k.q + unit.start, unit.size).normalize();
     }
     return w_.model.sigma(q_.data(), near_);
   }
@@ -114,7 +114,7 @@ class Simulation {
     const double t = run_.times[out.done - 1];
     double step[6], error = 0, speed = 0;
     for (const Coordinate& k : m_.coordinates) {
-      coordinate_difference(k, out.q + size_t(out.done - 1) * m_.n_q + k.q, &run_.settling.goal[k.q], step);
+      coordinate_difference(k, out.q + size_t(out.done - 1) * m_.n_q + k.q, run_.settling.goal.data() + k.q, step);
       for (int i = 0; i < k.nv; ++i) error = std::max(error, std::abs(step[i]));
     }
     for (int i = 0; i < m_.n; ++i) speed = std::max(speed, std::abs(state[m_.n_q + i]));

@@ -66,10 +66,14 @@ inline Force out_of_frame(const Pose& X, const Force& f) {
   const Vec3 g = X.R * f.f;
   return {g, X.R * f.t + X.p.cross(g)};
 }
-inline Mat6 out_of_frame(const Pose& X, const Mat6& M) {  // a linear map from twists to wrenches
+inline Mat6 out_of_frame(const Pose& X, const Mat6& M) {  // a symmetric map from twists to wrenches
+  const Mat3 &R = X.R, p = skew(X.p);
+  const Mat3 A = R * M.topLeftCorner<3, 3>() * R.transpose(), B = R * M.topRightCorner<3, 3>() * R.transpose();
+  const Mat3 D = R * M.bottomRightCorner<3, 3>() * R.transpose(), mixed = B - A * p, turned = p * B;
   Mat6 T;
-  T << X.R, Mat3::Zero(), skew(X.p) * X.R, X.R;
-  return T * M * T.transpose();
+  T.topLeftCorner<3, 3>() = A, T.topRightCorner<3, 3>() = mixed, T.bottomLeftCorner<3, 3>() = mixed.transpose();
+  T.bottomRightCorner<3, 3>() = D + turned + turned.transpose() - p * A * p;
+  return T;
 }
 
 struct RigidInertia {

@@ -1,14 +1,8 @@
-// Reads a Mechanism from the plain numbers of ccpin.native.specification, where every field is described.
+// Reads a Mechanism from the plain numbers of ccpin.native.specification, where every field is described, and checks
+// that whatever points somewhere points to where there is something: nothing after that looks at an index twice.
 #pragma once
-#include "arrays.hpp"
 #include "mechanism.hpp"
-#include "simulate.hpp"
-
-#include <nanobind/stl/string.h>
-#include <nanobind/stl/vector.h>
-
-#include <stdexcept>
-#include <string>
+#include "reading.hpp"
 
 namespace ccpin {
 
@@ -17,113 +11,68 @@ class Reader {
   explicit Reader(nb::dict numbers) : s_(numbers) {}
 
   Mechanism mechanism() {
-    m_.nq = integer("nq"), m_.nv = integer("nv"), m_.n_q = integer("n_q"), m_.n = integer("n");
-    m_.direct = nb::cast<bool>(s_["direct"]), m_.turnable = nb::cast<bool>(s_["turnable"]);
-    m_.tolerance = nb::cast<double>(s_["tolerance"]), m_.gravity = vec(s_["gravity"]);
-    m_.reference = doubles(s_["reference"]);
-    m_.joints.push_back({});
-    for (nb::handle h : s_["joints"]) m_.joints.push_back(joint(tuple(h)));
-    m_.m = 0;
-    for (nb::handle h : s_["loops"]) m_.loops.push_back(loop(tuple(h)));
-    for (nb::handle h : s_["couplings"]) m_.couplings.push_back(coupling(tuple(h)));
-    m_.plain = true;
-    for (nb::handle h : s_["coordinates"]) {
-      m_.coordinates.push_back(coordinate(tuple(h)));
-      const Coordinate& c = m_.coordinates.back();
-      if (c.whole() && unit_window(c.kind).size) m_.plain = false;
-    }
-    motors_ = integers(s_["motors"]);
-    m_.motors = m_.direct ? m_.n : int(motors_.size());
-    m_.cluster_of.assign(m_.joints.size(), -1), m_.column_of.assign(m_.nv, -1), m_.carries.assign(m_.joints.size(), 0);
-    for (nb::handle h : s_["clusters"]) add_cluster(tuple(h));
-    return std::move(m_);
-  }
-
-  static Law law(nb::dict d, const Mechanism& m) {
-    Law law;
-    const std::string name = nb::cast<std::string>(d["kind"]);
-    const auto found = std::find(std::begin(kLawNames), std::end(kLawNames), name);
-    if (found == std::end(kLawNames)) throw std::invalid_argument("the core knows no law '" + name + "'");
-    law.kind = LawKind(found - std::begin(kLawNames));
-    const size_t n = m.n;
-    law.path.start = flat(d["start"], m.n_q), law.path.breaks = flat(d["breaks"]);
-    law.path.degree = nb::cast<int>(d["degree"]);
-    const size_t pieces = law.path.breaks.size() > 1 ? law.path.breaks.size() - 1 : 0;
-    law.path.coefficients = flat(d["coefficients"], pieces * (law.path.degree + 1) * n);
-    law.K_p = flat(d["K_p"], n * n), law.K_v = flat(d["K_v"], n * n), law.constant = flat(d["constant"], n);
-    return law;
-  }
-  static Run run(nb::dict d, const Mechanism& m) {
-    const auto number = [&](const char* name) { return nb::cast<double>(d[name]); };
-    Run r{flat(d["times"]), flat(d["start"], m.n_q + m.n), number("rtol"), number("atol"), number("max_step"),
-          number("singular_rcond"), {}};
-    r.settling = {flat(d["goal"]), number("band"), number("speed"), number("hold")};
-    return r;
-  }
-  static Tableau tableau(nb::dict d) {
-    Tableau t;
-    t.A = flat(d["A"]), t.B = flat(d["B"]), t.C = flat(d["C"]);
-    t.E = flat(d["E"]), t.E_low = flat(d["E_low"]), t.P = flat(d["P"]);
-    t.stages = int(t.B.size()), t.extra = nb::cast<int>(d["extra"]), t.columns = nb::cast<int>(d["columns"]);
-    t.error_order = nb::cast<int>(d["error_order"]);
-    return t;
+    return reading::checked([&] { return read(); });
   }
 
  private:
-  static constexpr size_t kAny = size_t(-1);
-  static std::vector<double> flat(nb::handle h, size_t size = kAny) {
-    std::vector<double> x = doubles(h);
-    if (size != kAny && x.size() != size) throw std::invalid_argument("an array has a wrong length");
-    return x;
-  }
   nb::dict s_;
   Mechanism m_;
   std::vector<int> motors_;
 
-  static nb::sequence sequence(nb::handle h) { return nb::cast<nb::sequence>(h); }
-  static double number(nb::handle h) { return nb::cast<double>(h); }
-  static nb::tuple tuple(nb::handle h) { return nb::cast<nb::tuple>(h); }
-  static std::vector<int> integers(nb::handle h) { return nb::cast<std::vector<int>>(h); }
-  static std::vector<double> doubles(nb::handle h) { return nb::cast<std::vector<double>>(h); }
-  int integer(const char* name) const { return nb::cast<int>(s_[name]); }
-  static In array(nb::handle h, Py_ssize_t size) {
-    In x = nb::cast<In>(h);
-    if (!x.given() || x.size != size) throw std::invalid_argument("an array of the specification has a wrong shape");
-    return x;
+  Mechanism read() {
+    using namespace reading;
+    m_.direct = nb::cast<bool>(s_["direct"]), m_.turnable = nb::cast<bool>(s_["turnable"]);
+    m_.tolerance = number(s_["tolerance"]), m_.gravity = vec(s_["gravity"]);
+    m_.nq = m_.nv = m_.m = m_.n_q = m_.n = 0;
+    m_.joints.push_back({});
+    for (nb::handle h : sequence(s_["joints"])) m_.joints.push_back(joint(tuple(h, 9)));
+    require(integer(s_["nq"]) == m_.nq && integer(s_["nv"]) == m_.nv, "the joints are not as many as nq and nv say");
+    m_.reference = numbers(s_["reference"], m_.nq);
+    for (nb::handle h : sequence(s_["loops"])) m_.loops.push_back(loop(tuple(h, 7)));
+    for (nb::handle h : sequence(s_["couplings"])) m_.couplings.push_back(coupling(tuple(h, 2)));
+    m_.plain = true;
+    for (nb::handle h : sequence(s_["coordinates"])) {
+      m_.coordinates.push_back(coordinate(tuple(h, 5)));
+      const Coordinate& c = m_.coordinates.back();
+      if (c.whole() && unit_window(c.kind).size) m_.plain = false;
+    }
+    require(integer(s_["n_q"]) == m_.n_q && integer(s_["n"]) == m_.n, "the coordinates are not as many as n_q and n say");
+    motors_ = integers(s_["motors"]);
+    for (int k : motors_) require(k >= 0 && k < m_.nv, "there is no joint for a motor");
+    m_.motors = m_.direct ? m_.n : int(motors_.size());
+    m_.cluster_of.assign(m_.joints.size(), -1), m_.column_of.assign(m_.nv, -1), m_.carries.assign(m_.joints.size(), 0);
+    for (nb::handle h : sequence(s_["clusters"])) add_cluster(tuple(h, 5));
+    size_t joints = 1, loops = 0, couplings = 0, coordinates = 0;
+    for (const Cluster& c : m_.clusters) {
+      joints += c.joints.size(), loops += c.loops.size();
+      couplings += c.couplings.size(), coordinates += c.coordinates.size();
+    }
+    require(joints == m_.joints.size() && loops == m_.loops.size() && couplings == m_.couplings.size() &&
+                coordinates == m_.coordinates.size(),
+            "something belongs to no cluster");
+    return std::move(m_);
   }
-  static Vec3 vec(nb::handle h) { return Eigen::Map<const Vec3>(array(h, 3).data); }
-  static Mat3 mat(nb::handle h) {
-    const In x = array(h, 3);
-    return Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(x.data);
+
+  int joint_number(int j, bool or_world) const {
+    reading::require(j >= !or_world && j < int(m_.joints.size()), "there is no such joint");
+    return j;
   }
-  static Pose pose(nb::handle h) {
-    const In x = array(h, 4);
-    const Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>> M(x.data);
-    return {M.topLeftCorner<3, 3>(), M.topRightCorner<3, 1>()};
-  }
-  static Kind kind(nb::handle h) {
-    const std::string name = nb::cast<std::string>(h);
-    for (int k = 0; k < 6; ++k)
-      if (name == kKindNames[k]) return Kind(k);
-    throw std::invalid_argument("the core knows no joint of kind '" + name + "'");
-  }
+  static Kind kind(nb::handle h) { return Kind(reading::place_of(reading::text(h), kKindNames, "joint of kind")); }
+
   static Vector vector(nb::handle h) {
-    const nb::tuple t = tuple(h);
-    const std::string name = nb::cast<std::string>(t[0]);
-    for (int k = 0; k < 4; ++k)
-      if (name == kFrameNames[k]) return {Frame(k), vec(t[1])};
-    throw std::invalid_argument("a closure has no frame '" + name + "'");
+    const nb::tuple t = reading::tuple(h, 2);
+    return {Frame(reading::place_of(reading::text(t[0]), kFrameNames, "frame of a closure")), reading::vec(t[1])};
   }
   static Product product(nb::handle h) {
-    const nb::tuple t = tuple(h);
-    Product p{number(t[0]), vector(t[1]), vector(t[2])};
+    const nb::tuple t = reading::tuple(h, 3);
+    Product p{reading::number(t[0]), vector(t[1]), vector(t[2])};
     if (p.x.frame == Frame::gap || p.y.frame == Frame::A) std::swap(p.x, p.y);
     if (p.x.frame != Frame::gap) p.x.local *= p.weight, p.weight = 1;
     return p;
   }
   static LoopRow row(nb::handle h) {
     LoopRow row{Form::direction, {}};
-    for (nb::handle p : sequence(h)) row.products.push_back(product(p));
+    for (nb::handle p : reading::sequence(h)) row.products.push_back(product(p));
     const auto fits = [](const Product& p, Frame x, Frame y) { return p.x.frame == x && p.y.frame == y; };
     for (const Product& p : row.products)
       if (!fits(p, Frame::A, Frame::B)) row.form = Form::any;
@@ -131,59 +80,99 @@ class Reader {
     return row;
   }
 
-  Joint joint(nb::tuple t) const {
+  Joint joint(nb::tuple t) {
+    using namespace reading;
     Joint j{};
-    j.kind = kind(t[0]), j.parent = nb::cast<int>(t[1]);
-    const std::vector<int> window = integers(t[2]);
-    j.q = window[0], j.v = window[1], j.nq = window[2], j.nv = window[3];
+    j.kind = kind(t[0]), j.parent = joint_number(integer(t[1]), true);
+    const auto [nq, nv] = kSizes[int(j.kind)];
+    j.q = m_.nq, j.v = m_.nv, j.nq = nq, j.nv = nv;
+    require(integers(t[2]) == std::vector<int>{j.q, j.v, j.nq, j.nv}, "a joint's windows are not those after the last's");
+    m_.nq += nq, m_.nv += nv;
     j.placement = pose(t[3]), j.axis = vec(t[4]);
-    j.mass = nb::cast<double>(t[5]), j.centre = vec(t[6]), j.inertia = mat(t[7]);
-    const std::vector<double> armature = doubles(t[8]);
+    j.turned = j.placement.R != Mat3::Identity(), j.along = -1;
+    for (int k = 0; k < 3; ++k)
+      if (std::abs(j.axis[k]) == 1 && j.axis.squaredNorm() == 1) j.along = k;
+    j.mass = number(t[5]), j.centre = vec(t[6]), j.inertia = mat(t[7]);
+    const std::vector<double> armature = numbers(t[8], nv);
     j.armature.fill(0);
     std::copy(armature.begin(), armature.end(), j.armature.begin());
     return j;
   }
 
+  // The joints from an ancestor (left out) to an end.
+  std::vector<int> path(nb::handle h, int ancestor, int end) const {
+    const std::vector<int> path = reading::integers(h);
+    int last = ancestor;
+    for (int j : path) {
+      reading::require(m_.joints[joint_number(j, false)].parent == last, "a closure's path is broken");
+      last = j;
+    }
+    reading::require(last == end, "a closure's path does not lead to its end");
+    return path;
+  }
+
   Loop loop(nb::tuple t) {
+    using namespace reading;
     Loop l{};
-    const std::vector<int> ends = integers(t[0]);
-    l.a = ends[0], l.b = ends[1], l.ancestor = ends[2];
+    const std::vector<int> ends = integers(t[0], 3);
+    l.a = joint_number(ends[0], true), l.b = joint_number(ends[1], true), l.ancestor = joint_number(ends[2], true);
     l.frame_a = pose(t[1]), l.frame_b = pose(t[2]);
     for (nb::handle h : sequence(t[3])) l.rows.push_back(row(h));
-    for (nb::handle h : sequence(t[4])) l.alignment.push_back({vec(tuple(h)[0]), vec(tuple(h)[1])});
-    l.path_a = integers(t[5]), l.path_b = integers(t[6]);
+    for (nb::handle h : sequence(t[4])) {
+      const nb::tuple pair = tuple(h, 2);
+      l.alignment.push_back({vec(pair[0]), vec(pair[1])});
+    }
+    l.path_a = path(t[5], l.ancestor, l.a), l.path_b = path(t[6], l.ancestor, l.b);
+    require(!l.path_a.empty() || !l.path_b.empty(), "a closure joins two frames of one body");
     l.size = int(l.rows.size());
     l.row = m_.m, m_.m += l.size;
     return l;
   }
 
   Coupling coupling(nb::tuple t) {
-    Coupling g{{}, nb::cast<double>(t[1]), m_.m++};
-    for (nb::handle h : nb::cast<nb::sequence>(t[0])) {
-      const nb::tuple x = tuple(h);
-      g.terms.push_back({nb::cast<int>(x[0]), nb::cast<int>(x[1]), nb::cast<bool>(x[2]), doubles(x[3]),
-                         nb::cast<double>(x[4])});
+    using namespace reading;
+    Coupling g{{}, number(t[1]), m_.m++};
+    for (nb::handle h : sequence(t[0])) {
+      const nb::tuple x = tuple(h, 5);
+      const CouplingTerm term{integer(x[0]), integer(x[1]), nb::cast<bool>(x[2]), numbers(x[3]), number(x[4])};
+      require(term.q >= 0 && term.q + term.wrapped < m_.nq && term.v >= 0 && term.v < m_.nv, "a coupling has no joint");
+      g.terms.push_back(term);
     }
+    require(!g.terms.empty(), "a coupling has no terms");
     return g;
   }
 
-  static Coordinate coordinate(nb::tuple t) {
-    const std::vector<int> window = integers(t[3]);
-    return {kind(t[0]), nb::cast<int>(t[1]), nb::cast<int>(t[2]), window[0], window[1], window[2], window[3],
-            doubles(t[4])};
+  Coordinate coordinate(nb::tuple t) {
+    using namespace reading;
+    const int joint = joint_number(integer(t[1]), false), component = integer(t[2]);
+    const Joint& j = m_.joints[joint];
+    const Coordinate c{kind(t[0]), joint, component, m_.n_q, m_.n, component < 0 ? j.nq : 1, component < 0 ? j.nv : 1,
+                       numbers(t[4], j.nq)};
+    require(c.kind == j.kind && component >= -1 && (component < 0 || has_component(j.kind, component)),
+            "a joint has no such component");
+    require(integers(t[3]) == std::vector<int>{c.q, c.v, c.nq, c.nv}, "a coordinate's windows are not those after the last's");
+    m_.n_q += c.nq, m_.n += c.nv;
+    return c;
   }
 
   void add_cluster(nb::tuple t) {
+    using namespace reading;
     Cluster c;
-    c.parent = nb::cast<int>(t[0]), c.joints = integers(t[1]), c.loops = integers(t[2]);
+    c.parent = joint_number(integer(t[0]), true), c.joints = integers(t[1]), c.loops = integers(t[2]);
     c.couplings = integers(t[3]), c.coordinates = integers(t[4]);
+    require(c.parent == 0 || m_.cluster_of[c.parent] >= 0, "a cluster comes before the one that carries it");
+    const int here = int(m_.clusters.size());
     for (int j : c.joints) {
-      m_.cluster_of[j] = int(m_.clusters.size());
+      const int parent = m_.joints[joint_number(j, false)].parent;
+      require(m_.cluster_of[j] < 0, "a joint belongs to two clusters");
+      require(parent == c.parent || (parent && m_.cluster_of[parent] == here), "a cluster's joints are not in order");
+      m_.cluster_of[j] = here;
       for (int k = 0; k < m_.joints[j].nv; ++k) {
         m_.column_of[m_.joints[j].v + k] = c.width();
         c.columns.push_back(m_.joints[j].v + k);
       }
     }
+    check_members(c, here);
     for (int i : c.loops) {
       Loop& loop = m_.loops[i];
       c.loop_rows += loop.size, loop.base = c.parent;
@@ -191,9 +180,42 @@ class Reader {
     }
     if (c.parent) m_.carries[c.parent] = 1, m_.clusters[m_.cluster_of[c.parent]].carries = true;
     choose_columns(c);
-    if (c.rows() < c.unknowns()) throw std::invalid_argument("a cluster has fewer rows than unknowns");
+    require(c.rows() >= c.unknowns(), "a cluster has fewer rows than unknowns");
     find_pattern(c);
     m_.clusters.push_back(c);
+  }
+
+  // Each thing of a cluster is there, once, and moves its joints alone.
+  void check_members(const Cluster& c, int here) const {
+    const auto each_once = [](std::vector<int> members, size_t count) {
+      std::sort(members.begin(), members.end());
+      const bool once = std::adjacent_find(members.begin(), members.end()) == members.end();
+      reading::require(once && (members.empty() || (members.front() >= 0 && members.back() < int(count))),
+                       "a cluster has what is not there, or twice");
+    };
+    each_once(c.loops, m_.loops.size()), each_once(c.couplings, m_.couplings.size());
+    each_once(c.coordinates, m_.coordinates.size());
+    const auto inside = [&](int j) { reading::require(m_.cluster_of[j] == here, "a cluster lacks a joint of its own"); };
+    for (int i : c.loops) {
+      for (int j : m_.loops[i].path_a) inside(j);
+      for (int j : m_.loops[i].path_b) inside(j);
+      if (m_.loops[i].ancestor != c.parent) inside(m_.loops[i].ancestor);
+    }
+    for (int i : c.couplings)
+      for (const CouplingTerm& term : m_.couplings[i].terms) reading::require(in_columns(c, term.v), "a coupling leaves its cluster");
+    std::vector<int> used;  // columns that are, or have components that are, coordinates
+    for (int i : c.coordinates) {
+      const Coordinate& k = m_.coordinates[i];
+      inside(k.joint);
+      used.push_back(8 * k.joint + (k.whole() ? 7 : k.component));
+      for (int o : c.coordinates)
+        reading::require(!k.whole() || o == i || m_.coordinates[o].joint != k.joint, "a joint is two coordinates");
+    }
+    std::sort(used.begin(), used.end());
+    reading::require(std::adjacent_find(used.begin(), used.end()) == used.end(), "a component is two coordinates");
+  }
+  static bool in_columns(const Cluster& c, int component) {
+    return std::find(c.columns.begin(), c.columns.end(), component) != c.columns.end();
   }
 
   std::vector<Column> columns(const std::vector<int>& path) const {

@@ -42,12 +42,13 @@ class Tangent : public Constraints {
 
   // γ = ρ̇ q̇ = −ψ_q′⁻¹ ψ̇_q′ q̇′ over one cluster's columns, for q̇′ = v.
   void bias(const Cluster& c, ClusterState& s, const double* v) {
+    if (!c.rows()) return;
     double* change = s.right.data();
     int row = 0;
     for (int i : c.loops) {
       const Loop& loop = m.loops[i];
       const Moving a = travel(loop.path_a, v), b = travel(loop.path_b, v);
-      loop_row_rates(loop, ends(loop), a.V, b.V, &s.row_rates[row]);
+      loop_row_rates(loop, ends(loop), a.V, b.V, s.row_rates.data() + row);
       for (const int end = row + loop.size; row < end; ++row) {
         const Row &W = s.rows[row], &dW = s.row_rates[row];
         change[row] = -(dot(dW.a, a.V) + dot(W.a, a.A) + dot(dW.b, b.V) + dot(W.b, b.A));
@@ -146,8 +147,8 @@ class Tangent : public Constraints {
     for (double x : s.rho) largest = std::max(largest, std::abs(x));
     return (s.factor.ratio >= kSuspiciousPivots && largest <= kSuspiciousRho) || cluster_rcond(c, s) >= kSingular;
   }
-  // Whether ψ_q′⁻¹ is moderate, told from one solution with a right side of no structure.
-  bool regular(const Cluster& c, ClusterState& s) const {
+  // How large ψ_q′⁻¹ is, told from one solution with a right side of no structure.
+  double inverse_size(const Cluster& c, ClusterState& s) const {
     double x = 0.5, largest = 0;
     for (int r = 0; r < c.rows(); ++r) {
       x = 3.9 * x * (1 - x);
@@ -155,7 +156,7 @@ class Tangent : public Constraints {
     }
     s.factor.solve(s.right.data(), 1);
     for (int slot : c.pattern.slots) largest = std::max(largest, std::abs(s.right[slot]));
-    return largest <= kSuspiciousRho;
+    return largest;
   }
   bool too_singular(const Cluster& c, ClusterState& s) {
     if (s.factor.ratio >= kSuspiciousPivots) return false;
@@ -171,7 +172,7 @@ class Tangent : public Constraints {
     const Joint& joint = m.joints[k.joint];
     const int first = m.column_of[joint.v];
     double row[6], rate[6], sum = 0;
-    component_row(k, &q_free[joint.q], v + first, row, rate);
+    component_row(k, q_free.data() + joint.q, v + first, row, rate);
     for (int i = 0; i < joint.nv; ++i) sum += rate[i] * v[first + i], f(first + i, rate[i]);
     return sum;
   }
@@ -199,10 +200,10 @@ class Tangent : public Constraints {
       for (int k = 0; k < count; ++k) sum += std::abs(x[size_t(k) * stride]);
       return sum;
     };
-    for (int k : c.dependent) psi = std::max(psi, column(&s.J[k], c.rows(), c.width()));
+    for (int k : c.dependent) psi = std::max(psi, column(s.J.data() + k, c.rows(), c.width()));
     for (size_t k = 0; k < c.direct.size(); ++k) {
-      psi = std::max(psi, 1 + column(&s.J[c.direct[k]], c.rows(), c.width()));
-      inverse = std::max(inverse, column(&s.rho[k], c.width(), c.n()));
+      psi = std::max(psi, 1 + column(s.J.data() + c.direct[k], c.rows(), c.width()));
+      inverse = std::max(inverse, column(s.rho.data() + k, c.width(), c.n()));
     }
     const int rows = c.rows();
     inverse_.assign(size_t(rows) * rows, 0.);

@@ -63,7 +63,7 @@ class Terms {
     ClusterState& s = r_.states[k];
     const int n = c.n();
     rho_dot_.resize(size_t(c.width()) * n);
-    r_.rho_dot(c, s, &r_.v_free[r_.offset[k]], rho_dot_.data());
+    r_.rho_dot(c, s, r_.v_free.data() + r_.offset[k], rho_dot_.data());
     for (int col = 0; col < c.width(); ++col)
       for (int i = 0; i < n; ++i) {
         entry(rho, c.columns[col], c.independent[i]) = s.rho[size_t(col) * n + i];
@@ -71,7 +71,7 @@ class Terms {
       }
     for (int j : c.joints) {
       const Joint& joint = m_.joints[j];
-      Motion* dX = &dX_[r_.x_offset[j]];
+      Motion* dX = dX_.data() + r_.x_offset[j];
       for (int i = 0; i < n; ++i) dX[i] = joint.parent == c.parent ? Motion() : dX_[r_.x_offset[joint.parent] + i];
       for (int l = 0; l < joint.nv; ++l) {
         const Motion& column = r_.S[joint.v + l];
@@ -81,7 +81,7 @@ class Terms {
       }
     }
     r_.for_armature(c, [&](int col, double arm) {
-      const double *at = &s.rho[size_t(col) * n], *rate = &rho_dot_[size_t(col) * n];
+      const double *at = s.rho.data() + size_t(col) * n, *rate = rho_dot_.data() + size_t(col) * n;
       for (int i = 0; i < n; ++i)
         for (int l = 0; l < n; ++l) {
           if (i <= l) entry(D, c.independent[i], c.independent[l]) += arm * at[i] * at[l];
@@ -103,9 +103,9 @@ class Terms {
     }
     for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j) {
       const Joint& joint = m_.joints[*j];
-      const Force *W = &W_[r_.x_offset[*j]], *G = &G_[r_.x_offset[*j]];
+      const Force *W = W_.data() + r_.x_offset[*j], *G = G_.data() + r_.x_offset[*j];
       for (int s = 0; s < joint.nv; ++s) {
-        const double* rho = &r_.states[m_.cluster_of[*j]].rho[size_t(m_.column_of[joint.v] + s) * n];
+        const double* rho = r_.states[m_.cluster_of[*j]].rho.data() + size_t(m_.column_of[joint.v] + s) * n;
         for (int i = 0; i < n; ++i) {
           const double inertia = dot(W[i], r_.S[joint.v + s]), turning = dot(G[i], r_.S[joint.v + s]);
           for (int l = 0; l < n; ++l) entry(C, c.independent[l], c.independent[i]) += rho[l] * turning;
@@ -113,8 +113,8 @@ class Terms {
         }
       }
       const bool first = joint.parent == c.parent;
-      Force *W_below = first ? F_.data() : &W_[r_.x_offset[joint.parent]];
-      Force *G_below = first ? E_.data() : &G_[r_.x_offset[joint.parent]];
+      Force *W_below = first ? F_.data() : W_.data() + r_.x_offset[joint.parent];
+      Force *G_below = first ? E_.data() : G_.data() + r_.x_offset[joint.parent];
       for (int i = 0; i < n; ++i) W_below[i] += W[i], G_below[i] += G[i];
     }
     for (int i = 0; i < n; ++i)
@@ -125,7 +125,7 @@ class Terms {
       for (int i = 0; i < n; ++i)
         for (Force* f : {&F_[i], &E_[i], &H_[i]}) *f = out_of_frame(r_.pose[p], *f);
       const Cluster& below = m_.clusters[m_.cluster_of[p]];
-      couple(c, below, &r_.X[r_.x_offset[p]], &dX_[r_.x_offset[p]], D, C);
+      couple(c, below, r_.X.data() + r_.x_offset[p], dX_.data() + r_.x_offset[p], D, C);
       p = below.parent;
     }
   }

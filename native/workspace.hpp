@@ -1,6 +1,7 @@
 // All the memory one caller needs, and the pool that lends it: a kernel is immutable, so threads meet only at the lock.
 #pragma once
 #include "derivatives.hpp"
+#include "motors.hpp"
 #include "terms.hpp"
 
 #include <memory>
@@ -12,7 +13,8 @@ struct Workspace {
   ReducedModel model;
   Terms terms;
   Derivatives derivatives;
-  explicit Workspace(const Mechanism& m) : model(m), terms(model), derivatives(model) {}
+  Motors motors;
+  explicit Workspace(const Mechanism& m) : model(m), terms(model), derivatives(model), motors(model) {}
 };
 
 class Pool {

@@ -6,13 +6,29 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 import ccpin
 from ccpin import native
+<<<<<<< HEAD
 from ccpin.description import Coupling, CouplingTerm
 from tests.support.agreement import differences, random_states, reference_model, refused
+=======
+from ccpin.description import (
+    CLOSURE_KINDS,
+    Coupling,
+    CouplingTerm,
+    Inertia,
+    Joint,
+    Link,
+    LoopClosure,
+    MechanismDescription,
+)
+from ccpin.description.closure_kinds import GAP, Fixed, LoopRows, Product, X, Y, Z
+from tests.support.agreement import differences, random_states, refused
+>>>>>>> core
 from tests.support.places import MODELS, SHARED
-from tests.support.strategies import mechanisms
+from tests.support.strategies import mechanisms, rigid
 
 pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
 THEIRS = (
@@ -82,6 +98,38 @@ def test_components_as_coordinates(name):
     model, kernel, rng = reference_model(mechanism), native.kernel(mechanism), np.random.default_rng(5)
     for q in random_states(model, rng, 8, size=0.05):
         if not refused(model, q):
+            assert_same(model, kernel, q, rng)
+
+
+ANY_ROWS = {
+    "slot": ((Product(1.0, Fixed("A", Y), GAP),), (Product(1.0, Fixed("A", Z), GAP),)),
+    "weighted": ((Product(-2.5, GAP, Fixed("B", Y + Z)),),),
+    "two forms": ((Product(1.0, Fixed("A", Y), GAP), Product(0.3, Fixed("B", X), Fixed("A", Y))),),
+    "squares": ((Product(0.7, GAP, GAP), Product(-0.7, Fixed("C", 0.4 * Y), Fixed("C", 0.4 * Y))),),
+    "of C": ((Product(1.0, Fixed("C", X + Y), Fixed("A", Y)), Product(0.5, Fixed("B", Z + Y), Fixed("C", X))),),
+    "of A": ((Product(2.0, Fixed("B", X), Fixed("B", Y)), Product(0.5, Fixed("A", X + Z), Fixed("B", X))),),
+}
+
+
+@pytest.mark.parametrize("name", ANY_ROWS)
+def test_a_new_closure_kind(name, monkeypatch):
+    """Rows of whatever products: a kind the core never heard of between two arms that move in space."""
+    monkeypatch.setitem(CLOSURE_KINDS, "odd", lambda closure, normal: LoopRows(ANY_ROWS[name]))
+    rng = np.random.default_rng(2)
+    joints, parents = [], ["base", "l0", "l1", "base", "l3", "l4"]
+    for k, parent in enumerate(parents):
+        axis = rng.normal(size=3)
+        placement = rigid(Rotation.random(random_state=k).as_matrix(), rng.uniform(-0.3, 0.3, 3))
+        joints.append(Joint(f"j{k}", "revolute", parent, f"l{k}", placement, axis / np.linalg.norm(axis)))
+    links = [Link("base"), *(Link(f"l{k}", Inertia(1.0, rng.normal(size=3) / 9, 0.02 * np.eye(3))) for k in range(6))]
+    ends = [rigid(Rotation.random(random_state=k).as_matrix(), rng.uniform(-0.2, 0.2, 3)) for k in (8, 9)]
+    loop = LoopClosure("odd", "odd", "l2", "l5", *ends)
+    mechanism = ccpin.load(MechanismDescription("arms", "base", tuple(links), tuple(joints), (loop,)))
+    model, kernel, rng = ccpin.ReducedModel(mechanism), native.kernel(mechanism), np.random.default_rng(1)
+    for q in random_states(model, rng, 4, size=0.1):
+        if refused(model, q):
+            assert kernel.sigma(q) is None
+        else:
             assert_same(model, kernel, q, rng)
 
 

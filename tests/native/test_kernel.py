@@ -13,9 +13,9 @@ import pytest
 
 import ccpin
 from ccpin import native
-from ccpin.errors import InvalidInputError
-from ccpin.kinematics.clusters import clusters
-from tests.support.agreement import reference_model, relative
+from ccpin.errors import InvalidInputError, UnderactuatedError
+from ccpin.native.specification import clusters
+from tests.support.agreement import relative
 
 native_only = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
 
@@ -23,7 +23,7 @@ native_only = pytest.mark.skipif(native.backend().name != "native", reason="the 
 @pytest.fixture(scope="module")
 def delta():
     """The Delta robot's model and kernel, and 300 random states of it."""
-    model = reference_model(ccpin.load("delta"))
+    model = ccpin.ReducedModel(ccpin.load("delta"))
     rng = np.random.default_rng(0)
     Q = model.alpha(model.mechanism.q_reference) + 0.2 * rng.uniform(-1, 1, size=(300, model.n))
     V, U = rng.normal(size=(2, 300, model.n))
@@ -90,6 +90,30 @@ def test_batches_are_rows(delta, threads):
         for many, one in ((terms, kernel.terms(None, V[k], Q[k])),
                           (slopes, kernel.forward_dynamics_derivatives(None, V[k], U[k], Q[k]))):  # fmt: skip
             assert all(relative(a[k], b) < 1e-10 for a, b in zip(many, one, strict=True))
+
+
+@native_only
+def test_efforts_of_least_norm():
+    """u of motors that are not the independent joints, one by one and in a batch; none where they cannot suffice."""
+    joints = ccpin.load("rpdr").tree.names
+    rng = np.random.default_rng(4)
+    for actuated in (joints, joints[1:], joints[2:], joints[3:]):
+        mechanism = ccpin.load("rpdr", actuated=list(actuated))
+        model, kernel = ccpin.ReducedModel(mechanism), native.kernel(mechanism)
+        Q = model.alpha(mechanism.q_reference) + 0.2 * rng.uniform(-1, 1, size=(6, 2))
+        V, A = rng.normal(size=(2, 6, 2))
+        many, answered = kernel.inverse_dynamics_many(Q, V, A, None)
+        assert answered.all() == (len(actuated) > 1)
+        for k in range(len(Q)):
+            u = kernel.inverse_dynamics(None, V[k], A[k], Q[k])
+            if len(actuated) == 1:
+                assert u is None
+                assert np.isnan(many[k]).all()
+                with pytest.raises(UnderactuatedError):
+                    model.at(Q[k]).inverse_dynamics(V[k], A[k])
+            else:
+                assert relative(u, model.at(Q[k]).inverse_dynamics(V[k], A[k])) < 1e-11
+                assert relative(many[k], u) < 1e-11
 
 
 @native_only

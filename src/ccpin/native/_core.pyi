@@ -47,6 +47,11 @@ class Kernel:
     ) -> Array | None:
         """τ = D q̈ + C q̇ + g, of shape (n,)."""
 
+    def inverse_dynamics(
+        self, near: ArrayLike | None, v: ArrayLike, a: ArrayLike, q: ArrayLike | None = None
+    ) -> Array | None:
+        """The actuated joints' efforts u of least norm, of shape (motors,); ``None`` where they may not suffice."""
+
     def gravity(self, near: ArrayLike | None, q: ArrayLike | None = None) -> Array | None:
         """g (25), of shape (n,)."""
 
@@ -81,6 +86,9 @@ class Kernel:
         self, Q: ArrayLike, V: ArrayLike, U: ArrayLike, near: ArrayLike | None, threads: int = 1
     ) -> tuple[Array, Mask] | None: ...
     def generalized_force_many(
+        self, Q: ArrayLike, V: ArrayLike, A: ArrayLike, near: ArrayLike | None, threads: int = 1
+    ) -> tuple[Array, Mask] | None: ...
+    def inverse_dynamics_many(
         self, Q: ArrayLike, V: ArrayLike, A: ArrayLike, near: ArrayLike | None, threads: int = 1
     ) -> tuple[Array, Mask] | None: ...
     def forward_dynamics_derivatives_many(

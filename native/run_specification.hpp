@@ -1,0 +1,54 @@
+// Reads a law, a run and an integrator's coefficients from the plain numbers of ccpin.simulation.in_core.
+#pragma once
+#include "reading.hpp"
+#include "simulate.hpp"
+
+namespace ccpin {
+
+inline Law read_law(nb::dict d, const Mechanism& m) {
+  using namespace reading;
+  const size_t n = m.n;
+  Law law;
+  law.kind = LawKind(place_of(text(d["kind"]), kLawNames, "law"));
+  law.path.start = numbers(d["start"], m.n_q), law.path.breaks = numbers(d["breaks"]);
+  law.path.degree = integer(d["degree"]);
+  require(law.path.degree >= -1 && law.path.degree < 1000, "a path has a wrong degree");
+  require(law.path.breaks.size() != 1, "a path has one break");
+  for (size_t k = 1; k < law.path.breaks.size(); ++k)
+    require(law.path.breaks[k] > law.path.breaks[k - 1], "a path's breaks do not increase");
+  const size_t pieces = law.path.breaks.empty() ? 0 : law.path.breaks.size() - 1;
+  law.path.coefficients = numbers(d["coefficients"], pieces * (law.path.degree + 1) * n);
+  law.K_p = numbers(d["K_p"], n * n), law.K_v = numbers(d["K_v"], n * n), law.constant = numbers(d["constant"], n);
+  return law;
+}
+
+inline Run read_run(nb::dict d, const Mechanism& m) {
+  using namespace reading;
+  const auto any = [&](const char* name) { return nb::cast<double>(d[name]); };
+  Run r{numbers(d["times"]), numbers(d["start"], m.n_q + m.n), number(d["rtol"]), number(d["atol"]), any("max_step"),
+        number(d["singular_rcond"]), {}};
+  r.settling = {numbers(d["goal"]), any("band"), any("speed"), any("hold")};
+  require(!r.times.empty() && r.times[0] == 0, "a run does not begin at 0");
+  for (size_t k = 1; k < r.times.size(); ++k) require(r.times[k] > r.times[k - 1], "a run's times do not increase");
+  require(r.rtol > 0 && r.atol > 0 && r.longest > 0, "a tolerance or step is not positive");
+  require(r.settling.goal.empty() || int(r.settling.goal.size()) == m.n_q, "a goal has a wrong length");
+  return r;
+}
+
+inline Tableau read_tableau(nb::dict d) {
+  using namespace reading;
+  Tableau t;
+  t.A = numbers(d["A"]), t.B = numbers(d["B"]), t.C = numbers(d["C"]);
+  t.E = numbers(d["E"]), t.E_low = numbers(d["E_low"]), t.P = numbers(d["P"]);
+  t.stages = int(t.B.size()), t.extra = integer(d["extra"]), t.columns = integer(d["columns"]);
+  t.error_order = integer(d["error_order"]);
+  require(t.stages > 0 && t.extra >= 0 && t.extra < 100 && t.error_order >= 0, "a tableau has wrong sizes");
+  const size_t all = size_t(t.stages) + 1 + t.extra, used = size_t(t.stages) + (t.extra ? 1 + t.extra : 0);
+  require(t.columns >= int(t.extra ? all - 1 : t.stages), "a tableau has too few columns");
+  require(t.A.size() >= used * t.columns && t.A.size() % t.columns == 0 && t.C.size() >= used, "a tableau is too short");
+  require(int(t.E.size()) == t.stages + 1 && (t.E_low.empty() || t.E_low.size() == t.E.size()), "a wrong error estimate");
+  require(t.P.size() == (t.eighth() ? 4 * all : size_t(t.stages + 1) * 4), "a wrong interpolant");
+  return t;
+}
+
+}  // namespace ccpin
