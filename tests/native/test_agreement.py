@@ -10,10 +10,6 @@ from scipy.spatial.transform import Rotation
 
 import ccpin
 from ccpin import native
-<<<<<<< HEAD
-from ccpin.description import Coupling, CouplingTerm
-from tests.support.agreement import differences, random_states, reference_model, refused
-=======
 from ccpin.description import (
     CLOSURE_KINDS,
     Coupling,
@@ -25,8 +21,7 @@ from ccpin.description import (
     MechanismDescription,
 )
 from ccpin.description.closure_kinds import GAP, Fixed, LoopRows, Product, X, Y, Z
-from tests.support.agreement import differences, random_states, refused
->>>>>>> core
+from tests.support.agreement import differences, random_states, reference_model, refused
 from tests.support.places import MODELS, SHARED
 from tests.support.strategies import mechanisms, rigid
 

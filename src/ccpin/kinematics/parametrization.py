@@ -222,6 +222,7 @@ class Parametrization:
             if not steps:
                 sign, open_ = factor.sign, bool(np.abs(point.phi).max(initial=0.0) > 1e-6)
             if factor.rcond < SINGULAR_RCOND or factor.sign != sign:
+                trusted = trusted if steps else 0.0
                 break
             if residual <= rules.tolerance or (last <= rules.noise and residual <= rules.stalled):
                 if proof is not None and not proof.holds(self._displacement(first, q_free)):
