@@ -8,7 +8,7 @@ namespace ccpin {
 
 // What proofs need of the configuration of a cluster that they start from.
 struct ProofStart {
-  std::vector<double> inverse, size;  // ψ_q′⁻¹ (unknowns × rows), and its absolute values
+  std::vector<double> inverse, size;  // ψ_q′⁻¹ (its columns one after the other), and its absolute values
   std::vector<double> levers, gaps;   // distances of the loops' ends from the joints of their chains; their gaps
   std::vector<double> angles;         // of the couplings' terms, and of the components that turn
 };
@@ -18,9 +18,12 @@ struct ChainStep { int component, column; bool turn; int ball; };
 
 class Branches : public Tangent {
  public:
-  explicit Branches(const Mechanism& mechanism) : Tangent(mechanism) {
+  explicit Branches(const Mechanism& mechanism) : Tangent(mechanism), first_size_{0} {
     for (const Loop& loop : m.loops) {
       chains_.push_back(chain(loop.path_a)), chains_.push_back(chain(loop.path_b));
+      for (const LoopRow& row : loop.rows)
+        for (const Product& p : row.products) sizes_.push_back(std::abs(p.weight) * length(p.x) * length(p.y));
+      first_size_.push_back(int(sizes_.size()));
     }
     for (const Cluster& c : m.clusters) starts_.emplace_back(), prepare(c, starts_.back());
   }
@@ -33,10 +36,10 @@ class Branches : public Tangent {
   // How much of the step s.step stays on its branch; the cluster is linearised where it begins. Uses s.right, s.bias.
   double prove(const Cluster& c, ClusterState& s, ProofStart& start) {
     look(c, s, start);
-    const int width = c.width(), rows = c.rows();
-    u_.resize(width), bent_.resize(width), radius_.resize(width), centre_.assign(width, 0.), noise_.assign(width, 0.);
-    for (int k = 0; k < c.unknowns(); ++k)
-      for (int r = 0; r < rows; ++r) noise_[c.dependent[k]] += start.size[size_t(k) * rows + r] * m.tolerance;
+    const int width = c.width();
+    u_.resize(width), radius_.resize(width), centre_.assign(width, 0.);
+    rows_.assign(c.rows(), m.tolerance);
+    spread(c, start, noise_);
     for (int k = 0; k < width; ++k) u_[k] = std::abs(s.step[k]) + noise_[k];
     part_ = 1, likely_ = 2;
     if (around(c, start, u_, radius_)) return part_;
@@ -47,16 +50,16 @@ class Branches : public Tangent {
   double free_way(const Cluster& c, ClusterState& s, ProofStart& start, std::vector<double>& radius) {
     look(c, s, start);
     const int n = c.n();
-    u_.assign(c.width(), 0.), bent_.resize(c.width()), radius.resize(c.width());
+    u_.resize(c.width()), radius.resize(c.width());
+    rows_.assign(c.rows(), m.tolerance);
+    spread(c, start, noise_);
     double way = 0.1;
     for (int trial = 0; trial < 8; ++trial) {
       for (int col = 0; col < c.width(); ++col) {
         double sum = 0;
         for (int i = 0; i < n; ++i) sum += std::abs(s.rho[size_t(col) * n + i]);
-        u_[col] = way * sum;
+        u_[col] = way * sum + noise_[col];
       }
-      for (int k = 0; k < c.unknowns(); ++k)
-        for (int r = 0; r < c.rows(); ++r) u_[c.dependent[k]] += start.size[size_t(k) * c.rows() + r] * m.tolerance;
       if (around(c, start, u_, radius)) return way;
       way *= 0.4;
     }
@@ -68,11 +71,11 @@ class Branches : public Tangent {
     square_.assign(size_t(rows) * rows, 0.);
     for (int k = 0; k < rows; ++k) square_[size_t(k) * rows + k] = 1;
     if (rows) s.factor.solve(square_.data(), rows);
-    for (int k = 0; k < unknowns; ++k)
-      for (int r = 0; r < rows; ++r) {
-        const double y = square_[size_t(c.pattern.slots[k]) * rows + r];
-        start.inverse[size_t(k) * rows + r] = y, start.size[size_t(k) * rows + r] = std::abs(y);
-      }
+    for (int k = 0; k < unknowns; ++k) {
+      const double* y = square_.data() + size_t(c.pattern.slots[k]) * rows;
+      for (int r = 0; r < rows; ++r) start.inverse[size_t(r) * unknowns + k] = y[r];
+    }
+    for (size_t k = 0; k < start.inverse.size(); ++k) start.size[k] = std::abs(start.inverse[k]);
     start.levers.clear(), start.gaps.clear(), start.angles.clear();
     for (int i : c.loops) {
       const Ends at = ends(m.loops[i]);
@@ -106,8 +109,10 @@ class Branches : public Tangent {
   static constexpr int kRounds = 5, kTrials = 8;
   using Vector_ = std::vector<double>;
   std::vector<std::vector<ChainStep>> chains_;  // by loop: to A, to B
-  Vector_ u_, bent_, noise_, square_, turning_, bend_, sag_, box_, w_, image_, need_, part_u_, part_bend_, part_sag_;
-  Vector_ distance_, second_, third_, elimination_;
+  std::vector<double> sizes_;     // by product of the loops' rows: its weight times the lengths of its fixed vectors
+  std::vector<int> first_size_;   // by loop
+  Vector_ u_, bent_, noise_, square_, turning_, bend_, sag_, box_, w_, image_, need_, step_;  // by local column, matrices
+  Vector_ part_u_, part_bend_, part_sag_, distance_, rows_, unknown_, elimination_;
 
   // Bounds of a vector and of its derivatives along r and w.
   struct Jet { double size, r, w, rr, rw, rrw; };
@@ -127,10 +132,9 @@ class Branches : public Tangent {
     start.inverse.resize(size_t(c.unknowns()) * c.rows()), start.size = start.inverse;
   }
 
-  // |ψ_q′⁻¹| sup|ψ″[r, w]|, and the same of ψ‴[r, r, w] (null: not wanted), over a box; by local column.
-  void bounds(const Cluster& c, const ProofStart& start, const Vector_& box, const Vector_& r, const Vector_& w,
-              Vector_* second, Vector_* third) {
-    second_.resize(c.rows()), third_.resize(c.rows());
+  // Adds f sup|ψ″[r, w]| + g sup|ψ‴[r, r, w]| over a box to `rows_`.
+  void bounds(const Cluster& c, const ProofStart& start, const Vector_& box, const Vector_& r, const Vector_& w, double f,
+              double g) {
     const double* lever = start.levers.data();
     int row = 0, gap = 0;
     for (int i : c.loops) {
@@ -140,15 +144,15 @@ class Branches : public Tangent {
         follow(steps, lever, box, r, w, vectors[side], vectors[3]);
         lever += steps.size();
       }
+      const double* size = sizes_.data() + first_size_[i];
       for (const LoopRow& line : m.loops[i].rows) {
         double d = 0, t = 0;
         for (const Product& p : line.products) {
           const Jet &x = vectors[int(p.x.frame)], &y = vectors[int(p.y.frame)];
-          const double f = std::abs(p.weight) * length(p.x) * length(p.y);
-          d += f * (x.rw * y.size + x.r * y.w + x.w * y.r + x.size * y.rw);
-          t += f * (x.rrw * y.size + 2 * (x.rw * y.r + x.r * y.rw) + x.rr * y.w + x.w * y.rr + x.size * y.rrw);
+          d += *size * (x.rw * y.size + x.r * y.w + x.w * y.r + x.size * y.rw);
+          t += *size++ * (x.rrw * y.size + 2 * (x.rw * y.r + x.r * y.rw) + x.rr * y.w + x.w * y.rr + x.size * y.rrw);
         }
-        second_[row] = d, third_[row++] = t;
+        rows_[row++] += f * d + g * t;
       }
     }
     const double* angle = start.angles.data();
@@ -157,13 +161,15 @@ class Branches : public Tangent {
       for (const CouplingTerm& term : m.couplings[i].terms) {
         const int k = m.column_of[term.v];
         const double far = *angle++ + box[k];
-        d += bend(term, far, 2) * r[k] * w[k], t += bend(term, far, 3) * r[k] * r[k] * w[k];
+        d += slope_bound(term, far, 2) * r[k] * w[k], t += slope_bound(term, far, 3) * r[k] * r[k] * w[k];
       }
-      second_[row] = d, third_[row++] = t;
+      rows_[row++] += f * d + g * t;
     }
-    for (int i : c.components) component_bounds(m.coordinates[i], *angle++, box, r, w, second_[row], third_[row]), ++row;
-    if (second) spread(c, start, second_, *second);
-    if (third) spread(c, start, third_, *third);
+    for (int i : c.components) {
+      double d, t;
+      component_bounds(m.coordinates[i], *angle++, box, r, w, d, t);
+      rows_[row++] += f > 0 ? f * d : g * t;
+    }
   }
   static double length(const Vector& x) { return x.frame == Frame::gap ? 1 : x.local.norm(); }
 
@@ -191,7 +197,7 @@ class Branches : public Tangent {
     turned = {1, a, b, a * a, a * b, a * a * b};
   }
 
-  static double bend(const CouplingTerm& term, double far, int order) {
+  static double slope_bound(const CouplingTerm& term, double far, int order) {
     double total = 0;
     for (int k = int(term.coefficients.size()) - 1; k >= order; --k) {
       double factor = std::abs(term.coefficients[k]);
@@ -230,26 +236,32 @@ class Branches : public Tangent {
     third = (g2 * g * g + g1 * s + g1 * g + g / 3) * turn_r * turn_r * turn_w;
   }
 
-  void spread(const Cluster& c, const ProofStart& start, const Vector_& rows, Vector_& out) const {
-    out.assign(c.width(), 0.);
-    for (int k = 0; k < c.unknowns(); ++k) {
-      const double* y = start.size.data() + size_t(k) * c.rows();
-      double sum = 0;
-      for (int r = 0; r < c.rows(); ++r) sum += y[r] * rows[r];
-      out[c.dependent[k]] = sum;
-    }
+  // |ψ_q′⁻¹| times `rows_`, by local column.
+  void spread(const Cluster& c, const ProofStart& start, Vector_& out) {
+    const int n = c.unknowns();
+    unknown_.assign(n, 0.), out.assign(c.width(), 0.);
+    for (int r = 0; r < c.rows(); ++r) add(unknown_.data(), rows_[r], start.size.data() + size_t(r) * n, n);
+    for (int k = 0; k < n; ++k) out[c.dependent[k]] = unknown_[k];
+  }
+  static void add(double* y, double f, const double* x, int n) {
+    for (int k = 0; k < n; ++k) y[k] += f * x[k];
+  }
+  void second(const Cluster& c, const ProofStart& start, const Vector_& r, Vector_& out) {
+    rows_.assign(c.rows(), 0.);
+    bounds(c, start, r, r, r, 1, 0);
+    spread(c, start, out);
   }
 
   // (i) of the theorem for steps within u.
   bool around(const Cluster& c, const ProofStart& start, const Vector_& u, Vector_& radius) {
-    bounds(c, start, u, u, u, &bent_, nullptr);
+    second(c, start, u, bent_);
     double most = 0, largest = 0;
     for (int k = 0; k < c.width(); ++k) {
       radius[k] = u[k] + 2 * bent_[k];
       most = std::max(most, bent_[k]), largest = std::max(largest, u[k]);
     }
     if (!(most <= 2 * largest)) return false;
-    bounds(c, start, radius, radius, radius, &image_, nullptr);
+    second(c, start, radius, image_);
     for (int k : c.dependent)
       if (!(image_[k] <= kBelowOne * radius[k] && 0.5 * image_[k] <= 2 * bent_[k])) return false;
     return true;
@@ -257,30 +269,31 @@ class Branches : public Tangent {
 
   // (ii), for as much of the step as it holds for.
   double along(const Cluster& c, ClusterState& s, ProofStart& start) {
-    const int unknowns = c.unknowns(), rows = c.rows(), width = c.width();
+    const int unknowns = c.unknowns(), width = c.width();
     step_ = s.step;
     bias(c, s, step_.data());
     sag_.assign(width, 0.);
     for (int k : c.dependent) sag_[k] = 0.5 * std::abs(s.bias[k]);
-    turning_.assign(size_t(unknowns) * width, 0.);
+    turning_.assign(size_t(width) * unknowns, 0.);
     jacobian_rate(c, s, step_.data(), [&](int row, int col, double rate) {
-      for (int k = 0; k < unknowns; ++k) turning_[size_t(k) * width + col] += start.inverse[size_t(k) * rows + row] * rate;
+      add(turning_.data() + size_t(col) * unknowns, rate, start.inverse.data() + size_t(row) * unknowns, unknowns);
     });
-    bend_.assign(size_t(unknowns) * unknowns, 0.);
-    for (int k = 0; k < unknowns; ++k)
-      for (int i = 0; i < unknowns; ++i) bend_[size_t(k) * unknowns + i] = turning_[size_t(k) * width + c.dependent[i]];
+    bend_.resize(size_t(unknowns) * unknowns);
+    for (int i = 0; i < unknowns; ++i)
+      std::copy_n(turning_.data() + size_t(c.dependent[i]) * unknowns, unknowns, bend_.data() + size_t(i) * unknowns);
     straighten(c);
     for (double& x : bend_) x = std::abs(x);
-    likely_ = kLikely / std::max(growth(c), 0.5 * kLikely);
-    part_ = likely_ > 0.6 ? 1 : likely_;
-    for (int trial = 0; trial < kTrials; ++trial, part_ *= 0.6)
+    part_ = 1;
+    for (int trial = 0; trial < kTrials; ++trial) {
       if (tube(c, start)) {
         for (int k = 0; k < width; ++k) centre_[k] = part_ * step_[k];
         return part_;
       }
+      const double likely = trial ? 0 : kLikely / std::max(growth(c), 1e-300);
+      part_ = likely > 0 && likely < 0.6 ? likely : 0.6 * part_;
+    }
     return part_ = likely_ = 0;
   }
-  Vector_ step_;
 
   // ψ_q′⁻¹ψ̇_q′(u), in which velocities are those of moving frames, made ψ_q′⁻¹ψ″[u, ·] in exponential coordinates.
   void straighten(const Cluster& c) {
@@ -301,7 +314,7 @@ class Branches : public Tangent {
         for (int b = 0; b < unknowns; ++b) {
           const int p = c.dependent[a] - first, q = c.dependent[b] - first;
           if (p < 0 || q < 0 || p >= joint.nv || q >= joint.nv) continue;
-          bend_[size_t(a) * unknowns + b] -= 0.5 * bracket(entry[p], entry[q]);
+          bend_[size_t(b) * unknowns + a] -= 0.5 * bracket(entry[p], entry[q]);
         }
     }
   }
@@ -309,16 +322,14 @@ class Branches : public Tangent {
   double growth(const Cluster& c) {
     const int unknowns = c.unknowns();
     Vector_ &x = w_, &y = need_;
-    x.resize(unknowns), y.resize(unknowns);
+    x.resize(unknowns);
     for (int k = 0; k < unknowns; ++k) x[k] = u_[c.dependent[k]];
     double found = 0;
     for (int round = 0; round < 4; ++round) {
       double before = 0, after = 0;
-      for (int k = 0; k < unknowns; ++k) {
-        y[k] = 0;
-        for (int i = 0; i < unknowns; ++i) y[k] += bend_[size_t(k) * unknowns + i] * x[i];
-        before += x[k] * x[k], after += y[k] * y[k];
-      }
+      y.assign(unknowns, 0.);
+      for (int i = 0; i < unknowns; ++i) add(y.data(), x[i], bend_.data() + size_t(i) * unknowns, unknowns);
+      for (int k = 0; k < unknowns; ++k) before += x[k] * x[k], after += y[k] * y[k];
       found = std::sqrt(after / before);
       if (!(found > 0)) return 0;
       std::swap(x, y);
@@ -336,14 +347,17 @@ class Branches : public Tangent {
     if (!guess(c, largest)) return false;
     for (int round = 0; round < kRounds; ++round) {
       for (int k = 0; k < width; ++k) box_[k] = part_u_[k] + radius_[k];
-      bounds(c, start, box_, radius_, radius_, &bent_, nullptr);
-      bounds(c, start, box_, box_, box_, nullptr, &image_);
+      rows_.assign(c.rows(), 0.);
+      bounds(c, start, box_, radius_, radius_, 0.5, 0);
+      bounds(c, start, box_, box_, box_, 0, 1. / 6);
+      spread(c, start, image_);
+      bend(c, radius_);
       bool good = true;
       double most = 0;
       for (int a = 0; a < c.unknowns(); ++a) {
         const int k = c.dependent[a];
-        const double need = part_sag_[k] + bent(c, a, radius_) + 0.5 * bent_[k] + image_[k] / 6;
-        need_[a] = need, good &= need <= radius_[k];
+        need_[a] += part_sag_[k] + image_[k];
+        good &= need_[a] <= radius_[k];
       }
       if (good) return contracts(c, start);
       for (int a = 0; a < c.unknowns(); ++a) {
@@ -354,20 +368,24 @@ class Branches : public Tangent {
     }
     return false;
   }
-  double bent(const Cluster& c, int row, const Vector_& x) const {
-    double sum = 0;
-    for (int i = 0; i < c.unknowns(); ++i) sum += part_bend_[size_t(row) * c.unknowns() + i] * x[c.dependent[i]];
-    return sum;
+  // |N| x, by unknown, into `need_`.
+  void bend(const Cluster& c, const Vector_& x) {
+    const int n = c.unknowns();
+    need_.assign(n, 0.);
+    for (int i = 0; i < n; ++i) add(need_.data(), x[c.dependent[i]], part_bend_.data() + size_t(i) * n, n);
   }
 
   bool contracts(const Cluster& c, const ProofStart& start) {
     for (int round = 0; round < kRounds; ++round) {
-      bounds(c, start, box_, radius_, w_, &bent_, nullptr);
-      bounds(c, start, box_, box_, w_, nullptr, &image_);
+      rows_.assign(c.rows(), 0.);
+      bounds(c, start, box_, radius_, w_, 1, 0);
+      bounds(c, start, box_, box_, w_, 0, 0.5);
+      spread(c, start, image_);
+      bend(c, w_);
       bool all = true, none = true;
       for (int a = 0; a < c.unknowns(); ++a) {
         const int k = c.dependent[a];
-        need_[a] = bent(c, a, w_) + bent_[k] + 0.5 * image_[k];
+        need_[a] += image_[k];
         (need_[a] <= kBelowOne * w_[k] ? none : all) = false;
       }
       if (all) return true;
@@ -386,7 +404,7 @@ class Branches : public Tangent {
     elimination_.resize(size_t(n) * wide), radius_.assign(c.width(), 0.), w_.assign(c.width(), 0.), need_.resize(n);
     for (int k = 0; k < n; ++k) {
       double* row = elimination_.data() + size_t(k) * wide;
-      for (int i = 0; i < n; ++i) row[i] = (i == k) - part_bend_[size_t(k) * n + i];
+      for (int i = 0; i < n; ++i) row[i] = (i == k) - part_bend_[size_t(i) * n + k];
       row[n] = 1.1 * part_sag_[c.dependent[k]], row[n + 1] = std::max(part_u_[c.dependent[k]], 0.05 * largest);
     }
     for (int k = 0; k < n; ++k) {
@@ -406,6 +424,10 @@ class Branches : public Tangent {
       radius_[c.dependent[k]] = std::max(x / row[k], part_sag_[c.dependent[k]]);
       w_[c.dependent[k]] = y / row[k];
     }
+    double growth = 0.5 * kLikely;  // Collatz and Wielandt: at least the spectral radius of |N|
+    for (int k = 0; k < n; ++k)
+      growth = std::max(growth, 1 - std::max(part_u_[c.dependent[k]], 0.05 * largest) / w_[c.dependent[k]]);
+    likely_ = kLikely / growth;
     return true;
   }
 };

@@ -83,10 +83,10 @@ class Branches:
         start = _Start(at, self._curvature, self._curvature.levers(at), np.abs(inverse))
         noise = start.size @ np.full(start.size.shape[1], self._tolerance)
         u = np.abs(step) + noise
-        bent = 2.0 * start.second(u, u, u)
+        bent = 2.0 * start.second(u)
         radius = u + bent
         if np.all(bent <= 4.0 * u.max()):
-            grown = start.second(radius, radius, radius)
+            grown = start.second(radius)
             if np.all(grown <= _BELOW_ONE * radius) and np.all(0.5 * grown <= bent):
                 return Proof(1.0, 2.0, np.zeros_like(u), radius)
         turning = inverse @ self._rate(at, step)
@@ -122,13 +122,15 @@ class _Start(NamedTuple):
     levers: Levers
     size: Array
 
-    def second(self, box: Array, r: Array, w: Array) -> Array:
-        """|Y| sup|ψ″[r, w]| over a box, of shape (n′,)."""
-        return np.asarray(self.size @ self.curvature.bounds(self.at, self.levers, box, r, w)[0])
+    def second(self, box: Array) -> Array:
+        """|Y| sup|ψ″[r, r]| over a box |e| ≤ r, of shape (n′,)."""
+        return np.asarray(self.size @ self.curvature.bounds(self.at, self.levers, box, box[None], box[None])[0][0])
 
-    def third(self, box: Array, r: Array, w: Array) -> Array:
-        """|Y| sup|ψ‴[r, r, w]| over a box, of shape (n′,)."""
-        return np.asarray(self.size @ self.curvature.bounds(self.at, self.levers, box, r, w)[1])
+    def remainder(self, box: Array, radius: Array, w: Array, parts: tuple[float, float], third: Array) -> Array:
+        """|Y| (parts[0] sup|ψ″[ε, w]| + parts[1] sup|ψ‴[r, r, third]|) over a box |e| ≤ r, of shape (n′,)."""
+        along, across = np.stack([radius, box]), np.stack([w, third])
+        found = self.curvature.bounds(self.at, self.levers, box, along, across)
+        return np.asarray(self.size @ (parts[0] * found[0][0] + parts[1] * found[1][1]))
 
 
 def _tube(start: _Start, u: Array, bend: Array, sag: Array) -> Array | None:
@@ -138,7 +140,7 @@ def _tube(start: _Start, u: Array, bend: Array, sag: Array) -> Array | None:
     radius, w = np.maximum(solved, [sag, even])  # guesses, right where |N| is small; what counts is tested
     for _ in range(_ROUNDS):
         box = u + radius
-        need = sag + bend @ radius + 0.5 * start.second(box, radius, radius) + start.third(box, box, box) / 6.0
+        need = sag + bend @ radius + start.remainder(box, radius, radius, (0.5, 1.0 / 6.0), box)
         if np.all(need <= radius):
             return radius if _contracts(start, box, radius, bend, w) else None
         radius = np.maximum(radius, 1.1 * need)
@@ -150,7 +152,7 @@ def _tube(start: _Start, u: Array, bend: Array, sag: Array) -> Array | None:
 def _contracts(start: _Start, box: Array, radius: Array, bend: Array, w: Array) -> bool:
     """Whether the second inequality of (ii) holds, for a w like that given."""
     for _ in range(_ROUNDS):
-        image = bend @ w + start.second(box, radius, w) + 0.5 * start.third(box, box, w)
+        image = bend @ w + start.remainder(box, radius, w, (1.0, 0.5), w)
         if np.all(image <= _BELOW_ONE * w):
             return True
         if np.all(image > _BELOW_ONE * w):

@@ -75,82 +75,85 @@ class Curvature:
         return Levers(np.sqrt(squares), np.sqrt(((end - start) ** 2).sum(axis=-1)))
 
     def bounds(self, at: ConstraintValue, levers: Levers, box: Array, r: Array, w: Array) -> tuple[Array, Array]:
-        """|ψ″[a, b]| and |ψ‴[a, a, b]| along any |a| ≤ r and |b| ≤ w, anywhere in the box; each of shape (m + n,).
+        """|ψ″[a, b]| and |ψ‴[a, a, b]| along any |a| ≤ r and |b| ≤ w, anywhere in the box; each of shape (k, m + n).
 
         Args:
             at: ψ at the centre of the box.
             levers: Of that configuration.
-            box, r, w: Half-widths, of shape (n′,).
+            box: Half-widths, of shape (n′,).
+            r, w: k pairs of half-widths, of shape (k, n′).
         """
         size, rows = self._constraints.size, len(self._sums)
-        second, third = np.zeros(size + self._coordinates.n), np.zeros(size + self._coordinates.n)
+        second, third = np.zeros((2, len(r), size + self._coordinates.n))
         if rows:
-            table = self._vectors(levers, *(np.append(each, 0.0)[self._columns] for each in (box, r, w)))
+            padded = np.zeros((1 + 2 * len(r), len(box) + 1))
+            padded[0, :-1], padded[1 : 1 + len(r), :-1], padded[1 + len(r) :, :-1] = box, r, w
+            chains = padded[:, self._columns]
+            table = self._vectors(levers, chains[0], chains[1 : 1 + len(r)], chains[1 + len(r) :])
             (x, x_r, x_w, x_rr, x_rw, x_rrw), (y, y_r, y_w, y_rr, y_rw, y_rrw) = (
                 side.of(table) for side in (self._left, self._right)
             )
-            second[:rows] = self._sums @ (x_rw * y + x_r * y_w + x_w * y_r + x * y_rw)
+            second[:, :rows] = (x_rw * y + x_r * y_w + x_w * y_r + x * y_rw) @ self._sums.T
             mixed = 2.0 * (x_rw * y_r + x_r * y_rw) + x_rr * y_w + x_w * y_rr
-            third[:rows] = self._sums @ (x_rrw * y + mixed + x * y_rrw)
+            third[:, :rows] = (x_rrw * y + mixed + x * y_rrw) @ self._sums.T
         for k, coupling in enumerate(self._constraints.couplings, start=rows):
             for term in coupling.terms:
                 i = term.idx_v
                 slopes = _slopes(term, at.q_free, box[i])
-                second[k] += slopes[0] * r[i] * w[i]
-                third[k] += slopes[1] * r[i] ** 2 * w[i]
+                second[:, k] += slopes[0] * r[:, i] * w[:, i]
+                third[:, k] += slopes[1] * r[:, i] ** 2 * w[:, i]
         for part in self._bent:
             k = size + part.v.start
-            second[k], third[k] = self._component(part, at.q_free, *(each[part.v_free] for each in (box, r, w)))
+            widths = box[part.v_free], r[:, part.v_free], w[:, part.v_free]
+            second[:, k], third[:, k] = self._component(part, at.q_free, *widths)
         return second, third
 
     def _vectors(self, levers: Levers, box: Array, r: Array, w: Array) -> Array:
-        """Sizes of the vectors of A, B, C and the gap, and of their derivatives along r, w, rr, rw, rrw: (6, 4, L).
+        """Sizes of the vectors of A, B, C and the gap, and of their derivatives along r, w, rr, rw, rrw: (6, k, 4, L).
 
-        Half-widths are given by chain, of shape (2 L, S).
+        Half-widths are given by chain, of shape (2 L, S), (k, 2 L, S) and (k, 2 L, S).
         """
         turns, reach, distances = self._turns, np.zeros(len(box)), levers.distances.copy()
-        for k in reversed(range(box.shape[1])):
-            distances[:, k] += turns[:, k] * reach
-            reach += box[:, k] * distances[:, k]
-        turn_r, turn_w = np.cumsum(turns * r, axis=1), np.cumsum(turns * w, axis=1)
-        before_r, before_w = turn_r - turns * r, turn_w - turns * w
-        slide_r, slide_w = (1.0 - turns) * r, (1.0 - turns) * w
-        end_r, end_w = turn_r[:, -1:], turn_w[:, -1:]
-        one = np.ones_like(end_r)
-        turned = np.concatenate([one, end_r, end_w, end_r**2, end_r * end_w, end_r**2 * end_w], axis=1)
+        for i in reversed(range(box.shape[1])):
+            distances[:, i] += turns[:, i] * reach
+            reach += box[:, i] * distances[:, i]
+        turned_r, turned_w = turns * r, turns * w
+        slide_r, slide_w = r - turned_r, w - turned_w
+        after_r, after_w = turned_r.cumsum(axis=-1), turned_w.cumsum(axis=-1)
+        before_r, before_w = after_r - turned_r, after_w - turned_w
         far = turns * distances
-        moved = [
-            reach,
-            (r * distances).sum(axis=1),
-            (w * distances).sum(axis=1),
-            (far * (turn_r**2 - before_r**2) + 2.0 * before_r * slide_r).sum(axis=1),
-            (far * (turn_r * turn_w - before_r * before_w) + before_r * slide_w + before_w * slide_r).sum(axis=1),
-            (
-                far * (turn_r**2 * turn_w - before_r**2 * before_w)
-                + before_r * (2.0 * before_w * slide_r + before_r * slide_w)
-            ).sum(axis=1),
-        ]
-        table = np.zeros((6, 4, len(levers.gaps)))
-        table[:, :2] = turned.T.reshape(6, 2, -1)
-        table[0, 2] = 1.0
-        table[:, _GAP] = np.array(moved).reshape(6, 2, -1).sum(axis=1)
-        table[0, _GAP] += levers.gaps
+        moved = np.empty((6, *r.shape))
+        moved[0] = 0.0
+        moved[1], moved[2] = r * distances, w * distances
+        moved[3] = far * (after_r**2 - before_r**2) + 2.0 * before_r * slide_r
+        moved[4] = far * (after_r * after_w - before_r * before_w) + before_r * slide_w + before_w * slide_r
+        moved[5] = far * (after_r**2 * after_w - before_r**2 * before_w)
+        moved[5] += before_r * (2.0 * before_w * slide_r + before_r * slide_w)
+        ends = moved.sum(axis=-1).reshape(6, len(r), 2, -1).sum(axis=2)
+        ends[0] += levers.gaps + reach.reshape(2, -1).sum(axis=0)
+        all_r, all_w = (each[..., -1].reshape(len(r), 2, -1) for each in (after_r, after_w))
+        table = np.zeros((6, len(r), 4, len(levers.gaps)))
+        table[0, :, :3] = 1.0
+        table[1, :, :2], table[2, :, :2], table[3, :, :2] = all_r, all_w, all_r**2
+        table[4, :, :2], table[5, :, :2] = all_r * all_w, all_r**2 * all_w
+        table[:, :, _GAP] = ends
         return table
 
-    def _component(self, part: Coordinate, q_free: Array, box: Array, r: Array, w: Array) -> tuple[float, float]:
+    def _component(self, part: Coordinate, q_free: Array, box: Array, r: Array, w: Array) -> tuple[Array, Array]:
         """The same for a row of α that reads one component of a joint's pose."""
         slides = np.array(part.kind.slides)
-        if not part.slides[0]:
-            if part.kind.unit != 4:
-                return 0.0, 0.0
-            vector = part.kind.rotation_vector(q_free[part.q_free], self._coordinates.q_reference[part.q_free])
-            second, third = _logarithm_bounds(float(np.linalg.norm(vector) + box[~slides].sum()))
-            turn_r, turn_w = float(r[~slides].sum()), float(w[~slides].sum())
-            return second * turn_r * turn_w, third * turn_r**2 * turn_w
-        turn_r, turn_w, slide_r, slide_w = (float(each.sum()) for each in (r[~slides], w[~slides], r[slides], w[slides]))
         far = float(box[slides].sum())
-        second = turn_r * slide_w + turn_w * slide_r + turn_r * turn_w * far
-        return second, turn_r * (2.0 * turn_w * slide_r + turn_r * slide_w + turn_r * turn_w * far)
+        turn_r, turn_w, slide_r, slide_w = (
+            each.sum(axis=1) for each in (r[:, ~slides], w[:, ~slides], r[:, slides], w[:, slides])
+        )
+        if part.slides[0]:
+            second = turn_r * slide_w + turn_w * slide_r + turn_r * turn_w * far
+            return second, turn_r * (2.0 * turn_w * slide_r + turn_r * slide_w + turn_r * turn_w * far)
+        if part.kind.unit != 4:
+            return np.zeros(len(r)), np.zeros(len(r))
+        vector = part.kind.rotation_vector(q_free[part.q_free], self._coordinates.q_reference[part.q_free])
+        second, third = _logarithm_bounds(float(np.linalg.norm(vector) + box[~slides].sum()))
+        return second * turn_r * turn_w, third * turn_r**2 * turn_w
 
 
 class _Step(NamedTuple):
@@ -179,8 +182,8 @@ class _Sides:
         self._lengths = np.array([1.0 if each is None else float(np.linalg.norm(each.local)) for each in fixed])
 
     def of(self, table: Array) -> Array:
-        """The vectors' sizes and those of their derivatives, of shape (6, T)."""
-        return np.asarray(table[:, self._codes, self._loops] * self._lengths)
+        """The vectors' sizes and those of their derivatives, of shape (6, k, T)."""
+        return np.asarray(table[:, :, self._codes, self._loops] * self._lengths)
 
 
 def _slopes(term: ResolvedTerm, q_free: Array, box: float) -> tuple[float, float]:
