@@ -1,4 +1,4 @@
-// q′ = σ(q) (12), cluster by cluster; the trust test is that of ccpin.kinematics.parametrization.
+// q′ = σ(q) (12), cluster by cluster; its steps are proven as in ccpin.kinematics.parametrization.
 //
 // Clusters share no row and no column of ψ, so each is solved alone: a step that one cluster does not trust shortens the
 // way of that cluster only, and the branch reached is the same.
@@ -109,7 +109,7 @@ class Parametrization : public Branches {
     for (int iteration = first; iteration < kMaxNewton; ++iteration) {
       const double size = residuals(c, s, q);
       const bool closed = size <= m.tolerance || (iteration && last <= kNoise && size <= 100 * m.tolerance);
-      if (served && closed && !wants_rho_ && inverse * way <= kStill) return same(c, s, proven);
+      if (served && closed && !wants_rho_ && inverse * way <= kStill) return same(c, proven);
       if (served && !closed && last > kNoise) {
         const double length = newton_step(c, s);
         if (length <= kChord * last && (served == 1 || length * length <= last * m.tolerance)) {
@@ -124,7 +124,7 @@ class Parametrization : public Branches {
         for (int r = 0; r < c.phi_rows(); ++r) open |= std::abs(s.residual[r]) > kOpenStart;
       }
       if (too_singular(c, s) || s.factor.sign != sign) return false;
-      if (closed) return same(c, s, proven) && finish(c, s);
+      if (closed) return same(c, proven) && finish(c, s);
       const double length = newton_step(c, s);
       if (!(length <= last || length <= kNoise)) return false;
       if (!proven && !(prove(c, s, starts_[cluster]) == 1)) return false;
@@ -138,7 +138,7 @@ class Parametrization : public Branches {
   }
 
   // Whether the solution found is the one proven.
-  bool same(const Cluster& c, const ClusterState&, bool proven) {
+  bool same(const Cluster& c, bool proven) {
     if (!proven) return true;
     double moved[6];
     for (int j : c.joints) {

@@ -55,7 +55,7 @@ def numbers(mechanism, q_free, names):
 
 @pytest.mark.parametrize("size", SIZES)
 def test_five_bar_keeps_its_mode(rpdr_model, size):
-    """The sign of sin(q1 + q3 − q2 − q4) is the guess's: from any closed guess, also aimed at the isolated singular point."""
+    """The sign of sin(q1 + q3 − q2 − q4) is the guess's, also aimed at the isolated singular point."""
     rng, seen = np.random.default_rng(71), 0
     for k in range(3 * size):
         mode = 1 if k % 2 else -1
@@ -73,7 +73,7 @@ def test_five_bar_keeps_its_mode(rpdr_model, size):
 def test_open_guesses_of_the_five_bar_keep_their_mode(rpdr_model, size):
     """Next to the isolated singular point an open guess is closed on its own side of det ψ_q′ = 0, or refused."""
     rng, seen = np.random.default_rng(72), 0
-    for _ in range(12 * size):
+    for _ in range(40 * size):
         q = rpdr.coincident_elbows() + around(rng, 1, 2, -9.0)[0] * 1e-3
         guess = rpdr.sigma(q, rng.choice([-1.0, 1.0])) if rpdr.elongation(q) < 1.0 else np.append(q, [0.3, 0.4])
         guess[2:] += around(rng, 1, 2, -9.0)[0] * 1e-2
@@ -83,12 +83,12 @@ def test_open_guesses_of_the_five_bar_keep_their_mode(rpdr_model, size):
             continue
         seen += 1
         assert np.sin(rpdr.fold(to_paper(rpdr_model.mechanism, q_free))) * np.sin(rpdr.fold(guess)) > 0
-    assert seen > size
+    assert seen >= size
 
 
 @pytest.mark.parametrize("size", SIZES)
 def test_delta_keeps_its_platform_level_and_below(size):
-    """Of its components of closed configurations the Delta stays in the one with a level platform, on its side of it."""
+    """The Delta stays in the component of closed configurations with a level platform, on its side."""
     model = ccpin.ReducedModel(ccpin.load("delta"))
     mechanism, rng, seen = model.mechanism, np.random.default_rng(73), 0
     for k in range(2 * size):
@@ -119,7 +119,10 @@ def test_a_branch_with_a_turned_platform_is_not_entered():
     """The line crosses a constraint singularity of the Delta: refused before it, or answered with a level platform."""
     model = ccpin.ReducedModel(ccpin.load("delta"))
     start = model.sigma([0.4931732, -0.24680134, 0.61743949])
-    for q, guess in (([-0.37462138546202794, 2.856276310741155, -0.0006546219069853976], start), ([9.0, 9.0, 9.0], None)):
+    for q, guess in (
+        ([-0.37462138546202794, 2.856276310741155, -0.0006546219069853976], start),
+        ([9.0, 9.0, 9.0], None),
+    ):
         with pytest.raises(CcpinError):
             model.sigma(q, guess)
 

@@ -1,8 +1,8 @@
 """Which Newton step stays on its branch: a proof, not an estimate.
 
-Let x be a configuration with ψ̄(x, q) = g (11), ψ_q′ regular there with (approximate) inverse Y, u = −Y g Newton's step, and
-G_s(e) = ψ̄(x ⊕ e, q) − (1 − s) g for s in [0, 1]: from a closed x its zeros lie over the straight line from α(x) to q, from
-an open one φ and the way to q vanish together. Bounds of |ψ″| and |ψ‴| over the boxes below are those of
+Let x be a configuration with ψ̄(x, q) = g (11), ψ_q′ regular there with (approximate) inverse Y, u = −Y g Newton's
+step, and G_s(e) = ψ̄(x ⊕ e, q) − (1 − s) g for s in [0, 1]: from a closed x its zeros lie over the straight line from
+α(x) to q, from an open one φ and the way to q vanish together. Bounds of |ψ″| and |ψ‴| over the boxes below are those of
 `ccpin.kinematics.curvature`; all inequalities are by component.
 
 *Theorem.* (i) If |u| + ½|Y| sup|ψ″[r, r]| ≤ r and |Y| sup|ψ″[r, r]| < r over the box B = {|e| ≤ r}, or (ii) if with
@@ -11,8 +11,8 @@ N = Y ψ″(x)[u, ·], r = |u| + ε and a w > 0
     ½|N u| + |N| ε + ½|Y| sup|ψ″[ε, ε]| + ⅙|Y| sup|ψ‴[r, r, r]| ≤ ε,
     |N| w + |Y| sup|ψ″[ε, w]| + ½|Y| sup|ψ‴[r, r, w]| < w,         B = {s u + e: 0 ≤ s ≤ 1, |e| ≤ ε},
 
-then ψ_q′ is regular in all of B, and there is one continuous path e(s) in B with e(0) = 0 and G_s(e(s)) = 0; for each s,
-e(s) is the only zero in B (in its slice at s, under (ii)).
+then ψ_q′ is regular in all of B, and there is one continuous path e(s) in B with e(0) = 0 and G_s(e(s)) = 0; for each
+s, e(s) is the only zero in B (in its slice at s, under (ii)).
 
 *Proof.* e ↦ e − Y G_s(e) = s u − Y(ψ(x ⊕ e) − ψ(x) − ψ_q′(x) e) maps B (its slice) into itself, by the first inequality
 and Taylor's formula, and contracts in the maximum norm weighted by r (by w), by the second: its derivative 1 − Y ψ_q′
