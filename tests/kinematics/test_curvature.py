@@ -22,7 +22,10 @@ def parametrizations():
     yield "ball components", ccpin.load(description, independent=components).parametrization()
 
 
-@pytest.mark.parametrize(("name", "parametrization"), parametrizations())
+CASES = list(parametrizations())
+
+
+@pytest.mark.parametrize(("name", "parametrization"), CASES)
 def test_bounds_hold(name, parametrization):
     """Second and third differences along random displacements, anywhere in the box, stay below the bounds."""
     rng, step = np.random.default_rng(3), 1e-3
@@ -47,7 +50,7 @@ def test_bounds_hold(name, parametrization):
         assert np.all(np.abs(along[0] - along[1]) / (2 * step**3) <= third[0] * (1 + 1e-6) + 1e-5)
 
 
-@pytest.mark.parametrize(("name", "parametrization"), parametrizations())
+@pytest.mark.parametrize(("name", "parametrization"), CASES)
 def test_a_proven_tube_is_regular_and_holds_the_solution(name, parametrization):
     """Over a proven step det ψ_q′ keeps its sign anywhere in the tube, and Newton's method ends in the box."""
     rng, proven = np.random.default_rng(4), 0

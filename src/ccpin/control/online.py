@@ -34,8 +34,8 @@ def capped_sigma(
 ) -> NewtonSolve:
     """Solve ψ̄(q′, q) = 0 (11) from a start with at most `max_newton_steps` linear solves.
 
-    As in `Parametrization.sigma` an iteration is trusted only if its first step is proven to stay on its branch; there is
-    no walk when it is not.
+    As in `Parametrization.sigma` an iteration is trusted only if its first step is proven to stay on its branch; there
+    is no walk when it is not.
 
     Args:
         parametrization: ψ.

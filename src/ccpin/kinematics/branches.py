@@ -2,8 +2,8 @@
 
 Let x be a configuration with ψ̄(x, q) = g (11), ψ_q′ regular there with (approximate) inverse Y, u = −Y g Newton's
 step, and G_s(e) = ψ̄(x ⊕ e, q) − (1 − s) g for s in [0, 1]: from a closed x its zeros lie over the straight line from
-α(x) to q, from an open one φ and the way to q vanish together. Bounds of |ψ″| and |ψ‴| over the boxes below are those of
-`ccpin.kinematics.curvature`; all inequalities are by component.
+α(x) to q, from an open one φ and the way to q vanish together. Bounds of |ψ″| and |ψ‴| over the boxes below are those
+of `ccpin.kinematics.curvature`; all inequalities are by component.
 
 *Theorem.* (i) If |u| + ½|Y| sup|ψ″[r, r]| ≤ r and |Y| sup|ψ″[r, r]| < r over the box B = {|e| ≤ r}, or (ii) if with
 N = Y ψ″(x)[u, ·], r = |u| + ε and a w > 0
@@ -14,14 +14,15 @@ N = Y ψ″(x)[u, ·], r = |u| + ε and a w > 0
 then ψ_q′ is regular in all of B, and there is one continuous path e(s) in B with e(0) = 0 and G_s(e(s)) = 0; for each
 s, e(s) is the only zero in B (in its slice at s, under (ii)).
 
-*Proof.* e ↦ e − Y G_s(e) = s u − Y(ψ(x ⊕ e) − ψ(x) − ψ_q′(x) e) maps B (its slice) into itself, by the first inequality
-and Taylor's formula, and contracts in the maximum norm weighted by r (by w), by the second: its derivative 1 − Y ψ_q′
-has norm below one, so ψ_q′ is regular, Banach's theorem gives the zero, and it is continuous in s. Where ψ is tall, Y its
-pseudo-inverse, e(s) is analytic and solves all rows of ψ̄ as long as the linkage has n freedoms at x.
+*Proof.* e ↦ e − Y G_s(e) = s u − Y(ψ(x ⊕ e) − ψ(x) − ψ_q′(x) e) maps B (its slice) into itself, by the first
+inequality and Taylor's formula, and contracts in the maximum norm weighted by r (by w), by the second: its derivative
+1 − Y ψ_q′ has norm below one, so ψ_q′ is regular, Banach's theorem gives the zero, and it is continuous in s. Where ψ
+is tall, Y its pseudo-inverse, e(s) is analytic and solves all rows of ψ̄ if the linkage has n freedoms around x.
 
-So the zero at s = 1 is σ(q) on the branch of x. This is the Newton–Kantorovich theorem with (i) Krawczyk's box, (ii) the
-second derivative along the step taken as it is, so that Lipschitz constants enter in second order only. It holds up to
-rounding: Y is an inverse to about eps/rcond, and |Y| times the tolerance of closed points is added to |u| and to ½|N u|.
+So the zero at s = 1 is σ(q) on the branch of x. This is the Newton–Kantorovich theorem with (i) Krawczyk's box, (ii)
+the second derivative along the step taken as it is, so that Lipschitz constants enter in second order only. It holds up
+to rounding, which is not enclosed: Y is an inverse to about eps/rcond (the factor 0.98 below stands for that), and |Y|
+times the tolerance of closed points is added to |u| and to ½|N u|.
 """
 
 from __future__ import annotations

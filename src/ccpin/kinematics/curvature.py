@@ -4,11 +4,11 @@ A configuration near x is written x ⊕ e, with e_i a number for each velocity c
 an exponential coordinate of a circle, a quaternion or a floating pose. A box is |e_i| ≤ r_i.
 
 Between a loop's ancestor C and one of its ends stands a chain of turns and slides. A derivative of the end's point p in
-which joints i ≤ j ≤ … ≤ k of the chain take part is z_i × (z_j × … (z_k × (p − o_k))), so no longer than d_k, the distance
-of p from the last joint's axis; a derivative of a direction fixed in the end is no longer than the direction. (For a ball
-joint in exponential coordinates the same follows from Duhamel's formula, with the distance from its centre; a floating
-joint turns first and slides then.) Rows are sums of products of such vectors, so the product rule bounds them. d_k is
-exact at x, and within the box it grows by no more than the joints after k move the point.
+which joints i ≤ j ≤ … ≤ k of the chain take part is z_i × (z_j × … (z_k × (p − o_k))), so no longer than d_k, the
+distance of p from the last joint's axis; a derivative of a direction fixed in the end is no longer than the direction.
+(For a ball joint in exponential coordinates the same follows from Duhamel's formula, with the distance from its centre;
+a floating joint turns first and slides then.) Rows are sums of products of such vectors, so the product rule bounds
+them. d_k is exact at x, and within the box it grows by no more than the joints after k move the point.
 """
 
 from __future__ import annotations
@@ -81,7 +81,8 @@ class Curvature:
             at: ψ at the centre of the box.
             levers: Of that configuration.
             box: Half-widths, of shape (n′,).
-            r, w: k pairs of half-widths, of shape (k, n′).
+            r: Half-widths of a, of shape (k, n′).
+            w: Half-widths of b, of shape (k, n′).
         """
         size, rows = self._constraints.size, len(self._sums)
         second, third = np.zeros((2, len(r), size + self._coordinates.n))
@@ -157,7 +158,7 @@ class Curvature:
 
 
 class _Step(NamedTuple):
-    """One velocity component of a chain: its column, whether it slides, and the ball joint it is a part of (0: none)."""
+    """One velocity component of a chain: its column, whether it slides, and the ball it is a part of (0: none)."""
 
     column: int
     slides: bool
