@@ -1,29 +1,27 @@
-// q′ = σ(q) (12), cluster by cluster; its steps are proven as in ccpin.kinematics.parametrization.
+// q′ = σ(q) (12), cluster by cluster; the trust test is that of ccpin.kinematics.parametrization.
 //
 // Clusters share no row and no column of ψ, so each is solved alone: a step that one cluster does not trust shortens the
 // way of that cluster only, and the branch reached is the same.
 #pragma once
-#include "branches.hpp"
+#include "tangent.hpp"
 
 namespace ccpin {
 
-constexpr double kChord = 0.0625, kNoise = 1e-9;
+constexpr double kContraction = 0.125, kChord = 0.0625, kNoise = 1e-9;
 constexpr double kStill = 1e-3;  // of the inverse of ψ_q′ times the way since it was factorised
-constexpr double kShortestStep = 0x1p-30, kOpenStart = 1e-6;
-constexpr int kMaxNewton = 16, kMaxClosing = 60;
+constexpr double kLargestMove = 1.0, kShortestStep = 0x1p-30, kOpenStart = 1e-6;
+constexpr int kMaxNewton = 16;
 
-// A closed point, as a start: its ρ spares Newton the first evaluation, and a proof where q is not further than `way`.
+// A closed point, as a start: its ρ spares Newton the first evaluation.
 struct ClosedPoint {
   std::vector<double> q_free;
   std::vector<std::vector<double>> rho;  // by cluster
   std::vector<int> sign;
-  std::vector<double> way;               // the largest |Δq| of which every step is proven
-  std::vector<std::vector<double>> radius;
 };
 
-class Parametrization : public Branches {
+class Parametrization : public Tangent {
  public:
-  explicit Parametrization(const Mechanism& mechanism) : Branches(mechanism) {
+  explicit Parametrization(const Mechanism& mechanism) : Tangent(mechanism) {
     q_start_.resize(m.n_q), q_ahead_.resize(m.n_q), line_.resize(m.n), here_.resize(m.nq);
   }
 
@@ -31,23 +29,19 @@ class Parametrization : public Branches {
   bool sigma(const double* q, const double* start, bool rho = true) {
     wants_rho_ = rho;
     for (size_t k = 0; k < m.clusters.size(); ++k)
-      if (!solve(int(k), q, start, nullptr)) return false;
+      if (!solve(m.clusters[k], states[k], q, start, nullptr, 0)) return false;
     return true;
   }
   bool sigma(const double* q, const ClosedPoint& near, bool rho = true) {
     wants_rho_ = rho;
     for (size_t k = 0; k < m.clusters.size(); ++k)
-      if (!solve(int(k), q, near.q_free.data(), &near)) return false;
+      if (!solve(m.clusters[k], states[k], q, near.q_free.data(), near.rho[k].data(), near.sign[k])) return false;
     return true;
   }
-  void remember(ClosedPoint& point) {
-    const size_t count = states.size();
+  void remember(ClosedPoint& point) const {
     point.q_free = q_free;
-    point.rho.resize(count), point.sign.resize(count), point.way.resize(count), point.radius.resize(count);
-    for (size_t k = 0; k < count; ++k) {
-      point.rho[k] = states[k].rho, point.sign[k] = states[k].factor.sign;
-      point.way[k] = free_way(m.clusters[k], states[k], starts_[k], point.radius[k]);
-    }
+    point.rho.resize(states.size()), point.sign.resize(states.size());
+    for (size_t k = 0; k < states.size(); ++k) point.rho[k] = states[k].rho, point.sign[k] = states[k].factor.sign;
   }
 
   // ρ at a configuration that is closed already; false where it is singular.
@@ -70,38 +64,33 @@ class Parametrization : public Branches {
   }
 
  private:
-  std::vector<double> q_start_, q_ahead_, line_, here_, first_;
-  static constexpr double kRounding = 1e-12;
+  std::vector<double> q_start_, q_ahead_, line_, here_;
   bool wants_rho_ = true;
 
-  bool solve(int k, const double* q, const double* start, const ClosedPoint* near) {
+  bool solve(const Cluster& c, ClusterState& s, const double* q, const double* start, const double* rho, int sign) {
     bool open = false;
-    if (near && newton(k, q, start, near, open)) return true;
-    if (newton(k, q, start, nullptr, open)) return true;
-    if (open && !close_start(k, start)) return false;
-    return walk(k, q, open ? here_.data() : start);
+    if (newton(c, s, q, start, rho, sign, open)) return true;
+    if (rho) return walk(c, s, q, start);
+    if (open && !close_start(c, s, start)) return false;
+    return walk(c, s, q, open ? here_.data() : start);
   }
 
-  // One Newton solve on ψ̄ (11) whose first step is proven to end on its branch, and which ends in the box that holds no
-  // other solution. Where ρ at a closed start is known and q is near enough, the first step is ρ Δq and proven already.
+  // One trusted Newton solve on ψ̄ (11): its second correction is at most an eighth of the first, no step is longer than
+  // one, and det ψ_q′ keeps its sign. Where ρ at a closed start is known, the first step is ρ Δq.
   //
-  // A factor serves two corrections (Shamanskii's method, of third order): the second one, ψ̄ anew but ψ_q′ that of the
-  // iterate before, is taken where it is at most a sixteenth of the first. A third is taken where it will be the last. Where q′ alone is wanted the solution needs no
+  // A factor serves two corrections (Shamanskii's method, of third order). The second one, ψ̄ anew but ψ_q′ that of the
+  // iterate before, is taken where it is at most a sixteenth of the first: with h half of ω‖Δ₁‖ it is at most h‖Δ₁‖, and
+  // Newton's own at most h/(1 − 2h)‖Δ₁‖, so that he would trust the step too (Deuflhard, Newton Methods for Nonlinear
+  // Problems, 2004, sec. 2.1). A third is taken where it will be the last. Where q′ alone is wanted the solution needs no
   // ψ_q′ of its own if the last one's inverse times the way since is so small that the determinant cannot vanish on it.
-  bool newton(int cluster, const double* q, const double* start, const ClosedPoint* near, bool& open) {
-    const Cluster& c = m.clusters[cluster];
-    ClusterState& s = states[cluster];
-    first_.resize(m.nq);
-    copy_cluster(c, start, q_free.data()), copy_cluster(c, start, first_.data());
-    const int first = near && c.n() ? 1 : 0;
-    int sign = near ? near->sign[cluster] : 0;
-    double last = INFINITY;
-    bool proven = false;
+  bool newton(const Cluster& c, ClusterState& s, const double* q, const double* start, const double* rho, int sign,
+              bool& open) {
+    copy_cluster(c, start, q_free.data());
+    const int first = rho && c.n() ? 1 : 0;
+    double last = 0;
     if (first) {
-      last = tangent_step(c, s, q, near->rho[cluster].data());
-      for (int i = 0; i < c.n(); ++i)
-        if (!(std::abs(s.right[i]) <= near->way[cluster])) return false;
-      centre_.assign(c.width(), 0.), radius_ = near->radius[cluster], proven = true;
+      last = tangent_step(c, s, q, rho);
+      if (!(last <= kLargestMove)) return false;
       move(c, s.step.data());
     }
     int served = 0;              // corrections that the factor at hand has made
@@ -109,7 +98,7 @@ class Parametrization : public Branches {
     for (int iteration = first; iteration < kMaxNewton; ++iteration) {
       const double size = residuals(c, s, q);
       const bool closed = size <= m.tolerance || (iteration && last <= kNoise && size <= 100 * m.tolerance);
-      if (served && closed && !wants_rho_ && inverse * way <= kStill) return same(c, proven);
+      if (served && closed && !wants_rho_ && inverse * way <= kStill) return true;
       if (served && !closed && last > kNoise) {
         const double length = newton_step(c, s);
         if (length <= kChord * last && (served == 1 || length * length <= last * m.tolerance)) {
@@ -124,32 +113,16 @@ class Parametrization : public Branches {
         for (int r = 0; r < c.phi_rows(); ++r) open |= std::abs(s.residual[r]) > kOpenStart;
       }
       if (too_singular(c, s) || s.factor.sign != sign) return false;
-      if (closed) return same(c, proven) && finish(c, s);
+      if (closed) return finish(c, s);
       const double length = newton_step(c, s);
-      if (!(length <= last || length <= kNoise)) return false;
-      if (!proven && !(prove(c, s, starts_[cluster]) == 1)) return false;
-      proven = true;
+      if (!(length <= kLargestMove)) return false;
+      if (iteration && length > kContraction * last && length > kNoise) return false;
       last = way = length;
       served = s.factor.ratio >= kSuspiciousPivots;
       inverse = inverse_size(c, s);
       move(c, s.step.data());
     }
     return false;
-  }
-
-  // Whether the solution found is the one proven.
-  bool same(const Cluster& c, bool proven) {
-    if (!proven) return true;
-    double moved[6];
-    for (int j : c.joints) {
-      const Joint& joint = m.joints[j];
-      difference(joint.kind, first_.data() + joint.q, q_free.data() + joint.q, moved);
-      for (int k = 0; k < joint.nv; ++k) {
-        const int col = m.column_of[joint.v + k];
-        if (!(std::abs(moved[k] - centre_[col]) <= radius_[col] + kRounding)) return false;
-      }
-    }
-    return true;
   }
 
   double tangent_step(const Cluster& c, ClusterState& s, const double* q, const double* rho) {
@@ -186,8 +159,7 @@ class Parametrization : public Branches {
   }
 
   // Along the straight line from α(start) to q, in steps that Newton trusts.
-  bool walk(int cluster, const double* q, const double* start) {
-    const Cluster& c = m.clusters[cluster];
+  bool walk(const Cluster& c, ClusterState& s, const double* q, const double* start) {
     alpha(start, q_start_.data());
     for (int i : c.coordinates) {
       const Coordinate& k = m.coordinates[i];
@@ -199,14 +171,13 @@ class Parametrization : public Branches {
     while (stride >= kShortestStep) {
       const double ahead = std::min(1.0, done + stride);
       for (int i : c.coordinates) target(m.coordinates[i], q, ahead);
-      part_ = 0, likely_ = 2;
-      if (!newton(cluster, q_ahead_.data(), here_.data(), nullptr, open)) {
-        stride = std::min(0.8, part_) * (ahead - done);
+      if (!newton(c, s, q_ahead_.data(), here_.data(), nullptr, 0, open)) {
+        stride *= 0.5;
         continue;
       }
       if (ahead == 1) return true;
       copy_cluster(c, q_free.data(), here_.data());
-      stride = std::min(2.0, likely_) * (ahead - done), done = ahead;
+      done = ahead, stride *= 2;
     }
     return false;
   }
@@ -219,27 +190,23 @@ class Parametrization : public Branches {
     coordinate_retract(k, q_ahead_.data() + k.q, step);
   }
 
-  // Closes an open guess at its own q, into `here_`, by parts of Newton steps along which ψ_q′ is proven regular.
-  bool close_start(int cluster, const double* start) {
-    const Cluster& c = m.clusters[cluster];
+  // Closes an open guess at its own q, into `here_`; false where it is too far open.
+  bool close_start(const Cluster& c, ClusterState& s, const double* start) {
     alpha(start, q_start_.data());
-    copy_cluster(c, start, here_.data());
-    bool open;
-    for (int round = 0; round < kMaxClosing; ++round) {
-      part_ = 0;
-      const bool closed = newton(cluster, q_start_.data(), here_.data(), nullptr, open);
-      if (closed) {
+    copy_cluster(c, start, q_free.data());
+    double last = 1;
+    int sign = 0;
+    for (int iteration = 0; iteration < kMaxNewton; ++iteration) {
+      const double size = linearize(c, s, q_start_.data());
+      if (iteration == 0) sign = s.factor.sign;
+      if (too_singular(c, s) || s.factor.sign != sign) return false;
+      if (size <= m.tolerance || (last <= kNoise && size <= 100 * m.tolerance)) {
         copy_cluster(c, q_free.data(), here_.data());
         return true;
       }
-      if (part_ < kShortestStep) return false;
-      copy_cluster(c, here_.data(), q_free.data());
-      ClusterState& s = states[cluster];
-      linearize(c, s, q_start_.data());
-      newton_step(c, s);
-      for (double& x : s.step) x *= std::min(0.5, part_);
+      last = newton_step(c, s);
+      if (!(last <= kLargestMove)) return false;
       move(c, s.step.data());
-      copy_cluster(c, q_free.data(), here_.data());
     }
     return false;
   }

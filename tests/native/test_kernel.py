@@ -23,7 +23,7 @@ native_only = pytest.mark.skipif(native.backend().name != "native", reason="the 
 @pytest.fixture(scope="module")
 def delta():
     """The Delta robot's model and kernel, and 300 random states of it."""
-    model = ccpin.ReducedModel(ccpin.load("delta"))
+    model = reference_model(ccpin.load("delta"))
     rng = np.random.default_rng(0)
     Q = model.alpha(model.mechanism.q_reference) + 0.2 * rng.uniform(-1, 1, size=(300, model.n))
     V, U = rng.normal(size=(2, 300, model.n))

@@ -142,10 +142,6 @@ class Constraints:
                 derivative[k] += 2.0 * second * v_free[i] * directions.dv[i]
         return derivative
 
-    def points(self, at: ConstraintValue) -> Array:
-        """The closures' points p_A, then p_B, in the world, of shape (2 L, 3)."""
-        return self._rows.points(at.placed)
-
     def wrenches(self, at: ConstraintValue) -> Array:
         """What each loop row's unit multiplier does to its end A: (force, moment about A's closure point), (R, 6).
 

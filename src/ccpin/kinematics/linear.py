@@ -46,13 +46,6 @@ class Factor(NamedTuple):
         assert self.q is not None
         return np.asarray(lapack.dtrtrs(self.r, self.q.T.dot(right))[0])
 
-    def inverse(self) -> Array:
-        """ψ_q′⁺ itself, of shape (n′, m + n)."""
-        if self.pivots is not None and len(self.pivots):
-            return np.asarray(lapack.dgetri(self.lu, self.pivots.copy())[0])
-        rows = self.columns if self.q is None else len(self.q)
-        return self.solve(np.eye(rows))
-
     def solve_transposed(self, right: Array) -> Array:
         """The least-norm solution x of ψ_q′ᵀ x = right."""
         if right.ndim == 2:

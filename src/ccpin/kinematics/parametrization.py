@@ -14,17 +14,17 @@ import pinocchio as pin
 
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
-from ccpin.kinematics.branches import Branches
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.linear import Factor, factorize
 from ccpin.kinematics.points import moved
 
 SINGULAR_RCOND = 1e-10
+_CONTRACTION = 0.125
 _NOISE = 1e-9
 _SHORTEST_STEP = 2.0**-30
+_LARGEST_MOVE = 1.0
 _MOST_STEPS = 11
-_MOST_CLOSING = 60
 
 
 class ClosedPoint(NamedTuple):
@@ -49,12 +49,14 @@ class NewtonRules(NamedTuple):
     Attributes:
         tolerance: Largest |ψ̄| of a solution, metres and radians.
         most_steps: Hard cap on linear solves.
+        contraction: A correction may be at most this part of the one before (or `noise`).
         noise: Corrections below this length are rounding.
         stalled: Largest |ψ̄| of a solution whose last correction was rounding.
     """
 
     tolerance: float
     most_steps: int
+    contraction: float = _CONTRACTION
     noise: float = _NOISE
     stalled: float = 0.0
 
@@ -67,15 +69,12 @@ class NewtonSolve(NamedTuple):
         steps: Newton steps taken.
         residual: Largest |ψ̄| at the last iterate, metres and radians.
         started_open: Whether the start was not closed.
-        trusted: Which part of the way is proven to stay on the start's branch; where solved, how much longer a next
-            step of its kind may well be.
     """
 
     point: ClosedPoint | None
     steps: int
     residual: float
     started_open: bool
-    trusted: float
 
 
 class Parametrization:
@@ -94,7 +93,6 @@ class Parametrization:
         self._unit = np.vstack([np.zeros((constraints.size, coordinates.n)), np.eye(coordinates.n)])
         tolerance = 1e-14 * max(1.0, _reach(self.model))
         self.rules = NewtonRules(tolerance, _MOST_STEPS, stalled=100 * tolerance)
-        self._branches = Branches(constraints, coordinates, tolerance)
         self.turnable = any(loop.turnable for loop in constraints.loops)
 
     def psi_jacobian(self, q_free: Array) -> Array:
@@ -136,11 +134,12 @@ class Parametrization:
     def sigma(self, q: Array, guess: Array | ClosedPoint | None = None) -> ClosedPoint:
         """q′ = σ(q) (12), on the branch of `guess`.
 
-        Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A step is trusted only if it is proven to
-        end on the branch it began on: ψ_q′ is regular along the whole path of solutions, by the theorem in
-        `ccpin.kinematics.branches`. Where that fails σ walks along the straight line from α(guess) to q in shorter
-        steps, and an open guess is closed first, along a path of configurations with ψ_q′ regular. The path depends
-        on q and guess only.
+        Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A step is trusted only if its second
+        Newton correction is at most an eighth of the first and det ψ_q′ keeps its sign: with ω the affine-covariant
+        Lipschitz constant of ψ_q′, half of ω‖Δ₁‖ is estimated by ‖Δ₂‖/‖Δ₁‖, so this is a quarter of the largest
+        value for which the Newton–Kantorovich theorem gives one solution, continuously connected to the guess.
+        Where it does not hold, σ walks along the straight line from α(guess) to q in shorter steps. The path
+        depends on q and guess only.
 
         Args:
             q: Independent coordinates, of shape (model.nq,).
@@ -173,13 +172,13 @@ class Parametrization:
         while stride >= _SHORTEST_STEP:
             ahead = min(1.0, done + stride)
             target = q if ahead == 1.0 else coordinates.integrate(q_start, ahead * line)
-            solve = self.newton(here, target, self.rules)
-            if solve.point is None:
-                stride = min(0.8, solve.trusted) * (ahead - done)
+            point = self.newton(here, target, self.rules).point
+            if point is None:
+                stride *= 0.5
                 continue
             if ahead == 1.0:
-                return solve.point
-            here, done, stride = solve.point, ahead, min(2.0, solve.trusted) * (ahead - done)
+                return point
+            here, done, stride = point, ahead, 2.0 * stride
         if isinstance(here, ClosedPoint):
             here = here.q_free
         rcond = self.rcond(here)
@@ -203,14 +202,14 @@ class Parametrization:
         )
 
     def newton(self, start: Array | ClosedPoint, q: Array, rules: NewtonRules) -> NewtonSolve:
-        """Newton's method on ψ̄(q′, q) = 0 (11) from a start, given up where it is not proven to stay on its branch.
+        """Newton's method on ψ̄(q′, q) = 0 (11) from a start, given up where it is not to be trusted.
 
         Pure: the same arguments give the same answer. The time it takes is bounded by `most_steps` + 1 evaluations and
-        factorisations of ψ_q′ and one proof. A closed point spares the first.
+        factorisations of ψ_q′. A closed point spares the first.
         """
         known = start if isinstance(start, ClosedPoint) else None
         q_free: Array = start.q_free if isinstance(start, ClosedPoint) else start.copy()
-        first, proof, sign, last, residual, open_, trusted = q_free, None, 0, np.inf, np.inf, False, 2.0
+        sign, last, residual, started_open = 0, np.inf, np.inf, False
         for steps in range(rules.most_steps + 1):
             if known is not None and not steps:
                 point, factor = known.constraints, known.factor
@@ -220,30 +219,19 @@ class Parametrization:
             gap = self._gap(point, q)
             residual = float(np.abs(gap).max(initial=0.0))
             if not steps:
-                sign, open_ = factor.sign, bool(np.abs(point.phi).max(initial=0.0) > 1e-6)
+                sign, started_open = factor.sign, bool(np.abs(point.phi).max(initial=0.0) > 1e-6)
             if factor.rcond < SINGULAR_RCOND or factor.sign != sign:
-                trusted = trusted if steps else 0.0
                 break
             if residual <= rules.tolerance or (last <= rules.noise and residual <= rules.stalled):
-                if proof is not None and not proof.holds(self._displacement(first, q_free)):
-                    break
-                return NewtonSolve(self._closed_point(point, factor), steps, residual, open_, trusted)
+                return NewtonSolve(self._closed_point(point, factor), steps, residual, started_open)
             if steps == rules.most_steps:
                 break
             step = factor.solve(gap)
             length = float(np.linalg.norm(step))
-            if not steps:
-                proof = self._branches.prove(point, factor, step)
-                trusted = proof.part if proof.part < 1.0 else proof.likely
-            if proof is None or proof.part < 1.0 or not length <= max(last, rules.noise):
-                return NewtonSolve(None, steps + 1, residual, open_, trusted)
+            if not length <= _LARGEST_MOVE or length > max(rules.contraction * last, rules.noise):
+                return NewtonSolve(None, steps + 1, residual, started_open)
             q_free, last = moved(self.model, q_free, step), length
-        return NewtonSolve(None, steps, residual, open_, trusted)
-
-    def _displacement(self, q_from: Array, q_to: Array) -> Array:
-        """e with q_from ⊕ e = q_to, of shape (n′,)."""
-        plain = self.model.nq == self.model.nv
-        return q_to - q_from if plain else np.asarray(pin.difference(self.model, q_from, q_to))
+        return NewtonSolve(None, steps, residual, started_open)
 
     def _stacked(self, point: ConstraintValue) -> Array:
         """ψ_q′ (10), of shape (m + n, n′)."""
@@ -255,21 +243,15 @@ class Parametrization:
         return np.concatenate([-point.phi, missing])
 
     def _closed_start(self, start: Array) -> Array:
-        """Close an open guess at its own q, by parts of Newton steps along which ψ_q′ is proven regular.
+        """Close an open guess at its own q.
 
         Raises:
             InvalidInputError: It is too far open for that.
         """
-        q, q_free = self.coordinates.alpha(start), start
-        for _ in range(_MOST_CLOSING):
-            solve = self.newton(q_free, q, self.rules)
-            if solve.point is not None:
-                return solve.point.q_free
-            if solve.trusted < _SHORTEST_STEP:
-                break
-            point = self.constraints.value(q_free)
-            step = factorize(self._stacked(point)).solve(self._gap(point, q))
-            q_free = moved(self.model, q_free, min(0.5, solve.trusted) * step)
+        q = self.coordinates.alpha(start)
+        solve = self.newton(start, q, self.rules._replace(contraction=np.inf))
+        if solve.point is not None:
+            return solve.point.q_free
         error = float(np.abs(self.constraints.residual(start)).max())
         raise InvalidInputError(
             f"the guess is open by {error:.3g} (m or rad) and cannot be closed at its own q = {_show(q)}; "

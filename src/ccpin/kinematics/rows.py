@@ -126,10 +126,6 @@ class RowStack:
         wrenches = self._wrenches(vectors, turning, self._left_pulls * x + self._right_pulls * y)
         return Placed(spatial, vectors, self.summed(self._weights * (x * y).sum(axis=1)), wrenches)
 
-    def points(self, placed: Placed) -> Array:
-        """The points p_A of every loop, then the points p_B, in the world, of shape (2 L, 3)."""
-        return placed.vectors[self._fixed :]
-
     def wrenches_on_a(self, placed: Placed) -> Array:
         """f_A of every row as (force, moment about its loop's p_A), of shape (R, 6)."""
         wrenches = placed.wrenches[: self.size].copy()
