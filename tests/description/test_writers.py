@@ -116,6 +116,25 @@ def test_what_urdf_cannot_say_is_refused(tmp_path):
     assert not (tmp_path / "none.urdf").exists()
 
 
+def test_couplings_that_share_a_joint(tmp_path):
+    """Each joint mimics one other at most: the free one of two is written as dependent, or none."""
+    (tmp_path / "gear.urdf").write_text(GEAR)
+    gear = read_description(tmp_path / "gear.urdf")
+
+    def tie(name, first, second):
+        return Coupling(name, (CouplingTerm(first, (0.0, 1.0)), CouplingTerm(second, (0.0, -2.0))))
+
+    both = replace(
+        gear, couplings=(tie("one", "turn", "spin"), tie("two", "turn", "shoulder")), dependent_hint=("turn",)
+    )
+    write_urdf(both, tmp_path / "both.urdf")
+    back = read_description(tmp_path / "both.urdf")
+    assert [coupling.terms[0].joint for coupling in back.couplings] == ["shoulder", "turn"]
+    held = replace(gear, couplings=(Coupling("held", (CouplingTerm("spin", (0.0,)), CouplingTerm("turn", (0.0,)))),))
+    with pytest.raises(DescriptionError, match=r"coupling 'held': .*mimic"):
+        write_urdf(held, tmp_path / "held.urdf")
+
+
 def everything():
     """A four-bar with each physical element on some joint, a geared motor and a rotor where there is none."""
     before = read_description("four_bar")

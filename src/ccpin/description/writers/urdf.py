@@ -113,12 +113,15 @@ def _joint(joint: Joint) -> yourdfpy.Joint:
 
 def _mimic(joints: dict[str, XmlElement], coupling: Coupling, description: MechanismDescription) -> None:
     """Write c₀ + c₁ θ + k₁ θ_master = 0 as θ = multiplier θ_master + offset."""
-    terms = sorted(coupling.terms, key=lambda term: term.joint not in description.dependent_hint)
-    powers = [(*term.coefficients, 0.0, 0.0) for term in terms]
-    if len(terms) != 2 or any(term.reference or any(c[2:]) for term, c in zip(terms, powers, strict=True)):
-        message = "URDF couples two joints linearly only (mimic)"
+    powers = {term.joint: (*term.coefficients, 0.0, 0.0) for term in coupling.terms}
+    free = [term for term in coupling.terms if powers[term.joint][1] and joints[term.joint].find("mimic") is None]
+    curved = any(term.reference or any(powers[term.joint][2:]) for term in coupling.terms)
+    if len(coupling.terms) != 2 or len(powers) != 2 or curved or not free:
+        message = "URDF couples two joints linearly only, and a joint to one other (mimic)"
         raise cannot(description, f"coupling '{coupling.name}'", message)
-    (own, other), (dependent, master) = powers, terms
+    dependent = min(free, key=lambda term: term.joint not in description.dependent_hint)
+    (master,) = (term for term in coupling.terms if term is not dependent)
+    own, other = powers[dependent.joint], powers[master.joint]
     multiplier, offset = -other[1] / own[1], -(own[0] + other[0]) / own[1]
     attributes = {"joint": master.joint, "multiplier": str(multiplier), "offset": str(offset)}
     etree.SubElement(joints[dependent.joint], "mimic", attributes)
