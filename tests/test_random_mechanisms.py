@@ -25,7 +25,7 @@ class State:
     def __init__(self, drawn, seed):
         self.drawn, self.seed = drawn, seed
         rng = np.random.default_rng(seed)
-        self.mechanism = ccpin.load(drawn.description)
+        self.mechanism = ccpin.load(drawn.description, actuated=ccpin.load(drawn.description).independent)
         self.model = ccpin.ReducedModel(self.mechanism)
         self.pin_model = self.mechanism.pin_model
         self.q, self.q_free = self.somewhere(rng)

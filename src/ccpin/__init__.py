@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ccpin.native import backend
     from ccpin.simulation import Trajectory
     from ccpin.simulation.simulate import simulate
+    from ccpin.simulation.sweeps import sweep
 
 __version__ = "0.1.0"
 
@@ -41,6 +42,7 @@ __all__ = [
     "plotting",
     "simulate",
     "simulation",
+    "sweep",
     "validated",
     "visualization",
 ]
@@ -57,6 +59,7 @@ _HOMES = {
     "backend": "native",
     "load": "mechanism",
     "simulate": "simulation",
+    "sweep": "simulation",
 }
 
 

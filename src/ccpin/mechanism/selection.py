@@ -47,7 +47,8 @@ def choose_independent(
     else:
         hinted = description.dependent_hint
         masters = tuple(name for name in tree.names if hinted and name not in hinted)
-        names = _in_order(complete_independent(motions, (), (*base, *(motors or masters))), dict.fromkeys(base + motors))
+        first = dict.fromkeys(base + motors)
+        names = _in_order(complete_independent(motions, (), (*base, *(motors or masters))), first)
         added = [name for name in names if name not in motors]
         if motors and added:
             notes.append(
