@@ -37,7 +37,8 @@ def test_a_stop_pushes_back_by_its_law(model):
     assert not stops.loads(0.0, inside, v).any()
     depth = beyond.q_free[slider.q.start] - 0.13
     rate = beyond.v_free(v)[slider.v.start]
-    assert depth > 0 and rate > 0
+    assert depth > 0
+    assert rate > 0
     loads = stops.loads(0.0, beyond, v)
     assert loads[slider.v.start] == pytest.approx(-2e4 * depth * (1 + 0.3 * rate), rel=1e-12)
     assert np.count_nonzero(loads) == 1
