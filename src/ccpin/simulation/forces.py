@@ -101,9 +101,8 @@ def closure_forces(
 
     Args:
         model: The reduced model, or a mechanism.
-        trajectory: A motion of it under the motors' efforts and `wrenches` (friction is not in its u, so its share
-            would be missing here).
-        wrenches: On links, as for `simulate`.
+        trajectory: A motion of it; its friction and the forces of its stops and contacts are counted.
+        wrenches: On links, as for the `simulate` that made it.
 
     Raises:
         InvalidInputError: The trajectory is not this model's.
@@ -119,10 +118,15 @@ def closure_forces_at(
     u: ArrayLike,
     guess: Near = None,
     wrenches: Wrenches | None = None,
+    loads: ArrayLike | None = None,
 ) -> tuple[BearingForce, ...]:
-    """`closure_forces` at one q or State; every field has a leading axis of length one, and t = 0."""
+    """`closure_forces` at one q or State; every field has a leading axis of length one, and t = 0.
+
+    `loads` is what else acts on the free system's joints, friction say, of shape (n′,).
+    """
     bearings = _Wrenches(model_of(model))
-    return _histories(np.zeros(1), [bearings.closures(bearings.model.at(q, guess), v, u, wrenches).loads])
+    acting = _Acting(v, u, wrenches, loads)
+    return _histories(np.zeros(1), [bearings.closures(bearings.model.at(q, guess), acting).loads])
 
 
 def joint_forces(
@@ -147,6 +151,15 @@ class _Load(NamedTuple):
     determined: Mask
 
 
+class _Acting(NamedTuple):
+    """q̇, and what acts: the motors' efforts, wrenches on links, and efforts on the free system's joints or none."""
+
+    v: ArrayLike
+    u: ArrayLike
+    wrenches: Wrenches | None
+    loads: ArrayLike | None
+
+
 class _Closures(NamedTuple):
     """The closures' loads, and the wrenches that each null vector of φ_q′ᵀ would add to each of them, (6, r) each."""
 
@@ -169,17 +182,16 @@ class _Wrenches:
         self.inertias = np.array([inertia.inertia for inertia in self.free.inertias])
         self.masses[0] = 0.0
 
-    def rows(
-        self, trajectory: Trajectory, wrenches: Wrenches | Pushes | None
-    ) -> Iterator[tuple[State, Array, Array, Wrenches | None]]:
-        """(State, q̇, u, wrenches on links) at every sample."""
+    def rows(self, trajectory: Trajectory, wrenches: Wrenches | Pushes | None) -> Iterator[tuple[State, _Acting]]:
+        """The State, and what acts there, at every sample."""
         pushes = pushes_of(self.model.mechanism.tree, wrenches)
-        for t, (state, v, u) in zip(trajectory.t.tolist(), trajectory.states(self.model), strict=True):
-            yield state, v, u, pushes(t, state, v)
+        loads = trajectory.friction + trajectory.limits
+        for t, (state, v, u), load in zip(trajectory.t.tolist(), trajectory.states(self.model), loads, strict=True):
+            yield state, _Acting(v, u, pushes(t, state, v), load if load.any() else None)
 
-    def closures(self, state: State, v: ArrayLike, u: ArrayLike, pushed: Wrenches | None) -> _Closures:
+    def closures(self, state: State, acting: _Acting) -> _Closures:
         """The wrenches on the closures' ends A at one state."""
-        multipliers = state.constraint_forces(v, u, pushed)
+        multipliers = state.constraint_forces(*acting)
         poses = joint_poses(self.model.free_system.scratch, state.q_free)
         constraints, complete = self.model.parametrization.constraints, self.complete.value(state.q_free)
         loose = _left_null_space(complete.jacobian)
@@ -194,11 +206,11 @@ class _Wrenches:
             loads.append(_Load(name, frame[:3, 3], frame[:3, 2], wrench, _determined(freedoms[-1])))
         return _Closures(loads, freedoms)
 
-    def joints(self, state: State, v: Array, u: Array, pushed: Wrenches | None) -> list[_Load]:
+    def joints(self, state: State, acting: _Acting) -> list[_Load]:
         """Newton and Euler for what each joint carries: its subtree's momentum, weight, closures and wrenches."""
-        closures = self.closures(state, v, u, pushed)
-        motion, forces, moments = self.momentum_rates(state, v, u, pushed)
-        for one in applied_wrenches(self.model.mechanism.tree, pushed):
+        closures = self.closures(state, acting)
+        motion, forces, moments = self.momentum_rates(state, acting)
+        for one in applied_wrenches(self.model.mechanism.tree, acting.wrenches):
             pose = motion.poses[one.joint]
             arm = pose[:3, :3] @ one.point + pose[:3, 3] - motion.centres[one.joint]
             forces[one.joint] -= one.force
@@ -218,12 +230,10 @@ class _Wrenches:
             loads.append(_Load(joint.name, origin, turned, wrench, _determined(freedom)))
         return loads
 
-    def momentum_rates(
-        self, state: State, v: Array, u: Array, pushed: Wrenches | None
-    ) -> tuple[BodyMotion, Array, Array]:
+    def momentum_rates(self, state: State, acting: _Acting) -> tuple[BodyMotion, Array, Array]:
         """The bodies' motion, and the force and the moment about its centre that each one's motion and weight take."""
-        a_free = state.a_free(v, state.forward_dynamics(v, u, pushed))
-        motion = body_motion(self.model.free_system.scratch, state.q_free, state.v_free(v), a_free)
+        a_free = state.a_free(acting.v, state.forward_dynamics(*acting))
+        motion = body_motion(self.model.free_system.scratch, state.q_free, state.v_free(acting.v), a_free)
         turns = motion.poses[:, :3, :3]
         inertias = turns @ self.inertias @ turns.transpose(0, 2, 1)
         forces = self.masses[:, None] * (motion.accelerations - self.model.gravity_vector)
