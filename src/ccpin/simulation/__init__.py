@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 from ccpin.simulation.cases import grid, latin_hypercube, sobol
+from ccpin.simulation.contact import Contact
+from ccpin.simulation.demands import Demands, demands
+from ccpin.simulation.disturbances import Disturbance, Push
 from ccpin.simulation.forces import BearingForce, PeakForce, closure_forces, closure_forces_at, joint_forces
 from ccpin.simulation.friction import JointFriction
 from ccpin.simulation.happenings import Event
 from ccpin.simulation.journal import Move
+from ccpin.simulation.limits import Limits
 from ccpin.simulation.metrics import LyapunovHistory, Metrics, lyapunov_along, set_point_metrics
+from ccpin.simulation.motors import MotorModel
 from ccpin.simulation.run import Budget
 from ccpin.simulation.samples import Happening, StateSample, Stop
 from ccpin.simulation.settling import Settling
@@ -22,14 +27,20 @@ __all__ = [
     "METHODS",
     "BearingForce",
     "Budget",
+    "Contact",
+    "Demands",
+    "Disturbance",
     "Event",
     "FrictionForce",
     "Happening",
     "JointFriction",
+    "Limits",
     "LyapunovHistory",
     "Metrics",
+    "MotorModel",
     "Move",
     "PeakForce",
+    "Push",
     "Settling",
     "Simulator",
     "StateSample",
@@ -40,6 +51,7 @@ __all__ = [
     "Trajectory",
     "closure_forces",
     "closure_forces_at",
+    "demands",
     "friction_force",
     "grid",
     "joint_forces",

@@ -128,6 +128,10 @@ class Saturation:
     Args:
         model: The reduced model.
         limits: What to keep to.
+
+    Attributes:
+        lower: Of u, of shape (motors,). upper: alike.
+        by_speed: Whether these fade out with speed. acts: Whether there is any bound.
     """
 
     def __init__(self, model: ReducedModel, limits: Limits) -> None:
@@ -139,18 +143,22 @@ class Saturation:
         speeds = mechanism.joints.velocity[self._v]
         self._speeds = np.where((speeds > 0) & (limits.velocity == "saturate"), speeds, np.inf)
         self._gears = motors.gears
-        self._by_speed = bool(np.isfinite(self._speeds).any())
-        if self._by_speed and not np.isfinite(np.concatenate([self.lower, self.upper])).all():
+        self.by_speed = bool(np.isfinite(self._speeds).any())
+        if self.by_speed and not np.isfinite(np.concatenate([self.lower, self.upper])).all():
             self._check_bounded(mechanism)
-        self.acts = self._by_speed or bool(np.isfinite([self.lower, self.upper]).any())
+        self.acts = self.by_speed or bool(np.isfinite([self.lower, self.upper]).any())
 
     def bounds(self, state: State, v: Array) -> tuple[Array, Array]:
         """The least and largest u there, of shape (motors,) each."""
-        if not self._by_speed:
+        if not self.by_speed:
             return self.lower, self.upper
         ahead = state.v_free(v)[self._v] / self._speeds * np.sign(self._gears)
         upper = self.upper * np.clip((1.0 - ahead) / _TAPER, 0.0, 1.0)
         return self.lower * np.clip((1.0 + ahead) / _TAPER, 0.0, 1.0), upper
+
+    def headroom(self, t: float, state: State, v: Array) -> Array:
+        """How far each motor's joint is from where its efforts begin to fade, rad/s or m/s, of shape (motors,)."""
+        return np.asarray((1.0 - _TAPER) * self._speeds - np.abs(state.v_free(v)[self._v]))
 
     def _check_bounded(self, mechanism: Mechanism) -> None:
         endless = ~np.isfinite([self.lower, self.upper]).all(axis=0) & np.isfinite(self._speeds)

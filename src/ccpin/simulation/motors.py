@@ -95,6 +95,10 @@ class CurrentLoops:
         if not np.array_equal(command, self._command):
             self._from, self._start, self._command = self.effort(t), t, np.array(command)
 
+    def settle(self, u: Array) -> None:
+        """Be at a u, and commanded to be there."""
+        self._from, self._command = np.array(u), np.array(u)
+
     def effort(self, t: float) -> Array:
         """u at a time after the last command."""
         gap, ramp, since = self._command - self._from, self._ramp(), max(0.0, t - self._start)

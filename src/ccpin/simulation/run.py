@@ -23,6 +23,7 @@ from ccpin.dynamics.wrenches import Pushes, Wrenches, pushes_of
 from ccpin.errors import ConvergenceError, SingularConfigurationError
 from ccpin.simulation.happenings import Moment, Step, Watch
 from ccpin.simulation.pace import Switching
+from ccpin.simulation.plant import MotorCommands, Plant
 from ccpin.simulation.recorder import Recorder
 from ccpin.simulation.samples import StateSample, Stop
 from ccpin.simulation.stick_slip import Drive, StickSlip, StickSlipWatch
@@ -63,6 +64,7 @@ class Run:
         settings: How it is integrated.
         commands: Who commands the motors.
         contact: The joints with friction.
+        plant: Limits, contacts and motors.
         watches: What is watched for.
         here: Where the motion begins.
 
@@ -75,18 +77,20 @@ class Run:
         self,
         model: ReducedModel,
         settings: Settings,
-        commands: ContinuousCommands | SampledCommands,
+        commands: ContinuousCommands | SampledCommands | MotorCommands,
         contact: StickSlip,
+        plant: Plant,
         watches: tuple[Watch, ...],
         here: Moment,
     ) -> None:
         self.model, self.settings, self.commands, self.contact = model, settings, commands, contact
+        self._plant = plant
         self.here, self.evaluations = here, 0
         self.first_step: float | None = None
         self._pushes = pushes_of(model.mechanism.tree, settings.wrenches)
         friction = (StickSlipWatch(contact, self.drive),) if contact.eventful else ()
         self._watches: tuple[Watch, ...] = (*friction, *watches)
-        self._watched = bool(self._watches)
+        self._watched = any(watch.pacing for watch in self._watches)
         self._creeping = 0
         self._nothing = np.zeros(model.mechanism.n_free)
 
@@ -139,7 +143,7 @@ class Run:
             u=drive.u,
             q_free=state.q_free,
             friction=friction,
-            limits=self._nothing,
+            limits=self._nothing if drive.loads is None else drive.loads,
             closure_error=float(np.linalg.norm(self.model.parametrization.constraints.residual(state.q_free))),
         )
 
@@ -151,7 +155,7 @@ class Run:
 
     def drive(self, t: float, state: State, v: Array) -> Drive:
         """What acts from outside."""
-        return Drive(self.commands.effort(t, state, v), self._pushes(t, state, v))
+        return Drive(self.commands.effort(t, state, v), self._pushes(t, state, v), self._plant.loads(t, state, v))
 
     # From switch to switch.
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,9 +19,13 @@ from ccpin.dynamics.wrenches import Pushes, Wrenches
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.contact import Contact
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
 from ccpin.simulation.happenings import Event, EventWatch, Moment, RegionWatch, Watch
+from ccpin.simulation.limits import Limits
+from ccpin.simulation.motors import MotorModel
 from ccpin.simulation.pace import natural_step
+from ccpin.simulation.plant import Plant
 from ccpin.simulation.recorder import Recorder
 from ccpin.simulation.run import Budget, Run, Settings
 from ccpin.simulation.samples import Happening, Names, StateSample, Stop
@@ -60,6 +63,10 @@ class Simulator:
         wrenches: On links, as for `State.forward_dynamics`: constant in world axes, or a function (t, state, v).
         sampling: Run the law as a digital controller does; default continuously.
         events: What to look for along the motion.
+        limits: How limits of positions, velocities and efforts are treated; default `Limits`': motors give no more
+            than their limits, and nothing else.
+        contacts: Points of links that meet planes.
+        motors: Lag, rate and torque–speed curve of the motors; default none.
 
     Attributes:
         model: The reduced model.
@@ -87,6 +94,9 @@ class Simulator:
         wrenches: Wrenches | Pushes | None = None,
         sampling: Sampling | None = None,
         events: Sequence[Event] = (),
+        limits: Limits | None = None,
+        contacts: Sequence[Contact] = (),
+        motors: MotorModel | None = None,
     ) -> None:
         self.model = model = model_of(model)
         if not model.n:
@@ -102,7 +112,9 @@ class Simulator:
         self._friction = joint_friction(model, friction)
         self._region, self._looked_for = region, tuple(events)
         self._names = Names.of(model)
+        self._plant = Plant(model, limits, contacts, motors)
         self._law = _law(model, law)
+        self._plant.check_law(self._law, sampling is not None)
         self._run: Run | None = None
         self.stop: Stop | None = None
         self.events: list[Happening] = []
@@ -137,6 +149,7 @@ class Simulator:
     @law.setter
     def law(self, law: LawLike) -> None:
         self._law = _law(self.model, law)
+        self._plant.check_law(self._law, self._sampling is not None)
         if self._run is not None:
             self._run.commands.law = _Sized(self._law, self.model)
 
@@ -167,12 +180,14 @@ class Simulator:
         commands: ContinuousCommands | SampledCommands = ContinuousCommands(law)
         if self._sampling is not None:
             commands = SampledCommands(self.model, law, self._sampling, state.q, v_start, t)
+        driven = self._plant.commands(commands, t, state, v_start)
         watches: list[Watch] = [EventWatch(event) for event in self._looked_for]
         if self._region is not None:
             watches.append(RegionWatch(self._region))
+        watches += self._plant.watches(driven)
         contact = StickSlip(self.model, self._friction)
         here = Moment(float(t), state, v_start)
-        self._run = Run(self.model, self._settings, commands, contact, tuple(watches), here)
+        self._run = Run(self.model, self._settings, driven, contact, self._plant, tuple(watches), here)
         self.stop, self.events = None, []
         return self.sample()
 
