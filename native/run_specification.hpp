@@ -26,7 +26,7 @@ inline Run read_run(nb::dict d, const Mechanism& m) {
   using namespace reading;
   const auto any = [&](const char* name) { return nb::cast<double>(d[name]); };
   Run r{numbers(d["times"]), numbers(d["start"], m.n_q + m.n), number(d["rtol"]), number(d["atol"]), any("max_step"),
-        number(d["singular_rcond"]), {}};
+        number(d["singular_rcond"]), number(d["clock"]), any("evaluations"), any("seconds"), {}};
   r.settling = {numbers(d["goal"]), any("band"), any("speed"), any("hold")};
   require(!r.times.empty() && r.times[0] == 0, "a run does not begin at 0");
   for (size_t k = 1; k < r.times.size(); ++k) require(r.times[k] > r.times[k - 1], "a run's times do not increase");
