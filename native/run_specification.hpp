@@ -26,8 +26,10 @@ inline Run read_run(nb::dict d, const Mechanism& m) {
   using namespace reading;
   const auto any = [&](const char* name) { return nb::cast<double>(d[name]); };
   Run r{numbers(d["times"]), numbers(d["start"], m.n_q + m.n), number(d["rtol"]), number(d["atol"]), any("max_step"),
-        number(d["singular_rcond"]), {}};
+        number(d["singular_rcond"]), number(d["clock"]), any("evaluations"), any("seconds"), {}, {}, {}};
   r.settling = {numbers(d["goal"]), any("band"), any("speed"), any("hold")};
+  r.lower = nb::cast<std::vector<double>>(d["lower"]), r.upper = nb::cast<std::vector<double>>(d["upper"]);
+  require(int(r.lower.size()) == m.n && int(r.upper.size()) == m.n, "bounds of u have a wrong length");
   require(!r.times.empty() && r.times[0] == 0, "a run does not begin at 0");
   for (size_t k = 1; k < r.times.size(); ++k) require(r.times[k] > r.times[k - 1], "a run's times do not increase");
   require(r.rtol > 0 && r.atol > 0 && r.longest > 0, "a tolerance or step is not positive");

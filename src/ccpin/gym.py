@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import deepcopy
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,8 @@ try:
     import gymnasium
 except ImportError:
     raise CcpinError("ccpin.gym needs gymnasium: pip install 'ccpin[gym]'") from None
+
+_MODES = ("human", "rgb_array")
 
 Start = Callable[[np.random.Generator], tuple[ArrayLike, ArrayLike]]
 
@@ -60,7 +62,7 @@ class MechanismEnv(gymnasium.Env):  # type: ignore[misc]
         InvalidInputError: A bad argument, or a motor without bounds where `effort` is not given.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 50}  # noqa: RUF012 - Gymnasium's own
+    metadata: ClassVar[dict[str, Any]] = {"render_modes": list(_MODES), "render_fps": 50}
 
     def __init__(
         self,
@@ -75,8 +77,8 @@ class MechanismEnv(gymnasium.Env):  # type: ignore[misc]
         render_mode: str | None = None,
         **options: Any,
     ) -> None:
-        if render_mode not in (None, *self.metadata["render_modes"]):
-            raise InvalidInputError(f"render_mode {render_mode!r} is not one of human, rgb_array")
+        if render_mode not in (None, *_MODES):
+            raise InvalidInputError(f"render_mode {render_mode!r} is not one of {', '.join(_MODES)}")
         self.model = model = model_of(load(model) if isinstance(model, str | Path) else model)
         self.simulator = Simulator(model, **options)
         self._reward, self._done, self._start = reward, done, start

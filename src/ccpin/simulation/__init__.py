@@ -6,6 +6,7 @@ from ccpin.simulation.cases import grid, latin_hypercube, sobol
 from ccpin.simulation.contact import Contact
 from ccpin.simulation.demands import Demands, demands
 from ccpin.simulation.disturbances import Disturbance, Push
+from ccpin.simulation.exceeded import Exceeded, exceeded
 from ccpin.simulation.forces import BearingForce, PeakForce, closure_forces, closure_forces_at, joint_forces
 from ccpin.simulation.friction import JointFriction
 from ccpin.simulation.happenings import Event
@@ -31,6 +32,7 @@ __all__ = [
     "Demands",
     "Disturbance",
     "Event",
+    "Exceeded",
     "FrictionForce",
     "Happening",
     "JointFriction",
@@ -52,6 +54,7 @@ __all__ = [
     "closure_forces",
     "closure_forces_at",
     "demands",
+    "exceeded",
     "friction_force",
     "grid",
     "joint_forces",

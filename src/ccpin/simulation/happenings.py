@@ -52,7 +52,7 @@ class Step:
     Args:
         begin: Where it begins.
         end: Time at which it ends, s.
-        x: (q, q̇) at a time within it.
+        dense: (q, q̇) at a time within it; ``None`` where nobody will ask.
         closed: The State and q̇ at (q, q̇).
     """
 
@@ -60,12 +60,17 @@ class Step:
         self,
         begin: Moment,
         end: float,
-        x: Callable[[float], Array],
+        dense: Callable[[float], Array] | None,
         closed: Callable[[Array], tuple[State, Array]],
     ) -> None:
-        self.begin, self.end, self.x = begin, end, x
-        self._closed = closed
+        self.begin, self.end = begin, end
+        self._dense, self._closed = dense, closed
         self._moments: dict[float, Moment] = {begin.t: begin}
+
+    def x(self, t: float) -> Array:
+        """(q, q̇) at a time of the step."""
+        assert self._dense is not None
+        return self._dense(t)
 
     def at(self, t: float) -> Moment:
         """The moment at a time of the step; each is closed once."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw, NoTorque
@@ -20,6 +22,20 @@ from ccpin.simulation.motors import CurrentLoops, MotorModel, TorqueSpeed
 from ccpin.simulation.surfaces import Surface, SurfaceWatch
 
 
+class EffortBounds(NamedTuple):
+    """The least and largest u of each motor."""
+
+    lower: list[float]
+    upper: list[float]
+
+    def hold(self, u: ArrayLike) -> bool:
+        """Whether they contain u (or u is none)."""
+        try:
+            return bool(((np.asarray(u) >= self.lower) & (np.asarray(u) <= self.upper)).all())
+        except (TypeError, ValueError):
+            return False
+
+
 class Plant:
     """The bench on which a mechanism moves, checked against it.
 
@@ -31,8 +47,8 @@ class Plant:
 
     Attributes:
         loaded: Whether stops or contacts may push on the joints.
-        guarded: Whether efforts are bounded and nothing else of this acts: a run in which no bound is reached is the
-            run without them.
+        plain: Whether bounds of efforts are all of this that acts; a motion that stays within them is the motion
+            without. effort_bounds: these.
 
     Raises:
         InvalidInputError: A bad argument.
@@ -51,7 +67,10 @@ class Plant:
         self.loaded = bool(self._pushing)
         CurrentLoops(self.motors, model.n_actuated)
         ends = "end" in (self.limits.position, self.limits.velocity, self.limits.effort)
-        self.guarded = not (self.loaded or ends or self.motors.held or self._curve.acts or self._saturation.by_speed)
+        self.effort_bounds = EffortBounds(
+            *(bound.tolist() for bound in (self._saturation.lower, self._saturation.upper))
+        )
+        self.plain = not (self.loaded or ends or self.motors.held or self._curve.acts or self._saturation.by_speed)
 
     def check_law(self, law: ControlLaw, sampled: bool) -> None:
         """Lag and rate need commands that are held.

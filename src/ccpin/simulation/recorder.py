@@ -44,13 +44,16 @@ class Recorder:
 
     def up_to(self, here: Moment, run: Sampled, slack: float) -> None:
         """Take the sample due at the present moment, if one is."""
-        count = len(self.samples)
-        if count < len(self._times) and self._times[count] <= here.t + slack:
-            self.samples.append(run.sample(here._replace(t=self._times[count])))
+        if self.due_before(here.t + slack):
+            self.samples.append(run.sample(here._replace(t=self._times[len(self.samples)])))
+
+    def due_before(self, t: float) -> bool:
+        """Whether a sample is due up to a time."""
+        return len(self.samples) < len(self._times) and bool(self._times[len(self.samples)] <= t)
 
     def within(self, step: Step, until: float, run: Sampled) -> None:
         """Take the samples due in a step, up to a time."""
-        while len(self.samples) < len(self._times) and self._times[len(self.samples)] <= until:
+        while self.due_before(until):
             t = float(self._times[len(self.samples)])
             near = step.begin if self._near is None or self._near.t < step.begin.t else self._near
             self._near = Moment(t, *run.closed(step.x(t), near.state))

@@ -120,13 +120,17 @@ class Run:
             record.up_to(self.here, self, _slack(self.here.t))
             if self.here.t >= until:
                 return None
-            end, longest = self._leg_end(min(command, until)), self._longest_step()
+            switch, longest = self._next_switch(), self._longest_step()
+            end = min(command, until)
+            switches = switch < end - _slack(end)
+            end = switch if switches else end
             while self.here.t < end:
                 stop = self._leg(end, longest, record, watches, limits)
                 if stop is not None:
                     return stop
                 if self.here.t < end:
                     self._begin()
+            self.first_step = None if switches else self.first_step
 
     def sample(self, moment: Moment) -> StateSample:
         """The motion at a moment, in the present mode of its joints."""
@@ -173,10 +177,8 @@ class Run:
             switch = wrenches.next_switch(t) if isinstance(wrenches, Switching) else None
         return self.commands.next_switch(t), switch
 
-    def _leg_end(self, end: float) -> float:
-        """The end given, or a switch before it."""
-        switch = min((s for s in self._switches() if s is not None), default=np.inf)
-        return switch if switch < end - _slack(end) else end
+    def _next_switch(self) -> float:
+        return min((switch for switch in self._switches() if switch is not None), default=np.inf)
 
     def _longest_step(self) -> float:
         """`ccpin.simulation.pace` says why."""
@@ -202,7 +204,8 @@ class Run:
                 message = solver.step()
                 if solver.status == "failed":
                     return self._gave_up(f"the integrator failed at t = {self.here.t:.6g} s: {message}")
-                step = Step(self.here, float(solver.t), solver.dense_output(), self.closed)
+                seen = bool(watches) or record.due_before(solver.t)
+                step = Step(self.here, float(solver.t), solver.dense_output() if seen else None, self.closed)
                 halts = [(at, watch) for watch in watches if (at := watch.look(step)) is not None]
                 reached, cause = min(halts, key=lambda halt: halt[0], default=(step.end, None))
                 arrived = step.at(reached) if reached < step.end else Moment(step.end, *self.closed(solver.y))
@@ -273,9 +276,9 @@ class _Limits(NamedTuple):
 
     def exceeded(self, evaluations: int, t: float) -> Stop | None:
         if evaluations >= self.evaluations:
-            return Stop("exhausted", f"at t = {t:.6g} s the budget of evaluations was spent")
+            return Stop.exhausted(t, "evaluations")
         if time.perf_counter() >= self.clock:
-            return Stop("exhausted", f"at t = {t:.6g} s the budget of time was spent")
+            return Stop.exhausted(t, "seconds")
         return None
 
 

@@ -22,6 +22,23 @@ class Stop(NamedTuple):
     message: str
     cause: BaseException | None = None
 
+    @classmethod
+    def settled(cls, since: float) -> Stop:
+        """It has settled."""
+        return cls("settled", f"settled since t = {since:.6g} s")
+
+    @classmethod
+    def exhausted(cls, t: float, what: str) -> Stop:
+        """The budget of evaluations or seconds is spent."""
+        return cls("exhausted", f"at t = {t:.6g} s the budget of {what} was spent")
+
+    @classmethod
+    def broken_off(cls, t: float, cause: BaseException) -> Stop:
+        """Ctrl-C, or an exception of whatever is called."""
+        if isinstance(cause, KeyboardInterrupt):
+            return cls("interrupted", f"interrupted at t = {t:.6g} s", cause)
+        return cls("failed", f"at t = {t:.6g} s: {str(cause) or type(cause).__name__}", cause)
+
 
 class Happening(NamedTuple):
     """Something that happened along a motion.

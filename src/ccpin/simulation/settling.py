@@ -71,7 +71,7 @@ class SettlingWatch(Watch):
 
     def act(self, moment: Moment) -> Stop | None:
         """The motion ends."""
-        return Stop("settled", f"settled since t = {self.since:.6g} s")
+        return None if self.since is None else Stop.settled(self.since)
 
     def _at(self, step: Step, t: float) -> float:
         x = step.x(t)

@@ -5,12 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import integrate
 
-from ccpin.arrays import Array, positive, vector
+from ccpin.arrays import Array, frozen, positive, vector
 from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
 from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
@@ -22,6 +23,7 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.contact import Contact
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
 from ccpin.simulation.happenings import Event, EventWatch, Moment, RegionWatch, Watch
+from ccpin.simulation.in_core import TABLEAUX, run_in_core
 from ccpin.simulation.limits import Limits
 from ccpin.simulation.motors import MotorModel
 from ccpin.simulation.pace import natural_step
@@ -32,6 +34,9 @@ from ccpin.simulation.samples import Happening, Names, StateSample, Stop
 from ccpin.simulation.settling import Settling, SettlingWatch
 from ccpin.simulation.stick_slip import StickSlip
 from ccpin.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from ccpin.native._core import HeldMotion
 
 METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
 LawLike = ControlLaw | Callable[[float, Array, Array], ArrayLike] | None
@@ -115,6 +120,15 @@ class Simulator:
         self._plant = Plant(model, limits, contacts, motors)
         self._law = _law(model, law)
         self._plant.check_law(self._law, sampling is not None)
+        self._plain = wrenches is None and sampling is None and region is None and not events
+        self._plain = self._plain and self._plant.plain and not self._friction.names
+        self._nothing = frozen(np.zeros(model.mechanism.n_free))
+        self._held: HeldMotion | None = None
+        if self._plain and method in TABLEAUX:
+            longest = np.inf if max_step is None else max_step
+            self._held = model.core.held_motion(TABLEAUX[method], rtol, atol, longest, singular_rcond)
+        self._ahead: StateSample | None = None
+        self._counted = 0
         self._run: Run | None = None
         self.stop: Stop | None = None
         self.events: list[Happening] = []
@@ -124,7 +138,7 @@ class Simulator:
     @property
     def t(self) -> float:
         """The time, s."""
-        return self._moving.here.t
+        return self._moving.here.t if self._ahead is None else self._ahead.t
 
     @property
     def state(self) -> State:
@@ -134,7 +148,7 @@ class Simulator:
     @property
     def v(self) -> Array:
         """q̇, of shape (n,)."""
-        return self._moving.here.v.copy()
+        return self._moving.here.v.copy() if self._ahead is None else self._ahead.v
 
     @property
     def evaluations(self) -> int:
@@ -188,7 +202,7 @@ class Simulator:
         contact = StickSlip(self.model, self._friction)
         here = Moment(float(t), state, v_start)
         self._run = Run(self.model, self._settings, driven, contact, self._plant, tuple(watches), here)
-        self.stop, self.events = None, []
+        self._ahead, self.stop, self.events = None, None, []
         return self.sample()
 
     def step(self, u: ArrayLike | None, dt: float) -> StateSample:
@@ -205,6 +219,10 @@ class Simulator:
             InvalidInputError: A bad argument.
             Exception: Whatever a law or an event raised. The simulator is then where its last certain moment was.
         """
+        if u is not None and self._held is not None and self._plant.effort_bounds.hold(u):
+            sample = self._step_in_core(self._held, u, dt)
+            if sample is not None:
+                return sample
         run = self._moving
         until = run.here.t + positive(dt, "dt")
         if u is None:
@@ -258,6 +276,10 @@ class Simulator:
         if settling is not None:
             goal = checked_q(self.model.coordinates, settling.goal)
             settling = settling._replace(goal=np.array(goal))
+        found = self._run_in_core(times, settling, budget)
+        if found is not None:
+            stop = self.stop or Stop("finished", f"simulated {until - start:.6g} s")
+            return found._replace(**stop._asdict(), wall_time=time.perf_counter() - began)
         watch = None if settling is None else SettlingWatch(settling, self.model.coordinates)
         record = Recorder(times)
         run.first_step = None
@@ -271,21 +293,59 @@ class Simulator:
         try:
             stop = run.advance(until, record, budget, watch)
             record.last(run.here, run)
-        except KeyboardInterrupt as error:
-            return self._broken_off(record, Stop("interrupted", f"interrupted at t = {run.here.t:.6g} s", error))
-        except Exception as error:
-            message = f"at t = {run.here.t:.6g} s: {str(error) or type(error).__name__}"
-            return self._broken_off(record, Stop("failed", message, error))
+        except (Exception, KeyboardInterrupt) as error:
+            if not record.samples:
+                raise
+            with suppress(Exception):
+                record.last(run.here, run)
+            return Stop.broken_off(run.here.t, error)
         return stop
 
-    def _broken_off(self, record: Recorder, stop: Stop) -> Stop:
-        """Keep what there is, and the last certain moment where it can still be sampled."""
-        assert stop.cause is not None
-        if not record.samples:
-            raise stop.cause
-        with suppress(Exception):
-            record.last(self._moving.here, self._moving)
-        return stop
+    # In the compiled core, where it can.
+
+    def _run_in_core(self, times: Array, settling: Settling | None, budget: Budget | None) -> Trajectory | None:
+        """The recorded run, or ``None`` where only the reference can tell."""
+        if not self._plain:
+            return None
+        run, settings = self._moving, self._settings
+        numbers = {"times": times, "rtol": settings.rtol, "atol": settings.atol}
+        numbers |= {"max_step": settings.max_step or np.inf, "singular_rcond": settings.singular_rcond}
+        numbers |= self._plant.effort_bounds._asdict()
+        found = run_in_core(self.model, self._law, self._method, run.here, numbers, settling, budget)
+        if found is None:
+            return None
+        columns, self.stop, evaluations = found
+        last = {name: column[-1] for name, column in columns.items()}
+        run.here = Moment(float(last["t"]), self.model.at(last["q"], last["q_free"]), last["v"].copy())
+        run.evaluations += evaluations
+        nothing = np.broadcast_to(self._nothing, (len(columns["t"]), len(self._nothing)))
+        return Trajectory(
+            **columns,
+            friction=nothing,
+            limits=nothing,
+            **Stop("finished", "")._asdict(),
+            events=(),
+            evaluations=evaluations,
+            wall_time=0.0,
+            names=self._names,
+        )
+
+    def _step_in_core(self, held: HeldMotion, u: ArrayLike, dt: float) -> StateSample | None:
+        """One step with u held, or ``None`` where only the reference can tell."""
+        if self._ahead is None:
+            run = self._moving
+            t, state, v = run.here
+            if not held.start(state.q_free, state.q, v, run.first_step or 0.0):
+                return None
+        else:
+            t = self._ahead.t
+        answer = held.step(u, dt)
+        if answer is None:
+            return None
+        q, v, a, u, q_free, closure = answer
+        self.stop = None
+        self._ahead = StateSample(t + dt, q, v, a, u, q_free, self._nothing, self._nothing, closure)
+        return self._ahead
 
     # What it carries.
 
@@ -304,9 +364,16 @@ class Simulator:
 
     @property
     def _moving(self) -> Run:
-        if self._run is None:
+        """The run, where the last call has left it."""
+        run, ahead, held = self._run, self._ahead, self._held
+        if run is None:
             raise InvalidInputError("the simulator has no motion yet: call reset(q, v) first")
-        return self._run
+        if ahead is not None and held is not None:
+            run.here = Moment(ahead.t, self.model.at(ahead.q, ahead.q_free), ahead.v)
+            run.first_step = held.last_step
+            run.evaluations += held.evaluations - self._counted
+            self._ahead, self._counted = None, held.evaluations
+        return run
 
     def _later(self, until: float) -> None:
         if not (np.isfinite(until) and until > self.t):
@@ -317,7 +384,10 @@ def _times(start: float, until: float, period: float) -> Array:
     """The times of samples: from the start in steps of a period, and the end."""
     duration = until - start
     times = start + np.arange(np.floor(duration / period * (1 + 1e-12)) + 1) * period
-    return times if times[-1] >= until - 1e-9 * duration else np.append(times, until)
+    if times[-1] < until - 1e-9 * duration:
+        return np.append(times, until)
+    times[-1] = until
+    return times
 
 
 def _law(model: ReducedModel, law: LawLike) -> ControlLaw:
