@@ -94,7 +94,9 @@ class Run:
         self._creeping = 0
         self._nothing = np.zeros(model.mechanism.n_free)
 
-    def advance(self, until: float, record: Recorder, budget: Budget, watch: Watch | None = None) -> Stop | None:
+    def advance(
+        self, until: float, record: Recorder, budget: Budget, watch: Watch | None = None, commanded: bool = True
+    ) -> Stop | None:
         """Move on to a time.
 
         Args:
@@ -102,6 +104,7 @@ class Run:
             record: Takes the samples that fall due, and what happens.
             budget: What that may cost.
             watch: One thing more to watch for.
+            commanded: Whether a sampled law's command due at that time is given, too.
 
         Returns:
             Stop: Why the motion ended before; ``None`` if it did not.
@@ -115,6 +118,8 @@ class Run:
         for one in watches:
             one.begin(self.here)
         while True:
+            if self.here.t >= until and not commanded:
+                return None
             command = self.commands.instant(*self.here)
             self._begin()
             record.up_to(self.here, self, _slack(self.here.t))

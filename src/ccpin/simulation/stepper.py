@@ -203,10 +203,13 @@ class Simulator:
         here = Moment(float(t), state, v_start)
         self._run = Run(self.model, self._settings, driven, contact, self._plant, tuple(watches), here)
         self._ahead, self.stop, self.events = None, None, []
+        self._counted = 0 if self._held is None else self._held.evaluations
         return self.sample()
 
     def step(self, u: ArrayLike | None, dt: float) -> StateSample:
-        """Hold an effort for a while; with `sampling` it is the command, subject to saturation and delay.
+        """Hold an effort for a while.
+
+        With `sampling` it is the command at all samples from now on and before the end, subject to saturation and delay.
 
         Args:
             u: Efforts of the actuated joints, of shape (motors,); ``None``: the law acts.
@@ -230,17 +233,20 @@ class Simulator:
         commands = run.commands
         own, commands.law = commands.law, _Held(np.array(vector(u, "u", self.model.n_actuated)))
         try:
-            return self.advance(until)
+            return self._advanced(until, commanded=False)
         finally:
             commands.law = own
 
     def advance(self, until: float) -> StateSample:
-        """Let the law act up to a time, in seconds; returns and raises as `step`."""
+        """Let the law act up to a time, in seconds, and at it; returns and raises as `step`."""
+        return self._advanced(until, commanded=True)
+
+    def _advanced(self, until: float, commanded: bool) -> StateSample:
         run = self._moving
         self._later(until)
         record = Recorder(np.empty(0))
         try:
-            self.stop = run.advance(until, record, Budget())
+            self.stop = run.advance(until, record, Budget(), commanded=commanded)
         finally:
             self.events += record.events
         return self.sample()
