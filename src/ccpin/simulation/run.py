@@ -91,7 +91,7 @@ class Run:
         friction = (StickSlipWatch(contact, self.drive),) if contact.eventful else ()
         self._watches: tuple[Watch, ...] = (*friction, *watches)
         self._watched = any(watch.pacing for watch in self._watches)
-        self._creeping = 0
+        self._creeping, self._latest = 0, np.inf
         self._nothing = np.zeros(model.mechanism.n_free)
 
     def advance(
@@ -129,6 +129,7 @@ class Run:
             end = min(command, until)
             switches = switch < end - _slack(end)
             end = switch if switches else end
+            self._latest = end - _slack(end)
             while self.here.t < end:
                 stop = self._leg(end, longest, record, watches, limits)
                 if stop is not None:
@@ -259,12 +260,12 @@ class Run:
         return self.settings.solver_class(self._derivative, t, x, end, first_step=first, **tolerances)
 
     def _derivative(self, t: float, x: Array) -> Array:
-        """(q̇, q̈) at x."""
+        """(q̇, q̈) at x; where the leg ends in a switch, as it is before."""
         self.evaluations += 1
         if not np.isfinite(x).all():
             raise ConvergenceError("the state is no longer finite")
         state, v = self.closed(x)
-        a = self.contact.acceleration(state, v, self.drive(t, state, v))
+        a = self.contact.acceleration(state, v, self.drive(min(t, self._latest), state, v))
         return np.concatenate([self.model.coordinates.rate(state.q, v), a])
 
 
