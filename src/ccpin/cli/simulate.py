@@ -122,10 +122,9 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
             + ("not within the band at the end" if settled is None else f"within the band from {settled:.3f} s on")
             + f", peak effort {np.round(metric['peak_torque'], 3).tolist()}"
         )
-    lines += [
-        f"beyond its limit: {one['quantity']} of {one['joint']}, {one['extreme']:.4g} where it may be {one['limit']:.4g}"
-        for one in result["exceeded"]
-    ]
+    for one in result["exceeded"]:
+        quantity, joint, limit, extreme = (one[name] for name in ("quantity", "joint", "limit", "extreme"))
+        lines.append(f"beyond its limit: {quantity} of {joint}, {extreme:.4g} where it may be {limit:.4g}")
     if out is not None:
         lines.append(f"figures, data and animation in {out}/")
     return "\n".join(lines)
