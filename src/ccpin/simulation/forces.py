@@ -163,7 +163,9 @@ class _Wrenches:
         self.free = model.free_system.model
         self.loops = model.parametrization.constraints.loops
         self.slices = model.parametrization.constraints.row_slices()
-        self.complete = Constraints(mechanism.tree, mechanism.closures, mechanism.couplings, reduce_planar=False)
+        self.complete = Constraints(
+            mechanism.tree, (*mechanism.closures, *mechanism.locks), mechanism.couplings, reduce_planar=False
+        )
         self.complete_slices = self.complete.row_slices()
         self.masses = np.array([inertia.mass for inertia in self.free.inertias])
         self.inertias = np.array([inertia.inertia for inertia in self.free.inertias])
