@@ -165,7 +165,7 @@ def _idle_spins(here: Closed, wishes: Wishes) -> list[Spin]:
         and ALL not in wishes.free
         and not spin.named_by(wanted)
         and not any(joint.stated.stiffness for joint in spin.joints)
-        and spin.negligible
+        and spin.idle_in_mass
     ]
     return spins if len(spins) < sum(settled.motion.n for settled in here.settled) else []
 

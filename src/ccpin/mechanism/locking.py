@@ -19,8 +19,9 @@ configurations are circles over those of the rest.
    and J_s left out they are exactly those of the mechanism whose spin is free.** The lock then bears no torque.
 3. Where mass is not symmetric, or a joint's damping acts on the spin, no choice of the locked mechanism's inertia gives
    the free one's motion: it keeps all of it and moves as it would on a universal joint. That is done where the moment
-   about a is at most a tenth of that across it: a bent rod. A body with more of its mass off the axis (a door on two
-   hinges), and a spin that a spring or a motor turns, are no idle ones and stay free.
+   about a is at most that across it (a rod on balls, bent or not; on a joint about a itself at most a tenth of it). A
+   body with more of its mass off the axis (a swing, a door on its hinges) stays free, and so does a spin that a spring
+   or a motor turns.
 """
 
 from __future__ import annotations
@@ -41,7 +42,8 @@ from ccpin.mechanism.reference import Settled
 _ALONG = 1e-6
 _SYMMETRIC = 1e-5
 _ROUNDING = 1e-12
-_SLENDER = 0.1
+_ON_BALLS = 1.0
+_ON_HINGES = 0.1
 _FAIR = 0.1
 _ALWAYS = 0.99
 
@@ -80,11 +82,16 @@ class Spin(NamedTuple):
         return [_spinning(tree, joint, turning) for joint in sorted(self.idle.bodies)]
 
     @property
-    def negligible(self) -> bool:
-        """Whether its mass is symmetric about the axis, or nearly all on it: not a door on its hinges."""
+    def idle_in_mass(self) -> bool:
+        """Whether its mass makes it a rod: symmetric about the axis, or more along it than about it.
+
+        On a joint about the axis itself, which somebody has put there, it must be nearly all on the axis: a door turns
+        on its hinges without moving anything else too.
+        """
         masses = self.masses
         about, across = sum(mass.about for mass in masses), sum(mass.across for mass in masses)
-        return all(mass.symmetric for mass in masses) or about <= _SLENDER * across
+        most = _ON_BALLS if self.lock is not None and self.lock.closure is not None else _ON_HINGES
+        return all(mass.symmetric for mass in masses) or about <= most * across
 
     def named_by(self, names: Sequence[str]) -> bool:
         """Whether one of the names is one of its joints or a component of one."""
