@@ -140,7 +140,7 @@ def _what_limits(slope: SlopeBound, rigorous: bool) -> str:
     if slope.bound <= 2.0 * slope.seen:
         return f"K_p is limited by ‖∂g/∂q‖ ≤ {slope.bound:.4g} {where}"
     return (
-        f"sup ‖∂g/∂q‖ is between {slope.seen:.4g} and {slope.bound:.4g} ({slope.proved} cells were proved): the atlas ends "
+        f"sup ‖∂g/∂q‖ is between {slope.seen:.4g} and {slope.bound:.4g} ({slope.proved} cells proved): the atlas ends "
         f"near a singularity {where}, where it grows without bound; pass a smaller one"
     )
 

@@ -119,15 +119,15 @@ class SetPointCertificate:
             if self.stiffness < 0.0:
                 return f"K_p + ∂g/∂q has the eigenvalue {self.stiffness:.6g} at q_d: the set point is not stable"
             return (
-                f"the gain condition fails at q_d: ‖∂g/∂q‖ = {self.slope:.6g} is not below k = {self.gain:.6g}; Theorem 3 "
-                f"says nothing of it (K_p + ∂g/∂q has the least eigenvalue {self.stiffness:.6g} there)"
+                f"the gain condition fails at q_d: ‖∂g/∂q‖ = {self.slope:.6g} is not below k = {self.gain:.6g}; so "
+                f"Theorem 3 says nothing of it (K_p + ∂g/∂q has the least eigenvalue {self.stiffness:.6g} there)"
             )
         told = f"c is limited by {_LIMITS[self.limit]}"
         if self.verdict == "proven":
             more = "" if self.limit in ("domain", "gain") else f"; {self._more}"
             return f"every motion with 𝒱 < {self.level:.6g} J around q_d converges; {told}{more}"
         if not self.rigorous:
-            return f"nothing is proved: on samples c is about {self.level:.6g} J, {told}; certify_law proves it on an atlas"
+            return f"nothing is proved: on samples c is about {self.level:.6g} J, {told}; over an atlas it is proved"
         return f"{_FAILED[self.limit]}; {self._more}"
 
     @property
