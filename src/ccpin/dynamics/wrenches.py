@@ -79,7 +79,7 @@ def applied_wrenches(tree: Tree, wrenches: Wrenches | None) -> tuple[Applied, ..
 
 
 def wrench_rows(tree: Tree, wrenches: Wrenches | None) -> Array | None:
-    """The same for the compiled core: a row of joint, force, moment and point each, of shape (N, 10); ``None`` for none.
+    """The same for the compiled core: rows of joint, force, moment and point, of shape (N, 10); ``None`` for none.
 
     Raises:
         InvalidInputError: As for `applied_wrenches`.
