@@ -1,5 +1,7 @@
 """Runs in the compiled core are the reference's runs."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -218,7 +220,7 @@ def test_simulate_asks_the_core_for_them(rpdr_model, monkeypatch):
         asked.append(simulate_in_core(*arguments))
         return asked[-1]
 
-    monkeypatch.setattr("ccpin.simulation.simulate.simulate_in_core", spy)
+    monkeypatch.setattr(sys.modules["ccpin.simulation.simulate"], "simulate_in_core", spy)
     q0, _ = ends(rpdr_model)
     law, link = a_law(rpdr_model, "simple"), sorted(rpdr_model.mechanism.tree.attachments)[1]
     still = {link: [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]}
