@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -80,6 +81,9 @@ class ContinuousCommands:
     def __init__(self, law: ControlLaw) -> None:
         self._law = law
 
+    def numbers(self) -> None:
+        """Nothing is sampled."""
+
     def instant(self, t: float, state: State, v: Array) -> float:
         """Nothing to do, ever."""
         return np.inf
@@ -120,6 +124,18 @@ class SampledCommands:
         self._pending = deque([before] * sampling.delay)
         self._held = before
         self._count = 0
+
+    def numbers(self) -> dict[str, Any]:
+        """The loop in plain numbers, as the compiled core takes it."""
+        return {
+            "period": self._sampling.period,
+            "gain": self._gain,
+            "differentiates": self._differentiates,
+            "resolution": [] if self._resolution is None else self._resolution.tolist(),
+            "limit": self._limit.tolist(),
+            "before": self._held.tolist(),
+            "delay": self._sampling.delay,
+        }
 
     def instant(self, t: float, state: State, v: Array) -> float:
         """Measure, filter, compute the command and hold the one that is due."""

@@ -20,7 +20,7 @@ from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
 from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
-from ccpin.dynamics.wrenches import Pushes, Wrenches, pushes_of
+from ccpin.dynamics.wrenches import Pushes, Wrenches, pushes_of, wrench_rows
 from ccpin.errors import (
     CcpinError,
     ConvergenceError,
@@ -135,15 +135,17 @@ def simulate(
     if times[-1] < duration * (1 - 1e-9):
         times = np.append(times, duration)
     options = {"rtol": rtol, "atol": atol, "max_step": max_step}
-    plain = not rubbing.names and wrenches is None and sampling is None and region is None
-    if plain:
+    sized = _Sized(law, model.mechanism.actuated, model.n_actuated)
+    commands = (
+        ContinuousCommands(sized) if sampling is None else SampledCommands(model, sized, sampling, start.q, v_start)
+    )
+    if not rubbing.names and not callable(wrenches) and region is None:
         numbers = {"times": times, "start": np.concatenate([start.q, v_start]), "singular_rcond": singular_rcond}
         numbers |= options | (settling or _NEVER)._asdict()
+        numbers |= {"wrenches": wrench_rows(model.mechanism.tree, wrenches), "sampling": commands.numbers()}
         found = simulate_in_core(model, law, method, start.q_free, numbers)
         if found is not None:
             return found
-    law = _Sized(law, model.mechanism.actuated, model.n_actuated)
-    commands = ContinuousCommands(law) if sampling is None else SampledCommands(model, law, sampling, start.q, v_start)
     run = _Run(commands, contact, pushes, start, v_start, settling, region, singular_rcond)
     return run.integrate(times, getattr(integrate, method), options)
 
