@@ -166,7 +166,9 @@ class _Bearings:
         self.tree, self.loops = mechanism.tree, model.parametrization.constraints.loops
         self.closures = tuple(loop.closure.name for loop in self.loops)
         self.slices = model.parametrization.constraints.row_slices()
-        self.complete = Constraints(mechanism.tree, mechanism.closures, mechanism.couplings, reduce_planar=False)
+        self.complete = Constraints(
+            mechanism.tree, (*mechanism.closures, *mechanism.locks), mechanism.couplings, reduce_planar=False
+        )
         self.complete_slices = self.complete.row_slices()
         self.subtrees = [list(self.free.subtrees[joint.number]) for joint in self.tree.joints]
         held = [[(loop.joint_a in all_, loop.joint_b in all_) for loop in self.loops] for all_ in self.subtrees]
