@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, whole
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError
 from ccpin.kinematics.checked import checked_q
@@ -70,7 +70,7 @@ def assembly_modes(
     Raises:
         InvalidInputError: q has the wrong shape or is not finite.
     """
-    model = model_of(model)
+    model, patience, limit = model_of(model), whole(patience, "patience"), whole(limit, "limit")
     target = checked_q(model.coordinates, q)
     parametrization = model.parametrization
     generator = np.random.default_rng(20003)

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
+from ccpin.arrays import records
 from ccpin.description import read_description
 from ccpin.description.checks import check
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
@@ -91,6 +93,10 @@ def load(
         InvalidInputError: What is stated of joints or motors names none of them, or is no number.
     """
     _check_arguments(path, independent, actuated, geometry_tolerance)
+    more: dict[str, Any] = {
+        "closures": records(() if closures is None else closures, "closures", LoopClosure),
+        "couplings": records(() if couplings is None else couplings, "couplings", Coupling),
+    }
     if isinstance(path, MechanismDescription):
         description = path
     elif isinstance(path, pin.Model):
@@ -99,18 +105,15 @@ def load(
         description = read_description(
             path, format, model=model, include_root=include_root, xacro_arguments=xacro_arguments
         )
-    if joints or motors:
+    if joints is not None or motors is not None:
         description = with_stated(description, joints, motors)
     if reference is not None:
         description = with_reference(description, reference)
-    if description is path or closures or couplings or joints or motors or reference is not None:
-        description = check(
-            replace(
-                description,
-                closures=description.closures + tuple(closures or ()),
-                couplings=description.couplings + tuple(couplings or ()),
-            )
-        )
+    stated = any(given is not None for given in (joints, motors, reference))
+    if description is path or more["closures"] or more["couplings"] or stated:
+        more["closures"] = description.closures + more["closures"]
+        more["couplings"] = description.couplings + more["couplings"]
+        description = check(replace(description, **more))
     if not description.closures and not description.couplings:
         raise NoLoopError(_no_loop_message(description), source=description.source)
     try:
@@ -182,7 +185,8 @@ def _check_arguments(path: object, independent: object, actuated: object, tolera
         known = "a path, a model's name, a description or a pinocchio.Model"
         raise InvalidInputError(f"load takes {known}, not {type(path).__name__}")
     for role, names in (("independent", independent), ("actuated", actuated)):
-        if isinstance(names, str) or (names is not None and not all(isinstance(n, str) for n in names)):  # type: ignore[attr-defined]
+        words = isinstance(names, Iterable) and not isinstance(names, str) and all(isinstance(n, str) for n in names)
+        if names is not None and not words:
             raise InvalidInputError(f"{role} must be a sequence of joint names, e.g. ['joint1', 'joint2']")
     if not isinstance(tolerance, float | int) or not 0.0 <= tolerance <= 1e-2:
         raise InvalidInputError(f"geometry_tolerance is {tolerance}; it must be a number between 0 and 0.01")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import null_space
 
-from ccpin.arrays import Array, Mask, cross, skew
+from ccpin.arrays import Array, Mask, cross, instance, skew
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.dynamics.wrenches import Pushes, Wrenches, applied_wrenches, pushes_of
@@ -109,6 +109,7 @@ def closure_forces(
         InvalidInputError: The trajectory is not this model's.
     """
     bearings = _Wrenches(model_of(model))
+    instance(trajectory, "trajectory", Trajectory)
     return _histories(trajectory.t, [bearings.closures(*row).loads for row in bearings.rows(trajectory, wrenches)])
 
 
@@ -134,6 +135,7 @@ def joint_forces(
     that of its couplings; across them it is what the bearing carries. Arguments and errors as for `closure_forces`.
     """
     bearings = _Wrenches(model_of(model))
+    instance(trajectory, "trajectory", Trajectory)
     return _histories(trajectory.t, [bearings.joints(*row) for row in bearings.rows(trajectory, wrenches)])
 
 

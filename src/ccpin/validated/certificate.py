@@ -33,6 +33,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ccpin.arrays import positive
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
@@ -231,9 +232,10 @@ def _level(arrival: Certificate | float, law: PDSimpleGravity) -> tuple[float, b
     Raises:
         InvalidInputError: It is not a positive number, or another law's.
     """
-    if isinstance(arrival, int | float):
-        level, rigorous = float(arrival), False
+    if not isinstance(getattr(arrival, "level", None), float):
+        level, rigorous = positive(arrival, "arrival", "a set-point certificate or a positive number of joules"), False
     else:
+        assert not isinstance(arrival, int | float)
         level, rigorous = float(arrival.level), bool(arrival.rigorous)
         theirs = getattr(arrival, "law", law)
         same = all(np.array_equal(getattr(theirs, name), getattr(law, name)) for name in ("q_d", "K_p", "gravity_d"))

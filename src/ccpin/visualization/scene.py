@@ -118,11 +118,11 @@ class Scene:
     def _tracked(self, name: str) -> tuple[int, Array]:
         """The joint that carries a named link or loop point, and the homogeneous point (4,) in its frame."""
         attachments = self.mechanism.tree.attachments
-        for closure in self.mechanism.closures:
+        for closure in self.mechanism.closures if isinstance(name, str) else ():
             if closure.name == name:
                 carrier = attachments[closure.link_a]
                 return carrier.joint, (carrier.placement @ closure.placement_a)[:, 3]
-        if name not in attachments:
+        if not isinstance(name, str) or name not in attachments:
             loops = ", ".join(closure.name for closure in self.mechanism.closures) or "none"
             raise InvalidInputError(f"trace '{name}' names no link ({', '.join(attachments)}) and no loop ({loops})")
         return attachments[name].joint, attachments[name].placement[:, 3]

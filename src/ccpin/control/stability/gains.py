@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, number, positive
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore
 from ccpin.control.stability.set_point_cells import cells_of_atlas
@@ -76,8 +76,7 @@ def suggest_gains(
         SingularConfigurationError: β is not found with the work allowed: the atlas ends too near a singularity.
         UnreachableError: σ does not exist on all of a region.
     """
-    if not (np.isfinite(margin) and margin > 1.0 and np.isfinite(damping) and damping > 0.0):
-        raise InvalidInputError(f"margin = {margin} must be above 1 and damping = {damping} above 0")
+    number(margin, "margin", "a number above 1", 1.0), positive(damping, "damping")
     ones = np.ones(checked_model(model).n)
     law = PDSimpleGravity(model, q_d, ones, ones, guess)
     if not isinstance(domain, Atlas):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask
+from ccpin.arrays import Array, Indices, Mask, whole
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.domain.atlas.cells import Corners, corners_of
 from ccpin.domain.gravity_bounds import GravityBounds
@@ -161,7 +161,8 @@ def sample_region(
     Raises:
         UnreachableError, SingularConfigurationError: σ does not exist on all of the region.
     """
-    count = max(3, int(points ** (1.0 / model.n)))
+    corners_of((lower, upper), checked_model(model).mechanism.independent)
+    count = max(3, int(whole(points, "points") ** (1.0 / model.n)))
     indices = np.array(list(product(range(count), repeat=model.n)))
     q = lower + (upper - lower) * indices / (count - 1)
     potential, norm, near = np.empty(len(q)), np.empty(len(q)), q_free_d

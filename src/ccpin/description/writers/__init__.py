@@ -31,10 +31,12 @@ def write_description(description: MechanismDescription, path: str | Path, forma
         InvalidInputError: The format is none of these, or the file cannot be written.
         DescriptionError: The format has no words for something, by name.
     """
-    wanted = format or _SUFFIXES.get(Path(path).suffix.lower())
+    if not isinstance(path, str | Path):
+        raise InvalidInputError(f"a file to write must be a path, not {type(path).__name__}")
+    wanted = _SUFFIXES.get(Path(path).suffix.lower()) if format is None else format
     writers = _writers()
-    if wanted not in writers:
-        told = f"format '{wanted}'" if format else f"the suffix of '{path}'"
+    if not isinstance(wanted, str) or wanted not in writers:
+        told = f"format {format!r:.80}" if format is not None else f"the suffix of '{path}'"
         raise InvalidInputError(f"{told} names none of {', '.join(writers)}; say format=")
     writers[wanted](description, path)
 
