@@ -72,8 +72,8 @@ _CONTAINERS = (list, tuple, np.ndarray, Mapping)
 class Record:
     """The base of frozen dataclasses that hold nothing that can be written to, also after a pickle.
 
-    A field annotated ``Array`` (or ``Placement``) becomes a read-only copy of what is given; in any other field lists become tuples
-    (of what they hold, frozen likewise), arrays tuples of numbers, and mappings `FrozenMapping`s.
+    A field annotated ``Array`` (or ``Placement``) becomes a read-only copy of what is given; in any other field lists
+    become tuples (of what they hold, frozen likewise), arrays tuples of numbers, and mappings `FrozenMapping`s.
 
     Raises:
         InvalidInputError: Something else than numbers where an array belongs.

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import integrate
 
-from ccpin.arrays import Array, Mask, choice, instance, positive, step_or_infinite, vector
+from ccpin.arrays import Array, Mask, choice, instance, number, positive, step_or_infinite, vector
 from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
 from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
@@ -130,6 +130,9 @@ def simulate(
         settling = settling._replace(goal=checked_q(model.coordinates, settling.goal))
     if region is not None and not callable(region):
         raise InvalidInputError(f"region must be a function of q, not {type(region).__name__}")
+    if sampling is not None:
+        instance(sampling, "sampling", Sampling)
+    singular_rcond = number(singular_rcond, "singular_rcond")
     rubbing = joint_friction(model, friction)
     contact, pushes = StickSlip(model, rubbing), pushes_of(model.mechanism.tree, wrenches)
     times = np.arange(np.floor(duration / sample_period * (1 + 1e-12)) + 1) * sample_period

@@ -22,8 +22,9 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, number, numbers, positive, step_or_infinite, vector, whole
 from ccpin.control.laws import ControlLaw
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.validated.balls import Ball, around, ball, bounds, determinant, flint, hull, lower, upper
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
 from ccpin.validated.series import values
@@ -124,7 +125,7 @@ class Enclosure:
 
 
 def enclose(
-    model: ReducedModel,
+    model: ReducedModel | Mechanism,
     law: ControlLaw | None,
     q0: ArrayLike,
     v0: ArrayLike | None,
@@ -142,7 +143,7 @@ def enclose(
     """Enclose the closed loop's exact trajectory, or say where the proof stops.
 
     Args:
-        model: The reduced model: revolute and prismatic joints, square ψ_q′.
+        model: The reduced model (or a mechanism): revolute and prismatic joints, square ψ_q′.
         law: `PDSimpleGravity`, `PDFullGravity`, `NoTorque` or ``None`` for no torque.
         q0: Start, of shape (n,): the exact doubles.
         v0: Velocity at the start, of shape (n,), exact; default at rest.
@@ -162,6 +163,7 @@ def enclose(
         UnsupportedMechanismError: A mechanism or law outside the scope.
         ConvergenceError: The exact closed start is not proven to exist.
     """
+    model = model_of(model)
     options = checked_options(duration, precision, Options(order, tolerance, pieces, shortest_step, longest_step))
     with flint().ctx.workprec(precision):
         loop = closed_loop(model, law)

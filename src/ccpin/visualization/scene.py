@@ -15,7 +15,7 @@ from ccpin.kinematics import loops
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import rest_poses
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.visualization.page import Command
 from ccpin.visualization.shapes import corners, material, missing, parts, triangles, tube
 from ccpin.visualization.skeleton import Body, skeleton
@@ -45,8 +45,8 @@ class Scene:
         notes: What could not be drawn, in sentences.
     """
 
-    def __init__(self, mechanism: Mechanism, visualizer: Any) -> None:
-        self.mechanism = mechanism
+    def __init__(self, mechanism: Mechanism | HasMechanism, visualizer: Any) -> None:
+        self.mechanism = mechanism = mechanism_of(mechanism)
         self.visualizer = visualizer
         self.root = visualizer[_node(mechanism.name)]
         self._scratch = Scratch(mechanism.tree.model)

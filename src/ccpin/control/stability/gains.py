@@ -21,11 +21,12 @@ from ccpin.arrays import Array, number, positive
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore
 from ccpin.control.stability.set_point_cells import cells_of_atlas
-from ccpin.control.stability.well import checked_model, checked_region, sample_region
+from ccpin.control.stability.well import checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import Corners
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, SingularConfigurationError
+from ccpin.mechanism.mechanism import Mechanism
 
 _CELLS = 2000
 _ACCURACY = 0.05
@@ -52,7 +53,7 @@ class Gains(NamedTuple):
 
 
 def suggest_gains(
-    model: ReducedModel,
+    model: ReducedModel | Mechanism,
     q_d: ArrayLike,
     domain: Atlas | Corners,
     *,
@@ -63,7 +64,7 @@ def suggest_gains(
     """The smallest K_p with a margin over β on a domain, and K_v for a damping ratio at q_d.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         q_d: The set point, of shape (n,).
         domain: An atlas (β is proved, to 5 % where 2000 cells suffice), or a region (lower, upper) over which β is
             sampled.
@@ -77,7 +78,8 @@ def suggest_gains(
         UnreachableError: σ does not exist on all of a region.
     """
     number(margin, "margin", "a number above 1", 1.0), positive(damping, "damping")
-    ones = np.ones(checked_model(model).n)
+    model = model_of(model)
+    ones = np.ones(model.n)
     law = PDSimpleGravity(model, q_d, ones, ones, guess)
     if not isinstance(domain, Atlas):
         lower, upper = checked_region(model, domain, law.q_d)
