@@ -142,19 +142,25 @@ def _check_across(constraints: Constraints, q_free: Array, tolerance: float) -> 
     if not planar:
         return
     poses = joint_poses(constraints.scratch, q_free)
-    errors = {loop.closure.name: float(np.abs(_unreduced(loop, poses)).max(initial=0.0)) for loop in planar}
+    unreduced = {loop.closure.name: _unreduced(loop, poses) for loop in planar}
+    errors = {name: max(rows) for name, rows in unreduced.items()}
     worst = max(errors, key=lambda name: errors[name])
     if errors[worst] > tolerance:
+        gap, turn = unreduced[worst]
+        open_by = f"{gap:.4g} m apart across it" if gap > tolerance else f"{turn:.4g} rad askew to it"
         raise LoopNotClosedError(
-            f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are "
-            f"{errors[worst]:.4g} (m or rad) apart across it (geometry tolerance {tolerance:.1e})",
+            f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are {open_by} "
+            f"(geometry tolerance {tolerance:.1e})",
             q_free=q_free,
             errors=errors,
         )
 
 
-def _unreduced(loop: ResolvedClosure, poses: Array) -> Array:
-    """All rows of a closure, also those that planarity makes constant, at world poses of the joints."""
+def _unreduced(loop: ResolvedClosure, poses: Array) -> tuple[float, float]:
+    """The largest gap (m) and misalignment (rad) of a closure at world poses of the joints.
+
+    Of all its rows, also those that planarity makes constant.
+    """
     frames = {
         "A": poses[loop.joint_a] @ loop.frame_a,
         "B": poses[loop.joint_b] @ loop.frame_b,
@@ -169,7 +175,10 @@ def _unreduced(loop: ResolvedClosure, poses: Array) -> Array:
     def combine(terms: Iterable[tuple[float, float]]) -> float:
         return sum(weight * product for weight, product in terms)
 
-    return np.array(rows_of(loop.closure, PlaneNormal()).evaluate(vector, lambda x, y: float(x @ y), combine))
+    rows = rows_of(loop.closure, PlaneNormal())
+    sizes = np.abs(rows.evaluate(vector, lambda x, y: float(x @ y), combine))
+    turns = np.array(rows.direction_rows, dtype=bool)
+    return float(sizes[~turns].max(initial=0.0)), float(sizes[turns].max(initial=0.0))
 
 
 def idle(tree: Tree, settled: Sequence[Settled]) -> list[tuple[Settled, list[Idle]]]:

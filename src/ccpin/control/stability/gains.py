@@ -20,16 +20,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, number, positive
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore
 from ccpin.control.stability.set_point_cells import cells_of_atlas
-from ccpin.control.stability.well import checked_model, checked_region, sample_region
+from ccpin.control.stability.well import checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.verdict import Verdict
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
 
 _CELLS = 2000
 _ACCURACY = 0.05
@@ -69,7 +70,7 @@ class Gains(NamedTuple):
 
 
 def suggest_gains(
-    model: ReducedModel,
+    model: ReducedModel | Mechanism,
     q_d: ArrayLike,
     domain: Atlas | Corners,
     *,
@@ -80,7 +81,7 @@ def suggest_gains(
     """The smallest K_p with a margin over β on a domain, and K_v for a damping ratio at q_d.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         q_d: The set point, of shape (n,).
         domain: An atlas (β is bounded, to 5 % where 2000 cells beyond its own suffice), or a region (lower, upper) over
             which β is sampled. Where an atlas ends near a singularity β is large or far from sharp: `reason` says so,
@@ -93,9 +94,9 @@ def suggest_gains(
         InvalidInputError: A bad margin or damping, q_d outside of the domain, or gravity does not act there (β = 0).
         UnreachableError: σ does not exist on all of a region.
     """
-    if not (np.isfinite(margin) and margin > 1.0 and np.isfinite(damping) and damping > 0.0):
-        raise InvalidInputError(f"margin = {margin} must be above 1 and damping = {damping} above 0")
-    ones = np.ones(checked_model(model).n)
+    number(margin, "margin", "a number above 1", 1.0), positive(damping, "damping")
+    model = model_of(model)
+    ones = np.ones(model.n)
     law = PDSimpleGravity(model, q_d, ones, ones, guess)
     if not isinstance(domain, Atlas):
         lower, upper = checked_region(model, domain, law.q_d)

@@ -38,12 +38,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, vector
+from ccpin.arrays import Array, instance, vector
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore, holding
 from ccpin.control.stability.flood import Budget, Flood, Limit, Sublevel, connected
 from ccpin.control.stability.set_point_cells import cells_around, cells_of_atlas
-from ccpin.control.stability.well import checked_model, checked_region, sample_region
+from ccpin.control.stability.well import checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.newton import predict
@@ -51,6 +51,7 @@ from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
+from ccpin.mechanism.mechanism import Mechanism
 
 _BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
 _ONE_BOX = Budget(0, 1)
@@ -191,7 +192,7 @@ class _SampledRegion:
 
 
 def certify_set_point(
-    model: ReducedModel,
+    model: ReducedModel | Mechanism,
     q_d: ArrayLike,
     K_p: ArrayLike,
     K_v: ArrayLike,
@@ -203,10 +204,10 @@ def certify_set_point(
     """Theorem 3 for PD with simple gravity compensation (28) at a set point: `certify_law` of that law.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         q_d: The set point, of shape (n,).
-        K_p: Proportional gains, (n,) or (n, n).
-        K_v: Velocity gains, (n,) or (n, n).
+        K_p: Proportional gains, as for `PDSimpleGravity`.
+        K_v: Velocity gains, alike.
         domain: As for `certify_law`.
         guess: Chooses the assembly mode of σ(q_d).
         budget: As for `certify_law`.
@@ -215,7 +216,7 @@ def certify_set_point(
         InvalidInputError, UnsupportedMechanismError, UnreachableError, SingularConfigurationError: As `certify_law`
             and `PDSimpleGravity` do.
     """
-    return certify_law(PDSimpleGravity(checked_model(model), q_d, K_p, K_v, guess), domain, budget=budget)
+    return certify_law(PDSimpleGravity(model, q_d, K_p, K_v, guess), domain, budget=budget)
 
 
 def certify_law(
@@ -248,6 +249,8 @@ def certify_law(
     if budget is None:
         budget = _BUDGETS.get(law.model.n, _ONE_BOX)
         budget = budget._replace(cells=budget.cells + own)
+    else:
+        budget = instance(budget, "budget", Budget)
     if domain is None:
         store = cells_around(law, gain, budget)
         method = f"cells proved around q_d, {budget.cells} at most"
