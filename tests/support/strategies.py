@@ -23,6 +23,8 @@ ROWS = {
     "cylindrical": 4,
     "universal": 4,
     "planar": 3,
+    "perpendicular": 1,
+    "in_plane": 1,
     "distance": 1,
 }
 PLANAR_JOINTS = ("revolute", "continuous", "prismatic", "planar")
@@ -185,6 +187,8 @@ class Growth:
             "cylindrical": lambda: rigid(np.eye(3), [0.0, 0.0, shift[2]]) @ turn(z, a),
             "universal": lambda: turn(x, a) @ turn(y, b),
             "planar": lambda: rigid(np.eye(3), [shift[0], shift[1], 0.0]) @ turn(z, a),
+            "perpendicular": lambda: rigid((turn(x, a) @ turn(y, b))[:3, :3], shift),
+            "in_plane": lambda: rigid(self.rotation(), [0.0, shift[1], shift[2]]),
             "distance": lambda: rigid(self.rotation(), shift + 0.3 * np.sign(shift)),
         }[kind]()
 

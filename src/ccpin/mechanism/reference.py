@@ -78,7 +78,9 @@ class Settled(NamedTuple):
         tree = self.part.tree
         joints = tuple(joint.name for joint in tree.joints for _ in joint.kind.steps)
         places = tuple(self.part.v.tolist())
-        return Motion(tuple(component_names(tree)), joints, places, self.tangent.basis(self.tangent.rank))
+        basis = self.tangent.basis(self.tangent.rank)
+        plain = tuple(slides or joint.kind.unit < 4 for joint in tree.joints for slides in joint.kind.slides)
+        return Motion(tuple(component_names(tree)), joints, places, basis, plain)
 
 
 def settle(tree: Tree, description: MechanismDescription, wanted: Sequence[str], tolerance: float) -> list[Settled]:
