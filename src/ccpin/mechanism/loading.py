@@ -30,7 +30,7 @@ from ccpin.mechanism.from_pinocchio import describe_pinocchio
 from ccpin.mechanism.geometry import changed
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.mobility import Mobility
-from ccpin.mechanism.reference import check_independent, how_closed, how_moved, idle, settle
+from ccpin.mechanism.reference import check_independent, how_closed, how_moved, idle, other_branches, settle
 from ccpin.mechanism.selection import choose_independent
 
 GEOMETRY_TOLERANCE = 1e-5
@@ -160,9 +160,10 @@ def _analysed(
     for found in settled:
         q_reference[found.part.q] = found.closed.q_free
     told = how_moved(tree, description, q_reference) + _forces_told(description, tree, choice.actuated)
-    notes = dict.fromkeys([*description.notes, *choice.notes, *how_closed(settled), *told])
     IndependentCoordinates(tree, choice.actuated, q_reference)  # refuses names that cannot be actuated
     check_independent(settled, choice.independent)
+    told += other_branches(settled, tree, description, choice.independent)
+    notes = dict.fromkeys([*description.notes, *choice.notes, *how_closed(settled), *told])
     return Mechanism(description, tree, choice.independent, choice.actuated, q_reference, mobility, tuple(notes))
 
 
