@@ -27,6 +27,8 @@ ROWS = {
     "in_plane": 1,
     "distance": 1,
 }
+JOINING = tuple(kind for kind in CLOSURE_KINDS if kind not in ("perpendicular", "in_plane"))
+"""The kinds that hold bodies together; the two others, of one row, may ask for what no joint of a chain changes."""
 PLANAR_JOINTS = ("revolute", "continuous", "prismatic", "planar")
 
 
@@ -217,7 +219,7 @@ def _joint_kinds(draw, planar, least):
 
 
 @st.composite
-def mechanisms(draw, planar=None, kinds=tuple(CLOSURE_KINDS), max_loops=2):
+def mechanisms(draw, planar=None, kinds=JOINING, max_loops=2):
     """A random mechanism with one or two loops, each with at least one freedom more than its closure takes.
 
     Args:

@@ -89,7 +89,8 @@ def complete_independent(
 
     Components are taken one by one, each the one whose row of the null-space basis at the reference is largest
     in the part the earlier ones leave undetermined; `preferred` ones (motors, say) win unless they are a hundred times
-    worse, and plain coordinates win over a ball's turns unless ten times worse. Whole multi-dof joints are named as such where all their components are chosen.
+    worse, and plain coordinates win over a ball's turns unless ten times worse. Whole multi-dof joints are named as
+    such where all their components are chosen.
 
     Raises:
         IndependentSetError: Components of `required` depend on one another.
