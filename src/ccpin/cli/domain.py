@@ -99,8 +99,9 @@ def _executor(scheduler: str | None) -> Iterator[Any]:
         return
     try:
         from distributed import Client
-    except ImportError:
-        raise InvalidInputError("--scheduler needs dask.distributed: pip install 'ccpin[cluster]'") from None
+    except ImportError as error:
+        message = f"--scheduler needs dask.distributed ({error}): pip install 'ccpin[cluster]'"
+        raise InvalidInputError(message) from None
     try:
         client = Client(scheduler, timeout="10s")
     except (OSError, ValueError) as error:

@@ -12,10 +12,10 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, positive, whole
 from ccpin.dynamics.alike import Likeness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
-from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.errors import CcpinError
 from ccpin.kinematics.checked import checked_q
 from ccpin.kinematics.levenberg_marquardt import Linearized
 from ccpin.kinematics.linear import Factor, factorize
@@ -111,9 +111,9 @@ def assembly_modes(
     Raises:
         InvalidInputError: q has the wrong shape or is not finite, or a limit is not positive.
     """
-    model = model_of(model)
-    if not (patience >= 1 and limit >= 1 and (budget is None or budget > 0)):
-        raise InvalidInputError(f"patience {patience}, limit {limit} and budget {budget} must be positive")
+    model, patience, limit = model_of(model), whole(patience, "patience"), whole(limit, "limit")
+    if budget is not None:
+        budget = positive(budget, "budget")
     search = _Search(model, checked_q(model.coordinates, q))
     end = math.inf if budget is None else time.monotonic() + budget
     stopped = ""

@@ -19,7 +19,16 @@ from ccpin.mechanism.geometry import Change, changed
 from ccpin.mechanism.locking import Spin, hold, spins_of
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.mobility import Mobility
-from ccpin.mechanism.reference import Settled, check_independent, how_closed, how_moved, idle, settle, stated_pose
+from ccpin.mechanism.reference import (
+    Settled,
+    check_independent,
+    how_closed,
+    how_moved,
+    idle,
+    other_branches,
+    settle,
+    stated_pose,
+)
 from ccpin.mechanism.selection import choose_independent
 
 ALL = "all"
@@ -89,6 +98,8 @@ def analysed(description: MechanismDescription, floating_base: bool, wishes: Wis
             description = changed(description, change)
     notes = [*how_closed(first.settled), *how_moved(first.tree, first.description, first.q_free), *told]
     mechanism = _mechanism(here, wishes, notes)
+    branches = other_branches(first.settled, first.tree, first.description, mechanism.independent)
+    mechanism = replace(mechanism, notes=(*mechanism.notes, *branches))
     if held is None:
         return replace(mechanism, locked=locked)
     return replace(mechanism, description=description, locked=(*locked, *held.locked), held=here.description)

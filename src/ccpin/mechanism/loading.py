@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pinocchio as pin
 
+from ccpin.arrays import records
 from ccpin.description import read_description
 from ccpin.description.checks import check
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
@@ -93,6 +95,10 @@ def load(
             or free is of no such joint.
     """
     _check_arguments(path, geometry_tolerance, independent=independent, actuated=actuated, locked=locked, free=free)
+    more: dict[str, Any] = {
+        "closures": records(() if closures is None else closures, "closures", LoopClosure),
+        "couplings": records(() if couplings is None else couplings, "couplings", Coupling),
+    }
     if isinstance(path, MechanismDescription):
         description = path
     elif isinstance(path, pin.Model):
@@ -101,18 +107,15 @@ def load(
         description = read_description(
             path, format, model=model, include_root=include_root, xacro_arguments=xacro_arguments
         )
-    if joints or motors:
+    if joints is not None or motors is not None:
         description = with_stated(description, joints, motors)
     if reference is not None:
         description = with_reference(description, reference)
-    if description is path or closures or couplings or joints or motors or reference is not None:
-        description = check(
-            replace(
-                description,
-                closures=description.closures + tuple(closures or ()),
-                couplings=description.couplings + tuple(couplings or ()),
-            )
-        )
+    stated = any(given is not None for given in (joints, motors, reference))
+    if description is path or more["closures"] or more["couplings"] or stated:
+        more["closures"] = description.closures + more["closures"]
+        more["couplings"] = description.couplings + more["couplings"]
+        description = check(replace(description, **more))
     if not description.closures and not description.couplings:
         raise NoLoopError(_no_loop_message(description), source=description.source)
     try:
@@ -136,7 +139,8 @@ def _check_arguments(path: object, tolerance: object, **named: object) -> None:
         known = "a path, a model's name, a description or a pinocchio.Model"
         raise InvalidInputError(f"load takes {known}, not {type(path).__name__}")
     for role, names in named.items():
-        if isinstance(names, str) or (names is not None and not all(isinstance(n, str) for n in names)):  # type: ignore[attr-defined]
+        words = isinstance(names, Iterable) and not isinstance(names, str) and all(isinstance(n, str) for n in names)
+        if names is not None and not words:
             raise InvalidInputError(f"{role} must be a sequence of joint names, e.g. ['joint1', 'joint2']")
     if not isinstance(tolerance, float | int) or not 0.0 <= tolerance <= 1e-2:
         raise InvalidInputError(f"geometry_tolerance is {tolerance}; it must be a number between 0 and 0.01")

@@ -136,7 +136,7 @@ class Mechanism(Record):
             raise UnsupportedMechanismError("S is not constant: a single component of a joint is actuated")
         return self.motors.gears[:, None] * coordinates.jacobian(self.q_reference)
 
-    def save(self, path: str | Path, format: str | None = None) -> None:
+    def save(self, path: str | Path, format: str | None = None) -> tuple[str, ...]:
         """Write the mechanism to a file, with the independent and actuated joints and the reference chosen here.
 
         Args:
@@ -144,11 +144,14 @@ class Mechanism(Record):
             format: ``"urdf"`` (with URDF+ loops), ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (robot.yaml with
                 robot.urdf).
 
+        Returns:
+            What the mechanism states and the format has no place for, in sentences like `notes`.
+
         Raises:
             InvalidInputError: The format is none of these, or the file cannot be written.
             DescriptionError: The format has no words for something, by name.
         """
-        write_description(self.settled(), path, format)
+        return write_description(self.settled(), path, format)
 
     def pinocchio_constraints(self) -> list[pin.RigidConstraintModel]:
         """The closures as constraint models of `pin_model`, for Pinocchio's own solvers: the caller's, made anew.

@@ -19,6 +19,7 @@ from ccpin.kinematics.loops import ResolvedClosure
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.tree import Tree
+from ccpin.mechanism.branches import Settlement, told
 from ccpin.mechanism.closing import TOLERANCE, close
 from ccpin.mechanism.idle import Idle, idle_motions
 from ccpin.mechanism.independence import Motion
@@ -144,19 +145,25 @@ def _check_across(constraints: Constraints, q_free: Array, tolerance: float) -> 
     if not planar:
         return
     poses = joint_poses(constraints.scratch, q_free)
-    errors = {loop.closure.name: float(np.abs(_unreduced(loop, poses)).max(initial=0.0)) for loop in planar}
+    unreduced = {loop.closure.name: _unreduced(loop, poses) for loop in planar}
+    errors = {name: max(rows) for name, rows in unreduced.items()}
     worst = max(errors, key=lambda name: errors[name])
     if errors[worst] > tolerance:
+        gap, turn = unreduced[worst]
+        open_by = f"{gap:.4g} m apart across it" if gap > tolerance else f"{turn:.4g} rad askew to it"
         raise LoopNotClosedError(
-            f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are "
-            f"{errors[worst]:.4g} (m or rad) apart across it (geometry tolerance {tolerance:.1e})",
+            f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are {open_by} "
+            f"(geometry tolerance {tolerance:.1e})",
             q_free=q_free,
             errors=errors,
         )
 
 
-def _unreduced(loop: ResolvedClosure, poses: Array) -> Array:
-    """All rows of a closure, also those that planarity makes constant, at world poses of the joints."""
+def _unreduced(loop: ResolvedClosure, poses: Array) -> tuple[float, float]:
+    """The largest gap (m) and misalignment (rad) of a closure at world poses of the joints.
+
+    Of all its rows, also those that planarity makes constant.
+    """
     frames = {
         "A": poses[loop.joint_a] @ loop.frame_a,
         "B": poses[loop.joint_b] @ loop.frame_b,
@@ -171,7 +178,10 @@ def _unreduced(loop: ResolvedClosure, poses: Array) -> Array:
     def combine(terms: Iterable[tuple[float, float]]) -> float:
         return sum(weight * product for weight, product in terms)
 
-    return np.array(rows_of(loop.closure, PlaneNormal()).evaluate(vector, lambda x, y: float(x @ y), combine))
+    rows = rows_of(loop.closure, PlaneNormal())
+    sizes = np.abs(rows.evaluate(vector, lambda x, y: float(x @ y), combine))
+    turns = np.array(rows.direction_rows, dtype=bool)
+    return float(sizes[~turns].max(initial=0.0)), float(sizes[turns].max(initial=0.0))
 
 
 def idle(tree: Tree, settled: Sequence[Settled]) -> list[tuple[Settled, list[Idle]]]:
@@ -220,6 +230,15 @@ def how_moved(tree: Tree, description: MechanismDescription, q_reference: Array)
     first = ", ".join(text for _, text in sorted(moved, reverse=True)[:3])
     more = f" and {len(moved) - 3} more" if len(moved) > 3 else ""
     return [f"the stated pose was moved to close the loops: {first}{more}"]
+
+
+def other_branches(
+    settled: Sequence[Settled], tree: Tree, description: MechanismDescription, independent: Sequence[str]
+) -> list[str]:
+    """A sentence naming other branches that lie next to an open stated pose (`ccpin.mechanism.branches`)."""
+    stated = stated_pose(tree, description)
+    clusters = [Settlement(s.part.tree, s.constraints, stated[s.part.q], s.closed.q_free) for s in settled]
+    return told(clusters, independent)
 
 
 def how_closed(settled: Sequence[Settled]) -> list[str]:
