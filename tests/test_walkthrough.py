@@ -100,7 +100,7 @@ def test_a_set_point_is_certified(name):
     model = model_of(name)
     _, goal = start_and_goal(name)
     proof = certify_set_point(model, goal, *gains(model, goal), budget=Budget(depth=6, cells=200))
-    assert proof.holds
+    assert proof.verdict == "proven"
     assert proof.rigorous
 
 
