@@ -1,23 +1,27 @@
-// The closed loop D q̈ + C q̇ + g = u (22) under a law of the core, sampled at given times, and steps of it with u held.
-// What is out of the ordinary (a σ that fails, a singularity coming near) is left to the reference: there is no answer.
+// The closed loop D q̈ + C q̇ + g = ρᵀJᵀw + u (22) under a law of the core, continuous or sampled, and constant wrenches, with
+// samples at given times, and steps of it with u held; step for step as ccpin.simulation.run. What is out of the ordinary
+// (a σ that fails, a singularity coming near) is left to the reference: there is no answer.
 #pragma once
 #include "arrays.hpp"
 #include "integrator.hpp"
-#include "laws.hpp"
+#include "sampling.hpp"
 
 #include <chrono>
+#include <optional>
 
 namespace ccpin {
 
 struct Settling { std::vector<double> goal; double band = 0, speed = 0, hold = 0; };
 
 struct Run {
-  std::vector<double> times, start;   // start: (q, q̇)
-  double rtol, atol, longest, singular;
-  double clock;                       // what the law's clock shows at time 0
-  double evaluations, seconds;        // the budget
+  std::vector<double> times, start;   // times: of the samples, from where it begins; start: (q, q̇)
+  double origin = 0;                  // when the law's clock shows 0
+  double rtol = 0, atol = 0, longest = 0, singular = 0;
+  double evaluations = 0, seconds = 0;  // the budget
   std::vector<double> lower, upper;   // of u; a run that would go beyond is the reference's
   Settling settling;                  // no goal: run to the end
+  Pushes pushes;
+  std::optional<Sampling> sampling;   // none: the law acts continuously
 };
 
 // Where samples go: one row each of t, q, q̇, q̈, u, q′ and |φ|.
@@ -31,7 +35,8 @@ enum class Outcome { finished, settled, exhausted_evaluations, exhausted_seconds
 // Closes the model along the states that an integrator asks for, from the last one accepted.
 class Follower {
  public:
-  explicit Follower(Workspace& w, double singular) : w_(w), m_(w.model.m), singular_(singular), q_(m_.n_q) {}
+  Follower(Workspace& w, double singular, const Pushes& pushes)
+      : w_(w), m_(w.model.m), singular_(singular), pushes_(pushes), q_(m_.n_q) {}
 
   bool close(const double* state) {
     q_.assign(state, state + m_.n_q);
@@ -44,7 +49,7 @@ class Follower {
   // (q̇, q̈) at the configuration the model is closed at.
   bool rates(const double* v, const double* u, double* rate) {
     for (const Coordinate& k : m_.coordinates) coordinate_rate(k, q_.data() + k.q, v + k.v, rate + k.q);
-    return w_.model.forward(v, u, rate + m_.n_q);
+    return w_.model.forward(v, u, rate + m_.n_q, pushes_);
   }
   // The step just taken counts; false where the next ones may be out of the ordinary.
   bool accept(const double* state, double length) {
@@ -61,6 +66,7 @@ class Follower {
   Workspace& w_;
   const Mechanism& m_;
   double singular_;
+  const Pushes pushes_;
   std::vector<double> q_;
   ClosedPoint near_;
 
@@ -88,24 +94,33 @@ class Simulation : public Follower {
   PyObject* raised = nullptr;  // by a signal's handler
 
   Simulation(Workspace& w, const Law& law, const Run& run)
-      : Follower(w, run.singular), law_(w, law), path_(law.path), run_(run), u_(m_.n) {
+      : Follower(w, run.singular, run.pushes), law_(w, law), path_(law.path), run_(run), u_(m_.n) {
     start_here();
+    if (run.sampling) commands_.emplace(w, law_, *run.sampling);
   }
+  const std::optional<SampledCommands>& commands() const { return commands_; }
 
   Outcome run(const Tableau& tableau, Samples& out) {
     const auto began = std::chrono::steady_clock::now();
     const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count(); };
     const double end = run_.times.back();
     Solver solver(*this, tableau, run_.start.size(), run_.rtol, run_.atol, run_.longest);
-    solver.y = run_.start;
+    solver.y = run_.start, solver.t = run_.times[0];
     state_.resize(run_.start.size());
-    if (settles() && excess(solver.y.data()) <= 0) settled_since = 0;
+    if (settles() && excess(solver.y.data()) <= 0) settled_since = solver.t;
+    double stride = 0;  // the integrator's, from leg to leg; 0: to be chosen
     for (int steps = 1;;) {
+      if (commands_ && solver.t >= commands_->due() - slack(commands_->due())) {
+        const double* v = solver.y.data() + m_.n_q;
+        if (!close(solver.y.data()) || !commands_->instant(solver.t - run_.origin, q_, v)) return Outcome::declined;
+      }
       if (due(out, solver.t + slack(solver.t)) && !sample(run_.times[out.done], solver.y.data(), out))
         return Outcome::declined;
       if (solver.t >= end) return Outcome::finished;
-      const double leg = leg_end(solver.t, end);
-      if (!solver.begin(leg)) return Outcome::declined;
+      const double change = commands_ ? INFINITY : next_piece(solver.t), until = commands_ ? std::min(commands_->due(), end) : end;
+      const bool changes = change < until - slack(until);
+      const double leg = changes ? change : until;
+      if (!solver.begin(leg, stride)) return Outcome::declined;
       for (; solver.t < leg; ++steps) {
         if (!robust_step(solver, leg, kShortest)) return Outcome::declined;
         double halt = NAN;
@@ -131,6 +146,7 @@ class Simulation : public Follower {
         }
         solver.advance();
       }
+      stride = changes ? 0 : solver.h;
     }
   }
 
@@ -148,25 +164,26 @@ class Simulation : public Follower {
   LawRunner law_;
   const Path& path_;
   const Run& run_;
+  std::optional<SampledCommands> commands_;
   std::vector<double> u_, state_;
   std::vector<Crossing> crossings_;
+
+  // What the motors exert; false where they could not.
+  bool effort(double t, const double* v) {
+    if (commands_) u_ = commands_->memory.held;
+    else law_.effort(t - run_.origin, q_.data(), v, u_.data());
+    for (size_t i = 0; i < u_.size(); ++i)
+      if (u_[i] < run_.lower[i] || u_[i] > run_.upper[i]) return false;
+    return true;
+  }
 
   bool due(const Samples& out, double until) const {
     return out.done < int(run_.times.size()) && run_.times[out.done] <= until;
   }
-  // The end, or where the path passes from one piece to the next before it.
-  double leg_end(double t, double end) const {
-    const auto next = std::upper_bound(path_.breaks.begin(), path_.breaks.end(), run_.clock + t);
-    const double change = next == path_.breaks.end() ? INFINITY : *next - run_.clock;
-    return change < end - slack(end) ? change : end;
-  }
-
-  // The law's efforts; false where motors cannot give them.
-  bool effort(double t, const double* v) {
-    law_.effort(run_.clock + t, q_.data(), v, u_.data());
-    for (size_t i = 0; i < u_.size(); ++i)
-      if (u_[i] < run_.lower[i] || u_[i] > run_.upper[i]) return false;
-    return true;
+  // When the path passes to its next piece.
+  double next_piece(double t) const {
+    const auto next = std::upper_bound(path_.breaks.begin(), path_.breaks.end(), t - run_.origin);
+    return next == path_.breaks.end() ? INFINITY : *next + run_.origin;
   }
 
   bool sample(double t, const double* state, Samples& out) {
@@ -180,7 +197,7 @@ class Simulation : public Follower {
     std::copy(u_.begin(), u_.end(), out.u + size_t(k) * m_.n);
     std::copy(w_.model.q_free.begin(), w_.model.q_free.end(), out.q_free + size_t(k) * m_.nq);
     out.closure[k] = w_.model.closure();
-    return w_.model.forward(v, u_.data(), out.a + size_t(k) * m_.n);
+    return w_.model.forward(v, u_.data(), out.a + size_t(k) * m_.n, pushes_);
   }
 
   // Settling, as ccpin.simulation.settling.
@@ -247,8 +264,9 @@ class Stepper : public Follower {
   int evaluations = 0;
   double last_step = 0;  // what the integrator would try next
 
-  Stepper(Workspace& w, const Tableau& tableau, double rtol, double atol, double longest, double singular)
-      : Follower(w, singular), tableau_(tableau), solver_(*this, tableau_, m_.n_q + m_.n, rtol, atol, longest) {}
+  Stepper(Workspace& w, const Tableau& tableau, double rtol, double atol, double longest, double singular,
+          const Pushes& pushes)
+      : Follower(w, singular, pushes), tableau_(tableau), solver_(*this, tableau_, m_.n_q + m_.n, rtol, atol, longest) {}
 
   // Begin where the model is closed.
   void start(const double* q, const double* v, double first) {

@@ -52,7 +52,8 @@ def main(out: Path = OUT) -> None:
         line += f"cycles repeat to {max(record.change[4:], default=np.nan):.1e} rad"
         if record.memory:
             line += f"; memory {np.ptp(record.memory[late]):.1f} MB apart in the second half, "
-            line += f"{1e3 * rate(record)[0]:.2f} ms of CPU a simulated second at first, {1e3 * rate(record)[1]:.2f} at last"
+            first, last = rate(record)
+            line += f"{1e3 * first:.2f} ms of CPU a simulated second at first, {1e3 * last:.2f} at last"
         print(line)
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, numbers
 from ccpin.control.laws import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
@@ -67,8 +68,8 @@ def _checked_value(name: str, value: object) -> Numbers | int:
             raise InvalidInputError(f"sampling: {name} = {value!r} must be a {what}, 0 or more")
         return int(value)
     try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        array = numbers(value, name)
+    except InvalidInputError:
         array = np.empty(0)
     several = name in ("encoder_counts", "saturation", "effort_before", "encoder_noise")
     if array.ndim > several or not array.size or not np.isfinite(array).all():
@@ -92,6 +93,9 @@ class ContinuousCommands:
     def __init__(self, law: ControlLaw) -> None:
         self.law = law
 
+    def numbers(self) -> None:
+        """Nothing is sampled."""
+
     def instant(self, t: float, state: State, v: Array) -> float:
         """When the next command is due: never."""
         return np.inf
@@ -103,6 +107,9 @@ class ContinuousCommands:
     def next_switch(self, t: float) -> float | None:
         """The law's."""
         return self.law.next_switch(t)
+
+    def adopt(self, memory: None) -> None:
+        """Nothing is remembered."""
 
     def memory(self) -> dict[str, Array]:
         """Nothing is remembered."""
@@ -152,6 +159,27 @@ class SampledCommands:
         self._pending = deque([before] * sampling.delay)
         self._held = before
         self._count = 0
+
+    def numbers(self) -> dict[str, Any]:
+        """The loop in plain numbers, as the compiled core takes it."""
+        return {
+            "period": self._sampling.period,
+            "gain": self._gain,
+            "differentiates": self._differentiates,
+            "resolution": [] if self._resolution is None else self._resolution.tolist(),
+            "limit": self._limit.tolist(),
+            "start": self._start,
+            "reading": self._reading.tolist(),
+            "velocity": self._velocity.tolist(),
+            "held": self._held.tolist(),
+            "pending": np.ravel(list(self._pending)).tolist(),
+            "count": self._count,
+        }
+
+    def adopt(self, memory: tuple[Array, Array, Array, Array, float]) -> None:
+        """Go on from what the compiled core's loop remembers: reading, velocity, held, pending, count."""
+        self._reading, self._velocity, self._held, pending, count = memory
+        self._pending, self._count = deque(np.reshape(pending, (-1, len(self._held)))), int(count)
 
     def instant(self, t: float, state: State, v: Array) -> float:
         """Where a sample is due: measure, filter, compute the command, hold the one due. When the next one is."""

@@ -34,11 +34,13 @@ class CoreRun(NamedTuple):
         columns: The samples, by the fields of `StateSample` but friction and limits.
         stop: Why it ended before its time, or ``None``.
         evaluations: Of the equations of motion.
+        memory: What a sampled loop remembers, for `SampledCommands.adopt`.
     """
 
     columns: dict[str, Array]
     stop: Stop | None
     evaluations: int
+    memory: Any
 
 
 def run_in_core(
@@ -57,29 +59,28 @@ def run_in_core(
         law: The law.
         method: The integrator.
         start: Where and when it begins.
-        numbers: times (N,) of the samples, beginning at the start's, rtol, atol, max_step, singular_rcond, lower and
-            upper bounds of u (a run that would go beyond is not the core's).
+        numbers: times (N,) of the samples, beginning at the start's, rtol, atol, max_step, singular_rcond, wrenches
+            (`wrench_rows`), sampling (`SampledCommands.numbers`), lower and upper bounds of u (a run that would go
+            beyond is not the core's).
         settling: End once settled.
         budget: End once it is spent.
     """
-    clock, law = (start.t - law.start, law.law) if isinstance(law, Delayed) else (start.t, law)
+    origin, law = (law.start, law.law) if isinstance(law, Delayed) else (0.0, law)
     tableau, told = TABLEAUX.get(method), law_numbers(model, law)
     if tableau is None or told is None:
         return None
     most = budget or Budget()
-    run = numbers | (settling or _NEVER)._asdict() | {"start": np.concatenate([start.state.q, start.v]), "clock": clock}
+    run = (
+        numbers | (settling or _NEVER)._asdict() | {"start": np.concatenate([start.state.q, start.v]), "origin": origin}
+    )
     run |= {name: np.inf if value is None else value for name, value in most._asdict().items()}
-    run |= {"times": numbers["times"] - start.t}
     answer = model.core.simulate(start.state.q_free, told, run, tableau)
     if answer is None:
         return None
-    done, t, *columns, ended, since, evaluations, raised = answer
-    count = min(done, len(run["times"]))
-    on_time = t[:count] == run["times"][:count]
-    t = t[:done] + start.t
-    t[:count][on_time] = numbers["times"][:count][on_time]
-    found = dict(zip(("q", "v", "a", "u", "q_free", "closure_error"), (c[:done] for c in columns), strict=True))
-    return CoreRun({"t": t} | found, _stop(ended, float(t[-1]), since + start.t, raised), evaluations)
+    done, *columns, ended, since, evaluations, raised, memory = answer
+    names = ("t", "q", "v", "a", "u", "q_free", "closure_error")
+    found = dict(zip(names, (column[:done] for column in columns), strict=True))
+    return CoreRun(found, _stop(ended, float(found["t"][-1]), since, raised), evaluations, memory)
 
 
 def _stop(ended: str, t: float, since: float, raised: BaseException | None) -> Stop | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -181,6 +181,14 @@ class MotorCommands:
     def margins(self, t: float, state: State, v: Array) -> Array:
         """How far each motor is from what it can give, negative where it gives less than it is asked for."""
         return _margins(self._reached(t, state, v), *self._between(state, v))
+
+    def numbers(self) -> dict[str, Any] | None:
+        """The sampled loop in plain numbers, as the compiled core takes it."""
+        return self._inner.numbers()
+
+    def adopt(self, memory: Any) -> None:
+        """Go on from what the compiled core's loop remembers."""
+        self._inner.adopt(memory)
 
     def next_switch(self, t: float) -> float | None:
         """The law's, or the end of a ramp before it."""

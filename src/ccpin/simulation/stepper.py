@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import integrate
 
-from ccpin.arrays import Array, frozen, positive, vector
+from ccpin.arrays import Array, choice, frozen, instance, number, positive, records, step_or_infinite, vector
 from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
 from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
-from ccpin.dynamics.wrenches import Pushes, Wrenches
+from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
@@ -106,11 +106,15 @@ class Simulator:
         self.model = model = model_of(model)
         if not model.n:
             raise UnsupportedMechanismError(f"{model.mechanism.name} has mobility 0: nothing moves, there is no motion")
-        positive(rtol, "rtol"), positive(atol, "atol")
-        if method not in METHODS:
-            raise InvalidInputError(f"method '{method}' is not one of {', '.join(METHODS)}")
-        if max_step is not None and not max_step > 0:
-            raise InvalidInputError(f"max_step = {max_step} must be a positive number")
+        rtol, atol = positive(rtol, "rtol"), positive(atol, "atol")
+        singular_rcond = number(singular_rcond, "singular_rcond")
+        choice(method, "method", METHODS)
+        max_step = None if max_step is None else step_or_infinite(max_step, "max_step")
+        if region is not None and not callable(region):
+            raise InvalidInputError(f"region must be a function of q, not {type(region).__name__}")
+        if sampling is not None:
+            instance(sampling, "sampling", Sampling)
+        events = records(events, "events", Event)
         self._method, self._sampling = method, sampling
         solver, natural = getattr(integrate, method), natural_step(model.mechanism)
         self._settings = Settings(solver, rtol, atol, max_step, singular_rcond, wrenches, natural)
@@ -120,13 +124,13 @@ class Simulator:
         self._plant = Plant(model, limits, contacts, motors)
         self._law = _law(model, law)
         self._plant.check_law(self._law, sampling is not None)
-        self._plain = wrenches is None and sampling is None and region is None and not events
-        self._plain = self._plain and self._plant.plain and not self._friction.names
+        self._plain = not (callable(wrenches) or region is not None or events or self._friction.names)
+        self._plain = self._plain and self._plant.plain and (sampling is None or not np.any(sampling.encoder_noise))
         self._nothing = frozen(np.zeros(model.mechanism.n_free))
         self._held: HeldMotion | None = None
-        if self._plain and method in TABLEAUX:
-            longest = np.inf if max_step is None else max_step
-            self._held = model.core.held_motion(TABLEAUX[method], rtol, atol, longest, singular_rcond)
+        if self._plain and sampling is None and method in TABLEAUX:
+            longest, rows = np.inf if max_step is None else max_step, wrench_rows(model.mechanism.tree, wrenches)
+            self._held = model.core.held_motion(TABLEAUX[method], rtol, atol, longest, singular_rcond, rows)
         self._ahead: StateSample | None = None
         self._counted = 0
         self._run: Run | None = None
@@ -280,6 +284,7 @@ class Simulator:
         start, evaluations = run.here.t, run.evaluations
         times = _times(start, until, positive(sample_period, "sample_period"))
         if settling is not None:
+            instance(settling, "settling", Settling)
             goal = checked_q(self.model.coordinates, settling.goal)
             settling = settling._replace(goal=np.array(goal))
         found = self._run_in_core(times, settling, budget)
@@ -317,10 +322,13 @@ class Simulator:
         numbers = {"times": times, "rtol": settings.rtol, "atol": settings.atol}
         numbers |= {"max_step": settings.max_step or np.inf, "singular_rcond": settings.singular_rcond}
         numbers |= self._plant.effort_bounds._asdict()
+        numbers |= {"wrenches": wrench_rows(self.model.mechanism.tree, settings.wrenches)}
+        numbers |= {"sampling": run.commands.numbers()}
         found = run_in_core(self.model, self._law, self._method, run.here, numbers, settling, budget)
         if found is None:
             return None
-        columns, self.stop, evaluations = found
+        columns, self.stop, evaluations, memory = found
+        run.commands.adopt(memory)
         last = {name: column[-1] for name, column in columns.items()}
         run.here = Moment(float(last["t"]), self.model.at(last["q"], last["q_free"]), last["v"].copy())
         run.evaluations += evaluations

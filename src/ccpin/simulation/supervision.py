@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, positive
+from ccpin.arrays import Array, instance, number, positive
 from ccpin.control.laws import ControlLaw, Delayed
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near
@@ -93,13 +93,14 @@ def supervise(
         InvalidInputError: No goals, a bad argument, a journal of another task.
         Exception: As `simulate` does for the first move.
     """
+    if not isinstance(goals, Sequence | np.ndarray) or not len(goals):
+        raise InvalidInputError("goals must be a sequence of at least one set point")
+    if not callable(law_to):
+        raise InvalidInputError(f"law_to must be a function (q_d, q′) → law, not {type(law_to).__name__}")
     model = model_of(model)
     goals = [np.array(checked_q(model.coordinates, goal)) for goal in goals]
-    if not goals:
-        raise InvalidInputError("goals is empty: at least one set point is needed")
-    if not (np.isfinite(wait) and wait >= 0):
-        raise InvalidInputError(f"wait = {wait} must be a number of seconds, 0 or more")
-    rule = settling or Settling(goal=goals[0])
+    wait = number(wait, "wait", "a number of seconds")
+    rule = Settling(goal=goals[0]) if settling is None else instance(settling, "settling", Settling)
     supervisor = _Supervisor(
         Simulator(model, **options), law_to, rule, wait, positive(timeout, "timeout"), sample_period, _Purse(budget)
     )

@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.arrays import Array, instance
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation import saving
 from ccpin.simulation.samples import SAMPLED, Happening, Names, Status
 
@@ -65,16 +67,17 @@ class Trajectory(NamedTuple):
 
         The other's times are shifted to begin where this one ends.
         """
-        shift = self.t[-1] - other.t[0]
+        shift = self.t[-1] - instance(other, "other", Trajectory).t[0]
         events = tuple(event._replace(t=event.t + shift) for event in other.events)
         return joined([self, other._replace(t=other.t + shift, events=events)])
 
-    def states(self, model: ReducedModel) -> Iterator[tuple[State, Array, Array]]:
+    def states(self, model: ReducedModel | Mechanism) -> Iterator[tuple[State, Array, Array]]:
         """(the State at q, v, u) of every sample, for reading the reduced model along the motion.
 
         Raises:
             InvalidInputError: The trajectory is of another mechanism: its configurations or efforts have another size.
         """
+        model = model_of(model)
         sizes, wanted = (self.q_free.shape[1:], self.u.shape[1:]), ((model.mechanism.nq,), (model.n_actuated,))
         if sizes != wanted:
             raise InvalidInputError(
@@ -133,5 +136,5 @@ def load_npz(path: str | Path) -> Trajectory:
     try:
         with np.load(path) as stored:
             return Trajectory(**saving.from_arrays(stored))
-    except (OSError, KeyError, ValueError, TypeError) as error:
+    except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
         raise InvalidInputError(f"{path} is not a trajectory: {error}") from None
