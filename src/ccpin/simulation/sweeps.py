@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ccpin.arrays import instance, whole
 from ccpin.domain.atlas.run import executor_for, stoppable
 from ccpin.errors import InvalidInputError
 from ccpin.files import Journal, write_atomically
@@ -118,16 +119,19 @@ def sweep(
         InvalidInputError: Cases that are no such mappings, a task that cannot be sent to other processes, a file of
             another sweep, bad `workers`.
     """
-    rows = [_case(number, case, seed) for number, case in enumerate(cases)]
+    seed = None if seed is None else whole(seed, "seed", 0)
+    rows = [_case(number, case, seed) for number, case in enumerate(instance(cases, "cases", Iterable, "mappings"))]
     keys = [json.dumps(row, sort_keys=True) for row in rows]
     _check_task(task, workers, executor)
+    report = progress or _silent
+    if not callable(report):
+        raise InvalidInputError(f"progress must be a function of a `SweepProgress`, not {type(report).__name__}")
     with ExitStack() as stack:
         journal, done = None, dict[str, dict[str, Any]]()
         if path is not None:
             header = {"format": "ccpin-sweep-1", "task": getattr(task, "__qualname__", type(task).__name__)}
             journal = stack.enter_context(Journal(path, header))
             done = {record["case"]: record for record in journal.records}
-        report = progress or _silent
         report(_progress(keys, done))
         flag = stack.enter_context(stoppable())
         missing = [number for number, key in enumerate(keys) if key not in done]
