@@ -168,15 +168,6 @@ class Simulation : public Follower {
   std::vector<double> u_, state_;
   std::vector<Crossing> crossings_;
 
-  // What the motors exert; false where they could not.
-  bool effort(double t, const double* v) {
-    if (commands_) u_ = commands_->memory.held;
-    else law_.effort(t - run_.origin, q_.data(), v, u_.data());
-    for (size_t i = 0; i < u_.size(); ++i)
-      if (u_[i] < run_.lower[i] || u_[i] > run_.upper[i]) return false;
-    return true;
-  }
-
   bool due(const Samples& out, double until) const {
     return out.done < int(run_.times.size()) && run_.times[out.done] <= until;
   }
@@ -184,6 +175,15 @@ class Simulation : public Follower {
   double next_piece(double t) const {
     const auto next = std::upper_bound(path_.breaks.begin(), path_.breaks.end(), t - run_.origin);
     return next == path_.breaks.end() ? INFINITY : *next + run_.origin;
+  }
+
+  // The law's efforts; false where motors cannot give them.
+  bool effort(double t, const double* v) {
+    if (commands_) u_ = commands_->memory.held;
+    else law_.effort(t - run_.origin, q_.data(), v, u_.data());
+    for (size_t i = 0; i < u_.size(); ++i)
+      if (u_[i] < run_.lower[i] || u_[i] > run_.upper[i]) return false;
+    return true;
   }
 
   bool sample(double t, const double* state, Samples& out) {

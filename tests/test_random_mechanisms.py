@@ -26,7 +26,7 @@ class State:
         self.drawn, self.seed = drawn, seed
         rng = np.random.default_rng(seed)
         independent = ccpin.load(drawn.description, free=["all"]).independent
-        self.mechanism = ccpin.load(drawn.description, free=["all"], actuated=independent)
+        self.mechanism = ccpin.load(drawn.description, actuated=independent, free=["all"])
         self.model = ccpin.ReducedModel(self.mechanism)
         self.pin_model = self.mechanism.pin_model
         self.q, self.q_free = self.somewhere(rng)

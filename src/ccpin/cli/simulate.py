@@ -128,9 +128,10 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
             + ("not within the band at the end" if settled is None else f"within the band from {settled:.3f} s on")
             + f", peak effort {np.round(metric['peak_torque'], 3).tolist()}"
         )
-    for one in result["exceeded"]:
-        quantity, joint, limit, extreme = (one[name] for name in ("quantity", "joint", "limit", "extreme"))
-        lines.append(f"beyond its limit: {quantity} of {joint}, {extreme:.4g} where it may be {limit:.4g}")
+    lines += [
+        f"{one['quantity']} of {one['joint']} beyond {one['limit']:.4g}: {one['extreme']:.4g}"
+        for one in result["exceeded"]
+    ]
     if out is not None:
         lines.append(f"figures, data and animation in {out}/")
     return "\n".join(lines)

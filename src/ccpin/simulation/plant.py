@@ -182,14 +182,6 @@ class MotorCommands:
         """How far each motor is from what it can give, negative where it gives less than it is asked for."""
         return _margins(self._reached(t, state, v), *self._between(state, v))
 
-    def numbers(self) -> dict[str, Any] | None:
-        """The sampled loop in plain numbers, as the compiled core takes it."""
-        return self._inner.numbers()
-
-    def adopt(self, memory: Any) -> None:
-        """Go on from what the compiled core's loop remembers."""
-        self._inner.adopt(memory)
-
     def next_switch(self, t: float) -> float | None:
         """The law's, or the end of a ramp before it."""
         switch = self._inner.next_switch(t)
@@ -200,6 +192,14 @@ class MotorCommands:
     def memory(self) -> dict[str, Array]:
         """What is remembered, as arrays; `recall` brings it back."""
         return self._inner.memory() | (self._loops.memory() if self._loops is not None else {})
+
+    def numbers(self) -> dict[str, Any] | None:
+        """The sampled loop in plain numbers, as the compiled core takes it."""
+        return self._inner.numbers()
+
+    def adopt(self, memory: Any) -> None:
+        """Go on from what the compiled core's loop remembers."""
+        self._inner.adopt(memory)
 
     def recall(self, memory: Mapping[str, Array]) -> None:
         """Go on from what another run of the same motors remembered."""

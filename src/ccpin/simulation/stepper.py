@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -129,7 +129,8 @@ class Simulator:
         self._nothing = frozen(np.zeros(model.mechanism.n_free))
         self._held: HeldMotion | None = None
         if self._plain and sampling is None and method in TABLEAUX:
-            longest, rows = np.inf if max_step is None else max_step, wrench_rows(model.mechanism.tree, wrenches)
+            longest = np.inf if max_step is None else max_step
+            rows = self._pushed(wrenches)
             self._held = model.core.held_motion(TABLEAUX[method], rtol, atol, longest, singular_rcond, rows)
         self._ahead: StateSample | None = None
         self._counted = 0
@@ -314,6 +315,10 @@ class Simulator:
 
     # In the compiled core, where it can.
 
+    def _pushed(self, wrenches: Wrenches | Pushes | None) -> Array | None:
+        """Wrenches that stay the same, in plain numbers."""
+        return wrench_rows(self.model.mechanism.tree, None if callable(wrenches) else wrenches)
+
     def _run_in_core(self, times: Array, settling: Settling | None, budget: Budget | None) -> Trajectory | None:
         """The recorded run, or ``None`` where only the reference can tell."""
         if not self._plain:
@@ -321,13 +326,13 @@ class Simulator:
         run, settings = self._moving, self._settings
         numbers = {"times": times, "rtol": settings.rtol, "atol": settings.atol}
         numbers |= {"max_step": settings.max_step or np.inf, "singular_rcond": settings.singular_rcond}
-        numbers |= self._plant.effort_bounds._asdict()
-        numbers |= {"wrenches": wrench_rows(self.model.mechanism.tree, settings.wrenches)}
-        numbers |= {"sampling": run.commands.numbers()}
+        numbers |= {"wrenches": self._pushed(settings.wrenches)}
+        numbers |= {"sampling": run.commands.numbers()} | self._plant.effort_bounds._asdict()
         found = run_in_core(self.model, self._law, self._method, run.here, numbers, settling, budget)
         if found is None:
             return None
-        columns, self.stop, evaluations, memory = found
+        self.stop, evaluations, memory = found[1:]
+        columns: dict[str, Any] = found[0]
         run.commands.adopt(memory)
         last = {name: column[-1] for name, column in columns.items()}
         run.here = Moment(float(last["t"]), self.model.at(last["q"], last["q_free"]), last["v"].copy())
