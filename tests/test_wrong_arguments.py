@@ -221,11 +221,6 @@ def _simulation(b):
     near = simulation.Settling(b.q, hold=0.002)
     supervised = {"model": b.model, "q0": b.q, "goals": [b.q], "wait": 0.003, "settling": near, "timeout": 0.01}
     supervised |= {"law_to": lambda goal, q_free: control.PDSimpleGravity(b.model, goal, 50, 5, q_free), "guess": None}
-    contact = {"link": b.link, "point": (0, 0, 0), "stiffness": 1e4, "dissipation": 0.5, "friction": 0.1, "slip": 0.01}
-    limits = {"position": "stop", "velocity": "ignore", "effort": "end", "stiffness": 1e4, "dissipation": 0.5}
-    motors = {"lag": 0.0, "rate": 10.0, "speeds": (0, 1), "efforts": (1, 0)}
-    push = {"wrenches": {b.link: np.zeros(6)}, "start": 0.0, "end": 1.0}
-    ranges = {"ranges": {"a": (0, 1)}, "count": 2, "seed": 0}
     metrics = {"trajectory": b.run, "mechanism": b.whole, "goal": b.q, "band": 0.03}
     return {
         "closure_forces": (simulation.closure_forces, forces),
@@ -235,17 +230,6 @@ def _simulation(b):
         "load_npz": (simulation.load_npz, {"path": b.folder / "absent.npz"}),
         "lyapunov_along": (simulation.lyapunov_along, {"law": b.law, "trajectory": b.run}),
         "set_point_metrics": (simulation.set_point_metrics, metrics),
-        "Contact": (simulation.Contact, contact | {"normal": (0, 0, 1), "height": 0.0}),
-        "Disturbance": (simulation.Disturbance, {"pushes": [simulation.Push(**push)]}),
-        "Limits": (simulation.Limits, limits),
-        "MotorModel": (simulation.MotorModel, motors),
-        "Push": (simulation.Push, push),
-        "demands": (simulation.demands, forces | {"bearings": False}),
-        "exceeded": (simulation.exceeded, {"model": b.model, "trajectory": b.run}),
-        "grid": (simulation.grid, {"values": {"a": [1, 2]}}),
-        "latin_hypercube": (simulation.latin_hypercube, ranges),
-        "sobol": (simulation.sobol, ranges),
-        "sweep": (simulation.sweep, {"task": dict, "cases": [{"a": 1}], "seed": 1, "path": None, "progress": None}),
         "supervise": (simulation.supervise, supervised),
         "Trajectory.then": (b.run.then, {"other": b.run}),
         "Trajectory.states": (lambda model: list(b.run.states(model)), {"model": b.model}),

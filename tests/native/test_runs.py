@@ -242,3 +242,14 @@ def test_runs_beyond_the_motors_bounds_are_the_references(rpdr_model, sampling):
     expected = reference(rpdr_model, law, q0, duration=0.05, sampling=sampling, sample_period=0.01)
     assert np.abs(found.u).max() == 30.0
     np.testing.assert_allclose(found.q, expected.q, rtol=0, atol=1e-10)
+
+
+def test_noisy_loops_are_the_references(rpdr_model):
+    """Noise of encoders is drawn in Python alone: the run is the reference's, not one without noise."""
+    q0, q_d = ends(rpdr_model)
+    law, noisy = PDSimpleGravity(rpdr_model, q_d, [50.0, 50.0], [5.0, 5.0]), Sampling(1e-3, encoder_noise=1e-3, seed=2)
+    found = ccpin.simulate(rpdr_model, law, q0, duration=0.03, sampling=noisy, sample_period=0.01)
+    expected = reference(rpdr_model, law, q0, duration=0.03, sampling=noisy, sample_period=0.01)
+    quiet = ccpin.simulate(rpdr_model, law, q0, duration=0.03, sampling=Sampling(1e-3), sample_period=0.01)
+    np.testing.assert_allclose(found.u, expected.u, rtol=0, atol=1e-8)
+    assert np.abs(found.u - quiet.u).max() > 1e-2

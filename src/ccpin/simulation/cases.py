@@ -28,7 +28,7 @@ def grid(values: Mapping[str, Sequence[Any]]) -> list[Case]:
         InvalidInputError: There is no name, or one without values.
     """
     lists = isinstance(values, Mapping) and all(isinstance(each, Sequence) and len(each) for each in values.values())
-    if not values or not lists:
+    if not lists or not len(values):
         raise InvalidInputError('a grid needs at least one value each, like {"K_p": [10.0, 20.0]}')
     return [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccpin.arrays import Array, number, positive, records, vector
+from ccpin.arrays import Array, number, positive, vector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
@@ -81,7 +81,6 @@ class Contacts:
     """
 
     def __init__(self, model: ReducedModel, contacts: Sequence[Contact]) -> None:
-        contacts = records(contacts, "contacts", Contact)
         tree = model.mechanism.tree
         self._each = [(contact, LinkPoint(tree, contact.link, contact.point)) for contact in contacts]
         self._size = model.mechanism.n_free

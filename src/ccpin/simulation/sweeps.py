@@ -123,7 +123,7 @@ def sweep(
     rows = [_case(number, case, seed) for number, case in enumerate(instance(cases, "cases", Iterable, "mappings"))]
     keys = [json.dumps(row, sort_keys=True) for row in rows]
     _check_task(task, workers, executor)
-    report = progress or _silent
+    report = _silent if progress is None else progress
     if not callable(report):
         raise InvalidInputError(f"progress must be a function of a `SweepProgress`, not {type(report).__name__}")
     with ExitStack() as stack:
