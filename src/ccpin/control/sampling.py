@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, numbers
 from ccpin.control.laws import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
@@ -62,8 +62,8 @@ def _checked_value(name: str, value: object) -> Numbers | int:
             raise InvalidInputError(f"sampling: delay = {value!r} must be a whole number of periods, 0 or more")
         return int(value)
     try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        array = numbers(value, name)
+    except InvalidInputError:
         array = np.empty(0)
     several = name in ("encoder_counts", "saturation", "effort_before")
     if array.ndim > several or not array.size or not np.isfinite(array).all():

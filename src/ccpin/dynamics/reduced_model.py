@@ -314,4 +314,4 @@ def model_of(subject: Mechanism | ReducedModel) -> ReducedModel:
 
 def coordinates_of(subject: Mechanism | ReducedModel) -> IndependentCoordinates:
     """The independent coordinates of a mechanism or a model."""
-    return subject.coordinates if isinstance(subject, ReducedModel) else subject.parametrization().coordinates
+    return mechanism_of(subject).parametrization().coordinates

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import null_space
 
-from ccpin.arrays import Array, Mask, cross
+from ccpin.arrays import Array, Mask, cross, instance
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.dynamics.wrenches import Pushes, Wrenches, applied_wrenches, pushes_of, wrench_rows
@@ -109,6 +109,7 @@ def closure_forces(
         InvalidInputError: The trajectory is not this model's.
     """
     bearings = _Bearings(model_of(model))
+    instance(trajectory, "trajectory", Trajectory)
     return _histories(
         bearings.closures, trajectory.t, [bearings.of_closures(*row) for row in bearings.rows(trajectory, wrenches)]
     )
@@ -137,6 +138,7 @@ def joint_forces(
     that of its couplings; across them it is what the bearing carries. Arguments and errors as for `closure_forces`.
     """
     bearings = _Bearings(model_of(model))
+    instance(trajectory, "trajectory", Trajectory)
     return _histories(
         bearings.model.mechanism.tree.names,
         trajectory.t,
@@ -166,7 +168,9 @@ class _Bearings:
         self.tree, self.loops = mechanism.tree, model.parametrization.constraints.loops
         self.closures = tuple(loop.closure.name for loop in self.loops)
         self.slices = model.parametrization.constraints.row_slices()
-        self.complete = Constraints(mechanism.tree, mechanism.closures, mechanism.couplings, reduce_planar=False)
+        self.complete = Constraints(
+            mechanism.tree, (*mechanism.closures, *mechanism.locks), mechanism.couplings, reduce_planar=False
+        )
         self.complete_slices = self.complete.row_slices()
         self.subtrees = [list(self.free.subtrees[joint.number]) for joint in self.tree.joints]
         held = [[(loop.joint_a in all_, loop.joint_b in all_) for loop in self.loops] for all_ in self.subtrees]

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import integrate
 
-from ccpin.arrays import Array, Mask, positive, vector
+from ccpin.arrays import Array, Mask, choice, instance, number, positive, step_or_infinite, vector
 from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
 from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
@@ -123,12 +123,16 @@ def simulate(
     v_start = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
     for name, value in (("duration", duration), ("sample_period", sample_period), ("rtol", rtol), ("atol", atol)):
         positive(value, name)
-    if method not in METHODS:
-        raise InvalidInputError(f"method '{method}' is not one of {', '.join(METHODS)}")
-    if not max_step > 0:
-        raise InvalidInputError(f"max_step = {max_step} must be a positive number")
+    choice(method, "method", METHODS)
+    max_step = step_or_infinite(max_step, "max_step")
     if settling is not None:
+        instance(settling, "settling", Settling)
         settling = settling._replace(goal=checked_q(model.coordinates, settling.goal))
+    if region is not None and not callable(region):
+        raise InvalidInputError(f"region must be a function of q, not {type(region).__name__}")
+    if sampling is not None:
+        instance(sampling, "sampling", Sampling)
+    singular_rcond = number(singular_rcond, "singular_rcond")
     rubbing = joint_friction(model, friction)
     contact, pushes = StickSlip(model, rubbing), pushes_of(model.mechanism.tree, wrenches)
     times = np.arange(np.floor(duration / sample_period * (1 + 1e-12)) + 1) * sample_period
