@@ -140,7 +140,7 @@ def joint_forces(
     Along a joint's free directions it is the effort of its motor, spring and damper less what accelerates its rotor, or
     that of its couplings; across them it is what the bearing carries. Arguments and errors as for `closure_forces`.
 
-    Where a `Contact` pushes on a link, `trajectory.limits` has what that does to the joints' motion, not its point: what
+    Where a `Contact` pushes on a link, `trajectory.limits` has what it does to the joints' motion, not its point: what
     passes on from there through the bearings between the link and the ground is not in them.
     """
     bearings = _Bearings(model_of(model))
