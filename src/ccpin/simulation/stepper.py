@@ -111,12 +111,13 @@ class Simulator:
         self._region, self._looked_for = region, tuple(events)
         self._names = Names.of(model)
         self._law = _law(model, law)
+        self._pushed = None if callable(wrenches) else wrench_rows(model.mechanism.tree, wrenches)
         self._plain = not (callable(wrenches) or region is not None or events or self._friction.names)
         self._nothing = frozen(np.zeros(model.mechanism.n_free))
         self._held: HeldMotion | None = None
         if self._plain and sampling is None and method in TABLEAUX:
-            longest, rows = np.inf if max_step is None else max_step, wrench_rows(model.mechanism.tree, wrenches)
-            self._held = model.core.held_motion(TABLEAUX[method], rtol, atol, longest, singular_rcond, rows)
+            longest = np.inf if max_step is None else max_step
+            self._held = model.core.held_motion(TABLEAUX[method], rtol, atol, longest, singular_rcond, self._pushed)
         self._ahead: StateSample | None = None
         self._counted = 0
         self._run: Run | None = None
@@ -302,10 +303,15 @@ class Simulator:
         if not self._plain:
             return None
         run, settings = self._moving, self._settings
-        numbers = {"times": times, "rtol": settings.rtol, "atol": settings.atol}
-        numbers |= {"max_step": settings.max_step or np.inf, "singular_rcond": settings.singular_rcond}
-        numbers |= {"wrenches": wrench_rows(self.model.mechanism.tree, settings.wrenches)}
-        numbers |= {"sampling": run.commands.numbers()}
+        numbers = {
+            "times": times,
+            "rtol": settings.rtol,
+            "atol": settings.atol,
+            "max_step": settings.max_step or np.inf,
+            "singular_rcond": settings.singular_rcond,
+            "wrenches": self._pushed,
+            "sampling": run.commands.numbers(),
+        }
         found = run_in_core(self.model, self._law, self._method, run.here, numbers, settling, budget)
         if found is None:
             return None
