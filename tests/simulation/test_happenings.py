@@ -6,7 +6,7 @@ import pytest
 import ccpin
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Event
-from tests.support.paper import FRICTION, GOAL, K_P, K_V, START
+from tests.support.paper import GOAL, K_P, K_V, START
 
 HANGING = np.radians([-82.180, -97.823])
 SWING = HANGING + np.radians([5.0, 0.0])
@@ -65,10 +65,11 @@ def test_a_terminal_event_ends_the_motion_there(rpdr_model):
 
 def test_events_and_friction_together(rpdr_model):
     """An event between two stops of a joint is found, at every sample period the same."""
-    slow = Event(lambda t, state, v: v[0] - 0.5, "slow")
+    slow = Event(lambda t, state, v: v[0] - 0.1, "slow")
+    friction = {"joint1": (0.01, 0.0), "joint4": (0.005, 0.001)}
     found = [
         ccpin.simulate(
-            rpdr_model, None, SWING + [0.3, 0.1], duration=1.0, friction=FRICTION, events=[slow], sample_period=period
+            rpdr_model, None, SWING + [0.3, 0.1], duration=1.0, friction=friction, events=[slow], sample_period=period
         ).events
         for period in (1e-3, 0.3)
     ]
