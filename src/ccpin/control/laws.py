@@ -113,16 +113,22 @@ class Delayed(ControlLaw):
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
         """The law's efforts at t − start."""
-        return self.law.torque(t - self.start, q, v, guess)
+        return self.law.torque(self._clock(t), q, v, guess)
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The law's efforts at t − start."""
-        return self.law.torque_at(t - self.start, state, v)
+        return self.law.torque_at(self._clock(t), state, v)
 
     def next_switch(self, t: float) -> float | None:
         """The law's next switch, on the clock outside."""
-        switch = self.law.next_switch(t - self.start)
+        switch = self.law.next_switch(self._clock(t))
         return None if switch is None else switch + self.start
+
+    def _clock(self, t: float) -> float:
+        """t − start; a switch that is not later than t on the clock outside is not later on the law's own."""
+        inside = t - self.start
+        switch = self.law.next_switch(inside)
+        return switch if switch is not None and switch + self.start <= t else inside
 
 
 def next_of(times: Array, t: float) -> float:

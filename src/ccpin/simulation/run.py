@@ -20,7 +20,7 @@ from ccpin.control.sampling import ContinuousCommands, SampledCommands
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.dynamics.wrenches import Pushes, Wrenches, pushes_of
-from ccpin.errors import ConvergenceError, SingularConfigurationError
+from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
 from ccpin.simulation.happenings import Moment, Step, Watch
 from ccpin.simulation.pace import Switching
 from ccpin.simulation.plant import MotorCommands, Plant
@@ -184,7 +184,10 @@ class Run:
         return self.commands.next_switch(t), switch
 
     def _next_switch(self) -> float:
-        return min((switch for switch in self._switches() if switch is not None), default=np.inf)
+        switch = min((switch for switch in self._switches() if switch is not None), default=np.inf)
+        if not switch > self.here.t:
+            raise InvalidInputError(f"next_switch({self.here.t}) returned {switch}; it must be later than that")
+        return switch
 
     def _longest_step(self) -> float:
         """`ccpin.simulation.pace` says why."""

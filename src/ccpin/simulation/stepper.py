@@ -124,14 +124,14 @@ class Simulator:
         self._plant = Plant(model, limits, contacts, motors)
         self._law = _law(model, law)
         self._plant.check_law(self._law, sampling is not None)
+        self._pushed = None if callable(wrenches) else wrench_rows(model.mechanism.tree, wrenches)
         self._plain = not (callable(wrenches) or region is not None or events or self._friction.names)
         self._plain = self._plain and self._plant.plain and (sampling is None or not np.any(sampling.encoder_noise))
         self._nothing = frozen(np.zeros(model.mechanism.n_free))
         self._held: HeldMotion | None = None
         if self._plain and sampling is None and method in TABLEAUX:
             longest = np.inf if max_step is None else max_step
-            rows = self._pushed(wrenches)
-            self._held = model.core.held_motion(TABLEAUX[method], rtol, atol, longest, singular_rcond, rows)
+            self._held = model.core.held_motion(TABLEAUX[method], rtol, atol, longest, singular_rcond, self._pushed)
         self._ahead: StateSample | None = None
         self._counted = 0
         self._run: Run | None = None
@@ -315,19 +315,21 @@ class Simulator:
 
     # In the compiled core, where it can.
 
-    def _pushed(self, wrenches: Wrenches | Pushes | None) -> Array | None:
-        """Wrenches that stay the same, in plain numbers."""
-        return wrench_rows(self.model.mechanism.tree, None if callable(wrenches) else wrenches)
-
     def _run_in_core(self, times: Array, settling: Settling | None, budget: Budget | None) -> Trajectory | None:
         """The recorded run, or ``None`` where only the reference can tell."""
         if not self._plain:
             return None
         run, settings = self._moving, self._settings
-        numbers = {"times": times, "rtol": settings.rtol, "atol": settings.atol}
-        numbers |= {"max_step": settings.max_step or np.inf, "singular_rcond": settings.singular_rcond}
-        numbers |= {"wrenches": self._pushed(settings.wrenches)}
-        numbers |= {"sampling": run.commands.numbers()} | self._plant.effort_bounds._asdict()
+        numbers = {
+            "times": times,
+            "rtol": settings.rtol,
+            "atol": settings.atol,
+            "max_step": settings.max_step or np.inf,
+            "singular_rcond": settings.singular_rcond,
+            "wrenches": self._pushed,
+            "sampling": run.commands.numbers(),
+            **self._plant.effort_bounds._asdict(),
+        }
         found = run_in_core(self.model, self._law, self._method, run.here, numbers, settling, budget)
         if found is None:
             return None
