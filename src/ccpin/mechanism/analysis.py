@@ -189,7 +189,7 @@ def _mechanism(
 ) -> Mechanism:
     description, tree, settled = here.description, here.tree, here.settled
     motions = [found.motion for found in settled]
-    choice = choose_independent(tree, motions, description, wishes.independent, wishes.actuated)
+    choice = choose_independent(tree, motions, description, wishes.independent, wishes.actuated, wishes.locked)
     rank = sum(found.tangent.rank for found in settled)
     mobility = Mobility(
         n_free=int(tree.model.nv),
