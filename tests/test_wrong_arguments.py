@@ -130,6 +130,10 @@ def _control(b):
             control.sample_region,
             {"model": b.model, "lower": b.box[0], "upper": b.box[1], "q_free_d": b.q_free, "points": 50},
         ),
+        "local_gains": (
+            control.local_gains,
+            {"model": b.model, "q_d": b.q, "frequency": 10.0, "damping": 1.0, "guess": None},
+        ),
         "suggest_gains": (
             control.suggest_gains,
             {"model": b.model, "q_d": b.q, "domain": b.box, "margin": 1.5, "damping": 0.7, "guess": None},
@@ -333,7 +337,7 @@ def test_a_model_for_a_mechanism_and_the_reverse(bench, tmp_path):
     q, box = bench.q, bench.box
     for subject in (bench.whole, bench.model):
         assert ccpin.ReducedModel(subject).mechanism is bench.whole
-        assert control.certify_set_point(subject, q, 50.0, 5.0, box).holds
+        assert control.certify_set_point(subject, q, 50.0, 5.0, box).level > 0
         assert domain.certify(subject, q, region=box, max_depth=0).radius > 0
         assert control.suggest_gains(subject, q, box).beta > 0
         visualization.snapshot_html(subject, None, tmp_path / "page.html")

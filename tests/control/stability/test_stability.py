@@ -497,7 +497,7 @@ def test_gains_over_a_region(rpdr_model):
 @pytest.mark.parametrize("bad", [{"margin": 1.0}, {"margin": np.nan}, {"damping": 0.0}])
 def test_bad_margins(rpdr_model, bad):
     """A margin of one or less, or no damping, is refused."""
-    with pytest.raises(InvalidInputError, match="must be a (positive )?number"):
+    with pytest.raises(InvalidInputError, match=r"must be a (positive )?number"):
         suggest_gains(rpdr_model, GOAL, (START, GOAL), **bad)
 
 
