@@ -134,5 +134,5 @@ def test_modes_beyond_the_limits_are_told(model):
 @pytest.mark.parametrize("wrong", [{"patience": 0}, {"limit": 0}, {"budget": -1.0}])
 def test_limits_must_be_positive(model, wrong):
     """A search of no starts is none."""
-    with pytest.raises(InvalidInputError, match="must be positive"):
+    with pytest.raises(InvalidInputError, match="must be a"):
         assembly_modes(model, [-1.7, -1.4], **wrong)
