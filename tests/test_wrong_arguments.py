@@ -130,6 +130,10 @@ def _control(b):
             control.sample_region,
             {"model": b.model, "lower": b.box[0], "upper": b.box[1], "q_free_d": b.q_free, "points": 50},
         ),
+        "local_gains": (
+            control.local_gains,
+            {"model": b.model, "q_d": b.q, "frequency": 10.0, "damping": 1.0, "guess": None},
+        ),
         "suggest_gains": (
             control.suggest_gains,
             {"model": b.model, "q_d": b.q, "domain": b.box, "margin": 1.5, "damping": 0.7, "guess": None},

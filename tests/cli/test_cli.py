@@ -9,6 +9,7 @@ import pytest
 
 import ccpin
 from ccpin.cli import main
+from ccpin.dynamics.modes import _Search
 from ccpin.simulation import load_npz
 from tests.support.paper import MOVE_OPTIONS
 from tests.support.places import MODELS
@@ -57,6 +58,35 @@ def test_degrees_of_a_length_are_refused(capsys):
     """A prismatic coordinate is never read as degrees."""
     assert main(["modes", "stewart", "--q-deg", *["5"] * 6]) == 1
     assert "all angles" in capsys.readouterr().err
+
+
+def test_modes_shows_progress_and_keeps_to_its_budget(capsys, monkeypatch):
+    """A bar on a terminal, none with --json; a budget or a limit ends the search with what was found, which is said."""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    assert main(["modes", "rpdr", "--patience", "10"]) == 0
+    shown = capsys.readouterr()
+    assert "2 modes from" in shown.err
+    assert "starts without news" in shown.err
+    assert main(["modes", "rpdr", "--json", "--limit", "3"]) == 0
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    found = json.loads(shown.out)
+    assert (found["complete"], found["starts"]) == (False, 3)
+    assert found["reason"].startswith("stopped at the limit of 3 starts")
+
+
+def test_modes_interrupted_prints_what_it_found(capsys, monkeypatch):
+    """Ctrl-C: the modes so far, and the exit code of an interrupt."""
+    step = _Search.step
+
+    def stop(search):
+        step(search)
+        if search.starts == 4:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(_Search, "step", stop)
+    assert main(["modes", "rpdr"]) == 130
+    assert "interrupted, so modes may be missing" in capsys.readouterr().out
 
 
 def test_modes_at_a_singular_configuration(capsys):
