@@ -9,11 +9,12 @@ static int import_numpy() {
 }
 
 NB_MODULE(_core, module) {
-  using ccpin::Kernel;
+  using ccpin::Kernel, ccpin::HeldMotion;
   const auto arg = [](const char* name) { return nb::arg(name).none(); };  // None fits no shape: the kernel declines
   if (import_numpy() < 0) throw nb::python_error();
   const auto near = arg("near");
   const auto q = arg("q") = nb::none();
+  const auto wrenches = arg("wrenches") = nb::none();
   const auto threads = nb::arg("threads") = 1;
   nb::class_<Kernel>(module, "Kernel")
       .def(nb::init<nb::dict>(), nb::arg("specification"))
@@ -26,15 +27,16 @@ NB_MODULE(_core, module) {
       .def("closed_point", &Kernel::closed_point, near, q)
       .def("rcond", &Kernel::rcond, arg("q_free"))
       .def("terms", &Kernel::terms, near, arg("v"), q)
-      .def("forward_dynamics", &Kernel::forward_dynamics, near, arg("v"), arg("u"), q)
-      .def("generalized_force", &Kernel::generalized_force, near, arg("v"), arg("a"), q)
-      .def("inverse_dynamics", &Kernel::inverse_dynamics, near, arg("v"), arg("a"), q)
+      .def("forward_dynamics", &Kernel::forward_dynamics, near, arg("v"), arg("u"), q, wrenches)
+      .def("generalized_force", &Kernel::generalized_force, near, arg("v"), arg("a"), q, wrenches)
+      .def("inverse_dynamics", &Kernel::inverse_dynamics, near, arg("v"), arg("a"), q, wrenches)
       .def("gravity", &Kernel::gravity, near, q)
       .def("transmission", &Kernel::transmission, near, q)
-      .def("constraint_forces", &Kernel::constraint_forces, near, arg("v"), arg("u"), q)
+      .def("constraint_forces", &Kernel::constraint_forces, near, arg("v"), arg("u"), q, wrenches)
+      .def("bearing_forces", &Kernel::bearing_forces, near, arg("v"), arg("u"), q, wrenches)
       .def("energy", &Kernel::energy, near, arg("v"), q)
-      .def("generalized_force_derivatives", &Kernel::generalized_force_derivatives, near, arg("v"), arg("a"), q)
-      .def("forward_dynamics_derivatives", &Kernel::forward_dynamics_derivatives, near, arg("v"), arg("u"), q)
+      .def("generalized_force_derivatives", &Kernel::generalized_force_derivatives, near, arg("v"), arg("a"), q, wrenches)
+      .def("forward_dynamics_derivatives", &Kernel::forward_dynamics_derivatives, near, arg("v"), arg("u"), q, wrenches)
       .def("sigma_many", &Kernel::sigma_many, arg("Q"), near, threads)
       .def("terms_many", &Kernel::terms_many, arg("Q"), arg("V"), near, threads)
       .def("forward_dynamics_many", &Kernel::forward_dynamics_many, arg("Q"), arg("V"), arg("U"), near, threads)
@@ -42,6 +44,17 @@ NB_MODULE(_core, module) {
       .def("inverse_dynamics_many", &Kernel::inverse_dynamics_many, arg("Q"), arg("V"), arg("A"), near, threads)
       .def("forward_dynamics_derivatives_many", &Kernel::forward_dynamics_derivatives_many, arg("Q"), arg("V"),
            arg("U"), near, threads)
-      .def("simulate", &Kernel::simulate, near, nb::arg("law"), nb::arg("run"), nb::arg("tableau"));
+      .def("simulate", &Kernel::simulate, near, nb::arg("law"), nb::arg("run"), nb::arg("tableau"))
+      .def(
+          "held_motion",
+          [](Kernel& kernel, nb::dict tableau, double rtol, double atol, double longest, double singular,
+             ccpin::In pushes) { return new HeldMotion(kernel, tableau, rtol, atol, longest, singular, pushes); },
+          nb::arg("tableau"), nb::arg("rtol"), nb::arg("atol"), nb::arg("max_step"), nb::arg("singular_rcond"), wrenches,
+          nb::rv_policy::take_ownership, nb::keep_alive<0, 1>());
+  nb::class_<HeldMotion>(module, "HeldMotion")
+      .def("start", &HeldMotion::start, arg("q_free"), arg("q"), arg("v"), nb::arg("first"))
+      .def("step", &HeldMotion::step, arg("u"), nb::arg("dt"))
+      .def_prop_ro("evaluations", &HeldMotion::evaluations)
+      .def_prop_ro("last_step", &HeldMotion::last_step);
   bind_certificates(module);
 }

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ccpin.errors import CcpinError
     from ccpin.mechanism import Mechanism, load
     from ccpin.native import backend
-    from ccpin.simulation import Trajectory
+    from ccpin.simulation import Simulator, Trajectory
     from ccpin.simulation.simulate import simulate
 
 __version__ = "0.1.0"
@@ -29,6 +29,7 @@ __all__ = [
     "Mechanism",
     "MechanismDescription",
     "ReducedModel",
+    "Simulator",
     "State",
     "Trajectory",
     "backend",
@@ -52,6 +53,7 @@ _HOMES = {
     "Mechanism": "mechanism",
     "MechanismDescription": "description",
     "ReducedModel": "dynamics",
+    "Simulator": "simulation",
     "State": "dynamics",
     "Trajectory": "simulation",
     "backend": "native",

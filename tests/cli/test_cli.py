@@ -122,7 +122,7 @@ def test_view_writes_a_page(tmp_path, capsys):
     assert (tmp_path / "pose.html").stat().st_size > 100_000
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
     motion = ccpin.simulate(model, None, np.radians([-90.0, -95.0]), duration=0.1, sample_period=0.01)
-    motion.save_npz(tmp_path / "motion.npz")
+    motion.save(tmp_path / "motion.npz")
     page = tmp_path / "motion.html"
     assert main(["view", "rpdr", "--trajectory", str(tmp_path / "motion.npz"), "--html", str(page)]) == 0
     assert page.stat().st_size > 100_000

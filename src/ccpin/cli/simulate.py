@@ -16,11 +16,9 @@ from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation import METHODS, Settling, SupervisedMotion, Trajectory, supervise
 from ccpin.simulation import simulate as run_simulation
 from ccpin.simulation.metrics import set_point_metrics
-from ccpin.simulation.simulate import METHODS, Settling
-from ccpin.simulation.supervision import SupervisedMotion, supervise
-from ccpin.simulation.trajectory import Trajectory
 
 
 def add_simulate(commands: Any) -> None:
@@ -108,8 +106,8 @@ def _cycles(
 def _write(out: Path, mechanism: Mechanism, trajectory: Trajectory, goals: Array, result: dict[str, Any]) -> None:
     from ccpin import plotting, visualization
 
-    trajectory.save_csv(out / "motion.csv", mechanism)
-    trajectory.save_npz(out / "motion.npz")
+    trajectory.save(out / "motion.csv")
+    trajectory.save(out / "motion.npz")
     write_atomically(out / "metrics.json", "w", lambda file: json.dump(result, file, indent=2))
     plotting.save(plotting.plot_motion(trajectory, mechanism, goals), out / "motion.png")
     ends = [trajectory.q_free[0], trajectory.q_free[-1]]

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -41,6 +41,13 @@ class ControlLaw(abc.ABC):
         """`torque` at a configuration already closed."""
         return self.torque(t, state.q, v, state.q_free)
 
+    def next_switch(self, t: float) -> float | None:
+        """The first time after t at which u jumps or kinks as a function of time.
+
+        Infinite where it never does, ``None`` where the law does not say (`ccpin.simulate` then takes short steps).
+        """
+        return None
+
 
 class NoTorque(ControlLaw):
     """u = 0: the mechanism swings freely."""
@@ -52,16 +59,73 @@ class NoTorque(ControlLaw):
         """Zero, of shape (motors,)."""
         return self._zero
 
+    def next_switch(self, t: float) -> float:
+        """Never."""
+        return np.inf
+
 
 class TorqueFunction(ControlLaw):
-    """Any function (t, q, v) → u as a law."""
+    """Any function (t, q, v) → u as a law.
 
-    def __init__(self, function: Callable[[float, Array, Array], ArrayLike]) -> None:
+    Args:
+        function: The function.
+        switching_times: The times at which u jumps or kinks, s; none at all where it never does. ``None``: not known.
+
+    Raises:
+        InvalidInputError: Times that are not finite numbers.
+    """
+
+    def __init__(
+        self,
+        function: Callable[[float, Array, Array], ArrayLike],
+        switching_times: Sequence[float] | None = None,
+    ) -> None:
         self._function = function
+        self._times = None if switching_times is None else np.sort(np.asarray(switching_times, dtype=np.float64))
+        if self._times is not None and not (self._times.ndim == 1 and np.isfinite(self._times).all()):
+            raise InvalidInputError(f"switching_times must be finite numbers of seconds, not {switching_times!r}")
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
         """What the function returns, as a float64 vector; one number stands for the effort of an only motor."""
         return np.atleast_1d(np.asarray(self._function(t, q, v), dtype=np.float64))
+
+    def next_switch(self, t: float) -> float | None:
+        """The next of the times given."""
+        return None if self._times is None else next_of(self._times, t)
+
+
+class Delayed(ControlLaw):
+    """A law whose clock starts at a time: its t is the time since then.
+
+    Args:
+        law: The law.
+        start: When its clock shows zero, s.
+
+    Attributes:
+        law, start: As given.
+    """
+
+    def __init__(self, law: ControlLaw, start: float) -> None:
+        self.law, self.start = law, start
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """The law's efforts at t − start."""
+        return self.law.torque(t - self.start, q, v, guess)
+
+    def torque_at(self, t: float, state: State, v: Array) -> Array:
+        """The law's efforts at t − start."""
+        return self.law.torque_at(t - self.start, state, v)
+
+    def next_switch(self, t: float) -> float | None:
+        """The law's next switch, on the clock outside."""
+        switch = self.law.next_switch(t - self.start)
+        return None if switch is None else switch + self.start
+
+
+def next_of(times: Array, t: float) -> float:
+    """The first of increasing times that is later than t, infinite where none is."""
+    k = int(np.searchsorted(times, t, side="right"))
+    return float(times[k]) if k < len(times) else np.inf
 
 
 class ModelLaw(ControlLaw):
@@ -123,6 +187,10 @@ class _PD(ModelLaw):
         super().__init__(model, q_d, K_p, K_v, guess)
         self.q_d, self.q_free_d, self.gravity_d = self.near.q, self.near.q_free, self.near.g
         self._potential_d = self.near.energy(np.zeros(self.model.n)).potential
+
+    def next_switch(self, t: float) -> float:
+        """Never: time does not enter."""
+        return np.inf
 
     def error(self, q: Array) -> Array:
         """q̃ = q_d − q, the tangent vector from q to q_d, of shape (n,)."""
@@ -243,6 +311,10 @@ class CoulombCompensation(ControlLaw):
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The PD law's efforts plus the compensation, of shape (motors,)."""
         return self._law.torque_at(t, state, v) + self._compensation(state.q)
+
+    def next_switch(self, t: float) -> float:
+        """Never: time does not enter."""
+        return self._law.next_switch(t)
 
     def _compensation(self, q: Array) -> Array:
         direction = self._direction

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -75,39 +77,67 @@ def _checked_value(name: str, value: object) -> Numbers | int:
 
 
 class ContinuousCommands:
-    """Who commands the motors' efforts during a run: the law itself, at every moment."""
+    """Who commands the motors' efforts during a run: the law itself, at every moment.
+
+    Attributes:
+        law: The law; it may be replaced while the run goes on.
+    """
 
     def __init__(self, law: ControlLaw) -> None:
-        self._law = law
+        self.law = law
+
+    def numbers(self) -> None:
+        """Nothing is sampled."""
 
     def instant(self, t: float, state: State, v: Array) -> float:
-        """Nothing to do, ever."""
+        """When the next command is due: never."""
         return np.inf
 
     def effort(self, t: float, state: State, v: Array) -> Array:
         """u = law(t, q, q̇)."""
-        return self._law.torque_at(t, state, v)
+        return self.law.torque_at(t, state, v)
+
+    def next_switch(self, t: float) -> float | None:
+        """The law's."""
+        return self.law.next_switch(t)
+
+    def adopt(self, memory: None) -> None:
+        """Nothing is remembered."""
+
+    def memory(self) -> dict[str, Array]:
+        """Nothing is remembered."""
+        return {}
+
+    def recall(self, memory: Mapping[str, Array]) -> None:
+        """Nothing is remembered."""
 
 
 class SampledCommands:
     """One run of a sampled loop: the encoder's last reading, the filter's state and the commands on their way.
 
-    Before t = 0 the mechanism is taken to have moved steadily at v0, so the filter starts settled.
+    Before it begins the mechanism is taken to have moved steadily at v0, so the filter starts settled.
 
     Args:
         model: The reduced model.
         law: The law.
         sampling: How it is run.
-        q0: q at t = 0.
-        v0: q̇ at t = 0.
+        q0: q at the start.
+        v0: q̇ at the start.
+        start: The time of the first sample, s.
+
+    Attributes:
+        law: The law; it may be replaced while the run goes on, and is asked at the next sample.
 
     Raises:
         InvalidInputError: A value for each joint or motor with another number of them, or an encoder on a coordinate
             that is not a plain number.
     """
 
-    def __init__(self, model: ReducedModel, law: ControlLaw, sampling: Sampling, q0: Array, v0: Array) -> None:
-        self._coordinates, self._law, self._sampling = model.coordinates, law, sampling
+    def __init__(
+        self, model: ReducedModel, law: ControlLaw, sampling: Sampling, q0: Array, v0: Array, start: float = 0.0
+    ) -> None:
+        self.law = law
+        self._coordinates, self._sampling, self._start = model.coordinates, sampling, start
         most = np.inf if sampling.saturation is None else sampling.saturation
         self._limit = _each(most, model.n_actuated, "saturation", "motor")
         self._resolution = None if sampling.encoder_counts is None else _resolution(model, sampling.encoder_counts)
@@ -121,26 +151,73 @@ class SampledCommands:
         self._held = before
         self._count = 0
 
+    def numbers(self) -> dict[str, Any]:
+        """The loop in plain numbers, as the compiled core takes it."""
+        return {
+            "period": self._sampling.period,
+            "gain": self._gain,
+            "differentiates": self._differentiates,
+            "resolution": [] if self._resolution is None else self._resolution.tolist(),
+            "limit": self._limit.tolist(),
+            "start": self._start,
+            "reading": self._reading.tolist(),
+            "velocity": self._velocity.tolist(),
+            "held": self._held.tolist(),
+            "pending": np.ravel(list(self._pending)).tolist(),
+            "count": self._count,
+        }
+
+    def adopt(self, memory: tuple[Array, Array, Array, Array, float]) -> None:
+        """Go on from what the compiled core's loop remembers: reading, velocity, held, pending, count."""
+        self._reading, self._velocity, self._held, pending, count = memory
+        self._pending, self._count = deque(np.reshape(pending, (-1, len(self._held)))), int(count)
+
     def instant(self, t: float, state: State, v: Array) -> float:
-        """Measure, filter, compute the command and hold the one that is due."""
+        """Where a sample is due: measure, filter, compute the command, hold the one due. When the next one is."""
+        due = self._due()
+        if t < due - 16 * np.spacing(abs(due)):
+            return due
         reading = self._measured(state.q)
         velocity = v
         if self._differentiates:
             slope = self._coordinates.difference(self._reading, reading) / self._sampling.period
             velocity = self._velocity + self._gain * (slope - self._velocity)
-        self._reading, self._velocity = reading, velocity
         if self._resolution is None:
-            u = np.array(self._law.torque_at(t, state, velocity))
+            u = np.array(self.law.torque_at(t, state, velocity))
         else:
-            u = np.array(self._law.torque(t, reading, velocity, state.q_free))
+            u = np.array(self.law.torque(t, reading, velocity, state.q_free))
+        self._reading, self._velocity = reading, velocity
         self._pending.append(np.clip(u, -self._limit, self._limit))
         self._held = self._pending.popleft()
         self._count += 1
-        return self._count * self._sampling.period
+        return self._due()
 
     def effort(self, t: float, state: State, v: Array) -> Array:
         """The command held."""
         return self._held
+
+    def next_switch(self, t: float) -> float:
+        """Never between samples."""
+        return np.inf
+
+    def memory(self) -> dict[str, Array]:
+        """What is remembered from sample to sample, as arrays; `recall` brings it back."""
+        return {
+            "reading": self._reading,
+            "velocity": self._velocity,
+            "held": self._held,
+            "pending": np.reshape(list(self._pending), (-1, len(self._held))),
+            "clock": np.array([self._start, self._count]),
+        }
+
+    def recall(self, memory: Mapping[str, Array]) -> None:
+        """Go on from what another run of the same loop remembered."""
+        self._reading, self._velocity, self._held = (memory[name] for name in ("reading", "velocity", "held"))
+        self._pending = deque(memory["pending"])
+        self._start, self._count = float(memory["clock"][0]), int(memory["clock"][1])
+
+    def _due(self) -> float:
+        return self._start + self._count * self._sampling.period
 
     def _measured(self, q: Array) -> Array:
         if self._resolution is None:

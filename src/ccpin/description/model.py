@@ -191,8 +191,9 @@ class LoopClosure(_Placed):
 
     The kind names the relative motion left free (number of constraint rows): spherical (3), revolute about
     the common z axes (5), fixed (6), prismatic along z (5), cylindrical about and along z (4), universal with
-    the x axis of A perpendicular to the y axis of B (4), planar with common normal z (3), distance: the
-    origins stay `length` metres apart (1). A frame may be given as a 4×4 matrix, a `pinocchio.SE3` or (xyz, rpy).
+    the x axis of A perpendicular to the y axis of B (4), planar with common normal z (3), perpendicular: the
+    x axis of A to the y axis of B (1), in_plane: the origin of B in the yz plane of A (1), distance: the origins stay
+    `length` metres apart (1). A frame may be given as a 4×4 matrix, a `pinocchio.SE3` or (xyz, rpy).
     `ccpin.description.closure_kinds` says exactly what each asks for.
     """
 

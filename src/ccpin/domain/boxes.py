@@ -130,7 +130,7 @@ def problem_of(system: ClosureSystem, bounds: BoundsName = "auto") -> Problem:
             "planar bounds need closures whose turning axes are parallel, with slides before the turns; "
             'use bounds="reach"'
         )
-    return Problem(system, stack_chains(system.chains, system.n_free), phasors)
+    return Problem(system, stack_chains(system.chains, system.n_free, system.m), phasors)
 
 
 def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:

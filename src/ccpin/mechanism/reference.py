@@ -21,7 +21,7 @@ from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.tree import Tree
 from ccpin.mechanism.branches import Settlement, told
 from ccpin.mechanism.closing import TOLERANCE, close
-from ccpin.mechanism.idle import idle_motions
+from ccpin.mechanism.idle import Idle, idle_motions
 from ccpin.mechanism.independence import Motion
 from ccpin.mechanism.mobility import Tangent, generic_rank, tangent
 from ccpin.mechanism.near import open_by
@@ -79,7 +79,9 @@ class Settled(NamedTuple):
         tree = self.part.tree
         joints = tuple(joint.name for joint in tree.joints for _ in joint.kind.steps)
         places = tuple(self.part.v.tolist())
-        return Motion(tuple(component_names(tree)), joints, places, self.tangent.basis(self.tangent.rank))
+        basis = self.tangent.basis(self.tangent.rank)
+        plain = tuple(slides or joint.kind.unit < 4 for joint in tree.joints for slides in joint.kind.slides)
+        return Motion(tuple(component_names(tree)), joints, places, basis, plain)
 
 
 def settle(tree: Tree, description: MechanismDescription, wanted: Sequence[str], tolerance: float) -> list[Settled]:
@@ -182,21 +184,21 @@ def _unreduced(loop: ResolvedClosure, poses: Array) -> tuple[float, float]:
     return float(sizes[~turns].max(initial=0.0)), float(sizes[turns].max(initial=0.0))
 
 
-def idle(tree: Tree, settled: Sequence[Settled]) -> tuple[str, ...]:
-    """Sentences naming the mobilities that move nothing but one body of a loop (`ccpin.mechanism.idle`)."""
+def idle(tree: Tree, settled: Sequence[Settled]) -> list[tuple[Settled, list[Idle]]]:
+    """The mobilities of every cluster that move nothing but a body of a loop (`ccpin.mechanism.idle`)."""
     masses = np.array([inertia.mass for inertia in tree.model.inertias][1:])
     heavy = set((1 + np.flatnonzero(masses > 1e-6 * masses.max(initial=0.0))).tolist())
     carriers = {found.part.cluster.parent for found in settled}
     poses = {0: np.eye(4)}
-    sentences = list[str]()
+    motions = []
     for found in settled:
         joints = found.part.cluster.joints
         pose = poses[found.part.cluster.parent]
         own = joint_poses(found.constraints.scratch, found.closed.q_free)[1:]
         poses |= zip(joints, pose @ own, strict=True)
         here = [{k for k, joint in enumerate(joints, start=1) if joint in chosen} for chosen in (heavy, carriers)]
-        sentences += idle_motions(found.constraints, found.part.tree, found.tangent, pose, *here)
-    return tuple(sentences)
+        motions.append((found, idle_motions(found.constraints, found.part.tree, found.tangent, pose, *here)))
+    return motions
 
 
 def check_independent(settled: Sequence[Settled], names: Sequence[str]) -> None:

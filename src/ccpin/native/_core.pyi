@@ -2,7 +2,8 @@
 
 Every method of a `Kernel` answers, or returns ``None`` where only the reference can answer or explain. `near` is a
 configuration on the branch wanted (``None``: the reference); with q the answer is for σ(q) from there, without q for
-`near` itself, which must be closed. Arrays are new, float64 and row-major.
+`near` itself, which must be closed. `wrenches` on links are rows of `ccpin.dynamics.wrenches.wrench_rows`. Arrays are
+new, float64 and row-major.
 """
 
 from typing import Any
@@ -39,17 +40,32 @@ class Kernel:
         """The fields of `ReducedTerms`, in order."""
 
     def forward_dynamics(
-        self, near: ArrayLike | None, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        u: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
     ) -> Array | None:
         """q̈ (22), of shape (n,)."""
 
     def generalized_force(
-        self, near: ArrayLike | None, v: ArrayLike, a: ArrayLike, q: ArrayLike | None = None
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        a: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
     ) -> Array | None:
-        """τ = D q̈ + C q̇ + g, of shape (n,)."""
+        """τ = D q̈ + C q̇ + damping q̇ + g − ρᵀJᵀw, of shape (n,)."""
 
     def inverse_dynamics(
-        self, near: ArrayLike | None, v: ArrayLike, a: ArrayLike, q: ArrayLike | None = None
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        a: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
     ) -> Array | None:
         """The actuated joints' efforts u of least norm, of shape (motors,); ``None`` where they may not suffice."""
 
@@ -60,20 +76,49 @@ class Kernel:
         """ρᵀSᵀ, of shape (n, motors)."""
 
     def constraint_forces(
-        self, near: ArrayLike | None, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        u: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
     ) -> Array | None:
         """λ (17), of shape (m,)."""
+
+    def bearing_forces(
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        u: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
+    ) -> Triple | None:
+        """What closures (L, 6) and joints (joints, 6) carry, and the joints' world poses (joints + 1, 4, 4).
+
+        (force, moment) in world axes: on a closure's end A about its closure point, on a joint's child about its
+        origin.
+        """
 
     def energy(self, near: ArrayLike | None, v: ArrayLike, q: ArrayLike | None = None) -> tuple[float, float] | None:
         """Kinetic and potential energy in joules."""
 
     def generalized_force_derivatives(
-        self, near: ArrayLike | None, v: ArrayLike, a: ArrayLike, q: ArrayLike | None = None
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        a: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
     ) -> Triple | None:
         """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ = D, each (n, n)."""
 
     def forward_dynamics_derivatives(
-        self, near: ArrayLike | None, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        u: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
     ) -> Triple | None:
         """∂q̈/∂q, ∂q̈/∂q̇ (n, n) and ∂q̈/∂u (n, motors)."""
 
@@ -101,11 +146,40 @@ class Kernel:
         law: dict[str, object],
         run: dict[str, object],
         tableau: dict[str, object],
-    ) -> tuple[int, Array, Array, Array, Array, Array, Any, float, int] | None:
-        """The number of samples, then q, q̇, u, q′ and |φ| at each, how it ended, since when it is settled, evaluations.
+    ) -> tuple[int, Array, Array, Array, Array, Array, Array, Array, Any, float, int, Any, Any] | None:
+        """A run under a law, sampled.
 
-        See `ccpin.simulation.in_core` for what the arguments hold.
+        The number of samples, then t, q, q̇, q̈, u, q′ and |φ| at each, how it ended, since when it is settled,
+        evaluations, what a signal's handler raised, what a sampled loop remembers. See `ccpin.simulation.in_core` for
+        what the arguments hold.
         """
+
+    def held_motion(
+        self,
+        tableau: dict[str, object],
+        rtol: float,
+        atol: float,
+        max_step: float,
+        singular_rcond: float,
+        wrenches: ArrayLike | None = None,
+    ) -> HeldMotion:
+        """A motion to be stepped with u held."""
+
+class HeldMotion:
+    """A motion that is stepped with u held; one thread may use it at a time.
+
+    Attributes:
+        evaluations: Of the equations of motion so far. last_step: what the integrator would try next, s.
+    """
+
+    evaluations: int
+    last_step: float
+
+    def start(self, q_free: ArrayLike | None, q: ArrayLike, v: ArrayLike, first: float) -> bool:
+        """Begin at a closed configuration with a first step (0: one of its own); whether the core can."""
+
+    def step(self, u: ArrayLike, dt: float) -> tuple[Array, Array, Array, Array, Array, float] | None:
+        """q, q̇, q̈, u, q′ (read-only) and |φ| after dt; ``None``: the reference must tell, then `start` again."""
 
 Columns = tuple[Array, ...]  # the fields of ccpin.domain.boxes.Boxes
 

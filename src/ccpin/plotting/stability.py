@@ -83,7 +83,7 @@ def plot_sublevel(
         x, y = x * scale[0], y * scale[1]
         lines = axes.contour(x, y, well, levels=12, linewidths=0.7, colors="0.45")
         axes.clabel(lines, fmt="%g J", fontsize=8)
-        if certificate.holds:
+        if certificate.level > 0.0:
             axes.contour(x, y, well, levels=[certificate.level], colors=COLOURS[2], linewidths=2.2)
             axes.plot([], [], color=COLOURS[2], linewidth=2.2, label=f"U = c = {certificate.level:.4g} J")
             axes.plot(*(certificate.touch * scale), "x", color=COLOURS[3], markersize=9, label="what limits c")

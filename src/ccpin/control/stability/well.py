@@ -89,7 +89,7 @@ class Well(NamedTuple):
 def wells(law: PDSimpleGravity, centres: Array, half: Array, bounds: GravityBounds) -> list[Well]:
     """U over B boxes with centres and half-widths (B, n)."""
     potential_d = law.model.energy(law.q_d, np.zeros(law.model.n), law.q_free_d).potential
-    found = []
+    norms, found = bounds.norm, []
     for k, centre in enumerate(centres):
         error = law.q_d - centre
         parts = np.array(
@@ -104,7 +104,7 @@ def wells(law: PDSimpleGravity, centres: Array, half: Array, bounds: GravityBoun
                 gradient=bounds.gradient[k] - law.gravity_d - law.K_p @ error,
                 hessian=bounds.hessian[k] + law.K_p,
                 remainder=float(bounds.remainder[k] + rounding),
-                beta=float(bounds.norm[k]),
+                beta=float(norms[k]),
             )
         )
     return found
