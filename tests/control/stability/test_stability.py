@@ -325,7 +325,7 @@ def test_bad_input_is_refused(rpdr_model):
         certify_law(law, (GOAL + 0.1, GOAL - 0.2))
     with pytest.raises(InvalidInputError, match=r"\(lower, upper\), each of shape"):
         certify_law(law, np.zeros((3, 2)))
-    with pytest.raises(InvalidInputError, match="a mechanism .* or a ReducedModel is needed, not str"):
+    with pytest.raises(InvalidInputError, match=r"a mechanism .* or a ReducedModel is needed, not str"):
         certify_set_point("rpdr", GOAL, K_P, K_V)
     other = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint3"], actuated=["joint1", "joint2"]))
     q_d = other.alpha(other.mechanism.q_reference)
