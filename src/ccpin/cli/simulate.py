@@ -16,7 +16,7 @@ from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.simulation import METHODS, Settling, SupervisedMotion, Trajectory, supervise
+from ccpin.simulation import METHODS, Settling, SupervisedMotion, Trajectory, exceeded, supervise
 from ccpin.simulation import simulate as run_simulation
 from ccpin.simulation.metrics import set_point_metrics
 
@@ -69,6 +69,7 @@ def _simulate(options: argparse.Namespace) -> int:
     band = np.radians(options.band_deg)
     metrics = [set_point_metrics(part, model, target, band).as_json() for target, part in moves]
     result = {name: getattr(trajectory, name) for name in ("status", "message", "evaluations")} | {"moves": metrics}
+    result["exceeded"] = [one._asdict() for one in exceeded(model, trajectory)]
     if options.out is not None:
         _write(options.out, mechanism, trajectory, goals, result)
     print(
@@ -127,6 +128,10 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
             + ("not within the band at the end" if settled is None else f"within the band from {settled:.3f} s on")
             + f", peak effort {np.round(metric['peak_torque'], 3).tolist()}"
         )
+    lines += [
+        f"{one['quantity']} of {one['joint']} beyond {one['limit']:.4g}: {one['extreme']:.4g}"
+        for one in result["exceeded"]
+    ]
     if out is not None:
         lines.append(f"figures, data and animation in {out}/")
     return "\n".join(lines)

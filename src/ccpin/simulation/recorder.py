@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -71,7 +71,7 @@ class Recorder:
     def trajectory(self, stop: Stop, evaluations: int, wall_time: float, names: Names) -> Trajectory:
         """All of it."""
         columns = [np.array(column) for column in zip(*self.samples, strict=True)]
-        fields = dict(zip(SAMPLED, columns, strict=True))
+        fields: dict[str, Any] = dict(zip(SAMPLED, columns, strict=True))
         events = tuple(sorted(self.events, key=lambda event: event.t))
         return Trajectory(
             **fields, **stop._asdict(), events=events, evaluations=evaluations, wall_time=wall_time, names=names

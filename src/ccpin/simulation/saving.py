@@ -43,7 +43,7 @@ _INSTALL = "pip install 'ccpin[tables]'"
 
 
 def columns(motion: Mapping[str, Any]) -> dict[str, Array]:
-    """The samples column by column, by name: ``t``, ``q_joint1``, ``friction_joint3``, ``qfree_elbow``, …"""
+    """The samples column by column, by name: ``t``, ``q_joint1``, ``friction_joint3``, ``qfree_elbow`` and so on."""
     names = motion["names"]
     blocks = (
         ("q", names.q, motion["q"]),
@@ -72,7 +72,7 @@ def to_pandas(motion: Mapping[str, Any]) -> pd.DataFrame:
     return frame
 
 
-def as_arrays(motion: Mapping[str, Any]) -> dict[str, Array]:
+def as_arrays(motion: Mapping[str, Any]) -> dict[str, Any]:
     """A trajectory as arrays by name, without the cause; `from_arrays` undoes it."""
     arrays: dict[str, Any] = {name: motion[name] for name in SAMPLED}
     names = ("status", "message", "evaluations", "wall_time")

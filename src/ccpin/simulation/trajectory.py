@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from zipfile import BadZipFile
 
 import numpy as np
@@ -115,7 +115,7 @@ def joined(parts: list[Trajectory]) -> Trajectory:
     first, last = parts[0], parts[-1]
     if len(parts) == 1:
         return first
-    columns = {}
+    columns: dict[str, Any] = {}
     for name in SAMPLED:
         pieces = [getattr(first, name), *(getattr(part, name)[1:] for part in parts[1:])]
         columns[name] = np.concatenate(pieces)
