@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Sized
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ccpin.arrays import instance, whole
 from ccpin.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ def grid(values: Mapping[str, Sequence[Any]]) -> list[Case]:
     Raises:
         InvalidInputError: There is no name, or one without values.
     """
-    if not values or not all(len(each) for each in values.values()):
+    instance(values, "values", Mapping, "a mapping of names to their values")
+    if not values or not all(isinstance(each, Sized) and len(each) for each in values.values()):
         raise InvalidInputError('a grid needs at least one value each, like {"K_p": [10.0, 20.0]}')
     return [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
 
@@ -44,6 +46,7 @@ def latin_hypercube(ranges: Ranges, count: int, seed: int = 0) -> list[Case]:
     """
     from scipy.stats.qmc import LatinHypercube
 
+    ranges, seed = _mapping(ranges), whole(seed, "seed", 0)
     return _between(ranges, count, LatinHypercube(len(ranges) or 1, seed=seed))
 
 
@@ -54,12 +57,16 @@ def sobol(ranges: Ranges, count: int, seed: int = 0) -> list[Case]:
     """
     from scipy.stats.qmc import Sobol
 
+    ranges, seed = _mapping(ranges), whole(seed, "seed", 0)
     return _between(ranges, count, Sobol(len(ranges) or 1, seed=seed))
 
 
+def _mapping(ranges: object) -> Ranges:
+    return instance(ranges, "ranges", Mapping, "a mapping of names to (lower, upper)")
+
+
 def _between(ranges: Ranges, count: int, engine: QMCEngine) -> list[Case]:
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-        raise InvalidInputError(f"count = {count!r} must be a whole number of at least 1")
+    count = whole(count, "count")
     try:
         bounds = np.array(list(ranges.values()), dtype=np.float64)
     except (TypeError, ValueError):

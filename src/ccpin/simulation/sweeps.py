@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ccpin.arrays import instance, whole
 from ccpin.domain.atlas.run import executor_for, stoppable
 from ccpin.errors import InvalidInputError
 from ccpin.files import Journal, write_atomically
@@ -118,7 +119,11 @@ def sweep(
         InvalidInputError: Cases that are no such mappings, a task that cannot be sent to other processes, a file of
             another sweep, bad `workers`.
     """
-    rows = [_case(number, case, seed) for number, case in enumerate(cases)]
+    seed = None if seed is None else whole(seed, "seed", 0)
+    if progress is not None and not callable(progress):
+        raise InvalidInputError(f"progress must be a function, not {type(progress).__name__}")
+    given = instance(cases, "cases", Iterable, "cases, each a mapping of values by name")
+    rows = [_case(number, case, seed) for number, case in enumerate(given)]
     keys = [json.dumps(row, sort_keys=True) for row in rows]
     _check_task(task, workers, executor)
     with ExitStack() as stack:
