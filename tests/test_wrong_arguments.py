@@ -16,7 +16,7 @@ WRONG = (None, "rpbr", -1, np.nan, [], [[1.0, 2.0]], np.zeros((3, 3)), {"a": 1},
 FLAGS = {"floating_base", "loop", "open_browser", "failures", "workers", "executor", "checkpoint"}
 # What these hold is given by ccpin, or looked at where it is used.
 HELD = {"Atlas", "Gains", "Region", "SetPointCertificate", "State", "Trajectory", "Scene", "Viewer", "Mechanism"}
-ABSTRACT = {"ControlLaw", "Reference", "TrackingLaw"}
+ABSTRACT = {"ControlLaw", "Reference", "TrackingLaw", "drawing"}
 LONG = {
     ("certify_law", "domain"),
     ("certify_set_point", "domain"),
@@ -252,6 +252,7 @@ def _simulation(b):
         "demands": (simulation.demands, forces),
         "exceeded": (simulation.exceeded, {"model": b.model, "trajectory": b.run}),
         "sweep": (simulation.sweep, {"task": _nothing, "cases": [{}, {}], "seed": 1, "path": None, "progress": None}),
+        "Disturbance": (simulation.Disturbance, {"pushes": ()}),
         "grid": (simulation.grid, {"values": {"a": [1, 2]}}),
         "sobol": (simulation.sobol, {"ranges": {"a": (0.0, 1.0)}, "count": 2, "seed": 0}),
         "latin_hypercube": (simulation.latin_hypercube, {"ranges": {"a": (0.0, 1.0)}, "count": 2, "seed": 0}),

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from numbers import Real
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, instance
 from ccpin.description.checks import check
 from ccpin.description.model import Link, MechanismDescription, Visual, frame
 from ccpin.description.names import choices
@@ -18,6 +18,7 @@ from ccpin.errors import InvalidInputError
 Factors = Mapping[str, float] | float
 """A factor each by name, or one for all."""
 
+_LARGEST = sys.float_info.max
 _JOINT_FIELDS = ("friction", "damping", "stiffness", "armature")
 
 
@@ -52,6 +53,7 @@ def scaled(
         InvalidInputError: An unknown name, or a factor that is negative (of lengths: not positive) or not finite.
         DescriptionError: The result is unsound.
     """
+    instance(description, "description", MechanismDescription)
     links, joints = [link.name for link in description.links], [joint.name for joint in description.joints]
     mass, inertia = _factors("masses", masses, links), _factors("inertias", inertias, links)
     length = _factors("lengths", lengths, links)
@@ -91,7 +93,7 @@ def _factors(word: str, factors: Factors, names: Iterable[str]) -> dict[str, flo
     for name, factor in given.items():
         if name not in known:
             raise InvalidInputError(f"{word}: there is no '{name}'; {choices(str(name), known)}")
-        if isinstance(factor, bool) or not isinstance(factor, Real) or not 0 <= factor < math.inf:
+        if isinstance(factor, bool) or not isinstance(factor, Real) or not 0 <= factor <= _LARGEST:
             raise InvalidInputError(f"{word}: the factor of '{name}' is {factor!r}; it must be a number, 0 or more")
     return {name: float(given.get(name, 1.0)) for name in known}
 

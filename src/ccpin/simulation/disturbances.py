@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, vector
+from ccpin.arrays import Array, records, vector
 from ccpin.dynamics.state import State
 from ccpin.dynamics.wrenches import Pushes, Wrench, Wrenches
 from ccpin.errors import InvalidInputError
@@ -45,7 +45,7 @@ class Disturbance:
     """
 
     def __init__(self, pushes: Sequence[Push]) -> None:
-        self.pushes = tuple(pushes)
+        self.pushes = records(pushes, "pushes", Push)
         times = {time for push in self.pushes for time in (push.start, push.end)}
         self._times = np.array(sorted(time for time in times if np.isfinite(time)))
 
