@@ -16,7 +16,7 @@ WRONG = (None, "rpbr", -1, np.nan, [], [[1.0, 2.0]], np.zeros((3, 3)), {"a": 1},
 FLAGS = {"floating_base", "loop", "open_browser", "failures", "workers", "executor", "checkpoint"}
 # What these hold is given by ccpin, or looked at where it is used.
 HELD = {"Atlas", "Gains", "Region", "SetPointCertificate", "State", "Trajectory", "Scene", "Viewer", "Mechanism"}
-ABSTRACT = {"ControlLaw", "Reference", "TrackingLaw"}
+ABSTRACT = {"ControlLaw", "Reference", "TrackingLaw", "drawing"}
 LONG = {
     ("certify_law", "domain"),
     ("certify_set_point", "domain"),
@@ -50,7 +50,13 @@ class Bench:
         right = {"q": self.q, "v": self.rest, "a": self.rest, "u": self.rest, "force": self.rest, "wrenches": None}
         right |= {"guess": None, "near": None, "q_free": self.q_free, "v_free": np.zeros(4), "threads": 1, "t": 0.0}
         right |= {"failures": None, "Q": [self.q], "V": [self.rest], "U": [self.rest], "A": [self.rest]}
-        right |= {"wrench": np.zeros(6), "efforts": None, "part": "linear", "target": self.effector.pose(self.q)}
+        right |= {
+            "wrench": np.zeros(6),
+            "efforts": None,
+            "part": "linear",
+            "loads": None,
+            "target": self.effector.pose(self.q),
+        }
         found = {}
         for name, method in inspect.getmembers(thing, inspect.ismethod):
             if not name.startswith("_") and name not in skip:
@@ -219,6 +225,17 @@ def _mechanism(b):
     return {"describe_pinocchio": (mechanism.describe_pinocchio, {"model": model, "geometry": None, "constraints": ()})}
 
 
+def _nothing(*_, **__):
+    return 0.0
+
+
+def _options(b):
+    """How a run is made, of `Simulator` (and of `simulate`)."""
+    options = {"model": b.model, "law": b.law, "method": "RK45", "rtol": 1e-6, "atol": 1e-6, "max_step": 1.0}
+    options |= {"region": None, "friction": None, "wrenches": None, "sampling": None, "events": ()}
+    return options | {"singular_rcond": 1e-7, "limits": None, "contacts": (), "motors": None}
+
+
 def _simulation(b):
     forces = {"model": b.model, "trajectory": b.run, "wrenches": None}
     at = {"model": b.model, "q": b.q, "v": b.rest, "u": b.rest, "guess": None, "wrenches": None}
@@ -237,8 +254,15 @@ def _simulation(b):
         "supervise": (simulation.supervise, supervised),
         "Trajectory.then": (b.run.then, {"other": b.run}),
         "Trajectory.states": (lambda model: list(b.run.states(model)), {"model": b.model}),
-        "Trajectory.save_npz": (b.run.save_npz, {"path": b.folder / "t.npz"}),
-        "Trajectory.save_csv": (b.run.save_csv, {"path": b.folder / "t.csv", "mechanism": b.whole}),
+        "Trajectory.save": (b.run.save, {"path": b.folder / "t.npz"}),
+        "Simulator": (simulation.Simulator, _options(b)),
+        "demands": (simulation.demands, forces),
+        "exceeded": (simulation.exceeded, {"model": b.model, "trajectory": b.run}),
+        "sweep": (simulation.sweep, {"task": _nothing, "cases": [{}, {}], "seed": 1, "path": None, "progress": None}),
+        "Disturbance": (simulation.Disturbance, {"pushes": ()}),
+        "grid": (simulation.grid, {"values": {"a": [1, 2]}}),
+        "sobol": (simulation.sobol, {"ranges": {"a": (0.0, 1.0)}, "count": 2, "seed": 0}),
+        "latin_hypercube": (simulation.latin_hypercube, {"ranges": {"a": (0.0, 1.0)}, "count": 2, "seed": 0}),
     }
 
 

@@ -147,8 +147,8 @@ def bad_inputs():
         "t turns back": (([1.0, 0.0], q), {}, "increase strictly"),
         "t not finite": (([0.0, np.inf], q), {}, "not finite"),
         "q_free not finite": ((t, [[0, 0, 0, 0], [0, np.nan, 0, 0]]), {}, r"q_free\[1\] is not finite"),
-        "no fps": ((t, q), {"fps": 0}, "fps must be a positive number"),
-        "negative speed": ((t, q), {"speed": -1.0}, "speed must be a positive number"),
+        "no fps": ((t, q), {"fps": 0}, "fps = 0 must be a positive number"),
+        "negative speed": ((t, q), {"speed": -1.0}, "speed = -1.0 must be a positive number"),
         "too many frames": ((t, q), {"speed": 1e-6}, "frames are too many"),
         "unknown trace": ((t, q), {"trace": "tail"}, "trace 'tail' names no link"),
     }

@@ -121,7 +121,7 @@ class Simulator:
         self._friction = joint_friction(model, friction)
         self._region, self._looked_for = region, tuple(events)
         self._names = Names.of(model)
-        self._plant = Plant(model, limits, contacts, motors)
+        self._plant = Plant(model, limits, records(contacts, "contacts", Contact), motors)
         self._law = _law(model, law)
         self._plant.check_law(self._law, sampling is not None)
         self._pushed = None if callable(wrenches) else wrench_rows(model.mechanism.tree, wrenches)

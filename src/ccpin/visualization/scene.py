@@ -13,7 +13,6 @@ from ccpin.description.model import Visual, frame, rotation_to
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics import loops
 from ccpin.kinematics.points import joint_poses
-from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import rest_poses
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.visualization.page import Command
@@ -49,7 +48,7 @@ class Scene:
         self.mechanism = mechanism = mechanism_of(mechanism)
         self.visualizer = visualizer
         self.root = visualizer[_node(mechanism.name)]
-        self._scratch = Scratch(mechanism.tree.model)
+        self._scratch = mechanism.tree.scratch
         self.bodies, self.notes = _bodies(mechanism)
         self._set_stage()
         for body in self.bodies:

@@ -10,7 +10,6 @@ from ccpin.arrays import Array
 from ccpin.description.model import Shape, Visual, frame, rotation_to
 from ccpin.description.xml import Colour
 from ccpin.kinematics.points import joint_poses
-from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -88,7 +87,7 @@ def _points(mechanism: Mechanism) -> list[_Points]:
 
 def _extent(mechanism: Mechanism, points: list[_Points]) -> float:
     """Diagonal (m) of the box around all joints and loop points in the reference pose; 1 where there is none."""
-    poses = joint_poses(Scratch(mechanism.tree.model), mechanism.q_reference)
+    poses = joint_poses(mechanism.tree.scratch, mechanism.q_reference)
     held = [(pose, point) for pose, held in zip(poses, points, strict=True) for point in (*held.joints, *held.loops)]
     world = [*(pose[:3, :3] @ point + pose[:3, 3] for pose, point in held), *poses[1:, :3, 3]]
     diagonal = float(np.linalg.norm(np.ptp(np.array(world), axis=0))) if world else 0.0
