@@ -5,6 +5,7 @@ Everything takes a `Mechanism` and plain arrays. MeshCat is imported when the fi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,9 @@ from ccpin.errors import InvalidInputError
 from ccpin.files import writable_target, write_atomically
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.visualization.live import LiveRecorder, Server, Viewer
-from ccpin.visualization.page import Clock, Recorder, render_page
-from ccpin.visualization.playback import checked_pose, checked_poses, checked_times, frame_times, sample
-from ccpin.visualization.scene import Scene
+from ccpin.visualization.page import Recorder, render_page
+from ccpin.visualization.playback import HasForce, checked_pose, checked_poses, checked_times, frame_times, sample
+from ccpin.visualization.scene import Scene, Tracked
 
 __all__ = ["Scene", "Viewer", "animate", "snapshot_html", "view"]
 
@@ -29,7 +30,8 @@ def animate(
     *,
     title: str | None = None,
     fps: float = 30,
-    trace: str | None = None,
+    trace: Tracked | None = None,
+    forces: Sequence[HasForce] = (),
     speed: float = 1.0,
 ) -> Path:
     """Write a trajectory as a self-contained web page that plays over and over; return its path.
@@ -44,7 +46,9 @@ def animate(
         path: The HTML file to write; an existing one is replaced.
         title: Heading; default the mechanism's name.
         fps: Frames per second of playing time.
-        trace: A link or loop whose path is drawn.
+        trace: Whose path is drawn: a link's centre of mass (of a massless link its origin) or a loop by its name, or
+            any point as (link, point in its frame).
+        forces: Arrows to draw, such as `ccpin.simulation.closure_forces` and `joint_forces` return.
         speed: Seconds of the trajectory that pass in a second of playing time.
 
     Raises:
@@ -53,8 +57,8 @@ def animate(
     """
     target = writable_target(path)
     recorder = Recorder()
-    _, clock = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, loop=True)
-    return _written(target, render_page(title or mechanism.name, recorder.commands, clock))
+    _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=True)
+    return _written(target, render_page(title or mechanism.name, recorder.commands))
 
 
 def snapshot_html(
@@ -67,7 +71,7 @@ def snapshot_html(
     target = writable_target(path)
     recorder = Recorder()
     _pose(mechanism, recorder, q_free)
-    return _written(target, render_page(title or mechanism.name, recorder.commands, Clock()))
+    return _written(target, render_page(title or mechanism.name, recorder.commands))
 
 
 def view(
@@ -77,7 +81,8 @@ def view(
     *,
     title: str | None = None,
     fps: float = 30,
-    trace: str | None = None,
+    trace: Tracked | None = None,
+    forces: Sequence[HasForce] = (),
     speed: float = 1.0,
     open_browser: bool = True,
     loop: bool = True,
@@ -92,16 +97,15 @@ def view(
         CcpinError: No loopback port can be opened.
     """
     recorder = LiveRecorder()
-    clock = Clock()
     if t is not None:
         if q_free is None:
             raise InvalidInputError("t is given without q_free; a trajectory needs both")
-        scene, clock = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, loop=loop)
+        scene = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=loop)
     else:
         if q_free is not None and np.ndim(q_free) == 2:
             raise InvalidInputError("q_free is a trajectory, of shape (T, nq); give its times t, of shape (T,), too")
         scene = _pose(mechanism, recorder, q_free)
-    return Viewer(scene, Server(render_page(title or mechanism.name, (), clock, live=True), recorder), open_browser)
+    return Viewer(scene, Server(render_page(title or mechanism.name, (), live=True), recorder), open_browser)
 
 
 def _written(target: Path, document: str) -> Path:
@@ -120,6 +124,7 @@ def _pose(mechanism: Mechanism, recorder: Recorder, q_free: ArrayLike | None) ->
     pose = checked_pose(mechanism, mechanism.q_reference if q_free is None else q_free)
     scene = _scene(mechanism, recorder)
     scene.frame_camera(pose[None])
+    scene.label()
     scene.place(pose)
     return scene
 
@@ -132,18 +137,23 @@ def _play(
     *,
     fps: float,
     speed: float,
-    trace: str | None,
+    trace: Tracked | None,
+    forces: Sequence[HasForce],
     loop: bool,
-) -> tuple[Scene, Clock]:
-    """A scene that plays a trajectory, and what its time display needs."""
+) -> Scene:
+    """A scene that plays a trajectory."""
     poses = checked_poses(mechanism, q_free)
     times = checked_times(t, len(poses))
     moments = frame_times(times, fps, speed)
     frames = sample(mechanism, times, poses, moments)
     scene = _scene(mechanism, recorder)
     scene.frame_camera(frames)
+    scene.label()
     if trace is not None:
         scene.trace(trace, frames)
+    if forces:
+        scene.forces(forces, moments)
     scene.place(frames[0])
     scene.animate(frames, fps, loop)
-    return scene, Clock(float(times[0]), speed)
+    scene.tell("clock", {"start": float(times[0]), "end": float(times[-1]), "speed": speed, "fps": fps})
+    return scene

@@ -3,25 +3,45 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from itertools import product
+from typing import Any, TypeAlias
 
 import numpy as np
 import pinocchio as pin
+from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
-from ccpin.description.model import Visual, frame, rotation_to
+from ccpin.arrays import Array, vector
+from ccpin.description.model import frame
 from ccpin.errors import InvalidInputError
-from ccpin.kinematics import loops
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.scratch import Scratch
-from ccpin.kinematics.tree import rest_poses
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.visualization.bodies import Body, drawn_bodies
+from ccpin.visualization.camera import (
+    FIELD_OF_VIEW,
+    Framing,
+    frame_points,
+    presets,
+    screen_axes,
+    up_axes,
+    view_directions,
+)
 from ccpin.visualization.page import Command
-from ccpin.visualization.shapes import corners, material, missing, parts, triangles, tube
-from ccpin.visualization.skeleton import Body, skeleton
+from ccpin.visualization.playback import HasForce, resampled
+from ccpin.visualization.shapes import material, parts, triangles, tube
 
+Tracked: TypeAlias = "str | tuple[str, ArrayLike]"
+"""What a trace follows: a link or a loop by name, or (link, point in its frame)."""
 FRAMED_SAMPLES = 60
-TRACE_COLOUR = (0.85, 0.22, 0.16, 1.0)
+MARGIN, CLEARANCE = 0.1, 0.02
+"""How far the mechanism may leave the frame before it is framed anew, and the ground's distance, of its size."""
+TRACE_COLOUR, TRACE_RADIUS = (0.85, 0.22, 0.16, 1.0), 0.0035
+ARROW_LENGTH, ARROW_WIDTH = 0.3, 0.006
+"""Of the motion's size: the longest arrow, the radius of its shaft; likewise the radius of a trace."""
+GHOSTS = {"start": 0x2970BD, "goal": 0x2E8B57}
+SAME = 1e-3
+"""Two poses look the same if no entry of a frame differs by more than this share of the motion's size."""
 HIDDEN = ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX", "/Lights/FillLight")
 TOP, BOTTOM = [0.98, 0.985, 0.99], [0.86, 0.89, 0.925]
 AMBIENT = 0.5
@@ -34,7 +54,7 @@ class Scene:
 
     Each body has its own node there, named after its link (a slash in a name becomes ``∕``), whose transform is the
     link's frame in the world. The node above turns the world so that z is up and its middle is looked at.
-    A mechanism without a drawable visual gets a skeleton of its joints and loops.
+    What the file does not draw is drawn as solid links between joints and loops.
 
     Args:
         mechanism: From `ccpin.load`.
@@ -50,7 +70,8 @@ class Scene:
         self.visualizer = visualizer
         self.root = visualizer[_node(mechanism.name)]
         self._scratch = Scratch(mechanism.tree.model)
-        self.bodies, self.notes = _bodies(mechanism)
+        self.bodies, self.notes = drawn_bodies(mechanism)
+        self._box: tuple[Array, Array] = (np.zeros(3), np.zeros(3))
         self._set_stage()
         for body in self.bodies:
             self._draw(body)
@@ -66,17 +87,44 @@ class Scene:
         return np.array([poses[body.joint] @ body.placement for body in self.bodies]).reshape(-1, 4, 4)
 
     def frame_camera(self, q_free: Array) -> Framing:
-        """Point the camera so that the mechanism fills the frame over all configurations (T, nq); return how."""
+        """Choose the views so that the mechanism fills the frame over all configurations (T, nq); return the first."""
         chosen = q_free[np.unique(np.linspace(0, len(q_free) - 1, FRAMED_SAMPLES).astype(int))]
-        held = [np.concatenate([_moved(v.placement, corners(v.shape)) for v in body.visuals]) for body in self.bodies]
-        points = [_moved(placement, held[i]) for q in chosen for i, placement in enumerate(self.frames(q))]
+        return self._frame(np.concatenate([self._seen_at(q) for q in chosen]))
+
+    def keep_in_frame(self, q_free: Array) -> None:
+        """Choose the views anew if the mechanism leaves the frame at the configuration q′ of shape (nq,)."""
+        seen = self._seen_at(q_free)
+        low, high = (np.array(end) for end in self._box)
+        margin = MARGIN * np.linalg.norm(high - low)
+        if len(seen) and (np.any(seen < low - margin) or np.any(seen > high + margin)):
+            self._frame(np.concatenate([seen, list(product(*zip(low, high, strict=True)))]))
+
+    def _seen_at(self, q_free: Array) -> Array:
+        frames = self.frames(q_free)
+        points = [body.corners @ f[:3, :3].T + f[:3, 3] for body, f in zip(self.bodies, frames, strict=True)]
+        return np.concatenate([*points, np.zeros((0, 3))])
+
+    def _frame(self, seen: Array) -> Framing:
+        seen = seen if len(seen) else np.array([[0.5, 0.5, 0.5], [-0.5, -0.5, -0.5]])
+        self._box = (seen.min(axis=0), seen.max(axis=0))
         up = up_axes(self.mechanism)
-        seen = np.concatenate([*points, np.zeros((0, 3))])
-        if not len(seen):
-            seen = np.array([[0.5, 0.5, 0.5], [-0.5, -0.5, -0.5]])
-        framing = frame_points(seen, view_direction(self.mechanism, up), up)
+        framings = {
+            name: frame_points(seen, towards, up) for name, towards in view_directions(self.mechanism, up).items()
+        }
+        framing = framings["iso"]
+        inside = seen @ framing.origin[:3, :3].T + framing.origin[:3, 3]
+        radius = float(np.linalg.norm(inside, axis=1).max())
+        height = float(inside[:, 2].min()) - CLEARANCE * radius
+        self.tell("views", presets(framings))
+        origin = framing.origin[:2, 3].tolist()
+        self.tell("floor", {"height": height, "radius": radius, "origin": origin, "cell": _round_number(radius / 3)})
         self._set_camera(framing)
+        self._set_lights(framing.direction, radius)
         return framing
+
+    def tell(self, name: str, said: dict[str, Any]) -> None:
+        """Give the page something to know: its scripts read it as ``told(name)``; other MeshCat windows ignore it."""
+        self._set_property(f"/ccpin/{name}", "userData", said)
 
     def animate(self, q_free: Array, fps: float, loop: bool = True) -> None:
         """Play the configurations (T, nq), one a frame, from the first on; `loop` starts over at the end."""
@@ -95,6 +143,21 @@ class Scene:
             }
             animation.clips[self.root[_node(body.name)].path] = AnimationClip(tracks, fps)
         self.visualizer.set_animation(animation, play=True, repetitions=math.inf if loop else 1)
+        self._ghosts({"start": q_free[0], "goal": q_free[-1]})
+
+    def _ghosts(self, poses: dict[str, Array]) -> None:
+        """Tell where the mechanism is seen through, by name; of two poses that agree one is left out."""
+        told: list[dict[str, Any]] = []
+        drawn: list[Array] = []
+        for name, pose in poses.items():
+            frames = self.frames(pose)
+            if any(np.abs(frames - other).max() < SAME * self._size for other in drawn):
+                continue
+            drawn.append(frames)
+            moving = [(b, f) for b, f in zip(self.bodies, frames, strict=True) if b.joint > 0 and b.visuals]
+            bodies = {self._path(_node(body.name)): f.T.ravel().tolist() for body, f in moving}
+            told.append({"name": name, "tint": GHOSTS[name], "bodies": bodies})
+        self.tell("ghosts", {"root": self._path(), "poses": told})
 
     def stop(self) -> None:
         """Forget the animation, if there is one."""
@@ -102,30 +165,84 @@ class Scene:
 
         self.visualizer.set_animation(Animation())
 
-    def trace(self, name: str, q_free: Array) -> None:
-        """Draw the path of a link's origin, or of a loop's point, over the configurations (T, nq).
+    def trace(self, tracked: Tracked, q_free: Array) -> None:
+        """Draw a point's path over the configurations (T, nq): of a link, of a loop, or of a point of a link.
+
+        A link stands for its centre of mass, a massless one for its origin; a pair is (link, point in its frame, m).
 
         Raises:
-            InvalidInputError: No link and no loop has that name.
+            InvalidInputError: No link and no loop has that name, or the point is not three finite numbers.
         """
-        joint, point = self._tracked(name)
+        joint, point = self._tracked(tracked)
         points = np.array([joint_poses(self._scratch, q)[joint] @ point for q in q_free])[:, :3]
-        spread = float(np.linalg.norm(np.ptp(points, axis=0)))
-        mesh = tube(points, max(0.006 * spread, 1e-9))
-        if mesh is not None:
-            self.root["trace"].set_object(triangles(mesh), material(TRACE_COLOUR))
+        path = tube(points, TRACE_RADIUS * self._size)
+        if path is not None:
+            self.root["trace"].set_object(triangles(path.mesh), material(TRACE_COLOUR))
+            self.tell("trace", {"path": self._path("trace"), "ends": path.ends.tolist()})
 
-    def _tracked(self, name: str) -> tuple[int, Array]:
-        """The joint that carries a named link or loop point, and the homogeneous point (4,) in its frame."""
+    def label(self) -> None:
+        """Name joints, motors and loops at their places."""
+        names = {body.joint: _node(body.name) for body in reversed(self.bodies) if body.joint > 0}
         attachments = self.mechanism.tree.attachments
+        labels = []
+        for joint in self.mechanism.tree.joints:
+            kind = "motor" if joint.name in self.mechanism.actuated else "joint"
+            at = np.linalg.inv(self._placement(names[joint.number]))[:3, 3]
+            labels.append(
+                {"kind": kind, "text": joint.name, "path": self._path(names[joint.number]), "point": at.tolist()}
+            )
         for closure in self.mechanism.closures:
-            if closure.name == name:
+            carrier = attachments[closure.link_a]
+            if carrier.joint > 0:
+                node = names[carrier.joint]
+                at = (np.linalg.inv(self._placement(node)) @ carrier.placement @ closure.placement_a)[:3, 3]
+                labels.append({"kind": "loop", "text": closure.name, "path": self._path(node), "point": at.tolist()})
+        self.tell("labels", {"labels": labels})
+
+    def forces(self, arrows: Sequence[HasForce], times: Array) -> None:
+        """Draw forces at the moments `times` (T,) of the frames, as arrows from where they act, all on one scale.
+
+        Raises:
+            InvalidInputError: One has points or forces that are not of shape (its times, 3), or not finite.
+        """
+        told, largest = [], 0.0
+        for arrow in arrows:
+            points, vectors = (resampled(arrow, name, times) for name in ("point", "force"))
+            largest = max(largest, float(np.linalg.norm(vectors, axis=1).max()))
+            told.append({"name": arrow.name, "points": points.tolist(), "forces": vectors.tolist()})
+        scale = ARROW_LENGTH * self._size / (largest or 1.0)
+        width = ARROW_WIDTH * self._size
+        self.tell("arrows", {"root": self._path(), "forces": told, "scale": scale, "width": width})
+
+    @property
+    def _size(self) -> float:
+        """Diagonal (m) of the box that all configurations keep within."""
+        return float(np.linalg.norm(np.subtract(*self._box))) or 1.0
+
+    def _path(self, *names: str) -> str:
+        node = self.root
+        for name in names:
+            node = node[name]
+        return str(node.path.lower())
+
+    def _placement(self, node: str) -> Array:
+        return next(body.placement for body in self.bodies if _node(body.name) == node)
+
+    def _tracked(self, tracked: Tracked) -> tuple[int, Array]:
+        """The joint that carries a link, a loop's point or a link's point; the homogeneous point (4,) in its frame."""
+        attachments = self.mechanism.tree.attachments
+        name, given = (tracked, None) if isinstance(tracked, str) else tracked
+        for closure in self.mechanism.closures:
+            if closure.name == name and given is None:
                 carrier = attachments[closure.link_a]
                 return carrier.joint, (carrier.placement @ closure.placement_a)[:, 3]
         if name not in attachments:
             loops = ", ".join(closure.name for closure in self.mechanism.closures) or "none"
             raise InvalidInputError(f"trace '{name}' names no link ({', '.join(attachments)}) and no loop ({loops})")
-        return attachments[name].joint, attachments[name].placement[:, 3]
+        inertia = next(link.inertia for link in self.mechanism.description.links if link.name == name)
+        middle = inertia.com if inertia is not None and inertia.mass > 0 else np.zeros(3)
+        point = middle if given is None else vector(given, "trace's point", 3)
+        return attachments[name].joint, attachments[name].placement @ np.append(point, 1.0)
 
     def _draw(self, body: Body) -> None:
         for number, visual in enumerate(body.visuals):
@@ -148,46 +265,39 @@ class Scene:
         self._set_property(camera, "fov", FIELD_OF_VIEW)
         self._set_property(camera, "near", 0.01 * framing.distance)
         self._set_property(camera, "far", 100.0 * framing.distance)
-        self._set_property(camera, "userData", {"fit": [framing.half_width, framing.half_height, FILL]})
         self._set_property(camera, "position", framing.position)
-        self._set_lights(framing.direction)
 
     def _set_property(self, path: str, name: str, value: object) -> None:
         """Set a property by its exact name: MeshCat 0.3's own `set_property` puts names in lower case."""
         self.visualizer.window.send(Command(type="set_property", path=path, property=name, value=value))
 
-    def _set_lights(self, direction: Array) -> None:
-        seen = _screen(direction)
+    def _set_lights(self, direction: Array, radius: float) -> None:
+        """Lights that stand as the first view sees them; the key light's shadows reach as far as the motion does."""
+        seen = screen_axes(direction)
         self._set_property("/Lights/AmbientLight/<object>", "intensity", AMBIENT)
         for name, (towards, intensity) in LIGHTS.items():
+            away = 4 * radius * np.array(towards) / np.linalg.norm(towards)
             light = {
                 "uuid": f"light-{name}",
                 "type": "DirectionalLight",
                 "color": 0xFFFFFF,
                 "intensity": intensity,
-                "matrix": frame(seen @ np.array(towards)).T.ravel().tolist(),
+                "matrix": frame(seen @ away).T.ravel().tolist(),
             }
+            if name == "Key":
+                light["shadow"] = _shadow(radius)
             shown = {"metadata": {}, "object": light}
             self.visualizer.window.send(Command(type="set_object", path=f"/Lights/{name}", object=shown))
-            self._set_property(f"/Lights/{name}/<object>", "castShadow", False)
+            self._set_property(f"/Lights/{name}/<object>", "castShadow", name == "Key")
 
 
-def _bodies(mechanism: Mechanism) -> tuple[tuple[Body, ...], tuple[str, ...]]:
-    """What is drawn, a link each or the skeleton, and notes on what is left out."""
-    bodies, notes = [], []
-    for link in mechanism.description.links:
-        drawn: list[Visual] = []
-        for visual in link.visuals:
-            reason = missing(visual.shape)
-            drawn += [visual] if reason is None else []
-            notes += [] if reason is None else [f"link '{link.name}': {reason}"]
-        if drawn:
-            carrier = mechanism.tree.attachments[link.name]
-            bodies.append(Body(link.name, carrier.joint, carrier.placement, tuple(drawn)))
-    if not bodies:
-        notes.append("the file has nothing to draw: a skeleton of joints and loops is shown")
-        bodies = skeleton(mechanism)
-    return tuple(bodies), tuple(dict.fromkeys(notes))
+def _shadow(radius: float) -> dict[str, Any]:
+    """A soft shadow of all within `radius` (m) of what is looked at, and of where it falls on the ground."""
+    reach = 1.6 * radius
+    sides = {"left": -reach, "right": reach, "top": reach, "bottom": -reach, "near": radius, "far": 9 * radius}
+    camera = {"uuid": "shadow-camera", "type": "OrthographicCamera", "zoom": 1, **sides}
+    bias = {"bias": -2e-4, "normalBias": 4e-3 * radius, "radius": 5}
+    return {**bias, "mapSize": [2048, 2048], "camera": camera}
 
 
 def _node(name: str) -> str:
@@ -195,94 +305,7 @@ def _node(name: str) -> str:
     return name.replace("/", "\u2215") or "mechanism"
 
 
-def _moved(frame: Array, points: Array) -> Array:
-    return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])
-
-
-# Where to look from: along the normal of a planar mechanism, from three quarters at a spatial one, filling the frame.
-
-
-FIELD_OF_VIEW = 30.0
-"""Vertical, in degrees; narrow, so that parallel links look parallel."""
-FILL = 0.80
-"""Share of the frame's height or width, whichever is tighter, that the mechanism's bounding boxes take."""
-ASPECT = 1.5
-"""Width over height of the window assumed until the page knows its own."""
-AZIMUTH, ELEVATION = np.deg2rad(-50.0), np.deg2rad(20.0)
-
-
-class Framing(NamedTuple):
-    """A camera that sees a set of points.
-
-    Attributes:
-        origin: 4×4 transform from the world to view axes centred on the point looked at.
-        direction: Unit vector (3,) from that point to the camera, in view axes.
-        distance: From that point to the camera, in metres.
-        half_width, half_height: Tangents of the half angles under which the points appear.
-    """
-
-    origin: Array
-    direction: Array
-    distance: float
-    half_width: float
-    half_height: float
-
-    @property
-    def position(self) -> list[float]:
-        """The camera's position in MeshCat's camera axes, whose y is up and z towards the viewer."""
-        x, y, z = (float(c) for c in self.distance * self.direction)
-        return [x, z, -y]
-
-
-def plane_normal(mechanism: Mechanism) -> Array | None:
-    """Unit normal (3,) in the world of the plane all links move parallel to, or ``None`` if there is none."""
-    tree = mechanism.tree
-    return loops.plane_normal(tree, rest_poses(tree), range(1, tree.model.njoints))
-
-
-def up_axes(mechanism: Mechanism) -> Array:
-    """Rotation (3, 3) from view axes to the world: its z column points against gravity (world z without gravity)."""
-    gravity = np.array(mechanism.description.gravity)
-    size = np.linalg.norm(gravity)
-    return rotation_to(-gravity / size) if size > 1e-9 else np.eye(3)
-
-
-def view_direction(mechanism: Mechanism, up: Array) -> Array:
-    """Unit vector (3,) in view axes from the mechanism to the camera: from the front, from above, or three quarters."""
-    normal = plane_normal(mechanism)
-    if normal is None:
-        return np.array([np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)])
-    seen = up.T @ normal
-    return np.asarray(seen if seen @ np.array([0.5, -1.0, 2.0]) > 0 else -seen)
-
-
-def frame_points(points: Array, direction: Array, up: Array) -> Framing:
-    """The nearest camera along `direction` (view axes) that sees all points (N, 3; world).
-
-    With x to the right, y up the picture and z towards the camera at (c_x, c_y, d), a point is inside the frame iff
-    |x − c_x| ≤ τ_x (d − z), so d ≥ (max(x + τ_x z) + max(−x + τ_x z)) / 2τ_x; likewise for y.
-    """
-    screen = _screen(direction)
-    x, y, z = (points @ up @ screen).T
-    tangent = FILL * np.tan(np.deg2rad(FIELD_OF_VIEW) / 2)
-    middle = (z.min() + z.max()) / 2
-    (centre_x, near_x), (centre_y, near_y) = _fit(x, z, ASPECT * tangent), _fit(y, z, tangent)
-    camera = max(near_x, near_y, z.max() + 0.05 * (np.ptp(z) + 1e-3))
-    target = screen @ np.array([centre_x, centre_y, middle])
-    depth = camera - z
-    half_width, half_height = np.max(np.abs(x - centre_x) / depth), np.max(np.abs(y - centre_y) / depth)
-    return Framing(frame(-target, up.T), direction, float(camera - middle), float(half_width), float(half_height))
-
-
-def _screen(direction: Array) -> Array:
-    """Axes (columns) to the right, up the picture and towards a camera in that direction, all in view axes."""
-    right = np.cross([0.0, 0.0, 1.0], direction)
-    size = np.linalg.norm(right)
-    right = right / size if size > 1e-6 else np.array([1.0, 0.0, 0.0])
-    return np.column_stack([right, np.cross(direction, right), direction])
-
-
-def _fit(x: Array, z: Array, tangent: float) -> tuple[float, float]:
-    """Centre and nearest camera height at which |x − centre| ≤ tangent (height − z) for all points."""
-    high, low = float(np.max(x + tangent * z)), float(np.max(-x + tangent * z))
-    return (high - low) / 2, (high + low) / (2 * tangent)
+def _round_number(size: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is at most `size`."""
+    power = 10.0 ** math.floor(math.log10(size))
+    return float(next(step * power for step in (5, 2, 1) if step * power <= size * (1 + 1e-9)))
