@@ -12,6 +12,8 @@ from ccpin.errors import CcpinError
 
 TIMEOUT = 120.0
 """Seconds to wait for the browser to start, to load a page or to answer."""
+DRIVER = "GL Driver Message"
+"""What the graphics driver remarks about its own speed when a picture is taken; no fault of the page's."""
 T = TypeVar("T")
 
 
@@ -126,8 +128,10 @@ class Page:
         said = message["params"]
         if message["method"] == "Runtime.exceptionThrown":
             self.problems.append(_thrown(said["exceptionDetails"]))
-        elif message["method"] == "Log.entryAdded" and said["entry"]["level"] in ("error", "warning"):
-            self.problems.append(said["entry"]["text"])
+        elif message["method"] == "Log.entryAdded":
+            entry = said["entry"]
+            if entry["level"] in ("error", "warning") and DRIVER not in entry["text"]:
+                self.problems.append(entry["text"])
         elif said.get("type") in ("error", "warning", "assert"):
             self.problems.append(" ".join(str(part.get("value", part.get("description"))) for part in said["args"]))
 

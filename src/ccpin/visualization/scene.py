@@ -296,8 +296,8 @@ def _shadow(radius: float) -> dict[str, Any]:
     reach = 1.6 * radius
     sides = {"left": -reach, "right": reach, "top": reach, "bottom": -reach, "near": radius, "far": 9 * radius}
     camera = {"uuid": "shadow-camera", "type": "OrthographicCamera", "zoom": 1, **sides}
-    bias = {"bias": -2e-4, "normalBias": 4e-3 * radius, "radius": 5}
-    return {**bias, "mapSize": [2048, 2048], "camera": camera}
+    bias = {"bias": -2e-4, "normalBias": 4e-3 * radius, "radius": 3}
+    return {**bias, "mapSize": [1024, 1024], "camera": camera}
 
 
 def _node(name: str) -> str:

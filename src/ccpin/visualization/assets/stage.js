@@ -32,6 +32,7 @@ function dress(object) {                 // colours are as people see them; thre
 
 function lit() {
   const { renderer, scene } = viewer;
+  renderer.shadowMap.type = THREE.PCFShadowMap;                          // the one whose shadows' edges can be soft
   renderer.outputEncoding = THREE.sRGBEncoding;
   renderer.toneMapping = THREE.ACESFilmicToneMapping;
   renderer.toneMappingExposure = 1.0;
