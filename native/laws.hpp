@@ -55,6 +55,9 @@ class LawRunner {
     D_.resize(size_t(m_.n) * m_.n), C_ = D_, rho_.resize(size_t(m_.nv) * m_.n), rho_dot_ = rho_;
   }
 
+  // Whether the law reads the model at q.
+  bool needs_sigma() const { return law_.kind != LawKind::pd; }
+
   // u(t, q, q̇) at the configuration the model is closed at.
   void effort(double t, const double* q, const double* v, double* u) {
     const int n = m_.n;
@@ -67,7 +70,7 @@ class LawRunner {
     }
     switch (law_.kind) {
       case LawKind::pd: model_part_ = law_.constant; break;
-      case LawKind::pd_gravity: w_.model.inverse(nullptr, nullptr, model_part_.data(), true); break;
+      case LawKind::pd_gravity: w_.model.gravity_at_rest(model_part_.data()); break;
       case LawKind::computed_torque:
         for (int i = 0; i < n; ++i) demand_[i] += a_[i];
         w_.model.inverse(v, demand_.data(), u);

@@ -72,7 +72,7 @@ def test_every_frame_is_the_forward_kinematics(rpdr, swing, tmp_path):
 def test_snapshot_places_links_by_forward_kinematics(name, tmp_path):
     """Each link's transform in a snapshot equals Pinocchio's own URDF reader's frame."""
     mechanism = ccpin.load(name)
-    placed = transforms(visualization.snapshot_html(mechanism, None, tmp_path / "s.html"))
+    placed = transforms(visualization.snapshot(mechanism, None, tmp_path / "s.html"))
     frames = urdf_frames(MODELS / f"{name}.urdf", mechanism, mechanism.q_reference)
     drawn = [link.name for link in mechanism.description.links if link.visuals]
     assert drawn
@@ -92,7 +92,7 @@ def test_fixed_links_and_turned_joints_are_placed_too(tmp_path):
     file.write_text(text.replace('name="joint3" type="revolute"', 'name="joint3" type="continuous"'), encoding="utf-8")
     mechanism = ccpin.load(file)
     assert mechanism.nq == 5
-    placed = transforms(visualization.snapshot_html(mechanism, None, tmp_path / "s.html"))
+    placed = transforms(visualization.snapshot(mechanism, None, tmp_path / "s.html"))
     frames = urdf_frames(file, mechanism, mechanism.q_reference)
     for link in ("link3", "tool"):
         assert placed[f"/meshcat/rpdr/{link}"] == pytest.approx(frames[link], abs=1e-12)
@@ -100,7 +100,7 @@ def test_fixed_links_and_turned_joints_are_placed_too(tmp_path):
 
 def test_cylinders_lie_along_z_of_their_visual(rpdr, tmp_path):
     """MeshCat's cylinders lie along y: their nodes turn y into the visual's z axis."""
-    placed = transforms(visualization.snapshot_html(rpdr, None, tmp_path / "s.html"))
+    placed = transforms(visualization.snapshot(rpdr, None, tmp_path / "s.html"))
     link = next(link for link in rpdr.description.links if link.name == "link1")
     assert link.visuals[1].shape.kind == "cylinder"
     node = placed["/meshcat/rpdr/link1/visual1"]
@@ -169,7 +169,7 @@ def test_configuration_off_its_sphere_is_refused(tmp_path):
     pose = mechanism.q_reference.copy()
     pose[3:7] *= 2
     with pytest.raises(InvalidInputError, match="unit length"):
-        visualization.snapshot_html(mechanism, pose, tmp_path / "s.html")
+        visualization.snapshot(mechanism, pose, tmp_path / "s.html")
 
 
 @pytest.mark.parametrize(("place", "sentence"), [("file/a.html", "cannot write"), (".", "is a folder")])
@@ -196,6 +196,6 @@ def test_failed_write_keeps_the_old_file(rpdr, swing, tmp_path, monkeypatch):
 
 def test_title_is_text_not_markup(rpdr, tmp_path):
     """A title with markup, or with the template's own marks, is shown as written."""
-    text = visualization.snapshot_html(rpdr, None, tmp_path / "s.html", title="<b>&@CLOCK@").read_text()
+    text = visualization.snapshot(rpdr, None, tmp_path / "s.html", title="<b>&@CLOCK@").read_text()
     assert text.count("&lt;b&gt;&amp;@CLOCK@") == 2
     assert "<b>&" not in text

@@ -130,21 +130,19 @@ def look(page, **options):
 @pytest.mark.parametrize("name", ["rpdr", "delta", "stewart", "four_bar"])
 def test_chromium_shows_the_whole_mechanism(name, tmp_path):
     """The mechanism is inside the picture and takes a sensible share of it."""
-    assert_fills_frame(look(visualization.snapshot_html(ccpin.load(name), None, tmp_path / "s.html")))
+    assert_fills_frame(look(visualization.snapshot(ccpin.load(name), None, tmp_path / "s.html")))
 
 
 def test_chromium_shows_a_skeleton(tmp_path):
     """So is a mechanism whose file draws nothing."""
-    assert_fills_frame(look(visualization.snapshot_html(bare(ccpin.load("stewart")), None, tmp_path / "s.html")))
+    assert_fills_frame(look(visualization.snapshot(bare(ccpin.load("stewart")), None, tmp_path / "s.html")))
 
 
 def test_chromium_shows_other_peoples_four_bar(tmp_path):
     """So is a file from elsewhere."""
     if not SHARED.is_dir():
         pytest.skip("the folder with other people's models is absent")
-    assert_fills_frame(
-        look(visualization.snapshot_html(ccpin.load(SHARED / "four_bar.urdf"), None, tmp_path / "s.html"))
-    )
+    assert_fills_frame(look(visualization.snapshot(ccpin.load(SHARED / "four_bar.urdf"), None, tmp_path / "s.html")))
 
 
 def test_chromium_plays_the_animation_in_windows_of_any_shape(rpdr, swing, tmp_path):

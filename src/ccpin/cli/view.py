@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,8 @@ def add_view(commands: Any) -> None:
     parser = commands.add_parser("view", help="show the mechanism, or play a trajectory, in MeshCat")
     add_mechanism(parser)
     parser.add_argument("--trajectory", type=Path, metavar="NPZ", help="a motion.npz to play")
-    parser.add_argument("--html", type=Path, metavar="FILE", help="write a self-contained page instead of serving one")
+    written = "write a page (.html), a film (.mp4, .gif) or a picture (.png) instead of serving"
+    parser.add_argument("--out", type=Path, metavar="FILE", help=written)
     parser.add_argument("--no-browser", action="store_true", help="serve without opening a browser")
     parser.add_argument("--speed", type=float, default=1.0, help="playing speed (default 1)")
     parser.set_defaults(run=_view)
@@ -27,12 +30,14 @@ def _view(options: argparse.Namespace) -> None:
 
     mechanism = load(options)
     motion = None if options.trajectory is None else load_npz(options.trajectory)
-    if options.html is not None:
-        if motion is None:
-            visualization.snapshot_html(mechanism, None, options.html)
-        else:
-            visualization.animate(mechanism, motion.t, motion.q_free, options.html, speed=options.speed)
-        print(json.dumps({"html": str(options.html)}) if options.json else f"wrote {options.html}")
+    if options.out is not None:
+        with progress_bar(options.json) as drawn:
+            if motion is None:
+                visualization.snapshot(mechanism, None, options.out)
+            else:
+                shown = {"speed": options.speed, "progress": drawn}
+                visualization.animate(mechanism, motion.t, motion.q_free, options.out, **shown)
+        print(json.dumps({"out": str(options.out)}) if options.json else f"wrote {options.out}")
         return
     q_free, t = (None, None) if motion is None else (motion.q_free, motion.t)
     with visualization.view(mechanism, q_free, t, speed=options.speed, open_browser=not options.no_browser) as viewer:
@@ -40,3 +45,20 @@ def _view(options: argparse.Namespace) -> None:
             json.dumps({"url": viewer.url}) if options.json else f"serving {viewer.url}  (Ctrl-C ends it)", flush=True
         )
         viewer.wait()
+
+
+@contextmanager
+def progress_bar(quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
+    """What `animate` calls after each frame of a film: a bar on a terminal, nothing elsewhere."""
+    if quiet:
+        yield None
+        return
+    from tqdm import tqdm
+
+    with tqdm(unit=" frames", disable=None, leave=False, delay=0.5) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield show

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, numbers
 from ccpin.control.laws import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
@@ -61,8 +62,8 @@ def _checked_value(name: str, value: object) -> Numbers | int:
             raise InvalidInputError(f"sampling: delay = {value!r} must be a whole number of periods, 0 or more")
         return int(value)
     try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        array = numbers(value, name)
+    except InvalidInputError:
         array = np.empty(0)
     several = name in ("encoder_counts", "saturation", "effort_before")
     if array.ndim > several or not array.size or not np.isfinite(array).all():
@@ -79,6 +80,9 @@ class ContinuousCommands:
 
     def __init__(self, law: ControlLaw) -> None:
         self._law = law
+
+    def numbers(self) -> None:
+        """Nothing is sampled."""
 
     def instant(self, t: float, state: State, v: Array) -> float:
         """Nothing to do, ever."""
@@ -120,6 +124,18 @@ class SampledCommands:
         self._pending = deque([before] * sampling.delay)
         self._held = before
         self._count = 0
+
+    def numbers(self) -> dict[str, Any]:
+        """The loop in plain numbers, as the compiled core takes it."""
+        return {
+            "period": self._sampling.period,
+            "gain": self._gain,
+            "differentiates": self._differentiates,
+            "resolution": [] if self._resolution is None else self._resolution.tolist(),
+            "limit": self._limit.tolist(),
+            "before": self._held.tolist(),
+            "delay": self._sampling.delay,
+        }
 
     def instant(self, t: float, state: State, v: Array) -> float:
         """Measure, filter, compute the command and hold the one that is due."""

@@ -37,8 +37,8 @@ def simulate_in_core(
         law: The law.
         method: The integrator.
         guess: As for `simulate`.
-        run: times (N,), start (q, q̇), rtol, atol, max_step, singular_rcond, and a `Settling`'s fields (an empty goal:
-            run to the end).
+        run: times (N,), start (q, q̇), rtol, atol, max_step, singular_rcond, a `Settling`'s fields (an empty goal: run
+            to the end), wrenches (`wrench_rows`) and sampling (`SampledCommands.numbers`).
     """
     tableau, numbers = TABLEAUX.get(method), law_numbers(model, law)
     if tableau is None or numbers is None:

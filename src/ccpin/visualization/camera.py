@@ -13,7 +13,6 @@ from ccpin.kinematics import loops
 from ccpin.kinematics.tree import rest_poses
 from ccpin.mechanism.mechanism import Mechanism
 
-
 FIELD_OF_VIEW = 30.0
 """Vertical, in degrees; narrow, so that parallel links look parallel."""
 FILL = 0.80

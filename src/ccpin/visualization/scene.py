@@ -206,6 +206,10 @@ class Scene:
             InvalidInputError: One has points or forces that are not of shape (its times, 3), or not finite.
         """
         told, largest = [], 0.0
+        if not isinstance(arrows, Sequence) or not all(hasattr(arrow, "force") for arrow in arrows):
+            raise InvalidInputError("forces must be a sequence of what closure_forces or joint_forces return")
+        if not arrows:
+            return
         for arrow in arrows:
             points, vectors = (resampled(arrow, name, times) for name in ("point", "force"))
             largest = max(largest, float(np.linalg.norm(vectors, axis=1).max()))
@@ -231,12 +235,12 @@ class Scene:
     def _tracked(self, tracked: Tracked) -> tuple[int, Array]:
         """The joint that carries a link, a loop's point or a link's point; the homogeneous point (4,) in its frame."""
         attachments = self.mechanism.tree.attachments
-        name, given = (tracked, None) if isinstance(tracked, str) else tracked
-        for closure in self.mechanism.closures:
-            if closure.name == name and given is None:
+        name, given = tracked if isinstance(tracked, tuple) and len(tracked) == 2 else (tracked, None)
+        for closure in self.mechanism.closures if given is None and isinstance(name, str) else ():
+            if closure.name == name:
                 carrier = attachments[closure.link_a]
                 return carrier.joint, (carrier.placement @ closure.placement_a)[:, 3]
-        if name not in attachments:
+        if not isinstance(name, str) or name not in attachments:
             loops = ", ".join(closure.name for closure in self.mechanism.closures) or "none"
             raise InvalidInputError(f"trace '{name}' names no link ({', '.join(attachments)}) and no loop ({loops})")
         inertia = next(link.inertia for link in self.mechanism.description.links if link.name == name)
