@@ -99,16 +99,16 @@ def held_points(mechanism: Mechanism) -> list[Points]:
             carrier = attachments[link]
             at = carrier.placement @ placement
             points[carrier.joint].loops.append(Held(at[:3, 3], at[:3, 2] if closure.kind == "revolute" else None))
-    for inertia, at in list(zip(model.inertias, points, strict=True))[1:]:
-        if not len(at.every) and np.linalg.norm(inertia.lever) > 1e-9:
-            at.joints.append(Held(2 * np.array(inertia.lever), None))
+    for inertia, body in list(zip(model.inertias, points, strict=True))[1:]:
+        if not len(body.every) and np.linalg.norm(inertia.lever) > 1e-9:
+            body.joints.append(Held(2 * np.array(inertia.lever), None))
     return points
 
 
 def extent(mechanism: Mechanism, points: list[Points]) -> float:
     """Diagonal (m) of the box around all joints and loop points in the reference pose; 1 where there is none."""
     poses = joint_poses(Scratch(mechanism.tree.model), mechanism.q_reference)
-    world = [at.every @ pose[:3, :3].T + pose[:3, 3] for pose, at in zip(poses, points, strict=True)]
+    world = [held.every @ pose[:3, :3].T + pose[:3, 3] for pose, held in zip(poses, points, strict=True)]
     diagonal = float(np.linalg.norm(np.ptp(np.concatenate([*world, poses[1:, :3, 3]]), axis=0)))
     return diagonal or 1.0
 
