@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import ccpin
 from ccpin import visualization
 from ccpin.description import Shape, Visual
-from ccpin.visualization.scene import ASPECT, FIELD_OF_VIEW, FILL, frame_points, plane_normal
+from ccpin.visualization.camera import ASPECT, FIELD_OF_VIEW, FILL, frame_points, plane_normal
 from ccpin.visualization.shapes import corners, parts, read_mesh, tube
 from tests.support.pages import bare, five_bar
 
@@ -27,7 +27,7 @@ def test_tube_is_as_thick_as_asked_for():
     """Around a circle, each vertex is `radius` from the circle and each ring lies across it."""
     angles = np.linspace(0, 1.5 * np.pi, 200)
     circle = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
-    vertices = tube(circle, 0.01).vertices
+    vertices = tube(circle, 0.01).mesh.vertices
     across = np.hypot(np.hypot(vertices[:, 0], vertices[:, 1]) - 1, vertices[:, 2])
     assert across == pytest.approx(0.01, rel=1e-3)
     assert tube(np.zeros((5, 3)), 0.01) is None

@@ -5,6 +5,7 @@ Everything takes a `Mechanism` and plain arrays. MeshCat is imported when the fi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -17,7 +18,15 @@ from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.visualization.film import FILMS, PAGES, STILLS, Shot, write
 from ccpin.visualization.live import LiveRecorder, Server, Viewer
 from ccpin.visualization.page import Recorder, render_page
-from ccpin.visualization.playback import HasForce, checked_pose, checked_poses, checked_times, frame_times, sample
+from ccpin.visualization.playback import (
+    HasForce,
+    checked_pose,
+    checked_poses,
+    checked_times,
+    finer,
+    frame_times,
+    sample,
+)
 from ccpin.visualization.scene import Scene, Tracked
 
 __all__ = ["FILMS", "PAGES", "STILLS", "HasForce", "Scene", "Viewer", "animate", "snapshot", "view"]
@@ -150,6 +159,10 @@ def _pose(mechanism: Mechanism, recorder: Recorder, q_free: ArrayLike | None) ->
     return scene
 
 
+TRACED_SAMPLES = 400
+"""A path is drawn through at least so many points, however few the frames."""
+
+
 def _play(
     mechanism: Mechanism,
     recorder: Recorder,
@@ -171,7 +184,9 @@ def _play(
     scene.frame_camera(frames)
     scene.label()
     if trace is not None:
-        scene.trace(trace, frames)
+        every = math.ceil(TRACED_SAMPLES / len(moments))
+        between = finer(moments, every)
+        scene.trace(trace, sample(mechanism, times, poses, between), every)
     scene.forces(forces, moments)
     scene.place(frames[0])
     scene.animate(frames, fps, loop)

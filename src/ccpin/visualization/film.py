@@ -111,7 +111,7 @@ def _gif(pictures: Iterator[Any], path: Path, shot: Shot) -> None:
     """Each frame in its own palette; it plays over and over."""
     from PIL import Image
 
-    reduced = [picture.quantize(256, dither=Image.Dither.NONE) for picture in pictures]
+    reduced = [picture.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE) for picture in pictures]
     ends = 10 * np.round(100 * np.arange(len(reduced) + 1) / shot.fps).astype(int)
     reduced[0].save(path, save_all=True, append_images=reduced[1:], duration=np.diff(ends).tolist(), loop=0)
 

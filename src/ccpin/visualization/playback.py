@@ -102,6 +102,12 @@ def frame_times(t: Array, fps: float, speed: float) -> Array:
     return np.asarray(np.minimum(t[0] + np.arange(max(steps, 1) + 1) * speed / fps, t[-1]))
 
 
+def finer(times: Array, every: int) -> Array:
+    """Times with `every` − 1 more between each two, evenly: ``finer(times, every)[::every]`` are the old ones."""
+    places = np.arange(every * (len(times) - 1) + 1) / every
+    return np.asarray(np.interp(places, np.arange(len(times)), times))
+
+
 def sample(mechanism: Mechanism, t: Array, q_free: Array, times: Array) -> Array:
     """Configurations (len(times), nq) at `times`, along the geodesics between the samples (t, q_free)."""
     model = mechanism.tree.model

@@ -165,10 +165,11 @@ class Scene:
 
         self.visualizer.set_animation(Animation())
 
-    def trace(self, tracked: Tracked, q_free: Array) -> None:
+    def trace(self, tracked: Tracked, q_free: Array, every: int = 1) -> None:
         """Draw a point's path over the configurations (T, nq): of a link, of a loop, or of a point of a link.
 
         A link stands for its centre of mass, a massless one for its origin; a pair is (link, point in its frame, m).
+        There is a frame for `every` so many configurations, from the first on.
 
         Raises:
             InvalidInputError: No link and no loop has that name, or the point is not three finite numbers.
@@ -178,7 +179,7 @@ class Scene:
         path = tube(points, TRACE_RADIUS * self._size)
         if path is not None:
             self.root["trace"].set_object(triangles(path.mesh), material(TRACE_COLOUR))
-            self.tell("trace", {"path": self._path("trace"), "ends": path.ends.tolist()})
+            self.tell("trace", {"path": self._path("trace"), "ends": path.ends[::every].tolist()})
 
     def label(self) -> None:
         """Name joints, motors and loops at their places."""

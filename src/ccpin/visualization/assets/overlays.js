@@ -19,10 +19,11 @@ function showTrace(frame) {
   mesh.geometry.setDrawRange(0, trace.ends[Math.min(Math.max(0, Math.floor(frame + 1e-6)), trace.ends.length - 1)]);
 }
 
-function ghostOf(mesh, tint) {           // once into depth only, once in colour: no inner faces shine through
-  const depth = new THREE.Mesh(mesh.geometry, new THREE.MeshBasicMaterial({ colorWrite: false, transparent: true }));
-  const colour = new THREE.Mesh(mesh.geometry, new THREE.MeshBasicMaterial({ color: tint, transparent: true,
-    opacity: 0.17, depthWrite: false }));
+const BEHIND = { transparent: true, polygonOffset: true, polygonOffsetFactor: 2, polygonOffsetUnits: 16 };
+function ghostOf(mesh, tint) {           // into depth first, so that no inner faces shine through; never over what is there
+  const depth = new THREE.Mesh(mesh.geometry, new THREE.MeshBasicMaterial({ ...BEHIND, colorWrite: false }));
+  const colour = new THREE.Mesh(mesh.geometry, new THREE.MeshBasicMaterial({ ...BEHIND, color: tint, opacity: 0.17,
+    depthWrite: false }));
   depth.renderOrder = 1;
   colour.renderOrder = 2;
   const pair = new THREE.Group();
