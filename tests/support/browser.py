@@ -49,8 +49,8 @@ def opened(url: str, width: int = 900, height: int = 600) -> Iterator[Page]:
 
 def settle(page: Page, milliseconds: int = 0) -> None:
     """Wait until what the page draws next is on the screen."""
-    wait = f"new Promise(done => setTimeout(() => requestAnimationFrame(() => requestAnimationFrame(done)), {milliseconds}))"
-    page.evaluate(f"{wait}.then(() => true)")
+    frames = "requestAnimationFrame(() => requestAnimationFrame(() => done(true)))"
+    page.evaluate(f"new Promise(done => setTimeout(() => {frames}, {milliseconds}))")
 
 
 def pixels(page: Page) -> NDArray[np.float64]:
@@ -67,7 +67,7 @@ def press(page: Page, key: str) -> None:
 
 def click(page: Page, selector: str) -> None:
     """The left mouse button on the middle of an element."""
-    box = f"(e => [e.left + e.width / 2, e.top + e.height / 2])(document.querySelector({selector!r}).getBoundingClientRect())"
-    x, y = page.evaluate(box)
+    box = f"document.querySelector({selector!r}).getBoundingClientRect()"
+    x, y = page.evaluate(f"(box => [box.left + box.width / 2, box.top + box.height / 2])({box})")
     for kind in ("mousePressed", "mouseReleased"):
         page.command("Input.dispatchMouseEvent", {"type": kind, "x": x, "y": y, "button": "left", "clickCount": 1})
