@@ -137,7 +137,7 @@ def test_trace_follows_the_loop_point(rpdr, swing, tmp_path):
     middles = rings.mean(axis=1)
     thickness = np.linalg.norm(rings - middles[:, None], axis=2)
     assert thickness == pytest.approx(thickness[0, 0], rel=1e-3)
-    assert 0 < thickness[0, 0] < 0.01 * np.linalg.norm(np.ptp(path, axis=0))
+    assert 0 < thickness[0, 0] < 0.02 * np.linalg.norm(np.ptp(path, axis=0))
     assert len(rings) >= 4 * len(path)
     assert np.linalg.norm(middles[at] - path, axis=1).max() < 1e-2 * thickness[0, 0] + 1e-6
 
@@ -167,8 +167,8 @@ def bad_inputs():
         "t turns back": (([1.0, 0.0], q), {}, "increase strictly"),
         "t not finite": (([0.0, np.inf], q), {}, "not finite"),
         "q_free not finite": ((t, [[0, 0, 0, 0], [0, np.nan, 0, 0]]), {}, r"q_free\[1\] is not finite"),
-        "no fps": ((t, q), {"fps": 0}, "fps must be a positive number"),
-        "negative speed": ((t, q), {"speed": -1.0}, "speed must be a positive number"),
+        "no fps": ((t, q), {"fps": 0}, "fps = 0 must be a positive number"),
+        "negative speed": ((t, q), {"speed": -1.0}, "speed = -1.0 must be a positive number"),
         "too many frames": ((t, q), {"speed": 1e-6}, "frames are too many"),
         "unknown trace": ((t, q), {"trace": "tail"}, "trace 'tail' names no link"),
         "odd size": ((t, q), {"size": (801, 450)}, "801 × 450: both must be even"),
