@@ -124,6 +124,9 @@ function listen() {
 
 function draw() {                        // what depends on time, then MeshCat's picture, then the names over it
   const frame = frameNow();
+  layGround();
+  showGround();
+  showGhosts();
   showTrace(frame);
   showArrows(frame);
   paint();
@@ -135,9 +138,6 @@ function turn(now) {
   requestAnimationFrame(turn);
   takeOver();
   advance(now);
-  layGround();
-  showGround();
-  showGhosts();
   keepFramed();
   fly();
   refresh();

@@ -37,7 +37,7 @@ function lit() {
   renderer.toneMapping = THREE.ACESFilmicToneMapping;
   renderer.toneMappingExposure = 1.0;
   viewer.show_background = () => viewer.hide_background();               // the page's style draws it
-  scene.environment = new THREE.PMREMGenerator(renderer).fromScene(room(), 0.03).texture;
+  scene.environment = new THREE.PMREMGenerator(renderer).fromScene(room()).texture;
   const put = viewer.set_object.bind(viewer);
   viewer.set_object = (path, object) => { dress(object); put(path, object); };
 }
