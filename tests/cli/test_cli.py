@@ -124,8 +124,11 @@ def test_view_writes_a_page(tmp_path, capsys):
     motion = ccpin.simulate(model, None, np.radians([-90.0, -95.0]), duration=0.1, sample_period=0.01)
     motion.save_npz(tmp_path / "motion.npz")
     page = tmp_path / "motion.html"
-    assert main(["view", "rpdr", "--trajectory", str(tmp_path / "motion.npz"), "--out", str(page)]) == 0
+    command = ["view", "rpdr", "--trajectory", str(tmp_path / "motion.npz"), "--out", str(page)]
+    assert main([*command, "--trace", "end_effector", "--forces"]) == 0
     assert page.stat().st_size > 100_000
+    assert main(["view", "rpdr", "--forces", "--out", str(page)]) == 1
+    assert "go with --trajectory" in capsys.readouterr().err
 
 
 def test_module_runs_as_a_program():
