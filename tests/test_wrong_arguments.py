@@ -16,7 +16,7 @@ WRONG = (None, "rpbr", -1, np.nan, [], [[1.0, 2.0]], np.zeros((3, 3)), {"a": 1},
 FLAGS = {"floating_base", "loop", "open_browser", "failures", "workers", "executor", "checkpoint"}
 # What these hold is given by ccpin, or looked at where it is used.
 HELD = {"Atlas", "Gains", "Region", "SetPointCertificate", "State", "Trajectory", "Scene", "Viewer", "Mechanism"}
-ABSTRACT = {"ControlLaw", "Reference", "TrackingLaw"}
+ABSTRACT = {"ControlLaw", "HasForce", "Reference", "TrackingLaw"}
 LONG = {
     ("certify_law", "domain"),
     ("certify_set_point", "domain"),

@@ -84,14 +84,14 @@ def test_live_viewer_sends_the_scene_then_the_moves(rpdr, swing):
             first = [await connection.read_message() for _ in recorder.commands]
             known = recorder.commands
             await asyncio.get_running_loop().run_in_executor(None, viewer.draw, swing[1][7])
-            moves = [umsgpack.unpackb(await connection.read_message()) for _ in range(6)]
+            moves = [umsgpack.unpackb(await connection.read_message()) for _ in range(9)]
             connection.close()
             return first, known, moves
 
         first, known, moves = asyncio.run(watch())
     assert tuple(first) == known
     frames = urdf_frames(MODELS / "rpdr.urdf", rpdr, swing[1][7])
-    placed = {m["path"].rpartition("/")[2]: np.array(m["matrix"]).reshape(4, 4).T for m in moves[1:]}
+    placed = {m["path"].rpartition("/")[2]: np.array(m["matrix"]).reshape(4, 4).T for m in moves if "matrix" in m}
     assert moves[0]["type"] == "set_animation"
     assert set(placed) == {"base", "link1", "link2", "link3", "link4"}
     assert all(placed[name] == pytest.approx(frames[name], abs=1e-12) for name in placed)
@@ -232,7 +232,8 @@ def test_time_is_the_users(rpdr, run, tmp_path):
         assert page.evaluate("time.textContent") == "0.40 s"
         assert_arrow_is_the_force(page, forces[0])
         children = page.evaluate("viewer.scene_tree.find(['meshcat', 'rpdr']).object.children.map(c => c.name)")
-        assert {"ghost start", "ghost goal", "forces", "trace", "link1"} <= set(children)
+        assert {"ghosts", "arrows", "trace", "link1"} <= set(children)
+        assert page.evaluate("made.ghosts.group.children.map(c => c.name)") == ["start", "goal"]
         press(page, "-")
         assert page.evaluate("[player.speed, speed.value]") == [0.5, "0.5"]
         for _ in range(9):
@@ -281,6 +282,7 @@ def assert_arrow_is_the_force(page, force):
 def test_the_live_viewer_frames_anew(rpdr, swing):
     """The live page draws what it is sent; a pose outside the frame is framed, unless the user has turned the scene."""
     with visualization.view(rpdr, open_browser=False) as viewer, opened(viewer.url) as page:
+        position = "viewer.camera.position.toArray()"
         settle(page, 300)
         picture = pixels(page)
         orange = (picture[..., 0] > 0.7) & (picture[..., 1] < 0.65) & (picture[..., 2] < 0.35)
@@ -289,10 +291,35 @@ def test_the_live_viewer_frames_anew(rpdr, swing):
         viewer.draw(swing[1][0])
         settle(page, 700)
         assert page.evaluate("told('views').iso.position") != before
-        assert page.evaluate("viewer.camera.position.toArray()") == pytest.approx(
-            page.evaluate("told('views').iso.position"), rel=1e-6
-        )
+        assert page.evaluate(position) == pytest.approx(page.evaluate("told('views').iso.position"), rel=1e-6)
         assert_fills_frame(undressed(page))
+        for kind, at in (("mousePressed", 400), ("mouseMoved", 460), ("mouseReleased", 460)):
+            page.command(
+                "Input.dispatchMouseEvent", {"type": kind, "x": at, "y": 300, "button": "left", "clickCount": 1}
+            )
+        settle(page, 100)
+        turned, views = page.evaluate(position), page.evaluate("told('views').iso.position")
+        assert turned != pytest.approx(views, rel=1e-3)
+        viewer.draw(viewer.scene.mechanism.q_reference + [np.pi, 0, 0, 0])
+        settle(page, 500)
+        assert page.evaluate("told('views').iso.position") != views
+        assert page.evaluate(position) == pytest.approx(turned, rel=1e-6)
+
+
+def test_a_pose_drawn_ends_the_motion(rpdr, run):
+    """After `Viewer.draw` neither path nor ghosts nor forces of the trajectory are left, and time stands."""
+    motion, forces = run
+    shown = {"trace": rpdr.closures[0].name, "forces": forces, "fps": 10}
+    view = visualization.view(rpdr, motion.q_free, motion.t, open_browser=False, **shown)
+    with view as viewer, opened(viewer.url) as page:
+        settle(page, 300)
+        there = "[made.trace.parent.visible, made.ghosts.group.children.length, made.arrows.group.children.length]"
+        assert page.evaluate(there) == [True, 2, 1]
+        viewer.draw(rpdr.q_reference)
+        settle(page, 300)
+        page.evaluate("viewer.render()")
+        assert page.evaluate(there) == [False, 0, 0]
+        assert page.evaluate("[player.duration, bar.style.display]") == [0, "none"]
 
 
 @pytest.mark.parametrize("ending", [".mp4", ".gif"])

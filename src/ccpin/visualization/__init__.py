@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import heading
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.visualization.annotations import Tracked, draw_forces, draw_ghosts, draw_trace, name_joints
 from ccpin.visualization.film import FILMS, PAGES, STILLS, Shot, write
 from ccpin.visualization.live import LiveRecorder, Server, Viewer
 from ccpin.visualization.page import Recorder, render_page
@@ -27,7 +28,7 @@ from ccpin.visualization.playback import (
     frame_times,
     sample,
 )
-from ccpin.visualization.scene import Scene, Tracked
+from ccpin.visualization.scene import Scene
 
 __all__ = ["FILMS", "PAGES", "STILLS", "HasForce", "Scene", "Viewer", "animate", "snapshot", "view"]
 
@@ -154,7 +155,7 @@ def _pose(mechanism: Mechanism, recorder: Recorder, q_free: ArrayLike | None) ->
     pose = checked_pose(mechanism, mechanism.q_reference if q_free is None else q_free)
     scene = _scene(mechanism, recorder)
     scene.frame_camera(pose[None])
-    scene.label()
+    name_joints(scene)
     scene.place(pose)
     return scene
 
@@ -182,13 +183,14 @@ def _play(
     frames = sample(mechanism, times, poses, moments)
     scene = _scene(mechanism, recorder)
     scene.frame_camera(frames)
-    scene.label()
+    name_joints(scene)
     if trace is not None:
         every = math.ceil(TRACED_SAMPLES / len(moments))
         between = finer(moments, every)
-        scene.trace(trace, sample(mechanism, times, poses, between), every)
-    scene.forces(forces, moments)
+        draw_trace(scene, trace, sample(mechanism, times, poses, between), every)
+    draw_forces(scene, forces, moments)
     scene.place(frames[0])
+    draw_ghosts(scene, {"start": frames[0], "goal": frames[-1]})
     scene.animate(frames, fps, loop)
     scene.tell("clock", {"start": float(times[0]), "end": float(times[-1]), "speed": speed, "fps": fps})
     return scene, len(frames)

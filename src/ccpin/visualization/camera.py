@@ -59,12 +59,11 @@ def camera_axes(point: Array) -> list[float]:
     return [x, z, -y]
 
 
-def presets(framings: Mapping[str, Framing]) -> dict[str, dict[str, list[float]]]:
-    """Target, position and fit of each view, in camera axes of a scene that is placed for the view ``iso``."""
-    middle = framings["iso"].origin[:3, 3]
+def presets(framings: Mapping[str, Framing], origin: Array) -> dict[str, dict[str, list[float]]]:
+    """Target, position and fit of each view, in camera axes of a scene that is moved by `origin` (3,; view axes)."""
     told = {}
     for name, framing in framings.items():
-        target = middle - framing.origin[:3, 3]
+        target = origin - framing.origin[:3, 3]
         position = target + framing.distance * framing.direction
         told[name] = {"target": camera_axes(target), "position": camera_axes(position), "fit": framing.fit}
     return told

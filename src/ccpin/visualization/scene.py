@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from itertools import product
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, vector
+from ccpin.arrays import Array
 from ccpin.description.model import frame
-from ccpin.errors import InvalidInputError
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.scratch import Scratch
 from ccpin.mechanism.mechanism import Mechanism
@@ -28,20 +25,12 @@ from ccpin.visualization.camera import (
     view_directions,
 )
 from ccpin.visualization.page import Command
-from ccpin.visualization.playback import HasForce, resampled
-from ccpin.visualization.shapes import material, parts, triangles, tube
+from ccpin.visualization.shapes import material, parts
 
-Tracked: TypeAlias = "str | tuple[str, ArrayLike]"
-"""What a trace follows: a link or a loop by name, or (link, point in its frame)."""
+CAMERA = "/Cameras/default/rotated/<object>"
 FRAMED_SAMPLES = 60
 MARGIN, CLEARANCE = 0.1, 0.02
 """How far the mechanism may leave the frame before it is framed anew, and the ground's distance, of its size."""
-TRACE_COLOUR, TRACE_RADIUS = (0.85, 0.22, 0.16, 1.0), 0.0035
-ARROW_LENGTH, ARROW_WIDTH = 0.3, 0.006
-"""Of the motion's size: the longest arrow, the radius of its shaft; likewise the radius of a trace."""
-GHOSTS = {"start": 0x2970BD, "goal": 0x2E8B57}
-SAME = 1e-3
-"""Two poses look the same if no entry of a frame differs by more than this share of the motion's size."""
 HIDDEN = ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX", "/Lights/FillLight")
 TOP, BOTTOM = [0.98, 0.985, 0.99], [0.86, 0.89, 0.925]
 AMBIENT = 0.5
@@ -53,7 +42,8 @@ class Scene:
     """The geometry of a mechanism in a `meshcat.Visualizer`, below the node ``/meshcat/<mechanism's name>``.
 
     Each body has its own node there, named after its link (a slash in a name becomes ``∕``), whose transform is the
-    link's frame in the world. The node above turns the world so that z is up and its middle is looked at.
+    link's frame in the world. The node above turns the world so that z is up, and moves it so that the middle of what
+    is framed first is looked at: MeshCat 0.3's controls look at the scene's origin.
     What the file does not draw is drawn as solid links between joints and loops.
 
     Args:
@@ -68,9 +58,10 @@ class Scene:
     def __init__(self, mechanism: Mechanism, visualizer: Any) -> None:
         self.mechanism = mechanism
         self.visualizer = visualizer
-        self.root = visualizer[_node(mechanism.name)]
+        self.root = visualizer[node_name(mechanism.name)]
         self._scratch = Scratch(mechanism.tree.model)
         self.bodies, self.notes = drawn_bodies(mechanism)
+        self._origin: Array | None = None
         self._box: tuple[Array, Array] = (np.zeros(3), np.zeros(3))
         self._set_stage()
         for body in self.bodies:
@@ -79,7 +70,7 @@ class Scene:
     def place(self, q_free: Array) -> None:
         """Move all bodies to the configuration q′ of shape (nq,)."""
         for body, placement in zip(self.bodies, self.frames(q_free), strict=True):
-            self.root[_node(body.name)].set_transform(placement)
+            self.root[node_name(body.name)].set_transform(placement)
 
     def frames(self, q_free: Array) -> Array:
         """World frames of all bodies at q′, of shape (bodies, 4, 4)."""
@@ -105,20 +96,26 @@ class Scene:
         return np.concatenate([*points, np.zeros((0, 3))])
 
     def _frame(self, seen: Array) -> Framing:
+        """Tell the views of points (N, 3; world); only the first time move the world, and the camera with it."""
         seen = seen if len(seen) else np.array([[0.5, 0.5, 0.5], [-0.5, -0.5, -0.5]])
         self._box = (seen.min(axis=0), seen.max(axis=0))
         up = up_axes(self.mechanism)
-        framings = {
-            name: frame_points(seen, towards, up) for name, towards in view_directions(self.mechanism, up).items()
-        }
+        directions = view_directions(self.mechanism, up)
+        framings = {name: frame_points(seen, towards, up) for name, towards in directions.items()}
         framing = framings["iso"]
-        inside = seen @ framing.origin[:3, :3].T + framing.origin[:3, 3]
-        radius = float(np.linalg.norm(inside, axis=1).max())
-        height = float(inside[:, 2].min()) - CLEARANCE * radius
-        self.tell("views", presets(framings))
-        origin = framing.origin[:2, 3].tolist()
-        self.tell("floor", {"height": height, "radius": radius, "origin": origin, "cell": _round_number(radius / 3)})
-        self._set_camera(framing)
+        if self._origin is None:
+            self._origin = framing.origin
+            self.root.set_transform(framing.origin)
+            self._set_property(CAMERA, "fov", FIELD_OF_VIEW)
+            self._set_property(CAMERA, "position", framing.position)
+        placed = seen @ self._origin[:3, :3].T + self._origin[:3, 3]
+        radius = float(np.linalg.norm(placed, axis=1).max())
+        height = float(placed[:, 2].min()) - CLEARANCE * radius
+        self.tell("views", presets(framings, self._origin[:3, 3]))
+        through = self._origin[:2, 3].tolist()
+        self.tell("floor", {"height": height, "radius": radius, "origin": through, "cell": _round_number(radius / 3)})
+        self._set_property(CAMERA, "near", 0.01 * framing.distance)
+        self._set_property(CAMERA, "far", 100.0 * framing.distance)
         self._set_lights(framing.direction, radius)
         return framing
 
@@ -141,118 +138,30 @@ class Scene:
                 "position": AnimationTrack("position", "vector3", numbers, frames[:, index, :3, 3].tolist()),
                 "quaternion": AnimationTrack("quaternion", "quaternion", numbers, quaternions),
             }
-            animation.clips[self.root[_node(body.name)].path] = AnimationClip(tracks, fps)
+            animation.clips[self.root[node_name(body.name)].path] = AnimationClip(tracks, fps)
         self.visualizer.set_animation(animation, play=True, repetitions=math.inf if loop else 1)
-        self._ghosts({"start": q_free[0], "goal": q_free[-1]})
-
-    def _ghosts(self, poses: dict[str, Array]) -> None:
-        """Tell where the mechanism is seen through, by name; of two poses that agree one is left out."""
-        told: list[dict[str, Any]] = []
-        drawn: list[Array] = []
-        for name, pose in poses.items():
-            frames = self.frames(pose)
-            if any(np.abs(frames - other).max() < SAME * self._size for other in drawn):
-                continue
-            drawn.append(frames)
-            moving = [(b, f) for b, f in zip(self.bodies, frames, strict=True) if b.joint > 0 and b.visuals]
-            bodies = {self._path(_node(body.name)): f.T.ravel().tolist() for body, f in moving}
-            told.append({"name": name, "tint": GHOSTS[name], "bodies": bodies})
-        self.tell("ghosts", {"root": self._path(), "poses": told})
 
     def stop(self) -> None:
-        """Forget the animation, if there is one."""
+        """Forget the animation, if there is one, and all that was drawn of its course."""
         from meshcat.animation import Animation
 
         self.visualizer.set_animation(Animation())
-
-    def trace(self, tracked: Tracked, q_free: Array, every: int = 1) -> None:
-        """Draw a point's path over the configurations (T, nq): of a link, of a loop, or of a point of a link.
-
-        A link stands for its centre of mass, a massless one for its origin; a pair is (link, point in its frame, m).
-        There is a frame for `every` so many configurations, from the first on.
-
-        Raises:
-            InvalidInputError: No link and no loop has that name, or the point is not three finite numbers.
-        """
-        joint, point = self._tracked(tracked)
-        points = np.array([joint_poses(self._scratch, q)[joint] @ point for q in q_free])[:, :3]
-        path = tube(points, TRACE_RADIUS * self._size)
-        if path is not None:
-            self.root["trace"].set_object(triangles(path.mesh), material(TRACE_COLOUR))
-            self.tell("trace", {"path": self._path("trace"), "ends": path.ends[::every].tolist()})
-
-    def label(self) -> None:
-        """Name joints, motors and loops at their places."""
-        names = {body.joint: _node(body.name) for body in reversed(self.bodies) if body.joint > 0}
-        attachments = self.mechanism.tree.attachments
-        labels = []
-        for joint in self.mechanism.tree.joints:
-            kind = "motor" if joint.name in self.mechanism.actuated else "joint"
-            at = np.linalg.inv(self._placement(names[joint.number]))[:3, 3]
-            labels.append(
-                {"kind": kind, "text": joint.name, "path": self._path(names[joint.number]), "point": at.tolist()}
-            )
-        for closure in self.mechanism.closures:
-            carrier = attachments[closure.link_a]
-            if carrier.joint > 0:
-                node = names[carrier.joint]
-                at = (np.linalg.inv(self._placement(node)) @ carrier.placement @ closure.placement_a)[:3, 3]
-                labels.append({"kind": "loop", "text": closure.name, "path": self._path(node), "point": at.tolist()})
-        self.tell("labels", {"labels": labels})
-
-    def forces(self, arrows: Sequence[HasForce], times: Array) -> None:
-        """Draw forces at the moments `times` (T,) of the frames, as arrows from where they act, all on one scale.
-
-        Raises:
-            InvalidInputError: One has points or forces that are not of shape (its times, 3), or not finite.
-        """
-        told, largest = [], 0.0
-        if not isinstance(arrows, Sequence) or not all(hasattr(arrow, "force") for arrow in arrows):
-            raise InvalidInputError("forces must be a sequence of what closure_forces or joint_forces return")
-        if not arrows:
-            return
-        for arrow in arrows:
-            points, vectors = (resampled(arrow, name, times) for name in ("point", "force"))
-            largest = max(largest, float(np.linalg.norm(vectors, axis=1).max()))
-            told.append({"name": arrow.name, "points": points.tolist(), "forces": vectors.tolist()})
-        scale = ARROW_LENGTH * self._size / (largest or 1.0)
-        width = ARROW_WIDTH * self._size
-        self.tell("arrows", {"root": self._path(), "forces": told, "scale": scale, "width": width})
+        for name in ("trace", "ghosts", "arrows"):
+            self.tell(name, {})
 
     @property
-    def _size(self) -> float:
+    def size(self) -> float:
         """Diagonal (m) of the box that all configurations keep within."""
         return float(np.linalg.norm(np.subtract(*self._box))) or 1.0
 
-    def _path(self, *names: str) -> str:
-        node = self.root
-        for name in names:
-            node = node[name]
-        return str(node.path.lower())
-
-    def _placement(self, node: str) -> Array:
-        return next(body.placement for body in self.bodies if _node(body.name) == node)
-
-    def _tracked(self, tracked: Tracked) -> tuple[int, Array]:
-        """The joint that carries a link, a loop's point or a link's point; the homogeneous point (4,) in its frame."""
-        attachments = self.mechanism.tree.attachments
-        name, given = tracked if isinstance(tracked, tuple) and len(tracked) == 2 else (tracked, None)
-        for closure in self.mechanism.closures if given is None and isinstance(name, str) else ():
-            if closure.name == name:
-                carrier = attachments[closure.link_a]
-                return carrier.joint, (carrier.placement @ closure.placement_a)[:, 3]
-        if not isinstance(name, str) or name not in attachments:
-            loops = ", ".join(closure.name for closure in self.mechanism.closures) or "none"
-            raise InvalidInputError(f"trace '{name}' names no link ({', '.join(attachments)}) and no loop ({loops})")
-        inertia = next(link.inertia for link in self.mechanism.description.links if link.name == name)
-        middle = inertia.com if inertia is not None and inertia.mass > 0 else np.zeros(3)
-        point = middle if given is None else vector(given, "trace's point", 3)
-        return attachments[name].joint, attachments[name].placement @ np.append(point, 1.0)
+    def path(self, name: str | None = None) -> str:
+        """The MeshCat path of the mechanism, or of a node below it."""
+        return str((self.root if name is None else self.root[node_name(name)]).path.lower())
 
     def _draw(self, body: Body) -> None:
         for number, visual in enumerate(body.visuals):
             for index, part in enumerate(parts(visual.shape)):
-                node = self.root[_node(body.name)][f"visual{number}_{index}" if index else f"visual{number}"]
+                node = self.root[node_name(body.name)][f"visual{number}_{index}" if index else f"visual{number}"]
                 node.set_object(part.geometry, material(visual.rgba))
                 node.set_transform(visual.placement @ part.placement)
 
@@ -262,15 +171,6 @@ class Scene:
             self.visualizer[path].set_property("visible", False)
         self.visualizer["/Background"].set_property("top_color", TOP)
         self.visualizer["/Background"].set_property("bottom_color", BOTTOM)
-
-    def _set_camera(self, framing: Framing) -> None:
-        """Move the world rather than the camera's target: MeshCat 0.3's controls look at the scene's origin."""
-        self.root.set_transform(framing.origin)
-        camera = "/Cameras/default/rotated/<object>"
-        self._set_property(camera, "fov", FIELD_OF_VIEW)
-        self._set_property(camera, "near", 0.01 * framing.distance)
-        self._set_property(camera, "far", 100.0 * framing.distance)
-        self._set_property(camera, "position", framing.position)
 
     def _set_property(self, path: str, name: str, value: object) -> None:
         """Set a property by its exact name: MeshCat 0.3's own `set_property` puts names in lower case."""
@@ -305,7 +205,7 @@ def _shadow(radius: float) -> dict[str, Any]:
     return {**bias, "mapSize": [1024, 1024], "camera": camera}
 
 
-def _node(name: str) -> str:
+def node_name(name: str) -> str:
     """A name as one level of a MeshCat path, which is split at slashes."""
     return name.replace("/", "\u2215") or "mechanism"
 

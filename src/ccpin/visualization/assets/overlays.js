@@ -1,10 +1,11 @@
 // What is drawn over and beside the mechanism: its path as far as it has gone, ghosts of start and goal, names, forces.
 const split = path => path.split("/").filter(part => part);
 const node = path => viewer.scene_tree.find(split(path));
-const made = { trace: null, ghosts: null, arrows: null, labels: null };    // from which words of Python's each was made
+const made = { trace: null, ghosts: null, arrows: null };                  // and from which words of Python's
 
 function showTrace(frame) {
   const trace = told("trace");
+  if (made.trace) made.trace.parent.visible = Boolean(trace.path) && shown.trace;
   if (!trace.path) return;
   const mesh = node(trace.path).find(["<object>"]).object;
   if (!mesh.geometry) return;
@@ -31,17 +32,24 @@ function ghostOf(mesh, tint) {           // into depth first, so that no inner f
   return pair;
 }
 
+function anew(name, said, build) {       // the group of what is drawn by `said`, built only when that has changed
+  if (made[name]?.told !== said) {
+    made[name]?.group.parent?.remove(made[name].group);
+    made[name] = { told: said, group: new THREE.Group() };
+    made[name].group.name = name;
+    if (said.root) node(said.root).object.add(made[name].group);
+    if (said.root) build(made[name].group);
+  }
+  made[name].group.visible = shown[name];
+  return made[name].group;
+}
+
 function showGhosts() {
   const ghosts = told("ghosts");
-  if (!ghosts.root) return;
-  const root = node(ghosts.root).object;
-  if (made.ghosts !== ghosts) {
-    root.children.filter(child => child.userData.ghost).forEach(child => root.remove(child));
-    made.ghosts = ghosts;
+  anew("ghosts", ghosts, group => {
     for (const { name, tint, bodies } of ghosts.poses) {
       const ghost = new THREE.Group();
-      ghost.name = `ghost ${name}`;
-      ghost.userData.ghost = true;
+      ghost.name = name;
       for (const [path, matrix] of Object.entries(bodies)) {
         const body = node(path).object;
         body.updateWorldMatrix(true, true);
@@ -54,10 +62,9 @@ function showGhosts() {
           ghost.add(twin);
         });
       }
-      root.add(ghost);
+      group.add(ghost);
     }
-  }
-  for (const child of root.children) if (child.userData.ghost) child.visible = shown.ghosts;
+  });
 }
 
 function arrow(colour) {                 // of length 1 along y, shaft and head
@@ -72,7 +79,7 @@ function arrow(colour) {                 // of length 1 along y, shaft and head
 
 function aim(group, base, force, width) {
   const length = force.length(), tip = Math.min(0.5 * length, 6 * width), [shaft, head] = group.children;
-  group.visible = shown.arrows && length > width;
+  group.visible = length > width;
   group.position.copy(base);
   group.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), force.clone().divideScalar(length || 1));
   shaft.scale.set(width, Math.max(length - tip, 1e-9), width);
@@ -88,18 +95,10 @@ const blend = (rows, at) => {            // between frames, along the straight l
 
 function showArrows(frame) {
   const arrows = told("arrows");
-  if (!arrows.root) return;
-  const root = node(arrows.root).object;
-  if (made.arrows?.told !== arrows) {
-    made.arrows?.group.parent?.remove(made.arrows.group);
-    made.arrows = { told: arrows, group: new THREE.Group() };
-    made.arrows.group.name = "forces";
-    for (const _ of arrows.forces) made.arrows.group.add(arrow(0x7b2d8e));
-    root.add(made.arrows.group);
-  }
-  arrows.forces.forEach(({ points, forces }, index) => {
-    aim(made.arrows.group.children[index], blend(points, frame), blend(forces, frame).multiplyScalar(arrows.scale),
-      arrows.width);
+  const group = anew("arrows", arrows, made => arrows.forces.forEach(() => made.add(arrow(0x7b2d8e))));
+  group.children.forEach((child, index) => {
+    const { points, forces } = arrows.forces[index];
+    aim(child, blend(points, frame), blend(forces, frame).multiplyScalar(arrows.scale), arrows.width);
   });
 }
 
