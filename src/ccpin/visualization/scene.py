@@ -108,6 +108,7 @@ class Scene:
             self.root.set_transform(framing.origin)
             self._set_property(CAMERA, "fov", FIELD_OF_VIEW)
             self._set_property(CAMERA, "position", framing.position)
+            self._set_lights(framing.direction)
         placed = seen @ self._origin[:3, :3].T + self._origin[:3, 3]
         radius = float(np.linalg.norm(placed, axis=1).max())
         height = float(placed[:, 2].min()) - CLEARANCE * radius
@@ -116,7 +117,6 @@ class Scene:
         self.tell("floor", {"height": height, "radius": radius, "origin": through, "cell": _round_number(radius / 3)})
         self._set_property(CAMERA, "near", 0.01 * framing.distance)
         self._set_property(CAMERA, "far", 100.0 * framing.distance)
-        self._set_lights(framing.direction, radius)
         return framing
 
     def tell(self, name: str, said: dict[str, Any]) -> None:
@@ -176,33 +176,21 @@ class Scene:
         """Set a property by its exact name: MeshCat 0.3's own `set_property` puts names in lower case."""
         self.visualizer.window.send(Command(type="set_property", path=path, property=name, value=value))
 
-    def _set_lights(self, direction: Array, radius: float) -> None:
-        """Lights that stand as the first view sees them; the key light's shadows reach as far as the motion does."""
+    def _set_lights(self, direction: Array) -> None:
+        """Lights that stand as the first view sees them; the key light alone casts shadows."""
         seen = screen_axes(direction)
         self._set_property("/Lights/AmbientLight/<object>", "intensity", AMBIENT)
         for name, (towards, intensity) in LIGHTS.items():
-            away = 4 * radius * np.array(towards) / np.linalg.norm(towards)
             light = {
                 "uuid": f"light-{name}",
                 "type": "DirectionalLight",
                 "color": 0xFFFFFF,
                 "intensity": intensity,
-                "matrix": frame(seen @ away).T.ravel().tolist(),
+                "matrix": frame(seen @ np.array(towards)).T.ravel().tolist(),
             }
-            if name == "Key":
-                light["shadow"] = _shadow(radius)
             shown = {"metadata": {}, "object": light}
             self.visualizer.window.send(Command(type="set_object", path=f"/Lights/{name}", object=shown))
             self._set_property(f"/Lights/{name}/<object>", "castShadow", name == "Key")
-
-
-def _shadow(radius: float) -> dict[str, Any]:
-    """A soft shadow of all within `radius` (m) of what is looked at, and of where it falls on the ground."""
-    reach = 1.6 * radius
-    sides = {"left": -reach, "right": reach, "top": reach, "bottom": -reach, "near": radius, "far": 9 * radius}
-    camera = {"uuid": "shadow-camera", "type": "OrthographicCamera", "zoom": 1, **sides}
-    bias = {"bias": -2e-4, "normalBias": 4e-3 * radius, "radius": 3}
-    return {**bias, "mapSize": [1024, 1024], "camera": camera}
 
 
 def node_name(name: str) -> str:

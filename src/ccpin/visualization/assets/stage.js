@@ -56,10 +56,21 @@ const GRID = {
     }`,
 };
 
-const ground = { group: null, told: null };
+function reach(light, radius) {          // soft shadows of all within `radius` of what is looked at, and on the ground
+  const wide = 1.6 * radius, { shadow } = light;
+  light.position.setLength(4 * radius);
+  Object.assign(shadow.camera, { left: -wide, right: wide, top: wide, bottom: -wide, near: radius, far: 9 * radius });
+  shadow.camera.updateProjectionMatrix();
+  Object.assign(shadow, { bias: -2e-4, normalBias: 4e-3 * radius, radius: 3 });
+  shadow.mapSize.set(1024, 1024);
+}
+
+const ground = { group: null, told: null, light: null };
 function layGround() {                   // at the lowest point of the motion; its grid runs through the world's origin
-  const floor = told("floor");
-  if (floor === ground.told || !floor.radius) return;
+  const floor = told("floor"), light = viewer.scene_tree.find(["Lights", "Key", "<object>"]).object;
+  if ((floor === ground.told && light === ground.light) || !floor.radius || !light.shadow) return;
+  ground.light = light;
+  reach(light, floor.radius);
   if (ground.group) viewer.scene.remove(ground.group);
   ground.told = floor;
   const disc = new THREE.CircleGeometry(12 * floor.radius, 96);
