@@ -17,7 +17,7 @@ from matplotlib.image import imread
 
 import ccpin
 from ccpin import visualization
-from ccpin.errors import InvalidInputError
+from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.visualization.live import LiveRecorder
 from ccpin.visualization.page import Recorder
 from tests.support.browser import chromium, click, opened, pixels, press, settle
@@ -354,9 +354,28 @@ def decoded(film):
 
 
 def test_a_picture(rpdr, tmp_path):
-    """A .png is what the page shows."""
+    """A .png is what the page shows; afterwards the browser and its thread are gone."""
     pytest.importorskip("choreographer")
     chromium()
     picture = imread(visualization.snapshot(rpdr, None, tmp_path / "p.png", size=(400, 300)))
     assert picture.shape[:2] == (300, 400)
     assert ((picture[..., 0] > 0.7) & (picture[..., 1] < 0.65) & (picture[..., 2] < 0.35)).mean() > 0.01
+    assert not any(thread.name == "ccpin-browser" for thread in threading.enumerate())
+
+
+def test_no_browser_is_told(rpdr, tmp_path, monkeypatch):
+    """Where no Chromium is installed a sentence says so, and nothing is left."""
+    browsers = pytest.importorskip("choreographer.browsers.chromium")
+    monkeypatch.setattr(browsers.Chromium, "find_browser", classmethod(lambda *_, **__: None))
+    with pytest.raises(CcpinError, match="headless Chromium .* none is installed"):
+        visualization.snapshot(rpdr, None, tmp_path / "p.png")
+    assert list(tmp_path.iterdir()) == []
+    assert not any(thread.name == "ccpin-browser" for thread in threading.enumerate())
+
+
+def test_what_the_page_throws_is_told(rpdr, tmp_path):
+    """An exception in the page is a CcpinError with its words; the browser goes on."""
+    with opened(visualization.snapshot(rpdr, None, tmp_path / "s.html").as_uri()) as page:
+        with pytest.raises(CcpinError, match="ReferenceError: nowhere is not defined"):
+            page.evaluate("nowhere.at.all")
+        assert page.evaluate("1 + 1") == 2

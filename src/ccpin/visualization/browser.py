@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 from ccpin.errors import CcpinError
 
-TIMEOUT = 120.0
+TIMEOUT = 300.0
 """Seconds to wait for the browser to start, to load a page or to answer."""
 DRIVER = "GL Driver Message"
 """What the graphics driver remarks about its own speed when a picture is taken; no fault of the page's."""
@@ -88,7 +88,13 @@ class Page:
         self.close()
 
     def _wait(self, work: Coroutine[Any, Any, T]) -> T:
-        return asyncio.run_coroutine_threadsafe(asyncio.wait_for(work, TIMEOUT), self._loop).result()
+        answer = asyncio.run_coroutine_threadsafe(asyncio.wait_for(work, TIMEOUT), self._loop)
+        try:
+            return answer.result()
+        except (asyncio.TimeoutError, TimeoutError):
+            raise CcpinError(f"the browser did not answer within {TIMEOUT:g} s") from None
+        except (RuntimeError, OSError) as error:  # what choreographer raises where a browser fails or has gone
+            raise CcpinError(f"the browser failed: {error or type(error).__name__}") from None
 
     async def _send(self, name: str, parameters: dict[str, Any] | None = None) -> dict[str, Any]:
         answer = await self._tab.send_command(name, params=parameters or {})

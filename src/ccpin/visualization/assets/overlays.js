@@ -73,6 +73,7 @@ function arrow(colour) {                 // of length 1 along y, shaft and head
   const head = new THREE.Mesh(new THREE.ConeGeometry(2.6, 1, 20), material);
   const group = new THREE.Group();
   group.add(shaft, head);
+  dress(group);
   group.visible = false;
   return group;
 }
