@@ -255,8 +255,8 @@ def test_a_move_that_never_settles_ends_the_supervision(model):
 
 def test_files_round_trip(motion, model, tmp_path):
     """npz and CSV hold the samples exactly, with a header that names every column."""
-    motion.save_npz(tmp_path / "m.npz")
-    motion.save_csv(tmp_path / "m.csv", model.mechanism)
+    motion.save(tmp_path / "m.npz")
+    motion.save(tmp_path / "m.csv")
     again = load_npz(tmp_path / "m.npz")
     assert np.array_equal(again.q_free, motion.q_free)
     assert again.status == motion.status
@@ -271,7 +271,7 @@ def test_a_file_that_cannot_be_written_leaves_nothing(motion, model, tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
     with pytest.raises(InvalidInputError, match="cannot write"):
-        motion.save_csv(blocked / "m.csv", model.mechanism)
+        motion.save(blocked / "m.csv")
     with pytest.raises(InvalidInputError, match="not a trajectory"):
         load_npz(blocked)
 

@@ -367,7 +367,7 @@ def test_no_browser_is_told(rpdr, tmp_path, monkeypatch):
     """Where no Chromium is installed a sentence says so, and nothing is left."""
     browsers = pytest.importorskip("choreographer.browsers.chromium")
     monkeypatch.setattr(browsers.Chromium, "find_browser", classmethod(lambda *_, **__: None))
-    with pytest.raises(CcpinError, match="headless Chromium .* none is installed"):
+    with pytest.raises(CcpinError, match=r"headless Chromium .* none is installed"):
         visualization.snapshot(rpdr, None, tmp_path / "p.png")
     assert list(tmp_path.iterdir()) == []
     assert not any(thread.name == "ccpin-browser" for thread in threading.enumerate())

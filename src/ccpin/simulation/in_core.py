@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import DOP853, RK45
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, ModelLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.control.laws import ControlLaw, Delayed, ModelLaw, NoTorque, PDFullGravity, PDSimpleGravity
 from ccpin.control.references import Hold, PiecewisePolynomial, PointToPoint, Waypoints
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.simulation.trajectory import Trajectory
+from ccpin.simulation.happenings import Moment
+from ccpin.simulation.run import Budget
+from ccpin.simulation.samples import Stop
+from ccpin.simulation.settling import Settling
 
+_NEVER = Settling(np.empty(0))
 _TRACKING: dict[type[ControlLaw], str] = {
     ComputedTorque: "computed_torque",
     PDPlus: "pd_plus",
@@ -23,37 +27,69 @@ _TRACKING: dict[type[ControlLaw], str] = {
 _REFERENCES = (Hold, PointToPoint, Waypoints)  # themselves: a subclass may have another `at`
 
 
-def simulate_in_core(
+class CoreRun(NamedTuple):
+    """A stretch of a motion that the core has integrated.
+
+    Attributes:
+        columns: The samples, by the fields of `StateSample` but friction and limits.
+        stop: Why it ended before its time, or ``None``.
+        evaluations: Of the equations of motion.
+        memory: What a sampled loop remembers, for `SampledCommands.adopt`.
+    """
+
+    columns: dict[str, Array]
+    stop: Stop | None
+    evaluations: int
+    memory: Any
+
+
+def run_in_core(
     model: ReducedModel,
     law: ControlLaw,
     method: str,
-    guess: Array | None,
-    run: dict[str, Any],
-) -> Trajectory | None:
-    """The trajectory, or ``None`` where the law, the method or the motion is not one the core can answer for.
+    start: Moment,
+    numbers: dict[str, Any],
+    settling: Settling | None = None,
+    budget: Budget | None = None,
+) -> CoreRun | None:
+    """A run from a start, or ``None`` where the law, the method or the motion is not one the core can answer for.
 
     Args:
         model: The reduced model.
         law: The law.
         method: The integrator.
-        guess: As for `simulate`.
-        run: times (N,), start (q, q̇), rtol, atol, max_step, singular_rcond, a `Settling`'s fields (an empty goal: run
-            to the end), wrenches (`wrench_rows`) and sampling (`SampledCommands.numbers`).
+        start: Where and when it begins.
+        numbers: times (N,) of the samples, beginning at the start's, rtol, atol, max_step, singular_rcond, lower and
+            upper bounds of u (a run that would go beyond is not the core's), wrenches (`wrench_rows`) and sampling
+            (`SampledCommands.numbers`).
+        settling: End once settled.
+        budget: End once it is spent.
     """
-    tableau, numbers = TABLEAUX.get(method), law_numbers(model, law)
-    if tableau is None or numbers is None:
+    origin, law = (law.start, law.law) if isinstance(law, Delayed) else (0.0, law)
+    tableau, told = TABLEAUX.get(method), law_numbers(model, law)
+    if tableau is None or told is None:
         return None
-    answer = model.core.simulate(guess, numbers, run, tableau)
+    most = budget or Budget()
+    run = (
+        numbers | (settling or _NEVER)._asdict() | {"start": np.concatenate([start.state.q, start.v]), "origin": origin}
+    )
+    run |= {name: np.inf if value is None else value for name, value in most._asdict().items()}
+    answer = model.core.simulate(start.state.q_free, told, run, tableau)
     if answer is None:
         return None
-    done, q, v, u, q_free, closure, status, since, evaluations = answer
-    t = np.array(run["times"][:done])
-    message = {
-        "finished": f"simulated {t[-1]:.6g} s",
-        "settled": f"settled since t = {since:.6g} s",
-        "interrupted": f"interrupted at t = {t[-1]:.6g} s",
-    }[status]
-    return Trajectory(t, q[:done], v[:done], u[:done], q_free[:done], closure[:done], status, message, evaluations)
+    done, *columns, ended, since, evaluations, raised, memory = answer
+    names = ("t", "q", "v", "a", "u", "q_free", "closure_error")
+    found = dict(zip(names, (column[:done] for column in columns), strict=True))
+    return CoreRun(found, _stop(ended, float(found["t"][-1]), since, raised), evaluations, memory)
+
+
+def _stop(ended: str, t: float, since: float, raised: BaseException | None) -> Stop | None:
+    """How the core's run ended, in the reference's words."""
+    if ended == "finished":
+        return None
+    if ended == "settled":
+        return Stop.settled(since)
+    return Stop.exhausted(t, ended) if raised is None else Stop.broken_off(t, raised)
 
 
 def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
