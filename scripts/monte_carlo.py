@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from matplotlib import rc_context
 from matplotlib.figure import Figure
 from tqdm import tqdm
 
@@ -52,9 +53,9 @@ def move(case: dict[str, float], nominal: ccpin.ReducedModel) -> dict[str, objec
 def draw(study: Sweep) -> Figure:
     """Motions as bands, and what spreads: settling time, overshoot and the error that friction leaves."""
     rows = [row for row in study.results if row is not None]
-    with plotting.drawing(
-        f"RPDR, the paper's move on {len(rows)} robots within ±{100 * SPREAD:.0f} %", (11, 7)
-    ) as figure:
+    with rc_context(plotting.STYLE):
+        figure = Figure(figsize=(11, 7), layout="constrained")
+        figure.suptitle(f"RPDR, the paper's move on {len(rows)} robots within ±{100 * SPREAD:.0f} %")
         panels = figure.subplots(2, 2)
         t = np.linspace(0.0, DURATION, SAMPLES)
         for panel, name, goal, colour in zip(
@@ -68,7 +69,10 @@ def draw(study: Sweep) -> Figure:
             panel.set(xlabel="time [s]", ylabel=f"{name} [°]")
             panel.legend(loc="lower right", framealpha=0.85, edgecolor="none")
         settling = [1e3 * row["settling_time"] for row in rows if row["settling_time"] is not None]
-        panels[1, 0].hist(settling, bins=24, color=plotting.COLOURS[2])
+        step = 1e3 * DURATION / (SAMPLES - 1) / 10
+        panels[1, 0].hist(
+            settling, np.arange(min(settling) - step / 2, max(settling) + step, step), color=plotting.COLOURS[2]
+        )
         panels[1, 0].set(xlabel=f"within ±{np.degrees(BAND):.0f}° from [ms] on", ylabel="robots")
         error = np.degrees([row["steady_state_error"] for row in rows])
         for k, colour in enumerate(plotting.COLOURS[:2]):

@@ -95,7 +95,7 @@ def test_joints_numbers():
     ("factors", "words"),
     [
         ({"masses": {"link_1": 2.0}}, "masses: there is no 'link_1'"),
-        ({"friction": {"joint1": -1.0}}, "friction: the factor of 'joint1' is -1.0"),
+        ({"friction": {"joint1": -1.0}}, "friction: the factor of 'joint1' = -1.0"),
         ({"lengths": 0.0}, "it must be positive"),
         ({"inertias": "many"}, "'many'"),
     ],

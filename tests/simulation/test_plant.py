@@ -248,3 +248,29 @@ def test_a_push_gives_its_impulse():
     assert motion.v[-1] == pytest.approx(0.5, abs=1e-13)
     assert motion.q[-1] == pytest.approx(0.5 * 0.025 + 0.5 * 0.65, abs=1e-13)
     assert motion.evaluations < 200  # no step feels the push before it comes or after it has gone
+
+
+def test_a_mass_rebounds_from_a_plane_as_from_a_stop():
+    """Thrown at a plane it leaves at the speed of c w + ln(1 − c w) = ln(1 + c v) − c v."""
+    c, v = 0.3, 1.2
+    w = brentq(lambda w: c * w + np.log(1 - c * w) - np.log(1 + c * v) + c * v, 0.0, v)
+    floor = Contact("carriage", stiffness=2e4, dissipation=c)
+    motion = ccpin.simulate(carriage("z"), None, [0.02], [-v], duration=0.1, contacts=[floor], **TIGHT)
+    assert names(motion) == ["'carriage' on the plane: met", "'carriage' on the plane: left"]
+    assert motion.events[0].t == pytest.approx(0.02 / v, abs=1e-10)
+    assert motion.v[-1] == pytest.approx(w, rel=1e-8)
+
+
+def test_a_joint_that_rests_at_a_stop():
+    """Pushed into a stop against 3 N of Coulomb friction a mass halts, and the stop carries what friction does not."""
+    model = carriage(upper=0.1, lower=-1.0)
+    limits = Limits(position="stop", stiffness=1e4, dissipation=20.0)
+    motion = ccpin.simulate(
+        model, lambda t, q, v: [10.0], [0.09], duration=0.5, limits=limits, friction={"x": (3.0, 0.0)}
+    )
+    assert motion.v[-1] == 0.0
+    x = model.mechanism.tree.joint("x").v.start
+    pushed = 1e4 * (motion.q[-1, 0] - 0.1)
+    assert 7.0 <= pushed <= 13.0 * (1 + 1e-8)  # friction balances up to its level, to 1e-8 of it
+    assert motion.limits[-1, x] == pytest.approx(-pushed, rel=1e-12)
+    assert motion.friction[-1, x] == pytest.approx(pushed - 10.0, rel=1e-9)

@@ -41,6 +41,17 @@ def test_the_table_as_csv(tmp_path):
     assert [float(row["y"]) for row in rows] == [0.1**2, (1 / 3) ** 2]
 
 
+def test_the_table_as_parquet(tmp_path):
+    """Parquet holds the same columns; another ending is refused."""
+    pandas = pytest.importorskip("pandas")
+    pytest.importorskip("pyarrow")
+    found = sweep(parabola, CASES)
+    found.save(tmp_path / "table.parquet")
+    pandas.testing.assert_frame_equal(pandas.read_parquet(tmp_path / "table.parquet"), found.to_pandas())
+    with pytest.raises(InvalidInputError, match=r"\.csv or \.parquet"):
+        found.save(tmp_path / "table.xls")
+
+
 def test_pandas_gets_the_table():
     """`to_pandas` has a column a name."""
     pandas = pytest.importorskip("pandas")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
-from numbers import Real
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, instance, number
 from ccpin.description.checks import check
 from ccpin.description.model import Link, MechanismDescription, Visual, frame
 from ccpin.description.names import choices
@@ -52,6 +50,7 @@ def scaled(
         InvalidInputError: An unknown name, or a factor that is negative (of lengths: not positive) or not finite.
         DescriptionError: The result is unsound.
     """
+    instance(description, "description", MechanismDescription)
     links, joints = [link.name for link in description.links], [joint.name for joint in description.joints]
     mass, inertia = _factors("masses", masses, links), _factors("inertias", inertias, links)
     length = _factors("lengths", lengths, links)
@@ -91,8 +90,7 @@ def _factors(word: str, factors: Factors, names: Iterable[str]) -> dict[str, flo
     for name, factor in given.items():
         if name not in known:
             raise InvalidInputError(f"{word}: there is no '{name}'; {choices(str(name), known)}")
-        if isinstance(factor, bool) or not isinstance(factor, Real) or not 0 <= factor < math.inf:
-            raise InvalidInputError(f"{word}: the factor of '{name}' is {factor!r}; it must be a number, 0 or more")
+        number(factor, f"{word}: the factor of '{name}'", "a number, 0 or more", -1e-300)
     return {name: float(given.get(name, 1.0)) for name in known}
 
 

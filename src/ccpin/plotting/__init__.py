@@ -8,12 +8,11 @@ from __future__ import annotations
 from ccpin.plotting.domain import plot_atlas, plot_radius_map, plot_singularities
 from ccpin.plotting.motion import plot_configuration_panels, plot_configurations, plot_motion
 from ccpin.plotting.stability import plot_lyapunov, plot_sublevel
-from ccpin.plotting.style import COLOURS, STYLE, drawing, save
+from ccpin.plotting.style import COLOURS, STYLE, save
 
 __all__ = [
     "COLOURS",
     "STYLE",
-    "drawing",
     "plot_atlas",
     "plot_configuration_panels",
     "plot_configurations",

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ccpin.arrays import numbers, whole
 from ccpin.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ def grid(values: Mapping[str, Sequence[Any]]) -> list[Case]:
     Raises:
         InvalidInputError: There is no name, or one without values.
     """
-    if not values or not all(len(each) for each in values.values()):
+    lists = isinstance(values, Mapping) and all(isinstance(each, Sequence) and len(each) for each in values.values())
+    if not lists or not len(values):
         raise InvalidInputError('a grid needs at least one value each, like {"K_p": [10.0, 20.0]}')
     return [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
 
@@ -44,7 +46,7 @@ def latin_hypercube(ranges: Ranges, count: int, seed: int = 0) -> list[Case]:
     """
     from scipy.stats.qmc import LatinHypercube
 
-    return _between(ranges, count, LatinHypercube(len(ranges) or 1, seed=seed))
+    return _between(ranges, count, lambda d: LatinHypercube(d, seed=whole(seed, "seed", 0)))
 
 
 def sobol(ranges: Ranges, count: int, seed: int = 0) -> list[Case]:
@@ -54,19 +56,19 @@ def sobol(ranges: Ranges, count: int, seed: int = 0) -> list[Case]:
     """
     from scipy.stats.qmc import Sobol
 
-    return _between(ranges, count, Sobol(len(ranges) or 1, seed=seed))
+    return _between(ranges, count, lambda d: Sobol(d, seed=whole(seed, "seed", 0)))
 
 
-def _between(ranges: Ranges, count: int, engine: QMCEngine) -> list[Case]:
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
-        raise InvalidInputError(f"count = {count!r} must be a whole number of at least 1")
-    try:
-        bounds = np.array(list(ranges.values()), dtype=np.float64)
-    except (TypeError, ValueError):
-        bounds = np.empty(0)
-    if bounds.shape != (len(ranges), 2) or not np.isfinite(bounds).all() or not (bounds[:, 0] < bounds[:, 1]).all():
-        raise InvalidInputError(f'ranges must be (lower, upper) by name, like {{"mass": (0.8, 1.2)}}: {ranges!r}')
-    places = _points(engine, count)
+def _between(ranges: Ranges, count: int, engine: Callable[[int], QMCEngine]) -> list[Case]:
+    count = whole(count, "count")
+    bounds = numbers(list(ranges.values()), "ranges") if isinstance(ranges, Mapping) else np.empty(0)
+    if (
+        bounds.shape != (len(bounds) or 1, 2)
+        or not np.isfinite(bounds).all()
+        or not (bounds[:, 0] < bounds[:, 1]).all()
+    ):
+        raise InvalidInputError(f'ranges must be (lower, upper) by name, like {{"mass": (0.8, 1.2)}}: {ranges!r:.80}')
+    places = _points(engine(len(ranges)), count)
     points = bounds[:, 0] + places * (bounds[:, 1] - bounds[:, 0])
     return [dict(zip(ranges, point, strict=True)) for point in points.tolist()]
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccpin.arrays import Array, vector
+from ccpin.arrays import Array, number, positive, vector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
@@ -54,14 +54,12 @@ class Contact:
 
     def __post_init__(self) -> None:
         where = f"contact of '{self.link}'"
-        for name, least in (("stiffness", True), ("dissipation", False), ("friction", False), ("slip", True)):
-            value = getattr(self, name)
-            numeric = isinstance(value, float | int | np.number) and not isinstance(value, bool)
-            if not numeric or not 0 <= value < np.inf or (least and not value):
-                wanted = "a positive number" if least else "a number, 0 or more"
-                raise InvalidInputError(f"{where}: {name} = {value!r} must be {wanted}")
-        if not np.isfinite(self.height):
-            raise InvalidInputError(f"{where}: height = {self.height!r} must be a finite number")
+        for name in ("stiffness", "slip"):
+            positive(getattr(self, name), f"{where}: {name}")
+        for name in ("dissipation", "friction"):
+            number(getattr(self, name), f"{where}: {name}", "a number, 0 or more", -1e-300)
+        number(self.height, f"{where}: height")
+        vector(self.point, f"{where}: point", 3)
         normal = vector(self.normal, f"{where}: normal", 3)
         if not normal.any():
             raise InvalidInputError(f"{where}: the normal has no length")
@@ -83,9 +81,6 @@ class Contacts:
     """
 
     def __init__(self, model: ReducedModel, contacts: Sequence[Contact]) -> None:
-        for contact in contacts:
-            if not isinstance(contact, Contact):
-                raise InvalidInputError(f"contacts must be `Contact`s, not {type(contact).__name__}")
         tree = model.mechanism.tree
         self._each = [(contact, LinkPoint(tree, contact.link, contact.point)) for contact in contacts]
         self._size = model.mechanism.n_free

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.integrate import trapezoid
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, instance
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.wrenches import Pushes, Wrenches
 from ccpin.mechanism.mechanism import Mechanism
@@ -65,6 +65,7 @@ def demands(
         InvalidInputError: The trajectory is not this model's.
     """
     model = model_of(model)
+    instance(trajectory, "trajectory", Trajectory)
     t, u = trajectory.t, trajectory.u
     rates = np.array([_rates(model, state.v_free(v), v) for state, v, _ in trajectory.states(model)])
     power, duration = u * rates, max(float(t[-1] - t[0]), np.finfo(float).tiny)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, vector
+from ccpin.arrays import Array, instance, number, records, vector
 from ccpin.dynamics.state import State
 from ccpin.dynamics.wrenches import Pushes, Wrench, Wrenches
 from ccpin.errors import InvalidInputError
@@ -33,7 +33,13 @@ class Push:
     end: float = np.inf
 
     def __post_init__(self) -> None:
-        if not self.start < self.end:
+        if not callable(self.wrenches):
+            instance(
+                self.wrenches, "wrenches of a push", Mapping, "a mapping of link names or a function of (t, state, v)"
+            )
+        number(self.start, "start of a push")
+        end = self.end if isinstance(self.end, float) and self.end == np.inf else number(self.end, "end of a push")
+        if not self.start < end:
             raise InvalidInputError(f"a push from {self.start} s to {self.end} s: it must start before it ends")
 
 
@@ -45,7 +51,7 @@ class Disturbance:
     """
 
     def __init__(self, pushes: Sequence[Push]) -> None:
-        self.pushes = tuple(pushes)
+        self.pushes = records(pushes, "pushes", Push)
         times = {time for push in self.pushes for time in (push.start, push.end)}
         self._times = np.array(sorted(time for time in times if np.isfinite(time)))
 

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, instance
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.limits import position_bounds
@@ -40,6 +40,7 @@ def exceeded(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[E
         InvalidInputError: The trajectory is not this model's.
     """
     model = model_of(model)
+    instance(trajectory, "trajectory", Trajectory)
     mechanism = model.mechanism
     rates = np.array([state.v_free(v) for state, v, _ in trajectory.states(model)])
     found = [

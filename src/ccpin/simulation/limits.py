@@ -22,7 +22,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, choice, number, positive
 from ccpin.description.names import choices
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
@@ -65,16 +65,12 @@ class Limits:
 
     def __post_init__(self) -> None:
         for name, words in (("position", Position), ("velocity", Velocity), ("effort", Effort)):
-            if getattr(self, name) not in get_args(words):
-                raise InvalidInputError(
-                    f"limits: {name} = {getattr(self, name)!r} is not one of {', '.join(get_args(words))}"
-                )
+            choice(getattr(self, name), f"limits: {name}", get_args(words))
         stiffness = self.stiffness
-        each = {} if stiffness is None else stiffness if isinstance(stiffness, Mapping) else {"stiffness": stiffness}
-        for name, value in (*each.items(), ("dissipation", self.dissipation)):
-            least = 0.0 if name == "dissipation" else np.finfo(float).tiny
-            if isinstance(value, bool) or not isinstance(value, float | int | np.number) or not least <= value < np.inf:
-                raise InvalidInputError(f"limits: {name} = {value!r} must be a finite number above 0")
+        each = stiffness if isinstance(stiffness, Mapping) else {} if stiffness is None else {"stiffness": stiffness}
+        for name, value in each.items():
+            positive(value, f"limits: {name}")
+        number(self.dissipation, "limits: dissipation", "a number, 0 or more", -1e-300)
 
 
 class Stops:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, numbers
 from ccpin.control.sampling import Numbers
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
@@ -51,10 +51,10 @@ class MotorModel:
 
     def __post_init__(self) -> None:
         for name in ("lag", "rate"):
-            array = np.asarray(getattr(self, name), dtype=np.float64)
+            array = numbers(getattr(self, name), f"motors: {name}")
             if array.ndim > 1 or not (array >= 0).all() or (name == "rate" and not (array > 0).all()):
                 raise InvalidInputError(f"motors: {name} = {getattr(self, name)!r} must be positive numbers")
-        speeds, efforts = (np.asarray(values, dtype=np.float64) for values in (self.speeds, self.efforts))
+        speeds, efforts = numbers(self.speeds, "motors: speeds"), numbers(self.efforts, "motors: efforts")
         sound = speeds.shape == efforts.shape and speeds.ndim == 1 and np.isfinite([speeds, efforts]).all()
         if not sound or (len(speeds) and (speeds[0] != 0 or (np.diff(speeds) <= 0).any() or (efforts < 0).any())):
             raise InvalidInputError(

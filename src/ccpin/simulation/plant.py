@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, records
 from ccpin.control.laws import ControlLaw, NoTorque
 from ccpin.control.sampling import ContinuousCommands, SampledCommands
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -63,6 +63,7 @@ class Plant:
         self._saturation = Saturation(model, self.limits)
         self._curve = TorqueSpeed(model, self.motors)
         stops = [Stops(model, self.limits)] if self.limits.position == "stop" else []
+        contacts = records(contacts, "contacts", Contact)
         self._pushing: list[Stops | Contacts] = [*stops, *([Contacts(model, contacts)] if contacts else [])]
         self.loaded = bool(self._pushing)
         CurrentLoops(self.motors, model.n_actuated)

@@ -125,7 +125,7 @@ class Simulator:
         self._law = _law(model, law)
         self._plant.check_law(self._law, sampling is not None)
         self._plain = not (callable(wrenches) or region is not None or events or self._friction.names)
-        self._plain = self._plain and self._plant.plain
+        self._plain = self._plain and self._plant.plain and (sampling is None or not np.any(sampling.encoder_noise))
         self._nothing = frozen(np.zeros(model.mechanism.n_free))
         self._held: HeldMotion | None = None
         if self._plain and sampling is None and method in TABLEAUX:

@@ -11,14 +11,19 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Event
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from ccpin.arrays import instance, whole
 from ccpin.domain.atlas.run import executor_for, stoppable
 from ccpin.errors import InvalidInputError
 from ccpin.files import Journal, write_atomically
+from ccpin.simulation import saving
 from ccpin.simulation.cases import Case
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 Task = Callable[[Case], Any]
 
@@ -67,14 +72,25 @@ class Sweep(NamedTuple):
             columns[f"result_{name}" if name in taken else name] = [result.get(name) for result in found]
         return columns | {"error": list(self.errors)}
 
-    def to_pandas(self) -> Any:
-        """The table as a pandas DataFrame (pandas must be installed)."""
-        import pandas
+    def to_pandas(self) -> pd.DataFrame:
+        """The table as a data frame.
 
-        return pandas.DataFrame(self.table())
+        Raises:
+            InvalidInputError: pandas is not installed.
+        """
+        return saving.data_frame(self.table())
 
     def save(self, path: str | Path) -> None:
-        """Write the table as CSV with a header line, whole or not at all."""
+        """Write the table as CSV with a header line, or as Parquet, by the path's ending; whole or not at all.
+
+        Raises:
+            InvalidInputError: Another ending, the file cannot be written, or Parquet without the extra ``tables``.
+        """
+        if Path(path).suffix == ".parquet":
+            saving.write_parquet(self.to_pandas(), Path(path))
+            return
+        if Path(path).suffix != ".csv":
+            raise InvalidInputError(f"'{path}' must end in .csv or .parquet")
         table = self.table()
 
         def write(file: Any) -> None:
@@ -118,16 +134,19 @@ def sweep(
         InvalidInputError: Cases that are no such mappings, a task that cannot be sent to other processes, a file of
             another sweep, bad `workers`.
     """
-    rows = [_case(number, case, seed) for number, case in enumerate(cases)]
+    seed = None if seed is None else whole(seed, "seed", 0)
+    rows = [_case(number, case, seed) for number, case in enumerate(instance(cases, "cases", Iterable, "mappings"))]
     keys = [json.dumps(row, sort_keys=True) for row in rows]
     _check_task(task, workers, executor)
+    report = _silent if progress is None else progress
+    if not callable(report):
+        raise InvalidInputError(f"progress must be a function of a `SweepProgress`, not {type(report).__name__}")
     with ExitStack() as stack:
         journal, done = None, dict[str, dict[str, Any]]()
         if path is not None:
             header = {"format": "ccpin-sweep-1", "task": getattr(task, "__qualname__", type(task).__name__)}
             journal = stack.enter_context(Journal(path, header))
             done = {record["case"]: record for record in journal.records}
-        report = progress or _silent
         report(_progress(keys, done))
         flag = stack.enter_context(stoppable())
         missing = [number for number, key in enumerate(keys) if key not in done]
