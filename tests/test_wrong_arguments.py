@@ -16,7 +16,7 @@ WRONG = (None, "rpbr", -1, np.nan, [], [[1.0, 2.0]], np.zeros((3, 3)), {"a": 1},
 FLAGS = {"floating_base", "loop", "open_browser", "failures", "workers", "executor", "checkpoint"}
 # What these hold is given by ccpin, or looked at where it is used.
 HELD = {"Atlas", "Gains", "Region", "SetPointCertificate", "State", "Trajectory", "Scene", "Viewer", "Mechanism"}
-ABSTRACT = {"ControlLaw", "Reference", "TrackingLaw", "drawing"}
+ABSTRACT = {"ControlLaw", "HasForce", "Reference", "TrackingLaw", "drawing"}
 LONG = {
     ("certify_law", "domain"),
     ("certify_set_point", "domain"),
@@ -278,6 +278,7 @@ def _validated(b):
 def _visualization(b):
     still = {"mechanism": b.whole, "q_free": b.q_free, "path": b.folder / "a.html", "title": None}
     moving = still | {"t": [0, 0.1], "q_free": [b.q_free, b.q_free], "fps": 30, "trace": None, "speed": 1.0}
+    moving |= {"forces": (), "size": None}
     live = {"mechanism": b.whole, "q_free": b.q_free, "t": None, "title": None, "fps": 30, "open_browser": False}
 
     def view(**given):
@@ -285,7 +286,7 @@ def _visualization(b):
 
     return {
         "animate": (visualization.animate, moving),
-        "snapshot_html": (visualization.snapshot_html, still),
+        "snapshot": (visualization.snapshot, still),
         "view": (view, live),
     }
 
@@ -368,7 +369,7 @@ def test_a_model_for_a_mechanism_and_the_reverse(bench, tmp_path):
         assert control.certify_set_point(subject, q, 50.0, 5.0, box).level > 0
         assert domain.certify(subject, q, region=box, max_depth=0).radius > 0
         assert control.suggest_gains(subject, q, box).beta > 0
-        visualization.snapshot_html(subject, None, tmp_path / "page.html")
+        visualization.snapshot(subject, None, tmp_path / "page.html")
         assert plotting.plot_configurations(subject, [bench.q_free], ["here"]) is not None
         assert len(list(bench.run.states(subject))) == len(bench.run.t)
     for wrong in ("rpdr", None, bench.law):
@@ -376,9 +377,9 @@ def test_a_model_for_a_mechanism_and_the_reverse(bench, tmp_path):
             domain.certify(wrong, q)
 
 
-@pytest.mark.parametrize("name", ["motion.mp4", "motion.gif", "motion"])
-def test_a_page_is_no_film(name, bench, tmp_path):
+@pytest.mark.parametrize("name", ["motion.avi", "motion.png", "motion"])
+def test_an_unknown_ending_is_no_film(name, bench, tmp_path):
     """The endings there are, are named; nothing is written."""
-    with pytest.raises(ccpin.errors.InvalidInputError, match=r"as a web page, \.html or \.htm"):
+    with pytest.raises(ccpin.errors.InvalidInputError, match=r"as \.html, \.htm, \.mp4 or \.gif"):
         visualization.animate(bench.whole, [0, 1], [bench.q_free] * 2, Path(tmp_path) / name)
     assert not list(tmp_path.iterdir())

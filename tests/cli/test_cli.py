@@ -147,15 +147,18 @@ def test_errors_are_sentences_with_exit_code_1(arguments, error, capsys):
 
 
 def test_view_writes_a_page(tmp_path, capsys):
-    """`ccpin view --html` writes the reference pose, or a trajectory."""
-    assert main(["view", "rpdr", "--html", str(tmp_path / "pose.html")]) == 0
+    """`ccpin view --out` writes the reference pose, or a trajectory."""
+    assert main(["view", "rpdr", "--out", str(tmp_path / "pose.html")]) == 0
     assert (tmp_path / "pose.html").stat().st_size > 100_000
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
     motion = ccpin.simulate(model, None, np.radians([-90.0, -95.0]), duration=0.1, sample_period=0.01)
     motion.save(tmp_path / "motion.npz")
     page = tmp_path / "motion.html"
-    assert main(["view", "rpdr", "--trajectory", str(tmp_path / "motion.npz"), "--html", str(page)]) == 0
+    command = ["view", "rpdr", "--trajectory", str(tmp_path / "motion.npz"), "--out", str(page)]
+    assert main([*command, "--trace", "end_effector", "--forces"]) == 0
     assert page.stat().st_size > 100_000
+    assert main(["view", "rpdr", "--forces", "--out", str(page)]) == 1
+    assert "go with --trajectory" in capsys.readouterr().err
 
 
 def test_module_runs_as_a_program():
