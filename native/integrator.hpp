@@ -23,12 +23,15 @@ template <class F> class Integrator {
   double t = 0, h = 0;
   bool failed = false;  // the right-hand side is not defined at the start, or the step became too short
 
-  Integrator(F& f, const Tableau& tableau, std::vector<double> y0, double end, double rtol, double atol, double longest)
-      : y(std::move(y0)), f_(f), T_(tableau), end_(end), rtol_(rtol), atol_(atol), longest_(longest), size_(y.size()) {
+  // A first step of zero: it is chosen.
+  Integrator(F& f, const Tableau& tableau, std::vector<double> y0, double begin, double end, double rtol, double atol,
+             double longest, double first = 0)
+      : y(std::move(y0)), t(begin), f_(f), T_(tableau), end_(end), rtol_(rtol), atol_(atol), longest_(longest),
+        size_(y.size()) {
     next = trial_ = scale_ = y;
     k_.assign(T_.stages + 1 + T_.extra, std::vector<double>(size_));
-    failed = !f_(0, y.data(), k_[0].data());
-    if (!failed) h = first_step();
+    failed = !f_(t, y.data(), k_[0].data());
+    if (!failed) h = first > 0 ? std::min(first, end_ - t) : first_step();
   }
 
   // One accepted step, to `reached`; `advance` makes it the current state. False, and h as it was, where the right-hand
@@ -103,13 +106,13 @@ template <class F> class Integrator {
   }
 
   double first_step() {
-    const double interval = end_;
+    const double interval = end_ - t;
     for (size_t i = 0; i < size_; ++i) scale_[i] = atol_ + rtol_ * std::abs(y[i]);
     const double d0 = norm(y), d1 = norm(k_[0]);
     const double h0 = std::min(d0 < 1e-5 || d1 < 1e-5 ? 1e-6 : 0.01 * d0 / d1, interval);
     for (size_t i = 0; i < size_; ++i) trial_[i] = y[i] + h0 * k_[0][i];
     std::vector<double> f1(size_);
-    failed = !f_(h0, trial_.data(), f1.data());
+    failed = !f_(t + h0, trial_.data(), f1.data());
     for (size_t i = 0; i < size_; ++i) f1[i] -= k_[0][i];
     const double d2 = norm(f1) / h0;
     const double h1 = d1 <= 1e-15 && d2 <= 1e-15 ? std::max(1e-6, h0 * 1e-3)

@@ -207,9 +207,9 @@ class Kernel {
 
   // A run under a law of the core: how many samples, then q, q̇, u, q′, |φ|, how it ended, since when it is settled, evaluations.
   nb::object simulate(In near, nb::dict law, nb::dict run, nb::dict tableau) {
-    if (!m.direct) return nb::none();
     const auto [a, b, c] =
         reading::checked([&] { return std::tuple(read_law(law, m), read_run(run, m), read_tableau(tableau)); });
+    if (!m.direct && a.kind != LawKind::none) return nb::none();
     const Py_ssize_t rows = b.times.size();
     Pool::Lease w(pool_);
     In q;
@@ -217,8 +217,8 @@ class Kernel {
     if (rows == 0 || !close(w->model, near, q)) return nb::none();
     Samples out;
     const nb::object Q = new_array({rows, m.n_q}, out.q), V = new_array({rows, m.n}, out.v),
-                     U = new_array({rows, m.n}, out.u), X = new_array({rows, m.nq}, out.q_free),
-                     E = new_array({rows}, out.closure);
+                     U = new_array({rows, m.motors}, out.u), X = new_array({rows, m.nq}, out.q_free),
+                     W = new_array({rows, m.nv}, out.v_free), E = new_array({rows}, out.closure);
     Simulation simulation(*w, a, b);
     Outcome outcome;
     {
@@ -226,8 +226,12 @@ class Kernel {
       outcome = simulation.run(c, out);
     }
     if (outcome == Outcome::declined) return nb::none();
-    constexpr const char* names[] = {"finished", "settled", "interrupted"};
-    return nb::make_tuple(out.done, Q, V, U, X, E, names[int(outcome)], simulation.settled_since, simulation.evaluations);
+    constexpr const char* names[] = {"finished", "settled", "interrupted", "left"};
+    double *y, *x;
+    const nb::object Y = new_array({m.n_q + m.n}, y), X_end = new_array({m.nq}, x);
+    std::copy(simulation.y.begin(), simulation.y.end(), y), std::copy(simulation.q_free.begin(), simulation.q_free.end(), x);
+    return nb::make_tuple(out.done, Q, V, U, X, W, E, names[int(outcome)], simulation.settled_since,
+                          simulation.evaluations, nb::make_tuple(simulation.t, simulation.h, Y, X_end));
   }
 
   // Closes the model at σ(q) from `near`, or at `near` itself; false where only the reference can tell.

@@ -10,6 +10,7 @@ inline Law read_law(nb::dict d, const Mechanism& m) {
   const size_t n = m.n;
   Law law;
   law.kind = LawKind(place_of(text(d["kind"]), kLawNames, "law"));
+  if (law.kind == LawKind::none) return law;
   law.path.start = numbers(d["start"], m.n_q), law.path.breaks = numbers(d["breaks"]);
   law.path.degree = integer(d["degree"]);
   require(law.path.degree >= -1 && law.path.degree < 1000, "a path has a wrong degree");
@@ -25,10 +26,12 @@ inline Law read_law(nb::dict d, const Mechanism& m) {
 inline Run read_run(nb::dict d, const Mechanism& m) {
   using namespace reading;
   const auto any = [&](const char* name) { return nb::cast<double>(d[name]); };
-  Run r{numbers(d["times"]), numbers(d["start"], m.n_q + m.n), number(d["rtol"]), number(d["atol"]), any("max_step"),
-        number(d["singular_rcond"]), {}};
+  Run r{numbers(d["times"]), numbers(d["start"], m.n_q + m.n), number(d["begin"]), any("first_step"), number(d["rtol"]),
+        number(d["atol"]), any("max_step"), number(d["singular_rcond"]), {}, {}};
   r.settling = {numbers(d["goal"]), any("band"), any("speed"), any("hold")};
-  require(!r.times.empty() && r.times[0] == 0, "a run does not begin at 0");
+  r.leaving = {any("most_leverage"), numbers(d["row_weights"], m.nv), numbers(d["column_weights"], m.n)};
+  require(!r.times.empty() && r.times[0] >= r.begin, "a run's first time lies before its beginning");
+  require(!(r.first_step < 0), "a first step is negative");
   for (size_t k = 1; k < r.times.size(); ++k) require(r.times[k] > r.times[k - 1], "a run's times do not increase");
   require(r.rtol > 0 && r.atol > 0 && r.longest > 0, "a tolerance or step is not positive");
   require(r.settling.goal.empty() || int(r.settling.goal.size()) == m.n_q, "a goal has a wrong length");

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,7 +24,13 @@ class ControlLaw(abc.ABC):
     """A law u = torque(t, q, v) for the actuated joints.
 
     A law that needs the model overrides `torque_at` as well, so that σ is not computed again where a State is at hand.
+
+    Attributes:
+        everywhere: Whether u is defined also where the coordinates q are singular, because the law reads t, q and q̇ as
+            numbers only. A simulation then goes on there; under any other law it ends.
     """
+
+    everywhere: ClassVar[bool] = False
 
     @abc.abstractmethod
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
@@ -44,6 +51,8 @@ class ControlLaw(abc.ABC):
 class NoTorque(ControlLaw):
     """u = 0: the mechanism swings freely."""
 
+    everywhere = True
+
     def __init__(self, model: ReducedModel | Mechanism) -> None:
         self._zero = np.zeros(model_of(model).n_actuated)
 
@@ -54,6 +63,8 @@ class NoTorque(ControlLaw):
 
 class TorqueFunction(ControlLaw):
     """Any function (t, q, v) → u as a law."""
+
+    everywhere = True
 
     def __init__(self, function: Callable[[float, Array, Array], ArrayLike]) -> None:
         self._function = function

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from scipy.integrate import DOP853, RK45
@@ -12,7 +12,10 @@ from ccpin.control.laws import ControlLaw, ModelLaw, NoTorque, PDFullGravity, PD
 from ccpin.control.references import Hold, PiecewisePolynomial, PointToPoint, Waypoints
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.simulation.trajectory import Trajectory
+from ccpin.mechanism.siblings import Measure
+from ccpin.native import Declining
+from ccpin.simulation.following import Following
+from ccpin.simulation.trajectory import Status, Trajectory
 
 _TRACKING: dict[type[ControlLaw], str] = {
     ComputedTorque: "computed_torque",
@@ -21,6 +24,25 @@ _TRACKING: dict[type[ControlLaw], str] = {
 }
 
 _REFERENCES = (Hold, PointToPoint, Waypoints)  # themselves: a subclass may have another `at`
+
+
+class _Piece(NamedTuple):
+    """What the core answers: samples in the coordinates of one model (the first `done` rows), and how it ended.
+
+    `end` holds the time it had come to, the step it would have taken next, (q, q̇) and q′ there.
+    """
+
+    done: int
+    q: Array
+    v: Array
+    u: Array
+    q_free: Array
+    v_free: Array
+    closure: Array
+    status: Status | Literal["left"]
+    settled_since: float
+    evaluations: int
+    end: tuple[float, float, Array, Array]
 
 
 def simulate_in_core(
@@ -41,28 +63,91 @@ def simulate_in_core(
             run to the end).
     """
     tableau, numbers = TABLEAUX.get(method), law_numbers(model, law)
-    if tableau is None or numbers is None:
+    if tableau is None or numbers is None or isinstance(model.core, Declining):
         return None
+    if type(law) is NoTorque and not len(run["goal"]):
+        return _passive(model, law, guess, run, tableau)
+    run = run | _part(0.0, 0.0, np.inf, Measure(model.mechanism))
     answer = model.core.simulate(guess, numbers, run, tableau)
-    if answer is None:
-        return None
-    done, q, v, u, q_free, closure, status, since, evaluations = answer
-    t = np.array(run["times"][:done])
-    message = {
+    return None if answer is None else _joined(model, run["times"], [_Piece(*answer)], 0, None)
+
+
+def _passive(
+    model: ReducedModel, law: NoTorque, guess: Array | None, run: dict[str, Any], tableau: dict[str, Any]
+) -> Trajectory | None:
+    """A motion without torques, piece by piece in the coordinates that follow it."""
+    following, times = Following(model, law), run["times"]
+    state, v = model.at(run["start"][: model.nq], guess), run["start"][model.nq :]
+    following.begin(state)
+    pieces: list[_Piece] = []
+    t, step, done, stop = 0.0, 0.0, 0, None
+    while stop is None:
+        run = run | _part(t, step, following.most, following.measure)
+        run |= {"times": times[done:], "start": np.concatenate([state.q, v])}
+        answer = following.model.core.simulate(state.q_free, {"kind": "none"}, run, tableau)
+        if answer is None:
+            return None
+        pieces.append(_Piece(*answer))
+        done += pieces[-1].done
+        if pieces[-1].status != "left":
+            break
+        t, step, end, q_free = pieces[-1].end
+        state, v = following.model.at(end[: following.model.nq], q_free), end[following.model.nq :]
+        changed = following.change(state, v)
+        if changed is None:
+            stop = following.why(t, state, "the motion cannot go on in any independent coordinates")
+        else:
+            state, v = changed
+    return _joined(model, times, pieces, following.changes, stop)
+
+
+def _part(t: float, step: float, most: float, measure: Measure) -> dict[str, Any]:
+    """Where a run begins, its first step (0: chosen), and when its coordinates are left."""
+    return {
+        "begin": t,
+        "first_step": step,
+        "most_leverage": most,
+        "row_weights": measure.rows.tolist(),
+        "column_weights": measure.columns.tolist(),
+    }
+
+
+def _joined(model: ReducedModel, times: Array, pieces: list[_Piece], changes: int, stop: str | None) -> Trajectory:
+    """The pieces one after the other, in the coordinates of the model."""
+    columns = {
+        name: np.concatenate([getattr(piece, name)[: piece.done] for piece in pieces])
+        for name in ("q_free", "v_free", "closure")
+    }
+    first, alpha, slope = pieces[0], model.coordinates.alpha, model.coordinates.jacobian
+    later = slice(first.done, None)
+    q = [alpha(x) for x in columns["q_free"][later]]
+    v = [slope(x) @ w for x, w in zip(columns["q_free"][later], columns["v_free"][later], strict=True)]
+    t, last = np.array(times[: len(columns["q_free"])]), pieces[-1]
+    message = stop or {
         "finished": f"simulated {t[-1]:.6g} s",
-        "settled": f"settled since t = {since:.6g} s",
+        "settled": f"settled since t = {last.settled_since:.6g} s",
         "interrupted": f"interrupted at t = {t[-1]:.6g} s",
-    }[status]
-    return Trajectory(t, q[:done], v[:done], u[:done], q_free[:done], closure[:done], status, message, evaluations)
+    }[last.status]
+    return Trajectory(
+        t,
+        np.vstack([first.q[: first.done], *q]),
+        np.vstack([first.v[: first.done], *v]),
+        np.vstack([first.u[: first.done], *np.zeros((len(q), model.n_actuated))]),
+        columns["q_free"],
+        columns["closure"],
+        "singular" if last.status == "left" else last.status,
+        message,
+        sum(piece.evaluations for piece in pieces),
+        columns["v_free"],
+        changes,
+    )
 
 
 def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
     """A law in plain numbers: its kind, gains, constant part and reference; ``None`` where the core has none."""
-    n, zero = model.n, np.zeros((model.n, model.n))
-    kind = type(law)
+    n, kind = model.n, type(law)
     if kind is NoTorque:
-        path = Hold(model, model.alpha(model.mechanism.q_reference)).as_polynomial()
-        return _numbers("pd", path, zero, zero, np.zeros(n))
+        return {"kind": "none"}
     if not isinstance(law, ModelLaw) or law.model.mechanism is not model.mechanism:
         return None
     if not np.array_equal(law.model.gravity_vector, model.gravity_vector):

@@ -31,6 +31,7 @@ from ccpin.errors import (
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
+from ccpin.simulation.following import Following
 from ccpin.simulation.in_core import simulate_in_core
 from ccpin.simulation.stick_slip import Drive, StickSlip
 from ccpin.simulation.trajectory import Status, Trajectory
@@ -142,9 +143,10 @@ def simulate(
         found = simulate_in_core(model, law, method, start.q_free, numbers)
         if found is not None:
             return found
-    law = _Sized(law, model.mechanism.actuated, model.n_actuated)
+    following = Following(model, law, wrenches)
+    law = _Sized(law, model)
     commands = ContinuousCommands(law) if sampling is None else SampledCommands(model, law, sampling, start.q, v_start)
-    run = _Run(commands, contact, pushes, start, v_start, settling, region, singular_rcond)
+    run = _Run(commands, contact, pushes, following, start, v_start, settling, region, singular_rcond)
     return run.integrate(times, getattr(integrate, method), options)
 
 
@@ -159,15 +161,21 @@ def _law(model: ReducedModel, controller: ControlLaw | Callable[..., ArrayLike] 
 
 
 class _Sized(ControlLaw):
-    """A law whose u is looked at, so that one of the wrong size is told as the law's mistake."""
+    """A law whose u is looked at, so that one of the wrong size is told as the law's mistake.
 
-    def __init__(self, law: ControlLaw, motors: tuple[str, ...], size: int) -> None:
-        self._law, self._motors, self._size = law, motors, size
+    At a State in other coordinates than its model's it is given q and q̇ of its model's.
+    """
+
+    def __init__(self, law: ControlLaw, model: ReducedModel) -> None:
+        self._law, self._model = law, model
+        self._motors, self._size = model.mechanism.actuated, model.n_actuated
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
         return self._sized(self._law.torque(t, q, v, guess))
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
+        if state.model is not self._model:
+            return self.torque(t, *self._model.reading(state, v), state.q_free)
         return self._sized(self._law.torque_at(t, state, v))
 
     def _sized(self, u: Array) -> Array:
@@ -197,6 +205,7 @@ class _Run:
         commands: ContinuousCommands | SampledCommands,
         contact: StickSlip,
         pushes: Pushes,
+        following: Following,
         start: State,
         v_start: Array,
         settling: Settling | None,
@@ -205,13 +214,15 @@ class _Run:
     ) -> None:
         self.model, self.commands, self.contact, self.pushes = start.model, commands, contact, pushes
         self.settling, self.region, self.singular_rcond = settling, region, singular_rcond
+        self.following, self.home = following, start.model
+        self.following.begin(start)
         self.near = start
         self.t, self.x = 0.0, np.concatenate([start.q, v_start])
         self.first_step: float | None = None
         self.recent_events: list[float] = []
         self.settled_since: float | None = None
         self.evaluations = 0
-        self.samples: list[tuple[float, Array, Array, Array, Array, float]] = []
+        self.samples: list[tuple[float, Array, Array, Array, Array, float, Array]] = []
 
     def integrate(self, times: Array, solver_class: Any, options: dict[str, float]) -> Trajectory:
         try:
@@ -224,8 +235,8 @@ class _Run:
             if not self.samples:
                 raise
             stop = _Stop("failed", str(error))
-        columns = (np.array(column) for column in zip(*self.samples, strict=True))
-        return Trajectory._make([*columns, *stop, self.evaluations])
+        *columns, v_free = (np.array(column) for column in zip(*self.samples, strict=True))
+        return Trajectory._make([*columns, *stop, self.evaluations, v_free, self.following.changes])
 
     def march(self, times: Array, solver_class: Any, options: dict[str, float]) -> _Stop:
         """From command to command; between them from event to event."""
@@ -272,7 +283,7 @@ class _Run:
                 trial = shortened or min(getattr(solver, "h_abs", None) or np.inf, until - self.t)
                 shortened = 0.25 * trial
                 if shortened < _SHORTEST_STEP:
-                    return _Stop("singular", f"stopped at t = {self.t:.6g} s: {error}")
+                    return self.elsewhere(str(error))
                 solver = self.solver(until, solver_class, options, shortened)
                 continue
             if solver.status == "failed":
@@ -289,11 +300,26 @@ class _Run:
             self.t, self.x = reached, solver.y if reached == solver.t else dense(reached)
             self.near = self.closed(self.x)[0]
             creeping = creeping + 1 if short and self.near.rcond < _CREEPING_RCOND else 0
-            if self.near.rcond < self.singular_rcond or creeping >= _MOST_CREEPING:
-                return self.nearly_singular(self.t)
             if event is not None:
                 self.begin(event.halted)
+            if self.near.rcond < self.singular_rcond or creeping >= _MOST_CREEPING:
+                return self.elsewhere(self.nearly_singular())
+            if self.following.poor(self.near):
+                return self.elsewhere("")
+            if event is not None:
                 return None
+        return None
+
+    def elsewhere(self, reason: str) -> _Stop | None:
+        """Go on in other coordinates; where there are none, or something is stated in these, stop for a reason."""
+        found = self.following.change(self.near, self.x[self.model.nq :])
+        if found is None and reason:
+            return _Stop("singular", self.following.why(self.t, self.near, reason))
+        if found is not None:
+            self.near, v = found
+            self.model = self.following.model
+            self.x = np.concatenate([self.near.q, v])
+            self.contact = self.contact.moved(self.model)
         return None
 
     def solver(self, until: float, solver_class: Any, options: dict[str, float], first_step: float | None) -> Any:
@@ -327,7 +353,8 @@ class _Run:
         return self.contact.broken(state, v, self.drive(t, state, v))
 
     def drive(self, t: float, state: State, v: Array) -> Drive:
-        return Drive(self.commands.effort(t, state, v), self.pushes(t, state, v))
+        u = self.commands.effort(t, state, v)
+        return Drive(u[: state.model.n_actuated], self.pushes(t, state, v))  # a sibling may have no motors: then u = 0
 
     def closed(self, x: Array) -> tuple[State, Array]:
         """The State at x's q, and q̇."""
@@ -349,20 +376,22 @@ class _Run:
         self.near = state
         u = self.commands.effort(t, state, v)
         phi = self.model.parametrization.constraints.residual(state.q_free)
-        self.samples.append((float(t), state.q, v.copy(), u, state.q_free, float(np.linalg.norm(phi))))
-        if state.rcond < self.singular_rcond:
-            return self.nearly_singular(t)
-        if self.region is not None and not self.region(state.q):
+        q, v_home = self.home.reading(state, v)
+        error = float(np.linalg.norm(phi))
+        self.samples.append((float(t), q, v_home.copy(), u, state.q_free, error, state.v_free(v)))
+        if state.rcond < self.singular_rcond and self.following.stated is not None:
+            return _Stop("singular", self.following.why(t, state, self.nearly_singular()))
+        if self.region is not None and not self.region(q):
             return _Stop("outside", f"at t = {t:.6g} s q left the region given")
-        return self.settled(t, state.q, v)
+        return self.settled(t, q, v_home)
 
-    def nearly_singular(self, t: float) -> _Stop:
-        return _Stop("singular", f"at t = {t:.6g} s ψ_q′ is nearly singular (rcond {self.near.rcond:.1e})")
+    def nearly_singular(self) -> str:
+        return f"ψ_q′ is nearly singular (rcond {self.near.rcond:.1e})"
 
     def settled(self, t: float, q: Array, v: Array) -> _Stop | None:
         if self.settling is None:
             return None
-        error = self.model.coordinates.difference(q, np.asarray(self.settling.goal, dtype=np.float64))
+        error = self.home.coordinates.difference(q, np.asarray(self.settling.goal, dtype=np.float64))
         if np.abs(error).max() > self.settling.band or np.abs(v).max() > self.settling.speed:
             self.settled_since = None
             return None

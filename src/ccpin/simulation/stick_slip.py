@@ -33,7 +33,7 @@ from ccpin.dynamics.state import Model, Near, State
 from ccpin.dynamics.wrenches import Wrenches
 from ccpin.errors import ConvergenceError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
+from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction, moved_friction
 
 REST = 1e-8
 _REVERSED = 1e-14
@@ -125,6 +125,12 @@ class StickSlip:
         self._signs = np.zeros(len(friction.names))
         self._rest = np.zeros(len(friction.names), dtype=bool)
         self._locked = False
+
+    def moved(self, model: Model) -> StickSlip:
+        """The same joints in the same mode, for a run that goes on in other coordinates of its mechanism."""
+        moved = StickSlip(model, moved_friction(self._friction, model.coordinates))
+        moved._signs, moved._rest, moved._locked = self._signs, self._rest, self._locked
+        return moved
 
     def rows(self, state: State) -> Array:
         """ρ's rows of the rubbing joints, of shape (k, n)."""

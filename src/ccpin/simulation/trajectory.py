@@ -30,6 +30,10 @@ class Trajectory(NamedTuple):
         status: finished (the duration), settled, singular, outside (of the region), failed or interrupted.
         message: The status in a sentence.
         evaluations: Number of evaluations of the equations of motion.
+        v_free: q̇′ at each sample, of shape (T, n′); q̇ = α_q′ q̇′ alone does not tell it where α's coordinates are
+            singular.
+        changes: How often the run changed its independent coordinates for others (`ccpin.simulation.following`); q and
+            v are those of its model all along.
     """
 
     t: Array
@@ -41,6 +45,8 @@ class Trajectory(NamedTuple):
     status: Status
     message: str
     evaluations: int
+    v_free: Array
+    changes: int
 
     def __repr__(self) -> str:
         return f"Trajectory({self.status} at {self.t[-1]:.6g} s, {len(self.t)} samples, n = {self.v.shape[1]})"
@@ -51,8 +57,8 @@ class Trajectory(NamedTuple):
         The other's times are shifted to begin where this one ends.
         """
         later = other._replace(t=other.t + (self.t[-1] - other.t[0]))
-        joined: dict[str, Any] = {"evaluations": self.evaluations + other.evaluations}
-        for name in ("t", "q", "v", "u", "q_free", "closure_error"):
+        joined: dict[str, Any] = {name: getattr(self, name) + getattr(other, name) for name in ("evaluations", "changes")}
+        for name in ("t", "q", "v", "u", "q_free", "closure_error", "v_free"):
             joined[name] = np.concatenate([getattr(self, name), getattr(later, name)[1:]])
         return other._replace(**joined)
 
@@ -115,4 +121,5 @@ def load_npz(path: str | Path) -> Trajectory:
     except (OSError, KeyError, ValueError) as error:
         raise InvalidInputError(f"{path} is not a trajectory: {error}") from None
     scalars = {"status": str(fields["status"]), "message": str(fields["message"])}
-    return Trajectory(**{**fields, **scalars, "evaluations": int(fields["evaluations"])})
+    counts = {name: int(fields[name]) for name in ("evaluations", "changes")}
+    return Trajectory(**{**fields, **scalars, **counts})
