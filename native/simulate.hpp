@@ -97,10 +97,11 @@ class Simulation {
         if (settled(at, out)) return Outcome::settled;
       }
       if (!close(solver.next.data()) || (singular() && !run_.leaving.may())) return Outcome::declined;
-      creeping = solver.reached - solver.t < kCreeping && w_.model.rcond() < kCreepingRcond ? creeping + 1 : 0;
-      if (creeping >= kMostCreeping) return Outcome::declined;
+      const bool stuck = run_.leaving.may() ? run_.longest > kCreeping : w_.model.rcond() < kCreepingRcond;
+      creeping = solver.reached - solver.t < kCreeping && stuck ? creeping + 1 : 0;
       w_.model.remember(near_);
       solver.advance();
+      if (creeping >= kMostCreeping) return Outcome::declined;
       if (run_.leaving.may() && out.done < int(run_.times.size()) && (singular() || poor())) return Outcome::left;
       if (steps % 64 == 0 && interrupted()) return Outcome::interrupted;
     }

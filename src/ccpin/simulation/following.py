@@ -18,6 +18,7 @@ from ccpin.control.laws import ControlLaw, NoTorque
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.dynamics.wrenches import Pushes, Wrenches
+from ccpin.kinematics.coordinates import component_names
 from ccpin.mechanism.mobility import tangent
 from ccpin.mechanism.siblings import LEVERAGE, Measure, best_independent, with_independent
 
@@ -26,6 +27,8 @@ _MOST_LEVERAGE = 1e3
 _FURTHEST_TURN = 2.0
 _RANK_LOSS = 1e-4
 _FRESH = 1e-9
+_NO_MASS = 1e-6
+_TAKES_PART = 0.1
 
 
 class Following:
@@ -103,16 +106,31 @@ class Following:
         """Why the run ends at a State, in a sentence: whose end it is, the mechanism's or that of coordinates."""
         mechanism = self.home.mechanism
         left = tangent(mechanism.constraints(), state.q_free).conditioning(mechanism.mobility.rank)
+        place = np.array2string(state.q_free, precision=6, separator=", ", max_line_width=10**6)
         if left < _RANK_LOSS:
-            place = np.array2string(state.q_free, precision=6, separator=", ", max_line_width=10**6)
             return (
-                f"at t = {t:.6g} s the mechanism itself is singular, φ_q′ loses rank (singular values down to "
-                f"{left:.1e} of the largest) at q′ = {place}: {reason}"
+                f"at t = {t:.6g} s the mechanism itself is singular at q′ = {place}: φ_q′ loses rank (singular values "
+                f"down to {left:.1e} of the largest)"
             )
-        if self.stated is None:
-            return f"at t = {t:.6g} s {reason}"
-        names = ", ".join(mechanism.independent)
-        return f"at t = {t:.6g} s the coordinates {names} end, in which {self.stated}: {reason}"
+        if self.stated is not None:
+            names = ", ".join(mechanism.independent)
+            return f"at t = {t:.6g} s the coordinates {names} end, in which {self.stated}: {reason}"
+        idle, mass = _massless(state)
+        if mass < _NO_MASS:
+            return (
+                f"at t = {t:.6g} s {idle} can turn or slide without moving any mass, at q′ = {place}: D is nearly "
+                f"singular ({mass:.1e}); give the links between them inertia, or make them one joint"
+            )
+        return f"at t = {t:.6g} s {reason}"
+
+
+def _massless(state: State) -> tuple[str, float]:
+    """The joints that move in the direction of least mass, and that mass relative to what its coordinates move alone."""
+    alone = np.sqrt(np.diag(state.D))
+    masses, directions = np.linalg.eigh(state.D / np.outer(alone, alone))
+    motion = np.abs(state.rho @ (directions[:, 0] / alone))
+    names = component_names(state.model.mechanism.tree)
+    return ", ".join(name for name, x in zip(names, motion, strict=True) if x > _TAKES_PART * motion.max()), masses[0]
 
 
 def _stated(home: ReducedModel, law: ControlLaw, wrenches: Wrenches | Pushes | None) -> str | None:

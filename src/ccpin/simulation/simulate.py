@@ -267,11 +267,10 @@ class _Run:
         self.x = np.concatenate([self.x[: self.model.nq], v])
 
     def leg(self, until: float, due: Array, solver_class: Any, options: dict[str, float]) -> _Stop | None:
-        """Integrate smooth equations up to `until` or an event, sampling at the times due.
+        """Integrate smooth equations up to `until`, an event or the end of the coordinates, sampling at the times due.
 
         Where σ fails inside a trial step, try again with a shorter one. Many steps in a row of less than a hundred
-        nanoseconds where ψ_q′ is badly conditioned are an approach to a singularity, where accelerations grow without
-        bound.
+        nanoseconds are an approach to a singularity, where accelerations grow without bound.
         """
         shortened: float | None = None
         creeping = 0
@@ -299,7 +298,7 @@ class _Run:
             short = reached - self.t < _CREEPING
             self.t, self.x = reached, solver.y if reached == solver.t else dense(reached)
             self.near = self.closed(self.x)[0]
-            creeping = creeping + 1 if short and self.near.rcond < _CREEPING_RCOND else 0
+            creeping = creeping + 1 if short and self.stuck(options["max_step"]) else 0
             if event is not None:
                 self.begin(event.halted)
             if self.near.rcond < self.singular_rcond or creeping >= _MOST_CREEPING:
@@ -309,6 +308,10 @@ class _Run:
             if event is not None:
                 return None
         return None
+
+    def stuck(self, longest: float) -> bool:
+        """Whether a step of less than a hundred nanoseconds may be an approach to a singularity."""
+        return longest > _CREEPING if self.following.stated is None else self.near.rcond < _CREEPING_RCOND
 
     def elsewhere(self, reason: str) -> _Stop | None:
         """Go on in other coordinates; where there are none, or something is stated in these, stop for a reason."""
