@@ -15,7 +15,7 @@ namespace ccpin {
 struct In {
   nb::object owner;
   const double* data = nullptr;
-  Py_ssize_t rows = -1, size = 0, dimensions = 0;
+  Py_ssize_t rows = -1, middle = 1, size = 0, dimensions = 0;  // a third axis lies between the two
 
   bool given() const { return rows >= 0; }
   bool is_vector(Py_ssize_t length) const { return dimensions == 1 && size == length && finite(data, length); }
@@ -64,6 +64,7 @@ template <> struct type_caster<ccpin::In> {
     }
     value.data = static_cast<const double*>(PyArray_DATA(a));
     value.rows = value.dimensions >= 2 ? PyArray_DIM(a, 0) : 1;
+    if (value.dimensions == 3) value.middle = PyArray_DIM(a, 1);
     value.size = PyArray_DIM(a, int(value.dimensions) - 1);
     return true;
   }

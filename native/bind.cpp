@@ -14,6 +14,7 @@ NB_MODULE(_core, module) {
   if (import_numpy() < 0) throw nb::python_error();
   const auto near = arg("near");
   const auto q = arg("q") = nb::none();
+  const auto wrenches = arg("wrenches") = nb::none();
   const auto threads = nb::arg("threads") = 1;
   nb::class_<Kernel>(module, "Kernel")
       .def(nb::init<nb::dict>(), nb::arg("specification"))
@@ -26,15 +27,16 @@ NB_MODULE(_core, module) {
       .def("closed_point", &Kernel::closed_point, near, q)
       .def("rcond", &Kernel::rcond, arg("q_free"))
       .def("terms", &Kernel::terms, near, arg("v"), q)
-      .def("forward_dynamics", &Kernel::forward_dynamics, near, arg("v"), arg("u"), q)
-      .def("generalized_force", &Kernel::generalized_force, near, arg("v"), arg("a"), q)
-      .def("inverse_dynamics", &Kernel::inverse_dynamics, near, arg("v"), arg("a"), q)
+      .def("forward_dynamics", &Kernel::forward_dynamics, near, arg("v"), arg("u"), q, wrenches)
+      .def("generalized_force", &Kernel::generalized_force, near, arg("v"), arg("a"), q, wrenches)
+      .def("inverse_dynamics", &Kernel::inverse_dynamics, near, arg("v"), arg("a"), q, wrenches)
       .def("gravity", &Kernel::gravity, near, q)
       .def("transmission", &Kernel::transmission, near, q)
-      .def("constraint_forces", &Kernel::constraint_forces, near, arg("v"), arg("u"), q)
+      .def("constraint_forces", &Kernel::constraint_forces, near, arg("v"), arg("u"), q, wrenches)
+      .def("bearing_forces", &Kernel::bearing_forces, near, arg("v"), arg("u"), q, wrenches)
       .def("energy", &Kernel::energy, near, arg("v"), q)
-      .def("generalized_force_derivatives", &Kernel::generalized_force_derivatives, near, arg("v"), arg("a"), q)
-      .def("forward_dynamics_derivatives", &Kernel::forward_dynamics_derivatives, near, arg("v"), arg("u"), q)
+      .def("generalized_force_derivatives", &Kernel::generalized_force_derivatives, near, arg("v"), arg("a"), q, wrenches)
+      .def("forward_dynamics_derivatives", &Kernel::forward_dynamics_derivatives, near, arg("v"), arg("u"), q, wrenches)
       .def("sigma_many", &Kernel::sigma_many, arg("Q"), near, threads)
       .def("terms_many", &Kernel::terms_many, arg("Q"), arg("V"), near, threads)
       .def("forward_dynamics_many", &Kernel::forward_dynamics_many, arg("Q"), arg("V"), arg("U"), near, threads)

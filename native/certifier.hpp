@@ -1,18 +1,16 @@
 // What `ccpin.domain.in_core` calls: certificates of many boxes, each alone, so that results depend on no other row.
 #pragma once
-#include "arrays.hpp"
+#include "reading.hpp"
 #include "tubes.hpp"
 
-#include <nanobind/stl/vector.h>
-
+#include <algorithm>
 #include <initializer_list>
-#include <stdexcept>
 
 namespace ccpin::certificates {
 
 class Certifier {
  public:
-  explicit Certifier(nb::dict numbers) : c_(read(numbers)) {}
+  explicit Certifier(nb::dict numbers) : c_(reading::checked([&] { return read(numbers); })) {}
 
   // φ and φ_θ at each θ.
   nb::object values(In theta) const {
@@ -30,7 +28,9 @@ class Certifier {
 
   // Y, Z̄(R)R and Z(R)w of boxes (the fields of `Boxes`) as they are.
   nb::object bounds(nb::tuple boxes) const {
+    if (boxes.size() != 8) wrong();
     const In half = nb::cast<In>(boxes[1]);
+    if (half.dimensions != 2) wrong();
     const Py_ssize_t B = half.rows, m = c_.m;
     const Fields fields(c_, boxes, B, half.size);
     double *y, *image, *shrunk;
@@ -63,8 +63,11 @@ class Certifier {
 
   // The fields of `Boxes`, and which are proved; `across` is (n, p) or (B, n, p).
   nb::object certify_boxes(In centre, In half, In across) const {
-    const Py_ssize_t B = rows(centre, c_.n_free), p = half.size, stride = across.dimensions == 3 ? c_.n * p : 0;
-    if (half.dimensions != 2 || half.rows != B || across.size != p || across.rows != (stride ? B : c_.n)) wrong();
+    const Py_ssize_t B = rows(centre, c_.n_free), p = half.size;
+    const bool each = across.dimensions == 3;
+    if (half.dimensions != 2 || half.rows != B || across.dimensions < 2 || across.size != p) wrong();
+    if (across.rows != (each ? B : c_.n) || (each && across.middle != c_.n)) wrong();
+    const Py_ssize_t stride = each ? c_.n * p : 0;
     Columns out(c_, B, int(p));
     {
       nb::gil_scoped_release release;
@@ -167,7 +170,8 @@ class Certifier {
       if (boxes.size() != 8) wrong();
       for (int f = 0; f < 8; ++f) {
         arrays_.push_back(nb::cast<In>(boxes[f])), sizes_.push_back(sizes[f]);
-        if (arrays_[f].size != widths[f] || (f < 7 && arrays_[f].rows != count)) wrong();
+        const In& x = arrays_[f];
+        if (x.size != widths[f] || (f < 7 && x.rows != count) || x.rows * x.middle * x.size != count * sizes[f]) wrong();
       }
       m_ = int(m);
     }
@@ -191,7 +195,7 @@ class Certifier {
   static Doubles doubles(nb::handle h, size_t size) {
     const In x = nb::cast<In>(h);
     const size_t count = x.dimensions == 2 ? size_t(x.rows) * x.size : size_t(x.size);
-    if (!x.given() || x.dimensions > 2 || count != size) wrong();
+    if (!x.given() || x.dimensions > 2 || count != size || !In::finite(x.data, Py_ssize_t(size))) wrong();
     return Doubles(x.data, x.data + size);
   }
   static V3 vector(nb::handle h) { return V3(doubles(h, 3).data()); }
@@ -201,8 +205,14 @@ class Certifier {
     c.independent = nb::cast<std::vector<int>>(d["independent"]);
     c.dependent = nb::cast<std::vector<int>>(d["dependent"]);
     c.n = int(c.independent.size()), c.m = int(c.dependent.size()), c.n_free = c.n + c.m;
-    for (int x : nb::cast<std::vector<int>>(d["periodic"])) c.periodic.push_back(char(x));
-    c.scale = nb::cast<double>(d["scale"]), c.gamma = nb::cast<double>(d["gamma"]);
+    std::vector<int> all(c.independent);
+    all.insert(all.end(), c.dependent.begin(), c.dependent.end());
+    std::sort(all.begin(), all.end());
+    for (int k = 0; k < c.n_free; ++k)
+      if (all[k] != k) wrong();
+    for (int x : reading::integers(d["periodic"], c.n_free)) c.periodic.push_back(char(x != 0));
+    c.scale = reading::number(d["scale"]), c.gamma = reading::number(d["gamma"]);
+    reading::require(c.m > 0 && c.scale > 0 && c.gamma >= 0, "no closures, or a scale or margin that is none");
     c.offset = doubles(d["offset"], c.m), c.moduli = doubles(d["moduli"], c.m);
     const Doubles G = doubles(d["couplings"], size_t(c.m) * c.n_free);
     for (int r = 0; r < c.m; ++r)
@@ -215,6 +225,7 @@ class Certifier {
   }
 
   static Phasors phasors(nb::tuple t, const Closures& c) {
+    if (t.size() != 6) wrong();
     Phasors p;
     const size_t K = p.count = int(nb::cast<In>(t[1]).size), m = c.m, n_free = c.n_free;
     p.signs = doubles(t[0], K * n_free), p.lengths = doubles(t[1], K), p.cosine_weights = doubles(t[2], m * K);
@@ -224,14 +235,16 @@ class Certifier {
 
   // (joints, rotations, translations, axes, prismatic, tip, direction, weights) of a `Chain`; counts its joints.
   static Chain chain(nb::tuple t, Closures& c) {
+    if (t.size() != 8) wrong();
     Chain chain;
     const auto columns = nb::cast<std::vector<int>>(t[0]), slides = nb::cast<std::vector<int>>(t[4]);
     const size_t k = columns.size(), m = c.m;
+    if (slides.size() != k) wrong();
     const Doubles rotations = doubles(t[1], 9 * k), translations = doubles(t[2], 3 * k), axes = doubles(t[3], 3 * k);
     for (size_t j = 0; j < k; ++j) {
       const M3 R = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(&rotations[9 * j]);
-      chain.joints.push_back(joint(columns[j], slides[j], R, V3(&translations[3 * j]), V3(&axes[3 * j])));
       if (columns[j] < 0 || columns[j] >= c.n_free) wrong();
+      chain.joints.push_back(joint(columns[j], slides[j] != 0, R, V3(&translations[3 * j]), V3(&axes[3 * j])));
     }
     chain.tip = vector(t[5]), chain.tip_length = chain.tip.norm();
     chain.direction = nb::cast<bool>(t[6]), chain.largest_weight = 1;

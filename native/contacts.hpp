@@ -38,6 +38,7 @@ class Contacts {
       : lower_(lower), size_(size), cut_(cut), child_(child), cells_(cells), wrapped_(wrapped), n_(wrapped.size()) {
     if (lower_.size() != child_.size() * n_ || size_.size() != lower_.size() || cut_.size() != child_.size())
       throw std::invalid_argument("the arrays of the cells do not fit each other");
+    check();
     low_.resize(n_), high_.resize(n_);
   }
 
@@ -67,6 +68,20 @@ class Contacts {
   std::vector<int64_t> low_, high_, cell_, leaf_, open_, found_;
   std::vector<double> at_cell_, at_leaf_, area_;
   std::vector<char> upper_;
+
+  // Whatever points somewhere points at a cell or a coordinate, and every cell's children come after it.
+  void check() const {
+    const int64_t count = child_.size();
+    bool good = true;
+    for (int64_t k = 0; k < count; ++k) {
+      const int64_t child = child_.data()[k], cut = cut_.data()[k];
+      good = good && (child < 0 || (child > k && child + 1 < count && cut >= 0 && cut < n_));
+    }
+    for (Py_ssize_t k = 0; k < cells_.size(); ++k) good = good && cells_.data()[k] >= 0 && cells_.data()[k] < count;
+    for (Py_ssize_t k = 0; k < lower_.size(); ++k)
+      for (const int64_t x : {lower_.data()[k], size_.data()[k]}) good = good && x >= 0 && x <= kWhole;
+    if (!good) throw std::invalid_argument("the cells are no tree");
+  }
 
   // Contacts across a cell's lower or upper face perpendicular to coordinate k.
   void across(int64_t cell, Py_ssize_t k, bool upper) {

@@ -12,6 +12,7 @@
 //
 //   ∂τ_i/∂q_k = Σ_j [X_ji·dF_jk − ξ_ji·(X_jk ×* Fˢ_j)] − μᵀ D_k(ψ_q′ ρ_i),      Fˢ: of j's subtree within the cluster,
 //
+// with, for a wrench w that is constant in the world, the change of −w that fixing it in j leaves out (wrenches.hpp)
 // (Carpentier and Mansard, 2018; Echeandia and Wensing, 2021, with clusters for joints). ∂(ρ q̇) and ∂q̈′ solve
 // ψ_q′ ∂(ρ q̇) = −D(ψ_q′ q̇′) and ψ_q′ ∂q̈′ = −D(ψ_q′ q̈′ + ψ̇_q′ q̇′) as in ccpin.kinematics.sigma_derivatives.
 #pragma once
@@ -33,14 +34,16 @@ class Derivatives {
       multipliers_[k].resize(c.rows());
       dv_[k].assign(size_t(c.width()) * c.n(), 0.), da_[k].assign(size_t(c.width()) * c.n() * 2, 0.);
     }
-    P_.resize(most_), Pv_.resize(most_), U_.resize(most_), H_.resize(most_), tau_.resize(m_.n);
+    P_.resize(most_), Pv_.resize(most_), U_.resize(most_), H_.resize(most_), K_.resize(most_), tau_.resize(m_.n);
   }
 
   // ∂τ/∂q, ∂τ/∂q̇ and D, each n × n, after `sigma` or `at`. u given: of τ − ρᵀSᵀu at fixed u instead.
-  void generalized_force(const double* v, const double* a, const double* u, double* dq, double* dv, double* D) {
+  void generalized_force(const double* v, const double* a, const double* u, double* dq, double* dv, double* D,
+                         const Pushes& pushes = {}) {
     const size_t size = size_t(m_.n) * m_.n;
     std::fill(dq, dq + size, 0.), std::fill(dv, dv + size, 0.), std::fill(D, D + size, 0.);
-    r_.inverse(v, a, tau_.data());
+    r_.inverse(v, a, tau_.data(), pushes);
+    hang(pushes);
     for (size_t j = 1; j < m_.joints.size(); ++j) bodies_[j] = Composite(r_.body[j].Y, r_.body[j].V);
     for (size_t k = 0; k < m_.clusters.size(); ++k) {
       find_multipliers(int(k), u);
@@ -58,11 +61,12 @@ class Derivatives {
   }
 
   // ∂q̈/∂q, ∂q̈/∂q̇ (n × n) and ∂q̈/∂u = D⁻¹ρᵀSᵀ (n × motors), given q̈ = a at (v, u); false where D is singular.
-  bool forward(const double* v, const double* u, const double* a, double* da_dq, double* da_dv, double* da_du) {
+  bool forward(const double* v, const double* u, const double* a, double* da_dq, double* da_dv, double* da_du,
+               const Pushes& pushes = {}) {
     const int n = m_.n, width = 2 * n + m_.motors;
     D_.resize(size_t(n) * n), right_.assign(size_t(n) * width, 0.), slopes_.resize(size_t(n) * n * 2);
     double *dq = slopes_.data(), *dv = dq + size_t(n) * n;
-    generalized_force(v, a, m_.direct ? nullptr : u, dq, dv, D_.data());
+    generalized_force(v, a, m_.direct ? nullptr : u, dq, dv, D_.data(), pushes);
     for (int i = 0; i < n; ++i) {
       double* row = right_.data() + size_t(i) * width;
       for (int k = 0; k < n; ++k) row[k] = -dq[i * n + k], row[n + k] = -dv[i * n + k];
@@ -83,11 +87,12 @@ class Derivatives {
   ReducedModel& r_;
   const Mechanism& m_;
   std::vector<Composite> bodies_;                          // by joint
+  std::vector<CoriolisMap> turning_;                       // by joint, of wrenches on it and what it carries; empty: none
   std::vector<Motion> dV_, dA_, dA_by_v_;                  // dV and dA′, n a joint, from x_offset
   std::vector<std::vector<double>> multipliers_;           // μ by cluster, on ψ's rows
   std::vector<std::vector<double>> dv_, da_;               // ∂(ρ q̇)/∂q (width × n); ∂q̈′ by q, then by q̇ (width × 2n)
   std::vector<Force> by_q_, by_v_, by_a_;                  // dF by q, q̇ and q̈ over a subtree, n a joint
-  std::vector<Force> P_, Pv_, U_, H_;                      // what leaves a cluster downwards
+  std::vector<Force> P_, Pv_, U_, H_, K_;                  // what leaves a cluster downwards
   std::vector<double> tau_, D_, right_, slopes_;
   std::vector<RowSlope> row_slopes_;
   std::vector<Row> step_rates_;
@@ -107,6 +112,11 @@ class Derivatives {
   Motion step_of(const Cluster& c, int j, int k) const {  // ξ_jk
     const int parent = m_.joints[j].parent;
     return parent == c.parent ? twists(j)[k] : twists(j)[k] - twists(parent)[k];
+  }
+
+  void hang(const Pushes& pushes) {
+    turning_.assign(pushes.empty() ? 0 : m_.joints.size(), CoriolisMap());
+    for (const Push& w : pushes) turning_[w.joint] += turning(carried(r_, w));
   }
 
   void find_multipliers(int k, const double* u) {
@@ -214,7 +224,7 @@ class Derivatives {
   void change_forces(int k, double* dq, double* dv, double* D) {
     const Cluster& c = m_.clusters[k];
     const int n = c.n();
-    for (int i = 0; i < n; ++i) P_[i] = Pv_[i] = U_[i] = H_[i] = Force();
+    for (int i = 0; i < n; ++i) P_[i] = Pv_[i] = U_[i] = H_[i] = K_[i] = Force();
     for (int j : c.joints) {
       const auto& [I, B] = bodies_[j];
       for (int at = r_.x_offset[j], i = 0; i < n; ++i, ++at) {
@@ -222,6 +232,9 @@ class Derivatives {
         by_q_[at] = cross(X, r_.body[j].f) + I * dA_[at] + B * (dV_[at] * 2);
         by_v_[at] = I * dA_by_v_[at] + B * (X * 2), by_a_[at] = I * X;
         if (c.parent) H_[i] += B.transposed(X) * 2;
+        if (turning_.empty()) continue;
+        by_q_[at] += turning_[j] * X;
+        K_[i] += turning_[j].transposed(X);
       }
     }
     for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j) {
@@ -245,6 +258,8 @@ class Derivatives {
       }
     }
     if (c.parent) carry(c, r_.pose[c.parent], bodies_);
+    if (!c.parent || turning_.empty()) return;
+    for (int j : c.joints) turning_[c.parent] += out_of_frame(r_.pose[c.parent], turning_[j]);
   }
 
   // −μᵀ D_k(ψ_q′ ρ_i) of one cluster.
@@ -342,12 +357,12 @@ class Derivatives {
   }
 
   // The entries between a cluster and every one between it and the world: a change (dV, dA′) of the carrier's motion
-  // changes the cluster's τ_i by U_i·dA′ + H_i·dV.
+  // changes the cluster's τ_i by U_i·dA′ + H_i·dV, and its turn X by K_i·X.
   void pass_down(const Cluster& c, double* dq, double* dv, double* D) {
     const int n = c.n();
     for (int p = c.parent; p;) {
       for (int i = 0; i < n; ++i)
-        for (Force* f : {&P_[i], &Pv_[i], &U_[i], &H_[i]}) *f = out_of_frame(r_.pose[p], *f);
+        for (Force* f : {&P_[i], &Pv_[i], &U_[i], &H_[i], &K_[i]}) *f = out_of_frame(r_.pose[p], *f);
       const Cluster& below = m_.clusters[m_.cluster_of[p]];
       for (int i = 0; i < n; ++i)
         for (int l = 0; l < below.n(); ++l) {
@@ -355,7 +370,7 @@ class Derivatives {
           entry(dq, row, col) = dot(P_[i], r_.X[at]);
           entry(dv, row, col) = dot(Pv_[i], r_.X[at]);
           entry(D, row, col) = entry(D, col, row) = dot(U_[i], r_.X[at]);
-          entry(dq, col, row) = dot(U_[i], dA_[at]) + dot(H_[i], dV_[at]);
+          entry(dq, col, row) = dot(U_[i], dA_[at]) + dot(H_[i], dV_[at]) + dot(K_[i], r_.X[at]);
           entry(dv, col, row) = dot(U_[i], dA_by_v_[at]) + dot(H_[i], r_.X[at]);
         }
       p = below.parent;

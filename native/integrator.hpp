@@ -17,21 +17,22 @@ struct Tableau {
   bool eighth() const { return !E_low.empty(); }
 };
 
+struct Steps { double rtol, atol, longest; };
+
 template <class F> class Integrator {
  public:
   std::vector<double> y, next;
   double t = 0, h = 0;
   bool failed = false;  // the right-hand side is not defined at the start, or the step became too short
 
-  // A first step of zero: it is chosen.
-  Integrator(F& f, const Tableau& tableau, std::vector<double> y0, double begin, double end, double rtol, double atol,
-             double longest, double first = 0)
-      : y(std::move(y0)), t(begin), f_(f), T_(tableau), end_(end), rtol_(rtol), atol_(atol), longest_(longest),
-        size_(y.size()) {
+  // From (start, y0) to `end`; `first`: the first step, 0 where it is to be chosen.
+  Integrator(F& f, const Tableau& tableau, double start, std::vector<double> y0, double end, Steps steps, double first)
+      : y(std::move(y0)), t(start), f_(f), T_(tableau), end_(end), rtol_(steps.rtol), atol_(steps.atol),
+        longest_(steps.longest), size_(y.size()) {
     next = trial_ = scale_ = y;
     k_.assign(T_.stages + 1 + T_.extra, std::vector<double>(size_));
     failed = !f_(t, y.data(), k_[0].data());
-    if (!failed) h = first > 0 ? std::min(first, end_ - t) : first_step();
+    if (!failed) h = first > 0 ? std::min(first, end - start) : first_step();
   }
 
   // One accepted step, to `reached`; `advance` makes it the current state. False, and h as it was, where the right-hand

@@ -1,8 +1,9 @@
 // What Python calls. Every function answers, or declines with None, and the NumPy reference then answers or explains:
 // messages exist once. `near` is a configuration on the branch wanted (None: the reference); `q` given: at σ(q) from
-// there; q None: at `near` itself, which is closed.
+// there; q None: at `near` itself, which is closed. `wrenches`: on links, a row each (read_pushes).
 #pragma once
 #include "batch.hpp"
+#include "forces.hpp"
 #include "run_specification.hpp"
 #include "specification.hpp"
 
@@ -59,28 +60,31 @@ class Kernel {
     out.write(*w, v.data, 0);
     return arrays;
   }
-  nb::object forward_dynamics(In near, In v, In u, In q) {
+  nb::object forward_dynamics(In near, In v, In u, In q, In wrenches) {
     Pool::Lease w(pool_);
-    if (!v.is_vector(m.n) || !u.is_vector(m.motors) || !close(w->model, near, q)) return nb::none();
+    Pushes pushes;
+    if (!v.is_vector(m.n) || !u.is_vector(m.motors) || !close(w->model, near, q, wrenches, pushes)) return nb::none();
     double* out;
     nb::object a = new_array({m.n}, out);
-    if (!w->model.forward(v.data, u.data, out)) return nb::none();
+    if (!w->model.forward(v.data, u.data, out, pushes)) return nb::none();
     return a;
   }
-  nb::object generalized_force(In near, In v, In acceleration, In q) {
+  nb::object generalized_force(In near, In v, In acceleration, In q, In wrenches) {
     Pool::Lease w(pool_);
-    if (!v.is_vector(m.n) || !acceleration.is_vector(m.n) || !close(w->model, near, q)) return nb::none();
+    Pushes pushes;
+    if (!v.is_vector(m.n) || !acceleration.is_vector(m.n) || !close(w->model, near, q, wrenches, pushes)) return nb::none();
     double* out;
     nb::object a = new_array({m.n}, out);
-    w->model.inverse(v.data, acceleration.data, out);
+    w->model.inverse(v.data, acceleration.data, out, pushes);
     return a;
   }
-  nb::object inverse_dynamics(In near, In v, In acceleration, In q) {
+  nb::object inverse_dynamics(In near, In v, In acceleration, In q, In wrenches) {
     Pool::Lease w(pool_);
-    if (!v.is_vector(m.n) || !acceleration.is_vector(m.n) || !close(w->model, near, q)) return nb::none();
+    Pushes pushes;
+    if (!v.is_vector(m.n) || !acceleration.is_vector(m.n) || !close(w->model, near, q, wrenches, pushes)) return nb::none();
     double* out;
     nb::object a = new_array({m.motors}, out);
-    if (!w->motors.efforts(v.data, acceleration.data, out)) return nb::none();
+    if (!w->motors.efforts(v.data, acceleration.data, out, pushes)) return nb::none();
     return a;
   }
   nb::object gravity(In near, In q) {
@@ -88,7 +92,7 @@ class Kernel {
     if (!close(w->model, near, q)) return nb::none();
     double* out;
     nb::object a = new_array({m.n}, out);
-    w->model.inverse(nullptr, nullptr, out, true);
+    w->model.gravity_at_rest(out);
     return a;
   }
   nb::object transmission(In near, In q) {
@@ -100,16 +104,32 @@ class Kernel {
     w->model.transmission(out, m.motors);
     return a;
   }
-  nb::object constraint_forces(In near, In v, In u, In q) {
+  nb::object constraint_forces(In near, In v, In u, In q, In wrenches) {
     Pool::Lease w(pool_);
-    if (!v.is_vector(m.n) || !u.is_vector(m.motors) || !close(w->model, near, q)) return nb::none();
+    Pushes pushes;
+    if (!v.is_vector(m.n) || !u.is_vector(m.motors) || !close(w->model, near, q, wrenches, pushes)) return nb::none();
     std::vector<double> a(m.n), tau(m.n);
-    if (!w->model.forward(v.data, u.data, a.data())) return nb::none();
-    w->model.inverse(v.data, a.data(), tau.data());
+    if (!w->model.forward(v.data, u.data, a.data(), pushes)) return nb::none();
+    w->model.inverse(v.data, a.data(), tau.data(), pushes);
     double* out;
     nb::object lambda = new_array({m.m}, out);
     w->model.multipliers(u.data, out);
     return lambda;
+  }
+  nb::object bearing_forces(In near, In v, In u, In q, In wrenches) {
+    Pool::Lease w(pool_);
+    Pushes pushes;
+    if (!v.is_vector(m.n) || !u.is_vector(m.motors) || !close(w->model, near, q, wrenches, pushes)) return nb::none();
+    std::vector<double> a(m.n), tau(m.n), lambda(m.m);
+    if (!w->model.forward(v.data, u.data, a.data(), pushes)) return nb::none();
+    w->model.inverse(v.data, a.data(), tau.data(), pushes);
+    w->model.multipliers(u.data, lambda.data());
+    double *closures, *joints, *poses;
+    const Py_ssize_t count = m.joints.size();
+    nb::object x = new_array({Py_ssize_t(m.loops.size()), 6}, closures), y = new_array({count - 1, 6}, joints),
+               z = new_array({count, 4, 4}, poses);
+    ccpin::bearing_forces(w->model, lambda.data(), closures, joints, poses);
+    return nb::make_tuple(x, y, z);
   }
   nb::object energy(In near, In v, In q) {
     Pool::Lease w(pool_);
@@ -117,20 +137,22 @@ class Kernel {
     const ReducedModel::Energy e = w->model.energy(v.data);
     return nb::make_tuple(e.kinetic, e.potential);
   }
-  nb::object generalized_force_derivatives(In near, In v, In acceleration, In q) {
+  nb::object generalized_force_derivatives(In near, In v, In acceleration, In q, In wrenches) {
     Pool::Lease w(pool_);
-    if (!v.is_vector(m.n) || !acceleration.is_vector(m.n) || !close(w->model, near, q)) return nb::none();
+    Pushes pushes;
+    if (!v.is_vector(m.n) || !acceleration.is_vector(m.n) || !close(w->model, near, q, wrenches, pushes)) return nb::none();
     double *dq, *dv, *da;
     nb::object a = new_array({m.n, m.n}, dq), b = new_array({m.n, m.n}, dv), c = new_array({m.n, m.n}, da);
-    w->derivatives.generalized_force(v.data, acceleration.data, nullptr, dq, dv, da);
+    w->derivatives.generalized_force(v.data, acceleration.data, nullptr, dq, dv, da, pushes);
     return nb::make_tuple(a, b, c);
   }
-  nb::object forward_dynamics_derivatives(In near, In v, In u, In q) {
+  nb::object forward_dynamics_derivatives(In near, In v, In u, In q, In wrenches) {
     Pool::Lease w(pool_);
-    if (!v.is_vector(m.n) || !u.is_vector(m.motors) || !close(w->model, near, q)) return nb::none();
+    Pushes pushes;
+    if (!v.is_vector(m.n) || !u.is_vector(m.motors) || !close(w->model, near, q, wrenches, pushes)) return nb::none();
     double *dq, *dv, *du;
     nb::object a = new_array({m.n, m.n}, dq), b = new_array({m.n, m.n}, dv), c = new_array({m.n, m.motors}, du);
-    if (!slopes(*w, v.data, u.data, dq, dv, du)) return nb::none();
+    if (!slopes(*w, v.data, u.data, dq, dv, du, pushes)) return nb::none();
     return nb::make_tuple(a, b, c);
   }
 
@@ -205,11 +227,12 @@ class Kernel {
     });
   }
 
-  // A run under a law of the core: how many samples, then q, q̇, u, q′, |φ|, how it ended, since when it is settled, evaluations.
+  // A run under a law of the core: how many samples, then q, q̇, u, q′, q̇′, |φ|, how it ended, since when it is settled,
+  // evaluations, and where it ended: the time, the step it would have taken next, (q, q̇) and q′.
   nb::object simulate(In near, nb::dict law, nb::dict run, nb::dict tableau) {
     const auto [a, b, c] =
         reading::checked([&] { return std::tuple(read_law(law, m), read_run(run, m), read_tableau(tableau)); });
-    if (!m.direct && a.kind != LawKind::none) return nb::none();
+    if (!m.direct && (a.kind != LawKind::none || b.sampling)) return nb::none();
     const Py_ssize_t rows = b.times.size();
     Pool::Lease w(pool_);
     In q;
@@ -227,11 +250,12 @@ class Kernel {
     }
     if (outcome == Outcome::declined) return nb::none();
     constexpr const char* names[] = {"finished", "settled", "interrupted", "left"};
-    double *y, *x;
-    const nb::object Y = new_array({m.n_q + m.n}, y), X_end = new_array({m.nq}, x);
-    std::copy(simulation.y.begin(), simulation.y.end(), y), std::copy(simulation.q_free.begin(), simulation.q_free.end(), x);
+    double *state, *place;
+    const nb::object S = new_array({m.n_q + m.n}, state), P = new_array({m.nq}, place);
+    std::copy(simulation.state().begin(), simulation.state().end(), state);
+    std::copy(simulation.place().begin(), simulation.place().end(), place);
     return nb::make_tuple(out.done, Q, V, U, X, W, E, names[int(outcome)], simulation.settled_since,
-                          simulation.evaluations, nb::make_tuple(simulation.t, simulation.h, Y, X_end));
+                          simulation.evaluations, nb::make_tuple(simulation.time(), simulation.stride(), S, P));
   }
 
   // Closes the model at σ(q) from `near`, or at `near` itself; false where only the reference can tell.
@@ -242,6 +266,11 @@ class Kernel {
     const double* start = near.given() ? near.data : m.reference.data();
     if (!close_at(model, q.data, [&](const double* x) { return model.sigma(x, start, rho); })) return false;
     return !(near.given() && m.turnable && !model.aligned());
+  }
+
+  // The same, and wrenches on links.
+  bool close(ReducedModel& model, const In& near, const In& q, const In& wrenches, Pushes& pushes) const {
+    return read_pushes(wrenches, m, pushes) && close(model, near, q);
   }
 
   Pool& pool() { return pool_; }
@@ -284,9 +313,10 @@ class Kernel {
           rho[size_t(c.columns[col]) * m.n + c.independent[i]] = model.states[k].rho[size_t(col) * c.n() + i];
     }
   }
-  bool slopes(Workspace& w, const double* v, const double* u, double* dq, double* dv, double* du) const {
+  bool slopes(Workspace& w, const double* v, const double* u, double* dq, double* dv, double* du,
+              const Pushes& pushes = {}) const {
     std::vector<double> a(m.n);
-    return w.model.forward(v, u, a.data()) && w.derivatives.forward(v, u, a.data(), dq, dv, du);
+    return w.model.forward(v, u, a.data(), pushes) && w.derivatives.forward(v, u, a.data(), dq, dv, du, pushes);
   }
 
   // The fields of ccpin.dynamics.reduced_model.ReducedTerms, for one state or with a leading axis.

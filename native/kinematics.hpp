@@ -34,6 +34,13 @@ class Kinematics {
             loop.ancestor == loop.base ? Mat3::Identity() : pose[loop.ancestor].R};
   }
 
+  // The pose of a joint's body in the world.
+  Pose world(int joint) const {
+    Pose at;
+    for (int j = joint; j; j = m.clusters[m.cluster_of[j]].parent) at = pose[j] * at;
+    return at;
+  }
+
   // s = Σ S x over a joint's own components, x given by local columns.
   Motion own(int j, const double* x) const {
     const Joint& joint = m.joints[j];

@@ -56,6 +56,9 @@ class LawRunner {
     D_.resize(size_t(m_.n) * m_.n), C_ = D_, rho_.resize(size_t(m_.nv) * m_.n), rho_dot_ = rho_;
   }
 
+  // Whether the law reads the model at q.
+  bool needs_sigma() const { return law_.kind > LawKind::pd; }
+
   // u(t, q, q̇) at the configuration the model is closed at.
   void effort(double t, const double* q, const double* v, double* u) {
     if (law_.kind == LawKind::none) {
@@ -73,7 +76,7 @@ class LawRunner {
     switch (law_.kind) {
       case LawKind::none: break;
       case LawKind::pd: model_part_ = law_.constant; break;
-      case LawKind::pd_gravity: w_.model.inverse(nullptr, nullptr, model_part_.data(), true); break;
+      case LawKind::pd_gravity: w_.model.gravity_at_rest(model_part_.data()); break;
       case LawKind::computed_torque:
         for (int i = 0; i < n; ++i) demand_[i] += a_[i];
         w_.model.inverse(v, demand_.data(), u);

@@ -1,4 +1,4 @@
-// The actuated joints' efforts u of least norm with ρᵀSᵀu = D q̈ + C q̇ + g (22).
+// The actuated joints' efforts u of least norm with ρᵀSᵀu = D q̈ + C q̇ + damping q̇ + g − ρᵀJᵀw (22).
 //
 // T = ρᵀSᵀ has as many rows as q̇ and a column a motor; ρ couples a cluster's own coordinates alone, so T is a block
 // diagonal. Where T has full row rank u = Tᵀ(T Tᵀ)⁻¹τ, by way of Tᵀ = Q R (Householder): Rᵀ y = τ, u = Q y. Where it has not,
@@ -20,14 +20,14 @@ class Motors {
   }
 
   // u, after `sigma` or `at`; false where no u is known to produce that acceleration.
-  bool efforts(const double* v, const double* a, double* u) {
+  bool efforts(const double* v, const double* a, double* u, const Pushes& pushes = {}) {
     if (m_.direct) {
-      r_.inverse(v, a, u);
+      r_.inverse(v, a, u, pushes);
       return true;
     }
     for (const Pattern& p : patterns_)
       if (p.rows < p.n) return false;
-    r_.inverse(v, a, tau_.data());
+    r_.inverse(v, a, tau_.data(), pushes);
     std::fill(u, u + m_.motors, 0.);
     for (size_t k = 0; k < m_.clusters.size(); ++k)
       if (!solve(int(k), u)) return false;

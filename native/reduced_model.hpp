@@ -1,4 +1,5 @@
-// The reduced dynamics D q̈ + C q̇ + damping q̇ + g = ρᵀSᵀu (22) by recursions over the clusters; springs are part of g.
+// The reduced dynamics D q̈ + C q̇ + damping q̇ + g = ρᵀ(Sᵀu + Jᵀw) (22) by recursions over the clusters; springs are part
+// of g, wrenches w hang on the bodies.
 //
 // Each cluster is one joint with n coordinates and many bodies. With X_j = Σ S ρ the twists its coordinates give body j
 // from the cluster's carrier, all written in the carrier's frame:
@@ -12,6 +13,7 @@
 // Σ f_j + U D⁻¹ (τ − Σ X_jᵀ f_j) (Chignoli et al. 2023). Gravity is an acceleration −g₀ of the world.
 #pragma once
 #include "parametrization.hpp"
+#include "wrenches.hpp"
 
 namespace ccpin {
 
@@ -44,9 +46,10 @@ class ReducedModel : public Parametrization {
   }
 
   // q̈ (22), after `sigma` or `at`; false where D is not positive definite.
-  bool forward(const double* v, const double* u, double* a) {
+  bool forward(const double* v, const double* u, double* a, const Pushes& pushes = {}) {
     spread(v);
     move_bodies(true, nullptr);
+    push(pushes);
     generalized_force(u, tau_.data());
     for_passive([&](int k, int col, double force) {
       const Cluster& c = m.clusters[k];
@@ -60,11 +63,19 @@ class ReducedModel : public Parametrization {
     return true;
   }
 
-  // τ = D q̈ + C q̇ + damping q̇ + g, after `sigma` or `at`; a null: q̈ = 0; still: q̇ = 0. Leaves the bodies' wrenches and τ′.
-  void inverse(const double* v, const double* a, double* tau, bool still = false) {
+  // τ = D q̈ + C q̇ + damping q̇ + g − ρᵀJᵀw, after `sigma` or `at`; a null: q̈ = 0. Leaves the bodies' wrenches and τ′ − Jᵀw.
+  void inverse(const double* v, const double* a, double* tau, const Pushes& pushes = {}) {
     spread(v);
-    move_bodies(!still, a);
+    move_bodies(true, a);
+    push(pushes);
     for (int k = int(m.clusters.size()) - 1; k >= 0; --k) gather(k, tau, true);
+  }
+
+  // g (25), after `sigma` or `at`.
+  void gravity_at_rest(double* g) {
+    spread(nullptr);
+    move_bodies(false, nullptr);
+    for (int k = int(m.clusters.size()) - 1; k >= 0; --k) gather(k, g, true);
   }
 
   // g (25), where the bodies' inertias and X are those of the last `forward`, `inverse` or `Terms::matrices`.
@@ -76,7 +87,7 @@ class ReducedModel : public Parametrization {
     for (int k = int(m.clusters.size()) - 1; k >= 0; --k) gather(k, g, false);
   }
 
-  // λ (17) with φ_q′ᵀ λ = τ′ − Sᵀu, global rows; after `inverse` at the true acceleration.
+  // λ (17) with φ_q′ᵀ λ = τ′ − Sᵀu − Jᵀw, global rows; after `inverse` at the true acceleration.
   void multipliers(const double* u, double* lambda) {
     for (size_t k = 0; k < m.clusters.size(); ++k) {
       const Cluster& c = m.clusters[k];
@@ -174,6 +185,11 @@ class ReducedModel : public Parametrization {
         b.f = b.Y * b.A + cross(b.V, b.Y * b.V);
       }
     }
+  }
+
+  // Takes what wrenches on links give from what the bodies' motion asks for.
+  void push(const Pushes& pushes) {
+    for (const Push& w : pushes) body[w.joint].f += wrench(carried(*this, w)) * -1;
   }
 
   // The velocity and acceleration of the body that carries a cluster, in its own frame.

@@ -5,6 +5,17 @@
 
 namespace ccpin {
 
+// Wrenches on links, a row each of joint, force, moment and point (ccpin.dynamics.wrenches); false where they are not that.
+inline bool read_pushes(const In& rows, const Mechanism& m, Pushes& pushes) {
+  if (!rows.given()) return true;
+  if (!rows.is_matrix(10) || !In::finite(rows.data, rows.rows * 10)) return false;
+  for (const double* x = rows.data; x < rows.data + rows.rows * 10; x += 10) {
+    if (!(x[0] >= 1 && x[0] < double(m.joints.size()))) return false;
+    pushes.push_back({int(x[0]), Vec3(x[1], x[2], x[3]), Vec3(x[4], x[5], x[6]), Vec3(x[7], x[8], x[9])});
+  }
+  return true;
+}
+
 inline Law read_law(nb::dict d, const Mechanism& m) {
   using namespace reading;
   const size_t n = m.n;
@@ -23,15 +34,30 @@ inline Law read_law(nb::dict d, const Mechanism& m) {
   return law;
 }
 
+inline Sampling read_sampling(nb::dict d, const Mechanism& m) {
+  using namespace reading;
+  Sampling s{number(d["period"]), number(d["gain"]), nb::cast<bool>(d["differentiates"]), numbers(d["resolution"]),
+             nb::cast<std::vector<double>>(d["limit"]), numbers(d["before"], m.n), integer(d["delay"])};
+  require(s.period > 0 && s.gain >= 0 && s.gain <= 1, "a sampled loop's period or filter is out of its range");
+  require(s.delay >= 0 && s.delay < 1000000, "a sampled loop's delay is out of its range");
+  require(s.resolution.empty() || (m.plain && int(s.resolution.size()) == m.n), "encoders are not those of q");
+  require(int(s.limit.size()) == m.n, "a sampled loop's limits are not those of u");
+  for (double x : s.resolution) require(x > 0, "an encoder's resolution is not positive");
+  for (double x : s.limit) require(x >= 0, "a limit is not positive");
+  return s;
+}
+
 inline Run read_run(nb::dict d, const Mechanism& m) {
   using namespace reading;
   const auto any = [&](const char* name) { return nb::cast<double>(d[name]); };
-  Run r{numbers(d["times"]), numbers(d["start"], m.n_q + m.n), number(d["begin"]), any("first_step"), number(d["rtol"]),
-        number(d["atol"]), any("max_step"), number(d["singular_rcond"]), {}, {}};
+  Run r{numbers(d["times"]), numbers(d["start"], m.n_q + m.n), number(d["begin"]), number(d["first_step"]),
+        number(d["rtol"]), number(d["atol"]), any("max_step"), number(d["singular_rcond"]), {}, {}, {}, {}};
   r.settling = {numbers(d["goal"]), any("band"), any("speed"), any("hold")};
+  require(read_pushes(nb::cast<In>(d["wrenches"]), m, r.pushes), "wrenches are not rows of ten numbers");
+  if (!d["sampling"].is_none()) r.sampling = read_sampling(nb::cast<nb::dict>(d["sampling"]), m);
   r.leaving = {any("most_leverage"), numbers(d["row_weights"], m.nv), numbers(d["column_weights"], m.n)};
   require(!r.times.empty() && r.times[0] >= r.begin, "a run's first time lies before its beginning");
-  require(!(r.first_step < 0), "a first step is negative");
+  require(r.first_step >= 0, "a first step is negative");
   for (size_t k = 1; k < r.times.size(); ++k) require(r.times[k] > r.times[k - 1], "a run's times do not increase");
   require(r.rtol > 0 && r.atol > 0 && r.longest > 0, "a tolerance or step is not positive");
   require(r.settling.goal.empty() || int(r.settling.goal.size()) == m.n_q, "a goal has a wrong length");

@@ -1,10 +1,13 @@
-// The closed loop D q̈ + C q̇ + g = u (22) under a law of the core, sampled at given times. What is out of the ordinary
-// (a σ that fails, a singularity coming near) is left to the reference: the run then gives no answer. Where it may leave its
-// coordinates for others (ccpin.simulation.following) it ends there instead, with all it has.
+// The closed loop D q̈ + C q̇ + g = ρᵀJᵀw + u (22) under a law of the core, continuous or sampled, and constant wrenches, with
+// samples at given times; step for step as ccpin.simulation.simulate. What is out of the ordinary (a σ that fails, a
+// singularity coming near) is left to the reference: the run then gives no answer. Where it may leave its coordinates for
+// others (ccpin.simulation.following) it ends there instead, with all it has.
 #pragma once
 #include "arrays.hpp"
 #include "integrator.hpp"
-#include "laws.hpp"
+#include "sampling.hpp"
+
+#include <optional>
 
 namespace ccpin {
 
@@ -14,16 +17,18 @@ struct Settling { std::vector<double> goal; double band = 0, speed = 0, hold = 0
 // ball joint has turned too far from its chart's centre.
 struct Leaving {
   static constexpr double kTurned = 2;  // rad
-  double most = INFINITY;  // infinite: never
+  double most = INFINITY;               // infinite: never
   std::vector<double> rows, columns;
   bool may() const { return most < INFINITY; }
 };
 
 struct Run {
-  std::vector<double> times, start;   // start: (q, q̇), at the time `begin`
+  std::vector<double> times, start;   // start: (q, q̇) at the time `begin`
   double begin, first_step;           // a first step of zero: it is chosen
   double rtol, atol, longest, singular;
   Settling settling;                  // no goal: run to the end
+  Pushes pushes;
+  std::optional<Sampling> sampling;   // none: the law acts continuously
   Leaving leaving;
 };
 
@@ -33,25 +38,28 @@ struct Samples {
   int done = 0;
 };
 
-enum class Outcome { finished, settled, interrupted, left, declined };
+enum class Outcome { finished, settled, interrupted, left, declined, going };
 
 class Simulation {
  public:
   int evaluations = 0;
   double settled_since = NAN;
-  double t = 0, h = 0;                    // where the run ended, and the step it would have taken next
-  std::vector<double> y, q_free;          // (q, q̇) and q′ there
 
   Simulation(Workspace& w, const Law& law, const Run& run)
-      : w_(w), m_(w.model.m), law_(w, law), run_(run), u_(m_.motors), q_(m_.n_q) {
+      : w_(w), m_(w.model.m), law_(w, law), run_(run), x_(run.start), t_(run.begin), stride_(run.first_step), u_(m_.motors),
+        q_(m_.n_q) {
     w.model.remember(near_);
+    if (run.sampling) commands_.emplace(w, law_, *run.sampling, x_.data(), x_.data() + m_.n_q);
   }
 
+  // Where a run ended: (q, q̇), the time, the step it would have taken next, and q′.
+  const std::vector<double>& state() const { return x_; }
+  const std::vector<double>& place() const { return near_.q_free; }
+  double time() const { return t_; }
+  double stride() const { return stride_; }
+
   Outcome run(const Tableau& tableau, Samples& out) {
-    Integrator<Simulation> solver(*this, tableau, run_.start, run_.begin, run_.times.back(), run_.rtol, run_.atol,
-                                  run_.longest, run_.first_step);
-    const Outcome outcome = march(solver, out);
-    t = solver.t, h = solver.h, y = solver.y, q_free = near_.q_free;
+    const Outcome outcome = march(tableau, out);
     return outcome == Outcome::declined && run_.leaving.may() ? Outcome::left : outcome;
   }
 
@@ -60,52 +68,86 @@ class Simulation {
     ++evaluations;
     if (!close(state)) return false;
     const double* v = state + m_.n_q;
-    law_.effort(t, q_.data(), v, u_.data());
+    effort(t, v);
     for (const Coordinate& k : m_.coordinates) coordinate_rate(k, q_.data() + k.q, v + k.v, rate + k.q);
-    return w_.model.forward(v, u_.data(), rate + m_.n_q);
+    return w_.model.forward(v, u_.data(), rate + m_.n_q, run_.pushes);
   }
 
  private:
+  static constexpr double kSame = 1e-9;  // of the time between two commands
   static constexpr double kCreeping = 1e-7, kCreepingRcond = 1e-3, kShortest = 1e-10;
   static constexpr int kMostCreeping = 200;
   Workspace& w_;
   const Mechanism& m_;
   LawRunner law_;
   const Run& run_;
+  std::optional<SampledCommands> commands_;
+  std::vector<double> x_;            // (q, q̇) at t_
+  double t_, stride_;                // stride: the integrator's, from leg to leg
   std::vector<double> u_, q_;
   ClosedPoint near_;
+  long steps_ = 0;
 
-  Outcome march(Integrator<Simulation>& solver, Samples& out) {
-    std::vector<double> state(run_.start.size());
-    if (solver.failed) return Outcome::declined;
-    if (run_.times[0] == run_.begin && !sample(run_.begin, solver.y.data(), out)) return Outcome::declined;
+  // From command to command.
+  Outcome march(const Tableau& tableau, Samples& out) {
+    const double end = run_.times.back();
+    for (;;) {
+      double until = end;
+      if (commands_) {
+        if (!close(x_.data()) || !commands_->instant(t_, q_, x_.data() + m_.n_q)) return Outcome::declined;
+        if (commands_->next < end - kSame * (commands_->next - t_)) until = commands_->next;
+      }
+      for (const double here = t_ + kSame * (until - t_); pending(out) <= here;)
+        if (const Outcome o = sample(pending(out), x_.data(), out); o != Outcome::going) return o;
+      if (t_ >= end) return Outcome::finished;
+      if (const Outcome o = leg(tableau, until, out); o != Outcome::going) return o;
+    }
+  }
+
+  // When the next sample is due.
+  double pending(const Samples& out) const {
+    return out.done < int(run_.times.size()) ? run_.times[out.done] : INFINITY;
+  }
+
+  // Integrates smooth equations up to `until`, sampling on the way.
+  Outcome leg(const Tableau& tableau, double until, Samples& out) {
+    Integrator<Simulation> solver(*this, tableau, t_, x_, until, {run_.rtol, run_.atol, run_.longest}, stride_);
+    const Outcome outcome = solver.failed ? Outcome::declined : steps(solver, until, out);
+    x_ = solver.y;
+    return outcome;
+  }
+  Outcome steps(Integrator<Simulation>& solver, double until, Samples& out) {
+    std::vector<double> state(x_.size());
+    const double last = until - kSame * (until - t_);  // a sample due from here on is that of the next leg
     double shortened = 0;
-    for (int steps = 1, creeping = 0; out.done < int(run_.times.size()); ++steps) {
-      if (settled(solver.y.data(), out)) return Outcome::settled;
+    for (int creeping = 0; t_ < until;) {
       if (!solver.step()) {  // σ fails at a trial: again, a quarter as far
-        shortened = 0.25 * (shortened > 0 ? shortened : std::min(solver.h, run_.times.back() - solver.t));
+        shortened = 0.25 * (shortened > 0 ? shortened : std::min(solver.h, until - t_));
         if (solver.failed || shortened < kShortest || !solver.restart(shortened)) return Outcome::declined;
         continue;
       }
-      shortened = 0;
-      for (; out.done < int(run_.times.size()) && run_.times[out.done] <= solver.reached;) {
-        const double time = run_.times[out.done];
+      shortened = 0, stride_ = solver.h;
+      for (double time; (time = pending(out)) <= solver.reached && time < last;) {
         const bool exact = time == solver.reached;
         if (!exact && !solver.interpolate(time, state.data())) return Outcome::declined;
-        const double* at = exact ? solver.next.data() : state.data();
-        if (!sample(time, at, out)) return Outcome::declined;
-        if (settled(at, out)) return Outcome::settled;
+        const Outcome o = sample(time, exact ? solver.next.data() : state.data(), out);
+        if (o != Outcome::going) return o;
       }
       if (!close(solver.next.data()) || (singular() && !run_.leaving.may())) return Outcome::declined;
-      const bool stuck = run_.leaving.may() ? run_.longest > kCreeping : w_.model.rcond() < kCreepingRcond;
-      creeping = solver.reached - solver.t < kCreeping && stuck ? creeping + 1 : 0;
+      creeping = solver.reached - t_ < kCreeping && stuck() ? creeping + 1 : 0;
       w_.model.remember(near_);
       solver.advance();
+      t_ = solver.t;
       if (creeping >= kMostCreeping) return Outcome::declined;
-      if (run_.leaving.may() && out.done < int(run_.times.size()) && (singular() || poor())) return Outcome::left;
-      if (steps % 64 == 0 && interrupted()) return Outcome::interrupted;
+      if (run_.leaving.may() && t_ < until && (singular() || poor())) return Outcome::left;
+      if (++steps_ % 64 == 0 && interrupted()) return Outcome::interrupted;
     }
-    return Outcome::finished;
+    return Outcome::going;
+  }
+
+  void effort(double t, const double* v) {
+    if (commands_) u_ = commands_->held();
+    else law_.effort(t, q_.data(), v, u_.data());
   }
 
   bool close(const double* state) {
@@ -119,6 +161,8 @@ class Simulation {
   bool singular() {
     return w_.model.suspicious() && w_.model.rcond() < (run_.leaving.may() ? 1 : 2) * run_.singular;
   }
+  // Whether a step of less than a hundred nanoseconds may be an approach to a singularity.
+  bool stuck() { return run_.leaving.may() ? run_.longest > kCreeping : w_.model.rcond() < kCreepingRcond; }
 
   // Whether the coordinates, at the point the model is closed at, are to be left.
   bool poor() const {
@@ -137,18 +181,18 @@ class Simulation {
     return false;
   }
 
-  bool sample(double t, const double* state, Samples& out) {
-    if (!close(state) || (singular() && !run_.leaving.may())) return false;
+  Outcome sample(double t, const double* state, Samples& out) {
+    if (!close(state) || (singular() && !run_.leaving.may())) return Outcome::declined;
     const int k = out.done++;
     const double* v = state + m_.n_q;
-    law_.effort(t, q_.data(), v, u_.data());
+    effort(t, v);
     std::copy(q_.begin(), q_.end(), out.q + size_t(k) * m_.n_q);
     std::copy(v, v + m_.n, out.v + size_t(k) * m_.n);
     std::copy(u_.begin(), u_.end(), out.u + size_t(k) * m_.motors);
     std::copy(w_.model.q_free.begin(), w_.model.q_free.end(), out.q_free + size_t(k) * m_.nq);
     free_velocity(v, out.v_free + size_t(k) * m_.nv);
     out.closure[k] = w_.model.closure();
-    return true;
+    return settled(t, q_.data(), v) ? Outcome::settled : Outcome::going;
   }
 
   // q̇′ = ρ q̇.
@@ -163,22 +207,19 @@ class Simulation {
     }
   }
 
-  // Whether the last sample ends a stay of `hold` seconds within the band; told once a sample.
-  bool settled(const double* state, const Samples& out) {
-    if (run_.settling.goal.empty() || judged_ == out.done) return false;
-    judged_ = out.done;
-    const double t = run_.times[out.done - 1];
+  // Whether a sample ends a stay of `hold` seconds within the band.
+  bool settled(double t, const double* q, const double* v) {
+    if (run_.settling.goal.empty()) return false;
     double step[6], error = 0, speed = 0;
     for (const Coordinate& k : m_.coordinates) {
-      coordinate_difference(k, out.q + size_t(out.done - 1) * m_.n_q + k.q, run_.settling.goal.data() + k.q, step);
+      coordinate_difference(k, q + k.q, run_.settling.goal.data() + k.q, step);
       for (int i = 0; i < k.nv; ++i) error = std::max(error, std::abs(step[i]));
     }
-    for (int i = 0; i < m_.n; ++i) speed = std::max(speed, std::abs(state[m_.n_q + i]));
+    for (int i = 0; i < m_.n; ++i) speed = std::max(speed, std::abs(v[i]));
     if (error > run_.settling.band || speed > run_.settling.speed) settled_since = NAN;
     else if (std::isnan(settled_since)) settled_since = t;
     return t - settled_since >= run_.settling.hold * (1 - 1e-12);
   }
-  int judged_ = 0;
 
   static bool interrupted() {
     nb::gil_scoped_acquire acquire;

@@ -12,4 +12,9 @@ stamp=".venv/.installed-${EXTRAS:-plain}"
 if [ ! -e "$stamp" ] || [ -n "$(find pyproject.toml native -newer "$stamp")" ]; then
     .venv/bin/python -m pip install --quiet --disable-pip-version-check -e ".${EXTRAS:+[$EXTRAS]}"
     touch "$stamp"
+    .venv/bin/python -c '
+import ccpin
+backend = ccpin.backend()
+if backend.name == "numpy":
+    print(f"note: ccpin computes with NumPy: {backend.reason}")'
 fi

@@ -1,6 +1,7 @@
 """Each mistake has its own error class and a sentence that names the culprit."""
 
 import inspect
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -195,12 +196,31 @@ def test_loop_that_cannot_close(rpdr):
     assert caught.value.errors["end_effector"] == pytest.approx(gap, rel=1e-3)
 
 
+def test_an_open_loop_says_what_is_open(rpdr):
+    """Metres where points are apart, radians where axes are askew."""
+    joints = [replace(j, placement=_shifted(3.0)) if j.name == "joint2" else j for j in rpdr.description.joints]
+    with pytest.raises(LoopNotClosedError, match=r"'end_effector' open by \d\.\d+ m\. State"):
+        ccpin.load(replace(rpdr.description, joints=tuple(joints)))
+    constraints = ccpin.load("bennett").constraints()
+    assert constraints.misfit(np.array([0.1, -0.3, 0.2, 0.0, 0.04])) == "0.3 m and 0.04 rad"
+    assert constraints.misfit(np.array([0.0, 0.0, 0.0, -0.25, 0.04])) == "0.25 rad"
+
+
+def test_a_library_that_does_not_load_is_named(rpdr, monkeypatch, tmp_path):
+    """And is not taken for a fault of the file."""
+    monkeypatch.setitem(sys.modules, "yourdfpy", None)
+    monkeypatch.delitem(sys.modules, "ccpin.description.writers.urdf", raising=False)
+    with pytest.raises(ccpin.CcpinError, match=r"what writes urdf files does not load \(.*yourdfpy"):
+        rpdr.save(tmp_path / "out.urdf")
+    rpdr.save(tmp_path / "out.sdf")  # which needs it not
+
+
 def test_loop_that_cannot_close_across_its_plane(rpdr):
     """Arms in parallel planes: said as such, with the distance."""
     placement = _shifted(oracle.C).copy()
     placement[1, 3] = 0.01
     joints = [replace(j, placement=placement) if j.name == "joint2" else j for j in rpdr.description.joints]
-    with pytest.raises(LoopNotClosedError, match=r"'end_effector' can never close.*0.01"):
+    with pytest.raises(LoopNotClosedError, match=r"'end_effector' can never close.*0.01 m apart across it"):
         ccpin.load(replace(rpdr.description, joints=tuple(joints)))
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
+from numbers import Real
+from operator import index
 from typing import Any, TypeVar
 
 import numpy as np
@@ -12,10 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from ccpin.errors import InvalidInputError
 
 Array = NDArray[np.float64]
+Placement = Array
+"""A 4×4 frame; the records of a description take it in other spellings too."""
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Columns = TypeVar("Columns", bound=tuple[Any, ...])  # a named tuple of arrays with a common leading axis
 K = TypeVar("K")
+T = TypeVar("T")
 V_co = TypeVar("V_co", covariant=True)
 
 
@@ -67,8 +72,8 @@ _CONTAINERS = (list, tuple, np.ndarray, Mapping)
 class Record:
     """The base of frozen dataclasses that hold nothing that can be written to, also after a pickle.
 
-    A field annotated ``Array`` becomes a read-only copy of what is given; in any other field lists become tuples
-    (of what they hold, frozen likewise), arrays tuples of numbers, and mappings `FrozenMapping`s.
+    A field annotated ``Array`` (or ``Placement``) becomes a read-only copy of what is given; in any other field lists
+    become tuples (of what they hold, frozen likewise), arrays tuples of numbers, and mappings `FrozenMapping`s.
 
     Raises:
         InvalidInputError: Something else than numbers where an array belongs.
@@ -77,10 +82,11 @@ class Record:
     def __post_init__(self) -> None:
         for field in fields(self):  # type: ignore[arg-type]
             value = getattr(self, field.name)
-            if field.type != "Array" and not isinstance(value, _CONTAINERS):
+            is_array = field.type in ("Array", "Placement")
+            if not is_array and not isinstance(value, _CONTAINERS):
                 continue
             try:
-                value = frozen(value) if field.type == "Array" else _immutable(value)
+                value = frozen(value) if is_array else _immutable(value)
             except (TypeError, ValueError):
                 owner = f"{type(self).__name__}.{field.name}"
                 raise InvalidInputError(f"{owner} must be an array of numbers, not {value!r:.80}") from None
@@ -168,22 +174,104 @@ def matrix_rows(value: ArrayLike, name: str, columns: int) -> Array:
     return _checked(value, name, (None, columns))
 
 
-def positive(value: float, name: str, what: str = "a positive number") -> float:
-    """Return a positive, finite number.
+def numbers(value: object, name: str) -> Array:
+    """Return a float64 array of any shape, whatever numbers are in it (not a copy where it is one already).
+
+    Raises:
+        InvalidInputError: It holds something else than real numbers.
+    """
+    try:
+        if isinstance(value, np.ndarray) and value.dtype.kind == "c":
+            raise TypeError
+        return np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInputError(f"{name} is not an array of numbers") from None
+
+
+def number(value: object, name: str, what: str = "a finite number", above: float = -np.inf) -> float:
+    """Return a finite number above a bound.
 
     Raises:
         InvalidInputError: It is not that; `what` says what it must be.
     """
-    if not (np.isfinite(value) and value > 0):
-        raise InvalidInputError(f"{name} = {value} must be {what}")
-    return float(value)
+    if isinstance(value, np.ndarray) and not value.ndim:
+        value = value.item()
+    try:
+        if isinstance(value, Real) and np.isfinite(float(value)) and float(value) > above:
+            return float(value)
+    except OverflowError:  # an integer beyond all doubles
+        pass
+    raise InvalidInputError(f"{name} = {value!r:.80} must be {what}")
+
+
+def positive(value: object, name: str, what: str = "a positive number") -> float:
+    """Return a positive, finite number; errors as for `number`."""
+    return number(value, name, what, 0.0)
+
+
+def step_or_infinite(value: object, name: str) -> float:
+    """Return a positive number, ∞ allowed; errors as for `number`."""
+    return np.inf if isinstance(value, float) and value == np.inf else positive(value, name)
+
+
+def whole(value: object, name: str, least: int = 1) -> int:
+    """Return a whole number, at least `least`.
+
+    Raises:
+        InvalidInputError: It is not that.
+    """
+    try:
+        found = index(value)  # type: ignore[arg-type]
+    except TypeError:
+        found = least - 1
+    if not least <= found < 2**63:
+        raise InvalidInputError(f"{name} = {value!r:.80} must be a whole number, {least} or more")
+    return found
+
+
+def choice(value: object, name: str, known: Sequence[str]) -> str:
+    """Return one of the words known.
+
+    Raises:
+        InvalidInputError: It is none of them.
+    """
+    if not isinstance(value, str) or value not in known:
+        raise InvalidInputError(f"{name} {value!r:.80} is not one of {', '.join(known)}")
+    return value
+
+
+def instance(value: object, name: str, kind: type[T], what: str | None = None) -> T:
+    """Return a thing of one class; `what` says where one is got, beside its class's name.
+
+    Raises:
+        InvalidInputError: It is something else.
+    """
+    if not isinstance(value, kind):
+        raise InvalidInputError(f"{name} must be {what or f'a {kind.__name__}'}, not {type(value).__name__}")
+    return value
+
+
+def records(value: object, name: str, kind: type[T]) -> tuple[T, ...]:
+    """Return things of one class as a tuple.
+
+    Raises:
+        InvalidInputError: They are no sequence, or one is something else: it is told by its place.
+    """
+    given = instance(value, name, Iterable, f"a sequence of {kind.__name__}")
+    return tuple(instance(one, f"{name}[{place}]", kind) for place, one in enumerate(given))
+
+
+def heading(title: object, default: str) -> str:
+    """Return a title, or what stands there by default.
+
+    Raises:
+        InvalidInputError: It is neither a text nor ``None``.
+    """
+    return default if title is None else instance(title, "title", str, "a text")
 
 
 def _checked(value: ArrayLike, name: str, shape: tuple[int | None, ...]) -> Array:
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInputError(f"{name} is not an array of numbers") from None
+    array = numbers(value, name)
     if array.shape != shape and (shape[0] is not None or array.ndim != len(shape) or array.shape[1:] != shape[1:]):
         wanted = str(shape).replace("None", "N")
         raise InvalidInputError(f"{name} has shape {array.shape}; it must be {wanted}")

@@ -17,6 +17,8 @@ def writable_target(path: str | Path) -> Path:
     Raises:
         InvalidInputError: It is a folder, or its folder cannot be created or written to.
     """
+    if not isinstance(path, str | Path):
+        raise InvalidInputError(f"a file to write must be a path, not {type(path).__name__}")
     target = Path(path)
     if target.is_dir():
         raise InvalidInputError(f"cannot write '{target}': it is a folder; name the file to write")

@@ -5,6 +5,7 @@ import pytest
 
 import ccpin
 from ccpin.control import NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.description import Part, combine
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 from tests.support.paper import GOAL, K_P, K_V
 
@@ -86,6 +87,20 @@ def test_bad_gains_are_refused(model, gains, words):
     """Gains must be symmetric positive definite of the right size."""
     with pytest.raises(InvalidInputError, match=words):
         PDSimpleGravity(model, GOAL, *gains)
+
+
+def test_one_number_stands_for_all_where_units_agree(model):
+    """K_p = k I among angles; where an angle and a length are independent one number has no unit, and is refused."""
+    law = PDSimpleGravity(model, GOAL, 11.0, 0.5)
+    assert np.array_equal(law.K_p, 11.0 * np.eye(2))
+    assert np.array_equal(law.K_v, 0.5 * np.eye(2))
+    parts = {f"{name}_": Part(ccpin.load(name).description) for name in ("slider_crank", "four_bar")}
+    names = ["slider_crank_slider", "four_bar_crank"]
+    mixed = ccpin.load(combine("both", parts), independent=names, actuated=names)
+    q = ccpin.ReducedModel(mixed).alpha(mixed.q_reference)
+    with pytest.raises(InvalidInputError, match=r"K_p = 11.0 has no unit .* give 2 \(N/m, N m/rad\)"):
+        PDSimpleGravity(mixed, q, 11.0, [1.0, 1.0])
+    assert np.array_equal(PDSimpleGravity(mixed, q, [9.0, 11.0], [1.0, 1.0]).K_p, np.diag([9.0, 11.0]))
 
 
 def test_goals_out_of_reach_are_refused(model):

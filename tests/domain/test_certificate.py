@@ -83,7 +83,7 @@ def test_chains_give_the_constraints_of_every_kind_of_joint_and_closure(arms, ki
     system = closure_system(mechanism, mechanism.q_reference)
     constraints, rng = mechanism.constraints(), np.random.default_rng(5)
     theta = rng.uniform(-1.2, 1.2, (6, mechanism.n_free))
-    stack, step = stack_chains(system.chains, system.n_free), 1e-6
+    stack, step = stack_chains(system.chains, system.n_free, system.m), 1e-6
     phi, jacobian = first_order(system, stack, theta)[:2]
     for k, row in enumerate(theta):
         assert np.abs(phi[k] - constraints.residual(system.chart.configuration(row))).max() < 1e-13
@@ -102,7 +102,7 @@ def test_second_derivatives(name):
     system, constraints = closure_system(mechanism, mechanism.q_reference), mechanism.constraints()
     rng, step = np.random.default_rng(0), 1e-6
     theta = rng.uniform(-3, 3, (3, mechanism.n_free))
-    found = derivatives(system, stack_chains(system.chains, system.n_free), theta)
+    found = derivatives(system, stack_chains(system.chains, system.n_free, system.m), theta)
     for k, row in enumerate(theta):
         along = rng.standard_normal(len(row))
         ahead = constraints.value(row + step * along).jacobian
@@ -127,7 +127,7 @@ def test_bounds_bound_for_every_kind_of_closure(arms, kind):
     mechanism = two_arms(arms, kind)
     system = closure_system(mechanism, mechanism.q_reference)
     theta = np.random.default_rng(8).uniform(-0.8, 0.8, mechanism.n_free)
-    jacobian = first_order(system, stack_chains(system.chains, system.n_free), theta[None])[1][0]
+    jacobian = first_order(system, stack_chains(system.chains, system.n_free, system.m), theta[None])[1][0]
     order = qr(jacobian, pivoting=True)[2]  # the best conditioned choice of dependent coordinates comes first
     system = replace(system, dependent=np.sort(order[: system.m]), independent=np.sort(order[system.m :]))
     assert_bounds_hold(problem_of(system, "reach"), theta, trials=60)

@@ -202,6 +202,6 @@ def test_a_model_too_large_for_memory_is_refused_by_name(monkeypatch):
     def exhausted(*_):
         raise MemoryError
 
-    monkeypatch.setattr("ccpin.mechanism.loading.build_tree", exhausted)
+    monkeypatch.setattr("ccpin.mechanism.analysis.build_tree", exhausted)
     with pytest.raises(UnsupportedMechanismError, match=r"rpdr\.urdf: \d+ joints do not fit into memory"):
         ccpin.load("rpdr")

@@ -22,9 +22,13 @@ from typing import Any
 
 import numpy as np
 
+from tests.native.spoiling import spoil, spoilt_array
+
 ROOT = Path(__file__).resolve().parents[2]
 FLAGS = "-fsanitize=address,undefined;-fno-sanitize-recover=undefined;-fno-omit-frame-pointer;-O1;-fno-inline"
 FAR = 9.0
+PUSHED = ("forward_dynamics", "generalized_force", "inverse_dynamics", "constraint_forces", "bearing_forces",
+          "generalized_force_derivatives", "forward_dynamics_derivatives")  # fmt: skip
 
 
 def build(folder: Path) -> Path:
@@ -106,9 +110,10 @@ def fuzz(examples: int, seed: int) -> int:
     import ccpin
     from ccpin.native._core import Kernel
     from ccpin.native.specification import specification
+    from tests.native.fuzz_certificates import ask_for_certificates
     from tests.support.strategies import mechanisms
 
-    asked = {"methods": 0, "refused": 0, "taken": 0}
+    asked = {"methods": 0, "refused": 0, "taken": 0, "certificates": 0}
 
     @seeded(seed)
     @settings(max_examples=examples, deadline=None, database=None, suppress_health_check=list(HealthCheck))
@@ -122,6 +127,7 @@ def fuzz(examples: int, seed: int) -> int:
         numbers = specification(mechanism)
         kernel = Kernel(numbers)
         asked["methods"] += ask_everything(kernel, numbers, rng)
+        asked["certificates"] += ask_for_certificates(mechanism, rng)
         for _ in range(20):
             spoilt = copy.deepcopy(numbers)
             spoil(spoilt, rng)
@@ -148,21 +154,25 @@ def ask_everything(kernel: Any, numbers: dict[str, Any], rng: np.random.Generato
         q = _alpha(numbers) + size * rng.normal(size=n_q)
         v, a, u = rng.normal(size=n), rng.normal(size=n), rng.normal(size=motors)
         Q, V, A, U = (np.tile(x, (3, 1)) for x in (q, v, a, u))
+        pushed = np.hstack([rng.integers(1, len(numbers["joints"]) + 1, size=(2, 1)), rng.normal(size=(2, 9))])
         singles = {
             "constraints": (near,), "constraint_rate": (near, rng.normal(size=nv)), "rcond": (near,),
             "sigma": (q, near), "closed_point": (near, q), "terms": (near, v, q), "gravity": (near, q),
             "forward_dynamics": (near, v, u, q), "generalized_force": (near, v, a, q), "energy": (near, v, q),
             "inverse_dynamics": (near, v, a, q), "transmission": (near, q), "constraint_forces": (near, v, u, q),
-            "generalized_force_derivatives": (near, v, a, q), "forward_dynamics_derivatives": (near, v, u, q),
+            "bearing_forces": (near, v, u, q), "generalized_force_derivatives": (near, v, a, q),
+            "forward_dynamics_derivatives": (near, v, u, q),
             "sigma_many": (Q, near, 2), "terms_many": (Q, V, near, 2), "forward_dynamics_many": (Q, V, U, near, 2),
             "generalized_force_many": (Q, V, A, near, 2), "inverse_dynamics_many": (Q, V, A, near, 2),
             "forward_dynamics_derivatives_many": (Q, V, U, near, 2),
         }  # fmt: skip
-        for name, arguments in singles.items():
+        for name in PUSHED:
+            singles[f"{name} "] = (*singles[name], pushed)
+        for name, arguments in ((name.strip(), arguments) for name, arguments in singles.items()):
             getattr(kernel, name)(*arguments)
             spoilt = list(arguments)
             k = int(rng.integers(len([x for x in spoilt if isinstance(x, np.ndarray)])))
-            spoilt[k] = _spoilt_array(spoilt[k], rng)
+            spoilt[k] = spoilt_array(spoilt[k], rng)
             with contextlib.suppress(TypeError):  # None where an array must be
                 getattr(kernel, name)(*spoilt)
             calls += 2
@@ -178,7 +188,16 @@ def _ask_for_runs(kernel: Any, near: np.ndarray, n_q: int, n: int, rng: np.rando
     law = {"kind": str(rng.choice(["pd", "pd_gravity", "computed_torque", "pd_plus"])), "start": [0.0] * n_q,
            "breaks": [], "degree": 0, "coefficients": [], "K_p": zero, "K_v": zero, "constant": [0.0] * n}  # fmt: skip
     run = {"times": np.linspace(0.0, 0.01, 3), "start": np.zeros(n_q + n), "rtol": 1e-6, "atol": 1e-8,
-           "max_step": np.inf, "singular_rcond": 1e-7, "goal": [], "band": 0.0, "speed": 0.0, "hold": 0.0}  # fmt: skip
+           "max_step": np.inf, "singular_rcond": 1e-7, "goal": [], "band": 0.0, "speed": 0.0, "hold": 0.0,
+           "wrenches": None, "sampling": None}  # fmt: skip
+    if rng.random() < 0.5:
+        run["wrenches"] = np.hstack([np.ones((1, 1)), rng.normal(size=(1, 9))])
+    if rng.random() < 0.7:
+        encoders = [1e-3] * n if rng.random() < 0.5 and n_q == n else []
+        run["sampling"] = {
+            "period": float(rng.choice([1e-3, 7e-3])), "gain": 0.5, "differentiates": bool(rng.integers(2)),
+            "resolution": encoders, "limit": [np.inf] * n, "before": [0.0] * n, "delay": int(rng.integers(3)),
+        }  # fmt: skip
     for tableau in TABLEAUX.values():
         kernel.simulate(near, law, run, tableau)
         arguments = [copy.deepcopy(each) for each in (law, run, dict(tableau))]
@@ -196,59 +215,6 @@ def _alpha(numbers: dict[str, Any]) -> np.ndarray:
             window = numbers["joints"][joint - 1][2]
             q[start : start + size] = reference[window[0] : window[0] + size]
     return q
-
-
-def _spoilt_array(array: np.ndarray, rng: np.random.Generator) -> Any:
-    """An array of another size, with NaN in it, of another kind, or none at all."""
-    poisoned = array.copy()
-    if poisoned.size:
-        poisoned.flat[int(rng.integers(poisoned.size))] = rng.choice([np.nan, np.inf, 1e300])
-    others = [poisoned, array[:-1], np.append(array, 1.0), array[None], array.astype(str), None, "text", [], 3.0,
-              np.zeros((2, 2, 2, 2)), array[..., ::-1], array.astype(np.float32), np.empty((0, 0))]  # fmt: skip
-    return others[int(rng.integers(len(others)))]
-
-
-def spoil(thing: Any, rng: np.random.Generator) -> None:
-    """Change one place in nested dicts, lists, tuples and arrays, in place: gone, longer, shorter, or another value."""
-    holder, key = _place(thing, rng)
-    value = holder[key]
-    wrong: list[Any] = [None, -1, 10**6, 2**40, "text", [], {}, np.nan, np.zeros((2, 2)), [0, 0, 0], -0.5]
-    if isinstance(value, list | tuple):
-        wrong += [type(value)(list(value)[:-1]), type(value)([*value, *value])]
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        wrong += [value + 1, value - 1, -value]
-    if isinstance(holder, dict) and rng.random() < 0.1:
-        del holder[key]
-    else:
-        holder[key] = wrong[int(rng.integers(len(wrong)))]
-
-
-def _place(thing: Any, rng: np.random.Generator) -> tuple[Any, Any]:
-    """A random place within: what holds it, made writable, and its key there."""
-    keys = list(thing) if isinstance(thing, dict) else list(range(len(thing)))
-    key = keys[int(rng.integers(len(keys)))]
-    value = thing[key]
-    if isinstance(value, list | tuple | dict) and len(value) and rng.random() < 0.85:
-        if isinstance(value, tuple):
-            inner = list(value)
-            holder, place = _place(inner, rng)
-            return _Through(thing, key, inner, holder), place
-        return _place(value, rng)
-    return thing, key
-
-
-class _Through:
-    """A place within a tuple: a change there makes the tuple anew."""
-
-    def __init__(self, outer: Any, key: Any, inner: list[Any], holder: Any) -> None:
-        self._outer, self._key, self._inner, self._holder = outer, key, inner, holder
-
-    def __getitem__(self, place: Any) -> Any:
-        return self._holder[place]
-
-    def __setitem__(self, place: Any, value: Any) -> None:
-        self._holder[place] = value
-        self._outer[self._key] = tuple(self._inner)
 
 
 if __name__ == "__main__":

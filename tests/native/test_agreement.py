@@ -21,7 +21,17 @@ from ccpin.description import (
     MechanismDescription,
 )
 from ccpin.description.closure_kinds import GAP, Fixed, LoopRows, Product, X, Y, Z
-from tests.support.agreement import differences, random_states, reference_model, refused
+from ccpin.dynamics.wrenches import wrench_rows
+from ccpin.simulation.forces import _Bearings
+from tests.support.agreement import (
+    allowed,
+    differences,
+    random_states,
+    random_wrenches,
+    reference_model,
+    refused,
+    relative,
+)
 from tests.support.places import MODELS, SHARED
 from tests.support.strategies import mechanisms, rigid
 
@@ -219,3 +229,40 @@ def test_random_coordinates(drawn, seed):
         compare_random(mechanism, seed)
         return
     assume(False)
+
+
+def compare_bearings(model, kernel, rng, states):
+    """What closures and joints carry, pushed links included, in both cores."""
+    for q in states:
+        if refused(model, q):
+            continue
+        state, v, u = model.at(q), rng.normal(size=model.n), rng.normal(size=model.n_actuated)
+        pushed = random_wrenches(model, rng)
+        numbers = kernel.bearing_forces(state.q_free, v, u, None, wrench_rows(model.mechanism.tree, pushed))
+        bearings = _Bearings(model)
+        for found, theirs in zip(numbers, (bearings.of_closures, bearings.of_joints), strict=False):
+            loads = theirs(state, v, u, pushed)
+            limit = allowed("constraint_forces", 1.0 / state.rcond, float(np.linalg.cond(state.D)), 0.0)
+            assert relative(found, loads.wrench) <= 10 * limit
+        assert relative(numbers[2][1:, :3, 3], bearings.of_joints(state, v, u, pushed).point) <= 1e-12
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_bearings(path):
+    """Newton and Euler over the clusters give what they give body by body, on every model."""
+    if not path.exists():
+        pytest.skip(f"no {path}: these files belong to others")
+    mechanism = ccpin.load(path)
+    model, kernel, rng = reference_model(mechanism), native.kernel(mechanism), np.random.default_rng(13)
+    compare_bearings(model, kernel, rng, random_states(model, rng, 6))
+
+
+@settings(max_examples=15)
+@given(mechanisms(), seeds)
+def test_bearings_of_random_mechanisms(drawn, seed):
+    """The same for trees, loops and closures of every kind."""
+    mechanism = ccpin.load(drawn.description)
+    model, kernel, rng = reference_model(mechanism), native.kernel(mechanism), np.random.default_rng(seed)
+    assume(mechanism.n > 0 and not refused(model, model.alpha(mechanism.q_reference)))
+    assume(model.at(model.alpha(mechanism.q_reference)).rcond > 1e-6)
+    compare_bearings(model, kernel, rng, random_states(model, rng, 2, size=0.05))

@@ -1,5 +1,7 @@
 """Runs in the compiled core are the reference's runs."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -7,7 +9,10 @@ import ccpin
 from ccpin import native
 from ccpin.control import NoTorque, PDFullGravity, PDSimpleGravity, TorqueFunction
 from ccpin.control.references import PointToPoint, Waypoints
+from ccpin.control.sampling import SampledCommands, Sampling
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus
+from ccpin.dynamics import Wrench
+from ccpin.dynamics.wrenches import wrench_rows
 from ccpin.simulation import Settling
 from ccpin.simulation.in_core import simulate_in_core
 from tests.support.agreement import reference_model
@@ -15,7 +20,7 @@ from tests.support.agreement import reference_model
 pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
 
 
-def in_core(model, law, q0, duration, method="RK45", settling=None, rtol=1e-9):
+def in_core(model, law, q0, duration, method="RK45", settling=None, rtol=1e-9, wrenches=None, sampling=None):
     """A run of the core from rest, sampled every 10 ms."""
     times = np.arange(round(100 * duration) + 1) * 0.01
     start = np.concatenate([q0, np.zeros(model.n)])
@@ -26,6 +31,8 @@ def in_core(model, law, q0, duration, method="RK45", settling=None, rtol=1e-9):
         "atol": rtol * 1e-2,
         "max_step": np.inf,
         "singular_rcond": 1e-7,
+        "wrenches": wrench_rows(model.mechanism.tree, wrenches),
+        "sampling": sampling and SampledCommands(model, law, sampling, q0, np.zeros(model.n)).numbers(),
         **(settling or Settling(np.empty(0)))._asdict(),
     }
     return simulate_in_core(model, law, method, None, run)
@@ -150,3 +157,75 @@ def test_what_the_core_would_misread_is_the_references(rpdr, rpdr_model):
     assert in_core(rpdr_model, law, start, 0.1) is None
     plain = ComputedTorque(rpdr_model, PointToPoint(rpdr_model, start, goal, 0.3), [100, 100], [20, 20])
     assert in_core(rpdr_model, plain, start, 0.1) is not None
+
+
+def a_law(model, kind):
+    q0, q_d = ends(model)
+    if kind == "simple":
+        return PDSimpleGravity(model, q_d, [40.0, 30.0], [2.0, 1.5])
+    return ComputedTorque(model, PointToPoint(model, q0, q_d, 0.15), [100.0, 90.0], [20.0, 19.0])
+
+
+LOOPS = {
+    "hold alone": Sampling(2e-3),
+    "slower than the samples": Sampling(0.013),
+    "delay": Sampling(1e-3, delay=2, effort_before=(0.3, -0.2)),
+    "filter": Sampling(1e-3, velocity_cutoff=40.0),
+    "encoders": Sampling(1e-3, encoder_counts=(4096.0, 8192.0)),
+    "everything": Sampling(1.7e-3, 10000.0, 60.0, (2.0, 1.0), 1, 0.1),
+}
+
+
+@pytest.mark.parametrize("kind", ["simple", "computed torque"])
+@pytest.mark.parametrize("name", LOOPS)
+def test_sampled_loops(rpdr_model, name, kind):
+    """A digital controller's run, command for command: samples to 1e-11, the u held, and the same evaluations.
+
+    Computed torque begins at an acceleration of zero, from whose rounding SciPy chooses the first step: no such count.
+    """
+    q0, _ = ends(rpdr_model)
+    law = a_law(rpdr_model, kind)
+    ours = in_core(rpdr_model, law, q0, 0.1, sampling=LOOPS[name])
+    theirs = reference(rpdr_model, law, q0, duration=0.1, sample_period=0.01, sampling=LOOPS[name])
+    assert (ours.status, ours.message) == (theirs.status, theirs.message)
+    assert kind != "simple" or ours.evaluations == theirs.evaluations
+    for field, allowed in (("t", 0.0), ("q", 1e-11), ("v", 1e-11), ("q_free", 1e-11), ("u", 1e-9)):
+        np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), rtol=0, atol=allowed)
+
+
+@pytest.mark.parametrize("sampling", [None, Sampling(2e-3, velocity_cutoff=100.0)], ids=["continuous", "sampled"])
+@pytest.mark.parametrize("kind", ["simple", "computed torque"])
+def test_pushed_runs(rpdr_model, kind, sampling):
+    """Constant wrenches on links move the mechanism as in the reference; the law knows nothing of them."""
+    q0, _ = ends(rpdr_model)
+    links = sorted(rpdr_model.mechanism.tree.attachments)
+    pushed = {
+        links[1]: Wrench((1.0, -2.0, 0.5), (0.1, 0.0, 0.2), (0.05, 0.02, 0.0)),
+        links[-1]: [0.3, 0, -1.0, 0, 0, 0.1],
+    }
+    law = a_law(rpdr_model, kind)
+    ours = in_core(rpdr_model, law, q0, 0.1, sampling=sampling, wrenches=pushed)
+    theirs = reference(rpdr_model, law, q0, duration=0.1, sample_period=0.01, sampling=sampling, wrenches=pushed)
+    free = in_core(rpdr_model, law, q0, 0.1, sampling=sampling)
+    assert np.abs(ours.q - free.q).max() > 1e-3
+    for field, allowed in (("q", 1e-11), ("v", 1e-11), ("u", 1e-9)):
+        np.testing.assert_allclose(getattr(ours, field), getattr(theirs, field), rtol=0, atol=allowed)
+
+
+def test_simulate_asks_the_core_for_them(rpdr_model, monkeypatch):
+    """Sampled runs and constant wrenches go to the core; wrenches that are a function stay with the reference."""
+    asked = []
+
+    def spy(*arguments):
+        asked.append(simulate_in_core(*arguments))
+        return asked[-1]
+
+    monkeypatch.setattr(sys.modules["ccpin.simulation.simulate"], "simulate_in_core", spy)
+    q0, _ = ends(rpdr_model)
+    law, link = a_law(rpdr_model, "simple"), sorted(rpdr_model.mechanism.tree.attachments)[1]
+    still = {link: [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]}
+    ccpin.simulate(rpdr_model, law, q0, duration=0.02, sampling=Sampling(1e-3), wrenches=still)
+    assert len(asked) == 1
+    assert asked[0].status == "finished"
+    ccpin.simulate(rpdr_model, law, q0, duration=0.02, wrenches=lambda t, state, v: still)
+    assert len(asked) == 1

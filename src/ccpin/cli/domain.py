@@ -5,8 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import json
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +13,12 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
+from ccpin.cli.progress import progress_bar
 from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
+_BAR = "{l_bar}{bar}| {n:.1f} % certified, {postfix}"
 SHARES = ("certified", "undecided", "unreached", "empty")
 
 
@@ -57,7 +58,7 @@ def _domain(options: argparse.Namespace) -> int:
     atlas, mapped = None, options.atlas or region is not None or options.plot
     if mapped or mechanism.n <= 2 or options.save:
         depth = options.depth if mapped else 0
-        with _executor(options.scheduler) as executor, _progress_bar(options.json) as progress:
+        with _executor(options.scheduler) as executor, progress_bar(options.json, 100.0, _BAR, _progress) as progress:
             atlas = domain.certify(
                 mechanism,
                 centre,
@@ -98,8 +99,9 @@ def _executor(scheduler: str | None) -> Iterator[Any]:
         return
     try:
         from distributed import Client
-    except ImportError:
-        raise InvalidInputError("--scheduler needs dask.distributed: pip install 'ccpin[cluster]'") from None
+    except ImportError as error:
+        message = f"--scheduler needs dask.distributed ({error}): pip install 'ccpin[cluster]'"
+        raise InvalidInputError(message) from None
     try:
         client = Client(scheduler, timeout="10s")
     except (OSError, ValueError) as error:
@@ -108,21 +110,8 @@ def _executor(scheduler: str | None) -> Iterator[Any]:
         yield client.get_executor()
 
 
-@contextlib.contextmanager
-def _progress_bar(quiet: bool) -> Iterator[Callable[[Any], None] | None]:
-    """A bar on the terminal's stderr while boxes are proved; none where nobody watches."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    from tqdm import tqdm
-
-    with tqdm(total=100.0, unit="%", bar_format="{l_bar}{bar}| {n:.1f} % certified, {postfix}") as bar:
-
-        def show(progress: Any) -> None:
-            bar.n = 100.0 * progress.certified
-            bar.set_postfix_str(f"{progress.boxes} boxes, {progress.waiting} waiting")
-
-        yield show
+def _progress(progress: Any) -> tuple[float, str]:
+    return 100.0 * progress.certified, f"{progress.boxes} boxes, {progress.waiting} waiting"
 
 
 def _plot_domain(mechanism: Mechanism, atlas: Any, out: Path) -> None:

@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
+from ccpin.cli.progress import progress_bar
 from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.dynamics import ReducedModel
-from ccpin.dynamics.modes import assembly_modes
+from ccpin.dynamics.modes import INTERRUPTED, AssemblyModes, ModeSearch, assembly_modes
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.native import backend
+
+_BAR = "{l_bar}{bar}| {n_fmt} of {total_fmt} starts without news, {postfix}"
 
 
 def add_info(commands: Any) -> None:
@@ -33,25 +37,48 @@ def add_modes(commands: Any) -> None:
     parser = commands.add_parser("modes", help="the assembly modes over a given q")
     add_mechanism(parser)
     add_vector(parser, "q", "independent coordinates (default: the reference's)")
+    parser.add_argument("--budget", type=float, metavar="S", help="stop after so many seconds (default: no limit)")
+    parser.add_argument("--patience", type=int, default=60, metavar="N", help="end after N closed starts without news")
+    parser.add_argument("--limit", type=int, default=2000, metavar="N", help="stop after N starts (default 2000)")
     parser.set_defaults(run=_modes)
 
 
-def _modes(options: argparse.Namespace) -> None:
+def _modes(options: argparse.Namespace) -> int:
     mechanism = load(options)
     model = ReducedModel(mechanism)
     q = vector(options, "q", mechanism)
-    found = assembly_modes(model, model.alpha(mechanism.q_reference) if q is None else q)
+    with progress_bar(options.json, options.patience, _BAR, _searched) as progress:
+        found = assembly_modes(
+            model,
+            model.alpha(mechanism.q_reference) if q is None else q,
+            patience=options.patience,
+            limit=options.limit,
+            budget=options.budget,
+            progress=progress,
+        )
     if options.json:
         modes = [mode._asdict() | {"q_free": mode.q_free.tolist()} for mode in found.modes]
-        print(json.dumps({"modes": modes, "starts": found.starts, "singular": found.singular}, indent=2))
-        return
-    print(f"{len(found.modes)} assembly modes found from {found.starts} starts (sampled, not proved complete)")
+        print(json.dumps(found._asdict() | {"modes": modes}, indent=2))
+    else:
+        print("\n".join(_modes_in_words(found)))
+    return 130 if found.reason.startswith(INTERRUPTED) else 0
+
+
+def _modes_in_words(found: AssemblyModes) -> Iterator[str]:
+    count = len(found.modes)
+    yield f"{count} assembly mode{'s' if count != 1 else ''} found: {found.reason}"
     if found.singular:
-        print(f"{found.singular} starts ended at singular configurations, which belong to no mode")
+        yield f"{found.singular} starts ended at singular configurations, which belong to no mode"
     for k, mode in enumerate(found.modes, start=1):
-        reference = ", the reference's" if mode.is_reference else ""
-        print(f"mode {k}{reference}: sign det ψ_q′ = {mode.sign:+d}, 1/κ = {mode.rcond:.3g}")
-        print(f"  q′ = {np.array2string(mode.q_free, precision=6, separator=', ')}")
+        which = (", the reference's" if mode.is_reference else "") + (
+            "" if mode.within_limits else ", outside the joint limits"
+        )
+        yield f"mode {k}{which}: sign det ψ_q′ = {mode.sign:+d}, 1/κ = {mode.rcond:.3g}, from {mode.hits} starts"
+        yield f"  q′ = {np.array2string(mode.q_free, precision=6, separator=', ')}"
+
+
+def _searched(search: ModeSearch) -> tuple[float, str]:
+    return search.quiet, f"{search.modes} modes from {search.starts} starts"
 
 
 def summary(mechanism: Mechanism) -> dict[str, Any]:
@@ -79,6 +106,7 @@ def summary(mechanism: Mechanism) -> dict[str, Any]:
         "constraint_rank": mobility.rank,
         "mobility": mobility.mobility,
         "idle_mobilities": list(mobility.idle),
+        "locked": list(mechanism.locked),
         "independent": list(mechanism.independent),
         "actuated": list(mechanism.actuated),
         "joints": joints,
@@ -131,6 +159,7 @@ def in_words(facts: dict[str, Any]) -> str:
         *closures,
         f"mobility        n = n′ − rank = {facts['mobility']}",
         *(f"  idle: {sentence}" for sentence in facts["idle_mobilities"]),
+        *([f"locked          {', '.join(facts['locked'])}"] if facts["locked"] else []),
         f"independent     {', '.join(facts['independent'])}",
         f"actuated        {', '.join(facts['actuated'])}",
         *(f"{word:<16}{', '.join(values)}" for word, values in facts["forces"].items() if values),

@@ -21,6 +21,10 @@ def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> No
     parser.add_argument("mechanism", help=what, nargs="?" if optional else None)
     parser.add_argument("--independent", nargs="+", metavar="JOINT", help="independent joints, in the order of q")
     parser.add_argument("--actuated", nargs="+", metavar="JOINT", help="actuated joints, in the order of u")
+    still = "joints, or components as ball:rx, to hold still at the reference"
+    parser.add_argument("--locked", nargs="+", metavar="JOINT", default=(), help=still)
+    idle = "spins that move nothing but themselves (a rod between balls) to leave free, or all"
+    parser.add_argument("--free", nargs="+", metavar="JOINT", default=(), help=idle)
     near = "the pose to close near: one of the file's by name, or joint=value … in rad and m"
     parser.add_argument("--reference", nargs="+", metavar="POSE", help=near)
     wide = "error of the file's lengths and angles, relative to a loop's size (default 1e-5)"
@@ -39,6 +43,8 @@ def load(options: argparse.Namespace) -> Mechanism:
         options.mechanism,
         independent=options.independent,
         actuated=options.actuated,
+        locked=options.locked,
+        free=options.free,
         reference=_pose(options.reference),
         **({} if options.geometry_tolerance is None else {"geometry_tolerance": options.geometry_tolerance}),
         floating_base=options.floating_base,

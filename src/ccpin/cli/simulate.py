@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, each, load, vector
+from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, load, vector
 from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
 from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
@@ -30,8 +30,14 @@ def add_simulate(commands: Any) -> None:
     add_vector(parser, "start", "where the motion starts at rest (default: the reference)")
     add_vector(parser, "goal", "the set point (default: the start)")
     parser.add_argument("--law", choices=("simple", "full", "none"), default="simple", help="gravity compensation")
-    parser.add_argument("--kp", nargs="+", type=float, metavar="K", help="proportional gains, one or n")
-    parser.add_argument("--kv", nargs="+", type=float, metavar="K", help="velocity gains, one or n")
+    parser.add_argument(
+        "--kp",
+        nargs="+",
+        type=float,
+        metavar="K",
+        help="proportional gains: n, or one where all q are angles or all lengths",
+    )
+    parser.add_argument("--kv", nargs="+", type=float, metavar="K", help="velocity gains, alike")
     parser.add_argument("--duration", type=float, default=1.0, metavar="S", help="seconds (default 1)")
     parser.add_argument("--cycles", type=int, metavar="N", help="go to the goal and back N times")
     parser.add_argument("--wait", type=float, default=2.5, metavar="S", help="wait at each end of a cycle")
@@ -77,8 +83,8 @@ def _law(model: ReducedModel, options: argparse.Namespace, goal: Array, q_free: 
     if options.law == "none":
         return NoTorque(model)
     if options.kp is None or options.kv is None:
-        raise InvalidInputError("the PD law needs --kp and --kv (one number, or one for each independent velocity)")
-    kp, kv = (np.array(each(gains, model.n)) for gains in (options.kp, options.kv))
+        raise InvalidInputError("the PD law needs --kp and --kv (one for each independent velocity, or one number)")
+    kp, kv = (gains[0] if len(gains) == 1 else gains for gains in (options.kp, options.kv))
     law = PDSimpleGravity if options.law == "simple" else PDFullGravity
     return law(model, goal, kp, kv, q_free)
 

@@ -12,11 +12,12 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, positive
+from ccpin.arrays import Array, instance, numbers, positive, vector
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
+from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.mechanism.mechanism import Mechanism
 
 
@@ -80,7 +81,8 @@ class ModelLaw(ControlLaw):
     Args:
         model: The reduced model, or a mechanism.
         q: Where the law begins or ends, of shape (model.nq,): its σ starts there when it gets no guess.
-        K_p: Proportional gains: (n,) for a diagonal matrix or symmetric positive definite (n, n).
+        K_p: Proportional gains: (n,) for a diagonal matrix or symmetric positive definite (n, n); one number k for k I,
+            where all coordinates are angles or all are lengths.
         K_v: Velocity gains, alike.
         guess: Chooses the assembly mode of σ(q).
 
@@ -97,12 +99,12 @@ class ModelLaw(ControlLaw):
         self, model: ReducedModel | Mechanism, q: ArrayLike | State, K_p: ArrayLike, K_v: ArrayLike, guess: Near
     ) -> None:
         self.model = model_of(model)
-        n, motors = self.model.n, self.model.n_actuated
+        coordinates, n, motors = self.model.coordinates, self.model.n, self.model.n_actuated
         if motors < n:
             raise UnsupportedMechanismError(
                 f"a law on all {n} independent coordinates needs as many motors; there are {motors}"
             )
-        self.K_p, self.K_v = gain_matrix(K_p, "K_p", n), gain_matrix(K_v, "K_v", n)
+        self.K_p, self.K_v = gain_matrix(K_p, "K_p", coordinates), gain_matrix(K_v, "K_v", coordinates)
         self.near = self.model.at(q, guess)
 
     def state(self, q: Array | State, guess: Near = None) -> State:
@@ -163,6 +165,7 @@ class PDSimpleGravity(_PD):
         """u = K_p q̃ − K_v q̇ + g(q_d) (28)."""
         if self.model.actuation is not None:
             return super().torque(t, q, v, guess)
+        q, v = checked_q(self.model.coordinates, q), vector(v, "v", self.model.n)
         return self._feedback(q, v) + self.gravity_d
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
@@ -184,17 +187,24 @@ class PDFullGravity(_PD):
         return float(state.energy(v).kinetic + 0.5 * error @ self.K_p @ error)
 
 
-def gain_matrix(gain: ArrayLike, name: str, n: int) -> Array:
+def gain_matrix(gain: ArrayLike, name: str, coordinates: IndependentCoordinates) -> Array:
     """Return gains as a symmetric positive definite (n, n) matrix.
 
     Raises:
-        InvalidInputError: They are not.
+        InvalidInputError: They are not, or one number is given for coordinates of different units.
     """
-    matrix = np.asarray(gain, dtype=np.float64)
+    matrix, n = numbers(gain, name), coordinates.n
+    if not matrix.ndim:
+        slides = [slides for part in coordinates.parts for slides in part.slides]
+        if len(set(slides)) > 1:
+            units = ", ".join("N/m" if slides else "N m/rad" for slides in slides)
+            raise InvalidInputError(f"{name} = {matrix} has no unit that fits all coordinates; give {n} ({units})")
+        matrix = matrix * np.eye(n)
     if matrix.shape == (n,):
         matrix = np.diag(matrix)
     if matrix.shape != (n, n) or not np.isfinite(matrix).all():
-        raise InvalidInputError(f"{name} must be finite, of shape ({n},) or ({n}, {n}); it has shape {matrix.shape}")
+        message = f"{name} must be one finite number, or of shape ({n},) or ({n}, {n}); it has shape {matrix.shape}"
+        raise InvalidInputError(message)
     symmetric = np.abs(matrix - matrix.T).max(initial=0.0) <= 1e-9 * np.abs(matrix).max(initial=0.0)
     if not symmetric or np.linalg.eigvalsh(matrix).min(initial=np.inf) <= 0:
         raise InvalidInputError(f"{name} must be symmetric positive definite")
@@ -225,12 +235,12 @@ class CoulombCompensation(ControlLaw):
         q_start: ArrayLike | None = None,
         width: float = 0.01,
     ) -> None:
-        model = law.model
+        model = instance(law, "law", _PD, "a PD law").model
         if not model.mechanism.direct:
             raise UnsupportedMechanismError(
                 "friction compensation needs the motors on the independent joints, in order and without gears"
             )
-        level = np.asarray(coulomb, dtype=np.float64)
+        level = numbers(coulomb, "coulomb")
         if level.shape not in ((), (model.n,)) or not np.isfinite(level).all() or np.any(level < 0):
             raise InvalidInputError(f"coulomb must be a number or ({model.n},), finite and at least zero: {coulomb!r}")
         self._law, self._width = law, positive(width, "width", "positive")

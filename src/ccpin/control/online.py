@@ -13,12 +13,13 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, positive
+from ccpin.arrays import Array, instance, positive, whole
 from ccpin.control.laws import ControlLaw
 from ccpin.control.tracking import TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
+from ccpin.kinematics.checked import checked_configuration, checked_q
 from ccpin.kinematics.parametrization import ClosedPoint, NewtonRules, NewtonSolve, Parametrization
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -44,7 +45,12 @@ def capped_sigma(
         max_newton_steps: The cap.
         tolerance: Largest |ψ̄| accepted, metres and radians.
     """
-    return parametrization.newton(start, q, NewtonRules(tolerance, max_newton_steps, noise=tolerance))
+    instance(parametrization, "parametrization", Parametrization)
+    q, steps = checked_q(parametrization.coordinates, q), whole(max_newton_steps, "max_newton_steps")
+    if not isinstance(start, ClosedPoint):
+        start = checked_configuration(parametrization.model, start, "start")
+    tolerance = positive(tolerance, "tolerance")
+    return parametrization.newton(start, q, NewtonRules(tolerance, steps, noise=tolerance))
 
 
 class OnlineSample(NamedTuple):
@@ -121,12 +127,9 @@ class OnlineSigma:
         tolerance: float = 1e-9,
         patience: int = 20,
     ) -> None:
-        if max_newton_steps < 1:
-            raise InvalidInputError(f"max_newton_steps = {max_newton_steps} must be at least 1")
-        if patience < 0:
-            raise InvalidInputError(f"patience = {patience} must not be negative")
         self.tolerance = positive(tolerance, "tolerance", "a positive number (metres and radians)")
-        self.max_newton_steps, self.patience = max_newton_steps, patience
+        self.max_newton_steps = whole(max_newton_steps, "max_newton_steps")
+        self.patience = whole(patience, "patience", 0)
         self.model = model_of(model)
         self._valid = self.model.at(self.model.alpha(q_free), q_free)
         self._last: tuple[float, Array, OnlineSample] | None = None

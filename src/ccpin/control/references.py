@@ -9,14 +9,14 @@ from __future__ import annotations
 import abc
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, make_interp_spline
 
-from ccpin.arrays import Array, frozen, matrix_rows, positive
+from ccpin.arrays import Array, frozen, instance, matrix_rows, numbers, positive, whole
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel, coordinates_of
 from ccpin.dynamics.state import Near
@@ -164,7 +164,7 @@ class Waypoints(Reference):
         rows = [checked_q(coordinates, q) for q in matrix_rows(waypoints, "waypoints", coordinates.nq)]
         if len(rows) != len(stamps):
             raise InvalidInputError(f"there are {len(stamps)} times and {len(rows)} waypoints")
-        if degree not in (3, 5):
+        if whole(degree, "degree") not in (3, 5):
             raise InvalidInputError(f"degree = {degree} must be 3 or 5")
         self.duration = float(stamps[-1])
         self._coordinates, self._q_start, self._q_goal = coordinates, rows[0], rows[-1]
@@ -216,8 +216,9 @@ def through_points(
         UnreachableTargetError: A target is out of reach.
         InvalidInputError, UnsupportedMechanismError: As for `Waypoints`.
     """
+    instance(end_effector, "end_effector", EndEffector)
     near, rows = guess, list[Array]()
-    for target in targets:
+    for target in instance(targets, "targets", Iterable, "positions or poses"):
         solution = end_effector.solve(target, near)
         near = solution.q_free
         rows.append(solution.q)
@@ -239,7 +240,7 @@ def require_commuting(coordinates: IndependentCoordinates, purpose: str) -> None
 
 
 def _increasing(times: ArrayLike) -> Array:
-    stamps = np.asarray(times, dtype=np.float64)
+    stamps = numbers(times, "times")
     if stamps.ndim != 1 or len(stamps) < 2 or not np.isfinite(stamps).all():
         raise InvalidInputError("times must be at least two finite numbers")
     if stamps[0] != 0.0 or np.any(np.diff(stamps) <= 0):

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, numbers
 from ccpin.control.laws import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
@@ -61,8 +62,8 @@ def _checked_value(name: str, value: object) -> Numbers | int:
             raise InvalidInputError(f"sampling: delay = {value!r} must be a whole number of periods, 0 or more")
         return int(value)
     try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        array = numbers(value, name)
+    except InvalidInputError:
         array = np.empty(0)
     several = name in ("encoder_counts", "saturation", "effort_before")
     if array.ndim > several or not array.size or not np.isfinite(array).all():
@@ -79,6 +80,9 @@ class ContinuousCommands:
 
     def __init__(self, law: ControlLaw) -> None:
         self._law = law
+
+    def numbers(self) -> None:
+        """Nothing is sampled."""
 
     def instant(self, t: float, state: State, v: Array) -> float:
         """Nothing to do, ever."""
@@ -107,29 +111,41 @@ class SampledCommands:
     """
 
     def __init__(self, model: ReducedModel, law: ControlLaw, sampling: Sampling, q0: Array, v0: Array) -> None:
-        self._coordinates, self._law, self._sampling = model.coordinates, law, sampling
+        self._model, self._law, self._sampling = model, law, sampling
         most = np.inf if sampling.saturation is None else sampling.saturation
         self._limit = _each(most, model.n_actuated, "saturation", "motor")
         self._resolution = None if sampling.encoder_counts is None else _resolution(model, sampling.encoder_counts)
         self._differentiates = self._resolution is not None or sampling.velocity_cutoff is not None
         cutoff = np.inf if sampling.velocity_cutoff is None else sampling.velocity_cutoff
         self._gain = -np.expm1(-2 * np.pi * cutoff * sampling.period)
-        self._reading = self._measured(self._coordinates.integrate(q0, -sampling.period * v0))
+        self._reading = self._measured(self._model.coordinates.integrate(q0, -sampling.period * v0))
         self._velocity = v0.copy()
         before = _each(sampling.effort_before, model.n_actuated, "effort_before", "motor")
         self._pending = deque([before] * sampling.delay)
         self._held = before
         self._count = 0
 
+    def numbers(self) -> dict[str, Any]:
+        """The loop in plain numbers, as the compiled core takes it."""
+        return {
+            "period": self._sampling.period,
+            "gain": self._gain,
+            "differentiates": self._differentiates,
+            "resolution": [] if self._resolution is None else self._resolution.tolist(),
+            "limit": self._limit.tolist(),
+            "before": self._held.tolist(),
+            "delay": self._sampling.delay,
+        }
+
     def instant(self, t: float, state: State, v: Array) -> float:
         """Measure, filter, compute the command and hold the one that is due."""
-        reading = self._measured(state.q)
-        velocity = v
+        q, velocity = self._model.reading(state, v)
+        reading = self._measured(q)
         if self._differentiates:
-            slope = self._coordinates.difference(self._reading, reading) / self._sampling.period
+            slope = self._model.coordinates.difference(self._reading, reading) / self._sampling.period
             velocity = self._velocity + self._gain * (slope - self._velocity)
         self._reading, self._velocity = reading, velocity
-        if self._resolution is None:
+        if self._resolution is None and state.model is self._model:
             u = np.array(self._law.torque_at(t, state, velocity))
         else:
             u = np.array(self._law.torque(t, reading, velocity, state.q_free))

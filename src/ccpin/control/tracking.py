@@ -12,7 +12,7 @@ import abc
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, vector
+from ccpin.arrays import Array, instance, vector
 from ccpin.control.laws import ControlLaw, ModelLaw
 from ccpin.control.references import Reference, ReferenceState, require_commuting
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
@@ -46,7 +46,7 @@ class TrackingLaw(ModelLaw):
         K_v: ArrayLike,
         guess: Near = None,
     ) -> None:
-        model = model_of(model)
+        model, reference = model_of(model), instance(reference, "reference", Reference)
         require_commuting(model.coordinates, "a tracking law")
         super().__init__(model, reference.at(0.0).q, K_p, K_v, guess)
         self.reference = reference
@@ -135,7 +135,7 @@ class WithSigmaError(ControlLaw):
     """
 
     def __init__(self, law: TrackingLaw, offset: ArrayLike) -> None:
-        self.law = law
+        self.law = instance(law, "law", TrackingLaw)
         self.offset = vector(offset, "offset", law.model.mechanism.n_free)
 
     def torque(self, t: float, q: Array, v: Array, guess: Near = None) -> Array:

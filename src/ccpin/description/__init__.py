@@ -69,7 +69,7 @@ def find_file(path: str | Path) -> Path:
         models = installed_models()
         if str(path) in models:
             return models[str(path)]
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError) as error:
         raise DescriptionNotFoundError(f"not a usable path: {error}", source=str(path)[:200]) from None
     raise DescriptionNotFoundError(
         f"no such file, and no installed model of that name (those are {', '.join(models)})", source=str(path)
@@ -97,8 +97,8 @@ def read_description(
     Raises:
         DescriptionNotFoundError, AmbiguousFormatError, InvalidXmlError, DescriptionError: See `ccpin.errors`.
     """
-    if format is not None and format not in FORMATS:
-        raise AmbiguousFormatError(f"format '{format}' is not one of {', '.join(FORMATS)}", source=str(path))
+    if format is not None and (not isinstance(format, str) or format not in FORMATS):
+        raise AmbiguousFormatError(f"format {format!r:.80} is not one of {', '.join(FORMATS)}", source=str(path))
     file = find_file(path)
     if file.is_dir():
         file = _file_in(file)

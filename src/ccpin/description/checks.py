@@ -10,10 +10,11 @@ import numpy as np
 
 from ccpin.description.closure_kinds import CLOSURE_KINDS
 from ccpin.description.joint_kinds import FIXED, JOINT_KINDS, split_component
-from ccpin.description.model import Inertia, Joint, MechanismDescription
+from ccpin.description.model import Coupling, Inertia, Joint, Link, LoopClosure, MechanismDescription, Motor
 from ccpin.errors import DescriptionError
 
 MAGNITUDE_LIMIT = 1e9
+_RECORDS = {"links": Link, "joints": Joint, "closures": LoopClosure, "couplings": Coupling, "motors": Motor}
 
 
 def check(description: MechanismDescription) -> MechanismDescription:
@@ -37,13 +38,12 @@ class _Checker:
     def __init__(self, description: MechanismDescription) -> None:
         self.d = description
         self.notes: list[str] = []
-        self.links = {link.name for link in description.links}
-        self.joints = {joint.name: joint for joint in description.joints}
 
     def fail(self, element: str, message: str) -> DescriptionError:
         return DescriptionError(message, source=self.d.source, element=element)
 
     def run(self) -> None:
+        self.records_are_records()
         self.names_are_unique()
         self.joints_form_a_tree()
         for link in self.d.links:
@@ -56,6 +56,15 @@ class _Checker:
         self.couplings_are_sound()
         self.marks_are_sound()
         self.motors_are_sound()
+
+    def records_are_records(self) -> None:
+        for field, kind in _RECORDS.items():
+            for place, thing in enumerate(getattr(self.d, field)):
+                if not isinstance(thing, kind):
+                    message = f"must be a {kind.__name__}, not {type(thing).__name__}"
+                    raise self.fail(f"{field}[{place}]", message)
+        self.links = {link.name for link in self.d.links}
+        self.joints = {joint.name: joint for joint in self.d.joints}
 
     def names_are_unique(self) -> None:
         for kind, field in (("link", "links"), ("joint", "joints"), ("loop", "closures"), ("coupling", "couplings")):

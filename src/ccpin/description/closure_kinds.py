@@ -163,6 +163,8 @@ CLOSURE_KINDS: dict[str, Callable[[LoopClosure, PlaneNormal], LoopRows]] = {
     "cylindrical": lambda _, n: LoopRows(_same_axis(n) + _across_z(n), ((Z, Z),)),
     "universal": lambda _, n: LoopRows((*_same_point(n), _perpendicular(X, Y))),
     "planar": lambda _, n: LoopRows(_same_axis(n) + _no_offset([Z]), ((Z, Z),)),
+    "perpendicular": lambda _, __: LoopRows((_perpendicular(X, Y),)),
+    "in_plane": lambda _, __: LoopRows(_no_offset([X])),
     "distance": _distance,
 }
 

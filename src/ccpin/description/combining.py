@@ -6,9 +6,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, instance, records
 from ccpin.description.checks import check
-from ccpin.description.model import IDENTITY, Coupling, Joint, Link, LoopClosure, MechanismDescription
+from ccpin.description.model import IDENTITY, Coupling, Joint, Link, LoopClosure, MechanismDescription, placement
 
 
 class Part(NamedTuple):
@@ -16,7 +16,7 @@ class Part(NamedTuple):
 
     Attributes:
         description: The part; its links, joints, closures and couplings are renamed ``<prefix><name>``.
-        placement: Its root link's 4×4 frame in the common root.
+        placement: Its root link's frame in the common root: 4×4, a `pinocchio.SE3` or (xyz, rpy).
     """
 
     description: MechanismDescription
@@ -45,18 +45,20 @@ def combine(
     Raises:
         DescriptionError: The whole is unsound (see `ccpin.description.checks.check`).
     """
+    parts = {prefix: instance(part, f"parts['{prefix}']", Part) for prefix, part in _mapping(parts).items()}
     renamed = {prefix: _renamed(part.description, prefix) for prefix, part in parts.items()}
     mounts = [
-        Joint(f"{prefix}mount", "fixed", root, renamed[prefix].root, part.placement) for prefix, part in parts.items()
+        Joint(f"{prefix}mount", "fixed", root, renamed[prefix].root, placement(part.placement, f"parts['{prefix}']"))
+        for prefix, part in parts.items()
     ]
     every = list(renamed.values())
     return check(
         MechanismDescription(
             name=name,
             root=root,
-            links=(Link(root), *(link for d in every for link in d.links), *links),
-            joints=(*mounts, *(joint for d in every for joint in d.joints), *joints),
-            closures=(*(c for d in every for c in d.closures), *closures),
+            links=(Link(root), *(link for d in every for link in d.links), *records(links, "links", Link)),
+            joints=(*mounts, *(joint for d in every for joint in d.joints), *records(joints, "joints", Joint)),
+            closures=(*(c for d in every for c in d.closures), *records(closures, "closures", LoopClosure)),
             couplings=tuple(c for d in every for c in d.couplings),
             actuated=tuple(joint for d in every for joint in d.actuated or ()) or None,
             motors=tuple(motor for d in every for motor in d.motors),
@@ -64,6 +66,10 @@ def combine(
             notes=tuple(note for d in every for note in d.notes),
         )
     )
+
+
+def _mapping(parts: object) -> Mapping[str, Part]:
+    return instance(parts, "parts", Mapping, "a mapping of prefixes to Part")
 
 
 def _renamed(d: MechanismDescription, prefix: str) -> MechanismDescription:

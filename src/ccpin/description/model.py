@@ -7,13 +7,14 @@ description can be written to: arrays (or lists) given are copied into read-only
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, FrozenMapping, Record, cross, frozen, skew
+from ccpin.arrays import Array, FrozenMapping, Placement, Record, cross, frozen, numbers, skew
+from ccpin.errors import InvalidInputError
 
 IDENTITY: Array = frozen(np.eye(4))
 X_AXIS: Array = frozen([1.0, 0.0, 0.0])
@@ -42,6 +43,46 @@ def rotation_to(axis: Array) -> Array:
     return np.asarray(np.eye(3) + skew(v) + gain * skew(v) @ skew(v))
 
 
+class _Placed(Record):
+    """A record whose fields annotated ``Placement`` may be given in any of a frame's spellings."""
+
+    def __post_init__(self) -> None:
+        for each in fields(self):  # type: ignore[arg-type]
+            if each.type == "Placement":
+                owner = f"{type(self).__name__}.{each.name}"
+                object.__setattr__(self, each.name, frozen(placement(getattr(self, each.name), owner)))
+        super().__post_init__()
+
+
+def placement(value: object, name: str = "placement") -> Array:
+    """A frame as its 4×4 matrix.
+
+    Args:
+        value: A 4×4 matrix, a `pinocchio.SE3` (whatever has a ``homogeneous`` matrix), or (xyz, rpy) as in URDF:
+            metres, and angles about the fixed x, y and z axes in this order.
+        name: Whose it is.
+
+    Raises:
+        InvalidInputError: It is none of them. What the matrix must be is checked with the description.
+    """
+    spelt = getattr(value, "homogeneous", value)
+    try:
+        array = numbers(spelt, name)
+    except InvalidInputError:
+        array = np.empty(0)
+    if array.shape == (2, 3):
+        (a, b, c), (x, y, z) = np.cos(array[1]), np.sin(array[1])
+        turn = [
+            [c * b, c * y * x - z * a, c * y * a + z * x],
+            [z * b, z * y * x + c * a, z * y * a - c * x],
+            [-y, b * x, b * a],
+        ]
+        return frame(array[0], turn)
+    if array.shape != (4, 4):
+        raise InvalidInputError(f"{name} must be a 4×4 matrix, a pinocchio.SE3 or (xyz, rpy), not {value!r:.80}")
+    return array
+
+
 @dataclass(frozen=True, eq=False)
 class Inertia(Record):
     """Mass (kg), centre of mass (3,) and rotational inertia (3, 3) about it, both in link axes."""
@@ -66,11 +107,11 @@ class Shape(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Visual(Record):
+class Visual(_Placed):
     """A shape placed in its link's frame, with its colour (red, green, blue, alpha in [0, 1])."""
 
     shape: Shape
-    placement: Array = field(default_factory=lambda: IDENTITY)
+    placement: Placement = field(default_factory=lambda: IDENTITY)
     rgba: tuple[float, float, float, float] = (0.62, 0.66, 0.70, 1.0)
 
 
@@ -84,7 +125,7 @@ class Link(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Joint(Record):
+class Joint(_Placed):
     """A tree joint.
 
     `kind` is one of `ccpin.description.joint_kinds.JOINT_KINDS`, or ``fixed``.
@@ -101,7 +142,7 @@ class Joint(Record):
     kind: str
     parent: str
     child: str
-    placement: Array = field(default_factory=lambda: IDENTITY)
+    placement: Placement = field(default_factory=lambda: IDENTITY)
     axis: Array = field(default_factory=lambda: X_AXIS)
     lower: float = -np.inf
     upper: float = np.inf
@@ -144,21 +185,23 @@ class Motor(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class LoopClosure(Record):
+class LoopClosure(_Placed):
     """A closed loop: frame A on `link_a` and frame B on `link_b` are joined by a joint of `kind`.
 
     The kind names the relative motion left free (number of constraint rows): spherical (3), revolute about
     the common z axes (5), fixed (6), prismatic along z (5), cylindrical about and along z (4), universal with
-    the x axis of A perpendicular to the y axis of B (4), planar with common normal z (3), distance: the
-    origins stay `length` metres apart (1). `ccpin.description.closure_kinds` says exactly what each asks for.
+    the x axis of A perpendicular to the y axis of B (4), planar with common normal z (3), perpendicular: the
+    x axis of A to the y axis of B (1), in_plane: the origin of B in the yz plane of A (1), distance: the origins stay
+    `length` metres apart (1). A frame may be given as a 4×4 matrix, a `pinocchio.SE3` or (xyz, rpy).
+    `ccpin.description.closure_kinds` says exactly what each asks for.
     """
 
     name: str
     kind: str
     link_a: str
     link_b: str
-    placement_a: Array = field(default_factory=lambda: IDENTITY)
-    placement_b: Array = field(default_factory=lambda: IDENTITY)
+    placement_a: Placement = field(default_factory=lambda: IDENTITY)
+    placement_b: Placement = field(default_factory=lambda: IDENTITY)
     length: float | None = None
 
 

@@ -50,8 +50,10 @@ def _expanded(file: Path, name: str, arguments: dict[str, str]) -> tuple[bytes, 
     """The URDF as bytes, and the lines that xacro printed."""
     try:
         from xacrodoc import XacroDoc, packages
-    except ImportError:
-        message = "a xacro file needs the package xacrodoc: pip install 'ccpin[xacro]' (or give the expanded URDF)"
+    except ImportError as error:  # of the package, or of what it imports itself
+        message = (
+            f"a xacro file needs the package xacrodoc ({error}): pip install 'ccpin[xacro]' (or give the expanded URDF)"
+        )
         raise DescriptionError(message, source=str(file)) from None
     printed = io.StringIO()
     with _ONE_AT_A_TIME, contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):

@@ -47,7 +47,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, apply, rows_of
+from ccpin.arrays import Array, Indices, Mask, apply, choice, rows_of
 from ccpin.domain.bounds import Bounds, Frame
 from ccpin.domain.bounds_planar import Phasors, phasor_values, phasors_of, planar_bounds
 from ccpin.domain.bounds_reach import reach_bounds
@@ -123,13 +123,14 @@ def problem_of(system: ClosureSystem, bounds: BoundsName = "auto") -> Problem:
     Raises:
         UnsupportedMechanismError: Planar bounds were asked for and the mechanism is not planar.
     """
+    choice(bounds, "bounds", ("auto", "reach", "planar"))
     phasors = None if bounds == "reach" else phasors_of(system)
     if bounds == "planar" and phasors is None:
         raise UnsupportedMechanismError(
             "planar bounds need closures whose turning axes are parallel, with slides before the turns; "
             'use bounds="reach"'
         )
-    return Problem(system, stack_chains(system.chains, system.n_free), phasors)
+    return Problem(system, stack_chains(system.chains, system.n_free, system.m), phasors)
 
 
 def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:

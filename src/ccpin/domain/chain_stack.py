@@ -49,8 +49,8 @@ class StackMotion(NamedTuple):
     b: Array
 
 
-def stack_chains(chains: tuple[Chain, ...], n_free: int) -> ChainStack:
-    """Pad chains in θ of size n′."""
+def stack_chains(chains: tuple[Chain, ...], n_free: int, rows: int) -> ChainStack:
+    """Pad chains in θ of size n′ that enter m rows; there may be none (couplings alone)."""
     count, k = len(chains), max((len(chain.joints) for chain in chains), default=0)
     joints = np.full((count, k), n_free, dtype=np.intp)
     rotations, translations = np.tile(np.eye(3), (count, k, 1, 1)), np.zeros((count, k, 3))
@@ -71,7 +71,7 @@ def stack_chains(chains: tuple[Chain, ...], n_free: int) -> ChainStack:
         sliding=sliding,
         tips=np.array([chain.tip for chain in chains]).reshape(count, 3),
         points=np.array([0.0 if chain.direction else 1.0 for chain in chains]),
-        weights=np.array([chain.weights for chain in chains]),
+        weights=np.array([chain.weights for chain in chains]).reshape(count, rows, 3),
     )
 
 

@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Indices, Mask
+from ccpin.arrays import Array, Indices, Mask, numbers
 from ccpin.description.closure_kinds import Fixed, Gap, Vector
 from ccpin.domain.chart import Chart, Elementary, chart_at, elementary_joints, independent_indices
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
@@ -301,7 +301,7 @@ def checked_configuration(mechanism: Mechanism, q_free: ArrayLike) -> Array:
     Raises:
         InvalidInputError: It is not that many finite numbers.
     """
-    vector = np.array(q_free, dtype=np.float64)
+    vector = numbers(q_free, "q_free").copy()
     if vector.shape != (mechanism.nq,) or not np.all(np.isfinite(vector)):
         raise InvalidInputError(
             f"q_free must be {mechanism.nq} finite numbers, a configuration of {mechanism.name}; "
@@ -336,7 +336,7 @@ def scalar_coordinates_at(mechanism: Mechanism | HasMechanism, q_free: Array) ->
     return np.array(seed.theta[seed.system.independent])
 
 
-def seed_at_coordinates(mechanism: Mechanism, q0: Array, guess: Array | None = None) -> Seed:
+def seed_at_coordinates(mechanism: Mechanism, q0: ArrayLike, guess: ArrayLike | None = None) -> Seed:
     """σ(q₀) on the branch of `guess` (default the reference), q₀ (n,) in scalar coordinates.
 
     A continuous joint's coordinate is its angle here, a planar joint's are x, y and the angle.
@@ -348,9 +348,9 @@ def seed_at_coordinates(mechanism: Mechanism, q0: Array, guess: Array | None = N
     """
     if not mechanism.n:
         raise UnsupportedMechanismError(f"{mechanism.name} has mobility 0: there are no coordinates to certify")
-    start = mechanism.q_reference if guess is None else np.asarray(guess, dtype=np.float64)
+    start = mechanism.q_reference if guess is None else checked_configuration(mechanism, guess)
     system = closure_system(mechanism, start)
-    q0 = np.asarray(q0, dtype=np.float64)
+    q0 = numbers(q0, "q")
     if q0.shape != (system.n,) or not np.all(np.isfinite(q0)):
         names = ", ".join(mechanism.independent)
         raise InvalidInputError(

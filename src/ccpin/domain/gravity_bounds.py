@@ -293,7 +293,7 @@ def potential_of(mechanism: Mechanism, system: ClosureSystem, gravity: Array | N
     depth = max(len(chain.joints) for chain in chains)
     lengths = [np.linalg.norm(c.translations, axis=1).sum() + np.linalg.norm(c.tip) for c in chains]
     return Potential(
-        stack=stack_chains(tuple(chains), system.n_free),
+        stack=stack_chains(tuple(chains), system.n_free, 1),
         forces=np.array([np.linalg.norm(chain.weights) for chain in chains]),
         lengths=np.array(lengths),
         stiffness=np.array(joints.stiffness),

@@ -13,14 +13,12 @@ not depend on Ã and V, so they are those of φ itself. ∎
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from ccpin.arrays import Array, apply
+from ccpin.arrays import Array, apply, positive
 from ccpin.domain.boxes import SLACK, BoundsName, Boxes, Problem, Tried, bounds_of, certify_boxes, problem_of
 from ccpin.domain.chains import seed_at_configuration
-from ccpin.errors import ConvergenceError, InvalidInputError
+from ccpin.errors import ConvergenceError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism
 
 _TRIES = 64
@@ -95,8 +93,7 @@ def newton_steps(
         ConvergenceError: Newton's convergence is not guaranteed on so large a square.
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
-    if not (math.isfinite(radius) and radius > 0.0 and math.isfinite(accuracy) and accuracy > 0.0):
-        raise InvalidInputError(f"radius and accuracy must be positive numbers; they are {radius} and {accuracy}")
+    radius, accuracy = positive(radius, "radius"), positive(accuracy, "accuracy")
     seed = seed_at_configuration(mechanism, q_free)
     problem = problem_of(seed.system, bounds)
     attempt = _squares(problem, seed.theta, np.array([radius]))

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import BPoly, BSpline, PPoly
 
-from ccpin.arrays import Array, joined
+from ccpin.arrays import Array, joined, numbers
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, certify_boxes, certify_points, closure_values, problem_of
 from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import encloses, extrapolate, glued, newton, solve_in_boxes
@@ -65,7 +65,7 @@ class CertifiedPath:
         Raises:
             InvalidInputError: A parameter lies outside of the certified part.
         """
-        at = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        at = np.atleast_1d(numbers(t, "t"))
         if not np.all((at >= self.times[0]) & (at <= self.reached)) or not len(self.boxes.kappa):
             raise InvalidInputError(
                 f"the path is certified for parameters from {self.times[0]:.9g} to {self.reached:.9g}"
@@ -113,7 +113,7 @@ def certify_path(
     mechanism = mechanism_of(mechanism)
     pieces = pieces_of(path, mechanism.n)
     try:
-        widths = np.broadcast_to(np.asarray(tube, dtype=np.float64), (mechanism.n,)).copy()
+        widths = np.broadcast_to(numbers(tube, "tube"), (mechanism.n,)).copy()
     except ValueError:
         widths = np.array([np.nan])
     if not (np.all(np.isfinite(widths)) and np.all(widths >= 0.0)):
@@ -259,7 +259,7 @@ def pieces_of(path: ArrayLike | PPoly | BSpline, n: int) -> PPoly:
         long = np.flatnonzero(np.diff(knots) > 0.0)
         knots, coefficients = np.append(knots[long], knots[long[-1] + 1]), coefficients[:, long]
     else:
-        points = np.asarray(path, dtype=np.float64)
+        points = numbers(path, "path")
         if points.ndim != 2 or points.shape[1] != n or len(points) < 2:
             raise InvalidInputError(f"a path is at least two waypoints of shape (K, {n}); it has shape {points.shape}")
         knots, coefficients = np.arange(len(points), dtype=np.float64), np.stack([np.diff(points, axis=0), points[:-1]])

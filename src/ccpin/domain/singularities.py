@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, numbers, positive, whole
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
@@ -132,6 +132,7 @@ def serial_singularities(
 
 
 def _all_curves(equations: _SingularEquations, starts: int, step: float, limit: int) -> tuple[SingularCurve, ...]:
+    starts, step, limit = whole(starts, "starts"), positive(step, "step"), whole(limit, "limit")
     generator = np.random.default_rng(20004)
     curves: list[SingularCurve] = []
     for _ in range(starts):
@@ -161,7 +162,7 @@ def singularity_distance(
         UnreachableError, SingularConfigurationError: The path cannot be followed.
     """
     model = ReducedModel(mechanism_of(mechanism))
-    points = np.atleast_2d(np.asarray(path, dtype=np.float64))
+    points = np.atleast_2d(numbers(path, "path"))
     if points.ndim != 2 or points.shape[1] != model.nq:
         raise InvalidInputError(f"path has shape {np.shape(path)}; it must be (k, {model.nq})")
     reach = characteristic_length(model.mechanism)

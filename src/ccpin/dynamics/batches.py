@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Mask
+from ccpin.arrays import Array, Mask, numbers
 from ccpin.errors import CcpinError, InvalidInputError
 
 Failures = dict[int, str]
@@ -23,10 +23,7 @@ def rows(value: ArrayLike, name: str, columns: int) -> Array:
     Raises:
         InvalidInputError: It has another shape, or holds no numbers.
     """
-    try:
-        array = np.ascontiguousarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InvalidInputError(f"{name} is not an array of numbers") from None
+    array = np.ascontiguousarray(numbers(value, name))
     if array.ndim != 2 or array.shape[1] != columns:
         raise InvalidInputError(f"{name} has shape {array.shape}; it must be (N, {columns})")
     return array

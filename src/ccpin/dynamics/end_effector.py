@@ -11,7 +11,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, vector
+from ccpin.arrays import Array, choice, vector
 from ccpin.dynamics.inverse_kinematics import Solution, solve
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
@@ -119,8 +119,7 @@ class EndEffector:
         limits = np.ones(model.n_actuated) if efforts is None else vector(efforts, "efforts", model.n_actuated)
         if np.any(limits <= 0):
             raise InvalidInputError("efforts must be positive: the largest |u| of each motor")
-        if part not in _ROWS:
-            raise InvalidInputError(f"part '{part}' is not one of {', '.join(_ROWS)}")
+        choice(part, "part", tuple(_ROWS))
         state = model.at(q, guess)
         response = [np.linalg.solve(state.D, state.generalized_force(effort)) for effort in np.diag(limits)]
         mapped = self.jacobian(state)[_ROWS[part]] @ np.array(response).T

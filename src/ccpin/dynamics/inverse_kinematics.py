@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, numbers
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
@@ -87,7 +87,7 @@ def _checked(target: ArrayLike) -> _Target:
     Raises:
         InvalidInputError: It is neither a position nor a pose.
     """
-    array = np.asarray(target, dtype=np.float64)
+    array = numbers(target, "target")
     if not np.isfinite(array).all():
         raise InvalidInputError("the target has entries that are not finite")
     if array.shape == (3,):

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, matrix, vector
+from ccpin.arrays import Array, instance, matrix, vector
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.dynamics.wrenches import Wrenches
@@ -75,7 +75,7 @@ def closed_loop_derivative(linearization: Linearization, du_dq: ArrayLike, du_dv
     Raises:
         InvalidInputError: Wrong shapes, or entries that are not finite.
     """
-    states, motors = linearization.B.shape
+    states, motors = instance(linearization, "linearization", Linearization).B.shape
     shape = (motors, states // 2)
     gains = [matrix(du_dq, "du_dq", shape), matrix(du_dv, "du_dv", shape)]
     return np.asarray(linearization.A + linearization.B @ np.hstack(gains))

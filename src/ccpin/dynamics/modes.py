@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from typing import NamedTuple
@@ -10,91 +12,189 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, positive, whole
+from ccpin.dynamics.alike import Likeness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError
 from ccpin.kinematics.checked import checked_q
 from ccpin.kinematics.levenberg_marquardt import Linearized
-from ccpin.kinematics.linear import factorize
+from ccpin.kinematics.linear import Factor, factorize
 from ccpin.kinematics.parametrization import SINGULAR_RCOND, Parametrization
-from ccpin.kinematics.points import joint_poses
 from ccpin.mechanism.closing import solve
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.search import within_limits
 
-_SAME = 1e-6
+INTERRUPTED = "interrupted"
+_NONE_CLOSES = 5
 
 
 class AssemblyMode(NamedTuple):
     """One branch of σ over a given q.
 
     Attributes:
-        q_free: The configuration, of shape (nq,).
+        q_free: The configuration, of shape (nq,): the first found of those that are alike.
         sign: Sign of det ψ_q′ (0 where redundant rows make ψ_q′ tall); constant along a branch.
         rcond: Reciprocal condition number of ψ_q′: 0 at a singular configuration.
         is_reference: Whether σ(q) from the mechanism's reference gives this one.
+        hits: From how many starts it was found.
+        within_limits: Whether it respects the joints' limits.
     """
 
     q_free: Array
     sign: int
     rcond: float
     is_reference: bool
+    hits: int
+    within_limits: bool
 
 
 class AssemblyModes(NamedTuple):
     """The modes found, the reference's first, then the best conditioned.
 
-    They are sampled, not proved complete: the search ends once `patience` starts in a row add nothing.
+    They are sampled: nothing proves that there are no more.
 
     Attributes:
-        modes: The branches of σ over q.
+        modes: The poses over q. Configurations that differ only by a universal joint's flip, or by a spin that moves
+            nothing else, are one (`ccpin.dynamics.alike`).
         starts: The number of starts they were found from.
         singular: How many starts ended at singular configurations, which belong to no branch.
+        complete: Whether the search ended by itself, the last starts having found nothing new.
+        reason: Why it ended, and what it is evidence of, in words.
     """
 
     modes: tuple[AssemblyMode, ...]
     starts: int
     singular: int
+    complete: bool
+    reason: str
+
+
+class ModeSearch(NamedTuple):
+    """A search under way.
+
+    Attributes:
+        starts: Starts so far.
+        modes: Modes found.
+        quiet: How many starts that closed have found nothing new, in a row; the search ends at `patience`.
+        patience: See `assembly_modes`.
+    """
+
+    starts: int
+    modes: int
+    quiet: int
+    patience: int
 
 
 def assembly_modes(
-    model: ReducedModel | Mechanism, q: ArrayLike, *, patience: int = 60, limit: int = 2000
+    model: ReducedModel | Mechanism,
+    q: ArrayLike,
+    *,
+    patience: int = 60,
+    limit: int = 2000,
+    budget: float | None = None,
+    progress: Callable[[ModeSearch], None] | None = None,
 ) -> AssemblyModes:
-    """Enumerate the σ branches over q from deterministic starts spread over the free system's configurations.
+    """Search the σ branches over q from deterministic starts spread over the free system's configurations.
 
     Args:
         model: The reduced model, or a mechanism.
         q: Independent coordinates, of shape (model.nq,).
-        patience: End after this many starts in a row that find nothing new.
+        patience: End after this many starts that close in a row and find nothing new, or five times as many of which
+            none closes.
         limit: Largest number of starts.
+        budget: Seconds after which no start is made any more; default no limit.
+        progress: Called after every start.
+
+    Returns:
+        What was found, also when the search was stopped by a limit or by the user (Ctrl-C).
 
     Raises:
-        InvalidInputError: q has the wrong shape or is not finite.
+        InvalidInputError: q has the wrong shape or is not finite, or a limit is not positive.
     """
-    model = model_of(model)
-    target = checked_q(model.coordinates, q)
-    parametrization = model.parametrization
-    generator = np.random.default_rng(20003)
-    found: list[AssemblyMode] = []
-    idle = starts = singular = 0
-    reference = None
-    with suppress(CcpinError):
-        reference = model.sigma(target)
-    while idle < patience and starts < limit:
-        start = _start(model, target, starts, generator)
-        starts, idle = starts + 1, idle + 1
-        attempt = solve(model.mechanism.tree.model, _equations(parametrization, target), start)
-        if not attempt.closed or not parametrization.constraints.aligned(attempt.q_free):
-            continue
-        factor = factorize(parametrization.psi_jacobian(attempt.q_free))
+    model, patience, limit = model_of(model), whole(patience, "patience"), whole(limit, "limit")
+    if budget is not None:
+        budget = positive(budget, "budget")
+    search = _Search(model, checked_q(model.coordinates, q))
+    end = math.inf if budget is None else time.monotonic() + budget
+    stopped = ""
+    try:
+        while not search.over(patience) and not stopped:
+            search.step()
+            if progress is not None:
+                progress(ModeSearch(search.starts, len(search.found), search.quiet, patience))
+            if search.starts >= limit:
+                stopped = f"stopped at the limit of {limit} starts"
+            elif time.monotonic() >= end:
+                stopped = f"stopped after the budget of {budget:g} s"
+    except KeyboardInterrupt:
+        stopped = INTERRUPTED
+    return search.result(patience, "" if search.over(patience) else stopped)
+
+
+class _Found:
+    """A mode, its bodies' poses, and how often it was found."""
+
+    def __init__(self, q_free: Array, poses: Array, factor: Factor, is_reference: bool) -> None:
+        self.q_free, self.poses, self.is_reference = q_free, poses, is_reference
+        self.sign, self.rcond, self.hits = factor.sign, factor.rcond, 0
+
+
+class _Search:
+    def __init__(self, model: ReducedModel, q: Array) -> None:
+        self.model, self.q = model, q
+        self.likeness = Likeness(model.mechanism)
+        self.generator = np.random.default_rng(20003)
+        self.equations = _equations(model.parametrization, q)
+        self.found: list[_Found] = []
+        self.starts = self.quiet = self.singular = self.closed = 0
+        with suppress(CcpinError):
+            self.add(model.sigma(q), is_reference=True)
+
+    def step(self) -> None:
+        """One more start."""
+        model = self.model
+        start = _start(model, self.q, self.starts, self.generator)
+        attempt = solve(model.mechanism.tree.model, self.equations, start)
+        self.starts += 1
+        if attempt.closed and model.parametrization.constraints.aligned(attempt.q_free):
+            self.closed, self.quiet = self.closed + 1, self.quiet + 1
+            self.add(attempt.q_free).hits += 1
+
+    def over(self, patience: int) -> bool:
+        """Whether it has ended by itself."""
+        return self.quiet >= patience or (not self.closed and self.starts >= _NONE_CLOSES * patience)
+
+    def add(self, q_free: Array, is_reference: bool = False) -> _Found:
+        """The mode that a closed configuration belongs to, a new one perhaps."""
+        poses = self.likeness.poses(q_free)
+        for known in self.found:
+            if self.likeness.alike(known.poses, poses):
+                return known
+        factor = factorize(self.model.parametrization.psi_jacobian(q_free))
+        new = _Found(q_free if is_reference else _unwound(self.model, q_free), poses, factor, is_reference)
         if factor.rcond < SINGULAR_RCOND**0.5:
-            singular += 1
-        elif all(_distance(model, attempt.q_free, known.q_free) > _SAME for known in found):
-            q_free = _unwound(model, attempt.q_free)
-            same = reference is not None and _distance(model, q_free, reference) < _SAME
-            found.append(AssemblyMode(q_free, factor.sign, factor.rcond, same))
-            idle = 0
-    found.sort(key=lambda mode: (not mode.is_reference, -mode.rcond))
-    return AssemblyModes(tuple(found), starts, singular)
+            self.singular += 1
+        else:
+            self.found.append(new)
+            self.quiet = 0
+        return new
+
+    def result(self, patience: int, stopped: str) -> AssemblyModes:
+        """What was found; `stopped` says what cut the search short."""
+        ordered = sorted(self.found, key=lambda mode: (not mode.is_reference, -mode.rcond))
+        tree = self.model.mechanism.tree.model
+        modes = tuple(
+            AssemblyMode(m.q_free, m.sign, m.rcond, m.is_reference, m.hits, within_limits(tree, m.q_free))
+            for m in ordered
+        )
+        rarest = min((mode.hits for mode in modes), default=0)
+        seen = f"{self.closed} of {self.starts} starts closed"
+        seen += f", and each mode was found from {rarest} of them at least" if modes else ""
+        quiet = f"the last {self.quiet} starts that closed led to nothing new"
+        told = (
+            f"{stopped}, so modes may be missing" if stopped else f"{quiet}: evidence that there are no more, no proof"
+        )
+        return AssemblyModes(modes, self.starts, self.singular, not stopped, f"{told}; {seen}")
 
 
 def _equations(parametrization: Parametrization, q: Array) -> Callable[[Array], Linearized]:
@@ -134,9 +234,3 @@ def _unwound(model: ReducedModel, q_free: Array) -> Array:
             i = joint.q.start
             unwound[i] -= 2 * np.pi * np.round((q_free[i] - mechanism.q_reference[i]) / (2 * np.pi))
     return unwound
-
-
-def _distance(model: ReducedModel, a: Array, b: Array) -> float:
-    """Largest displacement between the joints' placements: turns of a revolute joint by 2π do not count."""
-    scratch = model.free_system.scratch
-    return float(np.abs(joint_poses(scratch, a) - joint_poses(scratch, b)).max())

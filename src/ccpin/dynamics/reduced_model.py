@@ -22,7 +22,7 @@ from ccpin.dynamics.derivatives import (
 from ccpin.dynamics.free_system import Energy, FreeSystem
 from ccpin.dynamics.reference import Reference
 from ccpin.dynamics.state import Near, ReducedTerms, State
-from ccpin.dynamics.wrenches import Wrenches
+from ccpin.dynamics.wrenches import Wrenches, wrench_rows
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.checked import checked_configuration, checked_q
 from ccpin.kinematics.coordinates import IndependentCoordinates
@@ -166,7 +166,7 @@ class ReducedModel:
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
     ) -> Array:
         """q̈ (22), of shape (n,): `State.forward_dynamics`."""
-        answer = None if wrenches is not None else self._asked("forward_dynamics", q, guess, v, u)
+        answer = self._asked("forward_dynamics", q, guess, v, u, wrenches=wrenches)
         return self.at(q, guess).forward_dynamics(v, u, wrenches) if answer is None else np.asarray(answer)
 
     def inverse_dynamics(
@@ -179,14 +179,14 @@ class ReducedModel:
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
     ) -> Array:
         """λ of the descriptor form (17), of shape (m,): `State.constraint_forces`."""
-        answer = None if wrenches is not None else self._asked("constraint_forces", q, guess, v, u)
+        answer = self._asked("constraint_forces", q, guess, v, u, wrenches=wrenches)
         return self.at(q, guess).constraint_forces(v, u, wrenches) if answer is None else np.asarray(answer)
 
     def forward_dynamics_derivatives(
         self, q: ArrayLike, v: ArrayLike, u: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
     ) -> ForwardDynamicsDerivatives:
         """∂q̈/∂q, ∂q̈/∂q̇ and ∂q̈/∂u: `State.forward_dynamics_derivatives`."""
-        answer = None if wrenches is not None else self._asked("forward_dynamics_derivatives", q, guess, v, u)
+        answer = self._asked("forward_dynamics_derivatives", q, guess, v, u, wrenches=wrenches)
         if answer is None:
             return self.at(q, guess).forward_dynamics_derivatives(v, u, wrenches)
         return ForwardDynamicsDerivatives(*answer)
@@ -201,7 +201,7 @@ class ReducedModel:
         self, q: ArrayLike, v: ArrayLike, a: ArrayLike, guess: Near = None, wrenches: Wrenches | None = None
     ) -> GeneralizedForceDerivatives:
         """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of τ: `State.generalized_force_derivatives`."""
-        answer = None if wrenches is not None else self._asked("generalized_force_derivatives", q, guess, v, a)
+        answer = self._asked("generalized_force_derivatives", q, guess, v, a, wrenches=wrenches)
         if answer is None:
             return self.at(q, guess).generalized_force_derivatives(v, a, wrenches)
         return GeneralizedForceDerivatives(*answer)
@@ -297,9 +297,21 @@ class ReducedModel:
             return self._own(near).point
         return None if near is None else self._configuration(near, "guess")
 
-    def _asked(self, name: str, q: ArrayLike | State, guess: Near, *arguments: ArrayLike) -> Any:
+    def _asked(
+        self,
+        name: str,
+        q: ArrayLike | State,
+        guess: Near,
+        *arguments: ArrayLike,
+        wrenches: Wrenches | None = None,
+    ) -> Any:
         """The core's answer at σ(q); without q it would answer at the guess itself."""
-        return None if q is None else getattr(self.core, name)(self._place(guess), *arguments, q)
+        if q is None:
+            return None
+        ask, near = getattr(self.core, name), self._place(guess)
+        if wrenches is None:
+            return ask(near, *arguments, q)
+        return ask(near, *arguments, q, wrench_rows(self.mechanism.tree, wrenches))
 
     def _place(self, near: Near) -> ArrayLike | None:
         """What the core is given for a branch."""
@@ -321,4 +333,4 @@ def model_of(subject: Mechanism | ReducedModel) -> ReducedModel:
 
 def coordinates_of(subject: Mechanism | ReducedModel) -> IndependentCoordinates:
     """The independent coordinates of a mechanism or a model."""
-    return subject.coordinates if isinstance(subject, ReducedModel) else subject.parametrization().coordinates
+    return mechanism_of(subject).parametrization().coordinates

@@ -91,9 +91,10 @@ class Reference:
         """½ q̇ᵀD q̇ and V."""
         return self.model.free_system.energy(self.q_free, self.rho @ v)
 
-    def tau(self, v: Array, a: Array) -> Array:
-        """D q̈ + C q̇ + damping q̇ + g (22), by ρᵀ times the free system's inverse dynamics."""
-        return np.asarray(self.rho.T @ self._tau_free(v, self.rho @ a + self.bias(v)))
+    def tau(self, v: Array, a: Array, wrenches: Wrenches | None = None) -> Array:
+        """D q̈ + C q̇ + damping q̇ + g − ρᵀJᵀw (22), by ρᵀ times the free system's inverse dynamics."""
+        force = self._tau_free(v, self.rho @ a + self.bias(v))
+        return np.asarray(self.rho.T @ (force if wrenches is None else force - self.joint_loads(wrenches)))
 
     @cached_property
     def transmission(self) -> Array | None:

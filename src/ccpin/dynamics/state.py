@@ -18,7 +18,7 @@ from ccpin.dynamics.derivatives import (
 from ccpin.dynamics.free_system import Energy
 from ccpin.dynamics.reference import Model as ReferenceModel
 from ccpin.dynamics.reference import Reference, locked
-from ccpin.dynamics.wrenches import Applied, Wrenches, applied_wrenches
+from ccpin.dynamics.wrenches import Applied, Wrenches, applied_wrenches, wrench_rows
 from ccpin.errors import UnderactuatedError
 from ccpin.kinematics.parametrization import ClosedPoint
 
@@ -186,10 +186,10 @@ class State:
 
     def tau(self, v: ArrayLike, a: ArrayLike, wrenches: Wrenches | None = None) -> Array:
         """The generalized force τ = D q̈ + C q̇ + damping q̇ + g − ρᵀJᵀw (22), of shape (n,), N m or N."""
-        if wrenches is not None:
-            return self.tau(v, a) - self.rho.T @ self.joint_loads(wrenches)
-        answer = self.model.core.generalized_force(self.q_free, v, a)
-        return self.reference.tau(self._velocity(v), self._acceleration(a)) if answer is None else np.asarray(answer)
+        answer = self.model.core.generalized_force(self.q_free, v, a, None, self._rows(wrenches))
+        if answer is not None:
+            return np.asarray(answer)
+        return self.reference.tau(self._velocity(v), self._acceleration(a), wrenches)
 
     def forward_dynamics(self, v: ArrayLike, u: ArrayLike, wrenches: Wrenches | None = None) -> Array:
         """q̈ = D⁻¹(ρᵀ(Sᵀu + Jᵀw) − C q̇ − damping q̇ − g) (22), of shape (n,).
@@ -204,7 +204,7 @@ class State:
             SingularConfigurationError: D is not positive definite so near a singularity.
             UnsupportedMechanismError: D is not positive definite (bodies without mass or inertia).
         """
-        answer = None if wrenches is not None else self.model.core.forward_dynamics(self.q_free, v, u)
+        answer = self.model.core.forward_dynamics(self.q_free, v, u, None, self._rows(wrenches))
         if answer is None:
             return self.reference.forward_dynamics(self._velocity(v), self._effort(u), wrenches)
         return np.asarray(answer)
@@ -217,6 +217,9 @@ class State:
         Raises:
             UnderactuatedError: No u produces that acceleration (fewer motors than coordinates).
         """
+        answer = self.model.core.inverse_dynamics(self.q_free, v, a, None, self._rows(wrenches))
+        if answer is not None:
+            return np.asarray(answer)
         force = self.tau(v, a, wrenches)
         if self.model.actuation is None:
             return force
@@ -236,7 +239,7 @@ class State:
         a loop receives along a point row, B the opposite; the moment (N m) along a direction row. With redundant rows
         λ is the solution of least norm. Errors as for `forward_dynamics`.
         """
-        answer = None if wrenches is not None else self.model.core.constraint_forces(self.q_free, v, u)
+        answer = self.model.core.constraint_forces(self.q_free, v, u, None, self._rows(wrenches))
         if answer is None:
             return self.reference.constraint_forces(self._velocity(v), self._effort(u), wrenches)
         return np.asarray(answer)
@@ -275,7 +278,8 @@ class State:
         self, v: ArrayLike, u: ArrayLike, wrenches: Wrenches | None = None
     ) -> ForwardDynamicsDerivatives:
         """∂q̈/∂q, ∂q̈/∂q̇ and ∂q̈/∂u of `forward_dynamics`, wrenches constant in world axes; errors as there."""
-        answer = None if wrenches is not None else self.model.core.forward_dynamics_derivatives(self.q_free, v, u)
+        rows = self._rows(wrenches)
+        answer = self.model.core.forward_dynamics_derivatives(self.q_free, v, u, None, rows)
         if answer is not None:
             return ForwardDynamicsDerivatives(*answer)
         velocity, effort = self._velocity(v), self._effort(u)
@@ -299,7 +303,8 @@ class State:
         self, v: ArrayLike, a: ArrayLike, wrenches: Wrenches | None = None
     ) -> GeneralizedForceDerivatives:
         """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ of `tau`, whatever the motors, wrenches constant in world axes."""
-        answer = None if wrenches is not None else self.model.core.generalized_force_derivatives(self.q_free, v, a)
+        rows = self._rows(wrenches)
+        answer = self.model.core.generalized_force_derivatives(self.q_free, v, a, None, rows)
         if answer is not None:
             return GeneralizedForceDerivatives(*answer)
         velocity, acceleration = self._velocity(v), self._acceleration(a)
@@ -309,6 +314,9 @@ class State:
 
     def _applied(self, wrenches: Wrenches | None) -> tuple[Applied, ...]:
         return applied_wrenches(self.model.mechanism.tree, wrenches)
+
+    def _rows(self, wrenches: Wrenches | None) -> Array | None:
+        return None if wrenches is None else wrench_rows(self.model.mechanism.tree, wrenches)
 
     def _velocity(self, v: ArrayLike) -> Array:
         return vector(v, "v", self.model.n)

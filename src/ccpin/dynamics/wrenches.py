@@ -78,6 +78,16 @@ def applied_wrenches(tree: Tree, wrenches: Wrenches | None) -> tuple[Applied, ..
     return tuple(found)
 
 
+def wrench_rows(tree: Tree, wrenches: Wrenches | None) -> Array | None:
+    """The same for the compiled core: rows of joint, force, moment and point, of shape (N, 10); ``None`` for none.
+
+    Raises:
+        InvalidInputError: As for `applied_wrenches`.
+    """
+    applied = applied_wrenches(tree, wrenches)
+    return np.array([np.hstack(one) for one in applied]) if applied else None
+
+
 def pushes_of(tree: Tree, wrenches: Wrenches | Pushes | None) -> Pushes:
     """Wrenches as a function (t, state, v): themselves, or constant ones, checked.
 

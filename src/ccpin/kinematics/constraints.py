@@ -15,6 +15,8 @@ from ccpin.kinematics.rows import Directions, Placed, RowStack, column_rates
 from ccpin.kinematics.scratch import Scratch, six_rows
 from ccpin.kinematics.tree import Tree
 
+_NOTHING = 1e-12
+
 
 class ConstraintValue(NamedTuple):
     """φ at one configuration, with what its rates and derivatives are computed from.
@@ -61,12 +63,21 @@ class Constraints:
         self._rows = RowStack(tree, self.loops)
         self.scratch = Scratch(tree.model)
         self._before = _before(tree)
+        turns = [turns for loop in self.loops for turns in loop.rows.direction_rows]
+        self._units = [*("rad" if each else "m" for each in turns), *(_unit(tree, each) for each in couplings)]
 
     def row_slices(self) -> dict[str, slice]:
         """Which rows of φ belong to each closure and coupling, by name."""
         names = [*(loop.closure.name for loop in self.loops), *(each.coupling.name for each in self.couplings)]
         stops = np.cumsum([*(loop.size for loop in self.loops), *(1 for _ in self.couplings)], dtype=int).tolist()
         return {name: slice(start, stop) for name, start, stop in zip(names, [0, *stops], stops, strict=False)}
+
+    def misfit(self, phi: Array, rows: slice = slice(None)) -> str:
+        """How far some rows of φ (default all) are from zero: the largest gap and the largest misalignment."""
+        sizes, units = np.abs(phi[rows]), np.array(self._units)[rows]
+        largest = {unit: float(sizes[units == unit].max()) for unit in dict.fromkeys(units.tolist())}
+        told = {unit: size for unit, size in largest.items() if size > _NOTHING} or largest
+        return " and ".join(f"{size:.4g} {unit}" for unit, size in told.items())
 
     @cached_property
     def extent(self) -> float:
@@ -177,6 +188,12 @@ class Constraints:
         rate = six_rows(pin.computeJointJacobiansTimeVariation(self.model, data, q_free, v_free))
         self.scratch.give(data)
         return rate
+
+
+def _unit(tree: Tree, coupling: Coupling) -> str:
+    """The unit of a coupling's row: that of its joints, whose coefficients are numbers where they share one."""
+    units = {"m" if tree.joint(term.joint).kind.sliding else "rad" for term in coupling.terms}
+    return units.pop() if len(units) == 1 else "(m or rad, as the coupling counts)"
 
 
 def _before(tree: Tree) -> Array:

@@ -252,9 +252,9 @@ class Parametrization:
         solve = self.newton(start, q, self.rules._replace(contraction=np.inf))
         if solve.point is not None:
             return solve.point.q_free
-        error = float(np.abs(self.constraints.residual(start)).max())
+        open_by = self.constraints.misfit(self.constraints.residual(start))
         raise InvalidInputError(
-            f"the guess is open by {error:.3g} (m or rad) and cannot be closed at its own q = {_show(q)}; "
+            f"the guess is open by {open_by} and cannot be closed at its own q = {_show(q)}; "
             "pass a closed configuration of the branch wanted"
         )
 

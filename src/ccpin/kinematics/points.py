@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, cross, skew
+from ccpin.arrays import Array, cross, numbers, skew
 from ccpin.description.model import frame
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.scratch import Scratch, six_rows
@@ -46,9 +46,9 @@ class LinkPoint:
     """
 
     def __init__(self, tree: Tree, link: str, point: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        if link not in tree.attachments:
-            raise InvalidInputError(f"there is no link '{link}'; the links are {', '.join(tree.attachments)}")
-        offset = np.asarray(point, dtype=np.float64)
+        if not isinstance(link, str) or link not in tree.attachments:
+            raise InvalidInputError(f"there is no link {link!r:.80}; the links are {', '.join(tree.attachments)}")
+        offset = numbers(point, "point")
         if offset.shape != (3,) or not np.isfinite(offset).all():
             raise InvalidInputError(f"the point on link '{link}' must be three finite numbers (metres)")
         attachment = tree.attachments[link]

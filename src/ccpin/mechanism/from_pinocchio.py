@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, instance
 from ccpin.description.checks import check
 from ccpin.description.model import (
     IDENTITY,
@@ -61,8 +61,9 @@ def describe_pinocchio(
     reader = _ModelReader(model)
     reader.read()
     if geometry is not None:
-        reader.draw(geometry)
-    closures = tuple(reader.closure(k, constraint) for k, constraint in enumerate(constraints, start=1))
+        reader.draw(instance(geometry, "geometry", pin.GeometryModel, "a pinocchio.GeometryModel"))
+    given = instance(constraints, "constraints", Iterable, "a sequence of constraint models")
+    closures = tuple(reader.closure(k, constraint) for k, constraint in enumerate(given, start=1))
     return check(
         MechanismDescription(
             name=model.name or "mechanism",

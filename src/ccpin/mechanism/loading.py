@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
-import numpy as np
 import pinocchio as pin
 
+from ccpin.arrays import records
 from ccpin.description import read_description
 from ccpin.description.checks import check
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
@@ -22,14 +23,9 @@ from ccpin.errors import (
     SingularConfigurationError,
     UnsupportedMechanismError,
 )
-from ccpin.kinematics.coordinates import IndependentCoordinates
-from ccpin.kinematics.tree import Tree, build_tree
+from ccpin.mechanism.analysis import Wishes, analysed
 from ccpin.mechanism.from_pinocchio import describe_pinocchio
-from ccpin.mechanism.geometry import changed
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.mechanism.mobility import Mobility
-from ccpin.mechanism.reference import check_independent, how_closed, how_moved, idle, settle
-from ccpin.mechanism.selection import choose_independent
 
 GEOMETRY_TOLERANCE = 1e-5
 
@@ -41,6 +37,8 @@ def load(
     couplings: Iterable[Coupling] | None = None,
     independent: Sequence[str] | None = None,
     actuated: Sequence[str] | None = None,
+    locked: Sequence[str] = (),
+    free: Sequence[str] = (),
     reference: Pose | None = None,
     joints: Stated | None = None,
     motors: Stated | None = None,
@@ -63,6 +61,11 @@ def load(
         independent: The independent joints in the order of q; default what the file marks, completed if it marks
             only motors (the completion is among the mechanism's notes).
         actuated: The actuated joints in the order of u; default the file's motors, else the independent joints.
+        locked: Joints, or single components of one (``"ball:rx"``), to hold still: where the stated pose has them, else
+            where the loops close. The mechanism is then one without them: they are fixed, and count in nothing.
+        free: Idle spins to leave free, by the joint or component that `Mechanism.locked` and `notes` name, or
+            ``["all"]``. A spin that moves nothing but itself (a rod between two balls) is else locked, unless
+            `independent` or a motor names it (`ccpin.mechanism.locking` says what that changes: nothing, for a rod).
         reference: A pose near which the loops are to close, which chooses the assembly mode: the name of a keyframe or
             group_state of the file, or displacements of some joints as ``{"crank": 0.5}`` (a quaternion x, y, z, w of
             a ball joint); the others stay as in the file. Tried first; after it, where the loops do not close from it
@@ -88,9 +91,14 @@ def load(
         NoLoopError: It declares no closure and no coupling.
         LoopNotClosedError: No closed configuration was found.
         IndependentSetError: The independent or actuated joints named cannot be used.
-        InvalidInputError: What is stated of joints or motors names none of them, or is no number.
+        InvalidInputError: What is stated of joints or motors names none of them or is no number; a name to be locked
+            or free is of no such joint.
     """
-    _check_arguments(path, independent, actuated, geometry_tolerance)
+    _check_arguments(path, geometry_tolerance, independent=independent, actuated=actuated, locked=locked, free=free)
+    more: dict[str, Any] = {
+        "closures": records(() if closures is None else closures, "closures", LoopClosure),
+        "couplings": records(() if couplings is None else couplings, "couplings", Coupling),
+    }
     if isinstance(path, MechanismDescription):
         description = path
     elif isinstance(path, pin.Model):
@@ -99,22 +107,20 @@ def load(
         description = read_description(
             path, format, model=model, include_root=include_root, xacro_arguments=xacro_arguments
         )
-    if joints or motors:
+    if joints is not None or motors is not None:
         description = with_stated(description, joints, motors)
     if reference is not None:
         description = with_reference(description, reference)
-    if description is path or closures or couplings or joints or motors or reference is not None:
-        description = check(
-            replace(
-                description,
-                closures=description.closures + tuple(closures or ()),
-                couplings=description.couplings + tuple(couplings or ()),
-            )
-        )
+    stated = any(given is not None for given in (joints, motors, reference))
+    if description is path or more["closures"] or more["couplings"] or stated:
+        more["closures"] = description.closures + more["closures"]
+        more["couplings"] = description.couplings + more["couplings"]
+        description = check(replace(description, **more))
     if not description.closures and not description.couplings:
         raise NoLoopError(_no_loop_message(description), source=description.source)
     try:
-        mechanism = _analysed(description, floating_base, independent, actuated, geometry_tolerance)
+        wishes = Wishes(independent, actuated, tuple(locked), tuple(free))
+        mechanism = analysed(description, floating_base, wishes, geometry_tolerance)
     except MemoryError:
         message = f"{description.source or description.name}: {len(description.joints)} joints do not fit into memory"
         raise UnsupportedMechanismError(message) from None
@@ -128,61 +134,13 @@ def load(
     return mechanism
 
 
-def _analysed(
-    description: MechanismDescription,
-    floating_base: bool,
-    independent: Sequence[str] | None,
-    actuated: Sequence[str] | None,
-    tolerance: float,
-) -> Mechanism:
-    """Close the loops, count the motions, settle who measures and who drives them."""
-    wanted = tuple(independent) if independent is not None else (description.independent or ())
-    tree = build_tree(description, floating_base)
-    settled = settle(tree, description, wanted, tolerance)
-    repairs = [found.repair for found in settled if found.repair is not None]
-    for repair in repairs:
-        description = changed(description, repair.change)
-    tree = build_tree(description, floating_base) if repairs else tree
-    choice = choose_independent(tree, [found.motion for found in settled], description, independent, actuated)
-    rank = sum(found.tangent.rank for found in settled)
-    mobility = Mobility(
-        n_free=int(tree.model.nv),
-        rows=sum(found.constraints.size for found in settled),
-        rank=rank,
-        mobility=int(tree.model.nv) - rank,
-        idle=idle(tree, settled),
-        notes=choice.notes,
-    )
-    q_reference = np.empty(tree.model.nq)
-    for found in settled:
-        q_reference[found.part.q] = found.closed.q_free
-    told = how_moved(tree, description, q_reference) + _forces_told(description, tree, choice.actuated)
-    notes = dict.fromkeys([*description.notes, *choice.notes, *how_closed(settled), *told])
-    IndependentCoordinates(tree, choice.actuated, q_reference)  # refuses names that cannot be actuated
-    check_independent(settled, choice.independent)
-    return Mechanism(description, tree, choice.independent, choice.actuated, q_reference, mobility, tuple(notes))
-
-
-def _forces_told(description: MechanismDescription, tree: Tree, actuated: tuple[str, ...]) -> list[str]:
-    """Notes where joints state dry friction, and where one unit of u is not one N m (or N) on its joint."""
-    told, rubbing = [], [joint.name for joint in tree.joints if joint.stated.friction]
-    if rubbing:
-        told.append(
-            f"dry friction of {', '.join(rubbing)}: `simulate` has it, the smooth equations (dynamics, laws, "
-            "certificates) have not"
-        )
-    geared = [f"{m.gear:g} on {m.joint}" for m in description.motors if m.gear != 1.0 and m.joint in actuated]
-    if geared:
-        told.append(f"u is the motors' own input: one unit is {', '.join(geared)} (N m or N)")
-    return told
-
-
-def _check_arguments(path: object, independent: object, actuated: object, tolerance: object) -> None:
+def _check_arguments(path: object, tolerance: object, **named: object) -> None:
     if not isinstance(path, str | Path | MechanismDescription | pin.Model):
         known = "a path, a model's name, a description or a pinocchio.Model"
         raise InvalidInputError(f"load takes {known}, not {type(path).__name__}")
-    for role, names in (("independent", independent), ("actuated", actuated)):
-        if isinstance(names, str) or (names is not None and not all(isinstance(n, str) for n in names)):  # type: ignore[attr-defined]
+    for role, names in named.items():
+        words = isinstance(names, Iterable) and not isinstance(names, str) and all(isinstance(n, str) for n in names)
+        if names is not None and not words:
             raise InvalidInputError(f"{role} must be a sequence of joint names, e.g. ['joint1', 'joint2']")
     if not isinstance(tolerance, float | int) or not 0.0 <= tolerance <= 1e-2:
         raise InvalidInputError(f"geometry_tolerance is {tolerance}; it must be a number between 0 and 0.01")

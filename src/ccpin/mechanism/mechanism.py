@@ -20,7 +20,7 @@ from ccpin.errors import (
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import Parametrization
-from ccpin.kinematics.tree import Tree
+from ccpin.kinematics.tree import ROOT_JOINT, Tree, build_tree
 from ccpin.mechanism.mobility import Mobility
 from ccpin.mechanism.physics import JointPhysics, Motors, joint_physics, motors_of
 from ccpin.mechanism.pinocchio import constraint_models
@@ -42,6 +42,8 @@ class Mechanism(Record):
         q_reference: A closed, nonsingular configuration, of shape (nq,); defines the default assembly mode.
         mobility: The mobility analysis.
         notes: What readers and analysis had to assume, in sentences.
+        locked: Joints and components held still: those asked for, then the spins that move nothing but themselves.
+        locks: The rows of φ that hold such spins, where no whole joint could be fixed; not among the closures.
     """
 
     description: MechanismDescription
@@ -51,6 +53,8 @@ class Mechanism(Record):
     q_reference: Array
     mobility: Mobility
     notes: tuple[str, ...] = ()
+    locked: tuple[str, ...] = ()
+    locks: tuple[LoopClosure, ...] = ()
 
     @property
     def name(self) -> str:
@@ -59,11 +63,14 @@ class Mechanism(Record):
 
     @cached_property
     def pin_model(self) -> pin.Model:
-        """A copy of the free system's Pinocchio model, the caller's own: ccpin reads nothing written to it.
+        """The free system's Pinocchio model, the caller's own: ccpin reads nothing written to it.
 
-        One copy a mechanism, made when first asked for; a pickle does not carry it.
+        One copy a mechanism, made when first asked for; a pickle does not carry it. Bodies whose spin is locked have
+        all of their inertia here (`ccpin.mechanism.locking`).
         """
-        return self.tree.model.copy()
+        if not self.locked:
+            return self.tree.model.copy()
+        return build_tree(self.description, ROOT_JOINT in self.tree.names).model
 
     @property
     def closures(self) -> tuple[LoopClosure, ...]:
@@ -141,12 +148,13 @@ class Mechanism(Record):
         """The closures as constraint models of `pin_model`, for Pinocchio's own solvers: the caller's, made anew.
 
         A spherical closure is a 3D contact, a fixed one a 6D contact, a revolute one two 3D contacts on its axis
-        (their six rows have rank five: give the solver a proximal step). Ends are in the joints' frames.
+        (their six rows have rank five: give the solver a proximal step). Ends are in the joints' frames. Spins that are
+        locked here are free there: nothing else moves with them.
 
         Raises:
             UnsupportedMechanismError: A closure of another kind, or a coupling.
         """
-        return constraint_models(self.constraints())
+        return constraint_models(Constraints(self.tree, self.closures, self.couplings))
 
     def settled(self) -> MechanismDescription:
         """The description with what was chosen here: independent and actuated joints, and the closed reference.
@@ -181,6 +189,7 @@ class Mechanism(Record):
             "couplings": [coupling.name for coupling in self.couplings],
             "independent": self.independent,
             "actuated": self.actuated,
+            "locked": self.locked,
         }
         sizes = [("name", self.name), ("n", str(self.n)), ("n′", str(self.n_free))]
         return sizes + [(key, " ".join(names)) for key, names in lists.items() if names]
@@ -196,7 +205,9 @@ class Mechanism(Record):
     @cached_property
     def _parametrization(self) -> Parametrization:
         coordinates = IndependentCoordinates(self.tree, self.independent, self.q_reference)
-        return Parametrization(Constraints(self.tree, self.closures, self.couplings), coordinates, self.q_reference)
+        return Parametrization(
+            Constraints(self.tree, (*self.closures, *self.locks), self.couplings), coordinates, self.q_reference
+        )
 
 
 class HasMechanism(Protocol):

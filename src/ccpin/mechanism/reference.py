@@ -20,7 +20,7 @@ from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.tree import Tree
 from ccpin.mechanism.closing import TOLERANCE, close
-from ccpin.mechanism.idle import idle_motions
+from ccpin.mechanism.idle import Idle, idle_motions
 from ccpin.mechanism.independence import Motion
 from ccpin.mechanism.mobility import Tangent, generic_rank, tangent
 from ccpin.mechanism.near import open_by
@@ -142,19 +142,25 @@ def _check_across(constraints: Constraints, q_free: Array, tolerance: float) -> 
     if not planar:
         return
     poses = joint_poses(constraints.scratch, q_free)
-    errors = {loop.closure.name: float(np.abs(_unreduced(loop, poses)).max(initial=0.0)) for loop in planar}
+    unreduced = {loop.closure.name: _unreduced(loop, poses) for loop in planar}
+    errors = {name: max(rows) for name, rows in unreduced.items()}
     worst = max(errors, key=lambda name: errors[name])
     if errors[worst] > tolerance:
+        gap, turn = unreduced[worst]
+        open_by = f"{gap:.4g} m apart across it" if gap > tolerance else f"{turn:.4g} rad askew to it"
         raise LoopNotClosedError(
-            f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are "
-            f"{errors[worst]:.4g} (m or rad) apart across it (geometry tolerance {tolerance:.1e})",
+            f"loop '{worst}' can never close: its links move parallel to a plane, and its ends are {open_by} "
+            f"(geometry tolerance {tolerance:.1e})",
             q_free=q_free,
             errors=errors,
         )
 
 
-def _unreduced(loop: ResolvedClosure, poses: Array) -> Array:
-    """All rows of a closure, also those that planarity makes constant, at world poses of the joints."""
+def _unreduced(loop: ResolvedClosure, poses: Array) -> tuple[float, float]:
+    """The largest gap (m) and misalignment (rad) of a closure at world poses of the joints.
+
+    Of all its rows, also those that planarity makes constant.
+    """
     frames = {
         "A": poses[loop.joint_a] @ loop.frame_a,
         "B": poses[loop.joint_b] @ loop.frame_b,
@@ -169,24 +175,27 @@ def _unreduced(loop: ResolvedClosure, poses: Array) -> Array:
     def combine(terms: Iterable[tuple[float, float]]) -> float:
         return sum(weight * product for weight, product in terms)
 
-    return np.array(rows_of(loop.closure, PlaneNormal()).evaluate(vector, lambda x, y: float(x @ y), combine))
+    rows = rows_of(loop.closure, PlaneNormal())
+    sizes = np.abs(rows.evaluate(vector, lambda x, y: float(x @ y), combine))
+    turns = np.array(rows.direction_rows, dtype=bool)
+    return float(sizes[~turns].max(initial=0.0)), float(sizes[turns].max(initial=0.0))
 
 
-def idle(tree: Tree, settled: Sequence[Settled]) -> tuple[str, ...]:
-    """Sentences naming the mobilities that move nothing but one body of a loop (`ccpin.mechanism.idle`)."""
+def idle(tree: Tree, settled: Sequence[Settled]) -> list[tuple[Settled, list[Idle]]]:
+    """The mobilities of every cluster that move nothing but a body of a loop (`ccpin.mechanism.idle`)."""
     masses = np.array([inertia.mass for inertia in tree.model.inertias][1:])
     heavy = set((1 + np.flatnonzero(masses > 1e-6 * masses.max(initial=0.0))).tolist())
     carriers = {found.part.cluster.parent for found in settled}
     poses = {0: np.eye(4)}
-    sentences = list[str]()
+    motions = []
     for found in settled:
         joints = found.part.cluster.joints
         pose = poses[found.part.cluster.parent]
         own = joint_poses(found.constraints.scratch, found.closed.q_free)[1:]
         poses |= zip(joints, pose @ own, strict=True)
         here = [{k for k, joint in enumerate(joints, start=1) if joint in chosen} for chosen in (heavy, carriers)]
-        sentences += idle_motions(found.constraints, found.part.tree, found.tangent, pose, *here)
-    return tuple(sentences)
+        motions.append((found, idle_motions(found.constraints, found.part.tree, found.tangent, pose, *here)))
+    return motions
 
 
 def check_independent(settled: Sequence[Settled], names: Sequence[str]) -> None:

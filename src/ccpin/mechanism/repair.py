@@ -134,18 +134,19 @@ class Rounded:
             cut = max(0.03 * cut, _LEAST_CUT)
         return p, poses
 
-    def _worst(self, poses: list[Near]) -> tuple[str, float]:
-        """The loop that is open most, and by how much, m or rad."""
+    def _worst(self, poses: list[Near]) -> tuple[str, str]:
+        """The loop that is open most, and by how much, in words."""
         open_most = np.max([np.abs(pose.point.phi) for pose in poses], axis=0)
-        errors = {name: float(open_most[at].max()) for name, at in self.shape.constraints.row_slices().items()}
-        return max(errors.items(), key=lambda item: item[1])
+        rows = self.shape.constraints.row_slices()
+        worst = max(rows, key=lambda name: float(open_most[rows[name]].max()))
+        return worst, self.shape.constraints.misfit(open_most, rows[worst])
 
     def _note(self, poses: list[Near], rank: int, change: Change, others: list[Near]) -> str:
         loop, misfit = self._worst(poses)
         frame, most = change.largest(self.poses.size)
         checked = max(pose.misfit for pose in others)
         return (
-            f"geometry repaired: the file's numbers leave loop '{loop}' open by up to {misfit:.1e} (m or rad) along "
+            f"geometry repaired: the file's numbers leave loop '{loop}' open by up to {misfit} along "
             f"the motion; {rank} of the {len(poses[0].phi)} rows of {self._loops()} count and the others agree now. "
             f"The largest change is {most:.1e} m, of {frame} (tolerance {self.poses.open_by:.1e} m, which is "
             f"{self.poses.tolerance:g} of the size or of 1 m); at {len(others)} other poses the loops close to "
@@ -165,7 +166,7 @@ class Rounded:
         return LoopNotClosedError(
             f"{len(poses[0].phi) - rank} of the {len(poses[0].phi)} rows of {self._loops()} are redundant within the "
             f"geometry tolerance ({self.poses.tolerance:g} of the size or of 1 m: {self.poses.open_by:.1e} m), but "
-            f"loop '{loop}' stays open by {misfit:.1e} (m or rad) and {why}; state lengths and angles with more "
+            f"loop '{loop}' stays open by {misfit} and {why}; state lengths and angles with more "
             "decimals, or pass another geometry_tolerance to load (0 takes every number as exact)",
             q_free=poses[0].q_free,
             errors=errors,

@@ -179,9 +179,10 @@ def find_closed(
     residual = constraints.residual(least)
     errors = {name: float(np.linalg.norm(residual[rows])) for name, rows in constraints.row_slices().items()}
     worst = max(errors, key=lambda name: errors[name])
+    open_by = constraints.misfit(residual, constraints.row_slices()[worst])
     message = (
         f"no closed configuration was found from {count + 3 + len(poses)} starts; the least open one leaves loop "
-        f"'{worst}' open by {errors[worst]:.4g} (m or rad). State a pose near a closed one (load(reference=…)), or "
+        f"'{worst}' open by {open_by}. State a pose near a closed one (load(reference=…)), or "
         "check the loop's frames and lengths"
     )
     if errors[worst] < _NEARLY:

@@ -16,7 +16,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.native.specification import specification
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def backend() -> Backend:
     return Backend("native", f"compiled core {core.__file__}")
 
 
-def kernel(mechanism: Mechanism, gravity: Array | None = None) -> Kernel | None:
+def kernel(mechanism: Mechanism | HasMechanism, gravity: Array | None = None) -> Kernel | None:
     """The compiled core for one mechanism, or ``None`` where NumPy is to do its work.
 
     It is made once, immutable, and any number of threads may ask it at once.
@@ -72,6 +72,7 @@ def kernel(mechanism: Mechanism, gravity: Array | None = None) -> Kernel | None:
     Raises:
         InvalidInputError: As for `backend`.
     """
+    mechanism = mechanism_of(mechanism)
     if backend().name == "numpy":
         return None
     made = _MADE.setdefault(mechanism, {})

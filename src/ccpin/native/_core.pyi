@@ -2,7 +2,8 @@
 
 Every method of a `Kernel` answers, or returns ``None`` where only the reference can answer or explain. `near` is a
 configuration on the branch wanted (``None``: the reference); with q the answer is for σ(q) from there, without q for
-`near` itself, which must be closed. Arrays are new, float64 and row-major.
+`near` itself, which must be closed. `wrenches` on links are rows of `ccpin.dynamics.wrenches.wrench_rows`. Arrays are
+new, float64 and row-major.
 """
 
 from typing import Any
@@ -39,17 +40,32 @@ class Kernel:
         """The fields of `ReducedTerms`, in order."""
 
     def forward_dynamics(
-        self, near: ArrayLike | None, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        u: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
     ) -> Array | None:
         """q̈ (22), of shape (n,)."""
 
     def generalized_force(
-        self, near: ArrayLike | None, v: ArrayLike, a: ArrayLike, q: ArrayLike | None = None
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        a: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
     ) -> Array | None:
-        """τ = D q̈ + C q̇ + g, of shape (n,)."""
+        """τ = D q̈ + C q̇ + damping q̇ + g − ρᵀJᵀw, of shape (n,)."""
 
     def inverse_dynamics(
-        self, near: ArrayLike | None, v: ArrayLike, a: ArrayLike, q: ArrayLike | None = None
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        a: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
     ) -> Array | None:
         """The actuated joints' efforts u of least norm, of shape (motors,); ``None`` where they may not suffice."""
 
@@ -60,20 +76,49 @@ class Kernel:
         """ρᵀSᵀ, of shape (n, motors)."""
 
     def constraint_forces(
-        self, near: ArrayLike | None, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        u: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
     ) -> Array | None:
         """λ (17), of shape (m,)."""
+
+    def bearing_forces(
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        u: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
+    ) -> Triple | None:
+        """What closures (L, 6) and joints (joints, 6) carry, and the joints' world poses (joints + 1, 4, 4).
+
+        (force, moment) in world axes: on a closure's end A about its closure point, on a joint's child about its
+        origin.
+        """
 
     def energy(self, near: ArrayLike | None, v: ArrayLike, q: ArrayLike | None = None) -> tuple[float, float] | None:
         """Kinetic and potential energy in joules."""
 
     def generalized_force_derivatives(
-        self, near: ArrayLike | None, v: ArrayLike, a: ArrayLike, q: ArrayLike | None = None
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        a: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
     ) -> Triple | None:
         """∂τ/∂q, ∂τ/∂q̇ and ∂τ/∂q̈ = D, each (n, n)."""
 
     def forward_dynamics_derivatives(
-        self, near: ArrayLike | None, v: ArrayLike, u: ArrayLike, q: ArrayLike | None = None
+        self,
+        near: ArrayLike | None,
+        v: ArrayLike,
+        u: ArrayLike,
+        q: ArrayLike | None = None,
+        wrenches: ArrayLike | None = None,
     ) -> Triple | None:
         """∂q̈/∂q, ∂q̈/∂q̇ (n, n) and ∂q̈/∂u (n, motors)."""
 

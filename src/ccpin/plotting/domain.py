@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, heading, instance, whole
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import CellStatus
+from ccpin.domain.atlas.cells import CellStatus, corners_of
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.singularities import SingularCurve
 from ccpin.errors import InvalidInputError
@@ -42,11 +42,14 @@ def plot_singularities(
         title: The figure's title.
     """
     mechanism = mechanism_of(mechanism)
-    with drawing(title or f"{mechanism.name}: singular configurations", (6.8, 6.6)) as figure:
+    with drawing(heading(title, f"{mechanism.name}: singular configurations"), (6.8, 6.6)) as figure:
         axes = figure.add_subplot()
         _curves(axes, curves, markersize=8)
-        for lower, upper, name in regions:
-            _rectangle(axes, np.degrees(lower), np.degrees(upper), name)
+        for region in instance(regions, "regions", Sequence, "a sequence of (lower, upper, name)"):
+            if not isinstance(region, tuple) or len(region) != 3:
+                raise InvalidInputError(f"a region is (lower, upper, name), not {region!r:.80}")
+            lower, upper = np.degrees(corners_of(region[:2], mechanism.independent))
+            _rectangle(axes, lower, upper, instance(region[2], "a region's name", str, "a text"))
         _window(axes, mechanism.independent, [-180.0, -180.0], [180.0, 180.0])
         axes.set(xticks=range(-180, 181, 60), yticks=range(-180, 181, 60))
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
@@ -68,7 +71,7 @@ def plot_atlas(
         [lower, np.column_stack([upper[:, 0], lower[:, 1]]), upper, np.column_stack([lower[:, 0], upper[:, 1]])], 1
     )
     status = atlas.tree.status[leaves]
-    title = title or f"{mechanism_of(mechanism).name}: {len(atlas.lower)} certified boxes"
+    title = heading(title, f"{mechanism_of(mechanism).name}: {len(atlas.lower)} certified boxes")
     with drawing(title, (7.2, 7.2), **{"axes.grid": False}) as figure:
         axes = figure.add_subplot()
         handles = []
@@ -93,12 +96,12 @@ def plot_radius_map(
 ) -> Figure:
     """A heat map of the certified radius for n = 2: the largest certified square about each q, in degrees."""
     _two_coordinates(atlas)
-    region = atlas.region
+    region, resolution = atlas.region, whole(resolution, "resolution")
     grids = [region.lower[k] + (np.arange(resolution) + 0.5) * region.width[k] / resolution for k in range(2)]
     first, second = np.meshgrid(*grids, indexing="ij")
     radius = np.degrees(certified_radius(atlas, np.column_stack([first.ravel(), second.ravel()]))).reshape(first.shape)
     lower, upper = np.degrees([region.lower, region.upper])
-    title = title or f"{mechanism_of(mechanism).name}: radius of the certified square about each q"
+    title = heading(title, f"{mechanism_of(mechanism).name}: radius of the certified square about each q")
     with drawing(title, (7.6, 6.6), **{"axes.grid": False}) as figure:
         axes = figure.add_subplot()
         extent = (lower[0], upper[0], lower[1], upper[1])
@@ -119,14 +122,15 @@ _STATUS_COLOURS = (
 
 
 def _two_coordinates(atlas: Atlas) -> None:
-    if len(atlas.names) != 2:
+    if len(instance(atlas, "atlas", Atlas, "an Atlas").names) != 2:
         raise InvalidInputError(f"the atlas has {len(atlas.names)} coordinates; maps are drawn for two")
 
 
 def _curves(axes: Any, curves: Sequence[SingularCurve], **style: float) -> None:
     """Singular curves in ±180°, each kind with one entry in the legend."""
     labelled: set[str | None] = set()
-    for curve in curves:
+    for curve in instance(curves, "curves", Sequence, "a sequence of SingularCurve"):
+        instance(curve, "each of curves", SingularCurve)
         label, line, colour = KINDS[curve.kind]
         for piece in _wrapped(np.degrees(curve.q)):
             axes.plot(*piece.T, line, color=colour, label=None if label in labelled else label, **style)

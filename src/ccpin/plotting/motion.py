@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.arrays import Array, heading, instance, matrix_rows, numbers, records
+from ccpin.errors import InvalidInputError
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.mechanism.outline import outline, plane_of_motion
 from ccpin.plotting.style import COLOURS, drawing
 from ccpin.simulation.trajectory import Trajectory
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def plot_motion(
-    trajectory: Trajectory, mechanism: Mechanism, goal: ArrayLike | None = None, title: str | None = None
+    trajectory: Trajectory, mechanism: Mechanism | HasMechanism, goal: ArrayLike | None = None, title: str | None = None
 ) -> Figure:
     """Coordinates, velocities and efforts against time, one column a coordinate (the panels of Figs. 9 and 10).
 
@@ -30,12 +31,17 @@ def plot_motion(
         mechanism: What moves.
         goal: q_d to draw dashed: (model.nq,), or (T, model.nq) where it changes.
         title: The figure's title.
+
+    Raises:
+        InvalidInputError: An argument of another kind or shape.
     """
+    instance(trajectory, "trajectory", Trajectory)
+    mechanism = mechanism_of(mechanism)
     columns = max(trajectory.q.shape[1], trajectory.u.shape[1])
-    title = title or f"{mechanism.name}: {trajectory.message}"
+    title = heading(title, f"{mechanism.name}: {trajectory.message}")
+    goals = None if goal is None else _goals(goal, trajectory)
     with drawing(title, (max(7.0, 3.6 * columns), 7.2)) as figure:
         axes = figure.subplots(3, columns, sharex=True, squeeze=False)
-        goals = None if goal is None else np.broadcast_to(np.asarray(goal, dtype=np.float64), trajectory.q.shape)
         rows: tuple[tuple[str, Array, tuple[str, ...], bool], ...] = (
             ("position", trajectory.q, mechanism.independent, False),
             ("velocity", trajectory.v, mechanism.independent, False),
@@ -61,6 +67,13 @@ def plot_motion(
     return figure
 
 
+def _goals(goal: ArrayLike, trajectory: Trajectory) -> Array:
+    shape, goals = trajectory.q.shape, numbers(goal, "goal")
+    if goals.shape not in (shape, shape[1:]):
+        raise InvalidInputError(f"goal has shape {goals.shape}; it must be {shape[1:]}, or {shape} where it changes")
+    return np.broadcast_to(goals, shape)
+
+
 def _scale(mechanism: Mechanism, name: str, quantity: str) -> tuple[float, str]:
     """Factor and unit for drawing: degrees for angles, millimetres never."""
     joint, component = mechanism.tree.split(name)
@@ -76,14 +89,20 @@ def _scale(mechanism: Mechanism, name: str, quantity: str) -> tuple[float, str]:
 
 
 def plot_configurations(
-    mechanism: Mechanism, configurations: Sequence[ArrayLike], labels: Sequence[str], title: str | None = None
+    mechanism: Mechanism | HasMechanism,
+    configurations: Sequence[ArrayLike],
+    labels: Sequence[str],
+    title: str | None = None,
 ) -> Figure:
-    """The mechanism's lines at several configurations (Fig. 8), in its plane of motion or in space."""
+    """The mechanism's lines at several configurations (Fig. 8), in its plane of motion or in space.
+
+    Arguments and errors as for `plot_configuration_panels`.
+    """
     return plot_configuration_panels(mechanism, [("", configurations)], labels, title)
 
 
 def plot_configuration_panels(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     panels: Sequence[tuple[str, Sequence[ArrayLike]]],
     labels: Sequence[str],
     title: str | None = None,
@@ -95,25 +114,49 @@ def plot_configuration_panels(
         panels: A heading and the configurations q′ of each drawing.
         labels: What each configuration of a drawing is called.
         title: The figure's title.
+
+    Raises:
+        InvalidInputError: An argument of another kind, or not a label a configuration.
     """
+    mechanism, drawings = mechanism_of(mechanism), _checked_panels(mechanism_of(mechanism), panels, labels)
     plane = plane_of_motion(mechanism)
-    columns = min(2, len(panels))
-    rows = -(-len(panels) // columns)
+    columns = min(2, len(drawings))
+    rows = -(-len(drawings) // columns)
     size = (7.0 if columns == 1 else 5.2 * columns, 6.4 if rows == 1 else 4.4 * rows)
-    with drawing(title or mechanism.name, size) as figure:
-        for k, (heading, configurations) in enumerate(panels):
+    with drawing(heading(title, mechanism.name), size) as figure:
+        for k, (above, configurations) in enumerate(drawings):
             projection = {} if plane is not None else {"projection": "3d"}
             axes: Any = figure.add_subplot(rows, columns, k + 1, **projection)
             for i, (q_free, label) in enumerate(zip(configurations, labels, strict=True)):
                 colour = COLOURS[i % len(COLOURS)]
-                _draw(axes, mechanism, np.asarray(q_free, dtype=np.float64), plane, colour, label)
+                _draw(axes, mechanism, q_free, plane, colour, label)
             axes.set_aspect("equal", adjustable="datalim" if plane is not None else "box")
             labelled = zip("xyz", _axis_names(plane), strict=False)
             axes.set(**{f"{axis}label": f"{name} [m]" for axis, name in labelled})
-            axes.set_title(heading, fontsize=11)
+            axes.set_title(above, fontsize=11)
             if k == 0:
                 axes.legend(loc="best", framealpha=0.85, edgecolor="none")
     return figure
+
+
+def _checked_panels(mechanism: Mechanism, panels: object, labels: object) -> list[tuple[str, Array]]:
+    """Headings and configurations (K, nq), each with as many as there are labels.
+
+    Raises:
+        InvalidInputError: They are not that.
+    """
+    count = len(records(labels, "labels", str))
+    checked = []
+    for panel in instance(panels, "panels", Sequence, "a sequence of (heading, configurations)"):
+        if not isinstance(panel, tuple) or len(panel) != 2:
+            raise InvalidInputError(f"a panel is (heading, configurations), not {panel!r:.80}")
+        rows = matrix_rows(panel[1], "configurations", mechanism.nq)
+        if len(rows) != count:
+            raise InvalidInputError(f"there are {len(rows)} configurations and {count} labels")
+        checked.append((instance(panel[0], "a panel's heading", str, "a text"), rows))
+    if not checked:
+        raise InvalidInputError("panels is empty: there is nothing to draw")
+    return checked
 
 
 def _axis_names(plane: Array | None) -> list[str]:

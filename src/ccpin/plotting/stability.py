@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, heading, instance, matrix_rows, positive, vector
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.theorem3 import SetPointCertificate
 from ccpin.domain.atlas.cells import Corners, corners_of
@@ -34,8 +34,9 @@ def plot_lyapunov(
         level: c in joules.
         title: The figure's title.
     """
-    times = np.asarray(t, dtype=np.float64)
-    with drawing(title or "Lyapunov function along the motion", (7.0, 5.6)) as figure:
+    times = vector(t, "t", len(instance(history, "history", LyapunovHistory).V))
+    level = None if level is None else positive(level, "level")
+    with drawing(heading(title, "Lyapunov function along the motion"), (7.0, 5.6)) as figure:
         above, below = figure.subplots(2, 1, sharex=True)
         above.plot(times, history.V, color=COLOURS[1], linewidth=1.8, label=r"$\mathcal{V}$")
         if level is not None:
@@ -67,13 +68,14 @@ def plot_sublevel(
     Raises:
         UnsupportedMechanismError: Other than two coordinates.
     """
+    instance(certificate, "certificate", SetPointCertificate)
     law, mechanism = certificate.law, certificate.law.model.mechanism
     if mechanism.n != 2:
         raise UnsupportedMechanismError(f"{mechanism.name} has {mechanism.n} coordinates; the picture is of two")
-    points = [np.asarray(start, dtype=np.float64) for start in starts]
+    points = list(matrix_rows(starts, "starts", 2)) if np.size(starts) else []  # type: ignore[arg-type]
     lower, upper = corners_of(_window(certificate, points) if window is None else window, mechanism.independent)
     scale = np.where([mechanism.tree.joint(name).kind.sliding for name in mechanism.independent], 1.0, np.degrees(1.0))
-    title = title or f"{mechanism.name}: the potential well U and the set that Theorem 3 covers"
+    title = heading(title, f"{mechanism.name}: the potential well U and the set that Theorem 3 covers")
     with drawing(title, (7.2, 6.4)) as figure:
         axes = figure.add_subplot()
         _cells(axes, certificate, scale)
@@ -81,7 +83,7 @@ def plot_sublevel(
         x, y = x * scale[0], y * scale[1]
         lines = axes.contour(x, y, well, levels=12, linewidths=0.7, colors="0.45")
         axes.clabel(lines, fmt="%g J", fontsize=8)
-        if certificate.holds:
+        if certificate.level > 0.0:
             axes.contour(x, y, well, levels=[certificate.level], colors=COLOURS[2], linewidths=2.2)
             axes.plot([], [], color=COLOURS[2], linewidth=2.2, label=f"U = c = {certificate.level:.4g} J")
             axes.plot(*(certificate.touch * scale), "x", color=COLOURS[3], markersize=9, label="what limits c")

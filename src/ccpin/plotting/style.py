@@ -7,7 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ccpin.files import write_atomically
+from ccpin.arrays import instance
+from ccpin.errors import InvalidInputError
+from ccpin.files import writable_target, write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,12 +41,16 @@ def save(figure: Figure, path: str | Path) -> None:
     """Write a figure as PNG, PDF or SVG by the file's ending, atomically.
 
     Raises:
-        InvalidInputError: The folder cannot be written to.
+        InvalidInputError: The folder cannot be written to, or the ending names no format.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    target = Path(path)
+    instance(figure, "figure", Figure)
+    target = writable_target(path)
     if figure.canvas is None:
         FigureCanvasAgg(figure)
-    kind = target.suffix.lstrip(".") or "png"
+    kind, known = target.suffix.lstrip(".").lower() or "png", figure.canvas.get_supported_filetypes()
+    if kind not in known:
+        raise InvalidInputError(f"'{target}': figures are written as {', '.join(known)}, by the file's ending")
     write_atomically(target, "wb", lambda file: figure.savefig(file, format=kind))

@@ -8,17 +8,17 @@ and the bodies' accelerations follow, by Newton and Euler, those of the tree's j
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import null_space
 
-from ccpin.arrays import Array, Mask, cross, skew
+from ccpin.arrays import Array, Mask, cross, instance
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
-from ccpin.dynamics.wrenches import Pushes, Wrenches, applied_wrenches, pushes_of
+from ccpin.dynamics.wrenches import Pushes, Wrenches, applied_wrenches, pushes_of, wrench_rows
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.points import BodyMotion, body_motion, joint_poses
 from ccpin.mechanism.mechanism import Mechanism
@@ -108,8 +108,11 @@ def closure_forces(
     Raises:
         InvalidInputError: The trajectory is not this model's.
     """
-    bearings = _Wrenches(model_of(model))
-    return _histories(trajectory.t, [bearings.closures(*row).loads for row in bearings.rows(trajectory, wrenches)])
+    bearings = _Bearings(model_of(model))
+    instance(trajectory, "trajectory", Trajectory)
+    return _histories(
+        bearings.closures, trajectory.t, [bearings.of_closures(*row) for row in bearings.rows(trajectory, wrenches)]
+    )
 
 
 def closure_forces_at(
@@ -121,8 +124,9 @@ def closure_forces_at(
     wrenches: Wrenches | None = None,
 ) -> tuple[BearingForce, ...]:
     """`closure_forces` at one q or State; every field has a leading axis of length one, and t = 0."""
-    bearings = _Wrenches(model_of(model))
-    return _histories(np.zeros(1), [bearings.closures(bearings.model.at(q, guess), v, u, wrenches).loads])
+    bearings = _Bearings(model_of(model))
+    sample = bearings.of_closures(bearings.model.at(q, guess), v, u, wrenches)
+    return _histories(bearings.closures, np.zeros(1), [sample])
 
 
 def joint_forces(
@@ -133,38 +137,46 @@ def joint_forces(
     Along a joint's free directions it is the effort of its motor, spring and damper less what accelerates its rotor, or
     that of its couplings; across them it is what the bearing carries. Arguments and errors as for `closure_forces`.
     """
-    bearings = _Wrenches(model_of(model))
-    return _histories(trajectory.t, [bearings.joints(*row) for row in bearings.rows(trajectory, wrenches)])
+    bearings = _Bearings(model_of(model))
+    instance(trajectory, "trajectory", Trajectory)
+    return _histories(
+        bearings.model.mechanism.tree.names,
+        trajectory.t,
+        [bearings.of_joints(*row) for row in bearings.rows(trajectory, wrenches)],
+    )
 
 
-class _Load(NamedTuple):
-    """What one closure or joint carries at one sample; `BearingForce` has the fields."""
+class _Loads(NamedTuple):
+    """What closures or joints carry at one sample, a row each; `BearingForce` has the fields, wrench both parts."""
 
-    name: str
     point: Array
     axis: Array
     wrench: Array
     determined: Mask
 
 
-class _Closures(NamedTuple):
-    """The closures' loads, and the wrenches that each null vector of φ_q′ᵀ would add to each of them, (6, r) each."""
+class _Bearings:
+    """λ as wrenches on the bodies, and from them, by Newton and Euler, what the joints carry.
 
-    loads: list[_Load]
-    freedoms: list[Array]
-
-
-class _Wrenches:
-    """λ as wrenches on the bodies."""
+    Attributes:
+        closures: The closures' names.
+        sides: +1 where a joint's subtree holds a closure's end A alone, −1 where end B alone, of shape (joints, L).
+    """
 
     def __init__(self, model: ReducedModel) -> None:
-        mechanism = model.mechanism
-        self.model = model
-        self.free = model.free_system.model
-        self.loops = model.parametrization.constraints.loops
+        mechanism, self.model, self.free = model.mechanism, model, model.free_system.model
+        self.tree, self.loops = mechanism.tree, model.parametrization.constraints.loops
+        self.closures = tuple(loop.closure.name for loop in self.loops)
         self.slices = model.parametrization.constraints.row_slices()
-        self.complete = Constraints(mechanism.tree, mechanism.closures, mechanism.couplings, reduce_planar=False)
+        self.complete = Constraints(
+            mechanism.tree, (*mechanism.closures, *mechanism.locks), mechanism.couplings, reduce_planar=False
+        )
         self.complete_slices = self.complete.row_slices()
+        self.subtrees = [list(self.free.subtrees[joint.number]) for joint in self.tree.joints]
+        held = [[(loop.joint_a in all_, loop.joint_b in all_) for loop in self.loops] for all_ in self.subtrees]
+        ends = np.array(held, dtype=np.float64).reshape(len(held), len(self.loops), 2)
+        self.sides = ends[..., 0] - ends[..., 1]
+        self.axes = np.array([joint.axis for joint in self.tree.joints]).reshape(-1, 3)
         self.masses = np.array([inertia.mass for inertia in self.free.inertias])
         self.inertias = np.array([inertia.inertia for inertia in self.free.inertias])
         self.masses[0] = 0.0
@@ -173,50 +185,81 @@ class _Wrenches:
         self, trajectory: Trajectory, wrenches: Wrenches | Pushes | None
     ) -> Iterator[tuple[State, Array, Array, Wrenches | None]]:
         """(State, q̇, u, wrenches on links) at every sample."""
-        pushes = pushes_of(self.model.mechanism.tree, wrenches)
+        pushes = pushes_of(self.tree, wrenches)
         for t, (state, v, u) in zip(trajectory.t.tolist(), trajectory.states(self.model), strict=True):
             yield state, v, u, pushes(t, state, v)
 
-    def closures(self, state: State, v: ArrayLike, u: ArrayLike, pushed: Wrenches | None) -> _Closures:
+    def of_closures(self, state: State, v: ArrayLike, u: ArrayLike, pushed: Wrenches | None) -> _Loads:
         """The wrenches on the closures' ends A at one state."""
-        multipliers = state.constraint_forces(v, u, pushed)
-        poses = joint_poses(self.model.free_system.scratch, state.q_free)
-        constraints, complete = self.model.parametrization.constraints, self.complete.value(state.q_free)
-        loose = _left_null_space(complete.jacobian)
-        wrenches = constraints.wrenches(state.point.constraints)
-        all_wrenches = self.complete.wrenches(complete)
-        loads, freedoms = [], []
-        for loop in self.loops:
-            name, frame = loop.closure.name, poses[loop.joint_a] @ loop.frame_a
-            rows, all_rows = self.slices[name], self.complete_slices[name]
-            freedoms.append(all_wrenches[all_rows].T @ loose[all_rows])
-            wrench = wrenches[rows].T @ multipliers[rows]
-            loads.append(_Load(name, frame[:3, 3], frame[:3, 2], wrench, _determined(freedoms[-1])))
-        return _Closures(loads, freedoms)
+        answer = self.asked(state, v, u, pushed)
+        if answer is None:
+            wrenches, poses = self.closure_wrenches(state, v, u, pushed), self.poses(state)
+        else:
+            wrenches, _, poses = answer
+        frames = self.frames(poses)
+        return _Loads(frames[:, :3, 3], frames[:, :3, 2], wrenches, _determined(self.freedoms(state)))
 
-    def joints(self, state: State, v: Array, u: Array, pushed: Wrenches | None) -> list[_Load]:
-        """Newton and Euler for what each joint carries: its subtree's momentum, weight, closures and wrenches."""
-        closures = self.closures(state, v, u, pushed)
+    def of_joints(self, state: State, v: Array, u: Array, pushed: Wrenches | None) -> _Loads:
+        """The wrenches that the joints pass on to their children at one state."""
+        answer = self.asked(state, v, u, pushed)
+        poses = self.poses(state) if answer is None else answer[2]
+        points, origins = self.frames(poses)[:, :3, 3], poses[1:, :3, 3]
+        if answer is None:
+            passed = self.passed(self.closure_wrenches(state, v, u, pushed)[:, None], points, origins)[:, 0]
+            wrenches = self.subtree_wrenches(state, v, u, pushed) - passed
+        else:
+            wrenches = answer[1]
+        axes = np.einsum("jik,jk->ji", poses[1:, :3, :3], self.axes)
+        determined = _determined(self.passed(self.freedoms(state), points, origins))
+        return _Loads(origins, axes, wrenches, determined)
+
+    def asked(self, state: State, v: ArrayLike, u: ArrayLike, pushed: Wrenches | None) -> Any:
+        """The compiled core's answer: the closures' wrenches, the joints', and the joints' poses."""
+        return self.model.core.bearing_forces(state.q_free, v, u, None, wrench_rows(self.tree, pushed))
+
+    def poses(self, state: State) -> Array:
+        return joint_poses(self.model.free_system.scratch, state.q_free)
+
+    def frames(self, poses: Array) -> Array:
+        """The closures' frames on their ends A in the world, of shape (L, 4, 4)."""
+        return np.array([poses[loop.joint_a] @ loop.frame_a for loop in self.loops]).reshape(-1, 4, 4)
+
+    def closure_wrenches(self, state: State, v: ArrayLike, u: ArrayLike, pushed: Wrenches | None) -> Array:
+        """Of shape (L, 6)."""
+        multipliers = state.constraint_forces(v, u, pushed)
+        rows = self.model.parametrization.constraints.wrenches(state.point.constraints)
+        found = [rows[self.slices[name]].T @ multipliers[self.slices[name]] for name in self.closures]
+        return np.array(found).reshape(-1, 6)
+
+    def freedoms(self, state: State) -> Array:
+        """The wrenches that each null vector of φ_q′ᵀ, all its rows kept, adds to each closure, of shape (L, r, 6)."""
+        complete = self.complete.value(state.q_free)
+        loose, wrenches = _left_null_space(complete.jacobian), self.complete.wrenches(complete)
+        found = [loose[rows].T @ wrenches[rows] for rows in (self.complete_slices[name] for name in self.closures)]
+        return np.array(found).reshape(len(self.loops), loose.shape[1], 6)
+
+    def passed(self, wrenches: Array, points: Array, origins: Array) -> Array:
+        """What wrenches (L, r, 6) at the closures' points are to the joints' subtrees, of shape (joints, r, 6)."""
+        forces, moments = wrenches[..., :3], wrenches[..., 3:]
+        arms = (points - origins[:, None])[:, :, None]
+        moved = moments + cross(arms, forces)
+        forces = np.einsum("jl,lri->jri", self.sides, forces)
+        return np.concatenate([forces, np.einsum("jl,jlri->jri", self.sides, moved)], axis=2)
+
+    def subtree_wrenches(self, state: State, v: Array, u: Array, pushed: Wrenches | None) -> Array:
+        """Newton and Euler: what each joint's subtree asks for, closures aside, about its origin, (joints, 6)."""
         motion, forces, moments = self.momentum_rates(state, v, u, pushed)
-        for one in applied_wrenches(self.model.mechanism.tree, pushed):
+        for one in applied_wrenches(self.tree, pushed):
             pose = motion.poses[one.joint]
             arm = pose[:3, :3] @ one.point + pose[:3, 3] - motion.centres[one.joint]
             forces[one.joint] -= one.force
             moments[one.joint] -= one.moment + cross(arm, one.force)
-        loads = []
-        for joint in self.model.mechanism.tree.joints:
-            carried, origin = list(self.free.subtrees[joint.number]), motion.poses[joint.number, :3, 3]
-            turning = moments[carried] + cross(motion.centres[carried] - origin, forces[carried])
-            wrench = np.concatenate([forces[carried].sum(axis=0), turning.sum(axis=0)])
-            freedom = np.zeros((6, closures.freedoms[0].shape[1] if closures.freedoms else 0))
-            for loop, load, loose in zip(self.loops, *closures, strict=True):
-                side = float(loop.joint_a in carried) - float(loop.joint_b in carried)
-                shift = _shift(load.point - origin)
-                wrench -= side * (shift @ load.wrench)
-                freedom -= side * (shift @ loose)
-            turned = motion.poses[joint.number, :3, :3] @ joint.axis
-            loads.append(_Load(joint.name, origin, turned, wrench, _determined(freedom)))
-        return loads
+        found = np.empty((len(self.subtrees), 6))
+        for joint, carried, wrench in zip(self.tree.joints, self.subtrees, found, strict=True):
+            arms = motion.centres[carried] - motion.poses[joint.number, :3, 3]
+            wrench[:3] = forces[carried].sum(axis=0)
+            wrench[3:] = (moments[carried] + cross(arms, forces[carried])).sum(axis=0)
+        return found
 
     def momentum_rates(
         self, state: State, v: Array, u: Array, pushed: Wrenches | None
@@ -232,26 +275,18 @@ class _Wrenches:
         return motion, forces, moments
 
 
-def _histories(t: Array, samples: list[list[_Load]]) -> tuple[BearingForce, ...]:
+def _histories(names: Sequence[str], t: Array, samples: Sequence[_Loads]) -> tuple[BearingForce, ...]:
     """The samples' loads, one closure or joint after the other."""
-    histories = []
-    for loads in zip(*samples, strict=True):
-        (name, *_), *columns = zip(*loads, strict=True)
-        point, axis, wrench, determined = map(np.array, columns)
-        histories.append(BearingForce(name, t.copy(), point, axis, wrench[:, :3], wrench[:, 3:], determined))
-    return tuple(histories)
+    point, axis, wrench, determined = (np.array(column) for column in zip(*samples, strict=True))
+    return tuple(
+        BearingForce(name, t.copy(), point[:, k], axis[:, k], wrench[:, k, :3], wrench[:, k, 3:], determined[:, k])
+        for k, name in enumerate(names)
+    )
 
 
-def _determined(freedom: Array) -> Mask:
-    """Which components no null vector of φ_q′ᵀ changes, of shape (6,)."""
-    return np.asarray(np.abs(freedom).max(axis=1, initial=0.0) < _SEEN)
-
-
-def _shift(arm: Array) -> Array:
-    """The 6×6 matrix that takes a wrench about origin + arm to the same wrench about the origin."""
-    shift = np.eye(6)
-    shift[3:, :3] = skew(arm)
-    return shift
+def _determined(freedoms: Array) -> Mask:
+    """Which components no null vector of φ_q′ᵀ changes, of shape (K, 6)."""
+    return np.asarray(np.abs(freedoms).max(axis=1, initial=0.0) < _SEEN)
 
 
 def _left_null_space(jacobian: Array) -> Array:

@@ -59,13 +59,13 @@ def simulate_in_core(
         law: The law.
         method: The integrator.
         guess: As for `simulate`.
-        run: times (N,), start (q, q̇), rtol, atol, max_step, singular_rcond, and a `Settling`'s fields (an empty goal:
-            run to the end).
+        run: times (N,), start (q, q̇), rtol, atol, max_step, singular_rcond, a `Settling`'s fields (an empty goal: run
+            to the end), wrenches (`wrench_rows`) and sampling (`SampledCommands.numbers`).
     """
     tableau, numbers = TABLEAUX.get(method), law_numbers(model, law)
     if tableau is None or numbers is None or isinstance(model.core, Declining):
         return None
-    if type(law) is NoTorque and not len(run["goal"]):
+    if type(law) is NoTorque and not len(run["goal"]) and run["sampling"] is None:
         return _passive(model, law, guess, run, tableau)
     run = run | _part(0.0, 0.0, np.inf, Measure(model.mechanism))
     answer = model.core.simulate(guess, numbers, run, tableau)

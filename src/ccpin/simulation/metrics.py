@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, instance, positive
 from ccpin.control.laws import PDFullGravity, PDSimpleGravity
 from ccpin.dynamics.reduced_model import ReducedModel, coordinates_of
+from ccpin.errors import InvalidInputError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.trajectory import Trajectory
@@ -55,6 +56,8 @@ def set_point_metrics(
     Raises:
         InvalidInputError: The goal has the wrong shape or is not finite.
     """
+    instance(trajectory, "trajectory", Trajectory)
+    band = positive(band, "band", "a positive number (rad or m)")
     coordinates = coordinates_of(mechanism)
     q_d = checked_q(coordinates, goal, "goal")
     error = np.array([coordinates.difference(q, q_d) for q in trajectory.q])
@@ -64,7 +67,7 @@ def set_point_metrics(
         settled = None if outside[-1] + 1 == len(error) else float(trajectory.t[outside[-1] + 1])
     direction = np.sign(error[0])
     return Metrics(
-        band=float(band),
+        band=band,
         settling_time=settled,
         overshoot=np.maximum(0.0, -(error * direction).min(axis=0)),
         peak_torque=np.abs(trajectory.u).max(axis=0),
@@ -98,6 +101,9 @@ def lyapunov_along(law: PDSimpleGravity | PDFullGravity, trajectory: Trajectory)
     −q̇ᵀK_v q̇; a saturated or sampled controller departs from it.
     """
     full = isinstance(law, PDFullGravity)
+    if not full and not isinstance(law, PDSimpleGravity):
+        raise InvalidInputError(f"law must be PDSimpleGravity or PDFullGravity, not {type(law).__name__}")
+    instance(trajectory, "trajectory", Trajectory)
     samples = []
     for state, v, u in trajectory.states(law.model):
         force = state.generalized_force(u) - law.K_p @ law.error(state.q) - (state.g if full else law.gravity_d)

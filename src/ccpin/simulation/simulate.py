@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import integrate
 
-from ccpin.arrays import Array, Mask, positive, vector
+from ccpin.arrays import Array, Mask, choice, instance, number, positive, step_or_infinite, vector
 from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
 from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
-from ccpin.dynamics.wrenches import Pushes, Wrenches, pushes_of
+from ccpin.dynamics.wrenches import Pushes, Wrenches, pushes_of, wrench_rows
 from ccpin.errors import (
     CcpinError,
     ConvergenceError,
@@ -99,7 +99,9 @@ def simulate(
         max_step: The integrator's longest step in seconds.
         settling: Stop once settled.
         region: Stop where it says False of q (a certified domain's ``contains``, say).
-        singular_rcond: Stop where ψ_q′'s reciprocal condition number falls below this.
+        singular_rcond: Stop where ψ_q′'s reciprocal condition number falls below this. Without torque, and under a
+            function (t, q, v) or another law that holds `everywhere`, the motion goes on in other independent
+            coordinates instead (`ccpin.simulation.following`), and stops where the mechanism itself is singular.
         friction: Coulomb and viscous friction: ``{joint: (coulomb, viscous)}`` for any joints, or a pair of arrays
             (coulomb, viscous) for the independent ones; default what the mechanism's joints state (`joints.friction`),
             ``{}`` for none. Whether a joint halts or breaks loose is looked at after every step of the integrator and
@@ -124,28 +126,34 @@ def simulate(
     v_start = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
     for name, value in (("duration", duration), ("sample_period", sample_period), ("rtol", rtol), ("atol", atol)):
         positive(value, name)
-    if method not in METHODS:
-        raise InvalidInputError(f"method '{method}' is not one of {', '.join(METHODS)}")
-    if not max_step > 0:
-        raise InvalidInputError(f"max_step = {max_step} must be a positive number")
+    choice(method, "method", METHODS)
+    max_step = step_or_infinite(max_step, "max_step")
     if settling is not None:
+        instance(settling, "settling", Settling)
         settling = settling._replace(goal=checked_q(model.coordinates, settling.goal))
+    if region is not None and not callable(region):
+        raise InvalidInputError(f"region must be a function of q, not {type(region).__name__}")
+    if sampling is not None:
+        instance(sampling, "sampling", Sampling)
+    singular_rcond = number(singular_rcond, "singular_rcond")
     rubbing = joint_friction(model, friction)
     contact, pushes = StickSlip(model, rubbing), pushes_of(model.mechanism.tree, wrenches)
     times = np.arange(np.floor(duration / sample_period * (1 + 1e-12)) + 1) * sample_period
     if times[-1] < duration * (1 - 1e-9):
         times = np.append(times, duration)
     options = {"rtol": rtol, "atol": atol, "max_step": max_step}
-    plain = not rubbing.names and wrenches is None and sampling is None and region is None
-    if plain:
+    sized = _Sized(law, model)
+    commands = (
+        ContinuousCommands(sized) if sampling is None else SampledCommands(model, sized, sampling, start.q, v_start)
+    )
+    if not rubbing.names and not callable(wrenches) and region is None:
         numbers = {"times": times, "start": np.concatenate([start.q, v_start]), "singular_rcond": singular_rcond}
         numbers |= options | (settling or _NEVER)._asdict()
+        numbers |= {"wrenches": wrench_rows(model.mechanism.tree, wrenches), "sampling": commands.numbers()}
         found = simulate_in_core(model, law, method, start.q_free, numbers)
         if found is not None:
             return found
     following = Following(model, law, wrenches)
-    law = _Sized(law, model)
-    commands = ContinuousCommands(law) if sampling is None else SampledCommands(model, law, sampling, start.q, v_start)
     run = _Run(commands, contact, pushes, following, start, v_start, settling, region, singular_rcond)
     return run.integrate(times, getattr(integrate, method), options)
 

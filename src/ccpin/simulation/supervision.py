@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, instance, number
 from ccpin.control.laws import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near
@@ -77,10 +77,13 @@ def supervise(
     Raises:
         InvalidInputError: No goals, or as `simulate` does for the first move.
     """
-    if not len(goals):
-        raise InvalidInputError("goals is empty: at least one set point is needed")
+    if not isinstance(goals, Sequence | np.ndarray) or not len(goals):
+        raise InvalidInputError("goals must be a sequence of at least one set point")
     model = model_of(model)
-    rule = settling or Settling(goal=np.zeros(model.nq))
+    if not callable(law_to):
+        raise InvalidInputError(f"law_to must be a function (q_d, q′) → law, not {type(law_to).__name__}")
+    rule = Settling(goal=np.zeros(model.nq)) if settling is None else instance(settling, "settling", Settling)
+    wait = number(wait, "wait", "a number of seconds")
     here = model.at(q0, guess)
     q, v, q_free = here.q, np.zeros(model.n), here.q_free
     moves: list[Move] = []

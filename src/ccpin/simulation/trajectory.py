@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 
-from ccpin.arrays import Array
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.arrays import Array, instance
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
@@ -56,18 +57,19 @@ class Trajectory(NamedTuple):
 
         The other's times are shifted to begin where this one ends.
         """
-        later = other._replace(t=other.t + (self.t[-1] - other.t[0]))
+        later = instance(other, "other", Trajectory)._replace(t=other.t + (self.t[-1] - other.t[0]))
         joined: dict[str, Any] = {name: getattr(self, name) + getattr(other, name) for name in ("evaluations", "changes")}
         for name in ("t", "q", "v", "u", "q_free", "closure_error", "v_free"):
             joined[name] = np.concatenate([getattr(self, name), getattr(later, name)[1:]])
         return other._replace(**joined)
 
-    def states(self, model: ReducedModel) -> Iterator[tuple[State, Array, Array]]:
+    def states(self, model: ReducedModel | Mechanism) -> Iterator[tuple[State, Array, Array]]:
         """(the State at q, v, u) of every sample, for reading the reduced model along the motion.
 
         Raises:
             InvalidInputError: The trajectory is of another mechanism: its configurations or efforts have another size.
         """
+        model = model_of(model)
         sizes, wanted = (self.q_free.shape[1:], self.u.shape[1:]), ((model.mechanism.nq,), (model.n_actuated,))
         if sizes != wanted:
             raise InvalidInputError(
@@ -118,7 +120,7 @@ def load_npz(path: str | Path) -> Trajectory:
     try:
         with np.load(path) as stored:
             fields = {name: stored[name] for name in Trajectory._fields}
-    except (OSError, KeyError, ValueError) as error:
+    except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
         raise InvalidInputError(f"{path} is not a trajectory: {error}") from None
     scalars = {"status": str(fields["status"]), "message": str(fields["message"])}
     counts = {name: int(fields[name]) for name in ("evaluations", "changes")}

@@ -29,9 +29,9 @@ def flint() -> Any:
     """
     try:
         return importlib.import_module("flint")
-    except ImportError:
+    except ImportError as error:
         raise CcpinError(
-            "validated integration needs python-flint: install ccpin with the extra 'validated' "
+            f"validated integration needs python-flint ({error}): install ccpin with the extra 'validated' "
             "(pip install 'ccpin[validated]')"
         ) from None
 

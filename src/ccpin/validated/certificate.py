@@ -33,9 +33,11 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ccpin.arrays import positive
 from ccpin.control.laws import PDSimpleGravity
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.validated.balls import Ball, ball, flint, lower, upper
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
 from ccpin.validated.enclose import (
@@ -103,7 +105,7 @@ class _Goal(NamedTuple):
 
 
 def certify_move(
-    model: ReducedModel,
+    model: ReducedModel | Mechanism,
     law: PDSimpleGravity,
     q0: ArrayLike,
     v0: ArrayLike | None = None,
@@ -120,7 +122,7 @@ def certify_move(
     """Prove that a motion under PD with simple gravity compensation ends at its set point.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         law: The law.
         q0: Start, of shape (n,), exact doubles.
         v0: Velocity at the start; default at rest.
@@ -140,7 +142,7 @@ def certify_move(
     """
     if not isinstance(law, PDSimpleGravity):
         raise InvalidInputError("the level certified is about PD with simple gravity compensation: pass that law")
-    level, rigorous = _level(arrival, law)
+    model, (level, rigorous) = model_of(model), _level(arrival, law)
     options = checked_options(duration, precision, Options(order, tolerance, pieces, SHORTEST_STEP, np.inf))
     with flint().ctx.workprec(precision):
         loop = closed_loop(model, law)
@@ -231,9 +233,10 @@ def _level(arrival: Certificate | float, law: PDSimpleGravity) -> tuple[float, b
     Raises:
         InvalidInputError: It is not a positive number, or another law's.
     """
-    if isinstance(arrival, int | float):
-        level, rigorous = float(arrival), False
+    if not isinstance(getattr(arrival, "level", None), float):
+        level, rigorous = positive(arrival, "arrival", "a set-point certificate or a positive number of joules"), False
     else:
+        assert not isinstance(arrival, int | float)
         level, rigorous = float(arrival.level), bool(arrival.rigorous)
         theirs = getattr(arrival, "law", law)
         same = all(np.array_equal(getattr(theirs, name), getattr(law, name)) for name in ("q_d", "K_p", "gravity_d"))

@@ -19,7 +19,6 @@ import numpy as np
 
 from ccpin.arrays import cross
 from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
-from ccpin.control.stability.well import checked_model
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.tree import Tree
@@ -63,7 +62,7 @@ def closed_loop(model: ReducedModel, law: ControlLaw | None) -> ClosedLoop:
         UnsupportedMechanismError: Joints other than revolute and prismatic, rows of φ that are redundant, independent
             coordinates that are not whole joints, or a law other than none and the two PD laws.
     """
-    mechanism, coordinates = checked_model(model).mechanism, model.coordinates
+    mechanism, coordinates = model.mechanism, model.coordinates
     if not (coordinates.scalar and coordinates.constant):
         raise UnsupportedMechanismError("validated integration covers whole 1-dof joints as independent coordinates")
     constraints = model.parametrization.constraints

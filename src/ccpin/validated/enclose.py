@@ -20,10 +20,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, frozen, positive, vector
+from ccpin.arrays import Array, frozen, number, numbers, positive, step_or_infinite, vector, whole
 from ccpin.control.laws import ControlLaw
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
 from ccpin.validated.balls import Ball, around, ball, bounds, determinant, flint, hull, lower, upper
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
 from ccpin.validated.series import values
@@ -111,7 +112,7 @@ class Enclosure:
 
     def contains(self, t: float, q_free: ArrayLike, v: ArrayLike, tolerance: float = 0.0) -> bool:
         """Whether (q′, q̇) is in the sharp box at a time, widened by a tolerance (an integrator's, say)."""
-        state = np.concatenate([np.asarray(q_free, dtype=np.float64), np.asarray(v, dtype=np.float64)])
+        state = np.concatenate([numbers(q_free, "q_free"), numbers(v, "v")])
         with flint().ctx.workprec(self.precision):
             slack = ball(tolerance)
             return all(around(x, slack).contains(ball(float(s))) for x, s in zip(self.box(t), state, strict=True))
@@ -124,7 +125,7 @@ class Enclosure:
 
 
 def enclose(
-    model: ReducedModel,
+    model: ReducedModel | Mechanism,
     law: ControlLaw | None,
     q0: ArrayLike,
     v0: ArrayLike | None,
@@ -142,7 +143,7 @@ def enclose(
     """Enclose the closed loop's exact trajectory, or say where the proof stops.
 
     Args:
-        model: The reduced model: revolute and prismatic joints, square ψ_q′.
+        model: The reduced model (or a mechanism): revolute and prismatic joints, square ψ_q′.
         law: `PDSimpleGravity`, `PDFullGravity`, `NoTorque` or ``None`` for no torque.
         q0: Start, of shape (n,): the exact doubles.
         v0: Velocity at the start, of shape (n,), exact; default at rest.
@@ -162,6 +163,7 @@ def enclose(
         UnsupportedMechanismError: A mechanism or law outside the scope.
         ConvergenceError: The exact closed start is not proven to exist.
     """
+    model = model_of(model)
     options = checked_options(duration, precision, Options(order, tolerance, pieces, shortest_step, longest_step))
     with flint().ctx.workprec(precision):
         loop = closed_loop(model, law)
@@ -183,10 +185,12 @@ def checked_options(duration: float, precision: int, options: Options) -> Option
     """
     positive(duration, "duration")
     order, tolerance, pieces, shortest_step, longest_step = options
-    if not (53 <= precision <= 100_000 and 2 <= order <= 1000):
-        raise InvalidInputError(f"precision = {precision} must be 53 bits or more and order = {order} 2 or more")
-    if not 1 <= pieces <= 10_000:
-        raise InvalidInputError(f"pieces = {pieces} must be 1 or more")
+    if not (whole(precision, "precision", 53) <= 100_000 and whole(order, "order", 2) <= 1000):
+        raise InvalidInputError(f"precision = {precision} and order = {order} are at most 100,000 bits and 1000")
+    if not whole(pieces, "pieces") <= 10_000:
+        raise InvalidInputError(f"pieces = {pieces} are at most 10,000")
+    positive(tolerance, "tolerance"), positive(shortest_step, "shortest_step")
+    step_or_infinite(longest_step, "longest_step")
     if not 2.0**-precision < tolerance < 1:
         raise InvalidInputError(f"tolerance = {tolerance} must lie between 2^-precision and 1")
     if not QUANTUM <= shortest_step <= longest_step:
@@ -203,7 +207,7 @@ def exact_start(
     spread: float = 0.0,
 ) -> list[Ball]:
     """The exact closed start (q′, q̇) as balls, or all closed starts within a spread."""
-    if not (np.isfinite(spread) and spread >= 0):
+    if number(spread, "spread") < 0:
         raise InvalidInputError(f"spread = {spread} must be zero or a positive number")
     start = model.at(q0, guess)
     v = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)

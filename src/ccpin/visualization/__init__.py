@@ -10,19 +10,22 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ccpin.arrays import heading
 from ccpin.errors import InvalidInputError
 from ccpin.files import writable_target, write_atomically
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.visualization.live import LiveRecorder, Server, Viewer
 from ccpin.visualization.page import Clock, Recorder, render_page
 from ccpin.visualization.playback import checked_pose, checked_poses, checked_times, frame_times, sample
 from ccpin.visualization.scene import Scene
 
-__all__ = ["Scene", "Viewer", "animate", "snapshot_html", "view"]
+PAGES = (".html", ".htm")
+
+__all__ = ["PAGES", "Scene", "Viewer", "animate", "snapshot_html", "view"]
 
 
 def animate(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     t: ArrayLike,
     q_free: ArrayLike,
     path: str | Path,
@@ -38,10 +41,10 @@ def animate(
     the geodesic. The page needs no network, and is written whole or not at all.
 
     Args:
-        mechanism: From `ccpin.load`.
+        mechanism: From `ccpin.load`, or a model of it.
         t: Strictly increasing times in seconds, of shape (T,), T ≥ 2.
         q_free: Configurations q′ of the free system, of shape (T, nq).
-        path: The HTML file to write; an existing one is replaced.
+        path: The web page to write, .html or .htm; an existing one is replaced.
         title: Heading; default the mechanism's name.
         fps: Frames per second of playing time.
         trace: A link or loop whose path is drawn.
@@ -49,29 +52,29 @@ def animate(
 
     Raises:
         InvalidInputError: An array has the wrong shape or is not finite, `t` does not increase, `fps` or `speed` is
-            not positive, `trace` names nothing, or `path` cannot be written.
+            not positive, `trace` names nothing, or `path` cannot be written or has another ending.
     """
-    target = writable_target(path)
+    mechanism, target = mechanism_of(mechanism), _page(path)
     recorder = Recorder()
     _, clock = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, loop=True)
-    return _written(target, render_page(title or mechanism.name, recorder.commands, clock))
+    return _written(target, render_page(heading(title, mechanism.name), recorder.commands, clock))
 
 
 def snapshot_html(
-    mechanism: Mechanism, q_free: ArrayLike | None, path: str | Path, *, title: str | None = None
+    mechanism: Mechanism | HasMechanism, q_free: ArrayLike | None, path: str | Path, *, title: str | None = None
 ) -> Path:
     """Write one configuration q′ of shape (nq,) as a self-contained web page; return its path.
 
     ``None`` stands for the reference configuration. Errors as for `animate`.
     """
-    target = writable_target(path)
+    mechanism, target = mechanism_of(mechanism), _page(path)
     recorder = Recorder()
     _pose(mechanism, recorder, q_free)
-    return _written(target, render_page(title or mechanism.name, recorder.commands, Clock()))
+    return _written(target, render_page(heading(title, mechanism.name), recorder.commands, Clock()))
 
 
 def view(
-    mechanism: Mechanism,
+    mechanism: Mechanism | HasMechanism,
     q_free: ArrayLike | None = None,
     t: ArrayLike | None = None,
     *,
@@ -91,6 +94,7 @@ def view(
         InvalidInputError: As for `animate`, or a trajectory comes without times, or times without one.
         CcpinError: No loopback port can be opened.
     """
+    mechanism, words = mechanism_of(mechanism), heading(title, mechanism_of(mechanism).name)
     recorder = LiveRecorder()
     clock = Clock()
     if t is not None:
@@ -101,7 +105,19 @@ def view(
         if q_free is not None and np.ndim(q_free) == 2:
             raise InvalidInputError("q_free is a trajectory, of shape (T, nq); give its times t, of shape (T,), too")
         scene = _pose(mechanism, recorder, q_free)
-    return Viewer(scene, Server(render_page(title or mechanism.name, (), clock, live=True), recorder), open_browser)
+    return Viewer(scene, Server(render_page(words, (), clock, live=True), recorder), open_browser)
+
+
+def _page(path: str | Path) -> Path:
+    """Where a page is to be written.
+
+    Raises:
+        InvalidInputError: The file's ending is not that of a page, or it cannot be written.
+    """
+    target = writable_target(path)
+    if target.suffix.lower() not in PAGES:
+        raise InvalidInputError(f"'{target}': what is drawn is written as a web page, {' or '.join(PAGES)}")
+    return target
 
 
 def _written(target: Path, document: str) -> Path:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, numbers, positive
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -22,13 +22,13 @@ def checked_pose(mechanism: Mechanism, q_free: ArrayLike) -> Array:
     Raises:
         InvalidInputError: Wrong shape, not finite, or a part on a sphere (quaternion, cosine and sine) is off it.
     """
-    pose: Array = checked_poses(mechanism, _array(q_free, "q_free")[None])[0]
+    pose: Array = checked_poses(mechanism, numbers(q_free, "q_free")[None])[0]
     return pose
 
 
 def checked_poses(mechanism: Mechanism, q_free: ArrayLike) -> Array:
     """Configurations as a float64 array of shape (T, nq); errors as for `checked_pose`."""
-    poses = _array(q_free, "q_free")
+    poses = numbers(q_free, "q_free").copy()
     if poses.ndim != 2 or poses.shape[1] != mechanism.nq:
         shape = poses.shape[1:] if poses.ndim and len(poses) == 1 else poses.shape
         raise InvalidInputError(
@@ -49,7 +49,7 @@ def checked_times(t: ArrayLike, count: int) -> Array:
     Raises:
         InvalidInputError: Wrong shape, fewer than two, not finite or not strictly increasing.
     """
-    times = _array(t, "t")
+    times = numbers(t, "t")
     if times.shape != (count,):
         raise InvalidInputError(f"t has shape {times.shape}; q_free holds {count} configurations: give ({count},)")
     if count < 2:
@@ -72,8 +72,7 @@ def frame_times(t: Array, fps: float, speed: float) -> Array:
         InvalidInputError: `fps` or `speed` is not positive, or there would be too many frames.
     """
     for name, value in (("fps", fps), ("speed", speed)):
-        if not (math.isfinite(value) and value > 0):
-            raise InvalidInputError(f"{name} must be a positive number, not {value}")
+        positive(value, name)
     steps = math.ceil((t[-1] - t[0]) * fps / speed - 1e-9)
     if steps >= MAX_FRAMES:
         message = f"{steps + 1} frames are too many (at most {MAX_FRAMES}); take a larger speed or a smaller fps"
@@ -89,10 +88,3 @@ def sample(mechanism: Mechanism, t: Array, q_free: Array, times: Array) -> Array
     fractions = (times - t[before]) / (t[after] - t[before])
     moments = zip(q_free[before], q_free[after], fractions.tolist(), strict=True)
     return np.array([a if u <= 0 else b if u >= 1 else pin.interpolate(model, a, b, u) for a, b, u in moments])
-
-
-def _array(value: ArrayLike, name: str) -> Array:
-    try:
-        return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InvalidInputError(f"{name} is not an array of numbers: {error}") from error

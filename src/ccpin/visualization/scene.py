@@ -15,7 +15,7 @@ from ccpin.kinematics import loops
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import rest_poses
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.visualization.page import Command
 from ccpin.visualization.shapes import corners, material, missing, parts, triangles, tube
 from ccpin.visualization.skeleton import Body, skeleton
@@ -45,8 +45,8 @@ class Scene:
         notes: What could not be drawn, in sentences.
     """
 
-    def __init__(self, mechanism: Mechanism, visualizer: Any) -> None:
-        self.mechanism = mechanism
+    def __init__(self, mechanism: Mechanism | HasMechanism, visualizer: Any) -> None:
+        self.mechanism = mechanism = mechanism_of(mechanism)
         self.visualizer = visualizer
         self.root = visualizer[_node(mechanism.name)]
         self._scratch = Scratch(mechanism.tree.model)
@@ -118,11 +118,11 @@ class Scene:
     def _tracked(self, name: str) -> tuple[int, Array]:
         """The joint that carries a named link or loop point, and the homogeneous point (4,) in its frame."""
         attachments = self.mechanism.tree.attachments
-        for closure in self.mechanism.closures:
+        for closure in self.mechanism.closures if isinstance(name, str) else ():
             if closure.name == name:
                 carrier = attachments[closure.link_a]
                 return carrier.joint, (carrier.placement @ closure.placement_a)[:, 3]
-        if name not in attachments:
+        if not isinstance(name, str) or name not in attachments:
             loops = ", ".join(closure.name for closure in self.mechanism.closures) or "none"
             raise InvalidInputError(f"trace '{name}' names no link ({', '.join(attachments)}) and no loop ({loops})")
         return attachments[name].joint, attachments[name].placement[:, 3]

@@ -18,7 +18,7 @@ from ccpin.control.stability.set_point_cells import cells_of_atlas
 from ccpin.control.stability.well import Well
 from ccpin.domain import certify
 from ccpin.dynamics import closed_loop_derivative, linearize
-from ccpin.errors import CcpinError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
+from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.simulation import lyapunov_along
 from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, START
@@ -282,7 +282,7 @@ def test_gain_below_the_slope_is_refused_and_runs_away(rpdr_model):
     assert np.linalg.eigvalsh(slope)[0] < -1.0
     weak = PDSimpleGravity(rpdr_model, UPRIGHT, [0.4, 0.4], K_V, UPRIGHT_MODE)
     refused = certify_law(weak)
-    assert not refused.holds
+    assert refused.verdict == "refuted"
     assert refused.stiffness < 0.0
     assert "not stable" in refused.reason
     assert not refused.contains(UPRIGHT)
@@ -291,7 +291,7 @@ def test_gain_below_the_slope_is_refused_and_runs_away(rpdr_model):
     assert np.abs(gone.q[-1] - UPRIGHT).max() > 0.3
     strong = PDSimpleGravity(rpdr_model, UPRIGHT, K_P, K_V, UPRIGHT_MODE)
     certificate = certify_law(strong, budget=Budget(8, 120))
-    assert certificate.holds
+    assert certificate.verdict == "proven"
     assert certificate.contains(off)
     back = ccpin.simulate(rpdr_model, strong, off, duration=4.0, guess=UPRIGHT_MODE)
     assert np.abs(back.q[-1] - UPRIGHT).max() < 1e-8
@@ -301,7 +301,7 @@ def test_gain_condition_is_sufficient_only(rpdr_model):
     """Where K_p is below ‖∂g/∂q‖ but K_p + ∂g/∂q is positive definite, Theorem 3 is silent, and says why."""
     reference = rpdr_model.alpha(rpdr_model.mechanism.q_reference)
     certificate = certify_law(PDSimpleGravity(rpdr_model, reference, [1.2, 1.2], K_V))
-    assert not certificate.holds
+    assert certificate.verdict == "refuted"
     assert certificate.stiffness > 0.0
     assert "gain condition fails" in certificate.reason
 
@@ -311,7 +311,7 @@ def test_full_matrix_gains(rpdr_model):
     matrix = np.array([[14.0, 4.0], [4.0, 9.0]])
     certificate = certify_law(PDSimpleGravity(rpdr_model, GOAL, matrix, K_V), budget=Budget(8, 100))
     assert certificate.gain == pytest.approx(11.5 - np.sqrt(2.5**2 + 16.0))
-    assert certificate.holds
+    assert certificate.verdict == "proven"
 
 
 def test_bad_input_is_refused(rpdr_model):
@@ -377,6 +377,31 @@ def test_atlas_in_space():
     assert max(np.linalg.norm(model.gravity_derivative(q), 2) for q in inside) <= certificate.beta < 30.0
 
 
+def test_the_whole_branch_as_domain(rpdr, rpdr_model):
+    """The default atlas, thousands of boxes, is no work spent: about the goal the level is that of cells laid there."""
+    branch = certify(rpdr, GOAL)
+    certificate = certify_set_point(rpdr_model, GOAL, K_P, K_V, branch)
+    assert certificate.verdict == "proven"
+    around = certify_set_point(rpdr_model, GOAL, K_P, K_V)
+    assert certificate.level == pytest.approx(around.level, rel=0.02)
+    gains = suggest_gains(rpdr_model, GOAL, branch)
+    assert gains.verdict == "proven"
+    assert "near a singularity" in gains.reason
+    assert not gains.within_limits
+
+
+def test_a_budget_spent_is_told_as_that(rpdr_model):
+    """One box far too coarse for the gains: undecided, never "the gain condition fails"; more work proves it."""
+    half = np.radians(14.0)
+    coarse = certify(rpdr_model.mechanism, GOAL, (GOAL - half, GOAL + half), max_depth=0)
+    K_p = [7.0, 7.0]
+    spent = certify_set_point(rpdr_model, GOAL, K_p, K_V, coarse, budget=Budget(0, 0))
+    assert spent.verdict == "undecided"
+    assert spent.slope < spent.gain
+    assert "budget" in spent.reason
+    assert certify_set_point(rpdr_model, GOAL, K_p, K_V, coarse).verdict == "proven"
+
+
 def test_atlas_of_another_branch_or_place(rpdr_model, atlas):
     """A set point outside of the atlas, on another branch, or of another mechanism is refused."""
     elsewhere = PDSimpleGravity(rpdr_model, np.radians([-150.0, -150.0]), K_P, K_V)
@@ -409,7 +434,7 @@ def test_plain_region_says_it_is_sampled(rpdr_model):
 def test_region_with_the_goal_at_its_corner(rpdr_model):
     """𝒟 itself holds no B₂: the paper's goal is a corner of it."""
     certificate = certify_law(PDSimpleGravity(rpdr_model, GOAL, K_P, K_V), (START, GOAL))
-    assert not certificate.holds
+    assert certificate.verdict == "undecided"
     assert certificate.beta < 11.0
 
 
@@ -423,7 +448,7 @@ def test_suggested_gains_damp_every_mode(rpdr, rpdr_model):
     gains = suggest_gains(rpdr_model, GOAL, atlas, margin=1.3, damping=0.6)
     points, _, slope = _grid()
     inside = np.all(np.abs(points - GOAL) <= half + 1e-9, axis=1)
-    assert gains.rigorous
+    assert gains.verdict == "proven"
     assert slope[inside].max() <= gains.beta <= 1.07 * slope[inside].max()
     assert 0.95 * gains.beta <= gains.beta_seen <= gains.beta
     np.testing.assert_allclose(gains.K_p, 1.3 * gains.beta * np.eye(2))
@@ -432,21 +457,42 @@ def test_suggested_gains_damp_every_mode(rpdr, rpdr_model):
     poles = np.linalg.eigvals(loop)
     np.testing.assert_allclose(-poles.real / np.abs(poles), 0.6, atol=1e-8)
     np.testing.assert_allclose(np.sort(np.abs(poles))[::2], gains.frequencies, rtol=1e-8)
-    assert certify_law(law, atlas).holds
+    assert certify_law(law, atlas).verdict == "proven"
 
 
-def test_no_gains_beside_a_singularity(rpdr_model, atlas):
+def test_gains_beside_a_singularity_say_what_limits_them(rpdr_model, atlas):
     """The ±30° square ends 3° from the isolated singular point, where ∂g/∂q has no useful bound: that is said."""
     store = cells_of_atlas(PDSimpleGravity(rpdr_model, GOAL, K_P, K_V), atlas)
-    with pytest.raises(SingularConfigurationError, match="ends near a singularity"):
-        gravity_slope_over(store, cells=200)
+    slope = gravity_slope_over(store, cells=200)
+    assert slope.bound > 2.0 * slope.seen
+    assert 200 <= slope.proved <= 202
+    gains = suggest_gains(rpdr_model, GOAL, atlas)
+    assert "joint1 for up to" in gains.reason
+    singular = np.radians([-56.9, -123.1])  # (56.9°, 123.1°) in the paper's upper half, mirrored
+    assert np.abs(gains.steepest - singular).max() < np.radians(6.0)
+
+
+def test_gains_are_held_against_the_motors(rpdr):
+    """A motor that gives 1 N m is asked for more by K_p over ±16°: which, and by how much, is said."""
+    half = np.radians(16.0)
+    atlas = certify(rpdr, GOAL, (GOAL - half, GOAL + half), max_depth=8)
+    weak = ccpin.load("rpdr", motors={"joint1": {"lower": -1.0, "upper": 1.0}})
+    gains = suggest_gains(ccpin.ReducedModel(weak), GOAL, atlas)
+    law = PDSimpleGravity(ccpin.ReducedModel(weak), GOAL, gains.K_p, gains.K_v)
+    corners = [GOAL + half * np.array(signs) for signs in ((-1, -1), (-1, 1), (1, -1), (1, 1))]
+    asked = np.abs([law.torque(0.0, q, np.zeros(2)) for q in corners]).max(axis=0)
+    np.testing.assert_allclose(gains.effort, asked, rtol=1e-6)
+    assert not gains.within_limits
+    assert "joint1 for up to" in gains.reason
+    assert "joint2" not in gains.reason
+    assert suggest_gains(ccpin.ReducedModel(rpdr), GOAL, atlas).effort_limit.shape == (2,)
 
 
 def test_gains_over_a_region(rpdr_model):
     """Over a plain region β is the largest sample: 7.25 N m/rad on 𝒟 by the closed form."""
     gains = suggest_gains(rpdr_model, GOAL, (START, GOAL))
     expected = max(_closed_form_slope(np.radians([-90.0, b])) for b in np.arange(-160.0, -99.0, 0.5))
-    assert not gains.rigorous
+    assert gains.verdict == "undecided"
     assert gains.beta == pytest.approx(expected, rel=5e-3)
 
 

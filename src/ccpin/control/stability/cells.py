@@ -80,6 +80,9 @@ class CellStore:
         potential: V′ in the same chart.
         law: The set point and K_p.
         lattice: (corner of cell (0, …, 0), edge lengths) of a lattice that may grow; ``None``: it may not.
+
+    Attributes:
+        proved: How many cells were proved here; those that came with an atlas are not counted.
     """
 
     def __init__(
@@ -94,17 +97,16 @@ class CellStore:
     def __getitem__(self, number: int) -> Cell:
         return self.cells[number]
 
-    def add_proved(self, boxes: Boxes, lower: Array, upper: Array, apart: Iterable[tuple[int, int]] = ()) -> None:
-        """Cells that come with their boxes; all that share a face are neighbours, but for the pairs `apart`."""
+    def add_proved(self, boxes: Boxes, lower: Array, upper: Array, touching: Iterable[tuple[int, int]]) -> None:
+        """Cells that come with their boxes, and the pairs of them that touch and are glued; no work is counted."""
         for corner, end in zip(lower, upper, strict=True):
             self._append(Cell(corner, end, 0, None))
-        excluded = {frozenset(pair) for pair in apart}
-        for i, cell in enumerate(self.cells):
-            near = np.flatnonzero(np.all((lower <= cell.upper + _SHARED) & (upper >= cell.lower - _SHARED), axis=1))
-            cell.neighbours = {
-                int(j) for j in near if frozenset((i, int(j))) not in excluded and self.face(i, int(j)) is not None
-            }
+        for i, j in touching:
+            if self.face(i, j) is not None:
+                self.cells[i].neighbours.add(j)
+                self.cells[j].neighbours.add(i)
         self._settle(list(range(len(self.cells))), boxes)
+        self.proved = 0
 
     def add_first(self, box: Boxes, lower: Array, upper: Array) -> int:
         """The lattice's cell (0, …, 0) with its box."""

@@ -27,7 +27,7 @@ from ccpin.arrays import Array
 from ccpin.control.stability.cells import Cell, CellStore, Face, holding
 from ccpin.control.stability.well import Well
 
-Limit = Literal["domain", "gain", "budget"]
+Limit = Literal["domain", "gain", "budget", "depth"]
 _AHEAD = 16
 
 
@@ -36,7 +36,7 @@ class Budget(NamedTuple):
 
     Attributes:
         depth: How often a cell may be halved.
-        cells: How many cells may be proved in all.
+        cells: How many cells may be proved, beyond those that an atlas brings.
         tolerance: Relative accuracy of the level at which tightening ends.
     """
 
@@ -89,8 +89,8 @@ class Flood:
     def run(self, q_d: Array) -> Sublevel:
         """Flood from the cells that hold q_d."""
         start = self._start(q_d)
-        if start is None:
-            return Sublevel(0.0, (), float("nan"), "gain", q_d)
+        if isinstance(start, str):
+            return Sublevel(0.0, (), float("nan"), start, q_d)
         for number in start:
             self._add(number, None)
         limit, point = self._flood(q_d)
@@ -104,8 +104,8 @@ class Flood:
         ]
         return Sublevel(self._level, chosen, max(well.beta for well in wells), limit, point)
 
-    def _start(self, q_d: Array) -> list[int] | None:
-        """Good cells around q_d, halved until they are."""
+    def _start(self, q_d: Array) -> list[int] | Limit:
+        """Good cells around q_d, halved until they are; what forbids it, where they never are."""
         pending = [k for k, cell in enumerate(self._store.cells) if cell.live and _holds(cell, q_d)]
         found = list[int]()
         while pending:
@@ -114,13 +114,15 @@ class Flood:
             if cell.well is not None and self._good(cell.well):
                 found.append(number)
                 continue
-            if cell.well is None or cell.depth >= self._budget.depth or self._spent():
-                return None
+            if cell.well is None:
+                return "domain"
+            if cell.depth >= self._budget.depth or self._spent():
+                return "budget" if self._spent() else "depth"
             children = self._store.halve_proved(number)
             if children is None:
-                return None
+                return "domain"
             pending += [k for k in children if _holds(self._store[k], q_d)]
-        return found or None
+        return found or "domain"
 
     def _flood(self, q_d: Array) -> tuple[Limit, Array]:
         while self._heap:

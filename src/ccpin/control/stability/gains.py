@@ -6,6 +6,9 @@ About q_d the closed loop D q̈ + C q̇ + g(q) = K_p q̃ − K_v q̇ + g(q_d) is
 
 With Φ the modes, (K_p + ∂g/∂q)Φ = DΦΩ², ΦᵀDΦ = I, the gain K_v = Φ⁻ᵀ 2ζΩ Φ⁻¹ turns it into z̈ + 2ζω_i ż + ω_i² z = 0
 in x = Φz: every mode has the damping ratio ζ.
+
+At rest at q the law asks for K_p q̃ + g(q_d), at most Σ_j |K_p,ij| max|q̃_j| + |g_i(q_d)| over the domain: what that is
+beyond a motor's limit cannot be had from everywhere in it, and Theorem 3 knows of no limits.
 """
 
 from __future__ import annotations
@@ -17,15 +20,17 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import linalg
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, number, positive
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore
 from ccpin.control.stability.set_point_cells import cells_of_atlas
-from ccpin.control.stability.well import checked_model, checked_region, sample_region
+from ccpin.control.stability.well import checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import Corners
-from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.errors import InvalidInputError, SingularConfigurationError
+from ccpin.domain.verdict import Verdict
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.errors import InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
 
 _CELLS = 2000
 _ACCURACY = 0.05
@@ -37,22 +42,35 @@ class Gains(NamedTuple):
     Attributes:
         K_p: margin · β · I, N m/rad or N/m, of shape (n, n).
         K_v: Symmetric positive definite, N m s/rad or N s/m, of shape (n, n).
-        beta: sup ‖∂g/∂q‖₂ over the domain.
+        beta: sup ‖∂g/∂q‖₂ over the domain, or a bound of it.
         beta_seen: The largest ‖∂g/∂q‖₂ among the points looked at: β is between it and `beta`.
+        steepest: q near which that bound is largest: what asks for such gains, of shape (n,).
         frequencies: ω of the linearised loop's modes in rad/s, ascending, of shape (n,).
-        rigorous: Whether β is an upper bound (else the largest of samples).
+        effort: The largest |u| asked for from rest anywhere in the domain, of shape (n,).
+        effort_limit: What the motors can give either way (infinite where nothing is stated), of shape (n,).
+        verdict: ``"proven"`` where ‖∂g/∂q‖ < K_p is proved on the domain, ``"undecided"`` where it was sampled.
+        reason: What limits the gains, and which motors they ask for too much, in a sentence.
     """
 
     K_p: Array
     K_v: Array
     beta: float
     beta_seen: float
+    steepest: Array
     frequencies: Array
-    rigorous: bool
+    effort: Array
+    effort_limit: Array
+    verdict: Verdict
+    reason: str
+
+    @property
+    def within_limits(self) -> bool:
+        """Whether no motor is asked for more than it can give."""
+        return bool(np.all(self.effort <= self.effort_limit))
 
 
 def suggest_gains(
-    model: ReducedModel,
+    model: ReducedModel | Mechanism,
     q_d: ArrayLike,
     domain: Atlas | Corners,
     *,
@@ -63,29 +81,31 @@ def suggest_gains(
     """The smallest K_p with a margin over β on a domain, and K_v for a damping ratio at q_d.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         q_d: The set point, of shape (n,).
-        domain: An atlas (β is proved, to 5 % where 2000 cells suffice), or a region (lower, upper) over which β is
-            sampled.
+        domain: An atlas (β is bounded, to 5 % where 2000 cells beyond its own suffice), or a region (lower, upper) over
+            which β is sampled. Where an atlas ends near a singularity β is large or far from sharp: `reason` says so,
+            and a smaller domain is what helps.
         margin: K_p over β, above 1.
         damping: ζ of every mode, above 0.
         guess: Chooses the assembly mode of σ(q_d).
 
     Raises:
         InvalidInputError: A bad margin or damping, q_d outside of the domain, or gravity does not act there (β = 0).
-        SingularConfigurationError: β is not found with the work allowed: the atlas ends too near a singularity.
         UnreachableError: σ does not exist on all of a region.
     """
-    if not (np.isfinite(margin) and margin > 1.0 and np.isfinite(damping) and damping > 0.0):
-        raise InvalidInputError(f"margin = {margin} must be above 1 and damping = {damping} above 0")
-    ones = np.ones(checked_model(model).n)
+    number(margin, "margin", "a number above 1", 1.0), positive(damping, "damping")
+    model = model_of(model)
+    ones = np.ones(model.n)
     law = PDSimpleGravity(model, q_d, ones, ones, guess)
     if not isinstance(domain, Atlas):
         lower, upper = checked_region(model, domain, law.q_d)
-        largest = float(sample_region(model, lower, upper, law.q_free_d).norm.max())
-        slope = SlopeBound(largest, largest)
+        samples = sample_region(model, lower, upper, law.q_free_d)
+        worst = int(np.argmax(samples.norm))
+        slope = SlopeBound(float(samples.norm[worst]), float(samples.norm[worst]), samples.q[worst], 0)
     else:
         slope = gravity_slope_over(cells_of_atlas(law, domain))
+        lower, upper = domain.lower.min(axis=0), domain.upper.max(axis=0)
     beta = slope.bound
     if not beta > 1e-12:
         raise InvalidInputError("gravity has no slope on the domain (β = 0): any positive K_p satisfies Theorem 3")
@@ -95,32 +115,60 @@ def suggest_gains(
     squares, modes = linalg.eigh(0.5 * (total + total.T), mass)
     frequencies = np.sqrt(squares)
     pulled = mass @ modes
+    farthest = np.maximum(np.abs(law.q_d - lower), np.abs(upper - law.q_d))
+    motors = model.mechanism.motors
+    effort = (np.abs(stiffness) @ farthest + np.abs(law.gravity_d)) / np.abs(motors.gears)
+    effort_limit = np.abs(motors.limits).min(axis=1)
+    rigorous = isinstance(domain, Atlas)
     return Gains(
         K_p=stiffness,
         K_v=pulled @ np.diag(2.0 * damping * frequencies) @ pulled.T,
         beta=beta,
         beta_seen=slope.seen,
+        steepest=slope.at,
         frequencies=frequencies,
-        rigorous=isinstance(domain, Atlas),
+        effort=effort,
+        effort_limit=effort_limit,
+        verdict="proven" if rigorous else "undecided",
+        reason=f"{_what_limits(slope, rigorous)}; {_what_is_asked(model, effort, effort_limit)}",
     )
 
 
+def _what_limits(slope: SlopeBound, rigorous: bool) -> str:
+    where = f"near q = ({', '.join(f'{value:.4g}' for value in slope.at)})"
+    if not rigorous:
+        return f"on samples ‖∂g/∂q‖ is at most {slope.bound:.4g}, {where}: nothing is proved"
+    if slope.bound <= 2.0 * slope.seen:
+        return f"K_p is limited by ‖∂g/∂q‖ ≤ {slope.bound:.4g} {where}"
+    return (
+        f"sup ‖∂g/∂q‖ is between {slope.seen:.4g} and {slope.bound:.4g} ({slope.proved} cells proved): the atlas ends "
+        f"near a singularity {where}, where it grows without bound; pass a smaller one"
+    )
+
+
+def _what_is_asked(model: ReducedModel, effort: Array, limit: Array) -> str:
+    beyond = [
+        f"{name} for up to {asked:.4g} of its {most:.4g}"
+        for name, asked, most in zip(model.mechanism.actuated, effort, limit, strict=True)
+        if asked > most
+    ]
+    return f"from rest it asks {', '.join(beyond)}" if beyond else "no motor is asked for more than its limit from rest"
+
+
 class SlopeBound(NamedTuple):
-    """The largest ‖∂g/∂q‖₂ seen at the centres of cells, and a bound of it over the cells."""
+    """The largest ‖∂g/∂q‖₂ at the centres of cells, a bound over them, where it is largest, and cells proved for it."""
 
     seen: float
     bound: float
+    at: Array
+    proved: int
 
 
 def gravity_slope_over(store: CellStore, cells: int = _CELLS) -> SlopeBound:
-    """A bound of sup ‖∂g/∂q‖₂ over proved cells: the one with the largest is halved until its centre bears it out.
-
-    Raises:
-        SingularConfigurationError: With the number of cells allowed the bound is still more than twice what was seen.
-    """
+    """A bound of sup ‖∂g/∂q‖₂ over proved cells: the one with the largest is halved until its centre bears it out."""
     heap = [(-cell.well.beta, k) for k, cell in enumerate(store.cells) if cell.well is not None]
     heapq.heapify(heap)
-    seen, bound = 0.0, 0.0
+    seen, bound, number = 0.0, 0.0, 0
     while heap:
         bound, number = -heap[0][0], heap[0][1]
         seen = max(seen, float(np.linalg.norm(store.well(number).hessian - store.law.K_p, 2)))
@@ -132,11 +180,4 @@ def gravity_slope_over(store: CellStore, cells: int = _CELLS) -> SlopeBound:
         heapq.heappop(heap)
         for child in children:
             heapq.heappush(heap, (-store.well(child).beta, child))
-    if bound > 2.0 * seen + 1e-12:
-        raise SingularConfigurationError(
-            f"‖∂g/∂q‖ could not be bounded usefully with {cells} cells (it is between {seen:.4g} and {bound:.4g}); the "
-            "atlas is large, or ends near a singularity: pass a smaller one",
-            q_free=store.law.q_free_d,
-            rcond=0.0,
-        )
-    return SlopeBound(seen, bound)
+    return SlopeBound(seen, bound, 0.5 * (store[number].lower + store[number].upper), store.proved)

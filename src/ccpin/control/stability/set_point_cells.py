@@ -10,6 +10,7 @@ from ccpin.control.stability.cells import CellStore, holding
 from ccpin.control.stability.flood import Budget
 from ccpin.control.stability.well import Well, wells
 from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.cells import contacts_of
 from ccpin.domain.boxes import Boxes, Problem, certify_boxes, problem_of
 from ccpin.domain.chains import Seed, seed_at_coordinates
 from ccpin.domain.gravity_bounds import Potential, gravity_bounds, potential_of
@@ -44,8 +45,16 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
     if not np.all(encloses(atlas.problem, boxes, delta, theta, np.zeros((len(around), system.m)))):
         raise InvalidInputError("the set point's configuration is on another branch (assembly mode) than the atlas")
     store = CellStore(atlas.problem, potential_of(mechanism, system, law.model.gravity_vector), law, None)
-    store.add_proved(atlas.boxes, atlas.lower, atlas.upper, [(int(i), int(j)) for i, j in atlas.unglued])
+    store.add_proved(atlas.boxes, atlas.lower, atlas.upper, _glued_pairs(atlas))
     return store
+
+
+def _glued_pairs(atlas: Atlas) -> set[tuple[int, int]]:
+    """Boxes (i < j) that share a face at which σ was shown to agree."""
+    contacts = contacts_of(atlas.tree, atlas.region, np.flatnonzero(atlas.tree.box >= 0))
+    pairs = np.sort(atlas.tree.box[np.column_stack([contacts.cell, contacts.leaf])], axis=1)
+    apart = {(int(min(pair)), int(max(pair))) for pair in atlas.unglued}
+    return {(int(i), int(j)) for i, j in pairs[pairs[:, 0] >= 0]} - apart
 
 
 def cells_around(law: PDSimpleGravity, gain: float, budget: Budget) -> CellStore:

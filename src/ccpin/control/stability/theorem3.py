@@ -38,18 +38,20 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, vector
+from ccpin.arrays import Array, instance, vector
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore, holding
 from ccpin.control.stability.flood import Budget, Flood, Limit, Sublevel, connected
 from ccpin.control.stability.set_point_cells import cells_around, cells_of_atlas
-from ccpin.control.stability.well import checked_model, checked_region, sample_region
+from ccpin.control.stability.well import checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.newton import predict
+from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
+from ccpin.mechanism.mechanism import Mechanism
 
 _BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
 _ONE_BOX = Budget(0, 1)
@@ -57,7 +59,15 @@ _LIMITS = {
     "domain": "the edge of the domain",
     "gain": "where ‖∂g/∂q‖ is not below the gains",
     "budget": "the number of cells allowed",
+    "depth": "how often a cell may be halved",
 }
+_FAILED = {
+    "domain": "no cell around q_d lies in the domain: its edge, or what could not be proved of it, comes too near",
+    "gain": "‖∂g/∂q‖ could not be bounded below k on the cells around q_d",
+    "budget": "the cells allowed were spent before ‖∂g/∂q‖ was bounded below k around q_d",
+    "depth": "‖∂g/∂q‖ could not be bounded below k on cells around q_d as small as allowed",
+}
+_CLEAR = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,44 +76,66 @@ class SetPointCertificate:
 
     Attributes:
         law: The law.
-        level: c in joules, with which the theorem holds; 0 where it does not.
+        verdict: ``"proven"``: every motion that starts in B₂ converges to q_d. ``"refuted"``: at q_d itself K_p + ∂g/∂q
+            is not positive definite, or ‖∂g/∂q‖ ≥ k, so there is no B₂ of Theorem 3 about it, however small.
+            ``"undecided"``: neither; `reason` says what was spent and what more would do.
+        level: c in joules; 0 where none was found, an estimate where not `rigorous`.
         level_domain: The largest level found with 𝒬 in the domain, whatever the gains (at least `level`).
-        beta: β over the cells that meet 𝒬; at q_d alone where the theorem does not hold.
+        beta: β over the cells that meet 𝒬; at q_d alone where there is no level.
+        slope: ‖∂g/∂q‖₂ at q_d.
         gain: k, the least eigenvalue of K_p.
         stiffness: Least eigenvalue of K_p + ∂g/∂q at q_d; the set point is unstable where it is negative.
         rigorous: Whether `level` and `beta` are bounds (else estimates from samples).
         method: How they were found, in words.
-        limit: What keeps c from being larger: the domain, the gain condition or the budget.
+        limit: What keeps c from being larger: the domain, the gain condition, the number of cells or their depth.
         touch: Where, of shape (n,).
+        proved: How many cells were proved for it, beyond an atlas's own.
     """
 
     law: PDSimpleGravity
     level: float
     level_domain: float
     beta: float
+    slope: float
     gain: float
     stiffness: float
     rigorous: bool
     method: str
     limit: Limit
     touch: Array
+    proved: int
     _region: _MemberCells | _SampledRegion | None = field(repr=False)
 
     @property
-    def holds(self) -> bool:
-        """Whether there is a B₂ at all."""
-        return self.level > 0.0
+    def verdict(self) -> Verdict:
+        """See the attributes."""
+        if self.stiffness < -_CLEAR * self.gain or self.slope > (1.0 + _CLEAR) * self.gain:
+            return "refuted"
+        return "proven" if self.rigorous and self.level > 0.0 else "undecided"
 
     @property
     def reason(self) -> str:
-        """The result in a sentence."""
-        if self.holds:
+        """The verdict in a sentence."""
+        if self.verdict == "refuted":
+            if self.stiffness < 0.0:
+                return f"K_p + ∂g/∂q has the eigenvalue {self.stiffness:.6g} at q_d: the set point is not stable"
             return (
-                f"every motion with 𝒱 < {self.level:.6g} J around q_d converges; c is limited by {_LIMITS[self.limit]}"
+                f"the gain condition fails at q_d: ‖∂g/∂q‖ = {self.slope:.6g} is not below k = {self.gain:.6g}; so "
+                f"Theorem 3 says nothing of it (K_p + ∂g/∂q has the least eigenvalue {self.stiffness:.6g} there)"
             )
-        if self.stiffness <= 0.0:
-            return f"K_p + ∂g/∂q has the eigenvalue {self.stiffness:.6g} at q_d: the set point is not stable"
-        return f"the gain condition fails at q_d: ‖∂g/∂q‖ ≤ {self.beta:.6g} is not below k = {self.gain:.6g}"
+        told = f"c is limited by {_LIMITS[self.limit]}"
+        if self.verdict == "proven":
+            more = "" if self.limit in ("domain", "gain") else f"; {self._more}"
+            return f"every motion with 𝒱 < {self.level:.6g} J around q_d converges; {told}{more}"
+        if not self.rigorous:
+            return f"nothing is proved: on samples c is about {self.level:.6g} J, {told}; over an atlas it is proved"
+        return f"{_FAILED[self.limit]}; {self._more}"
+
+    @property
+    def _more(self) -> str:
+        if self.limit == "domain":
+            return f"{self.proved} cells were proved: give a domain with q_d inside it"
+        return f"{self.proved} cells were proved: a larger budget=Budget(depth, cells) or larger gains would do more"
 
     @property
     def cells(self) -> tuple[Array, Array]:
@@ -160,7 +192,7 @@ class _SampledRegion:
 
 
 def certify_set_point(
-    model: ReducedModel,
+    model: ReducedModel | Mechanism,
     q_d: ArrayLike,
     K_p: ArrayLike,
     K_v: ArrayLike,
@@ -172,10 +204,10 @@ def certify_set_point(
     """Theorem 3 for PD with simple gravity compensation (28) at a set point: `certify_law` of that law.
 
     Args:
-        model: The reduced model.
+        model: The reduced model, or a mechanism.
         q_d: The set point, of shape (n,).
-        K_p: Proportional gains, (n,) or (n, n).
-        K_v: Velocity gains, (n,) or (n, n).
+        K_p: Proportional gains, as for `PDSimpleGravity`.
+        K_v: Velocity gains, alike.
         domain: As for `certify_law`.
         guess: Chooses the assembly mode of σ(q_d).
         budget: As for `certify_law`.
@@ -184,7 +216,7 @@ def certify_set_point(
         InvalidInputError, UnsupportedMechanismError, UnreachableError, SingularConfigurationError: As `certify_law`
             and `PDSimpleGravity` do.
     """
-    return certify_law(PDSimpleGravity(checked_model(model), q_d, K_p, K_v, guess), domain, budget=budget)
+    return certify_law(PDSimpleGravity(model, q_d, K_p, K_v, guess), domain, budget=budget)
 
 
 def certify_law(
@@ -197,7 +229,8 @@ def certify_law(
         domain: A certified atlas on whose branch q_d lies; ``None``: cells are proved around q_d as far as needed
             (with more than three coordinates a single box, unless `budget` says otherwise); or a plain region
             (lower, upper), taken to lie in Ω, over which everything is only sampled.
-        budget: How much work to do; default by the number of coordinates.
+        budget: How much work to do beyond the atlas's own boxes; default by the number of coordinates, and as many
+            cells more as the atlas has.
 
     Raises:
         InvalidInputError: Another law, or q_d is not in the domain or not on its branch.
@@ -212,16 +245,21 @@ def certify_law(
     norm_d = float(np.linalg.norm(stiffness, 2))
     if domain is not None and not isinstance(domain, Atlas):
         return _sampled(law, domain, gain, least, norm_d)
-    budget = budget or _BUDGETS.get(law.model.n, _ONE_BOX)
+    own = 0 if domain is None else len(domain.boxes.kappa)
+    if budget is None:
+        budget = _BUDGETS.get(law.model.n, _ONE_BOX)
+        budget = budget._replace(cells=budget.cells + own)
+    else:
+        budget = instance(budget, "budget", Budget)
     if domain is None:
         store = cells_around(law, gain, budget)
         method = f"cells proved around q_d, {budget.cells} at most"
     else:
         store = cells_of_atlas(law, domain)
-        method = f"the {len(domain.boxes.kappa)} boxes of an atlas, halved where needed"
+        method = f"the {own} boxes of an atlas, halved where needed"
     found = Flood(store, lambda well: well.beta < gain, budget).run(law.q_d)
-    level_domain, region = found.level, _members(store, found, law.q_d)
-    if found.limit == "gain":
+    level_domain, region, proved = found.level, _members(store, found, law.q_d), store.proved
+    if found.limit in ("gain", "depth"):
         more = budget._replace(cells=budget.cells + store.proved)
         level_domain = max(level_domain, Flood(store, lambda well: True, more).run(law.q_d).level)
     return SetPointCertificate(
@@ -229,12 +267,14 @@ def certify_law(
         level=found.level,
         level_domain=level_domain,
         beta=found.beta if found.level > 0.0 else norm_d,
+        slope=norm_d,
         gain=gain,
         stiffness=least,
         rigorous=True,
         method=method,
         limit=found.limit,
         touch=found.point,
+        proved=proved,
         _region=region,
     )
 
@@ -266,12 +306,14 @@ def _sampled(law: PDSimpleGravity, region: Corners, gain: float, least: float, n
         level=level,
         level_domain=max(level_domain, 0.0),
         beta=max(norm_d, float(np.max(samples.norm, initial=0.0, where=inside))),
+        slope=norm_d,
         gain=gain,
         stiffness=least,
         rigorous=False,
         method=f"sampled at {len(samples.q)} points of the region, nothing is proved",
         limit="gain" if norm_d >= gain or stop < level_domain else "domain",
         touch=samples.q[int(np.argmin(np.minimum(edge, failing)))],
+        proved=0,
         _region=_SampledRegion(law, lower, upper),
     )
 

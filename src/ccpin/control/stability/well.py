@@ -11,12 +11,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask
+from ccpin.arrays import Array, Indices, Mask, whole
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.domain.atlas.cells import Corners, corners_of
 from ccpin.domain.gravity_bounds import GravityBounds
-from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
+from ccpin.mechanism.mechanism import Mechanism
 
 _ROUNDING = 1e-12
 _SWEEPS = 12
@@ -88,7 +89,7 @@ class Well(NamedTuple):
 def wells(law: PDSimpleGravity, centres: Array, half: Array, bounds: GravityBounds) -> list[Well]:
     """U over B boxes with centres and half-widths (B, n)."""
     potential_d = law.model.energy(law.q_d, np.zeros(law.model.n), law.q_free_d).potential
-    found = []
+    norms, found = bounds.norm, []
     for k, centre in enumerate(centres):
         error = law.q_d - centre
         parts = np.array(
@@ -103,7 +104,7 @@ def wells(law: PDSimpleGravity, centres: Array, half: Array, bounds: GravityBoun
                 gradient=bounds.gradient[k] - law.gravity_d - law.K_p @ error,
                 hessian=bounds.hessian[k] + law.K_p,
                 remainder=float(bounds.remainder[k] + rounding),
-                beta=float(bounds.norm[k]),
+                beta=float(norms[k]),
             )
         )
     return found
@@ -130,17 +131,6 @@ class RegionSamples(NamedTuple):
     edge: Mask
 
 
-def checked_model(model: object) -> ReducedModel:
-    """The model itself.
-
-    Raises:
-        InvalidInputError: It is a mechanism or something else: masses are needed here.
-    """
-    if not isinstance(model, ReducedModel):
-        raise InvalidInputError(f"masses are needed here: pass a ReducedModel(mechanism), not a {type(model).__name__}")
-    return model
-
-
 def checked_region(model: ReducedModel, region: Corners, q_d: Array) -> tuple[Array, Array]:
     """The corners of a region that holds q_d.
 
@@ -154,14 +144,16 @@ def checked_region(model: ReducedModel, region: Corners, q_d: Array) -> tuple[Ar
 
 
 def sample_region(
-    model: ReducedModel, lower: Array, upper: Array, q_free_d: Array, points: int = _POINTS
+    model: ReducedModel | Mechanism, lower: Array, upper: Array, q_free_d: Array, points: int = _POINTS
 ) -> RegionSamples:
     """Evaluate on a grid of about `points` points (at least 3 a coordinate), on the branch of q′_d.
 
     Raises:
         UnreachableError, SingularConfigurationError: σ does not exist on all of the region.
     """
-    count = max(3, int(points ** (1.0 / model.n)))
+    model = model_of(model)
+    lower, upper = corners_of((lower, upper), model.mechanism.independent)
+    count = max(3, int(whole(points, "points") ** (1.0 / model.n)))
     indices = np.array(list(product(range(count), repeat=model.n)))
     q = lower + (upper - lower) * indices / (count - 1)
     potential, norm, near = np.empty(len(q)), np.empty(len(q)), q_free_d

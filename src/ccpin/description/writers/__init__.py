@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 from ccpin.description.model import MechanismDescription
-from ccpin.errors import InvalidInputError
+from ccpin.errors import CcpinError, InvalidInputError
 
 FORMATS = ("urdf", "sdf", "mjcf", "toolbox")
 _SUFFIXES = {
@@ -30,19 +31,25 @@ def write_description(description: MechanismDescription, path: str | Path, forma
     Raises:
         InvalidInputError: The format is none of these, or the file cannot be written.
         DescriptionError: The format has no words for something, by name.
+        CcpinError: A library that writes the format does not load.
     """
-    wanted = format or _SUFFIXES.get(Path(path).suffix.lower())
-    writers = _writers()
-    if wanted not in writers:
-        told = f"format '{wanted}'" if format else f"the suffix of '{path}'"
-        raise InvalidInputError(f"{told} names none of {', '.join(writers)}; say format=")
-    writers[wanted](description, path)
+    if not isinstance(path, str | Path):
+        raise InvalidInputError(f"a file to write must be a path, not {type(path).__name__}")
+    wanted = _SUFFIXES.get(Path(path).suffix.lower()) if format is None else format
+    if not isinstance(wanted, str) or wanted not in FORMATS:
+        told = f"format {format!r:.80}" if format is not None else f"the suffix of '{path}'"
+        raise InvalidInputError(f"{told} names none of {', '.join(FORMATS)}; say format=")
+    _writer(wanted)(description, path)
 
 
-def _writers() -> dict[str, Callable[[MechanismDescription, str | Path], None]]:
-    from ccpin.description.writers.mjcf import write_mjcf
-    from ccpin.description.writers.sdf import write_sdf
-    from ccpin.description.writers.toolbox import write_toolbox
-    from ccpin.description.writers.urdf import write_urdf
+def _writer(wanted: str) -> Callable[[MechanismDescription, str | Path], None]:
+    """What writes a format.
 
-    return {"urdf": write_urdf, "sdf": write_sdf, "mjcf": write_mjcf, "toolbox": write_toolbox}
+    Raises:
+        CcpinError: A library that it stands on does not load.
+    """
+    try:
+        found: Callable[..., None] = getattr(import_module(f"{__name__}.{wanted}"), f"write_{wanted}")
+    except ImportError as error:
+        raise CcpinError(f"what writes {wanted} files does not load ({error}): install that package anew") from error
+    return found

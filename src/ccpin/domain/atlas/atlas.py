@@ -23,7 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array, Mask
+from ccpin.arrays import Array, Mask, numbers, whole
 from ccpin.domain.atlas import store as atlas_store
 from ccpin.domain.atlas.build import AtlasBuilder
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, Cells, CellStatus, CellTree, Corners, Region, region_of
@@ -198,7 +198,7 @@ class Atlas:
             raise InvalidInputError(f"{path}: the atlas lacks {error}") from error
 
     def _points(self, q: ArrayLike) -> Array:
-        points = np.atleast_2d(np.asarray(q, dtype=np.float64))
+        points = np.atleast_2d(numbers(q, "q"))
         if points.ndim != 2 or points.shape[1] != len(self.names) or not np.all(np.isfinite(points)):
             raise InvalidInputError(f"q must have {len(self.names)} finite columns ({', '.join(self.names)})")
         return points
@@ -249,15 +249,15 @@ def certify(
         InvalidInputError: q₀, region, max_depth or workers is malformed.
         UnreachableError, SingularConfigurationError: σ(q₀) does not exist on the branch, or is singular.
     """
-    mechanism, start = mechanism_of(mechanism), np.asarray(q0, dtype=np.float64)
+    mechanism = mechanism_of(mechanism)
     if mechanism.n > max(_DEPTHS):
         raise UnsupportedMechanismError(
             f"{mechanism.name} has {mechanism.n} independent coordinates; maps are drawn for up to {max(_DEPTHS)}. Use "
             "kantorovich_radius for a ball or certify_path for a path"
         )
-    seed = seed_at_coordinates(mechanism, start, guess)
-    depth = _DEPTHS[mechanism.n] if max_depth is None else max_depth
-    if not 0 <= depth < LEVELS:
+    seed = seed_at_coordinates(mechanism, q0, guess)
+    depth = _DEPTHS[mechanism.n] if max_depth is None else whole(max_depth, "max_depth", 0)
+    if not depth < LEVELS:
         raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
     problem = problem_of(seed.system, bounds)
     area = region_of(mechanism, seed, region)

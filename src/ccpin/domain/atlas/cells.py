@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array, Indices, Mask, joined, rows_of
+from ccpin.arrays import Array, Indices, Mask, joined, numbers, rows_of
 from ccpin.domain.atlas.growing import Growing
 from ccpin.domain.chains import Seed
 from ccpin.domain.in_core import compiled_core
@@ -81,8 +81,8 @@ def corners_of(region: Corners, names: Sequence[str]) -> tuple[Array, Array]:
     """
     n = len(names)
     try:
-        corners = np.array(region, dtype=np.float64)
-    except (TypeError, ValueError):
+        corners = numbers(region, "region").copy()
+    except InvalidInputError:
         corners = np.empty(0)
     if corners.shape != (2, n) or not np.all(np.isfinite(corners)):
         raise InvalidInputError(

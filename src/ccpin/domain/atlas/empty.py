@@ -82,7 +82,7 @@ def empty_cells(system: ClosureSystem, groups: tuple[_Group, ...], centre: Array
         reach = margin.copy()
         for anchor in group.anchors:
             weights = anchor.head.weights[group.rows]
-            gap = gap + (move(stack_chains((anchor.head,), system.n_free), theta).x @ weights.T)[:, 0]
+            gap = gap + (move(stack_chains((anchor.head,), system.n_free, system.m), theta).x @ weights.T)[:, 0]
             norm = float(np.linalg.norm(weights, 2))
             rest = anchor.length + travel[:, anchor.slides].sum(axis=1)
             reach += norm * (rest + _drift(anchor.head, width, travel))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Indices
+from ccpin.arrays import Array, Indices, instance, numbers
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import WHOLE, CellStatus
 from ccpin.errors import InvalidInputError
@@ -30,9 +30,10 @@ def certified_radius(atlas: Atlas, q: ArrayLike) -> Array:
     Raises:
         InvalidInputError: q has the wrong shape.
     """
-    points = np.atleast_2d(np.asarray(q, dtype=np.float64))
+    instance(atlas, "atlas", Atlas, "an Atlas")
+    points = np.atleast_2d(numbers(q, "q"))
     region, tree = atlas.region, atlas.tree
-    if points.shape[1] != len(atlas.names):
+    if points.ndim != 2 or points.shape[1] != len(atlas.names):
         raise InvalidInputError(f"q must have {len(atlas.names)} columns ({', '.join(atlas.names)})")
     inside = np.atleast_1d(atlas.contains(points))
     placed = region.reduce(points)

@@ -185,11 +185,12 @@ def bounds_at(system: QuadraticSystem, centre: Array, weights: Array, relative_e
 
 def _checked(mechanism: Mechanism, q_free: Array) -> Array:
     q_free = checked_configuration(mechanism, q_free)
-    phi = mechanism.constraints().residual(q_free)
-    error = float(np.abs(phi).max(initial=0.0))
-    if error > _CLOSED:
+    constraints = mechanism.constraints()
+    phi = constraints.residual(q_free)
+    if float(np.abs(phi).max(initial=0.0)) > _CLOSED:
+        open_by = constraints.misfit(phi)
         raise InvalidInputError(
-            f"the configuration is open by {error:.3g} (m or rad); Theorem 2 is about a closed one (take one from σ)"
+            f"the configuration is open by {open_by}; Theorem 2 is about a closed one (take one from σ)"
         )
     return q_free
 

@@ -1,0 +1,352 @@
+"""Every public call answers every wrong argument with an error of ccpin's: never an AttributeError from inside."""
+
+import inspect
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin import control, description, domain, dynamics, mechanism, plotting, simulation, validated, visualization
+from ccpin.errors import CcpinError
+
+ROOMS = ("control", "description", "domain", "dynamics", "mechanism", "plotting", "simulation", "validated")
+WRONG = (None, "rpbr", -1, np.nan, [], [[1.0, 2.0]], np.zeros((3, 3)), {"a": 1}, [object()], np.ones(2) * 1j, 10**400)
+FLAGS = {"floating_base", "loop", "open_browser", "failures", "workers", "executor", "checkpoint"}
+# What these hold is given by ccpin, or looked at where it is used.
+HELD = {"Atlas", "Gains", "Region", "SetPointCertificate", "State", "Trajectory", "Scene", "Viewer", "Mechanism"}
+ABSTRACT = {"ControlLaw", "Reference", "TrackingLaw"}
+LONG = {
+    ("certify_law", "domain"),
+    ("certify_set_point", "domain"),
+    ("enclose", "duration"),
+    ("plot_sublevel", "starts"),
+}
+
+
+class Bench:
+    """One of each thing that calls take."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.whole = ccpin.load("rpdr")
+        self.model = ccpin.ReducedModel(self.whole)
+        self.q = self.model.alpha(self.whole.q_reference)
+        self.state = self.model.at(self.q)
+        self.rest, self.q_free = np.zeros(2), self.state.q_free
+        self.link = self.whole.description.links[-1].name
+        self.law = control.PDSimpleGravity(self.model, self.q, 50.0, 5.0)
+        self.hold = control.Hold(self.model, self.q)
+        self.tracking = control.ComputedTorque(self.model, self.hold, 50.0, 5.0)
+        self.run = ccpin.simulate(self.model, self.law, self.q, duration=0.02)
+        self.effector = ccpin.EndEffector(self.model, self.link)
+        self.box = (self.q - 0.02, self.q + 0.02)
+        self.atlas = domain.certify(self.whole, self.q, region=self.box)
+        self.certificate = control.certify_law(self.law, self.box)
+
+    def methods(self, thing, skip=()):
+        """The public methods of a thing, each with arguments that are right."""
+        right = {"q": self.q, "v": self.rest, "a": self.rest, "u": self.rest, "force": self.rest, "wrenches": None}
+        right |= {"guess": None, "near": None, "q_free": self.q_free, "v_free": np.zeros(4), "threads": 1, "t": 0.0}
+        right |= {"failures": None, "Q": [self.q], "V": [self.rest], "U": [self.rest], "A": [self.rest]}
+        right |= {"wrench": np.zeros(6), "efforts": None, "part": "linear", "target": self.effector.pose(self.q)}
+        found = {}
+        for name, method in inspect.getmembers(thing, inspect.ismethod):
+            if not name.startswith("_") and name not in skip:
+                found[f"{type(thing).__name__}.{name}"] = (
+                    method,
+                    {p: right[p] for p in inspect.signature(method).parameters},
+                )
+        return found
+
+
+def _ccpin(b):
+    names, reference = list(b.whole.independent), {b.whole.independent[0]: 0.1}
+    load = {"path": "rpdr", "closures": (), "couplings": (), "independent": names, "actuated": names, "joints": {}}
+    load |= {"motors": {}, "format": None, "model": None, "include_root": None, "xacro_arguments": None}
+    load |= {"reference": reference, "geometry": None, "constraints": (), "geometry_tolerance": 1e-5}
+    run = {"model": b.model, "controller": b.law, "q0": b.q, "v0": b.rest, "duration": 0.005, "guess": None}
+    run |= {"method": "RK45", "rtol": 1e-6, "atol": 1e-6, "sample_period": 0.005, "max_step": 1.0, "region": None}
+    run |= {"settling": None, "friction": None, "wrenches": None, "sampling": None, "singular_rcond": 1e-7}
+    closure = {"name": "a", "kind": "fixed", "link_a": "a", "link_b": "b", "placement_a": np.eye(4), "length": None}
+    return {
+        "load": (ccpin.load, load),
+        "simulate": (ccpin.simulate, run),
+        "ReducedModel": (ccpin.ReducedModel, {"mechanism": b.whole, "gravity": (0, 0, -9.81)}),
+        "EndEffector": (ccpin.EndEffector, {"model": b.model, "link": b.link, "point": (0, 0, 0)}),
+        "LoopClosure": (ccpin.LoopClosure, closure),
+        "Mechanism.save": (b.whole.save, {"path": b.folder / "a.urdf", "format": "urdf"}),
+        **b.methods(b.model),
+        **b.methods(b.state, skip=("of",)),
+        **b.methods(b.effector),
+    }
+
+
+def _control(b):
+    pd = {"model": b.model, "q_d": b.q, "K_p": [50, 50], "K_v": [5, 5], "guess": None}
+    tracking = {"model": b.model, "reference": b.hold, "K_p": [50, 50], "K_v": [5, 5], "guess": None}
+    online = control.OnlineSigma(b.model, b.q_free)
+    poses = [b.effector.pose(b.q), b.effector.pose(b.q + 0.01)]
+    sampling = {"period": 0.001, "encoder_counts": 1000, "velocity_cutoff": 10.0, "saturation": 1.0, "delay": 1}
+    newton = {"parametrization": b.whole.parametrization(), "q": b.q, "start": b.q_free, "max_newton_steps": 4}
+    return {
+        "NoTorque": (control.NoTorque, {"model": b.model}),
+        "TorqueFunction": (control.TorqueFunction, {"function": lambda t, q, v: b.rest}),
+        "PDSimpleGravity": (control.PDSimpleGravity, pd),
+        "PDFullGravity": (control.PDFullGravity, pd),
+        "ComputedTorque": (control.ComputedTorque, tracking),
+        "PDPlus": (control.PDPlus, tracking),
+        "PDOnlineGravity": (control.PDOnlineGravity, tracking),
+        "CoulombCompensation": (
+            control.CoulombCompensation,
+            {"law": b.law, "coulomb": 0.1, "q_start": b.q, "width": 0.01},
+        ),
+        "WithSigmaError": (control.WithSigmaError, {"law": b.tracking, "offset": np.zeros(4)}),
+        "OnlineSigma": (
+            control.OnlineSigma,
+            {"model": b.model, "q_free": b.q_free, "max_newton_steps": 4, "tolerance": 1e-9, "patience": 20},
+        ),
+        "OnlineLaw": (control.OnlineLaw, {"law": b.tracking, "online": online}),
+        "Servos": (control.Servos, {"model": b.model, "inputs": b.rest}),
+        "Sampling": (control.Sampling, sampling),
+        "Hold": (control.Hold, {"model": b.model, "q": b.q}),
+        "PointToPoint": (
+            control.PointToPoint,
+            {"model": b.model, "q_start": b.q, "q_goal": b.q + 0.1, "duration": 1.0},
+        ),
+        "Waypoints": (
+            control.Waypoints,
+            {"model": b.model, "times": [0, 1], "waypoints": [b.q, b.q + 0.1], "degree": 5},
+        ),
+        "through_points": (
+            control.through_points,
+            {"end_effector": b.effector, "times": [0, 1], "targets": poses, "degree": 5, "guess": None},
+        ),
+        "capped_sigma": (control.capped_sigma, newton | {"tolerance": 1e-9}),
+        "certify_law": (control.certify_law, {"law": b.law, "domain": b.box, "budget": None}),
+        "certify_set_point": (control.certify_set_point, pd | {"domain": b.box, "budget": None}),
+        "sample_region": (
+            control.sample_region,
+            {"model": b.model, "lower": b.box[0], "upper": b.box[1], "q_free_d": b.q_free, "points": 50},
+        ),
+        "suggest_gains": (
+            control.suggest_gains,
+            {"model": b.model, "q_d": b.q, "domain": b.box, "margin": 1.5, "damping": 0.7, "guess": None},
+        ),
+        "PDSimpleGravity.torque": (b.law.torque, {"q": b.q, "v": b.rest, "t": 0.0, "guess": None}),
+        "PDSimpleGravity.lyapunov": (b.law.lyapunov, {"q": b.q, "v": b.rest, "guess": None}),
+        "SetPointCertificate.contains": (b.certificate.contains, {"q": b.q, "v": b.rest}),
+    }
+
+
+def _description(b):
+    parts = {"left_": description.Part(b.whole.description)}
+    return {
+        "read_description": (
+            description.read_description,
+            {"path": "rpdr", "format": None, "model": None, "include_root": None, "xacro_arguments": None},
+        ),
+        "find_file": (description.find_file, {"path": "rpdr"}),
+        "installed_models": (description.installed_models, {}),
+        "combine": (
+            description.combine,
+            {"name": "a", "parts": parts, "links": (), "joints": (), "closures": (), "root": "world"},
+        ),
+    }
+
+
+def _domain(b):
+    path = [b.q, b.q + 0.02]
+    curves = {"starts": 2, "step": 0.05, "limit": 10}
+    return {
+        "certify": (
+            domain.certify,
+            {"mechanism": b.whole, "q0": b.q, "region": b.box, "guess": None, "max_depth": 2, "bounds": "auto"},
+        ),
+        "certify_path": (
+            domain.certify_path,
+            {"mechanism": b.whole, "path": path, "tube": 1e-3, "guess": None, "bounds": "auto"},
+        ),
+        "kantorovich_radius": (domain.kantorovich_radius, {"mechanism": b.whole, "q_free": b.q_free, "bounds": "auto"}),
+        "newton_steps": (
+            domain.newton_steps,
+            {"mechanism": b.whole, "q_free": b.q_free, "radius": 0.01, "accuracy": 1e-12, "bounds": "auto"},
+        ),
+        "theorem2": (domain.theorem2, {"mechanism": b.whole, "q_free": b.q_free}),
+        "theorem2_radius": (domain.theorem2_radius, {"mechanism": b.whole, "q_free": b.q_free}),
+        "singularities": (domain.singularities, {"mechanism": b.whole, **curves}),
+        "serial_singularities": (
+            domain.serial_singularities,
+            {"mechanism": b.whole, "link": b.link, "point": (0, 0, 0), **curves},
+        ),
+        "singularity_distance": (domain.singularity_distance, {"mechanism": b.whole, "path": path, "guess": None}),
+        "certified_radius": (domain.certified_radius, {"atlas": b.atlas, "q": [b.q]}),
+        "scalar_coordinates_at": (domain.scalar_coordinates_at, {"mechanism": b.whole, "q_free": b.q_free}),
+    }
+
+
+def _dynamics(b):
+    linear = dynamics.linearize(b.model, b.q, b.rest)
+
+    def push(**wrench):
+        return b.state.forward_dynamics(b.rest, b.rest, {b.link: dynamics.Wrench(**wrench)})
+
+    return {
+        "assembly_modes": (dynamics.assembly_modes, {"model": b.model, "q": b.q, "patience": 5, "limit": 20}),
+        "linearize": (
+            dynamics.linearize,
+            {"model": b.model, "q": b.q, "u": b.rest, "v": b.rest, "guess": None, "wrenches": None},
+        ),
+        "closed_loop_derivative": (
+            dynamics.closed_loop_derivative,
+            {"linearization": linear, "du_dq": np.eye(2), "du_dv": np.eye(2)},
+        ),
+        "Wrench": (push, {"force": np.ones(3), "moment": (0, 0, 0), "point": (0, 0, 0)}),
+    }
+
+
+def _mechanism(b):
+    model = b.whole.pin_model
+    return {"describe_pinocchio": (mechanism.describe_pinocchio, {"model": model, "geometry": None, "constraints": ()})}
+
+
+def _simulation(b):
+    forces = {"model": b.model, "trajectory": b.run, "wrenches": None}
+    at = {"model": b.model, "q": b.q, "v": b.rest, "u": b.rest, "guess": None, "wrenches": None}
+    near = simulation.Settling(b.q, hold=0.002)
+    supervised = {"model": b.model, "q0": b.q, "goals": [b.q], "wait": 0.003, "settling": near, "timeout": 0.01}
+    supervised |= {"law_to": lambda goal, q_free: control.PDSimpleGravity(b.model, goal, 50, 5, q_free), "guess": None}
+    metrics = {"trajectory": b.run, "mechanism": b.whole, "goal": b.q, "band": 0.03}
+    return {
+        "closure_forces": (simulation.closure_forces, forces),
+        "joint_forces": (simulation.joint_forces, forces),
+        "closure_forces_at": (simulation.closure_forces_at, at),
+        "friction_force": (simulation.friction_force, at | {"friction": (0.1, 0.1)}),
+        "load_npz": (simulation.load_npz, {"path": b.folder / "absent.npz"}),
+        "lyapunov_along": (simulation.lyapunov_along, {"law": b.law, "trajectory": b.run}),
+        "set_point_metrics": (simulation.set_point_metrics, metrics),
+        "supervise": (simulation.supervise, supervised),
+        "Trajectory.then": (b.run.then, {"other": b.run}),
+        "Trajectory.states": (lambda model: list(b.run.states(model)), {"model": b.model}),
+        "Trajectory.save_npz": (b.run.save_npz, {"path": b.folder / "t.npz"}),
+        "Trajectory.save_csv": (b.run.save_csv, {"path": b.folder / "t.csv", "mechanism": b.whole}),
+    }
+
+
+def _validated(b):
+    run = {"model": b.model, "law": b.law, "q0": b.q, "v0": b.rest, "duration": 1e-3, "guess": None, "spread": 0.0}
+    run |= {"precision": 64, "order": 4, "tolerance": 1e-6, "pieces": 2}
+    return {
+        "enclose": (validated.enclose, run | {"shortest_step": 1e-6, "longest_step": 1.0}),
+        "certify_move": (validated.certify_move, run | {"arrival": 1.0}),
+    }
+
+
+def _visualization(b):
+    still = {"mechanism": b.whole, "q_free": b.q_free, "path": b.folder / "a.html", "title": None}
+    moving = still | {"t": [0, 0.1], "q_free": [b.q_free, b.q_free], "fps": 30, "trace": None, "speed": 1.0}
+    live = {"mechanism": b.whole, "q_free": b.q_free, "t": None, "title": None, "fps": 30, "open_browser": False}
+
+    def view(**given):
+        visualization.view(**given).close()
+
+    return {
+        "animate": (visualization.animate, moving),
+        "snapshot_html": (visualization.snapshot_html, still),
+        "view": (view, live),
+    }
+
+
+def _plotting(b):
+    history = simulation.lyapunov_along(b.law, b.run)
+    poses = {"mechanism": b.whole, "labels": ["here"], "title": None}
+    area = {"mechanism": b.whole, "curves": (), "title": None}
+    return {
+        "plot_motion": (plotting.plot_motion, {"trajectory": b.run, "mechanism": b.whole, "goal": b.q, "title": None}),
+        "plot_configurations": (plotting.plot_configurations, poses | {"configurations": [b.q_free]}),
+        "plot_configuration_panels": (plotting.plot_configuration_panels, poses | {"panels": [("a", [b.q_free])]}),
+        "plot_lyapunov": (plotting.plot_lyapunov, {"t": b.run.t, "history": history, "level": None, "title": None}),
+        "plot_atlas": (plotting.plot_atlas, area | {"atlas": b.atlas}),
+        "plot_radius_map": (plotting.plot_radius_map, area | {"atlas": b.atlas, "resolution": 8}),
+        "plot_singularities": (plotting.plot_singularities, area | {"regions": ()}),
+        "plot_sublevel": (
+            plotting.plot_sublevel,
+            {"certificate": b.certificate, "starts": (), "window": None, "title": None},
+        ),
+        "save": (plotting.save, {"figure": plotting.plot_motion(b.run, b.whole), "path": b.folder / "f.png"}),
+    }
+
+
+TABLES = {
+    "": _ccpin,
+    "control": _control,
+    "description": _description,
+    "domain": _domain,
+    "dynamics": _dynamics,
+    "mechanism": _mechanism,
+    "plotting": _plotting,
+    "simulation": _simulation,
+    "validated": _validated,
+    "visualization": _visualization,
+}
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    """One of each thing that calls take."""
+    return Bench(tmp_path_factory.mktemp("bench"))
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("room", TABLES)
+def test_wrong_arguments(room, bench, monkeypatch):
+    """Each argument of each call in turn is replaced by what it is not: the answer is right, or a CcpinError."""
+    monkeypatch.chdir(bench.folder)  # "rpbr" is a path to some
+    escaped = []
+    for name, (call, right) in TABLES[room](bench).items():
+        for argument in right.keys() - FLAGS:
+            for wrong in () if (name, argument) in LONG else WRONG:
+                try:
+                    call(**(right | {argument: wrong}))
+                except CcpinError:
+                    pass
+                except Exception as error:
+                    escaped.append(f"{name}({argument}={wrong!r:.40}): {error!r:.120}")
+    assert not escaped, "\n".join(escaped)
+
+
+@pytest.mark.parametrize("room", TABLES)
+def test_every_public_call_is_in_the_table(room, bench):
+    """Or is a record, an exception, or an abstract class."""
+    face = import_module(f"ccpin.{room}" if room else "ccpin")
+    listed = {name for table in TABLES.values() for name in table(bench)} | HELD | ABSTRACT | {"backend"}
+    for name in face.__all__:
+        thing = getattr(face, name)
+        record = inspect.isclass(thing) and (hasattr(thing, "_fields") or hasattr(thing, "__dataclass_fields__"))
+        raised = inspect.isclass(thing) and issubclass(thing, Exception)
+        assert not callable(thing) or record or raised or name in listed or name == "CellStatus", name
+
+
+def test_a_model_for_a_mechanism_and_the_reverse(bench, tmp_path):
+    """Wherever one is wanted the other does."""
+    q, box = bench.q, bench.box
+    for subject in (bench.whole, bench.model):
+        assert ccpin.ReducedModel(subject).mechanism is bench.whole
+        assert control.certify_set_point(subject, q, 50.0, 5.0, box).holds
+        assert domain.certify(subject, q, region=box, max_depth=0).radius > 0
+        assert control.suggest_gains(subject, q, box).beta > 0
+        visualization.snapshot_html(subject, None, tmp_path / "page.html")
+        assert plotting.plot_configurations(subject, [bench.q_free], ["here"]) is not None
+        assert len(list(bench.run.states(subject))) == len(bench.run.t)
+    for wrong in ("rpdr", None, bench.law):
+        with pytest.raises(ccpin.errors.InvalidInputError, match=r"a mechanism .* or a ReducedModel is needed, not"):
+            domain.certify(wrong, q)
+
+
+@pytest.mark.parametrize("name", ["motion.mp4", "motion.gif", "motion"])
+def test_a_page_is_no_film(name, bench, tmp_path):
+    """The endings there are, are named; nothing is written."""
+    with pytest.raises(ccpin.errors.InvalidInputError, match=r"as a web page, \.html or \.htm"):
+        visualization.animate(bench.whole, [0, 1], [bench.q_free] * 2, Path(tmp_path) / name)
+    assert not list(tmp_path.iterdir())
