@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from scipy.integrate import solve_ivp
 
 
 class Motion(NamedTuple):
@@ -171,3 +172,46 @@ def pinocchio(description, model, q_free, v_free, tau):
     a_free = np.array(pin.constraintDynamics(model, data, q_free, v_free, tau, models, datas, settings))
     force = pin.rnea(model, model.createData(), q_free, v_free, a_free) - tau
     return Motion(a_free, force, np.array(data.lambda_c))
+
+
+class Course(NamedTuple):
+    """Where a motion has come to: q′, q̇′ and the largest residual of φ before it was removed."""
+
+    q_free: np.ndarray
+    v_free: np.ndarray
+    drift: float
+
+
+def integrate(description, model, q_free, v_free, duration, *, leg=0.02, rtol=1e-12):
+    """The passive motion by (19) in all n′ coordinates at once, of index one, projected onto φ = 0 after every leg.
+
+    No independent coordinates are chosen anywhere: over a leg x is the tangent step q′ = q′₀ ⊕ x.
+    """
+    drift = 0.0
+    for _ in range(round(duration / leg)):
+        start = q_free
+
+        def rate(_, state, start=start):
+            x, v = np.split(state, 2)
+            at = pin.integrate(model, start, x)
+            slope = np.linalg.solve(pin.dIntegrate(model, start, x)[1], v)
+            return np.concatenate([slope, direct(description, model, at, v, passive(description, model, at, v)).a_free])
+
+        state = np.concatenate([np.zeros(model.nv), v_free])
+        found = solve_ivp(rate, (0.0, leg), state, method="DOP853", rtol=rtol, atol=1e-13)
+        assert found.success, found.message
+        x, v_free = np.split(found.y[:, -1], 2)
+        q_free, v_free, open_by = projected(description, model, pin.integrate(model, start, x), v_free)
+        drift = max(drift, open_by)
+    return Course(q_free, v_free, drift)
+
+
+def projected(description, model, q_free, v_free):
+    """The nearest closed configuration and admissible velocity, and how far φ was open."""
+    open_by = 0.0
+    for _ in range(3):
+        found = rows(description, model, q_free, v_free)
+        jacobian, value = np.array([row.gradient for row in found]), np.array([row.value for row in found])
+        open_by = max(open_by, float(np.abs(value).max()))
+        q_free = pin.integrate(model, q_free, -np.linalg.lstsq(jacobian, value, rcond=1e-9)[0])
+    return q_free, v_free - np.linalg.lstsq(jacobian, jacobian @ v_free, rcond=1e-9)[0], open_by

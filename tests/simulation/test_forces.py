@@ -115,7 +115,7 @@ class State(NamedTuple):
         """A motion of one sample."""
         q_free = self.mechanism.q_reference
         one = [x[None] for x in (self.model.alpha(q_free), self.v, self.u, q_free)]
-        return ccpin.Trajectory(np.zeros(1), *one, np.zeros(1), "finished", "", 0)
+        return ccpin.Trajectory(np.zeros(1), *one, np.zeros(1), "finished", "", 0, self.v_free[None], 0)
 
 
 def state(description, seed):
