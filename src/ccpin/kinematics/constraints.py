@@ -73,7 +73,7 @@ class Constraints:
         return {name: slice(start, stop) for name, start, stop in zip(names, [0, *stops], stops, strict=False)}
 
     def misfit(self, phi: Array, rows: slice = slice(None)) -> str:
-        """How far some rows of φ (default all) are from zero: the largest gap and the largest misalignment."""
+        """How far rows of φ (default all) are from zero, in words: the largest gap and the largest misalignment."""
         sizes, units = np.abs(phi[rows]), np.array(self._units)[rows]
         largest = {unit: float(sizes[units == unit].max()) for unit in dict.fromkeys(units.tolist())}
         told = {unit: size for unit, size in largest.items() if size > _NOTHING} or largest

@@ -19,7 +19,16 @@ from ccpin.mechanism.geometry import Change, changed
 from ccpin.mechanism.locking import Spin, hold, spins_of
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.mobility import Mobility
-from ccpin.mechanism.reference import Settled, check_independent, how_closed, how_moved, idle, settle, stated_pose
+from ccpin.mechanism.reference import (
+    Settled,
+    check_independent,
+    how_closed,
+    how_moved,
+    idle,
+    other_branches,
+    settle,
+    stated_pose,
+)
 from ccpin.mechanism.selection import choose_independent
 
 ALL = "all"
@@ -80,15 +89,20 @@ def analysed(description: MechanismDescription, floating_base: bool, wishes: Wis
         description, more = _held_still(here, left)
         here, told = close(description), told + more
     spins = _idle_spins(here, wishes)
-    description, locked = here.description, tuple(_names(asked))
+    description, locked, held = here.description, tuple(_names(asked)), None
     if spins:
-        held = hold(here.posed, here.tree, here.q_free, spins)
-        here, description = close(held.built), held.description
-        locked, told = (*locked, *held.locked), told + list(held.notes)
+        description = here.posed
+        held = hold(description, here.tree, here.q_free, spins)
+        here, told = close(held.description), told + list(held.notes)
         for change in here.changes:
             description = changed(description, change)
     notes = [*how_closed(first.settled), *how_moved(first.tree, first.description, first.q_free), *told]
-    return _mechanism(here, description, wishes, locked, notes)
+    mechanism = _mechanism(here, wishes, notes)
+    branches = other_branches(first.settled, first.tree, first.description, mechanism.independent)
+    mechanism = replace(mechanism, notes=(*mechanism.notes, *branches))
+    if held is None:
+        return replace(mechanism, locked=locked)
+    return replace(mechanism, description=description, locked=(*locked, *held.locked), held=here.description)
 
 
 def _closed(description: MechanismDescription, floating_base: bool, wanted: Sequence[str], tolerance: float) -> Closed:
@@ -162,14 +176,13 @@ def _idle_spins(here: Closed, wishes: Wishes) -> list[Spin]:
         and ALL not in wishes.free
         and not spin.named_by(wanted)
         and not any(joint.stated.stiffness for joint in spin.joints)
+        and spin.idle_in_mass
     ]
     return spins if len(spins) < sum(settled.motion.n for settled in here.settled) else []
 
 
-def _mechanism(
-    here: Closed, description: MechanismDescription, wishes: Wishes, locked: tuple[str, ...], notes: list[str]
-) -> Mechanism:
-    tree, settled = here.tree, here.settled
+def _mechanism(here: Closed, wishes: Wishes, notes: list[str]) -> Mechanism:
+    description, tree, settled = here.description, here.tree, here.settled
     motions = [found.motion for found in settled]
     choice = choose_independent(tree, motions, description, wishes.independent, wishes.actuated)
     rank = sum(found.tangent.rank for found in settled)
@@ -184,10 +197,7 @@ def _mechanism(
     told = dict.fromkeys([*description.notes, *choice.notes, *notes, *_forces_told(description, tree, choice.actuated)])
     IndependentCoordinates(tree, choice.actuated, here.q_free)  # refuses names that cannot be actuated
     check_independent(settled, choice.independent)
-    locks = here.description.closures[len(description.closures) :]
-    return Mechanism(
-        *(description, tree, choice.independent, choice.actuated, here.q_free, mobility, tuple(told)), locked, locks
-    )
+    return Mechanism(description, tree, choice.independent, choice.actuated, here.q_free, mobility, tuple(told))
 
 
 def _forces_told(description: MechanismDescription, tree: Tree, actuated: tuple[str, ...]) -> list[str]:

@@ -55,7 +55,10 @@ def choose_independent(
                 f"{', '.join(added)} completed the independent set"
             )
         elif not motors:
-            notes.append(f"the file marks no independent joints: {', '.join(names)} were chosen")
+            chosen = (
+                f"{', '.join(names)} {'was' if len(names) == 1 else 'were'} chosen" if names else "none moves freely"
+            )
+            notes.append(f"the file marks no independent joints: {chosen}")
     if independent is not None and set(names) == set(independent):
         names = tuple(independent)
     if any(tree.split(name)[1] for name in motors) and motors != names:
