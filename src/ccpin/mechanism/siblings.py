@@ -67,12 +67,9 @@ def best_independent(mechanism: Mechanism, q_free: Array, rho: Array) -> tuple[s
     names = tuple(component_names(tree))
     every = IndependentCoordinates(tree, names, q_free)
     allowed = Measure(mechanism).rows[:, None] * (every.jacobian(q_free) @ rho)
-    motion = Motion(
-        names,
-        tuple(tree.split(name)[0] for name in names),
-        tuple(range(len(names))),
-        np.linalg.qr(allowed)[0],
-    )
+    joints = tuple(tree.split(name)[0] for name in names)
+    plain = tuple(tree.joint(joint).kind.unit != 4 for joint in joints)
+    motion = Motion(names, joints, tuple(range(len(names))), np.linalg.qr(allowed)[0], plain)
     components = all_components([motion])
     chosen = components_of(components, complete_independent([motion], (), ()))
     rows = _swapped(motion.basis, [names.index(name) for name in chosen])
