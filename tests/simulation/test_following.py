@@ -5,14 +5,13 @@ from functools import cache
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.integrate import simpson
 
 import ccpin
 from ccpin import native
 from ccpin.control import PDSimpleGravity
 from ccpin.control.sampling import Sampling
 from ccpin.description.mjcf.reader import read_mjcf
-from ccpin.mechanism.siblings import LEVERAGE, Measure, _swapped, best_independent, with_independent
-from ccpin.simulation import closure_forces_at
 from tests.oracles import descriptor
 from tests.support import linkages
 from tests.support.agreement import reference_model
@@ -110,3 +109,176 @@ def test_a_passive_motion_goes_on_for_a_minute(name):
     """Sixty seconds likewise."""
     model, run = released(name, 60.0)
     assert_it_goes_on(model, run, 60.0)
+
+
+def apart(name, duration):
+    """How far a run ends from (19) integrated in all coordinates: q′, and q̇′ relative to its size."""
+    model, run = released(name, duration)
+    free = model.mechanism.pin_model
+    free.gravity = pin.Motion(np.array(model.gravity_vector), np.zeros(3))
+    found = descriptor.integrate(model.mechanism.description, free, run.q_free[0], run.v_free[0], duration)
+    far = np.abs(pin.difference(free, found.q_free, run.q_free[-1])).max()
+    return run.changes, far, np.abs(found.v_free - run.v_free[-1]).max() / max(1.0, np.abs(found.v_free).max())
+
+
+@pytest.mark.parametrize(("name", "duration"), [("RSSR", 0.2)])
+def test_the_motion_is_that_of_the_descriptor_form(name, duration):
+    """Through a change of coordinates: q′ and q̇′ of (19) integrated in all coordinates, to 1e-6."""
+    changes, far, faster = apart(name, duration)
+    assert changes >= 1
+    assert max(far, faster) < 1e-6
+
+
+@pytest.mark.slow
+@every_case
+def test_the_motion_is_that_of_the_descriptor_form_at_one_second(name):
+    """After a second likewise."""
+    _, far, faster = apart(name, 1.0)
+    assert max(far, faster) < 1e-6
+
+
+@pytest.mark.parametrize("name", ["five-bar", "RSSR", "Stewart"])
+def test_both_backends_follow_alike(name):
+    """The core's run, piece by piece, is that of NumPy: as many changes and the same samples to the tolerance."""
+    if native.backend().name != "native":
+        pytest.skip("the compiled core is not in use")
+    model, ours = released(name, 0.5)
+    v = case(name)[1]
+    slow = reference_model(model.mechanism, model.gravity_vector)
+    theirs = ccpin.simulate(slow, None, ours.q[0], v, duration=0.5, **TIGHT)
+    assert ours.changes == theirs.changes
+    np.testing.assert_allclose(ours.q_free, theirs.q_free, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(ours.v_free, theirs.v_free, rtol=0, atol=1e-6)
+
+
+def test_what_is_reported_is_in_the_runs_own_coordinates():
+    """q = α(q′) and q̇ = α_q′ q̇′ of the model the run was started with, at every sample, before and after."""
+    model, run = released("RSSR", 2.0)
+    assert run.changes > 0
+    for q, v, q_free, v_free in zip(run.q, run.v, run.q_free, run.v_free, strict=True):
+        np.testing.assert_allclose(q, model.alpha(q_free), rtol=0, atol=1e-13)
+        np.testing.assert_allclose(v, model.coordinates.jacobian(q_free) @ v_free, rtol=0, atol=1e-10)
+
+
+def test_a_spinning_rod_goes_round():
+    """The rod's spin, a component of a ball joint whose chart ends at half a turn, goes on for many turns."""
+    model, run = released("RSSR", 4.0)
+    turned = np.diff(run.q[:, 1])
+    assert np.abs(turned).max() > np.pi  # the chart's angle jumps, as it must
+    assert_it_goes_on(model, run, 4.0)
+
+
+def test_coordinates_are_not_changed_to_and_fro():
+    """A four-bar measured by its rocker changes once, to its crank, for as long as it goes round."""
+    mechanism = ccpin.load("four_bar", independent=["rocker"], actuated=["crank"])
+    model = ccpin.ReducedModel(mechanism, gravity=(0.0, 0.0, 0.0))
+    run = ccpin.simulate(model, None, model.alpha(mechanism.q_reference), [3.0], duration=10.0, **TIGHT)
+    crank = run.q_free[:, mechanism.tree.joint("crank").q.start]
+    assert np.ptp(crank) > 4 * np.pi
+    assert run.changes == 1
+
+
+# What is stated in the coordinates, and what is not.
+
+
+STRETCHING = np.radians([-108.0, -72.0]), np.array([-8.0, 8.0])
+
+
+def test_a_torque_function_goes_on_and_its_work_is_the_energy(rpdr_model):
+    """Motors that stretch the five-bar and throw it over: T + V grows by ∫ uᵀq̇ dt of the motors' own rates."""
+
+    def torque(t, q, v):
+        return np.array([-0.5, 0.4 * np.sin(20 * t)])
+
+    run = ccpin.simulate(rpdr_model, torque, *STRETCHING, duration=0.4, **(TIGHT | {"sample_period": 5e-4}))
+    total = energies(rpdr_model, run).sum(axis=0)
+    work = simpson(np.einsum("ti,ti->t", run.u, run.v), x=run.t)
+    assert (run.status, run.changes > 0) == ("finished", True)
+    assert total[-1] - total[0] == pytest.approx(work, rel=1e-6)
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_a_law_stated_in_the_coordinates_ends_by_name(rpdr_model, sampled):
+    """A feedback law ends where the loop stretches, and the message names law and coordinates."""
+    law = PDSimpleGravity(rpdr_model, STRETCHING[0], [0.1, 0.1], [0.01, 0.01])
+    sampling = Sampling(1e-3, encoder_counts=4096.0) if sampled else None
+    run = ccpin.simulate(rpdr_model, law, *STRETCHING, duration=0.5, sampling=sampling)
+    assert (run.status, run.changes) == ("singular", 0)
+    assert "coordinates joint1, joint2 end, in which PDSimpleGravity is stated" in run.message
+    q1, q2, q3, q4 = (run.q_free[-1, rpdr_model.mechanism.tree.joint(f"joint{k}").q.start] for k in (1, 2, 3, 4))
+    assert abs(np.sin(q1 + q3 - q2 - q4)) < 0.3  # the loop is all but stretched
+
+
+def test_a_sampled_function_goes_on(rpdr_model):
+    """A digital controller that computes u from t, q and q̇ reads its own q and q̇ in other coordinates too."""
+    seen = []
+
+    def torque(t, q, v):
+        seen.append((t, q.copy()))
+        return np.zeros(2)
+
+    run = ccpin.simulate(rpdr_model, torque, *STRETCHING, duration=0.2, sampling=Sampling(0.01), **TIGHT)
+    free = ccpin.simulate(rpdr_model, None, *STRETCHING, duration=0.2, **TIGHT)
+    assert (run.status, run.changes > 0) == ("finished", True)
+    np.testing.assert_allclose(run.q, free.q, rtol=0, atol=1e-8)
+    np.testing.assert_allclose([q for _, q in seen[:20]], run.q[:20], rtol=0, atol=1e-12)
+
+
+def test_wrenches_that_read_a_state_end_by_name_and_constant_ones_go_on(rpdr_model):
+    """A function of a State may read q of its model; a constant wrench reads nothing."""
+    link = rpdr_model.mechanism.tree.joints[0].stated.child
+    wrench = {link: [0.0, 0.0, 0.1, 0, 0, 0]}
+    run = ccpin.simulate(rpdr_model, None, *STRETCHING, duration=0.2, wrenches=lambda t, state, v: wrench)
+    assert run.status == "singular"
+    assert "the wrenches, a function of a State, are stated" in run.message
+    assert ccpin.simulate(rpdr_model, None, *STRETCHING, duration=0.2, wrenches=wrench).status == "finished"
+
+
+def test_friction_goes_on_alike_in_any_coordinates():
+    """Coulomb friction in every joint, through the stretched loop: the motion does not depend on who measures it."""
+    levels, runs = {f"joint{k}": (0.02, 0.001) for k in range(1, 5)}, []
+    home = ccpin.ReducedModel(ccpin.load("rpdr"))
+    start = home.at(STRETCHING[0])
+    for independent in (("joint1", "joint2"), ("joint1", "joint3")):
+        model = ccpin.ReducedModel(ccpin.load("rpdr", independent=independent, actuated=("joint1", "joint2")))
+        v = model.reading(start, STRETCHING[1]).v
+        at = model.alpha(start.q_free), v
+        runs.append(
+            ccpin.simulate(model, None, *at, duration=0.3, guess=start.q_free, friction=levels, **TIGHT)
+        )
+    assert [run.status for run in runs] == ["finished"] * 2
+    assert runs[0].changes > 0
+    np.testing.assert_allclose(runs[0].q_free, runs[1].q_free, rtol=0, atol=1e-7)
+
+
+# Where a motion ends.
+
+
+def test_a_singular_mechanism_ends_a_passive_motion():
+    """Delta's parallelograms fall flat: φ_q′ itself loses rank, and the message says so with the configuration."""
+    model = ccpin.ReducedModel(ccpin.load("delta"))
+    run = ccpin.simulate(model, None, model.alpha(model.mechanism.q_reference), duration=2.0, **TIGHT)
+    assert run.status == "singular"
+    assert "the mechanism itself is singular at q′ = [" in run.message
+    assert run.evaluations < 20_000
+
+
+def test_joints_that_move_no_mass_end_a_passive_motion():
+    """Three revolutes for a ball, without mass between them: in gimbal lock two turn and move nothing, and are named."""
+    model = ccpin.ReducedModel(ccpin.load("stewart"))
+    run = ccpin.simulate(model, None, model.alpha(model.mechanism.q_reference), duration=0.6, **TIGHT)
+    assert run.status == "singular"
+    assert "platform_pitch, platform_yaw can turn or slide without moving any mass" in run.message
+    assert run.evaluations < 20_000
+
+
+def test_trajectories_one_after_the_other_add_their_changes(tmp_path):
+    """`then` and files keep q̇′ and the number of changes."""
+    _, run = released("RSSR", 1.0)
+    both = run.then(run)
+    run.save_npz(tmp_path / "run.npz")
+    again = ccpin.simulation.load_npz(tmp_path / "run.npz")
+    assert both.changes == 2 * run.changes > 0
+    assert both.v_free.shape == (2 * len(run.t) - 1, 5)
+    assert again.changes == run.changes
+    np.testing.assert_array_equal(again.v_free, run.v_free)
