@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin.control import ControlLaw, PDSimpleGravity
 from ccpin.errors import CcpinError, InvalidInputError, UnreachableError
 from ccpin.simulation import Settling, Trajectory, load_npz, supervise
 from tests.support.paper import GOAL, K_P, K_V, START

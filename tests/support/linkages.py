@@ -99,7 +99,9 @@ def _add_leg(side, mirror, points, bars, pins):
         points[name + side] = point * flip
     for name, ends in zip("jkbcdefghi", ("AU", "AL", "PU", "PL", "PD", "UD", "DK", "LK", "KF", "LF"), strict=True):
         bars.append(Bar(name + side, *(end if end == "A" else end + side for end in ends)))
-    hinges = "A-crank-j A-crank-k P-base-b P-base-c P-base-d U-b-j U-b-e D-d-e D-d-f L-c-k L-c-g L-c-i K-g-f K-g-h F-i-h"
+    hinges = (
+        "A-crank-j A-crank-k P-base-b P-base-c P-base-d U-b-j U-b-e D-d-e D-d-f L-c-k L-c-g L-c-i K-g-f K-g-h F-i-h"
+    )
     for hinge in hinges.split():
         pins.append(tuple(name if name in ("A", "crank", "base") else name + side for name in hinge.split("-")))
 

@@ -51,7 +51,7 @@ class Measure:
         return float((np.abs(rho) * self.rows[:, None] / self.columns).max(initial=0.0))
 
     def turned(self, q_free: Array) -> float:
-        """How far, in radians, the ball joints whose single components are independent are from their charts' centres."""
+        """How far, in radians, ball joints whose single components are independent are from their charts' centres."""
         return self._coordinates.turned(q_free)
 
 

@@ -2,8 +2,8 @@
 
 Where ψ_q′ loses rank and φ_q′ does not, the mechanism is fine and the coordinates are not: a four-bar measured by its
 rocker at the end of the rocker's swing, a ball's component after half a turn. A run goes on from there in a sibling
-(`ccpin.mechanism.siblings`), the same mechanism in other coordinates: q′ and q̇′ are the same before and after, so energy,
-λ and closure are too, and q̇′ = ρ q̇ of the sibling lies in ker φ_q′ exactly.
+(`ccpin.mechanism.siblings`), the same mechanism in other coordinates: q′ and q̇′ are the same before and after, so
+energy, λ and closure are too, and q̇′ = ρ q̇ of the sibling lies in ker φ_q′.
 
 What is reported is in the run's own coordinates all along, q = α(q′) and q̇ = α_q′ q̇′, which are always defined. What is
 *stated* in them, as a feedback law or wrenches that read a State are, ends where they end.
@@ -35,8 +35,8 @@ class Following:
     """Whose coordinates a run is in, when they are to be left, and for which.
 
     They are left where they have become ten times worse than they were when taken up (or a thousand times worse than
-    the best), so that a run does not change to and fro: those taken up are the best there, and any change of coordinates
-    needs a motion in between.
+    the best), so that a run does not change to and fro: those taken up are the best there, and between any two changes
+    lies a motion.
 
     Args:
         home: The model the run was started with; what is reported is in its coordinates.
@@ -48,8 +48,8 @@ class Following:
         changes: How often the coordinates were changed.
         stated: What is stated in the coordinates of `home`, in words; ``None`` if nothing is.
         measure: How well the present coordinates measure the motion.
-        most: The largest leverage (`Measure`) at which the present coordinates are kept; infinite where they are `home`'s
-            and something is stated in them.
+        most: The largest leverage (`Measure`) at which the present coordinates are kept; infinite where something is
+            stated in them.
     """
 
     def __init__(self, home: ReducedModel, law: ControlLaw, wrenches: Wrenches | Pushes | None = None) -> None:
@@ -125,7 +125,7 @@ class Following:
 
 
 def _massless(state: State) -> tuple[str, float]:
-    """The joints that move in the direction of least mass, and that mass relative to what its coordinates move alone."""
+    """The joints that move in the direction of least mass, and that mass relative to that of single coordinates."""
     alone = np.sqrt(np.diag(state.D))
     masses, directions = np.linalg.eigh(state.D / np.outer(alone, alone))
     motion = np.abs(state.rho @ (directions[:, 0] / alone))

@@ -123,11 +123,14 @@ def _joined(model: ReducedModel, times: Array, pieces: list[_Piece], changes: in
     q = [alpha(x) for x in columns["q_free"][later]]
     v = [slope(x) @ w for x, w in zip(columns["q_free"][later], columns["v_free"][later], strict=True)]
     t, last = np.array(times[: len(columns["q_free"])]), pieces[-1]
-    message = stop or {
-        "finished": f"simulated {t[-1]:.6g} s",
-        "settled": f"settled since t = {last.settled_since:.6g} s",
-        "interrupted": f"interrupted at t = {t[-1]:.6g} s",
-    }[last.status]
+    message = (
+        stop
+        or {
+            "finished": f"simulated {t[-1]:.6g} s",
+            "settled": f"settled since t = {last.settled_since:.6g} s",
+            "interrupted": f"interrupted at t = {t[-1]:.6g} s",
+        }[last.status]
+    )
     return Trajectory(
         t,
         np.vstack([first.q[: first.done], *q]),

@@ -30,8 +30,8 @@ from ccpin.errors import (
 )
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
 from ccpin.simulation.following import Following
+from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
 from ccpin.simulation.in_core import simulate_in_core
 from ccpin.simulation.stick_slip import Drive, StickSlip
 from ccpin.simulation.trajectory import Status, Trajectory

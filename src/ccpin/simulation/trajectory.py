@@ -58,7 +58,9 @@ class Trajectory(NamedTuple):
         The other's times are shifted to begin where this one ends.
         """
         later = instance(other, "other", Trajectory)._replace(t=other.t + (self.t[-1] - other.t[0]))
-        joined: dict[str, Any] = {name: getattr(self, name) + getattr(other, name) for name in ("evaluations", "changes")}
+        joined: dict[str, Any] = {
+            name: getattr(self, name) + getattr(other, name) for name in ("evaluations", "changes")
+        }
         for name in ("t", "q", "v", "u", "q_free", "closure_error", "v_free"):
             joined[name] = np.concatenate([getattr(self, name), getattr(later, name)[1:]])
         return other._replace(**joined)
