@@ -214,7 +214,7 @@ def integrate(description, model, q_free, v_free, duration, *, leg=0.02, rtol=1e
 
 
 def released(description, model, q_free, v_free):
-    """q̈′ of (19) without motors, by the null space of φ_q′: redundant rows and bodies of very unlike masses do no harm."""
+    """q̈′ of (19) without motors, by the null space of φ_q′: redundant rows and unlike masses do no harm."""
     found = rows(description, model, q_free, v_free)
     jacobian, drift = np.array([row.gradient for row in found]), np.array([row.drift for row in found])
     left, singular, directions = np.linalg.svd(jacobian)

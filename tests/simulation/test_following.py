@@ -1,4 +1,4 @@
-"""Coordinates that follow a motion: passive runs go on through singularities of the coordinates they were started in."""
+"""Coordinates that follow a motion: passive runs go on through singularities of the coordinates they began in."""
 
 from functools import cache
 
@@ -262,7 +262,7 @@ def test_a_singular_mechanism_ends_a_passive_motion():
 
 
 def test_joints_that_move_no_mass_end_a_passive_motion():
-    """Three revolutes for a ball, without mass between them: in gimbal lock two turn and move nothing, and are named."""
+    """Three revolutes for a ball, without mass between them: in gimbal lock two move nothing, and are named."""
     model = ccpin.ReducedModel(ccpin.load("stewart"))
     run = ccpin.simulate(model, None, model.alpha(model.mechanism.q_reference), duration=0.6, **TIGHT)
     assert run.status == "singular"

@@ -115,7 +115,7 @@ def _add_drag_link(points, bars, pins):
 
 
 def _linkage(name, points, bars, pins):
-    """A planar linkage in the x-y plane of a floating frame: a spanning tree of its pins, and a closure for every other.
+    """A planar linkage in the x-y plane of a floating frame: a spanning tree of its pins, closures for the rest.
 
     All frames are parallel to the world's at the reference, each link's at the pin that carries it.
     """

@@ -146,11 +146,8 @@ class Kernel:
         law: dict[str, object],
         run: dict[str, object],
         tableau: dict[str, object],
-    ) -> tuple[int, Array, Array, Array, Array, Array, Any, float, int] | None:
-        """The number of samples, then q, q̇, u, q′ and |φ| at each, how it ended, since when it is settled, evaluations.
-
-        See `ccpin.simulation.in_core` for what the arguments hold.
-        """
+    ) -> tuple[Any, ...] | None:
+        """The fields of `ccpin.simulation.in_core._Piece`; see there, too, for what the arguments hold."""
 
 Columns = tuple[Array, ...]  # the fields of ccpin.domain.boxes.Boxes
 
