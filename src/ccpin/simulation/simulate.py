@@ -222,7 +222,7 @@ class _Run:
     ) -> None:
         self.model, self.commands, self.contact, self.pushes = start.model, commands, contact, pushes
         self.settling, self.region, self.singular_rcond = settling, region, singular_rcond
-        self.following, self.home = following, start.model
+        self.following, self.home = following, following.home
         self.following.begin(start)
         self.near = start
         self.t, self.x = 0.0, np.concatenate([start.q, v_start])
