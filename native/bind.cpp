@@ -9,7 +9,7 @@ static int import_numpy() {
 }
 
 NB_MODULE(_core, module) {
-  using ccpin::Kernel;
+  using ccpin::Kernel, ccpin::HeldMotion;
   const auto arg = [](const char* name) { return nb::arg(name).none(); };  // None fits no shape: the kernel declines
   if (import_numpy() < 0) throw nb::python_error();
   const auto near = arg("near");
@@ -44,6 +44,17 @@ NB_MODULE(_core, module) {
       .def("inverse_dynamics_many", &Kernel::inverse_dynamics_many, arg("Q"), arg("V"), arg("A"), near, threads)
       .def("forward_dynamics_derivatives_many", &Kernel::forward_dynamics_derivatives_many, arg("Q"), arg("V"),
            arg("U"), near, threads)
-      .def("simulate", &Kernel::simulate, near, nb::arg("law"), nb::arg("run"), nb::arg("tableau"));
+      .def("simulate", &Kernel::simulate, near, nb::arg("law"), nb::arg("run"), nb::arg("tableau"))
+      .def(
+          "held_motion",
+          [](Kernel& kernel, nb::dict tableau, double rtol, double atol, double longest, double singular,
+             ccpin::In pushes) { return new HeldMotion(kernel, tableau, rtol, atol, longest, singular, pushes); },
+          nb::arg("tableau"), nb::arg("rtol"), nb::arg("atol"), nb::arg("max_step"), nb::arg("singular_rcond"), wrenches,
+          nb::rv_policy::take_ownership, nb::keep_alive<0, 1>());
+  nb::class_<HeldMotion>(module, "HeldMotion")
+      .def("start", &HeldMotion::start, arg("q_free"), arg("q"), arg("v"), nb::arg("first"))
+      .def("step", &HeldMotion::step, arg("u"), nb::arg("dt"))
+      .def_prop_ro("evaluations", &HeldMotion::evaluations)
+      .def_prop_ro("last_step", &HeldMotion::last_step);
   bind_certificates(module);
 }

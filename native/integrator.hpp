@@ -17,23 +17,26 @@ struct Tableau {
   bool eighth() const { return !E_low.empty(); }
 };
 
-struct Steps { double rtol, atol, longest; };
-
 template <class F> class Integrator {
  public:
   std::vector<double> y, next;
   double t = 0, h = 0;
   bool failed = false;  // the right-hand side is not defined at the start, or the step became too short
 
-  // From (start, y0) to `end`; `first`: the first step, 0 where it is to be chosen.
-  Integrator(F& f, const Tableau& tableau, double start, std::vector<double> y0, double end, Steps steps, double first)
-      : y(std::move(y0)), t(start), f_(f), T_(tableau), end_(end), rtol_(steps.rtol), atol_(steps.atol),
-        longest_(steps.longest), size_(y.size()) {
-    next = trial_ = scale_ = y;
+  Integrator(F& f, const Tableau& tableau, size_t size, double rtol, double atol, double longest)
+      : y(size), next(size), f_(f), T_(tableau), rtol_(rtol), atol_(atol), longest_(longest), size_(size) {
+    trial_ = scale_ = y;
     k_.assign(T_.stages + 1 + T_.extra, std::vector<double>(size_));
-    failed = !f_(t, y.data(), k_[0].data());
-    if (!failed) h = first > 0 ? std::min(first, end - start) : first_step();
   }
+
+  // Go on from `y` at `t` to an end, where the equations may be others than before; `first` 0: a first step of one's own.
+  bool begin(double end, double first = 0) {
+    end_ = end, reached = t, taken_ = 0, prepared_ = false;
+    failed = !f_(t, y.data(), k_[0].data());
+    if (!failed) h = first > 0 ? std::min({first, end - t, longest_}) : first_step();
+    return !failed;
+  }
+  const double* slope() const { return k_[0].data(); }  // after `begin` or `advance`: the right-hand side at `y`
 
   // One accepted step, to `reached`; `advance` makes it the current state. False, and h as it was, where the right-hand
   // side is not defined at a trial; `failed` as well where the step became too short.
@@ -88,7 +91,7 @@ template <class F> class Integrator {
  private:
   F& f_;
   const Tableau& T_;
-  double end_, rtol_, atol_, longest_, taken_ = 0;
+  double end_ = 0, rtol_, atol_, longest_, taken_ = 0;
   size_t size_;
   bool prepared_ = false;
   std::vector<double> trial_, scale_, dense_;

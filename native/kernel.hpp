@@ -227,35 +227,32 @@ class Kernel {
     });
   }
 
-  // A run under a law of the core: how many samples, then q, q̇, u, q′, q̇′, |φ|, how it ended, since when it is settled,
-  // evaluations, and where it ended: the time, the step it would have taken next, (q, q̇) and q′.
+  // A run under a law of the core: how many samples, then t, q, q̇, q̈, u, q′, |φ|, how it ended, since when it is
+  // settled, evaluations, what a signal's handler raised, what a sampled loop remembers.
   nb::object simulate(In near, nb::dict law, nb::dict run, nb::dict tableau) {
+    if (!m.direct) return nb::none();
     const auto [a, b, c] =
         reading::checked([&] { return std::tuple(read_law(law, m), read_run(run, m), read_tableau(tableau)); });
-    if (!m.direct && (a.kind != LawKind::none || b.sampling)) return nb::none();
-    const Py_ssize_t rows = b.times.size();
+    const Py_ssize_t rows = b.times.size() + 1;  // and where it stops
     Pool::Lease w(pool_);
     In q;
     q.data = b.start.data(), q.rows = 1, q.size = m.n_q, q.dimensions = 1;
-    if (rows == 0 || !close(w->model, near, q)) return nb::none();
+    if (!close(w->model, near, q)) return nb::none();
     Samples out;
-    const nb::object Q = new_array({rows, m.n_q}, out.q), V = new_array({rows, m.n}, out.v),
-                     U = new_array({rows, m.motors}, out.u), X = new_array({rows, m.nq}, out.q_free),
-                     W = new_array({rows, m.nv}, out.v_free), E = new_array({rows}, out.closure);
+    const nb::object T = new_array({rows}, out.t), Q = new_array({rows, m.n_q}, out.q), V = new_array({rows, m.n}, out.v),
+                     A = new_array({rows, m.n}, out.a), U = new_array({rows, m.n}, out.u),
+                     X = new_array({rows, m.nq}, out.q_free), E = new_array({rows}, out.closure);
     Simulation simulation(*w, a, b);
     Outcome outcome;
     {
       nb::gil_scoped_release release;
       outcome = simulation.run(c, out);
     }
+    const nb::object raised = simulation.raised ? nb::steal(simulation.raised) : nb::none();
     if (outcome == Outcome::declined) return nb::none();
-    constexpr const char* names[] = {"finished", "settled", "interrupted", "left"};
-    double *state, *place;
-    const nb::object S = new_array({m.n_q + m.n}, state), P = new_array({m.nq}, place);
-    std::copy(simulation.state().begin(), simulation.state().end(), state);
-    std::copy(simulation.place().begin(), simulation.place().end(), place);
-    return nb::make_tuple(out.done, Q, V, U, X, W, E, names[int(outcome)], simulation.settled_since,
-                          simulation.evaluations, nb::make_tuple(simulation.time(), simulation.stride(), S, P));
+    constexpr const char* names[] = {"finished", "settled", "evaluations", "seconds", "interrupted"};
+    return nb::make_tuple(out.done, T, Q, V, A, U, X, E, names[int(outcome)], simulation.settled_since,
+                          simulation.evaluations, raised, memory_of(simulation.commands()));
   }
 
   // Closes the model at σ(q) from `near`, or at `near` itself; false where only the reference can tell.
@@ -296,6 +293,21 @@ class Kernel {
       if (!(std::abs(std::sqrt(sum) - 1) <= 5e-7)) return false;
     }
     return true;
+  }
+
+  // Reading, velocity, the command held, those on their way (one after the other), and how many samples were taken.
+  static nb::object memory_of(const std::optional<SampledCommands>& commands) {
+    if (!commands) return nb::none();
+    const LoopMemory& memory = commands->memory;
+    std::vector<double> pending;
+    for (const std::vector<double>& u : memory.pending) pending.insert(pending.end(), u.begin(), u.end());
+    const auto copy = [](const std::vector<double>& x) {
+      double* out;
+      nb::object array = new_array({Py_ssize_t(x.size())}, out);
+      std::copy(x.begin(), x.end(), out);
+      return array;
+    };
+    return nb::make_tuple(copy(memory.reading), copy(memory.velocity), copy(memory.held), copy(pending), memory.count);
   }
 
   nb::object closed(const ReducedModel& model) const {
@@ -380,6 +392,58 @@ class Kernel {
     const nb::object answered = new_array({batch.Q.rows}, mask);
     for_each_row(pool_, batch.Q.rows, threads, [&](Workspace& w, Py_ssize_t k) { mask[k] = f(w, k, batch.close(w, k)); });
     return nb::make_tuple(arrays, answered);
+  }
+};
+
+// A motion of a kernel's mechanism that is stepped with u held; one thread may use it at a time.
+class HeldMotion {
+ public:
+  HeldMotion(Kernel& kernel, nb::dict tableau, double rtol, double atol, double longest, double singular, In wrenches)
+      : kernel_(kernel),
+        space_(kernel.m),
+        stepper_(space_, reading::checked([&] { return read_tableau(tableau); }), rtol, atol, longest, singular,
+                 pushes_of(wrenches, kernel.m)) {
+    reading::require(rtol > 0 && atol > 0 && longest > 0, "a tolerance or step is not positive");
+  }
+
+  HeldMotion(const HeldMotion&) = delete;
+
+  // Begin at a closed configuration and velocity; false where only the reference can.
+  bool start(In q_free, In q, In v, double first) {
+    ready_ = q.is_vector(kernel_.m.n_q) && v.is_vector(kernel_.m.n) && kernel_.close(space_.model, q_free, In());
+    if (ready_) stepper_.start(q.data, v.data, first);
+    return ready_;
+  }
+  // q, q̇, q̈, u, q′, |φ| after dt; None where only the reference can tell, and `start` must come before the next step.
+  nb::object step(In u, double dt) {
+    const Mechanism& m = kernel_.m;
+    if (!ready_ || !u.is_vector(m.motors) || !(dt > 0) || !std::isfinite(dt)) return nb::none();
+    ready_ = stepper_.step(u.data, dt);
+    if (!ready_) return nb::none();
+    const double* x = stepper_.state();
+    return nb::make_tuple(copy(x, m.n_q), copy(x + m.n_q, m.n), copy(stepper_.acceleration(), m.n),
+                          copy(u.data, m.motors), copy(space_.model.q_free.data(), m.nq), space_.model.closure());
+  }
+  int evaluations() const { return stepper_.evaluations; }
+  double last_step() const { return stepper_.last_step; }
+
+ private:
+  Kernel& kernel_;
+  Workspace space_;
+  Stepper stepper_;
+  bool ready_ = false;
+
+  static Pushes pushes_of(const In& wrenches, const Mechanism& m) {
+    Pushes pushes;
+    reading::require(read_pushes(wrenches, m, pushes), "wrenches are not rows of ten numbers");
+    return pushes;
+  }
+  static nb::object copy(const double* from, Py_ssize_t count) {
+    double* out;
+    nb::object array = new_array({count}, out);
+    std::copy(from, from + count, out);
+    PyArray_CLEARFLAGS(reinterpret_cast<PyArrayObject*>(array.ptr()), NPY_ARRAY_WRITEABLE);
+    return array;
   }
 };
 

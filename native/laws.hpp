@@ -1,7 +1,6 @@
-// The control laws that live in the core (ccpin.control.laws and .tracking; all but the first where the motors are the
-// independent joints), with e = q_d − q and ė = q̇_d − q̇:
+// The control laws that live in the core (ccpin.control.laws and .tracking, where the motors are the independent
+// joints), with e = q_d − q and ė = q̇_d − q̇:
 //
-//   none             u = 0, whatever the motors
 //   pd               u = K_p e + K_v ė + constant
 //   pd_gravity       u = K_p e + K_v ė + g(q)
 //   computed_torque  u = D (q̈_d + K_v ė + K_p e) + C q̇ + g
@@ -39,8 +38,8 @@ struct Path {
   }
 };
 
-enum class LawKind { none, pd, pd_gravity, computed_torque, pd_plus };
-constexpr const char* kLawNames[] = {"none", "pd", "pd_gravity", "computed_torque", "pd_plus"};
+enum class LawKind { pd, pd_gravity, computed_torque, pd_plus };
+constexpr const char* kLawNames[] = {"pd", "pd_gravity", "computed_torque", "pd_plus"};
 
 struct Law {
   LawKind kind;
@@ -57,14 +56,10 @@ class LawRunner {
   }
 
   // Whether the law reads the model at q.
-  bool needs_sigma() const { return law_.kind > LawKind::pd; }
+  bool needs_sigma() const { return law_.kind != LawKind::pd; }
 
   // u(t, q, q̇) at the configuration the model is closed at.
   void effort(double t, const double* q, const double* v, double* u) {
-    if (law_.kind == LawKind::none) {
-      std::fill(u, u + m_.motors, 0.);
-      return;
-    }
     const int n = m_.n;
     law_.path.at(m_, t, q_.data(), v_.data(), a_.data());
     for (const Coordinate& k : m_.coordinates) coordinate_difference(k, q + k.q, q_.data() + k.q, e_.data() + k.v);
@@ -74,7 +69,6 @@ class LawRunner {
       for (int k = 0; k < n; ++k) demand_[i] += law_.K_p[i * n + k] * e_[k] + law_.K_v[i * n + k] * edot_[k];
     }
     switch (law_.kind) {
-      case LawKind::none: break;
       case LawKind::pd: model_part_ = law_.constant; break;
       case LawKind::pd_gravity: w_.model.gravity_at_rest(model_part_.data()); break;
       case LawKind::computed_torque:

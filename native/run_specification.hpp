@@ -21,7 +21,6 @@ inline Law read_law(nb::dict d, const Mechanism& m) {
   const size_t n = m.n;
   Law law;
   law.kind = LawKind(place_of(text(d["kind"]), kLawNames, "law"));
-  if (law.kind == LawKind::none) return law;
   law.path.start = numbers(d["start"], m.n_q), law.path.breaks = numbers(d["breaks"]);
   law.path.degree = integer(d["degree"]);
   require(law.path.degree >= -1 && law.path.degree < 1000, "a path has a wrong degree");
@@ -37,9 +36,14 @@ inline Law read_law(nb::dict d, const Mechanism& m) {
 inline Sampling read_sampling(nb::dict d, const Mechanism& m) {
   using namespace reading;
   Sampling s{number(d["period"]), number(d["gain"]), nb::cast<bool>(d["differentiates"]), numbers(d["resolution"]),
-             nb::cast<std::vector<double>>(d["limit"]), numbers(d["before"], m.n), integer(d["delay"])};
+             nb::cast<std::vector<double>>(d["limit"]), number(d["start"]), {}};
+  s.memory = {numbers(d["reading"], m.n_q), numbers(d["velocity"], m.n), numbers(d["held"], m.n), {}, number(d["count"])};
+  const std::vector<double> pending = numbers(d["pending"]);
+  require(m.n && pending.size() % m.n == 0, "commands on their way are not those of u");
+  for (size_t k = 0; k < pending.size(); k += m.n)
+    s.memory.pending.emplace_back(pending.begin() + k, pending.begin() + k + m.n);
   require(s.period > 0 && s.gain >= 0 && s.gain <= 1, "a sampled loop's period or filter is out of its range");
-  require(s.delay >= 0 && s.delay < 1000000, "a sampled loop's delay is out of its range");
+  require(s.memory.count >= 0 && s.memory.pending.size() < 1000000, "a sampled loop's delay is out of its range");
   require(s.resolution.empty() || (m.plain && int(s.resolution.size()) == m.n), "encoders are not those of q");
   require(int(s.limit.size()) == m.n, "a sampled loop's limits are not those of u");
   for (double x : s.resolution) require(x > 0, "an encoder's resolution is not positive");
@@ -50,14 +54,16 @@ inline Sampling read_sampling(nb::dict d, const Mechanism& m) {
 inline Run read_run(nb::dict d, const Mechanism& m) {
   using namespace reading;
   const auto any = [&](const char* name) { return nb::cast<double>(d[name]); };
-  Run r{numbers(d["times"]), numbers(d["start"], m.n_q + m.n), number(d["begin"]), number(d["first_step"]),
-        number(d["rtol"]), number(d["atol"]), any("max_step"), number(d["singular_rcond"]), {}, {}, {}, {}};
+  Run r;
+  r.times = numbers(d["times"]), r.start = numbers(d["start"], m.n_q + m.n), r.origin = number(d["origin"]);
+  r.rtol = number(d["rtol"]), r.atol = number(d["atol"]), r.longest = any("max_step");
+  r.singular = number(d["singular_rcond"]), r.evaluations = any("evaluations"), r.seconds = any("seconds");
   r.settling = {numbers(d["goal"]), any("band"), any("speed"), any("hold")};
+  r.lower = nb::cast<std::vector<double>>(d["lower"]), r.upper = nb::cast<std::vector<double>>(d["upper"]);
+  require(int(r.lower.size()) == m.n && int(r.upper.size()) == m.n, "bounds of u have a wrong length");
   require(read_pushes(nb::cast<In>(d["wrenches"]), m, r.pushes), "wrenches are not rows of ten numbers");
   if (!d["sampling"].is_none()) r.sampling = read_sampling(nb::cast<nb::dict>(d["sampling"]), m);
-  r.leaving = {any("most_leverage"), numbers(d["row_weights"], m.nv), numbers(d["column_weights"], m.n)};
-  require(!r.times.empty() && r.times[0] >= r.begin, "a run's first time lies before its beginning");
-  require(r.first_step >= 0, "a first step is negative");
+  require(!r.times.empty(), "a run has no times");
   for (size_t k = 1; k < r.times.size(); ++k) require(r.times[k] > r.times[k - 1], "a run's times do not increase");
   require(r.rtol > 0 && r.atol > 0 && r.longest > 0, "a tolerance or step is not positive");
   require(r.settling.goal.empty() || int(r.settling.goal.size()) == m.n_q, "a goal has a wrong length");

@@ -1,154 +1,42 @@
 // The closed loop D q̈ + C q̇ + g = ρᵀJᵀw + u (22) under a law of the core, continuous or sampled, and constant wrenches, with
-// samples at given times; step for step as ccpin.simulation.simulate. What is out of the ordinary (a σ that fails, a
-// singularity coming near) is left to the reference: the run then gives no answer. Where it may leave its coordinates for
-// others (ccpin.simulation.following) it ends there instead, with all it has.
+// samples at given times, and steps of it with u held; step for step as ccpin.simulation.run. What is out of the ordinary
+// (a σ that fails, a singularity coming near) is left to the reference: there is no answer.
 #pragma once
 #include "arrays.hpp"
 #include "integrator.hpp"
 #include "sampling.hpp"
 
+#include <chrono>
 #include <optional>
 
 namespace ccpin {
 
 struct Settling { std::vector<double> goal; double band = 0, speed = 0, hold = 0; };
 
-// When coordinates are left: an entry of ρ, in units that the weights make comparable, is too large, or a component of a
-// ball joint has turned too far from its chart's centre.
-struct Leaving {
-  static constexpr double kTurned = 2;  // rad
-  double most = INFINITY;               // infinite: never
-  std::vector<double> rows, columns;
-  bool may() const { return most < INFINITY; }
-};
-
 struct Run {
-  std::vector<double> times, start;   // start: (q, q̇) at the time `begin`
-  double begin, first_step;           // a first step of zero: it is chosen
-  double rtol, atol, longest, singular;
+  std::vector<double> times, start;   // times: of the samples, from where it begins; start: (q, q̇)
+  double origin = 0;                  // when the law's clock shows 0
+  double rtol = 0, atol = 0, longest = 0, singular = 0;
+  double evaluations = 0, seconds = 0;  // the budget
+  std::vector<double> lower, upper;   // of u; a run that would go beyond is the reference's
   Settling settling;                  // no goal: run to the end
   Pushes pushes;
   std::optional<Sampling> sampling;   // none: the law acts continuously
-  Leaving leaving;
 };
 
-// Where samples go: one row each of t, q, q̇, u, q′, q̇′ and |φ|.
+// Where samples go: one row each of t, q, q̇, q̈, u, q′ and |φ|.
 struct Samples {
-  double *q, *v, *u, *q_free, *v_free, *closure;
+  double *t, *q, *v, *a, *u, *q_free, *closure;
   int done = 0;
 };
 
-enum class Outcome { finished, settled, interrupted, left, declined, going };
+enum class Outcome { finished, settled, exhausted_evaluations, exhausted_seconds, interrupted, declined };
 
-class Simulation {
+// Closes the model along the states that an integrator asks for, from the last one accepted.
+class Follower {
  public:
-  int evaluations = 0;
-  double settled_since = NAN;
-
-  Simulation(Workspace& w, const Law& law, const Run& run)
-      : w_(w), m_(w.model.m), law_(w, law), run_(run), x_(run.start), t_(run.begin), stride_(run.first_step), u_(m_.motors),
-        q_(m_.n_q) {
-    w.model.remember(near_);
-    if (run.sampling) commands_.emplace(w, law_, *run.sampling, x_.data(), x_.data() + m_.n_q);
-  }
-
-  // Where a run ended: (q, q̇), the time, the step it would have taken next, and q′.
-  const std::vector<double>& state() const { return x_; }
-  const std::vector<double>& place() const { return near_.q_free; }
-  double time() const { return t_; }
-  double stride() const { return stride_; }
-
-  Outcome run(const Tableau& tableau, Samples& out) {
-    const Outcome outcome = march(tableau, out);
-    return outcome == Outcome::declined && run_.leaving.may() ? Outcome::left : outcome;
-  }
-
-  // The right-hand side (q̇, q̈); false where σ or q̈ does not exist.
-  bool operator()(double t, const double* state, double* rate) {
-    ++evaluations;
-    if (!close(state)) return false;
-    const double* v = state + m_.n_q;
-    effort(t, v);
-    for (const Coordinate& k : m_.coordinates) coordinate_rate(k, q_.data() + k.q, v + k.v, rate + k.q);
-    return w_.model.forward(v, u_.data(), rate + m_.n_q, run_.pushes);
-  }
-
- private:
-  static constexpr double kSame = 1e-9;  // of the time between two commands
-  static constexpr double kCreeping = 1e-7, kCreepingRcond = 1e-3, kShortest = 1e-10;
-  static constexpr int kMostCreeping = 200;
-  Workspace& w_;
-  const Mechanism& m_;
-  LawRunner law_;
-  const Run& run_;
-  std::optional<SampledCommands> commands_;
-  std::vector<double> x_;            // (q, q̇) at t_
-  double t_, stride_;                // stride: the integrator's, from leg to leg
-  std::vector<double> u_, q_;
-  ClosedPoint near_;
-  long steps_ = 0;
-
-  // From command to command.
-  Outcome march(const Tableau& tableau, Samples& out) {
-    const double end = run_.times.back();
-    for (;;) {
-      double until = end;
-      if (commands_) {
-        if (!close(x_.data()) || !commands_->instant(t_, q_, x_.data() + m_.n_q)) return Outcome::declined;
-        if (commands_->next < end - kSame * (commands_->next - t_)) until = commands_->next;
-      }
-      for (const double here = t_ + kSame * (until - t_); pending(out) <= here;)
-        if (const Outcome o = sample(pending(out), x_.data(), out); o != Outcome::going) return o;
-      if (t_ >= end) return Outcome::finished;
-      if (const Outcome o = leg(tableau, until, out); o != Outcome::going) return o;
-    }
-  }
-
-  // When the next sample is due.
-  double pending(const Samples& out) const {
-    return out.done < int(run_.times.size()) ? run_.times[out.done] : INFINITY;
-  }
-
-  // Integrates smooth equations up to `until`, sampling on the way.
-  Outcome leg(const Tableau& tableau, double until, Samples& out) {
-    Integrator<Simulation> solver(*this, tableau, t_, x_, until, {run_.rtol, run_.atol, run_.longest}, stride_);
-    const Outcome outcome = solver.failed ? Outcome::declined : steps(solver, until, out);
-    x_ = solver.y;
-    return outcome;
-  }
-  Outcome steps(Integrator<Simulation>& solver, double until, Samples& out) {
-    std::vector<double> state(x_.size());
-    const double last = until - kSame * (until - t_);  // a sample due from here on is that of the next leg
-    double shortened = 0;
-    for (int creeping = 0; t_ < until;) {
-      if (!solver.step()) {  // σ fails at a trial: again, a quarter as far
-        shortened = 0.25 * (shortened > 0 ? shortened : std::min(solver.h, until - t_));
-        if (solver.failed || shortened < kShortest || !solver.restart(shortened)) return Outcome::declined;
-        continue;
-      }
-      shortened = 0, stride_ = solver.h;
-      for (double time; (time = pending(out)) <= solver.reached && time < last;) {
-        const bool exact = time == solver.reached;
-        if (!exact && !solver.interpolate(time, state.data())) return Outcome::declined;
-        const Outcome o = sample(time, exact ? solver.next.data() : state.data(), out);
-        if (o != Outcome::going) return o;
-      }
-      if (!close(solver.next.data()) || (singular() && !run_.leaving.may())) return Outcome::declined;
-      creeping = solver.reached - t_ < kCreeping && stuck() ? creeping + 1 : 0;
-      w_.model.remember(near_);
-      solver.advance();
-      t_ = solver.t;
-      if (creeping >= kMostCreeping) return Outcome::declined;
-      if (run_.leaving.may() && t_ < until && (singular() || poor())) return Outcome::left;
-      if (++steps_ % 64 == 0 && interrupted()) return Outcome::interrupted;
-    }
-    return Outcome::going;
-  }
-
-  void effort(double t, const double* v) {
-    if (commands_) u_ = commands_->held();
-    else law_.effort(t, q_.data(), v, u_.data());
-  }
+  Follower(Workspace& w, double singular, const Pushes& pushes)
+      : w_(w), m_(w.model.m), singular_(singular), pushes_(pushes), q_(m_.n_q) {}
 
   bool close(const double* state) {
     q_.assign(state, state + m_.n_q);
@@ -158,75 +46,257 @@ class Simulation {
     }
     return w_.model.sigma(q_.data(), near_);
   }
-  bool singular() {
-    return w_.model.suspicious() && w_.model.rcond() < (run_.leaving.may() ? 1 : 2) * run_.singular;
+  // (q̇, q̈) at the configuration the model is closed at.
+  bool rates(const double* v, const double* u, double* rate) {
+    for (const Coordinate& k : m_.coordinates) coordinate_rate(k, q_.data() + k.q, v + k.v, rate + k.q);
+    return w_.model.forward(v, u, rate + m_.n_q, pushes_);
   }
-  // Whether a step of less than a hundred nanoseconds may be an approach to a singularity.
-  bool stuck() { return run_.leaving.may() ? run_.longest > kCreeping : w_.model.rcond() < kCreepingRcond; }
-
-  // Whether the coordinates, at the point the model is closed at, are to be left.
-  bool poor() const {
-    for (size_t k = 0; k < m_.clusters.size(); ++k) {
-      const Cluster& c = m_.clusters[k];
-      for (int col = 0; col < c.width(); ++col)
-        for (int i = 0; i < c.n(); ++i) {
-          const double entry = w_.model.states[k].rho[size_t(col) * c.n() + i] * run_.leaving.rows[c.columns[col]];
-          if (!(std::abs(entry) <= run_.leaving.most * run_.leaving.columns[c.independent[i]])) return true;
-        }
-    }
-    for (const Coordinate& k : m_.coordinates)
-      if (!k.whole() && k.component >= 3 && k.kind != Kind::planar &&
-          rotation_vector(k, w_.model.q_free.data() + m_.joints[k.joint].q).norm() > Leaving::kTurned)
-        return true;
-    return false;
+  // The step just taken counts; false where the next ones may be out of the ordinary.
+  bool accept(const double* state, double length) {
+    if (!close(state) || (w_.model.suspicious() && w_.model.rcond() < 2 * singular_)) return false;
+    creeping_ = length < kCreeping && w_.model.rcond() < kCreepingRcond ? creeping_ + 1 : 0;
+    w_.model.remember(near_);
+    return creeping_ < kMostCreeping;
   }
+  void start_here() { w_.model.remember(near_), creeping_ = 0; }
 
-  Outcome sample(double t, const double* state, Samples& out) {
-    if (!close(state) || (singular() && !run_.leaving.may())) return Outcome::declined;
-    const int k = out.done++;
-    const double* v = state + m_.n_q;
-    effort(t, v);
-    std::copy(q_.begin(), q_.end(), out.q + size_t(k) * m_.n_q);
-    std::copy(v, v + m_.n, out.v + size_t(k) * m_.n);
-    std::copy(u_.begin(), u_.end(), out.u + size_t(k) * m_.motors);
-    std::copy(w_.model.q_free.begin(), w_.model.q_free.end(), out.q_free + size_t(k) * m_.nq);
-    free_velocity(v, out.v_free + size_t(k) * m_.nv);
-    out.closure[k] = w_.model.closure();
-    return settled(t, q_.data(), v) ? Outcome::settled : Outcome::going;
+ protected:
+  static constexpr double kCreeping = 1e-7, kCreepingRcond = 1e-3, kShortest = 1e-10;
+  static constexpr int kMostCreeping = 200;
+  Workspace& w_;
+  const Mechanism& m_;
+  double singular_;
+  const Pushes pushes_;
+  std::vector<double> q_;
+  ClosedPoint near_;
+
+ private:
+  int creeping_ = 0;
+};
+
+// A step of the integrator, again a quarter as far where σ fails at a trial; false where that does not help.
+template <class Solver> bool robust_step(Solver& solver, double end, double shortest) {
+  for (double shortened = 0;;) {
+    if (solver.step()) return true;
+    shortened = 0.25 * (shortened > 0 ? shortened : std::min(solver.h, end - solver.t));
+    if (solver.failed || shortened < shortest || !solver.restart(shortened)) return false;
   }
+}
 
-  // q̇′ = ρ q̇.
-  void free_velocity(const double* v, double* out) const {
-    for (size_t k = 0; k < m_.clusters.size(); ++k) {
-      const Cluster& c = m_.clusters[k];
-      for (int col = 0; col < c.width(); ++col) {
-        double sum = 0;
-        for (int i = 0; i < c.n(); ++i) sum += w_.model.states[k].rho[size_t(col) * c.n() + i] * v[c.independent[i]];
-        out[c.columns[col]] = sum;
+inline double slack(double t) { return 16 * (std::nextafter(std::abs(t), INFINITY) - std::abs(t)); }
+
+class Simulation : public Follower {
+  using Solver = Integrator<Simulation>;
+
+ public:
+  int evaluations = 0;
+  double settled_since = NAN;
+  PyObject* raised = nullptr;  // by a signal's handler
+
+  Simulation(Workspace& w, const Law& law, const Run& run)
+      : Follower(w, run.singular, run.pushes), law_(w, law), path_(law.path), run_(run), u_(m_.n) {
+    start_here();
+    if (run.sampling) commands_.emplace(w, law_, *run.sampling);
+  }
+  const std::optional<SampledCommands>& commands() const { return commands_; }
+
+  Outcome run(const Tableau& tableau, Samples& out) {
+    const auto began = std::chrono::steady_clock::now();
+    const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count(); };
+    const double end = run_.times.back();
+    Solver solver(*this, tableau, run_.start.size(), run_.rtol, run_.atol, run_.longest);
+    solver.y = run_.start, solver.t = run_.times[0];
+    state_.resize(run_.start.size());
+    if (settles() && excess(solver.y.data()) <= 0) settled_since = solver.t;
+    double stride = 0;  // the integrator's, from leg to leg; 0: to be chosen
+    for (int steps = 1;;) {
+      if (commands_ && solver.t >= commands_->due() - slack(commands_->due())) {
+        const double* v = solver.y.data() + m_.n_q;
+        if (!close(solver.y.data()) || !commands_->instant(solver.t - run_.origin, q_, v)) return Outcome::declined;
       }
+      if (due(out, solver.t + slack(solver.t)) && !sample(run_.times[out.done], solver.y.data(), out))
+        return Outcome::declined;
+      if (solver.t >= end) return Outcome::finished;
+      const double change = commands_ ? INFINITY : next_piece(solver.t), until = commands_ ? std::min(commands_->due(), end) : end;
+      const bool changes = change < until - slack(until);
+      const double leg = changes ? change : until;
+      if (!solver.begin(leg, stride)) return Outcome::declined;
+      for (; solver.t < leg; ++steps) {
+        if (!robust_step(solver, leg, kShortest)) return Outcome::declined;
+        double halt = NAN;
+        if (settles() && !look(solver, halt)) return Outcome::declined;
+        const bool settled = !std::isnan(halt);
+        const double reached = settled ? halt : solver.reached;
+        while (due(out, std::min(reached, leg - 2 * slack(leg)))) {
+          const double time = run_.times[out.done];
+          if (!solver.interpolate(time, state_.data()) || !sample(time, state_.data(), out)) return Outcome::declined;
+        }
+        state_ = solver.next;
+        if (reached < solver.reached && !solver.interpolate(reached, state_.data())) return Outcome::declined;
+        if (!accept(state_.data(), reached - solver.t)) return Outcome::declined;
+        const bool spent = evaluations >= run_.evaluations, late = std::isfinite(run_.seconds) && seconds() >= run_.seconds;
+        const bool stopped = steps % 64 == 0 && interrupted();
+        if (settled || spent || late || stopped) {
+          if (out.t[out.done - 1] < reached - slack(reached) && !sample(reached, state_.data(), out))
+            return Outcome::declined;
+          return settled   ? Outcome::settled
+                 : spent   ? Outcome::exhausted_evaluations
+                 : late    ? Outcome::exhausted_seconds
+                           : Outcome::interrupted;
+        }
+        solver.advance();
+      }
+      stride = changes ? 0 : solver.h;
     }
   }
 
-  // Whether a sample ends a stay of `hold` seconds within the band.
-  bool settled(double t, const double* q, const double* v) {
-    if (run_.settling.goal.empty()) return false;
-    double step[6], error = 0, speed = 0;
-    for (const Coordinate& k : m_.coordinates) {
-      coordinate_difference(k, q + k.q, run_.settling.goal.data() + k.q, step);
-      for (int i = 0; i < k.nv; ++i) error = std::max(error, std::abs(step[i]));
-    }
-    for (int i = 0; i < m_.n; ++i) speed = std::max(speed, std::abs(v[i]));
-    if (error > run_.settling.band || speed > run_.settling.speed) settled_since = NAN;
-    else if (std::isnan(settled_since)) settled_since = t;
-    return t - settled_since >= run_.settling.hold * (1 - 1e-12);
+  // The right-hand side (q̇, q̈); false where σ or q̈ does not exist.
+  bool operator()(double t, const double* state, double* rate) {
+    ++evaluations;
+    if (!close(state)) return false;
+    const double* v = state + m_.n_q;
+    return effort(t, v) && rates(v, u_.data(), rate);
   }
 
-  static bool interrupted() {
-    nb::gil_scoped_acquire acquire;
-    if (PyErr_CheckSignals() == 0) return false;
-    PyErr_Clear();
+ private:
+  static constexpr int kParts = 8;
+  struct Crossing { double t; bool inside; };
+  LawRunner law_;
+  const Path& path_;
+  const Run& run_;
+  std::optional<SampledCommands> commands_;
+  std::vector<double> u_, state_;
+  std::vector<Crossing> crossings_;
+
+  bool due(const Samples& out, double until) const {
+    return out.done < int(run_.times.size()) && run_.times[out.done] <= until;
+  }
+  // When the path passes to its next piece.
+  double next_piece(double t) const {
+    const auto next = std::upper_bound(path_.breaks.begin(), path_.breaks.end(), t - run_.origin);
+    return next == path_.breaks.end() ? INFINITY : *next + run_.origin;
+  }
+
+  // The law's efforts; false where motors cannot give them.
+  bool effort(double t, const double* v) {
+    if (commands_) u_ = commands_->memory.held;
+    else law_.effort(t - run_.origin, q_.data(), v, u_.data());
+    for (size_t i = 0; i < u_.size(); ++i)
+      if (u_[i] < run_.lower[i] || u_[i] > run_.upper[i]) return false;
     return true;
   }
+
+  bool sample(double t, const double* state, Samples& out) {
+    if (!close(state) || (w_.model.suspicious() && w_.model.rcond() < 2 * singular_)) return false;
+    const int k = out.done++;
+    const double* v = state + m_.n_q;
+    if (!effort(t, v)) return false;
+    out.t[k] = t;
+    std::copy(q_.begin(), q_.end(), out.q + size_t(k) * m_.n_q);
+    std::copy(v, v + m_.n, out.v + size_t(k) * m_.n);
+    std::copy(u_.begin(), u_.end(), out.u + size_t(k) * m_.n);
+    std::copy(w_.model.q_free.begin(), w_.model.q_free.end(), out.q_free + size_t(k) * m_.nq);
+    out.closure[k] = w_.model.closure();
+    return w_.model.forward(v, u_.data(), out.a + size_t(k) * m_.n, pushes_);
+  }
+
+  // Settling, as ccpin.simulation.settling.
+  bool settles() const { return !run_.settling.goal.empty(); }
+  double excess(const double* state) const {
+    double step[6], error = 0, speed = 0;
+    for (const Coordinate& k : m_.coordinates) {
+      coordinate_difference(k, state + k.q, run_.settling.goal.data() + k.q, step);
+      for (int i = 0; i < k.nv; ++i) error = std::max(error, std::abs(step[i]));
+    }
+    for (int i = 0; i < m_.n; ++i) speed = std::max(speed, std::abs(state[m_.n_q + i]));
+    return std::max(error / run_.settling.band, speed / run_.settling.speed) - 1;
+  }
+  bool inside(Solver& solver, double t, bool& found) {
+    if (!solver.interpolate(t, state_.data())) return false;
+    found = excess(state_.data()) <= 0;
+    return true;
+  }
+  // Where in the step just tried the band is entered and left, and when the motion has settled; false: no answer.
+  bool look(Solver& solver, double& halt) {
+    double since = settled_since, before = solver.t;
+    crossings_.clear();
+    for (int part = 1; part <= kParts; ++part) {
+      const double after = part == kParts ? solver.reached : solver.t + part * (solver.reached - solver.t) / kParts;
+      bool now, was;
+      if (!inside(solver, after, now)) return false;
+      if (now == std::isnan(since)) {
+        double low = before, high = after;
+        if (!inside(solver, before, was)) return false;
+        while (was != now && high - low > std::max(1e-13, slack(high) / 4)) {
+          const double middle = low + 0.5 * (high - low);
+          bool there;
+          if (!inside(solver, middle, there)) return false;
+          (there == now ? high : low) = middle;
+        }
+        const double crossing = was == now ? before : high;
+        if (!now && crossing - since >= run_.settling.hold) break;
+        since = now ? crossing : NAN;
+        crossings_.push_back({crossing, now});
+      }
+      before = after;
+    }
+    if (!std::isnan(since) && since + run_.settling.hold <= solver.reached)
+      halt = std::max(since + run_.settling.hold, solver.t);
+    for (const Crossing& crossing : crossings_)
+      if (std::isnan(halt) || crossing.t <= halt) settled_since = crossing.inside ? crossing.t : NAN;
+    return true;
+  }
+
+  bool interrupted() {
+    nb::gil_scoped_acquire acquire;
+    if (PyErr_CheckSignals() == 0) return false;
+    PyObject *type, *trace;
+    PyErr_Fetch(&type, &raised, &trace);
+    PyErr_NormalizeException(&type, &raised, &trace);
+    Py_XDECREF(type), Py_XDECREF(trace);
+    return true;
+  }
+};
+
+// A motion that is stepped with u held.
+class Stepper : public Follower {
+ public:
+  int evaluations = 0;
+  double last_step = 0;  // what the integrator would try next
+
+  Stepper(Workspace& w, const Tableau& tableau, double rtol, double atol, double longest, double singular,
+          const Pushes& pushes)
+      : Follower(w, singular, pushes), tableau_(tableau), solver_(*this, tableau_, m_.n_q + m_.n, rtol, atol, longest) {}
+
+  // Begin where the model is closed.
+  void start(const double* q, const double* v, double first) {
+    std::copy(q, q + m_.n_q, solver_.y.data()), std::copy(v, v + m_.n, solver_.y.data() + m_.n_q);
+    last_step = first;
+    start_here();
+  }
+  // `state` and `acceleration` then tell; false: no answer, and no place to go on from.
+  bool step(const double* u, double dt) {
+    u_ = u, solver_.t = 0;
+    if (!solver_.begin(dt, last_step)) return false;
+    while (solver_.t < dt) {
+      if (!robust_step(solver_, dt, kShortest) || !accept(solver_.next.data(), solver_.reached - solver_.t)) return false;
+      solver_.advance();
+    }
+    last_step = solver_.h;
+    return true;
+  }
+  const double* state() const { return solver_.y.data(); }
+  const double* acceleration() const { return solver_.slope() + m_.n_q; }
+
+  bool operator()(double, const double* state, double* rate) {
+    ++evaluations;
+    return close(state) && rates(state + m_.n_q, u_, rate);
+  }
+
+ private:
+  const Tableau tableau_;
+  Integrator<Stepper> solver_;
+  const double* u_ = nullptr;
 };
 
 }  // namespace ccpin

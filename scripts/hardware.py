@@ -51,7 +51,7 @@ def main(out: Path = OUT) -> None:
         motion = ccpin.simulate(model, controller, Q_START, duration=DURATION, **bench)
         cost = (time.process_time() - began) / DURATION
         metrics[name] = set_point_metrics(motion, model, Q_GOAL, BAND).as_json()
-        motion.save_csv(out / f"{name}.csv", mechanism)
+        motion.save(out / f"{name}.csv")
         title = f"RPDR, point to point (Fig. 9): {name.replace('_', ' ')}"
         plotting.save(plotting.plot_motion(motion, mechanism, Q_GOAL, title), out / f"fig9_{name}.png")
         settled = metrics[name]["settling_time"]

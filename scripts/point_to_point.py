@@ -31,8 +31,8 @@ def main(out: Path = OUT) -> None:
     trajectory = ccpin.simulate(model, law, Q_START, duration=DURATION)
     metrics = set_point_metrics(trajectory, model, Q_GOAL, BAND)
 
-    trajectory.save_csv(out / "motion.csv", mechanism)
-    trajectory.save_npz(out / "motion.npz")
+    trajectory.save(out / "motion.csv")
+    trajectory.save(out / "motion.npz")
     write_atomically(out / "metrics.json", "w", lambda file: json.dump(metrics.as_json(), file, indent=2))
     plotting.save(
         plotting.plot_motion(trajectory, mechanism, Q_GOAL, "RPDR, point to point (Fig. 9)"), out / "fig9.png"

@@ -39,8 +39,8 @@ def main(out: Path = OUT) -> None:
     metrics = [set_point_metrics(move.trajectory, model, move.goal, BAND) for move in motion.moves]
     goals = np.array([next(m.goal for m in motion.moves if t <= m.end) for t in trajectory.t])
 
-    trajectory.save_csv(out / "motion.csv", mechanism)
-    trajectory.save_npz(out / "motion.npz")
+    trajectory.save(out / "motion.csv")
+    trajectory.save(out / "motion.npz")
     write_atomically(out / "metrics.json", "w", lambda file: json.dump([m.as_json() for m in metrics], file, indent=2))
     figure = plotting.plot_motion(trajectory, mechanism, goals, f"RPDR, {CYCLES} cycles (Fig. 10)")
     plotting.save(figure, out / "fig10.png")

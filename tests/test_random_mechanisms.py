@@ -25,7 +25,8 @@ class State:
     def __init__(self, drawn, seed):
         self.drawn, self.seed = drawn, seed
         rng = np.random.default_rng(seed)
-        self.mechanism = ccpin.load(drawn.description, free=["all"])
+        independent = ccpin.load(drawn.description, free=["all"]).independent
+        self.mechanism = ccpin.load(drawn.description, actuated=independent, free=["all"])
         self.model = ccpin.ReducedModel(self.mechanism)
         self.pin_model = self.mechanism.pin_model
         self.q, self.q_free = self.somewhere(rng)

@@ -147,6 +147,10 @@ def _description(b):
             description.read_description,
             {"path": "rpdr", "format": None, "model": None, "include_root": None, "xacro_arguments": None},
         ),
+        "scaled": (
+            description.scaled,
+            {"description": b.whole.description, "masses": 1.1, "lengths": {b.link: 1.0}, "friction": 1.0},
+        ),
         "find_file": (description.find_file, {"path": "rpdr"}),
         "installed_models": (description.installed_models, {}),
         "combine": (

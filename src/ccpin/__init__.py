@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from ccpin.errors import CcpinError
     from ccpin.mechanism import Mechanism, load
     from ccpin.native import backend
-    from ccpin.simulation import Trajectory
+    from ccpin.simulation import Simulator, Trajectory
     from ccpin.simulation.simulate import simulate
+    from ccpin.simulation.sweeps import sweep
 
 __version__ = "0.1.0"
 
@@ -29,6 +30,7 @@ __all__ = [
     "Mechanism",
     "MechanismDescription",
     "ReducedModel",
+    "Simulator",
     "State",
     "Trajectory",
     "backend",
@@ -41,6 +43,7 @@ __all__ = [
     "plotting",
     "simulate",
     "simulation",
+    "sweep",
     "validated",
     "visualization",
 ]
@@ -52,11 +55,13 @@ _HOMES = {
     "Mechanism": "mechanism",
     "MechanismDescription": "description",
     "ReducedModel": "dynamics",
+    "Simulator": "simulation",
     "State": "dynamics",
     "Trajectory": "simulation",
     "backend": "native",
     "load": "mechanism",
     "simulate": "simulation",
+    "sweep": "simulation",
 }
 
 

@@ -122,7 +122,7 @@ def test_view_writes_a_page(tmp_path, capsys):
     assert (tmp_path / "pose.html").stat().st_size > 100_000
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
     motion = ccpin.simulate(model, None, np.radians([-90.0, -95.0]), duration=0.1, sample_period=0.01)
-    motion.save_npz(tmp_path / "motion.npz")
+    motion.save(tmp_path / "motion.npz")
     page = tmp_path / "motion.html"
     assert main(["view", "rpdr", "--trajectory", str(tmp_path / "motion.npz"), "--html", str(page)]) == 0
     assert page.stat().st_size > 100_000
@@ -176,3 +176,18 @@ def test_convert(tmp_path, capsys):
     assert main(["convert", "rpdr", "--out", str(tmp_path / "rpdr.step")]) == 1
     assert "names none of" in capsys.readouterr().err
     assert not (tmp_path / "rpdr.step").exists()
+
+
+def test_simulate_keeps_to_limits(capsys):
+    """Efforts are cut off by default, or told where they may go beyond; a lag needs a sampled loop."""
+    asked = ("simulate", "rpdr", *MOVE_OPTIONS[:6], "--kp", "60", "--kv", "1", "--duration", "0.05", "--json")
+    assert main([*asked]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["moves"][0]["peak_torque"] == [30.0, 30.0]
+    assert {(one["quantity"], one["limit"]) for one in result["exceeded"]} == {("velocity", 30.0)}  # it is told
+    assert main([*asked, "--effort-limits", "ignore"]) == 0
+    exceeded = json.loads(capsys.readouterr().out)["exceeded"]
+    beyond = [(one["joint"], one["limit"]) for one in exceeded if one["quantity"] == "effort"]
+    assert beyond == [("joint1", 30.0), ("joint2", 30.0)]
+    assert main([*asked, "--motor-lag", "0.002"]) == 1
+    assert "sampling=" in json.loads(capsys.readouterr().out)["message"]

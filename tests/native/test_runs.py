@@ -1,6 +1,6 @@
 """Runs in the compiled core are the reference's runs."""
 
-import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,29 +13,29 @@ from ccpin.control.sampling import SampledCommands, Sampling
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus
 from ccpin.dynamics import Wrench
 from ccpin.dynamics.wrenches import wrench_rows
-from ccpin.simulation import Settling
-from ccpin.simulation.in_core import simulate_in_core
+from ccpin.simulation import Settling, Stop, stepper
+from ccpin.simulation.happenings import Moment
+from ccpin.simulation.in_core import run_in_core
 from tests.support.agreement import reference_model
 
 pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
 
 
-def in_core(model, law, q0, duration, method="RK45", settling=None, rtol=1e-9, wrenches=None, sampling=None):
-    """A run of the core from rest, sampled every 10 ms."""
-    times = np.arange(round(100 * duration) + 1) * 0.01
-    start = np.concatenate([q0, np.zeros(model.n)])
-    run = {
-        "times": times,
-        "start": start,
-        "rtol": rtol,
-        "atol": rtol * 1e-2,
-        "max_step": np.inf,
-        "singular_rcond": 1e-7,
-        "wrenches": wrench_rows(model.mechanism.tree, wrenches),
-        "sampling": sampling and SampledCommands(model, law, sampling, q0, np.zeros(model.n)).numbers(),
-        **(settling or Settling(np.empty(0)))._asdict(),
-    }
-    return simulate_in_core(model, law, method, None, run)
+def in_core(
+    model, law, q0, duration, method="RK45", settling=None, rtol=1e-9, wrenches=None, sampling=None, most=np.inf
+):
+    """A run of the core from rest, sampled every 10 ms; ``None`` where it declines."""
+    numbers = {"times": np.arange(round(100 * duration) + 1) * 0.01, "rtol": rtol, "atol": rtol * 1e-2}
+    numbers |= {"max_step": np.inf, "singular_rcond": 1e-7}
+    numbers |= {"wrenches": wrench_rows(model.mechanism.tree, wrenches)}
+    numbers |= {"lower": np.full(model.n, -most).tolist(), "upper": np.full(model.n, most).tolist()}
+    loop = sampling and SampledCommands(model, law, sampling, q0, np.zeros(model.n))
+    numbers |= {"sampling": loop and loop.numbers()}
+    found = run_in_core(model, law, method, Moment(0.0, model.at(q0), np.zeros(model.n)), numbers, settling)
+    if found is None:
+        return None
+    stop = found.stop or Stop("finished", f"simulated {duration:.6g} s")
+    return SimpleNamespace(**found.columns, **stop._asdict(), evaluations=found.evaluations)
 
 
 def reference(model, *arguments, **options):
@@ -55,7 +55,7 @@ def test_the_papers_law_step_for_step(rpdr_model):
     ours = in_core(rpdr_model, law, q0, 0.4)
     theirs = reference(rpdr_model, law, q0, duration=0.4, sample_period=0.01)
     assert (ours.status, ours.message, ours.evaluations) == (theirs.status, theirs.message, theirs.evaluations)
-    for name, allowed in (("t", 0.0), ("q", 1e-12), ("v", 1e-12), ("q_free", 1e-12), ("u", 1e-10)):
+    for name, allowed in (("t", 0.0), ("q", 1e-12), ("v", 1e-12), ("q_free", 1e-12), ("u", 1e-10), ("a", 1e-9)):
         np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), rtol=0, atol=allowed)
     assert ours.closure_error.max() <= 1e-10
 
@@ -101,6 +101,9 @@ def test_circles_and_quaternions():
     mechanism = ccpin.load("rpdr", floating_base=True)
     model = ccpin.ReducedModel(mechanism)
     q0 = model.alpha(mechanism.q_reference)
+    if model.n_actuated != model.n:
+        assert in_core(model, NoTorque(model), q0, 0.1) is None
+        return
     ours = in_core(model, NoTorque(model), q0, 0.1)
     theirs = reference(model, None, q0, duration=0.1, sample_period=0.01)
     np.testing.assert_allclose(ours.q, theirs.q, rtol=0, atol=1e-10)
@@ -126,12 +129,15 @@ def test_gravity_is_the_models(rpdr):
 
 
 def test_what_the_core_leaves_to_the_reference(rpdr_model):
-    """A Python law, another method and a law of one's own get no answer."""
+    """A Python law, another method, and a motion into a singularity get no answer."""
     q0, _ = ends(rpdr_model)
     assert in_core(rpdr_model, TorqueFunction(lambda t, q, v: np.zeros(2)), q0, 0.1) is None
     assert in_core(rpdr_model, NoTorque(rpdr_model), q0, 0.1, method="Radau") is None
     own = type("Own", (PDFullGravity,), {})(rpdr_model, q0, [50.0, 50.0], [5.0, 5.0])
     assert in_core(rpdr_model, own, q0, 0.1) is None
+    theirs = reference(rpdr_model, None, q0, duration=3.0, sample_period=0.01)
+    if theirs.status != "finished":
+        assert in_core(rpdr_model, NoTorque(rpdr_model), q0, 3.0) is None
 
 
 class Backwards(PointToPoint):
@@ -211,15 +217,39 @@ def test_simulate_asks_the_core_for_them(rpdr_model, monkeypatch):
     asked = []
 
     def spy(*arguments):
-        asked.append(simulate_in_core(*arguments))
+        asked.append(run_in_core(*arguments))
         return asked[-1]
 
-    monkeypatch.setattr(sys.modules["ccpin.simulation.simulate"], "simulate_in_core", spy)
+    monkeypatch.setattr(stepper, "run_in_core", spy)
     q0, _ = ends(rpdr_model)
     law, link = a_law(rpdr_model, "simple"), sorted(rpdr_model.mechanism.tree.attachments)[1]
     still = {link: [0.0, 1.0, 0.0, 0.0, 0.0, 0.0]}
     ccpin.simulate(rpdr_model, law, q0, duration=0.02, sampling=Sampling(1e-3), wrenches=still)
     assert len(asked) == 1
-    assert asked[0].status == "finished"
+    assert asked[0].stop is None
     ccpin.simulate(rpdr_model, law, q0, duration=0.02, wrenches=lambda t, state, v: still)
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize("sampling", [None, Sampling(1e-3)], ids=["continuous", "sampled"])
+def test_runs_beyond_the_motors_bounds_are_the_references(rpdr_model, sampling):
+    """Where the law asks for more than motors can give the core has no answer, and the run saturates as in NumPy."""
+    q0, q_d = ends(rpdr_model)
+    law = PDSimpleGravity(rpdr_model, q_d, [150.0, 150.0], [5.0, 5.0])
+    assert in_core(rpdr_model, law, q0, 0.1, sampling=sampling) is not None
+    assert in_core(rpdr_model, law, q0, 0.1, sampling=sampling, most=30.0) is None
+    found = ccpin.simulate(rpdr_model, law, q0, duration=0.05, sampling=sampling, sample_period=0.01)
+    expected = reference(rpdr_model, law, q0, duration=0.05, sampling=sampling, sample_period=0.01)
+    assert np.abs(found.u).max() == 30.0
+    np.testing.assert_allclose(found.q, expected.q, rtol=0, atol=1e-10)
+
+
+def test_noisy_loops_are_the_references(rpdr_model):
+    """Noise of encoders is drawn in Python alone: the run is the reference's, not one without noise."""
+    q0, q_d = ends(rpdr_model)
+    law, noisy = PDSimpleGravity(rpdr_model, q_d, [50.0, 50.0], [5.0, 5.0]), Sampling(1e-3, encoder_noise=1e-3, seed=2)
+    found = ccpin.simulate(rpdr_model, law, q0, duration=0.03, sampling=noisy, sample_period=0.01)
+    expected = reference(rpdr_model, law, q0, duration=0.03, sampling=noisy, sample_period=0.01)
+    quiet = ccpin.simulate(rpdr_model, law, q0, duration=0.03, sampling=Sampling(1e-3), sample_period=0.01)
+    np.testing.assert_allclose(found.u, expected.u, rtol=0, atol=1e-8)
+    assert np.abs(found.u - quiet.u).max() > 1e-2

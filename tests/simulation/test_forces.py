@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 import ccpin
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import closure_forces, closure_forces_at, joint_forces
+from ccpin.simulation.samples import SAMPLED
 from tests.oracles import descriptor, rpdr
 from tests.support.paper import GOAL, K_P, K_V
 from tests.support.strategies import mechanisms
@@ -113,9 +114,11 @@ class State(NamedTuple):
 
     def still(self):
         """A motion of one sample."""
-        q_free = self.mechanism.q_reference
-        one = [x[None] for x in (self.model.alpha(q_free), self.v, self.u, q_free)]
-        return ccpin.Trajectory(np.zeros(1), *one, np.zeros(1), "finished", "", 0, self.v_free[None], 0)
+        simulator = ccpin.Simulator(self.model, lambda t, q, v: self.u, friction={})
+        simulator.reset(self.model.alpha(self.mechanism.q_reference), self.v, guess=self.mechanism.q_reference)
+        motion = simulator.run(1e-9, sample_period=1e-9)
+        samples = {name: getattr(motion, name)[:1] for name in SAMPLED}
+        return motion._replace(**samples)
 
 
 def state(description, seed):

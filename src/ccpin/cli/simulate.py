@@ -16,11 +16,9 @@ from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation import METHODS, Settling, SupervisedMotion, Trajectory, exceeded, supervise
 from ccpin.simulation import simulate as run_simulation
 from ccpin.simulation.metrics import set_point_metrics
-from ccpin.simulation.simulate import METHODS, Settling
-from ccpin.simulation.supervision import SupervisedMotion, supervise
-from ccpin.simulation.trajectory import Trajectory
 
 
 def add_simulate(commands: Any) -> None:
@@ -71,6 +69,7 @@ def _simulate(options: argparse.Namespace) -> int:
     band = np.radians(options.band_deg)
     metrics = [set_point_metrics(part, model, target, band).as_json() for target, part in moves]
     result = {name: getattr(trajectory, name) for name in ("status", "message", "evaluations")} | {"moves": metrics}
+    result["exceeded"] = [one._asdict() for one in exceeded(model, trajectory)]
     if options.out is not None:
         _write(options.out, mechanism, trajectory, goals, result)
     print(
@@ -108,8 +107,8 @@ def _cycles(
 def _write(out: Path, mechanism: Mechanism, trajectory: Trajectory, goals: Array, result: dict[str, Any]) -> None:
     from ccpin import plotting, visualization
 
-    trajectory.save_csv(out / "motion.csv", mechanism)
-    trajectory.save_npz(out / "motion.npz")
+    trajectory.save(out / "motion.csv")
+    trajectory.save(out / "motion.npz")
     write_atomically(out / "metrics.json", "w", lambda file: json.dump(result, file, indent=2))
     plotting.save(plotting.plot_motion(trajectory, mechanism, goals), out / "motion.png")
     ends = [trajectory.q_free[0], trajectory.q_free[-1]]
@@ -129,6 +128,10 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
             + ("not within the band at the end" if settled is None else f"within the band from {settled:.3f} s on")
             + f", peak effort {np.round(metric['peak_torque'], 3).tolist()}"
         )
+    lines += [
+        f"{one['quantity']} of {one['joint']} beyond {one['limit']:.4g}: {one['extreme']:.4g}"
+        for one in result["exceeded"]
+    ]
     if out is not None:
         lines.append(f"figures, data and animation in {out}/")
     return "\n".join(lines)

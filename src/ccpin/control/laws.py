@@ -6,19 +6,22 @@
 from __future__ import annotations
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, numbers, positive, vector
+from ccpin.control.references import require_commuting
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.mechanism.mechanism import Mechanism
+
+_NO_EFFORT = 1e-9
 
 
 class ControlLaw(abc.ABC):
@@ -48,6 +51,13 @@ class ControlLaw(abc.ABC):
         """`torque` at a configuration already closed."""
         return self.torque(t, state.q, v, state.q_free)
 
+    def next_switch(self, t: float) -> float | None:
+        """The first time after t at which u jumps or kinks as a function of time.
+
+        Infinite where it never does, ``None`` where the law does not say (`ccpin.simulate` then takes short steps).
+        """
+        return None
+
 
 class NoTorque(ControlLaw):
     """u = 0: the mechanism swings freely."""
@@ -61,18 +71,75 @@ class NoTorque(ControlLaw):
         """Zero, of shape (motors,)."""
         return self._zero
 
+    def next_switch(self, t: float) -> float:
+        """Never."""
+        return np.inf
+
 
 class TorqueFunction(ControlLaw):
-    """Any function (t, q, v) → u as a law."""
+    """Any function (t, q, v) → u as a law.
+
+    Args:
+        function: The function.
+        switching_times: The times at which u jumps or kinks, s; none at all where it never does. ``None``: not known.
+
+    Raises:
+        InvalidInputError: Times that are not finite numbers.
+    """
 
     everywhere = True
 
-    def __init__(self, function: Callable[[float, Array, Array], ArrayLike]) -> None:
+    def __init__(
+        self,
+        function: Callable[[float, Array, Array], ArrayLike],
+        switching_times: Sequence[float] | None = None,
+    ) -> None:
         self._function = function
+        self._times = None if switching_times is None else np.sort(np.asarray(switching_times, dtype=np.float64))
+        if self._times is not None and not (self._times.ndim == 1 and np.isfinite(self._times).all()):
+            raise InvalidInputError(f"switching_times must be finite numbers of seconds, not {switching_times!r}")
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
         """What the function returns, as a float64 vector; one number stands for the effort of an only motor."""
         return np.atleast_1d(np.asarray(self._function(t, q, v), dtype=np.float64))
+
+    def next_switch(self, t: float) -> float | None:
+        """The next of the times given."""
+        return None if self._times is None else next_of(self._times, t)
+
+
+class Delayed(ControlLaw):
+    """A law whose clock starts at a time: its t is the time since then.
+
+    Args:
+        law: The law.
+        start: When its clock shows zero, s.
+
+    Attributes:
+        law, start: As given.
+    """
+
+    def __init__(self, law: ControlLaw, start: float) -> None:
+        self.law, self.start = law, start
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """The law's efforts at t − start."""
+        return self.law.torque(t - self.start, q, v, guess)
+
+    def torque_at(self, t: float, state: State, v: Array) -> Array:
+        """The law's efforts at t − start."""
+        return self.law.torque_at(t - self.start, state, v)
+
+    def next_switch(self, t: float) -> float | None:
+        """The law's next switch, on the clock outside."""
+        switch = self.law.next_switch(t - self.start)
+        return None if switch is None else switch + self.start
+
+
+def next_of(times: Array, t: float) -> float:
+    """The first of increasing times that is later than t, infinite where none is."""
+    k = int(np.searchsorted(times, t, side="right"))
+    return float(times[k]) if k < len(times) else np.inf
 
 
 class ModelLaw(ControlLaw):
@@ -91,7 +158,7 @@ class ModelLaw(ControlLaw):
 
     Raises:
         InvalidInputError: Gains of the wrong shape or not symmetric positive definite.
-        UnsupportedMechanismError: Fewer motors than independent coordinates.
+        UnsupportedMechanismError: Fewer motors than independent coordinates, or a coordinate that no motor moves.
         UnreachableError, SingularConfigurationError: σ(q) does not exist on the guess's branch.
     """
 
@@ -106,6 +173,22 @@ class ModelLaw(ControlLaw):
             )
         self.K_p, self.K_v = gain_matrix(K_p, "K_p", coordinates), gain_matrix(K_v, "K_v", coordinates)
         self.near = self.model.at(q, guess)
+        self._check_reach()
+
+    def _check_reach(self) -> None:
+        """Every generalized force must be one that motors can exert, ρᵀSᵀu = τ, or the law's is not what acts."""
+        transmission = self.near.reference.transmission
+        if transmission is None or not self.model.n:
+            return
+        left, singular, _ = np.linalg.svd(transmission)
+        idle = left[:, singular <= _NO_EFFORT * singular[0]]
+        if idle.size:
+            worst = int(np.abs(idle).max(axis=1).argmax())
+            name = next(part.name for part in self.model.coordinates.parts if worst < part.v.stop)
+            raise UnsupportedMechanismError(
+                f"no motor moves '{name}' as the law would: those of {self.model.mechanism.name} sit on "
+                f"{', '.join(self.model.mechanism.actuated)}"
+            )
 
     def state(self, q: Array | State, guess: Near = None) -> State:
         """The State at q, on the branch of the guess or of `near`."""
@@ -121,6 +204,8 @@ class _PD(ModelLaw):
 
     Args and errors as for `ModelLaw`; q is the set point q_d, constant, gains are in N m/rad or N/m (K_p) and N m s/rad
     or N s/m (K_v), and the guess chooses the assembly mode of σ(q_d).
+
+    A ball, planar or floating joint that is independent as a whole is refused: there d/dt q̃ is not −q̇, so 𝒱 may rise.
     """
 
     def __init__(
@@ -131,9 +216,15 @@ class _PD(ModelLaw):
         K_v: ArrayLike,
         guess: Near = None,
     ) -> None:
+        model = model_of(model)
+        require_commuting(model.coordinates, type(self).__name__)
         super().__init__(model, q_d, K_p, K_v, guess)
         self.q_d, self.q_free_d, self.gravity_d = self.near.q, self.near.q_free, self.near.g
         self._potential_d = self.near.energy(np.zeros(self.model.n)).potential
+
+    def next_switch(self, t: float) -> float:
+        """Never: time does not enter."""
+        return np.inf
 
     def error(self, q: Array) -> Array:
         """q̃ = q_d − q, the tangent vector from q to q_d, of shape (n,)."""
@@ -254,6 +345,10 @@ class CoulombCompensation(ControlLaw):
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The PD law's efforts plus the compensation, of shape (motors,)."""
         return self._law.torque_at(t, state, v) + self._compensation(state.q)
+
+    def next_switch(self, t: float) -> float:
+        """Never: time does not enter."""
+        return self._law.next_switch(t)
 
     def _compensation(self, q: Array) -> Array:
         direction = self._direction

@@ -205,3 +205,7 @@ class OnlineLaw(ControlLaw):
         if sample.outcome == "lost":
             return self.law.brake(v, sample.state)
         return self.law.torque_with(t, q, v, sample.state)
+
+    def next_switch(self, t: float) -> float | None:
+        """The tracking law's."""
+        return self.law.next_switch(t)

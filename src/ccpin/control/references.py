@@ -74,6 +74,10 @@ class Reference(abc.ABC):
         """
         return None
 
+    def next_switch(self, t: float) -> float | None:
+        """The first time after t at which q̈_d or one of its rates jumps; infinite: never; ``None``: not known."""
+        return None
+
 
 class PointToPoint(Reference):
     """From one q to another at rest, along the geodesic with the quintic time law of least mean square jerk.
@@ -113,6 +117,10 @@ class PointToPoint(Reference):
         coefficients = powers[None, :, None] * self._line
         return PiecewisePolynomial(self._q_start, np.array([0.0, self.duration]), coefficients)
 
+    def next_switch(self, t: float) -> float:
+        """The start, then the end."""
+        return 0.0 if t < 0.0 else self.duration if t < self.duration else np.inf
+
 
 class Hold(Reference):
     """A set point as a reference: q_d constant.
@@ -135,6 +143,10 @@ class Hold(Reference):
     def as_polynomial(self) -> PiecewisePolynomial:
         """No piece at all."""
         return PiecewisePolynomial(self._state.q, np.empty(0), np.empty((0, 1, len(self._state.v))))
+
+    def next_switch(self, t: float) -> float:
+        """Never."""
+        return np.inf
 
 
 class Waypoints(Reference):
@@ -190,6 +202,11 @@ class Waypoints(Reference):
         orders = range(degree, -1, -1)
         parts = [self._spline.derivative(order)(breaks[:-1]) / math.factorial(order) for order in orders]
         return PiecewisePolynomial(self._q_start, breaks, np.stack(parts, axis=1))
+
+    def next_switch(self, t: float) -> float:
+        """The next knot of the spline."""
+        k = int(np.searchsorted(self._spline.t, t, side="right"))
+        return float(self._spline.t[k]) if k < len(self._spline.t) else np.inf
 
 
 def through_points(

@@ -33,6 +33,7 @@ class Servos(ControlLaw):
 
     def __init__(self, model: ReducedModel | Mechanism, inputs: ArrayLike | Callable[[float], ArrayLike]) -> None:
         self.model = model_of(model)
+        self._constant_inputs = not callable(inputs)
         if not callable(inputs):
             constant = np.array(vector(inputs, "inputs", self.model.n_actuated))
             self._inputs: Callable[[float], ArrayLike] = lambda t: constant
@@ -68,3 +69,7 @@ class Servos(ControlLaw):
         theta, rate = state.q_free[self._q], state.v_free(v)[self._v]
         u = self._gain * inputs + self._constant + self._by_q * theta + self._by_v * rate
         return np.asarray(np.clip(u, self._lower, self._upper))
+
+    def next_switch(self, t: float) -> float | None:
+        """Never where the inputs are constant, else not known."""
+        return np.inf if self._constant_inputs else None

@@ -55,6 +55,10 @@ class TrackingLaw(ModelLaw):
         """e = q_d(t) − q, of shape (n,)."""
         return self.model.coordinates.difference(q, self.reference.at(t).q)
 
+    def next_switch(self, t: float) -> float | None:
+        """Where the reference passes from one piece to the next."""
+        return self.reference.next_switch(t)
+
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The motors' efforts at (q, q̇), of shape (motors,)."""
         return self.torque_with(t, state.q, v, state)
@@ -151,3 +155,7 @@ class WithSigmaError(ControlLaw):
         model = self.law.model
         wrong = model.parametrization.at(moved(model.free_system.model, state.q_free, self.offset))
         return self.law.torque_with(t, state.q, v, State.of(model, state.q, wrong))
+
+    def next_switch(self, t: float) -> float | None:
+        """The law's."""
+        return self.law.next_switch(t)

@@ -119,6 +119,15 @@ class ReducedModel:
         rate = self.coordinates.jacobian(state.q_free) @ state.v_free(v)
         return Reading(self.coordinates.alpha(state.q_free), rate)
 
+    def reading_rate(self, state: State, v: Array, a: Array) -> Array:
+        """q̈ = α_q′ q̈′ + α̇_q′ q̇′ of this model where `reading` gives q and q̇, from the State's own v and a."""
+        if state.model is self:
+            return a
+        v_free, q_free = state.v_free(v), state.q_free
+        rate = self.coordinates.jacobian_rate(q_free, v_free)
+        own = self.coordinates.jacobian(q_free) @ state.a_free(v, a)
+        return np.asarray(own if rate is None else own + rate @ v_free)
+
     def rho(self, q_free: ArrayLike) -> Array:
         """ρ = ψ_q′⁻¹ [0; I] (14), of shape (n′, n), with q̇′ = ρ q̇.
 

@@ -115,17 +115,20 @@ class Reference:
         scratch = self.model.free_system.scratch
         return joint_loads(scratch, self.q_free, applied_wrenches(self.model.mechanism.tree, wrenches))
 
-    def forward_dynamics(self, v: Array, u: Array, wrenches: Wrenches | None = None) -> Array:
+    def forward_dynamics(
+        self, v: Array, u: Array, wrenches: Wrenches | None = None, loads: Array | None = None
+    ) -> Array:
         """q̈ (22)."""
-        return self._accelerated(v, self.bias(v), self._pushed(u, wrenches))
+        return self._accelerated(v, self.bias(v), self._pushed(u, wrenches, loads))
 
-    def constraint_forces(self, v: Array, u: Array, wrenches: Wrenches | None = None) -> Array:
+    def constraint_forces(
+        self, v: Array, u: Array, wrenches: Wrenches | None = None, loads: Array | None = None
+    ) -> Array:
         """λ (17)."""
-        bias, loads = self.bias(v), self.joint_efforts(u)
-        if wrenches is not None:
-            loads = loads + self.joint_loads(wrenches)
-        a_free = self.rho @ self._accelerated(v, bias, self._pushed(u, wrenches)) + bias
-        force = self._tau_free(v, a_free) - loads
+        bias, outside = self.bias(v), self._outside(wrenches, loads)
+        efforts = self.joint_efforts(u) if outside is None else self.joint_efforts(u) + outside
+        a_free = self.rho @ self._accelerated(v, bias, self._pushed(u, wrenches, loads)) + bias
+        force = self._tau_free(v, a_free) - efforts
         return self.point.factor.solve_transposed(force)[: self.model.parametrization.constraints.size]
 
     @cached_property
@@ -142,10 +145,17 @@ class Reference:
     def _tau_free(self, v: Array, a_free: Array) -> Array:
         return self.model.free_system.inverse_dynamics(self.q_free, self.rho @ v, a_free)
 
-    def _pushed(self, u: Array, wrenches: Wrenches | None) -> Array:
-        """ρᵀ(Sᵀu + Jᵀw)."""
-        force = self.generalized_force(u)
-        return force + self.rho.T @ self.joint_loads(wrenches) if wrenches is not None else force
+    def _pushed(self, u: Array, wrenches: Wrenches | None, loads: Array | None) -> Array:
+        """ρᵀ(Sᵀu + Jᵀw + f)."""
+        force, outside = self.generalized_force(u), self._outside(wrenches, loads)
+        return force if outside is None else force + self.rho.T @ outside
+
+    def _outside(self, wrenches: Wrenches | None, loads: Array | None) -> Array | None:
+        """Jᵀw + f, ``None`` where there is neither."""
+        if wrenches is None:
+            return loads
+        carried = self.joint_loads(wrenches)
+        return carried if loads is None else carried + loads
 
     def _accelerated(self, v: Array, bias: Array, pushed: Array) -> Array:
         """q̈ from ρ̇ q̇: D q̈ = ρᵀ(Sᵀu + Jᵀw) − ρᵀτ′(q′, q̇′, ρ̇ q̇), with τ′ the free system's inverse dynamics."""

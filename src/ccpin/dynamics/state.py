@@ -191,22 +191,27 @@ class State:
             return np.asarray(answer)
         return self.reference.tau(self._velocity(v), self._acceleration(a), wrenches)
 
-    def forward_dynamics(self, v: ArrayLike, u: ArrayLike, wrenches: Wrenches | None = None) -> Array:
-        """q̈ = D⁻¹(ρᵀ(Sᵀu + Jᵀw) − C q̇ − damping q̇ − g) (22), of shape (n,).
+    def forward_dynamics(
+        self, v: ArrayLike, u: ArrayLike, wrenches: Wrenches | None = None, loads: ArrayLike | None = None
+    ) -> Array:
+        """q̈ = D⁻¹(ρᵀ(Sᵀu + Jᵀw + f) − C q̇ − damping q̇ − g) (22), of shape (n,).
 
         Args:
             v: Velocity, of shape (n,).
             u: The actuated joints' efforts, of shape (motors,).
             wrenches: w, what acts on links from outside, by link name: (force, moment) in world axes at the link's
                 origin, six numbers, or a `ccpin.dynamics.Wrench` at a point of it. Here and in every call that has it.
+            loads: f, what else acts on the free system's joints (friction, stops), N m or N, of shape (n′,).
 
         Raises:
             SingularConfigurationError: D is not positive definite so near a singularity.
             UnsupportedMechanismError: D is not positive definite (bodies without mass or inertia).
         """
-        answer = self.model.core.forward_dynamics(self.q_free, v, u, None, self._rows(wrenches))
+        answer = None
+        if loads is None:
+            answer = self.model.core.forward_dynamics(self.q_free, v, u, None, self._rows(wrenches))
         if answer is None:
-            return self.reference.forward_dynamics(self._velocity(v), self._effort(u), wrenches)
+            return self.reference.forward_dynamics(self._velocity(v), self._effort(u), wrenches, self._loads(loads))
         return np.asarray(answer)
 
     def inverse_dynamics(self, v: ArrayLike, a: ArrayLike, wrenches: Wrenches | None = None) -> Array:
@@ -232,16 +237,20 @@ class State:
             )
         return u
 
-    def constraint_forces(self, v: ArrayLike, u: ArrayLike, wrenches: Wrenches | None = None) -> Array:
-        """λ of the descriptor form (17): D′q̈′ + C′q̇′ + B′q̇′ + g′ = Sᵀu + Jᵀw + φ_q′ᵀλ, of shape (m,).
+    def constraint_forces(
+        self, v: ArrayLike, u: ArrayLike, wrenches: Wrenches | None = None, loads: ArrayLike | None = None
+    ) -> Array:
+        """λ of the descriptor form (17): D′q̈′ + C′q̇′ + B′q̇′ + g′ = Sᵀu + Jᵀw + f + φ_q′ᵀλ, of shape (m,).
 
         λ has one entry a row of φ, in φ's order and axes (`ccpin.kinematics.constraints`): the force (N) that end A of
         a loop receives along a point row, B the opposite; the moment (N m) along a direction row. With redundant rows
-        λ is the solution of least norm. Errors as for `forward_dynamics`.
+        λ is the solution of least norm. Arguments and errors as for `forward_dynamics`.
         """
-        answer = self.model.core.constraint_forces(self.q_free, v, u, None, self._rows(wrenches))
+        answer = None
+        if loads is None:
+            answer = self.model.core.constraint_forces(self.q_free, v, u, None, self._rows(wrenches))
         if answer is None:
-            return self.reference.constraint_forces(self._velocity(v), self._effort(u), wrenches)
+            return self.reference.constraint_forces(self._velocity(v), self._effort(u), wrenches, self._loads(loads))
         return np.asarray(answer)
 
     # Motors.
@@ -323,6 +332,9 @@ class State:
 
     def _acceleration(self, a: ArrayLike) -> Array:
         return vector(a, "a", self.model.n)
+
+    def _loads(self, loads: ArrayLike | None) -> Array | None:
+        return None if loads is None else vector(loads, "loads", self.model.mechanism.n_free)
 
     def _effort(self, u: ArrayLike) -> Array:
         return vector(u, "u", self.model.n_actuated)

@@ -146,8 +146,40 @@ class Kernel:
         law: dict[str, object],
         run: dict[str, object],
         tableau: dict[str, object],
-    ) -> tuple[Any, ...] | None:
-        """The fields of `ccpin.simulation.in_core._Piece`; see there, too, for what the arguments hold."""
+    ) -> tuple[int, Array, Array, Array, Array, Array, Array, Array, Any, float, int, Any, Any] | None:
+        """A run under a law, sampled.
+
+        The number of samples, then t, q, q̇, q̈, u, q′ and |φ| at each, how it ended, since when it is settled,
+        evaluations, what a signal's handler raised, what a sampled loop remembers. See `ccpin.simulation.in_core` for
+        what the arguments hold.
+        """
+
+    def held_motion(
+        self,
+        tableau: dict[str, object],
+        rtol: float,
+        atol: float,
+        max_step: float,
+        singular_rcond: float,
+        wrenches: ArrayLike | None = None,
+    ) -> HeldMotion:
+        """A motion to be stepped with u held."""
+
+class HeldMotion:
+    """A motion that is stepped with u held; one thread may use it at a time.
+
+    Attributes:
+        evaluations: Of the equations of motion so far. last_step: what the integrator would try next, s.
+    """
+
+    evaluations: int
+    last_step: float
+
+    def start(self, q_free: ArrayLike | None, q: ArrayLike, v: ArrayLike, first: float) -> bool:
+        """Begin at a closed configuration with a first step (0: one of its own); whether the core can."""
+
+    def step(self, u: ArrayLike, dt: float) -> tuple[Array, Array, Array, Array, Array, float] | None:
+        """q, q̇, q̈, u, q′ (read-only) and |φ| after dt; ``None``: the reference must tell, then `start` again."""
 
 Columns = tuple[Array, ...]  # the fields of ccpin.domain.boxes.Boxes
 

@@ -42,20 +42,20 @@ class Following:
         home: The model the run was started with; what is reported is in its coordinates.
         law: The law, which may be stated in them.
         wrenches: On links; functions of a State are stated in them too.
+        reads: What else reads a State of `home`, in words (events, a region, limits), or nothing.
 
     Attributes:
         model: The model whose coordinates the run is in: `home` or a sibling.
-        changes: How often the coordinates were changed.
-        stated: What is stated in the coordinates of `home`, in words; ``None`` if nothing is.
+        law: The law; it may be replaced.
         measure: How well the present coordinates measure the motion.
-        most: The largest leverage (`Measure`) at which the present coordinates are kept; infinite where something is
-            stated in them.
+        most: The largest leverage (`Measure`) at which the present coordinates are kept.
     """
 
-    def __init__(self, home: ReducedModel, law: ControlLaw, wrenches: Wrenches | Pushes | None = None) -> None:
+    def __init__(
+        self, home: ReducedModel, law: ControlLaw, wrenches: Wrenches | Pushes | None = None, reads: str = ""
+    ) -> None:
         self.home = self.model = home
-        self.changes = 0
-        self.stated = _stated(home, law, wrenches)
+        self.law, self._wrenches, self._reads = law, wrenches, reads
         self._siblings: dict[tuple[str, ...], ReducedModel] = {home.mechanism.independent: home}
         self.measure = Measure(home.mechanism)
         self.most = np.inf
@@ -63,8 +63,19 @@ class Following:
     def begin(self, state: State) -> None:
         """Take up the coordinates of the State's model there."""
         self._since = state.q_free
-        if self.stated is None:
-            self.most = min(_WORSE * max(1.0, self.measure.leverage(state.rho)), _MOST_LEVERAGE)
+        self.most = min(_WORSE * max(1.0, self.measure.leverage(state.rho)), _MOST_LEVERAGE)
+
+    @property
+    def stated(self) -> str | None:
+        """What is stated in the coordinates of `home`, in words; ``None`` if nothing is."""
+        if not self.law.everywhere:
+            return f"{type(self.law).__name__} is stated"
+        if callable(self._wrenches):
+            return "the wrenches, a function of a State, are stated"
+        driven = self.home.mechanism.direct and not self.home.coordinates.constant
+        if driven and not isinstance(self.law, NoTorque):
+            return "a motor on a component of a joint acts"
+        return self._reads or None
 
     def poor(self, state: State) -> bool:
         """Whether the coordinates are to be left at a State."""
@@ -84,9 +95,20 @@ class Following:
             return None
         self.model = self._sibling(state)
         self.measure = Measure(self.model.mechanism)
-        self.changes += 1
         moved = self.model.at(self.model.alpha(state.q_free), state.q_free)
         velocity = self.model.coordinates.jacobian(moved.q_free) @ state.v_free(v)
+        self.begin(moved)
+        return moved, velocity
+
+    def back(self, state: State, v: Array) -> tuple[State, Array]:
+        """The same configuration and velocity in the coordinates of `home`.
+
+        Raises:
+            SingularConfigurationError: They are singular there.
+        """
+        q, velocity = self.home.reading(state, v)
+        moved = self.home.at(q, state.q_free)
+        self.model, self.measure = self.home, Measure(self.home.mechanism)
         self.begin(moved)
         return moved, velocity
 
@@ -131,12 +153,3 @@ def _massless(state: State) -> tuple[str, float]:
     motion = np.abs(state.rho @ (directions[:, 0] / alone))
     names = component_names(state.model.mechanism.tree)
     return ", ".join(name for name, x in zip(names, motion, strict=True) if x > _TAKES_PART * motion.max()), masses[0]
-
-
-def _stated(home: ReducedModel, law: ControlLaw, wrenches: Wrenches | Pushes | None) -> str | None:
-    if not law.everywhere:
-        return f"{type(law).__name__} is stated"
-    if callable(wrenches):
-        return "the wrenches, a function of a State, are stated"
-    driven = home.mechanism.direct and not home.coordinates.constant
-    return "a motor on a component of a joint acts" if driven and not isinstance(law, NoTorque) else None

@@ -101,9 +101,8 @@ def closure_forces(
 
     Args:
         model: The reduced model, or a mechanism.
-        trajectory: A motion of it under the motors' efforts and `wrenches` (friction is not in its u, so its share
-            would be missing here).
-        wrenches: On links, as for `simulate`.
+        trajectory: A motion of it; its friction and the forces of its stops and contacts are counted.
+        wrenches: On links, as for the `simulate` that made it.
 
     Raises:
         InvalidInputError: The trajectory is not this model's.
@@ -122,10 +121,14 @@ def closure_forces_at(
     u: ArrayLike,
     guess: Near = None,
     wrenches: Wrenches | None = None,
+    loads: ArrayLike | None = None,
 ) -> tuple[BearingForce, ...]:
-    """`closure_forces` at one q or State; every field has a leading axis of length one, and t = 0."""
+    """`closure_forces` at one q or State; every field has a leading axis of length one, and t = 0.
+
+    `loads` is what else acts on the free system's joints, friction say, of shape (n′,).
+    """
     bearings = _Bearings(model_of(model))
-    sample = bearings.of_closures(bearings.model.at(q, guess), v, u, wrenches)
+    sample = bearings.of_closures(bearings.model.at(q, guess), _Acting(v, u, wrenches, loads))
     return _histories(bearings.closures, np.zeros(1), [sample])
 
 
@@ -144,6 +147,15 @@ def joint_forces(
         trajectory.t,
         [bearings.of_joints(*row) for row in bearings.rows(trajectory, wrenches)],
     )
+
+
+class _Acting(NamedTuple):
+    """q̇, and what acts: the motors' efforts, wrenches on links, and efforts on the free system's joints or none."""
+
+    v: ArrayLike
+    u: ArrayLike
+    wrenches: Wrenches | None
+    loads: ArrayLike | None
 
 
 class _Loads(NamedTuple):
@@ -181,41 +193,43 @@ class _Bearings:
         self.inertias = np.array([inertia.inertia for inertia in self.free.inertias])
         self.masses[0] = 0.0
 
-    def rows(
-        self, trajectory: Trajectory, wrenches: Wrenches | Pushes | None
-    ) -> Iterator[tuple[State, Array, Array, Wrenches | None]]:
-        """(State, q̇, u, wrenches on links) at every sample."""
+    def rows(self, trajectory: Trajectory, wrenches: Wrenches | Pushes | None) -> Iterator[tuple[State, _Acting]]:
+        """The State, and what acts there, at every sample."""
         pushes = pushes_of(self.tree, wrenches)
-        for t, (state, v, u) in zip(trajectory.t.tolist(), trajectory.states(self.model), strict=True):
-            yield state, v, u, pushes(t, state, v)
+        loads = trajectory.friction + trajectory.limits
+        for t, (state, v, u), load in zip(trajectory.t.tolist(), trajectory.states(self.model), loads, strict=True):
+            yield state, _Acting(v, u, pushes(t, state, v), load if load.any() else None)
 
-    def of_closures(self, state: State, v: ArrayLike, u: ArrayLike, pushed: Wrenches | None) -> _Loads:
+    def of_closures(self, state: State, acting: _Acting) -> _Loads:
         """The wrenches on the closures' ends A at one state."""
-        answer = self.asked(state, v, u, pushed)
+        answer = self.asked(state, acting)
         if answer is None:
-            wrenches, poses = self.closure_wrenches(state, v, u, pushed), self.poses(state)
+            wrenches, poses = self.closure_wrenches(state, acting), self.poses(state)
         else:
             wrenches, _, poses = answer
         frames = self.frames(poses)
         return _Loads(frames[:, :3, 3], frames[:, :3, 2], wrenches, _determined(self.freedoms(state)))
 
-    def of_joints(self, state: State, v: Array, u: Array, pushed: Wrenches | None) -> _Loads:
+    def of_joints(self, state: State, acting: _Acting) -> _Loads:
         """The wrenches that the joints pass on to their children at one state."""
-        answer = self.asked(state, v, u, pushed)
+        answer = self.asked(state, acting)
         poses = self.poses(state) if answer is None else answer[2]
         points, origins = self.frames(poses)[:, :3, 3], poses[1:, :3, 3]
         if answer is None:
-            passed = self.passed(self.closure_wrenches(state, v, u, pushed)[:, None], points, origins)[:, 0]
-            wrenches = self.subtree_wrenches(state, v, u, pushed) - passed
+            passed = self.passed(self.closure_wrenches(state, acting)[:, None], points, origins)[:, 0]
+            wrenches = self.subtree_wrenches(state, acting) - passed
         else:
             wrenches = answer[1]
         axes = np.einsum("jik,jk->ji", poses[1:, :3, :3], self.axes)
         determined = _determined(self.passed(self.freedoms(state), points, origins))
         return _Loads(origins, axes, wrenches, determined)
 
-    def asked(self, state: State, v: ArrayLike, u: ArrayLike, pushed: Wrenches | None) -> Any:
+    def asked(self, state: State, acting: _Acting) -> Any:
         """The compiled core's answer: the closures' wrenches, the joints', and the joints' poses."""
-        return self.model.core.bearing_forces(state.q_free, v, u, None, wrench_rows(self.tree, pushed))
+        if acting.loads is not None:
+            return None
+        rows = wrench_rows(self.tree, acting.wrenches)
+        return self.model.core.bearing_forces(state.q_free, acting.v, acting.u, None, rows)
 
     def poses(self, state: State) -> Array:
         return joint_poses(self.model.free_system.scratch, state.q_free)
@@ -224,9 +238,9 @@ class _Bearings:
         """The closures' frames on their ends A in the world, of shape (L, 4, 4)."""
         return np.array([poses[loop.joint_a] @ loop.frame_a for loop in self.loops]).reshape(-1, 4, 4)
 
-    def closure_wrenches(self, state: State, v: ArrayLike, u: ArrayLike, pushed: Wrenches | None) -> Array:
+    def closure_wrenches(self, state: State, acting: _Acting) -> Array:
         """Of shape (L, 6)."""
-        multipliers = state.constraint_forces(v, u, pushed)
+        multipliers = state.constraint_forces(*acting)
         rows = self.model.parametrization.constraints.wrenches(state.point.constraints)
         found = [rows[self.slices[name]].T @ multipliers[self.slices[name]] for name in self.closures]
         return np.array(found).reshape(-1, 6)
@@ -246,10 +260,10 @@ class _Bearings:
         forces = np.einsum("jl,lri->jri", self.sides, forces)
         return np.concatenate([forces, np.einsum("jl,jlri->jri", self.sides, moved)], axis=2)
 
-    def subtree_wrenches(self, state: State, v: Array, u: Array, pushed: Wrenches | None) -> Array:
+    def subtree_wrenches(self, state: State, acting: _Acting) -> Array:
         """Newton and Euler: what each joint's subtree asks for, closures aside, about its origin, (joints, 6)."""
-        motion, forces, moments = self.momentum_rates(state, v, u, pushed)
-        for one in applied_wrenches(self.tree, pushed):
+        motion, forces, moments = self.momentum_rates(state, acting)
+        for one in applied_wrenches(self.tree, acting.wrenches):
             pose = motion.poses[one.joint]
             arm = pose[:3, :3] @ one.point + pose[:3, 3] - motion.centres[one.joint]
             forces[one.joint] -= one.force
@@ -261,12 +275,10 @@ class _Bearings:
             wrench[3:] = (moments[carried] + cross(arms, forces[carried])).sum(axis=0)
         return found
 
-    def momentum_rates(
-        self, state: State, v: Array, u: Array, pushed: Wrenches | None
-    ) -> tuple[BodyMotion, Array, Array]:
+    def momentum_rates(self, state: State, acting: _Acting) -> tuple[BodyMotion, Array, Array]:
         """The bodies' motion, and the force and the moment about its centre that each one's motion and weight take."""
-        a_free = state.a_free(v, state.forward_dynamics(v, u, pushed))
-        motion = body_motion(self.model.free_system.scratch, state.q_free, state.v_free(v), a_free)
+        a_free = state.a_free(acting.v, state.forward_dynamics(*acting))
+        motion = body_motion(self.model.free_system.scratch, state.q_free, state.v_free(acting.v), a_free)
         turns = motion.poses[:, :3, :3]
         inertias = turns @ self.inertias @ turns.transpose(0, 2, 1)
         forces = self.masses[:, None] * (motion.accelerations - self.model.gravity_vector)

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import DOP853, RK45
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, ModelLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.control.laws import ControlLaw, Delayed, ModelLaw, NoTorque, PDFullGravity, PDSimpleGravity
 from ccpin.control.references import Hold, PiecewisePolynomial, PointToPoint, Waypoints
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.mechanism.siblings import Measure
-from ccpin.native import Declining
-from ccpin.simulation.following import Following
-from ccpin.simulation.trajectory import Status, Trajectory
+from ccpin.simulation.happenings import Moment
+from ccpin.simulation.run import Budget
+from ccpin.simulation.samples import Stop
+from ccpin.simulation.settling import Settling
 
+_NEVER = Settling(np.empty(0))
 _TRACKING: dict[type[ControlLaw], str] = {
     ComputedTorque: "computed_torque",
     PDPlus: "pd_plus",
@@ -26,131 +27,78 @@ _TRACKING: dict[type[ControlLaw], str] = {
 _REFERENCES = (Hold, PointToPoint, Waypoints)  # themselves: a subclass may have another `at`
 
 
-class _Piece(NamedTuple):
-    """What the core answers: samples in the coordinates of one model (the first `done` rows), and how it ended.
+class CoreRun(NamedTuple):
+    """A stretch of a motion that the core has integrated.
 
-    `end` holds the time it had come to, the step it would have taken next, (q, q̇) and q′ there.
+    Attributes:
+        columns: The samples, by the fields of `StateSample` but friction and limits.
+        stop: Why it ended before its time, or ``None``.
+        evaluations: Of the equations of motion.
+        memory: What a sampled loop remembers, for `SampledCommands.adopt`.
     """
 
-    done: int
-    q: Array
-    v: Array
-    u: Array
-    q_free: Array
-    v_free: Array
-    closure: Array
-    status: Status | Literal["left"]
-    settled_since: float
+    columns: dict[str, Array]
+    stop: Stop | None
     evaluations: int
-    end: tuple[float, float, Array, Array]
+    memory: Any
 
 
-def simulate_in_core(
+def run_in_core(
     model: ReducedModel,
     law: ControlLaw,
     method: str,
-    guess: Array | None,
-    run: dict[str, Any],
-) -> Trajectory | None:
-    """The trajectory, or ``None`` where the law, the method or the motion is not one the core can answer for.
+    start: Moment,
+    numbers: dict[str, Any],
+    settling: Settling | None = None,
+    budget: Budget | None = None,
+) -> CoreRun | None:
+    """A run from a start, or ``None`` where the law, the method or the motion is not one the core can answer for.
 
     Args:
         model: The reduced model.
         law: The law.
         method: The integrator.
-        guess: As for `simulate`.
-        run: times (N,), start (q, q̇), rtol, atol, max_step, singular_rcond, a `Settling`'s fields (an empty goal: run
-            to the end), wrenches (`wrench_rows`) and sampling (`SampledCommands.numbers`).
+        start: Where and when it begins.
+        numbers: times (N,) of the samples, beginning at the start's, rtol, atol, max_step, singular_rcond, lower and
+            upper bounds of u (a run that would go beyond is not the core's), wrenches (`wrench_rows`) and sampling
+            (`SampledCommands.numbers`).
+        settling: End once settled.
+        budget: End once it is spent.
     """
-    tableau, numbers = TABLEAUX.get(method), law_numbers(model, law)
-    if tableau is None or numbers is None or isinstance(model.core, Declining):
+    origin, law = (law.start, law.law) if isinstance(law, Delayed) else (0.0, law)
+    tableau, told = TABLEAUX.get(method), law_numbers(model, law)
+    if tableau is None or told is None:
         return None
-    if type(law) is NoTorque and not len(run["goal"]) and run["sampling"] is None:
-        return _passive(model, law, guess, run, tableau)
-    run = run | _part(0.0, 0.0, np.inf, Measure(model.mechanism))
-    answer = model.core.simulate(guess, numbers, run, tableau)
-    return None if answer is None else _joined(model, run["times"], [_Piece(*answer)], 0, None)
-
-
-def _passive(
-    model: ReducedModel, law: NoTorque, guess: Array | None, run: dict[str, Any], tableau: dict[str, Any]
-) -> Trajectory | None:
-    """A motion without torques, piece by piece in the coordinates that follow it."""
-    following, times = Following(model, law), run["times"]
-    state, v = model.at(run["start"][: model.nq], guess), run["start"][model.nq :]
-    following.begin(state)
-    pieces: list[_Piece] = []
-    t, step, done, stop = 0.0, 0.0, 0, None
-    while stop is None:
-        run = run | _part(t, step, following.most, following.measure)
-        run |= {"times": times[done:], "start": np.concatenate([state.q, v])}
-        answer = following.model.core.simulate(state.q_free, {"kind": "none"}, run, tableau)
-        if answer is None:
-            return None
-        pieces.append(_Piece(*answer))
-        done += pieces[-1].done
-        if pieces[-1].status != "left":
-            break
-        t, step, end, q_free = pieces[-1].end
-        state, v = following.model.at(end[: following.model.nq], q_free), end[following.model.nq :]
-        changed = following.change(state, v)
-        if changed is None:
-            stop = following.why(t, state, "the motion cannot go on in any independent coordinates")
-        else:
-            state, v = changed
-    return _joined(model, times, pieces, following.changes, stop)
-
-
-def _part(t: float, step: float, most: float, measure: Measure) -> dict[str, Any]:
-    """Where a run begins, its first step (0: chosen), and when its coordinates are left."""
-    return {
-        "begin": t,
-        "first_step": step,
-        "most_leverage": most,
-        "row_weights": measure.rows.tolist(),
-        "column_weights": measure.columns.tolist(),
-    }
-
-
-def _joined(model: ReducedModel, times: Array, pieces: list[_Piece], changes: int, stop: str | None) -> Trajectory:
-    """The pieces one after the other, in the coordinates of the model."""
-    columns = {
-        name: np.concatenate([getattr(piece, name)[: piece.done] for piece in pieces])
-        for name in ("q_free", "v_free", "closure")
-    }
-    first, alpha, slope = pieces[0], model.coordinates.alpha, model.coordinates.jacobian
-    later = slice(first.done, None)
-    q = [alpha(x) for x in columns["q_free"][later]]
-    v = [slope(x) @ w for x, w in zip(columns["q_free"][later], columns["v_free"][later], strict=True)]
-    t, last = np.array(times[: len(columns["q_free"])]), pieces[-1]
-    message = (
-        stop
-        or {
-            "finished": f"simulated {t[-1]:.6g} s",
-            "settled": f"settled since t = {last.settled_since:.6g} s",
-            "interrupted": f"interrupted at t = {t[-1]:.6g} s",
-        }[last.status]
+    most = budget or Budget()
+    run = (
+        numbers | (settling or _NEVER)._asdict() | {"start": np.concatenate([start.state.q, start.v]), "origin": origin}
     )
-    return Trajectory(
-        t,
-        np.vstack([first.q[: first.done], *q]),
-        np.vstack([first.v[: first.done], *v]),
-        np.vstack([first.u[: first.done], *np.zeros((len(q), model.n_actuated))]),
-        columns["q_free"],
-        columns["closure"],
-        "singular" if last.status == "left" else last.status,
-        message,
-        sum(piece.evaluations for piece in pieces),
-        columns["v_free"],
-        changes,
-    )
+    run |= {name: np.inf if value is None else value for name, value in most._asdict().items()}
+    answer = model.core.simulate(start.state.q_free, told, run, tableau)
+    if answer is None:
+        return None
+    done, *columns, ended, since, evaluations, raised, memory = answer
+    names = ("t", "q", "v", "a", "u", "q_free", "closure_error")
+    found = dict(zip(names, (column[:done] for column in columns), strict=True))
+    return CoreRun(found, _stop(ended, float(found["t"][-1]), since, raised), evaluations, memory)
+
+
+def _stop(ended: str, t: float, since: float, raised: BaseException | None) -> Stop | None:
+    """How the core's run ended, in the reference's words."""
+    if ended == "finished":
+        return None
+    if ended == "settled":
+        return Stop.settled(since)
+    return Stop.exhausted(t, ended) if raised is None else Stop.broken_off(t, raised)
 
 
 def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
     """A law in plain numbers: its kind, gains, constant part and reference; ``None`` where the core has none."""
-    n, kind = model.n, type(law)
+    n, zero = model.n, np.zeros((model.n, model.n))
+    kind = type(law)
     if kind is NoTorque:
-        return {"kind": "none"}
+        path = Hold(model, model.alpha(model.mechanism.q_reference)).as_polynomial()
+        return _numbers("pd", path, zero, zero, np.zeros(n))
     if not isinstance(law, ModelLaw) or law.model.mechanism is not model.mechanism:
         return None
     if not np.array_equal(law.model.gravity_vector, model.gravity_vector):

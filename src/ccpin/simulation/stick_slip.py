@@ -20,6 +20,7 @@ positive.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -34,12 +35,14 @@ from ccpin.dynamics.wrenches import Wrenches
 from ccpin.errors import ConvergenceError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction, moved_friction
+from ccpin.simulation.happenings import Moment, Step, Watch
 
 REST = 1e-8
 _REVERSED = 1e-14
 _WITHIN = 1e-8
 _RELEASED = 1e-9
 _PULL = 50.0
+_MOST_EVENTS = 200
 
 
 class FrictionForce(NamedTuple):
@@ -88,10 +91,23 @@ def friction_force(
 
 
 class Drive(NamedTuple):
-    """What acts on a mechanism from outside: the motors' efforts u (motors,), and wrenches on links or none."""
+    """What acts on a mechanism from outside.
+
+    Attributes:
+        u: The motors' efforts, of shape (motors,). wrenches: on links, or none.
+        loads: What stops and contacts do to the free system's joints, of shape (n′,), or nothing.
+    """
 
     u: Array
     wrenches: Wrenches | None = None
+    loads: Array | None = None
+
+    def acceleration(self, state: State, v: Array) -> Array:
+        """q̈ under all of it, without dry friction."""
+        a = state.forward_dynamics(v, self.u, self.wrenches)
+        if self.loads is None or not self.loads.any():
+            return a
+        return a + np.linalg.solve(state.D, state.rho.T @ self.loads)
 
 
 class _Known(NamedTuple):
@@ -125,11 +141,18 @@ class StickSlip:
         self._signs = np.zeros(len(friction.names))
         self._rest = np.zeros(len(friction.names), dtype=bool)
         self._locked = False
+        self._halted: Mask | None = None
+
+    @property
+    def rubs(self) -> bool:
+        """Whether any joint has friction, dry or viscous."""
+        return bool(len(self._signs))
 
     def moved(self, model: Model) -> StickSlip:
-        """The same joints in the same mode, for a run that goes on in other coordinates of its mechanism."""
+        """The same joints in the same mode, for a motion that goes on in other coordinates of its mechanism."""
         moved = StickSlip(model, moved_friction(self._friction, model.coordinates))
         moved._signs, moved._rest, moved._locked = self._signs, self._rest, self._locked
+        moved._halted = self._halted
         return moved
 
     def rows(self, state: State) -> Array:
@@ -138,8 +161,9 @@ class StickSlip:
         rows[self._own] = self._units
         return rows
 
-    def begin(self, state: State, v: Array, drive: Drive, halted: Mask | None = None) -> Array:
+    def begin(self, state: State, v: Array, drive: Drive) -> Array:
         """Decide which joints rest and which way the others slide, from the state, the load and who just halted."""
+        halted, self._halted = self._halted, None
         rows = self.rows(state)
         rates = rows @ v
         rest = self._rest | (self._dry & (np.abs(rates) <= REST))
@@ -156,13 +180,25 @@ class StickSlip:
         self._locked = bool(self._rest.any() and np.linalg.matrix_rank(rows[self._rest], 1e-9) == self._model.n)
         return v
 
+    def halt(self, joints: Mask) -> None:
+        """These joints have just halted: `begin` lets them rest, or start anew."""
+        self._halted = joints
+
+    def memory(self) -> dict[str, Array]:
+        """Which joints rest and which way the others slide, as arrays; `recall` brings it back."""
+        return {"signs": self._signs, "rest": self._rest}
+
+    def recall(self, memory: Mapping[str, Array]) -> None:
+        """Go on in the mode that another run of the same joints remembered."""
+        self._signs, self._rest = np.array(memory["signs"]), np.array(memory["rest"], dtype=bool)
+
     def acceleration(self, state: State, v: Array, drive: Drive) -> Array:
         """q̈ with sliding joints' friction as a force and resting joints kept at rest.
 
         A resting dependent joint's rate would collect the integrator's error; it is pulled back to zero at 50 1/s.
         """
         if not len(self._signs):
-            return state.forward_dynamics(v, *drive)
+            return drive.acceleration(state, v)
         if self._locked:
             return np.zeros(self._model.n)
         known = self._known(state, v, drive)
@@ -191,13 +227,19 @@ class StickSlip:
             force[self._rest] += self._at_rest(known)[1]
         return force
 
+    def free_forces(self, state: State, v: Array, drive: Drive) -> Array:
+        """f on the free system's joints in the present mode, of shape (n′,)."""
+        force = np.zeros(len(state.rho))
+        np.add.at(force, self._friction.index, self.forces(state, v, drive))
+        return force
+
     def _known(self, state: State, v: Array, drive: Drive) -> _Known:
         friction = self._friction
         rows = self.rows(state)
         rates = rows @ v
         force = -friction.viscous * rates - friction.coulomb * self._signs
         inverse = _inverse(state.D)
-        a = state.forward_dynamics(v, *drive) + inverse @ (rows.T @ force)
+        a = drive.acceleration(state, v) + inverse @ (rows.T @ force)
         bias = np.zeros(len(rates))
         if v.any() and (self._rest & ~self._own).any():
             bias = np.where(self._own, 0.0, state.bias(v)[friction.index])
@@ -222,6 +264,38 @@ class StickSlip:
         force = np.clip(force, -level, level) if len(level) == 1 else _least_constraint(known, rows, level)
         a = pushed + rows @ (known.inverse_mass @ (rows.T @ force))
         return np.where(np.abs(a) > _RELEASED * np.abs(pushed).max(), np.sign(a), 0.0), force
+
+
+class StickSlipWatch(Watch):
+    """Halts the integration where a joint halts or breaks loose.
+
+    Args:
+        contact: The joints with friction.
+        drive: What acts from outside at (t, State, v).
+
+    Raises:
+        ConvergenceError: Joints halt and break loose without end.
+    """
+
+    def __init__(self, contact: StickSlip, drive: Callable[[float, State, Array], Drive]) -> None:
+        self._contact, self._drive = contact, drive
+        self._recent: list[float] = []
+
+    def look(self, step: Step) -> float | None:
+        """The first such moment."""
+        return step.first(lambda moment: self._broken(moment) is not None)
+
+    def act(self, moment: Moment) -> None:
+        """Tell the joints who has halted; the motion goes on."""
+        self._recent = [*self._recent[1 - _MOST_EVENTS :], moment.t]
+        if len(self._recent) == _MOST_EVENTS and moment.t - self._recent[0] < 1e-6:
+            raise ConvergenceError(f"friction: joints halt and break loose without end at t = {moment.t:.6g} s")
+        halted = self._broken(moment)
+        if halted is not None:
+            self._contact.halt(halted)
+
+    def _broken(self, moment: Moment) -> Mask | None:
+        return self._contact.broken(moment.state, moment.v, self._drive(*moment))
 
 
 def _multipliers(known: _Known, rows: Array, target: Array) -> Array:

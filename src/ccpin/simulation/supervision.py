@@ -2,51 +2,55 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance, number
-from ccpin.control.laws import ControlLaw
+from ccpin.arrays import Array, instance, number, positive
+from ccpin.control.laws import ControlLaw, Delayed
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.simulation.simulate import Settling, simulate
-from ccpin.simulation.trajectory import Trajectory
+from ccpin.simulation.journal import Journal, Move, Unfinished
+from ccpin.simulation.run import Budget
+from ccpin.simulation.samples import Stop
+from ccpin.simulation.settling import Settling
+from ccpin.simulation.stepper import Simulator
+from ccpin.simulation.trajectory import Trajectory, joined
+
+LawTo = Callable[[Array, Array], ControlLaw]
 
 
-class Move(NamedTuple):
-    """One move of a supervised motion.
+@dataclass(frozen=True)
+class SupervisedMotion:
+    """The whole motion and its moves.
 
     Attributes:
-        goal: q_d, of shape (model.nq,).
-        start: Time at which q_d was set. settled: time at which the motion had settled, ``None`` if it did not.
-        end: Time at which the wait was over.
-        trajectory: The motion from start to end, its time beginning at zero.
+        moves: The whole moves in order, and what there is of the one that ended the motion early. With a journal they
+            are on disk and read when asked for.
+        stop: How the whole ended: ``finished`` after the last goal's wait, else what ended it.
     """
 
-    goal: Array
-    start: float
-    settled: float | None
-    end: float
-    trajectory: Trajectory
+    moves: Sequence[Move]
+    stop: Stop
 
-
-class SupervisedMotion(NamedTuple):
-    """The whole motion and its moves."""
-
-    trajectory: Trajectory
-    moves: tuple[Move, ...]
+    @cached_property
+    def trajectory(self) -> Trajectory:
+        """The moves' trajectories as one, with the status, message and cause of the whole."""
+        return joined([move.trajectory for move in self.moves])._replace(**self.stop._asdict())
 
 
 def supervise(
     model: ReducedModel | Mechanism,
-    law_to: Callable[[Array, Array], ControlLaw],
+    law_to: LawTo,
     q0: ArrayLike,
     goals: Sequence[ArrayLike],
     *,
@@ -54,9 +58,15 @@ def supervise(
     settling: Settling | None = None,
     timeout: float = 10.0,
     guess: Near = None,
+    sample_period: float = 1e-3,
+    budget: Budget | None = None,
+    journal: str | Path | None = None,
     **options: Any,
 ) -> SupervisedMotion:
     """Visit goals one after the other: set q_d, move until settled, wait, set the next.
+
+    One `Simulator` goes through all of it: time, filter, delay, the command held, stick and slip run on. Each law's
+    own clock begins when its goal is set, and runs on while waiting.
 
     Args:
         model: The reduced model, or a mechanism.
@@ -67,54 +77,116 @@ def supervise(
         settling: Band, speed and hold; its goal is replaced by each move's. Default `Settling`'s.
         timeout: Longest time of a move without the wait, s.
         guess: Chooses the assembly mode of σ(q0).
-        options: Passed on to `simulate` (method, tolerances, sample_period, friction, sampling, …). A sampled loop
-            starts anew with each move and each wait, with the efforts applied last still at the motors.
+        sample_period: Time between samples, s.
+        budget: What the whole may cost.
+        journal: A file to write each whole move to once it is over, so that memory does not grow; where the file is
+            there the motion goes on after the last move in it, to the same bits (a law's own memory aside: laws are
+            made anew for each goal).
+        options: As for `Simulator`: method, tolerances, friction, sampling, region, events, …
 
     Returns:
-        SupervisedMotion: Up to the last goal, or up to the first move that did not settle (the trajectory's status
-        and message then say why).
+        SupervisedMotion: Up to the last goal, or up to where the motion ended, with why: a move that did not settle, a
+        wait that a region, an event or a singularity ended, Ctrl-C, the budget, an exception of a law or of `law_to`
+        (the stop's `cause`).
 
     Raises:
-        InvalidInputError: No goals, or as `simulate` does for the first move.
+        InvalidInputError: No goals, a bad argument, a journal of another task.
+        Exception: As `simulate` does for the first move.
     """
     if not isinstance(goals, Sequence | np.ndarray) or not len(goals):
         raise InvalidInputError("goals must be a sequence of at least one set point")
-    model = model_of(model)
     if not callable(law_to):
         raise InvalidInputError(f"law_to must be a function (q_d, q′) → law, not {type(law_to).__name__}")
-    rule = Settling(goal=np.zeros(model.nq)) if settling is None else instance(settling, "settling", Settling)
+    model = model_of(model)
+    stops = [np.array(checked_q(model.coordinates, goal)) for goal in goals]
     wait = number(wait, "wait", "a number of seconds")
-    here = model.at(q0, guess)
-    q, v, q_free = here.q, np.zeros(model.n), here.q_free
-    moves: list[Move] = []
-    whole: Trajectory | None = None
-    for raw_goal in goals:
-        goal = checked_q(model.coordinates, raw_goal)
-        law = law_to(goal, q_free)
-        start = 0.0 if whole is None else float(whole.t[-1])
-        motion = simulate(
-            model, law, q, v, duration=timeout, guess=q_free, settling=rule._replace(goal=goal), **options
-        )
-        settled = start + float(motion.t[-1]) - rule.hold if motion.status == "settled" else None
-        options = _carried_on(options, motion)
-        if settled is not None and wait > rule.hold:
-            q, v, q_free = motion.q[-1], motion.v[-1], motion.q_free[-1]
-            motion = motion.then(simulate(model, law, q, v, duration=wait - rule.hold, guess=q_free, **options))
-            options = _carried_on(options, motion)
-        whole = motion if whole is None else whole.then(motion)
-        moves.append(Move(goal, start, settled, float(whole.t[-1]), motion))
-        if settled is None:
-            break
-        q, v, q_free = motion.q[-1], motion.v[-1], motion.q_free[-1]
-    assert whole is not None
-    if moves[-1].settled is not None:
-        whole = whole._replace(message=f"{len(moves)} moves, {whole.t[-1]:.6g} s in all")
-    return SupervisedMotion(whole, tuple(moves))
+    rule = Settling(goal=stops[0]) if settling is None else instance(settling, "settling", Settling)
+    supervisor = _Supervisor(
+        Simulator(model, **options), law_to, rule, wait, positive(timeout, "timeout"), sample_period, _Purse(budget)
+    )
+    log: Journal | list[Move] = []
+    if journal is not None:
+        task = {"q0": np.asarray(q0).tolist(), "wait": wait, "timeout": timeout, "sample_period": sample_period}
+        task |= {"mechanism": model.mechanism.name, "settling": [float(x) for x in rule[1:]]}
+        task |= {name: repr(value) for name, value in options.items() if not callable(value)}
+        log = Journal(journal, task)
+    supervisor.simulator.reset(q0, guess=guess)
+    if isinstance(log, Journal) and len(log):
+        supervisor.simulator.recall(log.carried())
+    return supervisor.visit(stops, log)
 
 
-def _carried_on(options: dict[str, Any], motion: Trajectory) -> dict[str, Any]:
-    """The options with a sampled loop's motors at the efforts a motion ended with."""
-    sampling = options.get("sampling")
-    if sampling is None:
-        return options
-    return options | {"sampling": replace(sampling, effort_before=tuple(motion.u[-1].tolist()))}
+class _Supervisor:
+    """What stays the same from move to move."""
+
+    def __init__(
+        self,
+        simulator: Simulator,
+        law_to: LawTo,
+        rule: Settling,
+        wait: float,
+        timeout: float,
+        sample_period: float,
+        purse: _Purse,
+    ) -> None:
+        self.simulator, self._law_to, self._rule, self._wait = simulator, law_to, rule, wait
+        self._timeout, self._sample_period, self._purse = timeout, sample_period, purse
+
+    def visit(self, goals: list[Array], log: Journal | list[Move]) -> SupervisedMotion:
+        """Make the moves that the log has not."""
+        for goal in goals[len(log) :]:
+            try:
+                move, stop = self.move(goal)
+            except (Exception, KeyboardInterrupt) as error:
+                if not len(log):
+                    raise
+                kind = "interrupted" if isinstance(error, KeyboardInterrupt) else "failed"
+                message = f"the move at t = {self.simulator.t:.6g} s could not begin: {error}"
+                return SupervisedMotion(log, Stop(kind, message, error))  # type: ignore[arg-type]
+            if stop is not None:
+                return SupervisedMotion(Unfinished(log, move), stop)
+            if isinstance(log, Journal):
+                log.append(move, self.simulator.memory())
+            else:
+                log.append(move)
+        return SupervisedMotion(log, Stop("finished", f"{len(log)} moves, {self.simulator.t:.6g} s in all"))
+
+    def move(self, goal: Array) -> tuple[Move, Stop | None]:
+        """One move and its wait, and why they ended early, if they did."""
+        simulator, hold = self.simulator, self._rule.hold
+        simulator.recall(simulator.memory())  # as a motion does that goes on from its journal
+        start = simulator.t
+        simulator.law = Delayed(self._law_to(goal, simulator.state.q_free), start)
+        motion = self._go(start + self._timeout, self._rule._replace(goal=goal))
+        if motion.status != "settled":
+            late = f"the move to {np.array2string(goal, precision=6)} had not settled after {self._timeout:.6g} s"
+            return Move(goal, start, None, simulator.t, motion), simulator.stop or Stop("finished", late)
+        settled, stop = simulator.t - hold, None
+        if self._wait > hold:
+            motion = joined([motion, self._go(settled + self._wait, None)])
+            stop = simulator.stop
+        return Move(goal, start, settled, simulator.t, motion), stop
+
+    def _go(self, until: float, settling: Settling | None) -> Trajectory:
+        budget = self._purse.left()
+        motion = self.simulator.run(until, sample_period=self._sample_period, settling=settling, budget=budget)
+        self._purse.pay(motion)
+        return motion
+
+
+class _Purse:
+    """What is left of a budget."""
+
+    def __init__(self, budget: Budget | None) -> None:
+        self._evaluations, seconds = budget or Budget()
+        self._deadline = None if seconds is None else time.perf_counter() + seconds
+
+    def left(self) -> Budget:
+        """What is left."""
+        seconds = None if self._deadline is None else max(0.0, self._deadline - time.perf_counter())
+        return Budget(self._evaluations, seconds)
+
+    def pay(self, motion: Trajectory) -> None:
+        """Pay for a motion."""
+        if self._evaluations is not None:
+            self._evaluations = max(0, self._evaluations - motion.evaluations)

@@ -1,10 +1,10 @@
-"""What a simulation returns: immutable samples with a status, writable as CSV and npz."""
+"""What a simulation returns: immutable samples, what happened between them, how it ended and why."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from zipfile import BadZipFile
 
 import numpy as np
@@ -13,57 +13,68 @@ from ccpin.arrays import Array, instance
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
-from ccpin.files import write_atomically
-from ccpin.mechanism.mechanism import Mechanism, mechanism_of
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation import saving
+from ccpin.simulation.samples import CHANGED, SAMPLED, Happening, Names, Status
 
-Status = Literal["finished", "settled", "singular", "outside", "failed", "interrupted"]
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Trajectory(NamedTuple):
-    """Samples of a motion.
+    """A motion: samples at regular times and, last, where it ended; what happened; how it ended.
 
     Attributes:
         t: Times in seconds, of shape (T,).
-        q: Independent coordinates, of shape (T, model.nq). v: velocities, of shape (T, n).
+        q: Independent coordinates, of shape (T, model.nq). v: velocities, of shape (T, n). a: accelerations, alike.
         u: Efforts of the actuated joints, of shape (T, motors).
         q_free: Closed configurations σ(q), of shape (T, nq).
+        friction: Friction on the free system's joints, of shape (T, n′). limits: forces of stops and contacts, alike.
         closure_error: ‖φ(q′)‖ at each sample, metres (and radians), of shape (T,).
-        status: finished (the duration), settled, singular, outside (of the region), failed or interrupted.
+        status: finished (the time asked for), settled, event (a terminal one), singular, outside (of the region),
+            exhausted (the budget), failed or interrupted (Ctrl-C).
         message: The status in a sentence.
+        cause: The exception that ended a motion that failed, was interrupted or became singular, else ``None``. A
+            caller who wants Ctrl-C to end more than the motion says ``if motion.cause: raise motion.cause``.
+        events: What happened along the motion, in order.
         evaluations: Number of evaluations of the equations of motion.
-        v_free: q̇′ at each sample, of shape (T, n′); q̇ = α_q′ q̇′ alone does not tell it where α's coordinates are
-            singular.
-        changes: How often the run changed its independent coordinates for others (`ccpin.simulation.following`); q and
-            v are those of its model all along.
+        wall_time: Seconds that the simulation took.
+        names: What the columns are called.
     """
 
     t: Array
     q: Array
     v: Array
+    a: Array
     u: Array
     q_free: Array
+    friction: Array
+    limits: Array
     closure_error: Array
     status: Status
     message: str
+    cause: BaseException | None
+    events: tuple[Happening, ...]
     evaluations: int
-    v_free: Array
-    changes: int
+    wall_time: float
+    names: Names
 
     def __repr__(self) -> str:
         return f"Trajectory({self.status} at {self.t[-1]:.6g} s, {len(self.t)} samples, n = {self.v.shape[1]})"
+
+    @property
+    def changes(self) -> int:
+        """How often the motion went on in other coordinates (`ccpin.simulation.following`); q, v, a are the model's."""
+        return sum(event.name.startswith(CHANGED) for event in self.events)
 
     def then(self, other: Trajectory) -> Trajectory:
         """This trajectory followed by another, whose first sample repeats this one's last and is dropped.
 
         The other's times are shifted to begin where this one ends.
         """
-        later = instance(other, "other", Trajectory)._replace(t=other.t + (self.t[-1] - other.t[0]))
-        joined: dict[str, Any] = {
-            name: getattr(self, name) + getattr(other, name) for name in ("evaluations", "changes")
-        }
-        for name in ("t", "q", "v", "u", "q_free", "closure_error", "v_free"):
-            joined[name] = np.concatenate([getattr(self, name), getattr(later, name)[1:]])
-        return other._replace(**joined)
+        shift = self.t[-1] - instance(other, "other", Trajectory).t[0]
+        events = tuple(event._replace(t=event.t + shift) for event in other.events)
+        return joined([self, other._replace(t=other.t + shift, events=events)])
 
     def states(self, model: ReducedModel | Mechanism) -> Iterator[tuple[State, Array, Array]]:
         """(the State at q, v, u) of every sample, for reading the reduced model along the motion.
@@ -81,49 +92,54 @@ class Trajectory(NamedTuple):
         for q, v, u, q_free in zip(self.q, self.v, self.u, self.q_free, strict=True):
             yield model.at(q, q_free), v, u
 
-    def save_npz(self, path: str | Path) -> None:
-        """Write all arrays (and status, message) to an .npz file, atomically."""
-        arrays = {name: getattr(self, name) for name in self._fields}
-        write_atomically(path, "wb", lambda file: np.savez_compressed(file, **arrays))
+    def to_pandas(self) -> pd.DataFrame:
+        """A data frame with one row a sample, columns ``t``, ``q_joint1``, …; ``attrs`` has how the motion ended.
 
-    def save_csv(self, path: str | Path, mechanism: Mechanism | ReducedModel) -> None:
-        """Write t, q, v, u, q′ and the closure error as CSV with a header line, atomically."""
-        header = ",".join(csv_header(self, mechanism_of(mechanism)))
-        table = np.column_stack([self.t, self.q, self.v, self.u, self.q_free, self.closure_error])
-        write_atomically(
-            path,
-            "w",
-            lambda file: np.savetxt(file, table, delimiter=",", header=header, comments="", fmt="%.17g"),
-        )
+        Raises:
+            InvalidInputError: pandas is not installed.
+        """
+        return saving.to_pandas(self._asdict())
+
+    def save(self, path: str | Path) -> None:
+        """Write the motion to a file, whole or not at all; the suffix decides.
+
+        ``.npz``: everything, read again by `load_npz`. ``.csv`` and ``.parquet``: a table with named columns, as
+        `to_pandas` makes it (Parquet needs the extra ``tables``).
+
+        Raises:
+            InvalidInputError: Another suffix, the file cannot be written, or pandas is not installed for Parquet.
+        """
+        saving.save(self._asdict(), Path(path))
 
 
-def csv_header(trajectory: Trajectory, mechanism: Mechanism) -> list[str]:
-    """Column names, each with its unit: ``q_joint1``, ``v_joint1``, ``u_joint1``, ``qfree_0``."""
+def joined(parts: list[Trajectory]) -> Trajectory:
+    """Trajectories that follow each other in time as one, in linear time; it ends as the last one does.
 
-    def columns(symbol: str, names: Sequence[str], count: int) -> list[str]:
-        return [f"{symbol}_{name}" for name in (names if len(names) == count else range(count))]
-
-    return [
-        "t",
-        *columns("q", mechanism.independent, trajectory.q.shape[1]),
-        *columns("v", mechanism.independent, trajectory.v.shape[1]),
-        *columns("u", mechanism.actuated, trajectory.u.shape[1]),
-        *columns("qfree", (), trajectory.q_free.shape[1]),
-        "closure_error",
-    ]
+    The first sample of each repeats the last one of the one before and is dropped.
+    """
+    first, last = parts[0], parts[-1]
+    if len(parts) == 1:
+        return first
+    columns: dict[str, Any] = {}
+    for name in SAMPLED:
+        pieces = [getattr(first, name), *(getattr(part, name)[1:] for part in parts[1:])]
+        columns[name] = np.concatenate(pieces)
+    return last._replace(
+        **columns,
+        events=tuple(event for part in parts for event in part.events),
+        evaluations=sum(part.evaluations for part in parts),
+        wall_time=sum(part.wall_time for part in parts),
+    )
 
 
 def load_npz(path: str | Path) -> Trajectory:
-    """Read a trajectory written by `Trajectory.save_npz`.
+    """Read a trajectory that `Trajectory.save` wrote to an .npz file.
 
     Raises:
         InvalidInputError: The file is not one.
     """
     try:
         with np.load(path) as stored:
-            fields = {name: stored[name] for name in Trajectory._fields}
+            return Trajectory(**saving.from_arrays(stored))
     except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
         raise InvalidInputError(f"{path} is not a trajectory: {error}") from None
-    scalars = {"status": str(fields["status"]), "message": str(fields["message"])}
-    counts = {name: int(fields[name]) for name in ("evaluations", "changes")}
-    return Trajectory(**{**fields, **scalars, **counts})

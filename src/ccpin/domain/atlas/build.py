@@ -23,7 +23,7 @@ from ccpin.domain.boxes import Boxes, Problem, certify_points
 from ccpin.domain.newton import encloses, predict
 from ccpin.errors import SingularConfigurationError
 
-_NEAREST = 48  # cells of a wave that looks for the largest square: more would refine in vain
+_NEAREST = 96  # cells of a wave that looks for the largest square: more would refine in vain
 
 
 class _Origins(NamedTuple):

@@ -1,0 +1,341 @@
+"""One motion under way: the integrator's loop from switch to switch, and in between from event to event.
+
+The integrator's vector is x = (q, q̇). At every evaluation q′ = σ(q) is found once, by Newton from the last accepted
+step's State, and both the law and the dynamics read the State found; so the loops are closed to solver tolerance at
+every sample and never drift. The integrator starts afresh where the equations of motion change: at every command of a
+sampled controller, at the switching times of laws and forces, and where a joint with dry friction halts or breaks
+loose. Output is read off the dense output and changes nothing.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.control.sampling import ContinuousCommands, SampledCommands
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import State
+from ccpin.dynamics.wrenches import Pushes, Wrenches, pushes_of
+from ccpin.errors import ConvergenceError, SingularConfigurationError
+from ccpin.simulation.following import Following
+from ccpin.simulation.happenings import Moment, Step, Watch
+from ccpin.simulation.pace import Switching
+from ccpin.simulation.plant import MotorCommands, Plant
+from ccpin.simulation.recorder import Recorder
+from ccpin.simulation.samples import CHANGED, Happening, StateSample, Stop
+from ccpin.simulation.stick_slip import Drive, StickSlip, StickSlipWatch
+
+_CREEPING, _MOST_CREEPING, _CREEPING_RCOND = 1e-7, 200, 1e-3
+_SHORTEST_STEP = 1e-10
+_REFUSALS = (ConvergenceError, SingularConfigurationError)
+
+
+class Settings(NamedTuple):
+    """How a motion is integrated; `Simulator` says what each is."""
+
+    solver_class: Any
+    rtol: float
+    atol: float
+    max_step: float | None
+    singular_rcond: float
+    wrenches: Wrenches | Pushes | None
+    natural_step: float
+
+
+class Budget(NamedTuple):
+    """What a run may cost before it ends with status ``exhausted``.
+
+    Attributes:
+        evaluations: Of the equations of motion. seconds: of wall time. ``None``: no bound.
+    """
+
+    evaluations: int | None = None
+    seconds: float | None = None
+
+
+class Run:
+    """One motion: where it is, what acts on it and what is watched for.
+
+    Args:
+        model: The reduced model.
+        settings: How it is integrated.
+        commands: Who commands the motors.
+        contact: The joints with friction.
+        plant: Limits, contacts and motors.
+        watches: What is watched for.
+        following: Whose coordinates the motion is in.
+        here: Where the motion begins.
+
+    Attributes:
+        model: The model in whose coordinates the motion is: the one given, or a sibling of it.
+        here: The last moment that is certain. first_step: what the integrator would try next, s.
+        evaluations: Of the equations of motion, so far.
+    """
+
+    def __init__(
+        self,
+        model: ReducedModel,
+        settings: Settings,
+        commands: ContinuousCommands | SampledCommands | MotorCommands,
+        contact: StickSlip,
+        plant: Plant,
+        watches: tuple[Watch, ...],
+        following: Following,
+        here: Moment,
+    ) -> None:
+        self.following = following
+        following.begin(here.state)
+        self.model, self.settings, self.commands, self.contact = model, settings, commands, contact
+        self._plant = plant
+        self.here, self.evaluations = here, 0
+        self.first_step: float | None = None
+        self._pushes = pushes_of(model.mechanism.tree, settings.wrenches)
+        self._own = watches
+        self._watches = self._all_watches()
+        self._watched = any(watch.pacing for watch in self._watches)
+        self._creeping, self._latest, self._settles = 0, np.inf, False
+        self._nothing = np.zeros(model.mechanism.n_free)
+
+    def advance(
+        self, until: float, record: Recorder, budget: Budget, watch: Watch | None = None, commanded: bool = True
+    ) -> Stop | None:
+        """Move on to a time.
+
+        Args:
+            until: The time, s.
+            record: Takes the samples that fall due, and what happens.
+            budget: What that may cost.
+            watch: One thing more to watch for.
+            commanded: Whether a sampled law's command due at that time is given, too.
+
+        Returns:
+            Stop: Why the motion ended before; ``None`` if it did not.
+
+        Raises:
+            CcpinError: The friction problem, a law or an event failed; `here` is the last certain moment. So it is
+                with whatever else a law raises.
+        """
+        limits = _Limits.of(budget, self.evaluations)
+        if self.model is not self.following.home and (watch is not None or self.following.stated is not None):
+            self._take_up(*self.following.back(self.here.state, self.here.v))
+        self._settles = watch is not None
+        extra = () if watch is None else (watch,)
+        for one in (*self._watches, *extra):
+            one.begin(self.here)
+        while True:
+            if self.here.t >= until and not commanded:
+                return None
+            command = self.commands.instant(*self.here)
+            self._begin()
+            record.up_to(self.here, self, _slack(self.here.t))
+            if self.here.t >= until:
+                return None
+            switch, longest = self._next_switch(), self._longest_step()
+            end = min(command, until)
+            switches = switch < end - _slack(end)
+            end = switch if switches else end
+            self._latest = end - _slack(end)
+            while self.here.t < end:
+                stop = self._leg(end, longest, record, (*self._watches, *extra), limits)
+                if stop is not None:
+                    return stop
+                if self.here.t < end:
+                    self._begin()
+            self.first_step = None if switches else self.first_step
+
+    def sample(self, moment: Moment) -> StateSample:
+        """The motion at a moment, in the present mode of its joints."""
+        t, state, v = moment
+        drive = self.drive(*moment)
+        friction = self._nothing
+        if self.contact.rubs:
+            friction = self.contact.free_forces(state, v, drive)
+        a = self.contact.acceleration(state, v, drive)
+        at = self.following.home.reading(state, v)
+        return StateSample(
+            t=float(t),
+            q=at.q,
+            v=np.array(at.v),
+            a=self.following.home.reading_rate(state, v, a),
+            u=self.commands.effort(t, state, v),
+            q_free=state.q_free,
+            friction=friction,
+            limits=self._nothing if drive.loads is None else drive.loads,
+            closure_error=float(np.linalg.norm(self.model.parametrization.constraints.residual(state.q_free))),
+        )
+
+    def closed(self, x: Array, near: State | None = None) -> tuple[State, Array]:
+        """The State at x's q, and q̇."""
+        near = near or self.here.state
+        q = self.model.coordinates.normalize(x[: self.model.nq])
+        return near if (q == near.q).all() else self.model.at(q, near), x[self.model.nq :]
+
+    def drive(self, t: float, state: State, v: Array) -> Drive:
+        """What acts from outside."""
+        u = self.commands.effort(t, state, v)[: state.model.n_actuated]  # a sibling may have no motors: then u = 0
+        return Drive(u, self._pushes(t, state, v), self._plant.loads(t, state, v))
+
+    # From switch to switch.
+
+    def _begin(self) -> None:
+        """Let every joint with friction rest or slide from here on."""
+        if self.contact.eventful:
+            t, state, v = self.here
+            self.here = Moment(t, state, self.contact.begin(state, v, self.drive(t, state, v)))
+
+    def _switches(self) -> tuple[float | None, ...]:
+        """When the law and the wrenches change next."""
+        wrenches, t = self.settings.wrenches, self.here.t
+        switch: float | None = np.inf
+        if wrenches is not None and not isinstance(wrenches, Mapping):
+            switch = wrenches.next_switch(t) if isinstance(wrenches, Switching) else None
+        return self.commands.next_switch(t), switch
+
+    def _next_switch(self) -> float:
+        return min((switch for switch in self._switches() if switch is not None), default=np.inf)
+
+    def _longest_step(self) -> float:
+        """`ccpin.simulation.pace` says why."""
+        if self.settings.max_step is not None:
+            return self.settings.max_step
+        return self.settings.natural_step if self._watched or None in self._switches() else np.inf
+
+    # From event to event.
+
+    def _leg(
+        self, end: float, longest: float, record: Recorder, watches: tuple[Watch, ...], limits: _Limits
+    ) -> Stop | None:
+        """Integrate smooth equations up to `end`, up to an event that changes them, or to the end of the coordinates.
+
+        Where σ fails inside a trial step, try again with a shorter one. Many steps in a row of less than a hundred
+        nanoseconds are an approach to a singularity, where accelerations grow without bound.
+        """
+        shortened: float | None = None
+        solver = self._solver(end, longest, self.first_step)
+        while self.here.t < end:
+            try:
+                message = solver.step()
+                if solver.status == "failed":
+                    return self._gave_up(f"the integrator failed at t = {self.here.t:.6g} s: {message}")
+                seen = bool(watches) or record.due_before(solver.t)
+                step = Step(self.here, float(solver.t), solver.dense_output() if seen else None, self.closed)
+                halts = [(at, watch) for watch in watches if (at := watch.look(step)) is not None]
+                reached, cause = min(halts, key=lambda halt: halt[0], default=(step.end, None))
+                arrived = step.at(reached) if reached < step.end else Moment(step.end, *self.closed(solver.y))
+            except _REFUSALS as error:
+                trial = shortened or min(getattr(solver, "h_abs", None) or np.inf, end - self.here.t)
+                shortened = 0.25 * trial
+                if shortened < _SHORTEST_STEP:
+                    return self._elsewhere(record, str(error), error)
+                solver = self._solver(end, longest, shortened)
+                continue
+            shortened, self.first_step = None, getattr(solver, "h_abs", None)
+            record.within(step, min(reached, end - 2 * _slack(end)), self)
+            for watch in watches:
+                record.happened([self._told(event) for event in watch.accept(step, reached)])
+            ending = self._arrive(arrived, longest)
+            stop = None if cause is None else cause.act(self.here)
+            if stop is None and ending is not None:
+                stop = self._elsewhere(record, ending)
+            if stop is None:
+                stop = limits.exceeded(self.evaluations, self.here.t)
+            if stop is not None or cause is not None or ending is not None:
+                return stop
+        return None
+
+    def _arrive(self, arrived: Moment, longest: float) -> str | None:
+        """Make a moment the present one; why its coordinates are to be left there, if they are."""
+        short = arrived.t - self.here.t < _CREEPING
+        self.here = arrived
+        rcond, follows = arrived.state.rcond, self._follows()
+        stuck = longest > _CREEPING if follows else rcond < _CREEPING_RCOND
+        self._creeping = self._creeping + 1 if short and stuck else 0
+        if rcond < self.settings.singular_rcond or self._creeping >= _MOST_CREEPING:
+            return f"ψ_q′ is nearly singular (rcond {rcond:.1e})"
+        return "" if follows and self.following.poor(arrived.state) else None
+
+    def _follows(self) -> bool:
+        """Whether the coordinates may be changed: nothing is stated in them, and nobody waits for them to settle."""
+        return not self._settles and self.following.stated is None
+
+    def _elsewhere(self, record: Recorder, reason: str, error: BaseException | None = None) -> Stop | None:
+        """Go on in other coordinates; where there are none, or something is stated in these, stop for the reason."""
+        t, state, v = self.here
+        found = self.following.change(state, v) if self._follows() else None
+        if found is None and reason:
+            return Stop("singular", self.following.why(t, state, reason), error)
+        if found is not None:
+            self._take_up(*found)
+            at = self.following.home.reading(*found)
+            name = CHANGED + ", ".join(self.model.mechanism.independent)
+            record.happened([Happening(name, t, at.q, np.array(at.v), found[0].q_free)])
+        return None
+
+    def _told(self, event: Happening) -> Happening:
+        """An event in the coordinates that the motion was started in."""
+        home = self.following.home
+        if self.model is home:
+            return event
+        at = home.reading(self.model.at(event.q, event.q_free), event.v)
+        return event._replace(q=at.q, v=at.v)
+
+    def _take_up(self, state: State, v: Array) -> None:
+        """Be in the coordinates of a State's model from here on."""
+        self.model, self.here = self.following.model, Moment(self.here.t, state, v)
+        self.contact = self.contact.moved(self.model)
+        self._watches, self._creeping = self._all_watches(), 0
+
+    def _all_watches(self) -> tuple[Watch, ...]:
+        friction = (StickSlipWatch(self.contact, self.drive),) if self.contact.eventful else ()
+        return (*friction, *self._own)
+
+    def _gave_up(self, message: str) -> Stop:
+        """The integrator found no step short enough: beside a singularity because of that."""
+        rcond = self.here.state.rcond
+        if rcond < _CREEPING_RCOND:
+            return Stop("singular", f"at t = {self.here.t:.6g} s ψ_q′ is nearly singular (rcond {rcond:.1e})")
+        return Stop("failed", message)
+
+    def _solver(self, end: float, longest: float, first_step: float | None) -> Any:
+        t, state, v = self.here
+        first = None if first_step is None else min(first_step, end - t, longest)
+        x = np.concatenate([state.q, v])
+        tolerances = {"rtol": self.settings.rtol, "atol": self.settings.atol, "max_step": longest}
+        return self.settings.solver_class(self._derivative, t, x, end, first_step=first, **tolerances)
+
+    def _derivative(self, t: float, x: Array) -> Array:
+        """(q̇, q̈) at x; where the leg ends in a switch, as it is before."""
+        self.evaluations += 1
+        if not np.isfinite(x).all():
+            raise ConvergenceError("the state is no longer finite")
+        state, v = self.closed(x)
+        a = self.contact.acceleration(state, v, self.drive(min(t, self._latest), state, v))
+        return np.concatenate([self.model.coordinates.rate(state.q, v), a])
+
+
+class _Limits(NamedTuple):
+    """A budget from a moment on."""
+
+    evaluations: float
+    clock: float
+
+    @classmethod
+    def of(cls, budget: Budget, evaluations: int) -> _Limits:
+        most = np.inf if budget.evaluations is None else evaluations + budget.evaluations
+        return cls(most, np.inf if budget.seconds is None else time.perf_counter() + budget.seconds)
+
+    def exceeded(self, evaluations: int, t: float) -> Stop | None:
+        if evaluations >= self.evaluations:
+            return Stop.exhausted(t, "evaluations")
+        if time.perf_counter() >= self.clock:
+            return Stop.exhausted(t, "seconds")
+        return None
+
+
+def _slack(t: float) -> float:
+    """What two times near t may differ by and count as one, s."""
+    return 16 * float(np.spacing(abs(t)))

@@ -1,0 +1,477 @@
+"""The stepper: one motion that goes on for as long as it is asked to, a step, a stretch or a recorded run at a time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import integrate
+
+from ccpin.arrays import Array, choice, frozen, instance, number, positive, records, step_or_infinite, vector
+from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
+from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
+from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.state import Near, State
+from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.kinematics.checked import checked_q
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.contact import Contact
+from ccpin.simulation.following import Following
+from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
+from ccpin.simulation.happenings import Event, EventWatch, Moment, RegionWatch, Watch
+from ccpin.simulation.in_core import TABLEAUX, run_in_core
+from ccpin.simulation.limits import Limits
+from ccpin.simulation.motors import MotorModel
+from ccpin.simulation.pace import natural_step
+from ccpin.simulation.plant import Plant
+from ccpin.simulation.recorder import Recorder
+from ccpin.simulation.run import Budget, Run, Settings
+from ccpin.simulation.samples import Happening, Names, StateSample, Stop
+from ccpin.simulation.settling import Settling, SettlingWatch
+from ccpin.simulation.stick_slip import StickSlip
+from ccpin.simulation.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from ccpin.native._core import HeldMotion
+
+METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
+LawLike = ControlLaw | Callable[[float, Array, Array], ArrayLike] | None
+
+
+class Simulator:
+    """A motion under way: D q̈ + C q̇ + damping q̇ + g = ρᵀ(Sᵀu + Jᵀw + f) (22), q′ = σ(q) (27), f: dry friction.
+
+    It carries time, the joints' stick and slip, filter, delay and the command held of a sampled law, events and counts
+    from call to call. `step` holds u for a while, `advance` lets the law act, `run` records a `Trajectory`; they may
+    follow each other in any order. `reset` comes first. One thread may use a simulator at a time.
+
+    Nothing is stepped over: a law (and a function for `wrenches`) that has `next_switch` is integrated from switch to
+    switch; where one has not, and where friction, events or a region are looked at, no step is longer than a 32nd of
+    the time in which the mechanism would fall its own length (`ccpin.simulation.pace`). Output changes nothing.
+
+    Args:
+        model: The reduced model, or a mechanism.
+        law: A `ControlLaw`, a function (t, q, v) → u, or ``None`` for no torque.
+        method: One of SciPy's RK45, DOP853, RK23, Radau, BDF, LSODA.
+        rtol: The integrator's relative tolerance.
+        atol: The integrator's absolute tolerance, in rad, m and per second.
+        max_step: The integrator's longest step in seconds; default as above.
+        region: End where it says False of q (a certified domain's ``contains``, say).
+        singular_rcond: End where ψ_q′'s reciprocal condition number falls below this. Without torque, and under a
+            function (t, q, v) or another law that holds `everywhere`, the motion goes on in other independent
+            coordinates instead (`ccpin.simulation.following`) unless events, a region, limits, contacts or settling
+            read the model's, and ends where the mechanism itself is singular.
+        friction: Coulomb and viscous friction: ``{joint: (coulomb, viscous)}`` for any joints, or a pair of arrays
+            (coulomb, viscous) for the independent ones; default what the mechanism's joints state (`joints.friction`),
+            ``{}`` for none.
+        wrenches: On links, as for `State.forward_dynamics`: constant in world axes, or a function (t, state, v).
+        sampling: Run the law as a digital controller does; default continuously.
+        events: What to look for along the motion.
+        limits: How limits of positions, velocities and efforts are treated; default `Limits`': motors give no more
+            than their limits, and nothing else.
+        contacts: Points of links that meet planes.
+        motors: Lag, rate and torque–speed curve of the motors; default none.
+
+    Attributes:
+        model: The reduced model.
+        law: The law; it may be replaced at any time.
+        stop: How the last call ended before its time, ``None`` if it did not.
+        events: What happened since `reset`, in order.
+
+    Raises:
+        InvalidInputError: A bad argument.
+        UnsupportedMechanismError: The mechanism has mobility 0.
+    """
+
+    def __init__(
+        self,
+        model: ReducedModel | Mechanism,
+        law: LawLike = None,
+        *,
+        method: str = "RK45",
+        rtol: float = 1e-9,
+        atol: float = 1e-11,
+        max_step: float | None = None,
+        region: Callable[[Array], bool] | None = None,
+        singular_rcond: float = 1e-7,
+        friction: FrictionLike | JointFriction | None = None,
+        wrenches: Wrenches | Pushes | None = None,
+        sampling: Sampling | None = None,
+        events: Sequence[Event] = (),
+        limits: Limits | None = None,
+        contacts: Sequence[Contact] = (),
+        motors: MotorModel | None = None,
+    ) -> None:
+        self.model = model = model_of(model)
+        if not model.n:
+            raise UnsupportedMechanismError(f"{model.mechanism.name} has mobility 0: nothing moves, there is no motion")
+        rtol, atol = positive(rtol, "rtol"), positive(atol, "atol")
+        singular_rcond = number(singular_rcond, "singular_rcond")
+        choice(method, "method", METHODS)
+        max_step = None if max_step is None else step_or_infinite(max_step, "max_step")
+        if region is not None and not callable(region):
+            raise InvalidInputError(f"region must be a function of q, not {type(region).__name__}")
+        if sampling is not None:
+            instance(sampling, "sampling", Sampling)
+        events = records(events, "events", Event)
+        self._method, self._sampling = method, sampling
+        solver, natural = getattr(integrate, method), natural_step(model.mechanism)
+        self._settings = Settings(solver, rtol, atol, max_step, singular_rcond, wrenches, natural)
+        self._friction = joint_friction(model, friction)
+        self._region, self._looked_for = region, tuple(events)
+        self._names = Names.of(model)
+        self._plant = Plant(model, limits, contacts, motors)
+        self._law = _law(model, law)
+        self._plant.check_law(self._law, sampling is not None)
+        self._plain = not (callable(wrenches) or region is not None or events or self._friction.names)
+        self._plain = self._plain and self._plant.plain and (sampling is None or not np.any(sampling.encoder_noise))
+        self._nothing = frozen(np.zeros(model.mechanism.n_free))
+        self._held: HeldMotion | None = None
+        if self._plain and sampling is None and method in TABLEAUX:
+            longest = np.inf if max_step is None else max_step
+            rows = self._pushed(wrenches)
+            self._held = model.core.held_motion(TABLEAUX[method], rtol, atol, longest, singular_rcond, rows)
+        self._ahead: StateSample | None = None
+        self._counted = 0
+        self._run: Run | None = None
+        self.stop: Stop | None = None
+        self.events: list[Happening] = []
+
+    # Where it is.
+
+    @property
+    def t(self) -> float:
+        """The time, s."""
+        return self._moving.here.t if self._ahead is None else self._ahead.t
+
+    @property
+    def state(self) -> State:
+        """The State, of `model` or, where its coordinates were left for others, of a sibling of it."""
+        return self._moving.here.state
+
+    @property
+    def v(self) -> Array:
+        """q̇, of shape (n,)."""
+        if self._ahead is not None:
+            return self._ahead.v
+        _, state, v = self._moving.here
+        return np.array(self.model.reading(state, v).v)
+
+    @property
+    def evaluations(self) -> int:
+        """Evaluations of the equations of motion since `reset`."""
+        return self._moving.evaluations
+
+    @property
+    def law(self) -> ControlLaw:
+        """The law."""
+        return self._law
+
+    @law.setter
+    def law(self, law: LawLike) -> None:
+        self._law = _law(self.model, law)
+        self._plant.check_law(self._law, self._sampling is not None)
+        if self._run is not None:
+            self._run.commands.law = _Sized(self._law, self.model)
+            self._run.following.law = self._law
+
+    def sample(self) -> StateSample:
+        """The motion as it is now."""
+        return self._moving.sample(self._moving.here)
+
+    # Moving on.
+
+    def reset(
+        self, q: ArrayLike | State, v: ArrayLike | None = None, *, t: float = 0.0, guess: Near = None
+    ) -> StateSample:
+        """Begin a motion.
+
+        Args:
+            q: Where, of shape (model.nq,), or a State.
+            v: Velocity, of shape (n,); default at rest.
+            t: The time, s.
+            guess: Chooses the assembly mode of σ(q); default the mechanism's reference.
+
+        Raises:
+            InvalidInputError: A bad argument.
+            UnreachableError, SingularConfigurationError: σ(q) does not exist.
+        """
+        state = self.model.at(q, guess)
+        v_start = np.zeros(self.model.n) if v is None else np.array(vector(v, "v", self.model.n))
+        law = _Sized(self._law, self.model)
+        commands: ContinuousCommands | SampledCommands = ContinuousCommands(law)
+        if self._sampling is not None:
+            commands = SampledCommands(self.model, law, self._sampling, state.q, v_start, t)
+        driven = self._plant.commands(commands, t, state, v_start)
+        watches: list[Watch] = [EventWatch(event) for event in self._looked_for]
+        if self._region is not None:
+            watches.append(RegionWatch(self._region))
+        watches += self._plant.watches(driven)
+        contact = StickSlip(self.model, self._friction)
+        here = Moment(float(t), state, v_start)
+        looks = self._looked_for or self._region is not None or not self._plant.plain
+        reads = "events, a region, limits or contacts are looked for" if looks else ""
+        following = Following(self.model, self._law, self._settings.wrenches, reads)
+        self._run = Run(self.model, self._settings, driven, contact, self._plant, tuple(watches), following, here)
+        self._ahead, self.stop, self.events = None, None, []
+        self._counted = 0 if self._held is None else self._held.evaluations
+        return self.sample()
+
+    def step(self, u: ArrayLike | None, dt: float) -> StateSample:
+        """Hold an effort for a while.
+
+        With `sampling` it is the command at all samples from now on and before the end, with saturation and delay.
+
+        Args:
+            u: Efforts of the actuated joints, of shape (motors,); ``None``: the law acts.
+            dt: For how long, s.
+
+        Returns:
+            StateSample: The motion at the end, or where it stopped; `stop` tells.
+
+        Raises:
+            InvalidInputError: A bad argument.
+            Exception: Whatever a law or an event raised. The simulator is then where its last certain moment was.
+        """
+        if u is not None and self._held is not None and self._plant.effort_bounds.hold(u):
+            sample = self._step_in_core(self._held, u, dt)
+            if sample is not None:
+                return sample
+        run = self._moving
+        until = run.here.t + positive(dt, "dt")
+        if u is None:
+            return self.advance(until)
+        commands = run.commands
+        own, held = commands.law, _Held(np.array(vector(u, "u", self.model.n_actuated)))
+        commands.law = run.following.law = held
+        try:
+            return self._advanced(until, commanded=False)
+        finally:
+            commands.law, run.following.law = own, self._law
+
+    def advance(self, until: float) -> StateSample:
+        """Let the law act up to a time, in seconds, and at it; returns and raises as `step`."""
+        return self._advanced(until, commanded=True)
+
+    def _advanced(self, until: float, commanded: bool) -> StateSample:
+        run = self._moving
+        self._later(until)
+        record = Recorder(np.empty(0))
+        try:
+            self.stop = run.advance(until, record, Budget(), commanded=commanded)
+        finally:
+            self.events += record.events
+        return self.sample()
+
+    def run(
+        self,
+        until: float,
+        *,
+        sample_period: float = 1e-3,
+        settling: Settling | None = None,
+        budget: Budget | None = None,
+    ) -> Trajectory:
+        """Let the law act up to a time, and record it.
+
+        Args:
+            until: The time, s.
+            sample_period: Time between samples, s.
+            settling: End once settled.
+            budget: End once it is spent.
+
+        Returns:
+            Trajectory: From now on up to the time, or to where the motion ended, whatever the cause: Ctrl-C and
+            whatever a law raises included, which is then its `cause`.
+
+        Raises:
+            InvalidInputError: A bad argument.
+            Exception: Whatever a law raised before the first sample.
+        """
+        run, began = self._moving, time.perf_counter()
+        self._later(until)
+        start, evaluations = run.here.t, run.evaluations
+        times = _times(start, until, positive(sample_period, "sample_period"))
+        if settling is not None:
+            instance(settling, "settling", Settling)
+            goal = checked_q(self.model.coordinates, settling.goal)
+            settling = settling._replace(goal=np.array(goal))
+        found = self._run_in_core(times, settling, budget)
+        if found is not None:
+            stop = self.stop or Stop("finished", f"simulated {until - start:.6g} s")
+            return found._replace(**stop._asdict(), wall_time=time.perf_counter() - began)
+        watch = None if settling is None else SettlingWatch(settling, self.model.coordinates)
+        record = Recorder(times)
+        run.first_step = None
+        self.stop = self._recorded(until, record, budget or Budget(), watch)
+        self.events += record.events
+        stop = self.stop or Stop("finished", f"simulated {until - start:.6g} s")
+        return record.trajectory(stop, run.evaluations - evaluations, time.perf_counter() - began, self._names)
+
+    def _recorded(self, until: float, record: Recorder, budget: Budget, watch: Watch | None) -> Stop | None:
+        run = self._moving
+        try:
+            stop = run.advance(until, record, budget, watch)
+            record.last(run.here, run)
+        except (Exception, KeyboardInterrupt) as error:
+            if not record.samples:
+                raise
+            with suppress(Exception):
+                record.last(run.here, run)
+            return Stop.broken_off(run.here.t, error)
+        return stop
+
+    # In the compiled core, where it can.
+
+    def _pushed(self, wrenches: Wrenches | Pushes | None) -> Array | None:
+        """Wrenches that stay the same, in plain numbers."""
+        return wrench_rows(self.model.mechanism.tree, None if callable(wrenches) else wrenches)
+
+    def _run_in_core(self, times: Array, settling: Settling | None, budget: Budget | None) -> Trajectory | None:
+        """The recorded run, or ``None`` where only the reference can tell."""
+        run, settings = self._moving, self._settings
+        if not self._plain or run.model is not self.model:
+            return None
+        numbers = {"times": times, "rtol": settings.rtol, "atol": settings.atol}
+        numbers |= {"max_step": settings.max_step or np.inf, "singular_rcond": settings.singular_rcond}
+        numbers |= {"wrenches": self._pushed(settings.wrenches)}
+        numbers |= {"sampling": run.commands.numbers()} | self._plant.effort_bounds._asdict()
+        found = run_in_core(self.model, self._law, self._method, run.here, numbers, settling, budget)
+        if found is None:
+            return None
+        self.stop, evaluations, memory = found[1:]
+        columns: dict[str, Any] = found[0]
+        run.commands.adopt(memory)
+        last = {name: column[-1] for name, column in columns.items()}
+        run.here = Moment(float(last["t"]), self.model.at(last["q"], last["q_free"]), last["v"].copy())
+        run.evaluations += evaluations
+        nothing = np.broadcast_to(self._nothing, (len(columns["t"]), len(self._nothing)))
+        return Trajectory(
+            **columns,
+            friction=nothing,
+            limits=nothing,
+            **Stop("finished", "")._asdict(),
+            events=(),
+            evaluations=evaluations,
+            wall_time=0.0,
+            names=self._names,
+        )
+
+    def _step_in_core(self, held: HeldMotion, u: ArrayLike, dt: float) -> StateSample | None:
+        """One step with u held, or ``None`` where only the reference can tell."""
+        if self._ahead is None:
+            run = self._moving
+            t, state, v = run.here
+            if state.model is not self.model or not held.start(state.q_free, state.q, v, run.first_step or 0.0):
+                return None
+        else:
+            t = self._ahead.t
+        answer = held.step(u, dt)
+        if answer is None:
+            return None
+        q, v, a, u, q_free, closure = answer
+        self.stop = None
+        self._ahead = StateSample(t + dt, q, v, a, u, q_free, self._nothing, self._nothing, closure)
+        return self._ahead
+
+    # What it carries.
+
+    def memory(self) -> dict[str, Array]:
+        """Everything carried from call to call but the law's own memory, as arrays; `recall` brings it back."""
+        run = self._moving
+        t, state, v = run.here
+        here = {"t": np.array(t), **self.model.reading(state, v)._asdict(), "q_free": state.q_free}
+        return here | run.contact.memory() | run.commands.memory()
+
+    def recall(self, memory: Mapping[str, Array]) -> None:
+        """Go on from what `memory` gave, in this simulator or another with the same arguments, to the last bit."""
+        self.reset(memory["q"], memory["v"], t=float(memory["t"]), guess=memory["q_free"])
+        run = self._moving
+        run.contact.recall(memory)
+        run.commands.recall(memory)
+
+    @property
+    def _moving(self) -> Run:
+        """The run, where the last call has left it."""
+        run, ahead, held = self._run, self._ahead, self._held
+        if run is None:
+            raise InvalidInputError("the simulator has no motion yet: call reset(q, v) first")
+        if ahead is not None and held is not None:
+            run.here = Moment(ahead.t, self.model.at(ahead.q, ahead.q_free), ahead.v)
+            run.first_step = held.last_step
+            run.evaluations += held.evaluations - self._counted
+            self._ahead, self._counted = None, held.evaluations
+        return run
+
+    def _later(self, until: float) -> None:
+        if not (np.isfinite(until) and until > self.t):
+            raise InvalidInputError(f"until = {until} must be a time later than t = {self.t:.6g} s")
+
+
+def _times(start: float, until: float, period: float) -> Array:
+    """The times of samples: from the start in steps of a period, and the end."""
+    duration = until - start
+    times = start + np.arange(np.floor(duration / period * (1 + 1e-12)) + 1) * period
+    if times[-1] < until - 1e-9 * duration:
+        return np.append(times, until)
+    times[-1] = until
+    return times
+
+
+def _law(model: ReducedModel, law: LawLike) -> ControlLaw:
+    if law is None:
+        return NoTorque(model)
+    if isinstance(law, ControlLaw):
+        return law
+    if callable(law):
+        return TorqueFunction(law)
+    raise InvalidInputError("controller must be a ControlLaw, a function (t, q, v) → u, or None")
+
+
+class _Held(ControlLaw):
+    """A constant u."""
+
+    everywhere = True
+
+    def __init__(self, u: Array) -> None:
+        self._u = u
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        return self._u
+
+    def next_switch(self, t: float) -> float:
+        return np.inf
+
+
+class _Sized(ControlLaw):
+    """A law whose u is looked at, so that one of the wrong size is told as the law's mistake.
+
+    At a State in other coordinates than its model's it is given q and q̇ of its model's.
+    """
+
+    def __init__(self, law: ControlLaw, model: ReducedModel) -> None:
+        self._law, self._model = law, model
+        self._motors, self._size = model.mechanism.actuated, model.n_actuated
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        return self._sized(self._law.torque(t, q, v, guess))
+
+    def torque_at(self, t: float, state: State, v: Array) -> Array:
+        if state.model is not self._model:
+            return self.torque(t, *self._model.reading(state, v), state.q_free)
+        return self._sized(self._law.torque_at(t, state, v))
+
+    def next_switch(self, t: float) -> float | None:
+        return self._law.next_switch(t)
+
+    def _sized(self, u: Array) -> Array:
+        if np.shape(u) != (self._size,):
+            raise InvalidInputError(
+                f"the law returned u of shape {np.shape(u)}; it must be ({self._size},), efforts of "
+                f"{', '.join(self._motors) or 'no motor'}"
+            )
+        return u
