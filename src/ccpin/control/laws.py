@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Sequence
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +28,13 @@ class ControlLaw(abc.ABC):
     """A law u = torque(t, q, v) for the actuated joints.
 
     A law that needs the model overrides `torque_at` as well, so that σ is not computed again where a State is at hand.
+
+    Attributes:
+        everywhere: Whether u is defined also where the coordinates q are singular, because the law reads t, q and q̇ as
+            numbers only. A simulation then goes on there; under any other law it ends.
     """
+
+    everywhere: ClassVar[bool] = False
 
     @abc.abstractmethod
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
@@ -55,6 +62,8 @@ class ControlLaw(abc.ABC):
 class NoTorque(ControlLaw):
     """u = 0: the mechanism swings freely."""
 
+    everywhere = True
+
     def __init__(self, model: ReducedModel | Mechanism) -> None:
         self._zero = np.zeros(model_of(model).n_actuated)
 
@@ -77,6 +86,8 @@ class TorqueFunction(ControlLaw):
     Raises:
         InvalidInputError: Times that are not finite numbers.
     """
+
+    everywhere = True
 
     def __init__(
         self,
