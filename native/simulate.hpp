@@ -112,7 +112,7 @@ class Simulation : public Follower {
     for (int steps = 1;;) {
       if (commands_ && solver.t >= commands_->due() - slack(commands_->due())) {
         const double* v = solver.y.data() + m_.n_q;
-        if (!close(solver.y.data()) || !commands_->instant(solver.t - run_.origin, q_, v)) return Outcome::declined;
+        if (!close(solver.y.data()) || !commands_->instant(clock(solver.t), q_, v)) return Outcome::declined;
       }
       if (due(out, solver.t + slack(solver.t)) && !sample(run_.times[out.done], solver.y.data(), out))
         return Outcome::declined;
@@ -171,16 +171,22 @@ class Simulation : public Follower {
   bool due(const Samples& out, double until) const {
     return out.done < int(run_.times.size()) && run_.times[out.done] <= until;
   }
+  // What the law's clock shows; a break that is not later than t on the clock outside is not later there.
+  double clock(double t) const {
+    const double inside = t - run_.origin;
+    const auto next = std::upper_bound(path_.breaks.begin(), path_.breaks.end(), inside);
+    return next != path_.breaks.end() && *next + run_.origin <= t ? *next : inside;
+  }
   // When the path passes to its next piece.
   double next_piece(double t) const {
-    const auto next = std::upper_bound(path_.breaks.begin(), path_.breaks.end(), t - run_.origin);
+    const auto next = std::upper_bound(path_.breaks.begin(), path_.breaks.end(), clock(t));
     return next == path_.breaks.end() ? INFINITY : *next + run_.origin;
   }
 
   // The law's efforts; false where motors cannot give them.
   bool effort(double t, const double* v) {
     if (commands_) u_ = commands_->memory.held;
-    else law_.effort(t - run_.origin, q_.data(), v, u_.data());
+    else law_.effort(clock(t), q_.data(), v, u_.data());
     for (size_t i = 0; i < u_.size(); ++i)
       if (u_[i] < run_.lower[i] || u_[i] > run_.upper[i]) return false;
     return true;

@@ -158,6 +158,17 @@ def _without_momentum(mechanism, q_free, v_free):
     return v_free - idle @ np.linalg.solve(idle.T @ mass @ idle, idle.T @ mass @ v_free)
 
 
+def test_a_locked_joint_the_file_does_not_mark_takes_the_place_of_one_it_does():
+    """With a passive joint locked the five-bar has one motion, and one of its two marked motors measures it."""
+    mechanism = ccpin.load("rpdr", locked=["joint3"])
+    assert mechanism.n == 1
+    assert mechanism.independent[0] in ("joint1", "joint2")
+    assert mechanism.actuated == ("joint1", "joint2")
+    assert any(note.startswith("with joint3 locked the file marks more") for note in mechanism.notes)
+    still = ccpin.load("four_bar", locked=["rocker"])
+    assert (still.n, still.independent) == (0, ())
+
+
 def _described(joints, links, closures=(), couplings=(), **more):
     return ccpin.MechanismDescription("m", "base", links, joints, closures, couplings, **more)
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
+from scipy.integrate import solve_ivp
 
 
 class Motion(NamedTuple):
@@ -45,6 +46,11 @@ def dot(a, b):
     return Row(a.x @ b.x, b.x @ a.jacobian + a.x @ b.jacobian, drift)
 
 
+def cross(a, b):
+    """a × b; NumPy's own costs ten times as much on vectors of three."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
 class End:
     """One end of a closure in motion: its origin and its axes x, y, z."""
 
@@ -58,8 +64,8 @@ class End:
         omega, alpha = velocity.angular, acceleration.angular
 
         def carried(arm):
-            turning = np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm))
-            return Vector(arm, -pin.skew(arm) @ jacobian[3:], np.cross(omega, arm), turning)
+            turning = cross(alpha, arm) + cross(omega, cross(omega, arm))
+            return Vector(arm, -pin.skew(arm) @ jacobian[3:], cross(omega, arm), turning)
 
         lever = carried(pose.rotation @ placement[:3, 3])
         self.p = Vector(
@@ -173,3 +179,59 @@ def pinocchio(description, model, q_free, v_free, tau):
     a_free = np.array(pin.constraintDynamics(model, data, q_free, v_free, tau, models, datas, settings))
     force = pin.rnea(model, model.createData(), q_free, v_free, a_free) - tau
     return Motion(a_free, force, np.array(data.lambda_c))
+
+
+class Course(NamedTuple):
+    """Where a motion has come to: q′, q̇′ and the largest residual of φ before it was removed."""
+
+    q_free: np.ndarray
+    v_free: np.ndarray
+    drift: float
+
+
+def integrate(description, model, q_free, v_free, duration, *, leg=0.02, rtol=1e-12):
+    """The passive motion by (19) in all n′ coordinates at once, of index one, projected onto φ = 0 after every leg.
+
+    No independent coordinates are chosen anywhere: over a leg x is the tangent step q′ = q′₀ ⊕ x.
+    """
+    drift = 0.0
+    for _ in range(round(duration / leg)):
+        start = q_free
+
+        def rate(_, state, start=start):
+            x, v = np.split(state, 2)
+            at = pin.integrate(model, start, x)
+            slope = np.linalg.solve(pin.dIntegrate(model, start, x)[1], v)
+            return np.concatenate([slope, released(description, model, at, v)])
+
+        state = np.concatenate([np.zeros(model.nv), v_free])
+        found = solve_ivp(rate, (0.0, leg), state, method="DOP853", rtol=rtol, atol=1e-13)
+        assert found.success, found.message
+        x, v_free = np.split(found.y[:, -1], 2)
+        q_free, v_free, open_by = projected(description, model, pin.integrate(model, start, x), v_free)
+        drift = max(drift, open_by)
+    return Course(q_free, v_free, drift)
+
+
+def released(description, model, q_free, v_free):
+    """q̈′ of (19) without motors, by the null space of φ_q′: redundant rows and unlike masses do no harm."""
+    found = rows(description, model, q_free, v_free)
+    jacobian, drift = np.array([row.gradient for row in found]), np.array([row.drift for row in found])
+    left, singular, directions = np.linalg.svd(jacobian)
+    rank = int(np.count_nonzero(singular > 1e-9 * singular[0]))
+    a = -directions[:rank].T @ ((left[:, :rank].T @ drift) / singular[:rank])
+    allowed = directions[rank:].T
+    mass = pin.crba(model, model.createData(), q_free)
+    force = passive(description, model, q_free, v_free) - pin.rnea(model, model.createData(), q_free, v_free, a)
+    return a + allowed @ np.linalg.solve(allowed.T @ mass @ allowed, allowed.T @ force)
+
+
+def projected(description, model, q_free, v_free):
+    """The nearest closed configuration and admissible velocity, and how far φ was open."""
+    open_by = 0.0
+    for _ in range(3):
+        found = rows(description, model, q_free, v_free)
+        jacobian, value = np.array([row.gradient for row in found]), np.array([row.value for row in found])
+        open_by = max(open_by, float(np.abs(value).max()))
+        q_free = pin.integrate(model, q_free, -np.linalg.lstsq(jacobian, value, rcond=1e-9)[0])
+    return q_free, v_free - np.linalg.lstsq(jacobian, jacobian @ v_free, rcond=1e-9)[0], open_by

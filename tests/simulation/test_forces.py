@@ -14,7 +14,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.simulation import closure_forces, closure_forces_at, joint_forces
 from ccpin.simulation.samples import SAMPLED
 from tests.oracles import descriptor, rpdr
-from tests.support.paper import GOAL, K_P, K_V
+from tests.support.paper import GOAL, K_P, K_V, START
 from tests.support.strategies import mechanisms
 
 seeds = st.integers(0, 2**32 - 1)
@@ -239,3 +239,26 @@ def test_another_models_trajectory_is_refused():
     trajectory = ccpin.simulate(model, None, GOAL, duration=0.01)
     with pytest.raises(InvalidInputError, match="this model has"):
         closure_forces(ccpin.ReducedModel(ccpin.load("four_bar")), trajectory)
+
+
+def test_friction_is_counted(rpdr_model):
+    """After a motion with friction |force| is |λ| of the descriptor form (19), f beside u, by the closed forms."""
+    friction = {"joint1": (0.2, 0.02), "joint2": (0.15, 0.0), "joint3": (0.03, 0.002), "joint4": (0.0, 0.003)}
+    law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
+    motion = ccpin.simulate(rpdr_model, law, START, duration=0.2, friction=friction, sample_period=0.02)
+    (found,) = closure_forces(rpdr_model, motion)
+    order = [rpdr_model.mechanism.tree.names.index(name) for name in rpdr.FREE]
+    sizes, without = [], []
+    for q_free, v, u, f in zip(motion.q_free[:, order], motion.v, motion.u, motion.friction[:, order], strict=True):
+        v_free = rpdr.rho(q_free) @ v
+        jacobian = rpdr.psi_jacobian(q_free)[:2]
+        matrix = np.block([[rpdr.mass_matrix(q_free), -jacobian.T], [jacobian, np.zeros((2, 2))]])
+        rest = rpdr.coriolis_matrix(q_free, v_free) @ v_free + rpdr.gravity(q_free) - [*u, 0.0, 0.0]
+        turning = rpdr.psi_jacobian_rate(q_free, v_free)[:2] @ v_free
+        sizes.append(np.linalg.norm(np.linalg.solve(matrix, np.concatenate([f - rest, -turning]))[4:]))
+        without.append(np.linalg.norm(np.linalg.solve(matrix, np.concatenate([-rest, -turning]))[4:]))
+        coulomb, viscous = np.array([friction[name] for name in rpdr.FREE]).T
+        sliding = np.abs(v_free) > 1e-6
+        assert f[sliding] == pytest.approx((-coulomb * np.sign(v_free) - viscous * v_free)[sliding], abs=1e-10)
+    assert np.linalg.norm(found.force, axis=1) == pytest.approx(sizes, abs=1e-8)
+    assert np.abs(np.subtract(without, sizes)).max() > 0.1

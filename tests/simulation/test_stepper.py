@@ -6,6 +6,7 @@ from scipy.integrate import solve_ivp
 
 import ccpin
 from ccpin.control import PDSimpleGravity, Sampling, TorqueFunction
+from ccpin.control.laws import Delayed
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Budget, Event
 from tests.oracles import rpdr as oracle
@@ -325,3 +326,30 @@ def test_the_acceleration_is_in_the_trajectory(rpdr_model):
         for q, v, a, u in zip(motion.q, motion.v, motion.a, motion.u, strict=True):
             D, C, g = oracle.reduced_terms(oracle.sigma(q, 1), v)
             assert a == pytest.approx(np.linalg.solve(D, u - C @ v - g), abs=1e-8)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_clock_of_its_own_loses_no_switch(seed):
+    """On any clock the next switch is later than now, and at it the law is past it, rounding or not."""
+    rng = np.random.default_rng(seed)
+    for start, times in zip(rng.uniform(0, 1e4, 200), rng.uniform(0, 1, (200, 2)), strict=True):
+        low, high = np.sort(times)
+        step = TorqueFunction(lambda t, q, v, at=low: [float(t >= at)], [low, high])
+        delayed = Delayed(step, start)
+        first = delayed.next_switch(start)
+        assert delayed.torque(first, np.zeros(1), np.zeros(1)) == [1.0]
+        second = delayed.next_switch(first)
+        assert first < second < delayed.next_switch(second) == np.inf
+
+
+def test_a_switch_that_is_past_is_told(rpdr_model):
+    """A law whose next switch is now would hold the motion up for ever."""
+
+    class Stuck(ccpin.control.NoTorque):
+        def next_switch(self, t):
+            return t
+
+    simulator = ccpin.Simulator(rpdr_model, Stuck(rpdr_model), friction=FRICTION)
+    simulator.reset(START)
+    with pytest.raises(InvalidInputError, match="later than that"):
+        simulator.advance(0.1)

@@ -11,7 +11,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, load, vector
-from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity, local_gains
 from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
@@ -33,9 +33,9 @@ def add_simulate(commands: Any) -> None:
         nargs="+",
         type=float,
         metavar="K",
-        help="proportional gains: n, or one where all q are angles or all lengths",
+        help="proportional gains: n, or one where all q are angles or all lengths (default: for 10 rad/s at the goal)",
     )
-    parser.add_argument("--kv", nargs="+", type=float, metavar="K", help="velocity gains, alike")
+    parser.add_argument("--kv", nargs="+", type=float, metavar="K", help="velocity gains, alike (default: critical)")
     parser.add_argument("--duration", type=float, default=1.0, metavar="S", help="seconds (default 1)")
     parser.add_argument("--cycles", type=int, metavar="N", help="go to the goal and back N times")
     parser.add_argument("--wait", type=float, default=2.5, metavar="S", help="wait at each end of a cycle")
@@ -81,10 +81,12 @@ def _simulate(options: argparse.Namespace) -> int:
 def _law(model: ReducedModel, options: argparse.Namespace, goal: Array, q_free: Array) -> ControlLaw:
     if options.law == "none":
         return NoTorque(model)
-    if options.kp is None or options.kv is None:
-        raise InvalidInputError("the PD law needs --kp and --kv (one for each independent velocity, or one number)")
-    kp, kv = (gains[0] if len(gains) == 1 else gains for gains in (options.kp, options.kv))
     law = PDSimpleGravity if options.law == "simple" else PDFullGravity
+    if options.kp is None and options.kv is None:
+        return law(model, goal, *local_gains(model, goal, guess=q_free), q_free)
+    if options.kp is None or options.kv is None:
+        raise InvalidInputError("--kp and --kv belong together (one for each independent velocity, or one number)")
+    kp, kv = (gains[0] if len(gains) == 1 else gains for gains in (options.kp, options.kv))
     return law(model, goal, kp, kv, q_free)
 
 

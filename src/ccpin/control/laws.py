@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Sequence
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -27,7 +28,13 @@ class ControlLaw(abc.ABC):
     """A law u = torque(t, q, v) for the actuated joints.
 
     A law that needs the model overrides `torque_at` as well, so that σ is not computed again where a State is at hand.
+
+    Attributes:
+        everywhere: Whether u is defined also where the coordinates q are singular, because the law reads t, q and q̇ as
+            numbers only. A simulation then goes on there; under any other law it ends.
     """
+
+    everywhere: ClassVar[bool] = False
 
     @abc.abstractmethod
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
@@ -55,6 +62,8 @@ class ControlLaw(abc.ABC):
 class NoTorque(ControlLaw):
     """u = 0: the mechanism swings freely."""
 
+    everywhere = True
+
     def __init__(self, model: ReducedModel | Mechanism) -> None:
         self._zero = np.zeros(model_of(model).n_actuated)
 
@@ -77,6 +86,8 @@ class TorqueFunction(ControlLaw):
     Raises:
         InvalidInputError: Times that are not finite numbers.
     """
+
+    everywhere = True
 
     def __init__(
         self,
@@ -113,16 +124,22 @@ class Delayed(ControlLaw):
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
         """The law's efforts at t − start."""
-        return self.law.torque(t - self.start, q, v, guess)
+        return self.law.torque(self._clock(t), q, v, guess)
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The law's efforts at t − start."""
-        return self.law.torque_at(t - self.start, state, v)
+        return self.law.torque_at(self._clock(t), state, v)
 
     def next_switch(self, t: float) -> float | None:
         """The law's next switch, on the clock outside."""
-        switch = self.law.next_switch(t - self.start)
+        switch = self.law.next_switch(self._clock(t))
         return None if switch is None else switch + self.start
+
+    def _clock(self, t: float) -> float:
+        """t − start; a switch that is not later than t on the clock outside is not later on the law's own."""
+        inside = t - self.start
+        switch = self.law.next_switch(inside)
+        return switch if switch is not None and switch + self.start <= t else inside
 
 
 def next_of(times: Array, t: float) -> float:

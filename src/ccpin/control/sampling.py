@@ -144,7 +144,8 @@ class SampledCommands:
         self, model: ReducedModel, law: ControlLaw, sampling: Sampling, q0: Array, v0: Array, start: float = 0.0
     ) -> None:
         self.law = law
-        self._coordinates, self._sampling, self._start = model.coordinates, sampling, start
+        self._model, self._sampling, self._start = model, sampling, start
+        self._coordinates = model.coordinates
         most = np.inf if sampling.saturation is None else sampling.saturation
         self._limit = _each(most, model.n_actuated, "saturation", "motor")
         self._resolution = None if sampling.encoder_counts is None else _resolution(model, sampling.encoder_counts)
@@ -186,12 +187,12 @@ class SampledCommands:
         due = self._due()
         if t < due - 16 * np.spacing(abs(due)):
             return due
-        reading = self._measured(state.q, self._count + 1)
-        velocity = v
+        q, velocity = self._model.reading(state, v)
+        reading = self._measured(q, self._count + 1)
         if self._differentiates:
             slope = self._coordinates.difference(self._reading, reading) / self._sampling.period
             velocity = self._velocity + self._gain * (slope - self._velocity)
-        if not self._encodes:
+        if not self._encodes and state.model is self._model:
             u = np.array(self.law.torque_at(t, state, velocity))
         else:
             u = np.array(self.law.torque(t, reading, velocity, state.q_free))

@@ -7,7 +7,7 @@ What the paper has no letter for comes beside it: springs are part of V and so o
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +29,13 @@ from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import ClosedPoint
 from ccpin.mechanism.mechanism import Mechanism, mechanism_of
 from ccpin.native import Declining, kernel
+
+
+class Reading(NamedTuple):
+    """Independent coordinates q, of shape (model.nq,), and velocities q̇, of shape (n,)."""
+
+    q: Array
+    v: Array
 
 
 class ReducedModel:
@@ -99,6 +106,27 @@ class ReducedModel:
     def alpha(self, q_free: ArrayLike) -> Array:
         """q = α(q′) (7), of shape (model.nq,)."""
         return self.coordinates.alpha(self._configuration(q_free))
+
+    def reading(self, state: State, v: Array) -> Reading:
+        """q = α(q′) and q̇ = α_q′ q̇′ of this model at a State of it, or of its mechanism in other coordinates.
+
+        Args:
+            state: The State, of this model or of a sibling (`ccpin.mechanism.siblings`).
+            v: The State's own independent velocities.
+        """
+        if state.model is self:
+            return Reading(state.q, v)
+        rate = self.coordinates.jacobian(state.q_free) @ state.v_free(v)
+        return Reading(self.coordinates.alpha(state.q_free), rate)
+
+    def reading_rate(self, state: State, v: Array, a: Array) -> Array:
+        """q̈ = α_q′ q̈′ + α̇_q′ q̇′ of this model where `reading` gives q and q̇, from the State's own v and a."""
+        if state.model is self:
+            return a
+        v_free, q_free = state.v_free(v), state.q_free
+        rate = self.coordinates.jacobian_rate(q_free, v_free)
+        own = self.coordinates.jacobian(q_free) @ state.a_free(v, a)
+        return np.asarray(own if rate is None else own + rate @ v_free)
 
     def rho(self, q_free: ArrayLike) -> Array:
         """ρ = ψ_q′⁻¹ [0; I] (14), of shape (n′, n), with q̇′ = ρ q̇.

@@ -234,6 +234,11 @@ class IndependentCoordinates:
         """How far the circles and quaternions in q are from unit length."""
         return max((abs(float(np.linalg.norm(q[unit])) - 1.0) for unit in self._units()), default=0.0)
 
+    def turned(self, q_free: Array) -> float:
+        """The longest rotation vector of a joint whose single turns are coordinates, rad; at π they jump."""
+        parts = [part for part in self.parts if part.component is not None and not part.wraps and not part.slides[0]]
+        return max((float(np.linalg.norm(self._rotation_vector(p, q_free[p.q_free]))) for p in parts), default=0.0)
+
     def _units(self) -> list[slice]:
         """Where q holds circles and quaternions."""
         return [slice(p.q.stop - p.whole.unit, p.q.stop) for p in self.parts if p.whole is not None]

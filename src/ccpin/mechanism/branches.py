@@ -20,8 +20,8 @@ from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.levenberg_marquardt import Linearized
 from ccpin.kinematics.linear import factorize
 from ccpin.kinematics.parametrization import Parametrization
-from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.tree import Tree
+from ccpin.mechanism.alike import Likeness
 from ccpin.mechanism.closing import solve
 from ccpin.mechanism.search import within_limits
 
@@ -31,7 +31,6 @@ _MOST_STARTS = 24
 _EACH = 6
 _LARGEST = 60
 _OPEN = 1e-6
-_SAME = 1e-4
 _REGULAR = 1e-6
 
 
@@ -86,13 +85,14 @@ def others(cluster: Settlement, independent: tuple[str, ...], count: int) -> lis
         gap = -coordinates.difference(coordinates.alpha(q_free), q)
         return Linearized(np.concatenate([value.phi, gap]), np.vstack([value.jacobian, coordinates.jacobian(q_free)]))
 
-    known, found = [joint_poses(constraints.scratch, cluster.reference)], list[Array]()
+    likeness = Likeness(cluster.tree, constraints)
+    known, found = [likeness.poses(cluster.reference)], list[Array]()
     for start in _starts(cluster, count):
         attempt = solve(model, linearize, coordinates.embed(q, start))
         if not (attempt.closed and constraints.aligned(attempt.q_free) and within_limits(model, attempt.q_free)):
             continue
-        poses = joint_poses(constraints.scratch, attempt.q_free)
-        new = all(np.abs(poses - other).max() > _SAME * max(1.0, constraints.extent) for other in known)
+        poses = likeness.poses(attempt.q_free)
+        new = not any(likeness.alike(poses, other) for other in known)
         if new and factorize(parametrization.psi_jacobian(attempt.q_free)).rcond > _REGULAR:
             known.append(poses)
             found.append(attempt.q_free)

@@ -116,7 +116,7 @@ def complete_independent(
         chosen.append(name)
         if len(choice.chosen) < choice.motion.n:
             heappush(heads, (*choice.best(), k))
-    return _merge(components, chosen)
+    return merged(components, chosen)
 
 
 def all_components(motions: Iterable[Motion]) -> dict[str, str]:
@@ -139,8 +139,8 @@ def _by_joint(components: Mapping[str, str]) -> dict[str, list[str]]:
     return parts
 
 
-def _merge(components: Mapping[str, str], chosen: Sequence[str]) -> tuple[str, ...]:
-    """Name a joint instead of its components where all are chosen."""
+def merged(components: Mapping[str, str], chosen: Sequence[str]) -> tuple[str, ...]:
+    """The components with a joint named instead of them where all of its are chosen."""
     parts, taken = _by_joint(components), set(chosen)
     owners = ((name, components[name]) for name in chosen)
     return tuple(dict.fromkeys(joint if taken.issuperset(parts[joint]) else name for name, joint in owners))

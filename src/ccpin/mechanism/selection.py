@@ -28,8 +28,12 @@ def choose_independent(
     description: MechanismDescription,
     independent: Sequence[str] | None,
     actuated: Sequence[str] | None,
+    locked: Sequence[str] = (),
 ) -> Choice:
-    """Settle the independent and actuated sets, and say where the author did not state them exactly."""
+    """Settle the independent and actuated sets, and say where the author did not state them exactly.
+
+    With joints `locked` on request the file's marks may be too many: they are then taken as what to choose from first.
+    """
     n = sum(motion.n for motion in motions)
     motors = tuple(actuated) if actuated is not None else (description.actuated or ())
     for name in motors:
@@ -42,15 +46,21 @@ def choose_independent(
         names = tuple(independent)
         _check_size(tree, names, motions)
         names = complete_independent(motions, names, ()) if names else names
-    elif description.independent is not None:
+    elif description.independent is not None and not (locked and _count(motions, description.independent) > n):
         names = _marked(tree, description, motions, base, notes)
     else:
         hinted = description.dependent_hint
         masters = tuple(name for name in tree.names if hinted and name not in hinted)
         first = dict.fromkeys(base + motors)
-        names = _in_order(complete_independent(motions, (), (*base, *(motors or masters))), first)
+        preferred = motors or description.independent or masters
+        names = _in_order(complete_independent(motions, (), (*base, *preferred)), first)
         added = [name for name in names if name not in motors]
-        if motors and added:
+        if description.independent is not None:
+            notes.append(
+                f"with {', '.join(locked)} locked the file marks more independent joints than there are motions ({n}): "
+                f"{', '.join(names) or 'none'} of them"
+            )
+        elif motors and added:
             notes.append(
                 f"the file names {len(motors)} motors and the mechanism has {n} independent motions: "
                 f"{', '.join(added)} completed the independent set"

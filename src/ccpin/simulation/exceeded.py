@@ -42,6 +42,7 @@ def exceeded(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[E
     model = model_of(model)
     instance(trajectory, "trajectory", Trajectory)
     mechanism = model.mechanism
+    instance(trajectory, "trajectory", Trajectory)
     rates = np.array([state.v_free(v) for state, v, _ in trajectory.states(model)])
     found = [
         _beyond(trajectory.t, joint, "position", limit, trajectory.q_free[:, q], sign)

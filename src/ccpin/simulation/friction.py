@@ -13,7 +13,7 @@ how it is found and why it is not smoothed.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from ccpin.arrays import Array
 from ccpin.dynamics.reduced_model import ReducedModel, coordinates_of
 from ccpin.errors import InvalidInputError
-from ccpin.kinematics.coordinates import component_names
+from ccpin.kinematics.coordinates import IndependentCoordinates, component_names
 from ccpin.mechanism.mechanism import Mechanism, mechanism_of
 
 FrictionLike = Mapping[str, tuple[float, float]] | tuple[ArrayLike, ArrayLike]
@@ -74,11 +74,17 @@ def joint_friction(
             raise InvalidInputError(f"friction: '{name}' is not one of the joints {', '.join(known)}")
     levels = np.array([_levels(name, pair) for name, pair in entries.items()]).reshape(-1, 2)
     index = np.array([known.index(name) for name in entries], dtype=np.intp)
-    owner = np.full(len(known), -1, dtype=np.intp)
-    for part in coordinates_of(mechanism).parts:
+    found = JointFriction(tuple(entries), index, index, levels[:, 0].copy(), levels[:, 1].copy())
+    return moved_friction(found, coordinates_of(mechanism))
+
+
+def moved_friction(friction: JointFriction, coordinates: IndependentCoordinates) -> JointFriction:
+    """The same friction, with the places of its joints among other independent coordinates."""
+    owner = np.full(coordinates.tree.model.nv, -1, dtype=np.intp)
+    for part in coordinates.parts:
         if part.component is None:
             owner[part.v_free] = np.arange(part.v.start, part.v.stop)
-    return JointFriction(tuple(entries), index, owner[index], levels[:, 0].copy(), levels[:, 1].copy())
+    return replace(friction, coordinate=owner[friction.index])
 
 
 def stated_friction(mechanism: Mechanism) -> dict[str, tuple[float, float]]:

@@ -37,7 +37,7 @@ class CoreRun(NamedTuple):
         memory: What a sampled loop remembers, for `SampledCommands.adopt`.
     """
 
-    columns: dict[str, Array]
+    columns: dict[str, Any]
     stop: Stop | None
     evaluations: int
     memory: Any

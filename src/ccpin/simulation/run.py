@@ -20,12 +20,13 @@ from ccpin.control.sampling import ContinuousCommands, SampledCommands
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.dynamics.wrenches import Pushes, Wrenches, pushes_of
-from ccpin.errors import ConvergenceError, SingularConfigurationError
+from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
+from ccpin.simulation.following import Following
 from ccpin.simulation.happenings import Moment, Step, Watch
 from ccpin.simulation.pace import Switching
 from ccpin.simulation.plant import MotorCommands, Plant
 from ccpin.simulation.recorder import Recorder
-from ccpin.simulation.samples import StateSample, Stop
+from ccpin.simulation.samples import CHANGED, Happening, StateSample, Stop
 from ccpin.simulation.stick_slip import Drive, StickSlip, StickSlipWatch
 
 _CREEPING, _MOST_CREEPING, _CREEPING_RCOND = 1e-7, 200, 1e-3
@@ -66,9 +67,11 @@ class Run:
         contact: The joints with friction.
         plant: Limits, contacts and motors.
         watches: What is watched for.
+        following: Whose coordinates the motion is in.
         here: Where the motion begins.
 
     Attributes:
+        model: The model in whose coordinates the motion is: the one given, or a sibling of it.
         here: The last moment that is certain. first_step: what the integrator would try next, s.
         evaluations: Of the equations of motion, so far.
     """
@@ -81,17 +84,20 @@ class Run:
         contact: StickSlip,
         plant: Plant,
         watches: tuple[Watch, ...],
+        following: Following,
         here: Moment,
     ) -> None:
+        self.following = following
+        following.begin(here.state)
         self.model, self.settings, self.commands, self.contact = model, settings, commands, contact
         self._plant = plant
         self.here, self.evaluations = here, 0
         self.first_step: float | None = None
         self._pushes = pushes_of(model.mechanism.tree, settings.wrenches)
-        friction = (StickSlipWatch(contact, self.drive),) if contact.eventful else ()
-        self._watches: tuple[Watch, ...] = (*friction, *watches)
+        self._own = watches
+        self._watches = self._all_watches()
         self._watched = any(watch.pacing for watch in self._watches)
-        self._creeping, self._latest = 0, np.inf
+        self._creeping, self._latest, self._settles = 0, np.inf, False
         self._nothing = np.zeros(model.mechanism.n_free)
 
     def advance(
@@ -114,8 +120,11 @@ class Run:
                 with whatever else a law raises.
         """
         limits = _Limits.of(budget, self.evaluations)
-        watches = self._watches if watch is None else (*self._watches, watch)
-        for one in watches:
+        if self.model is not self.following.home and (watch is not None or self.following.stated is not None):
+            self._take_up(*self.following.back(self.here.state, self.here.v))
+        self._settles = watch is not None
+        extra = () if watch is None else (watch,)
+        for one in (*self._watches, *extra):
             one.begin(self.here)
         while True:
             if self.here.t >= until and not commanded:
@@ -131,7 +140,7 @@ class Run:
             end = switch if switches else end
             self._latest = end - _slack(end)
             while self.here.t < end:
-                stop = self._leg(end, longest, record, watches, limits)
+                stop = self._leg(end, longest, record, (*self._watches, *extra), limits)
                 if stop is not None:
                     return stop
                 if self.here.t < end:
@@ -145,12 +154,14 @@ class Run:
         friction = self._nothing
         if self.contact.rubs:
             friction = self.contact.free_forces(state, v, drive)
+        a = self.contact.acceleration(state, v, drive)
+        at = self.following.home.reading(state, v)
         return StateSample(
             t=float(t),
-            q=state.q,
-            v=np.array(v),
-            a=self.contact.acceleration(state, v, drive),
-            u=drive.u,
+            q=at.q,
+            v=np.array(at.v),
+            a=self.following.home.reading_rate(state, v, a),
+            u=self.commands.effort(t, state, v),
             q_free=state.q_free,
             friction=friction,
             limits=self._nothing if drive.loads is None else drive.loads,
@@ -165,7 +176,8 @@ class Run:
 
     def drive(self, t: float, state: State, v: Array) -> Drive:
         """What acts from outside."""
-        return Drive(self.commands.effort(t, state, v), self._pushes(t, state, v), self._plant.loads(t, state, v))
+        u = self.commands.effort(t, state, v)[: state.model.n_actuated]  # a sibling may have no motors: then u = 0
+        return Drive(u, self._pushes(t, state, v), self._plant.loads(t, state, v))
 
     # From switch to switch.
 
@@ -184,7 +196,10 @@ class Run:
         return self.commands.next_switch(t), switch
 
     def _next_switch(self) -> float:
-        return min((switch for switch in self._switches() if switch is not None), default=np.inf)
+        switch = min((switch for switch in self._switches() if switch is not None), default=np.inf)
+        if not switch > self.here.t:
+            raise InvalidInputError(f"next_switch({self.here.t}) returned {switch}; it must be later than that")
+        return switch
 
     def _longest_step(self) -> float:
         """`ccpin.simulation.pace` says why."""
@@ -197,11 +212,10 @@ class Run:
     def _leg(
         self, end: float, longest: float, record: Recorder, watches: tuple[Watch, ...], limits: _Limits
     ) -> Stop | None:
-        """Integrate smooth equations up to `end`, or up to an event that changes them.
+        """Integrate smooth equations up to `end`, up to an event that changes them, or to the end of the coordinates.
 
         Where σ fails inside a trial step, try again with a shorter one. Many steps in a row of less than a hundred
-        nanoseconds where ψ_q′ is badly conditioned are an approach to a singularity, where accelerations grow without
-        bound.
+        nanoseconds are an approach to a singularity, where accelerations grow without bound.
         """
         shortened: float | None = None
         solver = self._solver(end, longest, self.first_step)
@@ -219,31 +233,68 @@ class Run:
                 trial = shortened or min(getattr(solver, "h_abs", None) or np.inf, end - self.here.t)
                 shortened = 0.25 * trial
                 if shortened < _SHORTEST_STEP:
-                    return Stop("singular", f"stopped at t = {self.here.t:.6g} s: {error}", error)
+                    return self._elsewhere(record, str(error), error)
                 solver = self._solver(end, longest, shortened)
                 continue
             shortened, self.first_step = None, getattr(solver, "h_abs", None)
             record.within(step, min(reached, end - 2 * _slack(end)), self)
             for watch in watches:
-                record.happened(watch.accept(step, reached))
-            stop = self._arrive(arrived)
-            if stop is None and cause is not None:
-                stop = cause.act(self.here)
+                record.happened([self._told(event) for event in watch.accept(step, reached)])
+            ending = self._arrive(arrived, longest)
+            stop = None if cause is None else cause.act(self.here)
+            if stop is None and ending is not None:
+                stop = self._elsewhere(record, ending)
             if stop is None:
                 stop = limits.exceeded(self.evaluations, self.here.t)
-            if stop is not None or cause is not None:
+            if stop is not None or cause is not None or ending is not None:
                 return stop
         return None
 
-    def _arrive(self, arrived: Moment) -> Stop | None:
-        """Make a moment the present one; the end of the motion where that is all but singular."""
+    def _arrive(self, arrived: Moment, longest: float) -> str | None:
+        """Make a moment the present one; why its coordinates are to be left there, if they are."""
         short = arrived.t - self.here.t < _CREEPING
         self.here = arrived
-        rcond = arrived.state.rcond
-        self._creeping = self._creeping + 1 if short and rcond < _CREEPING_RCOND else 0
+        rcond, follows = arrived.state.rcond, self._follows()
+        stuck = longest > _CREEPING if follows else rcond < _CREEPING_RCOND
+        self._creeping = self._creeping + 1 if short and stuck else 0
         if rcond < self.settings.singular_rcond or self._creeping >= _MOST_CREEPING:
-            return Stop("singular", f"at t = {arrived.t:.6g} s ψ_q′ is nearly singular (rcond {rcond:.1e})")
+            return f"ψ_q′ is nearly singular (rcond {rcond:.1e})"
+        return "" if follows and self.following.poor(arrived.state) else None
+
+    def _follows(self) -> bool:
+        """Whether the coordinates may be changed: nothing is stated in them, and nobody waits for them to settle."""
+        return not self._settles and self.following.stated is None
+
+    def _elsewhere(self, record: Recorder, reason: str, error: BaseException | None = None) -> Stop | None:
+        """Go on in other coordinates; where there are none, or something is stated in these, stop for the reason."""
+        t, state, v = self.here
+        found = self.following.change(state, v) if self._follows() else None
+        if found is None and reason:
+            return Stop("singular", self.following.why(t, state, reason), error)
+        if found is not None:
+            self._take_up(*found)
+            at = self.following.home.reading(*found)
+            name = CHANGED + ", ".join(self.model.mechanism.independent)
+            record.happened([Happening(name, t, at.q, np.array(at.v), found[0].q_free)])
         return None
+
+    def _told(self, event: Happening) -> Happening:
+        """An event in the coordinates that the motion was started in."""
+        home = self.following.home
+        if self.model is home:
+            return event
+        at = home.reading(self.model.at(event.q, event.q_free), event.v)
+        return event._replace(q=at.q, v=at.v)
+
+    def _take_up(self, state: State, v: Array) -> None:
+        """Be in the coordinates of a State's model from here on."""
+        self.model, self.here = self.following.model, Moment(self.here.t, state, v)
+        self.contact = self.contact.moved(self.model)
+        self._watches, self._creeping = self._all_watches(), 0
+
+    def _all_watches(self) -> tuple[Watch, ...]:
+        friction = (StickSlipWatch(self.contact, self.drive),) if self.contact.eventful else ()
+        return (*friction, *self._own)
 
     def _gave_up(self, message: str) -> Stop:
         """The integrator found no step short enough: beside a singularity because of that."""

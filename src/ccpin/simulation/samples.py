@@ -12,6 +12,8 @@ from ccpin.dynamics.state import State
 from ccpin.kinematics.coordinates import component_names
 
 Status = Literal["finished", "settled", "event", "singular", "outside", "exhausted", "failed", "interrupted"]
+CHANGED = "measured by "
+"""How the event begins in whose name a motion goes on in other independent coordinates."""
 SAMPLED = ("t", "q", "v", "a", "u", "q_free", "friction", "limits", "closure_error")
 
 

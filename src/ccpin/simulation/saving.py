@@ -23,7 +23,8 @@ _EVENT_ARRAYS = ("t", "q", "v", "q_free")
 def save(motion: Mapping[str, Any], path: Path) -> None:
     """Write a motion, a trajectory's fields by name; `Trajectory.save` says how."""
     if path.suffix == ".npz":
-        write_atomically(path, "wb", lambda file: np.savez_compressed(file, **as_arrays(motion)))
+        arrays: dict[str, Any] = as_arrays(motion)
+        write_atomically(path, "wb", lambda file: np.savez_compressed(file, **arrays))
     elif path.suffix == ".csv":
         header, table = ",".join(columns(motion)), np.column_stack(list(columns(motion).values()))
         write_atomically(
@@ -39,7 +40,7 @@ _INSTALL = "pip install 'ccpin[tables]'"
 
 
 def columns(motion: Mapping[str, Any]) -> dict[str, Array]:
-    """The samples column by column, by name: ``t``, ``q_joint1``, ``friction_joint3``, ``qfree_elbow`` and so on."""
+    """The samples column by column, by name: ``t``, ``q_joint1``, ``friction_joint3``, and so on."""
     names = motion["names"]
     blocks = (
         ("q", names.q, motion["q"]),

@@ -21,6 +21,7 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.contact import Contact
+from ccpin.simulation.following import Following
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
 from ccpin.simulation.happenings import Event, EventWatch, Moment, RegionWatch, Watch
 from ccpin.simulation.in_core import TABLEAUX, run_in_core
@@ -61,7 +62,10 @@ class Simulator:
         atol: The integrator's absolute tolerance, in rad, m and per second.
         max_step: The integrator's longest step in seconds; default as above.
         region: End where it says False of q (a certified domain's ``contains``, say).
-        singular_rcond: End where ψ_q′'s reciprocal condition number falls below this.
+        singular_rcond: End where ψ_q′'s reciprocal condition number falls below this. Without torque, and under a
+            function (t, q, v) or another law that holds `everywhere`, the motion goes on in other independent
+            coordinates instead (`ccpin.simulation.following`) unless events, a region, limits, contacts or settling
+            read the model's, and ends where the mechanism itself is singular.
         friction: Coulomb and viscous friction: ``{joint: (coulomb, viscous)}`` for any joints, or a pair of arrays
             (coulomb, viscous) for the independent ones; default what the mechanism's joints state (`joints.friction`),
             ``{}`` for none.
@@ -121,17 +125,17 @@ class Simulator:
         self._friction = joint_friction(model, friction)
         self._region, self._looked_for = region, tuple(events)
         self._names = Names.of(model)
-        self._plant = Plant(model, limits, contacts, motors)
+        self._plant = Plant(model, limits, records(contacts, "contacts", Contact), motors)
         self._law = _law(model, law)
         self._plant.check_law(self._law, sampling is not None)
+        self._pushed = None if callable(wrenches) else wrench_rows(model.mechanism.tree, wrenches)
         self._plain = not (callable(wrenches) or region is not None or events or self._friction.names)
         self._plain = self._plain and self._plant.plain and (sampling is None or not np.any(sampling.encoder_noise))
         self._nothing = frozen(np.zeros(model.mechanism.n_free))
         self._held: HeldMotion | None = None
         if self._plain and sampling is None and method in TABLEAUX:
             longest = np.inf if max_step is None else max_step
-            rows = self._pushed(wrenches)
-            self._held = model.core.held_motion(TABLEAUX[method], rtol, atol, longest, singular_rcond, rows)
+            self._held = model.core.held_motion(TABLEAUX[method], rtol, atol, longest, singular_rcond, self._pushed)
         self._ahead: StateSample | None = None
         self._counted = 0
         self._run: Run | None = None
@@ -147,13 +151,16 @@ class Simulator:
 
     @property
     def state(self) -> State:
-        """The State."""
+        """The State, of `model` or, where its coordinates were left for others, of a sibling of it."""
         return self._moving.here.state
 
     @property
     def v(self) -> Array:
         """q̇, of shape (n,)."""
-        return self._moving.here.v.copy() if self._ahead is None else self._ahead.v
+        if self._ahead is not None:
+            return self._ahead.v
+        _, state, v = self._moving.here
+        return np.array(self.model.reading(state, v).v)
 
     @property
     def evaluations(self) -> int:
@@ -171,6 +178,7 @@ class Simulator:
         self._plant.check_law(self._law, self._sampling is not None)
         if self._run is not None:
             self._run.commands.law = _Sized(self._law, self.model)
+            self._run.following.law = self._law
 
     def sample(self) -> StateSample:
         """The motion as it is now."""
@@ -206,7 +214,10 @@ class Simulator:
         watches += self._plant.watches(driven)
         contact = StickSlip(self.model, self._friction)
         here = Moment(float(t), state, v_start)
-        self._run = Run(self.model, self._settings, driven, contact, self._plant, tuple(watches), here)
+        looks = self._looked_for or self._region is not None or not self._plant.plain
+        reads = "events, a region, limits or contacts are looked for" if looks else ""
+        following = Following(self.model, self._law, self._settings.wrenches, reads)
+        self._run = Run(self.model, self._settings, driven, contact, self._plant, tuple(watches), following, here)
         self._ahead, self.stop, self.events = None, None, []
         self._counted = 0 if self._held is None else self._held.evaluations
         return self.sample()
@@ -236,11 +247,12 @@ class Simulator:
         if u is None:
             return self.advance(until)
         commands = run.commands
-        own, commands.law = commands.law, _Held(np.array(vector(u, "u", self.model.n_actuated)))
+        own, held = commands.law, _Held(np.array(vector(u, "u", self.model.n_actuated)))
+        commands.law = run.following.law = held
         try:
             return self._advanced(until, commanded=False)
         finally:
-            commands.law = own
+            commands.law, run.following.law = own, self._law
 
     def advance(self, until: float) -> StateSample:
         """Let the law act up to a time, in seconds, and at it; returns and raises as `step`."""
@@ -315,19 +327,21 @@ class Simulator:
 
     # In the compiled core, where it can.
 
-    def _pushed(self, wrenches: Wrenches | Pushes | None) -> Array | None:
-        """Wrenches that stay the same, in plain numbers."""
-        return wrench_rows(self.model.mechanism.tree, None if callable(wrenches) else wrenches)
-
     def _run_in_core(self, times: Array, settling: Settling | None, budget: Budget | None) -> Trajectory | None:
         """The recorded run, or ``None`` where only the reference can tell."""
-        if not self._plain:
-            return None
         run, settings = self._moving, self._settings
-        numbers = {"times": times, "rtol": settings.rtol, "atol": settings.atol}
-        numbers |= {"max_step": settings.max_step or np.inf, "singular_rcond": settings.singular_rcond}
-        numbers |= {"wrenches": self._pushed(settings.wrenches)}
-        numbers |= {"sampling": run.commands.numbers()} | self._plant.effort_bounds._asdict()
+        if not self._plain or run.model is not self.model:
+            return None
+        numbers = {
+            "times": times,
+            "rtol": settings.rtol,
+            "atol": settings.atol,
+            "max_step": settings.max_step or np.inf,
+            "singular_rcond": settings.singular_rcond,
+            "wrenches": self._pushed,
+            "sampling": run.commands.numbers(),
+            **self._plant.effort_bounds._asdict(),
+        }
         found = run_in_core(self.model, self._law, self._method, run.here, numbers, settling, budget)
         if found is None:
             return None
@@ -354,7 +368,7 @@ class Simulator:
         if self._ahead is None:
             run = self._moving
             t, state, v = run.here
-            if not held.start(state.q_free, state.q, v, run.first_step or 0.0):
+            if state.model is not self.model or not held.start(state.q_free, state.q, v, run.first_step or 0.0):
                 return None
         else:
             t = self._ahead.t
@@ -371,7 +385,8 @@ class Simulator:
     def memory(self) -> dict[str, Array]:
         """Everything carried from call to call but the law's own memory, as arrays; `recall` brings it back."""
         run = self._moving
-        here = {"t": np.array(run.here.t), "q": run.here.state.q, "v": run.here.v, "q_free": run.here.state.q_free}
+        t, state, v = run.here
+        here = {"t": np.array(t), **self.model.reading(state, v)._asdict(), "q_free": state.q_free}
         return here | run.contact.memory() | run.commands.memory()
 
     def recall(self, memory: Mapping[str, Array]) -> None:
@@ -422,6 +437,8 @@ def _law(model: ReducedModel, law: LawLike) -> ControlLaw:
 class _Held(ControlLaw):
     """A constant u."""
 
+    everywhere = True
+
     def __init__(self, u: Array) -> None:
         self._u = u
 
@@ -433,15 +450,21 @@ class _Held(ControlLaw):
 
 
 class _Sized(ControlLaw):
-    """A law whose u is looked at, so that one of the wrong size is told as the law's mistake."""
+    """A law whose u is looked at, so that one of the wrong size is told as the law's mistake.
+
+    At a State in other coordinates than its model's it is given q and q̇ of its model's.
+    """
 
     def __init__(self, law: ControlLaw, model: ReducedModel) -> None:
-        self._law, self._motors, self._size = law, model.mechanism.actuated, model.n_actuated
+        self._law, self._model = law, model
+        self._motors, self._size = model.mechanism.actuated, model.n_actuated
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
         return self._sized(self._law.torque(t, q, v, guess))
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
+        if state.model is not self._model:
+            return self.torque(t, *self._model.reading(state, v), state.q_free)
         return self._sized(self._law.torque_at(t, state, v))
 
     def next_switch(self, t: float) -> float | None:

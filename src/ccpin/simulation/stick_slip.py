@@ -34,7 +34,7 @@ from ccpin.dynamics.state import Model, Near, State
 from ccpin.dynamics.wrenches import Wrenches
 from ccpin.errors import ConvergenceError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
+from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction, moved_friction
 from ccpin.simulation.happenings import Moment, Step, Watch
 
 REST = 1e-8
@@ -147,6 +147,13 @@ class StickSlip:
     def rubs(self) -> bool:
         """Whether any joint has friction, dry or viscous."""
         return bool(len(self._signs))
+
+    def moved(self, model: Model) -> StickSlip:
+        """The same joints in the same mode, for a motion that goes on in other coordinates of its mechanism."""
+        moved = StickSlip(model, moved_friction(self._friction, model.coordinates))
+        moved._signs, moved._rest, moved._locked = self._signs, self._rest, self._locked
+        moved._halted = self._halted
+        return moved
 
     def rows(self, state: State) -> Array:
         """ρ's rows of the rubbing joints, of shape (k, n)."""

@@ -98,9 +98,9 @@ def supervise(
     if not callable(law_to):
         raise InvalidInputError(f"law_to must be a function (q_d, q′) → law, not {type(law_to).__name__}")
     model = model_of(model)
-    stops = [np.array(checked_q(model.coordinates, goal)) for goal in goals]
+    visited = [np.array(checked_q(model.coordinates, goal)) for goal in goals]
     wait = number(wait, "wait", "a number of seconds")
-    rule = Settling(goal=stops[0]) if settling is None else instance(settling, "settling", Settling)
+    rule = Settling(goal=visited[0]) if settling is None else instance(settling, "settling", Settling)
     supervisor = _Supervisor(
         Simulator(model, **options), law_to, rule, wait, positive(timeout, "timeout"), sample_period, _Purse(budget)
     )
@@ -113,7 +113,7 @@ def supervise(
     supervisor.simulator.reset(q0, guess=guess)
     if isinstance(log, Journal) and len(log):
         supervisor.simulator.recall(log.carried())
-    return supervisor.visit(stops, log)
+    return supervisor.visit(visited, log)
 
 
 class _Supervisor:

@@ -15,7 +15,7 @@ from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation import saving
-from ccpin.simulation.samples import SAMPLED, Happening, Names, Status
+from ccpin.simulation.samples import CHANGED, SAMPLED, Happening, Names, Status
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,6 +62,11 @@ class Trajectory(NamedTuple):
     def __repr__(self) -> str:
         return f"Trajectory({self.status} at {self.t[-1]:.6g} s, {len(self.t)} samples, n = {self.v.shape[1]})"
 
+    @property
+    def changes(self) -> int:
+        """How often the motion went on in other coordinates (`ccpin.simulation.following`); q, v, a are the model's."""
+        return sum(event.name.startswith(CHANGED) for event in self.events)
+
     def then(self, other: Trajectory) -> Trajectory:
         """This trajectory followed by another, whose first sample repeats this one's last and is dropped.
 
@@ -104,6 +109,8 @@ class Trajectory(NamedTuple):
         Raises:
             InvalidInputError: Another suffix, the file cannot be written, or pandas is not installed for Parquet.
         """
+        if not isinstance(path, str | Path):
+            raise InvalidInputError(f"a file to write must be a path, not {type(path).__name__}")
         saving.save(self._asdict(), Path(path))
 
 

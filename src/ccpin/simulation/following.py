@@ -1,0 +1,155 @@
+"""Coordinates that follow a motion: before a run's independent coordinates end, others take their place.
+
+Where ψ_q′ loses rank and φ_q′ does not, the mechanism is fine and the coordinates are not: a four-bar measured by its
+rocker at the end of the rocker's swing, a ball's component after half a turn. A run goes on from there in a sibling
+(`ccpin.mechanism.siblings`), the same mechanism in other coordinates: q′ and q̇′ are the same before and after, so
+energy, λ and closure are too, and q̇′ = ρ q̇ of the sibling lies in ker φ_q′.
+
+What is reported is in the run's own coordinates all along, q = α(q′) and q̇ = α_q′ q̇′, which are always defined. What is
+*stated* in them, as a feedback law or wrenches that read a State are, ends where they end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.control.laws import ControlLaw, NoTorque
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import State
+from ccpin.dynamics.wrenches import Pushes, Wrenches
+from ccpin.kinematics.coordinates import component_names
+from ccpin.mechanism.mobility import tangent
+from ccpin.mechanism.siblings import LEVERAGE, Measure, best_independent, with_independent
+
+_WORSE = 10.0
+_MOST_LEVERAGE = 1e3
+_FURTHEST_TURN = 2.0
+_RANK_LOSS = 1e-4
+_FRESH = 1e-9
+_NO_MASS = 1e-6
+_TAKES_PART = 0.1
+
+
+class Following:
+    """Whose coordinates a run is in, when they are to be left, and for which.
+
+    They are left where they have become ten times worse than they were when taken up (or a thousand times worse than
+    the best), so that a run does not change to and fro: those taken up are the best there, and between any two changes
+    lies a motion.
+
+    Args:
+        home: The model the run was started with; what is reported is in its coordinates.
+        law: The law, which may be stated in them.
+        wrenches: On links; functions of a State are stated in them too.
+        reads: What else reads a State of `home`, in words (events, a region, limits), or nothing.
+
+    Attributes:
+        model: The model whose coordinates the run is in: `home` or a sibling.
+        law: The law; it may be replaced.
+        measure: How well the present coordinates measure the motion.
+        most: The largest leverage (`Measure`) at which the present coordinates are kept.
+    """
+
+    def __init__(
+        self, home: ReducedModel, law: ControlLaw, wrenches: Wrenches | Pushes | None = None, reads: str = ""
+    ) -> None:
+        self.home = self.model = home
+        self.law, self._wrenches, self._reads = law, wrenches, reads
+        self._siblings: dict[tuple[str, ...], ReducedModel] = {home.mechanism.independent: home}
+        self.measure = Measure(home.mechanism)
+        self.most = np.inf
+
+    def begin(self, state: State) -> None:
+        """Take up the coordinates of the State's model there."""
+        self._since = state.q_free
+        self.most = min(_WORSE * max(1.0, self.measure.leverage(state.rho)), _MOST_LEVERAGE)
+
+    @property
+    def stated(self) -> str | None:
+        """What is stated in the coordinates of `home`, in words; ``None`` if nothing is."""
+        if not self.law.everywhere:
+            return f"{type(self.law).__name__} is stated"
+        if callable(self._wrenches):
+            return "the wrenches, a function of a State, are stated"
+        driven = self.home.mechanism.direct and not self.home.coordinates.constant
+        if driven and not isinstance(self.law, NoTorque):
+            return "a motor on a component of a joint acts"
+        return self._reads or None
+
+    def poor(self, state: State) -> bool:
+        """Whether the coordinates are to be left at a State."""
+        if self.stated is not None:
+            return False
+        return self.measure.leverage(state.rho) > self.most or self.measure.turned(state.q_free) > _FURTHEST_TURN
+
+    def change(self, state: State, v: Array) -> tuple[State, Array] | None:
+        """The same configuration and velocity in the best coordinates there, which the run is in from here on.
+
+        ``None`` where it cannot change: something is stated in its coordinates, or they are the best there already.
+        """
+        if self.stated is not None or np.abs(state.q_free - self._since).max() < _FRESH:
+            return None
+        measure = self.measure
+        if measure.leverage(state.rho) <= LEVERAGE and measure.turned(state.q_free) <= _FURTHEST_TURN:
+            return None
+        self.model = self._sibling(state)
+        self.measure = Measure(self.model.mechanism)
+        moved = self.model.at(self.model.alpha(state.q_free), state.q_free)
+        velocity = self.model.coordinates.jacobian(moved.q_free) @ state.v_free(v)
+        self.begin(moved)
+        return moved, velocity
+
+    def back(self, state: State, v: Array) -> tuple[State, Array]:
+        """The same configuration and velocity in the coordinates of `home`.
+
+        Raises:
+            SingularConfigurationError: They are singular there.
+        """
+        q, velocity = self.home.reading(state, v)
+        moved = self.home.at(q, state.q_free)
+        self.model, self.measure = self.home, Measure(self.home.mechanism)
+        self.begin(moved)
+        return moved, velocity
+
+    def _sibling(self, state: State) -> ReducedModel:
+        """The model in the best coordinates at a State; one for each set whose charts have no centre."""
+        mechanism = self.home.mechanism
+        names = best_independent(mechanism, state.q_free, state.rho)
+        found = self._siblings.get(names)
+        if found is not None and found.coordinates.constant:
+            return found
+        self._siblings[names] = found = ReducedModel(
+            with_independent(mechanism, names, state.q_free), self.home.gravity_vector
+        )
+        return found
+
+    def why(self, t: float, state: State, reason: str) -> str:
+        """Why the run ends at a State, in a sentence: whose end it is, the mechanism's or that of coordinates."""
+        mechanism = self.home.mechanism
+        left = tangent(mechanism.constraints(), state.q_free).conditioning(mechanism.mobility.rank)
+        place = np.array2string(state.q_free, precision=6, separator=", ", max_line_width=10**6)
+        if left < _RANK_LOSS:
+            return (
+                f"at t = {t:.6g} s the mechanism itself is singular at q′ = {place}: φ_q′ loses rank (singular values "
+                f"down to {left:.1e} of the largest)"
+            )
+        if self.stated is not None:
+            names = ", ".join(mechanism.independent)
+            return f"at t = {t:.6g} s the coordinates {names} end, in which {self.stated}: {reason}"
+        idle, mass = _massless(state)
+        if mass < _NO_MASS:
+            return (
+                f"at t = {t:.6g} s {idle} can turn or slide without moving any mass, at q′ = {place}: D is nearly "
+                f"singular ({mass:.1e}); give the links between them inertia, or make them one joint"
+            )
+        return f"at t = {t:.6g} s {reason}"
+
+
+def _massless(state: State) -> tuple[str, float]:
+    """The joints that move in the direction of least mass, and that mass relative to that of single coordinates."""
+    alone = np.sqrt(np.diag(state.D))
+    masses, directions = np.linalg.eigh(state.D / np.outer(alone, alone))
+    motion = np.abs(state.rho @ (directions[:, 0] / alone))
+    names = component_names(state.model.mechanism.tree)
+    return ", ".join(name for name, x in zip(names, motion, strict=True) if x > _TAKES_PART * motion.max()), masses[0]

@@ -1,0 +1,292 @@
+"""Coordinates that follow a motion: passive runs go on through singularities of the coordinates they began in."""
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from scipy.integrate import simpson
+
+import ccpin
+from ccpin import native
+from ccpin.control import PDSimpleGravity
+from ccpin.control.sampling import Sampling
+from ccpin.description.mjcf.reader import read_mjcf
+from tests.oracles import descriptor
+from tests.support import linkages
+from tests.support.agreement import reference_model
+from tests.support.places import SHARED
+
+TIGHT = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-13, "sample_period": 0.01}
+OTHERS = pytest.mark.skipif(not SHARED.is_dir(), reason=f"no {SHARED}: these files belong to others")
+SPRINGS = {f"leg{k}_extension": {"stiffness": 500.0, "spring_reference": 0.05} for k in range(1, 7)}
+
+
+def five_bar():
+    """MJCF, two motors, thrown; its motors' angles end where the distal links stretch."""
+    return ccpin.ReducedModel(ccpin.load(read_mjcf(linkages.FIVE_BAR.encode(), None))), np.array([4.0, -3.0])
+
+
+def rssr():
+    """Measured by its rocker, which swings to and fro while the crank goes round, and by the rod's spin."""
+    mechanism = ccpin.load(linkages.rssr(), independent=["rocker", "ball:rx"], free=["ball"])
+    return ccpin.ReducedModel(mechanism, gravity=(0.0, -9.81, 0.0)), np.array([1.0, 0.5])
+
+
+def stewart():
+    """On springs, pushed off; measured by its legs' lengths."""
+    mechanism = ccpin.load(linkages.stewart_on_balls(), joints=SPRINGS)
+    return ccpin.ReducedModel(mechanism), np.array([0.5, -0.4, 0.3, 0.2, -0.6, 0.1])
+
+
+def cassie():
+    """Two closed loops of a leg, let go, its rods free to spin."""
+    mechanism = ccpin.load(SHARED / "cassie_like", free=ccpin.load(SHARED / "cassie_like").locked)
+    return ccpin.ReducedModel(mechanism), np.zeros(mechanism.n)
+
+
+def gepettos_five_bar():
+    """Another's five-bar; it swings within its coordinates."""
+    mechanism = ccpin.load(SHARED / "5bar_linkage_iso3d")
+    return ccpin.ReducedModel(mechanism), np.zeros(mechanism.n)
+
+
+def strandbeest():
+    """A pair of legs measured by a foot's bar, adrift and tumbling without weight, its crank turning."""
+    mechanism = ccpin.load(linkages.strandbeest(), floating_base=True, independent=["root_joint", "Pl_base_bl"])
+    v = np.array([0.1, 0.0, -0.2, 0.3, 0.5, 0.2, 2.0])
+    return ccpin.ReducedModel(mechanism, gravity=(0.0, 0.0, 0.0)), v
+
+
+CASES = {
+    "five-bar": five_bar,
+    "RSSR": rssr,
+    "Stewart": stewart,
+    "cassie_like": cassie,
+    "5bar_linkage_iso3d": gepettos_five_bar,
+    "strandbeest": strandbeest,
+}
+EVERY = [pytest.param(name, marks=OTHERS) if name in ("cassie_like", "5bar_linkage_iso3d") else name for name in CASES]
+ENDING = [case for case in EVERY if case != "strandbeest" and getattr(case, "values", "") != ("5bar_linkage_iso3d",)]
+every_case = pytest.mark.parametrize("name", EVERY)
+
+
+@cache
+def case(name):
+    return CASES[name]()
+
+
+def released(name, duration, **options):
+    model, v = case(name)
+    q = model.alpha(model.mechanism.q_reference)
+    return model, ccpin.simulate(model, None, q, v, duration=duration, **(TIGHT | options))
+
+
+def energies(model, run):
+    """Kinetic and potential energy at every sample."""
+    return np.array([state.energy(v) for state, v, _ in run.states(model)]).T
+
+
+def free_velocity(model, run, k):
+    """q̇′ of one sample."""
+    return model.at(run.q[k], run.q_free[k]).v_free(run.v[k])
+
+
+def assert_it_goes_on(model, run, duration):
+    """To the end, closed, and without losing or gaining energy."""
+    kinetic, potential = energies(model, run)
+    total = kinetic + potential
+    assert (run.status, run.t[-1]) == ("finished", pytest.approx(duration))
+    assert run.closure_error.max() <= 1e-10
+    assert np.abs(total - total[0]).max() <= 1e-6 * kinetic.max()
+
+
+@every_case
+def test_a_passive_motion_goes_on(name):
+    """Two seconds: closed to 1e-10, energy kept to 1e-6 of the largest kinetic energy."""
+    model, run = released(name, 2.0)
+    assert_it_goes_on(model, run, 2.0)
+
+
+@pytest.mark.slow
+@every_case
+def test_a_passive_motion_goes_on_for_a_minute(name):
+    """Sixty seconds likewise."""
+    model, run = released(name, 60.0)
+    assert_it_goes_on(model, run, 60.0)
+
+
+def apart(name, duration):
+    """How far a run ends from (19) integrated in all coordinates: q′, and q̇′ relative to its size."""
+    model, run = released(name, duration)
+    free = model.mechanism.pin_model
+    free.gravity = pin.Motion(np.array(model.gravity_vector), np.zeros(3))
+    found = descriptor.integrate(
+        model.mechanism.description, free, run.q_free[0], free_velocity(model, run, 0), duration
+    )
+    far = np.abs(pin.difference(free, found.q_free, run.q_free[-1])).max()
+    return (
+        run.changes,
+        far,
+        np.abs(found.v_free - free_velocity(model, run, -1)).max() / max(1.0, np.abs(found.v_free).max()),
+    )
+
+
+@pytest.mark.parametrize(("name", "duration"), [("RSSR", 0.2)])
+def test_the_motion_is_that_of_the_descriptor_form(name, duration):
+    """Through a change of coordinates: q′ and q̇′ of (19) integrated in all coordinates, to 1e-6."""
+    changes, far, faster = apart(name, duration)
+    assert changes >= 1
+    assert max(far, faster) < 1e-6
+
+
+@pytest.mark.slow
+@every_case
+def test_the_motion_is_that_of_the_descriptor_form_at_one_second(name):
+    """After a second likewise."""
+    _, far, faster = apart(name, 1.0)
+    assert max(far, faster) < 1e-6
+
+
+@pytest.mark.parametrize("name", ["five-bar", "RSSR", "Stewart"])
+def test_both_backends_follow_alike(name):
+    """The core's run, piece by piece, is that of NumPy: as many changes and the same samples to the tolerance."""
+    if native.backend().name != "native":
+        pytest.skip("the compiled core is not in use")
+    model, ours = released(name, 0.5)
+    v = case(name)[1]
+    slow = reference_model(model.mechanism, model.gravity_vector)
+    theirs = ccpin.simulate(slow, None, ours.q[0], v, duration=0.5, **TIGHT)
+    assert ours.changes == theirs.changes
+    np.testing.assert_allclose(ours.q_free, theirs.q_free, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(ours.v, theirs.v, rtol=1e-6, atol=1e-6)
+
+
+def test_what_is_reported_is_in_the_runs_own_coordinates():
+    """q = α(q′) of the model the run was started with; q̇ and q̈ are q's rates, before and after a change."""
+    model, run = released("RSSR", 0.5, sample_period=1e-3)
+    assert run.changes > 0
+    for q, q_free in zip(run.q, run.q_free, strict=True):
+        np.testing.assert_allclose(q, model.alpha(q_free), rtol=0, atol=1e-13)
+    for values, rates in ((run.q, run.v), (run.v, run.a)):
+        slope = (8 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])) / (12 * 1e-3)
+        np.testing.assert_allclose(rates[2:-2, 0], slope[:, 0], rtol=0, atol=1e-5 * np.abs(rates[:, 0]).max())
+
+
+def test_a_spinning_rod_goes_round():
+    """The rod's spin, a component of a ball joint whose chart ends at half a turn, goes on for many turns."""
+    model, run = released("RSSR", 4.0)
+    turned = np.diff(run.q[:, 1])
+    assert np.abs(turned).max() > np.pi  # the chart's angle jumps, as it must
+    assert_it_goes_on(model, run, 4.0)
+
+
+def test_coordinates_are_not_changed_to_and_fro():
+    """A four-bar measured by its rocker changes once, to its crank, for as long as it goes round."""
+    mechanism = ccpin.load("four_bar", independent=["rocker"], actuated=["crank"])
+    model = ccpin.ReducedModel(mechanism, gravity=(0.0, 0.0, 0.0))
+    run = ccpin.simulate(model, None, model.alpha(mechanism.q_reference), [3.0], duration=10.0, **TIGHT)
+    crank = run.q_free[:, mechanism.tree.joint("crank").q.start]
+    assert np.ptp(crank) > 4 * np.pi
+    assert run.changes == 1
+
+
+# What is stated in the coordinates, and what is not.
+
+
+STRETCHING = np.radians([-108.0, -72.0]), np.array([-8.0, 8.0])
+
+
+def test_a_torque_function_goes_on_and_its_work_is_the_energy(rpdr_model):
+    """Motors that stretch the five-bar and throw it over: T + V grows by ∫ uᵀq̇ dt of the motors' own rates."""
+
+    def torque(t, q, v):
+        return np.array([-0.5, 0.4 * np.sin(20 * t)])
+
+    run = ccpin.simulate(rpdr_model, torque, *STRETCHING, duration=0.4, **(TIGHT | {"sample_period": 5e-4}))
+    total = energies(rpdr_model, run).sum(axis=0)
+    work = simpson(np.einsum("ti,ti->t", run.u, run.v), x=run.t)
+    assert (run.status, run.changes > 0) == ("finished", True)
+    assert total[-1] - total[0] == pytest.approx(work, rel=1e-6)
+
+
+@pytest.mark.parametrize("sampled", [False, True])
+def test_a_law_stated_in_the_coordinates_ends_by_name(rpdr_model, sampled):
+    """A feedback law ends where the loop stretches, and the message names law and coordinates."""
+    law = PDSimpleGravity(rpdr_model, STRETCHING[0], [0.1, 0.1], [0.01, 0.01])
+    sampling = Sampling(1e-3, encoder_counts=4096.0) if sampled else None
+    run = ccpin.simulate(rpdr_model, law, *STRETCHING, duration=0.5, sampling=sampling)
+    assert (run.status, run.changes) == ("singular", 0)
+    assert "coordinates joint1, joint2 end, in which PDSimpleGravity is stated" in run.message
+    q1, q2, q3, q4 = (run.q_free[-1, rpdr_model.mechanism.tree.joint(f"joint{k}").q.start] for k in (1, 2, 3, 4))
+    assert abs(np.sin(q1 + q3 - q2 - q4)) < 0.3  # the loop is all but stretched
+
+
+def test_a_sampled_function_goes_on(rpdr_model):
+    """A digital controller that computes u from t, q and q̇ reads its own q and q̇ in other coordinates too."""
+    seen = []
+
+    def torque(t, q, v):
+        seen.append((t, q.copy()))
+        return np.zeros(2)
+
+    run = ccpin.simulate(rpdr_model, torque, *STRETCHING, duration=0.2, sampling=Sampling(0.01), **TIGHT)
+    free = ccpin.simulate(rpdr_model, None, *STRETCHING, duration=0.2, **TIGHT)
+    assert (run.status, run.changes > 0) == ("finished", True)
+    np.testing.assert_allclose(run.q, free.q, rtol=0, atol=1e-8)
+    np.testing.assert_allclose([q for _, q in seen[:20]], run.q[:20], rtol=0, atol=1e-12)
+
+
+def test_wrenches_that_read_a_state_end_by_name_and_constant_ones_go_on(rpdr_model):
+    """A function of a State may read q of its model; a constant wrench reads nothing."""
+    link = rpdr_model.mechanism.tree.joints[0].stated.child
+    wrench = {link: [0.0, 0.0, 0.1, 0, 0, 0]}
+    run = ccpin.simulate(rpdr_model, None, *STRETCHING, duration=0.2, wrenches=lambda t, state, v: wrench)
+    assert run.status == "singular"
+    assert "the wrenches, a function of a State, are stated" in run.message
+    assert ccpin.simulate(rpdr_model, None, *STRETCHING, duration=0.2, wrenches=wrench).status == "finished"
+
+
+def test_friction_goes_on_alike_in_any_coordinates():
+    """Coulomb friction in every joint, through the stretched loop: the motion does not depend on who measures it."""
+    levels, runs = {f"joint{k}": (0.02, 0.001) for k in range(1, 5)}, []
+    home = ccpin.ReducedModel(ccpin.load("rpdr"))
+    start = home.at(STRETCHING[0])
+    for independent in (("joint1", "joint2"), ("joint1", "joint3")):
+        model = ccpin.ReducedModel(ccpin.load("rpdr", independent=independent, actuated=("joint1", "joint2")))
+        v = model.reading(start, STRETCHING[1]).v
+        at = model.alpha(start.q_free), v
+        runs.append(ccpin.simulate(model, None, *at, duration=0.3, guess=start.q_free, friction=levels, **TIGHT))
+    assert [run.status for run in runs] == ["finished"] * 2
+    assert runs[0].changes > 0
+    np.testing.assert_allclose(runs[0].q_free, runs[1].q_free, rtol=0, atol=1e-7)
+
+
+# Where a motion ends.
+
+
+def test_a_singular_mechanism_ends_a_passive_motion():
+    """Delta's parallelograms fall flat: φ_q′ itself loses rank, and the message says so with the configuration."""
+    model = ccpin.ReducedModel(ccpin.load("delta"))
+    run = ccpin.simulate(model, None, model.alpha(model.mechanism.q_reference), duration=2.0, **TIGHT)
+    assert run.status == "singular"
+    assert "the mechanism itself is singular at q′ = [" in run.message
+    assert run.evaluations < 20_000
+
+
+def test_joints_that_move_no_mass_end_a_passive_motion():
+    """Three revolutes for a ball, without mass between them: in gimbal lock two move nothing, and are named."""
+    model = ccpin.ReducedModel(ccpin.load("stewart"))
+    run = ccpin.simulate(model, None, model.alpha(model.mechanism.q_reference), duration=0.6, **TIGHT)
+    assert run.status == "singular"
+    assert "platform_pitch, platform_yaw can turn or slide without moving any mass" in run.message
+    assert run.evaluations < 20_000
+
+
+def test_trajectories_one_after_the_other_add_their_changes(tmp_path):
+    """`then` and files keep the changes, which are events that name the coordinates taken up."""
+    _, run = released("RSSR", 1.0)
+    run.save(tmp_path / "run.npz")
+    assert run.then(run).changes == 2 * run.changes > 0
+    assert ccpin.simulation.load_npz(tmp_path / "run.npz").changes == run.changes
+    assert all(event.name.startswith("measured by ") for event in run.events)
