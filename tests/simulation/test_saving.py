@@ -13,7 +13,9 @@ from tests.support.paper import FRICTION, START
 def motion(rpdr_model):
     """A motion with friction and events."""
     passing = Event(lambda t, state, v: v[0], "turns")
-    return ccpin.simulate(rpdr_model, None, START, duration=0.3, friction=FRICTION, events=[passing], sample_period=0.01)
+    return ccpin.simulate(
+        rpdr_model, None, START, duration=0.3, friction=FRICTION, events=[passing], sample_period=0.01
+    )
 
 
 def test_npz_holds_everything(motion, tmp_path):

@@ -55,7 +55,14 @@ def test_a_law_with_a_memory_goes_through_the_wait(rpdr_model):
         return OnlineLaw(law, OnlineSigma(rpdr_model, q_free))
 
     motion = supervise(
-        rpdr_model, law_to, START, [GOAL, START], wait=0.2, settling=ARRIVED, sampling=Sampling(1e-3), sample_period=0.01
+        rpdr_model,
+        law_to,
+        START,
+        [GOAL, START],
+        wait=0.2,
+        settling=ARRIVED,
+        sampling=Sampling(1e-3),
+        sample_period=0.01,
     )
     assert motion.stop.status == "finished"
 
@@ -123,7 +130,12 @@ def test_leaving_a_region_while_waiting_ends_it(rpdr_model):
 def test_an_unreachable_goal_keeps_what_came_before(rpdr_model):
     """The third goal cannot be reached: two moves and the reason come back."""
     motion = supervise(
-        rpdr_model, papers(rpdr_model), START, [GOAL, START, [1.5, -1.5]], wait=0.1, settling=ARRIVED._replace(band=0.05)
+        rpdr_model,
+        papers(rpdr_model),
+        START,
+        [GOAL, START, [1.5, -1.5]],
+        wait=0.1,
+        settling=ARRIVED._replace(band=0.05),
     )
     assert motion.stop.status == "failed"
     assert isinstance(motion.stop.cause, UnreachableError)
