@@ -197,7 +197,7 @@ class Simulator:
     def step(self, u: ArrayLike | None, dt: float) -> StateSample:
         """Hold an effort for a while.
 
-        With `sampling` it is the command at all samples from now on and before the end, subject to saturation and delay.
+        With `sampling` it is the command at all samples from now on and before the end, with saturation and delay.
 
         Args:
             u: Efforts of the actuated joints, of shape (motors,); ``None``: the law acts.
