@@ -46,8 +46,8 @@ class PlanarBounds final : public Bounds {
     alpha_.assign(size_t(m) * K_, 0.), kappa_ = alpha_;
     for (int i = 0; i < m; ++i)
       for (int k = 0; k < m; ++k) {
-        add_scaled(&alpha_[i * K_], box.preconditioner[i * m + k], &at.along[k * K_], K_);
-        add_scaled(&kappa_[i * K_], box.preconditioner[i * m + k], &at.across[k * K_], K_);
+        add_scaled(alpha_.data() + i * K_, box.preconditioner[i * m + k], at.along.data() + k * K_, K_);
+        add_scaled(kappa_.data() + i * K_, box.preconditioner[i * m + k], at.across.data() + k * K_, K_);
       }
     turn_links(box);
     mix();
@@ -60,7 +60,8 @@ class PlanarBounds final : public Bounds {
     const Doubles& signs = closures.phasors.signs;
     along_.assign(size_t(K_) * p, 0.), modes_.assign(size_t(K_) * m, 0.), angle_.assign(K_, 0.);
     for (int k = 0; k < K_; ++k) {
-      for (int c = 0; c < n_free; ++c) add_scaled(&along_[k * p], signs[k * n_free + c], &box.directions[c * p], p);
+      for (int c = 0; c < n_free; ++c)
+        add_scaled(along_.data() + k * p, signs[k * n_free + c], box.directions.data() + c * p, p);
       for (int c = 0; c < m; ++c)
         add_scaled(&modes_[k * m], signs[k * n_free + closures.dependent[c]], &box.modes[c * m], m);
       for (int e = 0; e < p; ++e) angle_[k] += std::abs(along_[k * p + e]) * half[e];

@@ -99,7 +99,7 @@ class Krawczyk {
       box.modes.assign(size_t(m) * m, NAN), box.preconditioner = box.modes;
       return false;
     }
-    for (int k = 0; k < c_.n; ++k) std::copy_n(across + k * p, p, &box.directions[c_.independent[k] * p]);
+    for (int k = 0; k < c_.n; ++k) std::copy_n(across + k * p, p, box.directions.data() + c_.independent[k] * p);
     Doubles slope(size_t(m) * p, 0.);
     for (int r = 0; r < m; ++r)
       for (int k = 0; k < c_.n; ++k)

@@ -59,6 +59,8 @@ inline Run read_run(nb::dict d, const Mechanism& m) {
   r.rtol = number(d["rtol"]), r.atol = number(d["atol"]), r.longest = any("max_step");
   r.singular = number(d["singular_rcond"]), r.evaluations = any("evaluations"), r.seconds = any("seconds");
   r.settling = {numbers(d["goal"]), any("band"), any("speed"), any("hold")};
+  r.lower = nb::cast<std::vector<double>>(d["lower"]), r.upper = nb::cast<std::vector<double>>(d["upper"]);
+  require(int(r.lower.size()) == m.n && int(r.upper.size()) == m.n, "bounds of u have a wrong length");
   require(read_pushes(nb::cast<In>(d["wrenches"]), m, r.pushes), "wrenches are not rows of ten numbers");
   if (!d["sampling"].is_none()) r.sampling = read_sampling(nb::cast<nb::dict>(d["sampling"]), m);
   require(!r.times.empty(), "a run has no times");

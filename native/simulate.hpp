@@ -18,6 +18,7 @@ struct Run {
   double origin = 0;                  // when the law's clock shows 0
   double rtol = 0, atol = 0, longest = 0, singular = 0;
   double evaluations = 0, seconds = 0;  // the budget
+  std::vector<double> lower, upper;   // of u; a run that would go beyond is the reference's
   Settling settling;                  // no goal: run to the end
   Pushes pushes;
   std::optional<Sampling> sampling;   // none: the law acts continuously
@@ -155,8 +156,7 @@ class Simulation : public Follower {
     ++evaluations;
     if (!close(state)) return false;
     const double* v = state + m_.n_q;
-    effort(t, v);
-    return rates(v, u_.data(), rate);
+    return effort(t, v) && rates(v, u_.data(), rate);
   }
 
  private:
@@ -168,11 +168,6 @@ class Simulation : public Follower {
   std::optional<SampledCommands> commands_;
   std::vector<double> u_, state_;
   std::vector<Crossing> crossings_;
-
-  void effort(double t, const double* v) {
-    if (commands_) u_ = commands_->memory.held;
-    else law_.effort(clock(t), q_.data(), v, u_.data());
-  }
 
   bool due(const Samples& out, double until) const {
     return out.done < int(run_.times.size()) && run_.times[out.done] <= until;
@@ -189,11 +184,20 @@ class Simulation : public Follower {
     return next == path_.breaks.end() ? INFINITY : *next + run_.origin;
   }
 
+  // The law's efforts; false where motors cannot give them.
+  bool effort(double t, const double* v) {
+    if (commands_) u_ = commands_->memory.held;
+    else law_.effort(clock(t), q_.data(), v, u_.data());
+    for (size_t i = 0; i < u_.size(); ++i)
+      if (u_[i] < run_.lower[i] || u_[i] > run_.upper[i]) return false;
+    return true;
+  }
+
   bool sample(double t, const double* state, Samples& out) {
     if (!close(state) || (w_.model.suspicious() && w_.model.rcond() < 2 * singular_)) return false;
     const int k = out.done++;
     const double* v = state + m_.n_q;
-    effort(t, v);
+    if (!effort(t, v)) return false;
     out.t[k] = t;
     std::copy(q_.begin(), q_.end(), out.q + size_t(k) * m_.n_q);
     std::copy(v, v + m_.n, out.v + size_t(k) * m_.n);

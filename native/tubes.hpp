@@ -23,10 +23,12 @@ class Tubes {
     return settled;
   }
 
-  // Whether two proved boxes carry the same solution at a common point, given by each one's parameters (`glued`).
+  // Whether two proved boxes carry the same solution at a common point, given by each one's parameters (`glued`). What
+  // encloses it already before rounding is reached does so there too.
   bool glued(const Box& first, const double* delta, const Box& second, const double* delta_second) {
-    if (!solve(first, delta)) return false;
-    if (encloses(second, delta_second, theta_, error_, first.modes, first.plain)) return true;
+    const auto met = [&] { return encloses(second, delta_second, theta_, error_, first.modes, first.plain); };
+    const Found found = solve(first, delta, met);
+    if (found != Found::solved) return found == Found::met;
     return krawczyk_.certify_point(theta_.data(), point_) &&
            encloses(first, delta, point_.centre, point_.radius, point_.modes, false) &&
            encloses(second, delta_second, point_.centre, point_.radius, point_.modes, false);
@@ -112,14 +114,20 @@ class Tubes {
     for (int i = 0; i < m; ++i) trial_[i] = zeta_[i] - step_[i];
   }
 
-  // σ at |δ| ≤ h of a proved box: `theta_`, within V · `error_` (`solve_in_boxes`). Every step lowers ‖f‖ by κ.
-  bool solve(const Box& box, const double* delta) {
+  enum class Found { met, solved, nothing };
+
+  // σ at |δ| ≤ h of a proved box, to rounding or until `met()` holds for what is known: it is `theta_`, within V · `error_`
+  // (`solve_in_boxes`). Every step lowers ‖f‖ by κ.
+  template <class F> Found solve(const Box& box, const double* delta, F&& met) {
     const int m = c_.m;
     const double margin = rounding(box);
-    zeta_.assign(m, 0.);
+    zeta_.assign(m, 0.), error_.resize(m);
     double size = evaluate(box, delta, zeta_);
-    for (int step = 0; size > margin; ++step) {
-      if (step == 20000) return false;
+    for (int step = 0;; ++step) {
+      for (int i = 0; i < m; ++i) error_[i] = kSlack * (size + margin) / (1 - box.kappa) * box.weight[i];
+      if (met()) return Found::met;
+      if (!(size > margin)) return Found::solved;
+      if (step == 20000) return Found::nothing;
       const Doubles residual = residual_;
       newton_trial(box);
       bool inside = true;
@@ -131,9 +139,6 @@ class Tubes {
       }
       zeta_ = trial_, size = now;
     }
-    error_.resize(m);
-    for (int i = 0; i < m; ++i) error_[i] = kSlack * (size + margin) / (1 - box.kappa) * box.weight[i];
-    return true;
   }
 
   // The rounding error of ‖f‖ in the box's norm.

@@ -40,9 +40,8 @@ def main(out: Path = OUT) -> None:
     ends = [trajectory.q_free[0], trajectory.q_free[-1]]
     figure = plotting.plot_configurations(mechanism, ends, ["start", "goal"], "RPDR, start and goal (Fig. 8)")
     plotting.save(figure, out / "fig8.png")
-    visualization.animate(
-        mechanism, trajectory.t, trajectory.q_free, out / "animation.html", title="RPDR, point to point"
-    )
+    drawn = {"title": "RPDR, point to point", "trace": "end_effector"}
+    visualization.animate(mechanism, trajectory.t, trajectory.q_free, out / "animation.html", **drawn)
 
     lyapunov = [law.lyapunov(*state) for state in zip(trajectory.q, trajectory.v, trajectory.q_free, strict=True)]
     print(f"RPDR, point to point: {trajectory.message} in {trajectory.evaluations} evaluations")

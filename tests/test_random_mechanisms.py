@@ -25,7 +25,8 @@ class State:
     def __init__(self, drawn, seed):
         self.drawn, self.seed = drawn, seed
         rng = np.random.default_rng(seed)
-        self.mechanism = ccpin.load(drawn.description)
+        independent = ccpin.load(drawn.description, free=["all"]).independent
+        self.mechanism = ccpin.load(drawn.description, actuated=independent, free=["all"])
         self.model = ccpin.ReducedModel(self.mechanism)
         self.pin_model = self.mechanism.pin_model
         self.q, self.q_free = self.somewhere(rng)
@@ -71,7 +72,7 @@ def states(**options):
 @given(mechanisms())
 def test_reference_is_the_pose_drawn(drawn):
     """The tree puts every link where NumPy's forward kinematics does, and the closures are closed there."""
-    mechanism = ccpin.load(drawn.description)
+    mechanism = ccpin.load(drawn.description, free=["all"])
     model, data = mechanism.pin_model, mechanism.pin_model.createData()
     assume("the loops were closed from a step away from a singular closed pose" not in mechanism.notes)
     pin.framesForwardKinematics(model, data, mechanism.q_reference)

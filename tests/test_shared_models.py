@@ -43,7 +43,7 @@ every_model = pytest.mark.parametrize("name", TABLE)
 
 @cache
 def mechanism(name):
-    return ccpin.load(FOLDER / name)
+    return ccpin.load(FOLDER / name, free=["all"])
 
 
 @cache
@@ -128,6 +128,7 @@ def test_closures_in_python_and_in_yaml_are_one_mechanism(name):
     again = ccpin.load(
         FOLDER / name / "robot.urdf",
         closures=loaded.closures,
+        free=["all"],
         independent=loaded.independent,
         actuated=loaded.actuated,
     )
@@ -145,7 +146,7 @@ def test_the_motors_are_independent_coordinates(name):
     """Every motor the YAML names is among the coordinates q, and the folder and the YAML load alike."""
     loaded = mechanism(name)
     assert set(loaded.actuated) <= set(loaded.independent)
-    again = ccpin.load(FOLDER / name / "robot.yaml")
+    again = ccpin.load(FOLDER / name / "robot.yaml", free=["all"])
     assert again.independent == loaded.independent
     np.testing.assert_array_equal(again.q_reference, loaded.q_reference)
 

@@ -16,7 +16,7 @@ WRONG = (None, "rpbr", -1, np.nan, [], [[1.0, 2.0]], np.zeros((3, 3)), {"a": 1},
 FLAGS = {"floating_base", "loop", "open_browser", "failures", "workers", "executor", "checkpoint"}
 # What these hold is given by ccpin, or looked at where it is used.
 HELD = {"Atlas", "Gains", "Region", "SetPointCertificate", "State", "Trajectory", "Scene", "Viewer", "Mechanism"}
-ABSTRACT = {"ControlLaw", "Reference", "TrackingLaw"}
+ABSTRACT = {"ControlLaw", "HasForce", "Reference", "TrackingLaw", "drawing"}
 LONG = {
     ("certify_law", "domain"),
     ("certify_set_point", "domain"),
@@ -50,7 +50,13 @@ class Bench:
         right = {"q": self.q, "v": self.rest, "a": self.rest, "u": self.rest, "force": self.rest, "wrenches": None}
         right |= {"guess": None, "near": None, "q_free": self.q_free, "v_free": np.zeros(4), "threads": 1, "t": 0.0}
         right |= {"failures": None, "Q": [self.q], "V": [self.rest], "U": [self.rest], "A": [self.rest]}
-        right |= {"wrench": np.zeros(6), "efforts": None, "part": "linear", "target": self.effector.pose(self.q)}
+        right |= {
+            "wrench": np.zeros(6),
+            "efforts": None,
+            "part": "linear",
+            "loads": None,
+            "target": self.effector.pose(self.q),
+        }
         found = {}
         for name, method in inspect.getmembers(thing, inspect.ismethod):
             if not name.startswith("_") and name not in skip:
@@ -130,6 +136,10 @@ def _control(b):
             control.sample_region,
             {"model": b.model, "lower": b.box[0], "upper": b.box[1], "q_free_d": b.q_free, "points": 50},
         ),
+        "local_gains": (
+            control.local_gains,
+            {"model": b.model, "q_d": b.q, "frequency": 10.0, "damping": 1.0, "guess": None},
+        ),
         "suggest_gains": (
             control.suggest_gains,
             {"model": b.model, "q_d": b.q, "domain": b.box, "margin": 1.5, "damping": 0.7, "guess": None},
@@ -146,6 +156,10 @@ def _description(b):
         "read_description": (
             description.read_description,
             {"path": "rpdr", "format": None, "model": None, "include_root": None, "xacro_arguments": None},
+        ),
+        "scaled": (
+            description.scaled,
+            {"description": b.whole.description, "masses": 1.1, "lengths": {b.link: 1.0}, "friction": 1.0},
         ),
         "find_file": (description.find_file, {"path": "rpdr"}),
         "installed_models": (description.installed_models, {}),
@@ -211,6 +225,17 @@ def _mechanism(b):
     return {"describe_pinocchio": (mechanism.describe_pinocchio, {"model": model, "geometry": None, "constraints": ()})}
 
 
+def _nothing(*_, **__):
+    return 0.0
+
+
+def _options(b):
+    """How a run is made, of `Simulator` (and of `simulate`)."""
+    options = {"model": b.model, "law": b.law, "method": "RK45", "rtol": 1e-6, "atol": 1e-6, "max_step": 1.0}
+    options |= {"region": None, "friction": None, "wrenches": None, "sampling": None, "events": ()}
+    return options | {"singular_rcond": 1e-7, "limits": None, "contacts": (), "motors": None}
+
+
 def _simulation(b):
     forces = {"model": b.model, "trajectory": b.run, "wrenches": None}
     at = {"model": b.model, "q": b.q, "v": b.rest, "u": b.rest, "guess": None, "wrenches": None}
@@ -229,8 +254,15 @@ def _simulation(b):
         "supervise": (simulation.supervise, supervised),
         "Trajectory.then": (b.run.then, {"other": b.run}),
         "Trajectory.states": (lambda model: list(b.run.states(model)), {"model": b.model}),
-        "Trajectory.save_npz": (b.run.save_npz, {"path": b.folder / "t.npz"}),
-        "Trajectory.save_csv": (b.run.save_csv, {"path": b.folder / "t.csv", "mechanism": b.whole}),
+        "Trajectory.save": (b.run.save, {"path": b.folder / "t.npz"}),
+        "Simulator": (simulation.Simulator, _options(b)),
+        "demands": (simulation.demands, forces),
+        "exceeded": (simulation.exceeded, {"model": b.model, "trajectory": b.run}),
+        "sweep": (simulation.sweep, {"task": _nothing, "cases": [{}, {}], "seed": 1, "path": None, "progress": None}),
+        "Disturbance": (simulation.Disturbance, {"pushes": ()}),
+        "grid": (simulation.grid, {"values": {"a": [1, 2]}}),
+        "sobol": (simulation.sobol, {"ranges": {"a": (0.0, 1.0)}, "count": 2, "seed": 0}),
+        "latin_hypercube": (simulation.latin_hypercube, {"ranges": {"a": (0.0, 1.0)}, "count": 2, "seed": 0}),
     }
 
 
@@ -246,6 +278,7 @@ def _validated(b):
 def _visualization(b):
     still = {"mechanism": b.whole, "q_free": b.q_free, "path": b.folder / "a.html", "title": None}
     moving = still | {"t": [0, 0.1], "q_free": [b.q_free, b.q_free], "fps": 30, "trace": None, "speed": 1.0}
+    moving |= {"forces": (), "size": None}
     live = {"mechanism": b.whole, "q_free": b.q_free, "t": None, "title": None, "fps": 30, "open_browser": False}
 
     def view(**given):
@@ -253,7 +286,7 @@ def _visualization(b):
 
     return {
         "animate": (visualization.animate, moving),
-        "snapshot_html": (visualization.snapshot_html, still),
+        "snapshot": (visualization.snapshot, still),
         "view": (view, live),
     }
 
@@ -333,10 +366,10 @@ def test_a_model_for_a_mechanism_and_the_reverse(bench, tmp_path):
     q, box = bench.q, bench.box
     for subject in (bench.whole, bench.model):
         assert ccpin.ReducedModel(subject).mechanism is bench.whole
-        assert control.certify_set_point(subject, q, 50.0, 5.0, box).holds
+        assert control.certify_set_point(subject, q, 50.0, 5.0, box).level > 0
         assert domain.certify(subject, q, region=box, max_depth=0).radius > 0
         assert control.suggest_gains(subject, q, box).beta > 0
-        visualization.snapshot_html(subject, None, tmp_path / "page.html")
+        visualization.snapshot(subject, None, tmp_path / "page.html")
         assert plotting.plot_configurations(subject, [bench.q_free], ["here"]) is not None
         assert len(list(bench.run.states(subject))) == len(bench.run.t)
     for wrong in ("rpdr", None, bench.law):
@@ -344,9 +377,9 @@ def test_a_model_for_a_mechanism_and_the_reverse(bench, tmp_path):
             domain.certify(wrong, q)
 
 
-@pytest.mark.parametrize("name", ["motion.mp4", "motion.gif", "motion"])
-def test_a_page_is_no_film(name, bench, tmp_path):
+@pytest.mark.parametrize("name", ["motion.avi", "motion.png", "motion"])
+def test_an_unknown_ending_is_no_film(name, bench, tmp_path):
     """The endings there are, are named; nothing is written."""
-    with pytest.raises(ccpin.errors.InvalidInputError, match=r"as a web page, \.html or \.htm"):
+    with pytest.raises(ccpin.errors.InvalidInputError, match=r"as \.html, \.htm, \.mp4 or \.gif"):
         visualization.animate(bench.whole, [0, 1], [bench.q_free] * 2, Path(tmp_path) / name)
     assert not list(tmp_path.iterdir())

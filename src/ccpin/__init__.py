@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ccpin.native import backend
     from ccpin.simulation import Simulator, Trajectory
     from ccpin.simulation.simulate import simulate
+    from ccpin.simulation.sweeps import sweep
 
 __version__ = "0.1.0"
 
@@ -42,6 +43,7 @@ __all__ = [
     "plotting",
     "simulate",
     "simulation",
+    "sweep",
     "validated",
     "visualization",
 ]
@@ -59,6 +61,7 @@ _HOMES = {
     "backend": "native",
     "load": "mechanism",
     "simulate": "simulation",
+    "sweep": "simulation",
 }
 
 

@@ -1,10 +1,11 @@
-"""Writing files whole or not at all."""
+"""Writing files whole or not at all, or line by line so that what is there stays good."""
 
 from __future__ import annotations
 
+import json
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import IO, Any
 
@@ -56,3 +57,75 @@ def write_atomically(path: str | Path, mode: str, write: Callable[[IO[Any]], obj
         raise InvalidInputError(f"cannot write '{target}': {error}") from None
     finally:
         Path(name).unlink(missing_ok=True)
+
+
+class Journal:
+    """An append-only file of JSON lines, the first of which says what it is; made to be killed and opened again.
+
+    Each record is one write, flushed to the disk. A last line that was cut off is dropped when the file is opened.
+    While it is open no other process can open it as a journal (where the system has locks).
+
+    Args:
+        path: The file; it and its folder are created where they are absent.
+        header: What the first line must say.
+
+    Attributes:
+        records: What the file held when it was opened.
+
+    Raises:
+        InvalidInputError: The file holds something else, is in use, or cannot be written.
+    """
+
+    def __init__(self, path: str | Path, header: Mapping[str, Any]) -> None:
+        self._path = writable_target(path)
+        try:
+            self._file = open(self._path, "a+b")  # noqa: SIM115 - closed by `close`
+        except OSError as error:
+            raise InvalidInputError(f"cannot write '{path}': {error}") from None
+        try:
+            self._lock()
+            self.records = self._read(dict(header))
+        except BaseException:
+            self._file.close()
+            raise
+
+    def append(self, record: Mapping[str, Any]) -> None:
+        """Add a line; it is on the disk when this returns."""
+        self._file.write(json.dumps(record).encode() + b"\n")
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def close(self) -> None:
+        """Let others open it."""
+        self._file.close()
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _lock(self) -> None:
+        try:
+            import fcntl
+        except ImportError:
+            return
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InvalidInputError(f"'{self._path}' is being written by another process") from None
+
+    def _read(self, header: dict[str, Any]) -> list[dict[str, Any]]:
+        self._file.seek(0)
+        text = self._file.read()
+        whole = text[: text.rfind(b"\n") + 1]
+        try:
+            lines = [json.loads(line) for line in whole.splitlines()]
+        except ValueError:
+            lines = [None]
+        if (lines and lines[0] != header) or not (whole or json.dumps(header).encode().startswith(text)):
+            raise InvalidInputError(f"'{self._path}' holds something else than {header}: name another file")
+        self._file.truncate(len(whole))
+        if not lines:
+            self.append(header)
+        return lines[1:]

@@ -9,6 +9,7 @@ import pytest
 
 import ccpin
 from ccpin.cli import main
+from ccpin.dynamics.modes import _Search
 from ccpin.simulation import load_npz
 from tests.support.paper import MOVE_OPTIONS
 from tests.support.places import MODELS
@@ -57,6 +58,35 @@ def test_degrees_of_a_length_are_refused(capsys):
     """A prismatic coordinate is never read as degrees."""
     assert main(["modes", "stewart", "--q-deg", *["5"] * 6]) == 1
     assert "all angles" in capsys.readouterr().err
+
+
+def test_modes_shows_progress_and_keeps_to_its_budget(capsys, monkeypatch):
+    """A bar on a terminal, none with --json; a budget or a limit ends the search with what was found, which is said."""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    assert main(["modes", "rpdr", "--patience", "10"]) == 0
+    shown = capsys.readouterr()
+    assert "2 modes from" in shown.err
+    assert "starts without news" in shown.err
+    assert main(["modes", "rpdr", "--json", "--limit", "3"]) == 0
+    shown = capsys.readouterr()
+    assert shown.err == ""
+    found = json.loads(shown.out)
+    assert (found["complete"], found["starts"]) == (False, 3)
+    assert found["reason"].startswith("stopped at the limit of 3 starts")
+
+
+def test_modes_interrupted_prints_what_it_found(capsys, monkeypatch):
+    """Ctrl-C: the modes so far, and the exit code of an interrupt."""
+    step = _Search.step
+
+    def stop(search):
+        step(search)
+        if search.starts == 4:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(_Search, "step", stop)
+    assert main(["modes", "rpdr"]) == 130
+    assert "interrupted, so modes may be missing" in capsys.readouterr().out
 
 
 def test_modes_at_a_singular_configuration(capsys):
@@ -117,15 +147,18 @@ def test_errors_are_sentences_with_exit_code_1(arguments, error, capsys):
 
 
 def test_view_writes_a_page(tmp_path, capsys):
-    """`ccpin view --html` writes the reference pose, or a trajectory."""
-    assert main(["view", "rpdr", "--html", str(tmp_path / "pose.html")]) == 0
+    """`ccpin view --out` writes the reference pose, or a trajectory."""
+    assert main(["view", "rpdr", "--out", str(tmp_path / "pose.html")]) == 0
     assert (tmp_path / "pose.html").stat().st_size > 100_000
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
     motion = ccpin.simulate(model, None, np.radians([-90.0, -95.0]), duration=0.1, sample_period=0.01)
     motion.save(tmp_path / "motion.npz")
     page = tmp_path / "motion.html"
-    assert main(["view", "rpdr", "--trajectory", str(tmp_path / "motion.npz"), "--html", str(page)]) == 0
+    command = ["view", "rpdr", "--trajectory", str(tmp_path / "motion.npz"), "--out", str(page)]
+    assert main([*command, "--trace", "end_effector", "--forces"]) == 0
     assert page.stat().st_size > 100_000
+    assert main(["view", "rpdr", "--forces", "--out", str(page)]) == 1
+    assert "go with --trajectory" in capsys.readouterr().err
 
 
 def test_module_runs_as_a_program():
@@ -176,3 +209,18 @@ def test_convert(tmp_path, capsys):
     assert main(["convert", "rpdr", "--out", str(tmp_path / "rpdr.step")]) == 1
     assert "names none of" in capsys.readouterr().err
     assert not (tmp_path / "rpdr.step").exists()
+
+
+def test_simulate_keeps_to_limits(capsys):
+    """Efforts are cut off by default, or told where they may go beyond; a lag needs a sampled loop."""
+    asked = ("simulate", "rpdr", *MOVE_OPTIONS[:6], "--kp", "60", "--kv", "1", "--duration", "0.05", "--json")
+    assert main([*asked]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["moves"][0]["peak_torque"] == [30.0, 30.0]
+    assert {(one["quantity"], one["limit"]) for one in result["exceeded"]} == {("velocity", 30.0)}  # it is told
+    assert main([*asked, "--effort-limits", "ignore"]) == 0
+    exceeded = json.loads(capsys.readouterr().out)["exceeded"]
+    beyond = [(one["joint"], one["limit"]) for one in exceeded if one["quantity"] == "effort"]
+    assert beyond == [("joint1", 30.0), ("joint2", 30.0)]
+    assert main([*asked, "--motor-lag", "0.002"]) == 1
+    assert "sampling=" in json.loads(capsys.readouterr().out)["message"]

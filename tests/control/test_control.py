@@ -115,3 +115,22 @@ def test_fewer_motors_than_coordinates_are_refused():
     with pytest.raises(UnsupportedMechanismError, match="motors"):
         PDSimpleGravity(model, GOAL, [1.0, 1.0], [1.0, 1.0])
     assert NoTorque(model).torque(0.0, GOAL, np.zeros(2)).shape == (1,)
+
+
+def test_a_floating_base_is_no_set_point():
+    """On a floating joint d/dt q̃ is not −q̇, so 𝒱 rises: both laws refuse it by name, driven or not."""
+    names = ["root_joint", "joint1", "joint2"]
+    model = ccpin.ReducedModel(ccpin.load("rpdr", floating_base=True, actuated=names))
+    q = model.alpha(model.mechanism.q_reference)
+    for law in (PDSimpleGravity, PDFullGravity):
+        with pytest.raises(UnsupportedMechanismError, match="floating joint 'root_joint'"):
+            law(model, q, np.ones(8), np.ones(8))
+
+
+def test_motors_that_cannot_exert_the_law_are_refused():
+    """As many motors as coordinates are not enough where none moves one of them."""
+    four_bar = ccpin.load("four_bar").description
+    two = combine("two", {"a_": Part(four_bar), "b_": Part(four_bar)})
+    model = ccpin.ReducedModel(ccpin.load(two, independent=["a_crank", "b_crank"], actuated=["a_crank", "a_rocker"]))
+    with pytest.raises(UnsupportedMechanismError, match="no motor moves 'b_crank'"):
+        PDSimpleGravity(model, model.alpha(model.mechanism.q_reference), np.ones(2), np.ones(2))

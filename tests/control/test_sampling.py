@@ -5,7 +5,8 @@ import pytest
 from scipy.signal import lfilter
 
 import ccpin
-from ccpin.control import ControlLaw, CoulombCompensation, PDSimpleGravity, Sampling
+from ccpin.control import ControlLaw, CoulombCompensation, PDSimpleGravity, Sampling, TorqueFunction
+from ccpin.control.sampling import SampledCommands
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Settling, friction_force, supervise
 from tests.oracles import rpdr as oracle
@@ -263,3 +264,39 @@ def test_bad_compensation_is_named(law, arguments, words):
     """Levels, start and width are checked."""
     with pytest.raises(InvalidInputError, match=words):
         CoulombCompensation(law, *arguments)
+
+
+def test_noise_of_encoders():
+    """q̂ − q is normal with the deviation asked for, v̂ its difference quotient; the same seed gives the same noise."""
+    model = ccpin.ReducedModel(ccpin.load("rpdr"))
+    q0, seen = model.alpha(model.mechanism.q_reference), []
+
+    def law(t, q, v):
+        seen.append([*q - q0, *v])
+        return np.zeros(2)
+
+    def run(seed):
+        seen.clear()
+        commands = SampledCommands(
+            model, TorqueFunction(law), Sampling(1e-3, encoder_noise=(1e-4, 3e-4), seed=seed), q0, np.zeros(2)
+        )
+        state = model.at(q0)
+        for k in range(2000):
+            commands.instant(k * 1e-3, state, np.zeros(2))
+        return np.array(seen)
+
+    first = run(3)
+    np.testing.assert_array_equal(first, run(3))
+    assert (first != run(4)).all(axis=1).any()
+    deviation = first[:, :2].std(axis=0) / [1e-4, 3e-4]
+    np.testing.assert_allclose(deviation, 1.0, rtol=0, atol=4 / np.sqrt(2 * 2000))  # four standard errors
+    np.testing.assert_allclose(first[:, :2].mean(axis=0) / [1e-4, 3e-4], 0.0, rtol=0, atol=4 / np.sqrt(2000))
+    np.testing.assert_allclose(first[1:, 2:], np.diff(first[:, :2], axis=0) / 1e-3, rtol=0, atol=1e-9)
+    assert abs(np.corrcoef(first[1:, 0], first[:-1, 0])[0, 1]) < 4 / np.sqrt(2000)
+
+
+@pytest.mark.parametrize("options", [{"encoder_noise": -1.0}, {"seed": 0.5}, {"seed": -1}])
+def test_bad_noise(options):
+    """Impossible noise is named."""
+    with pytest.raises(InvalidInputError, match=f"sampling: {next(iter(options))}"):
+        Sampling(1e-3, **options)

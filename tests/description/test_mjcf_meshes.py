@@ -71,6 +71,58 @@ def test_meshes_weigh_what_mujoco_says(tmp_path: Path, shape: str, suffix: str, 
     _agrees(read_mjcf(main.read_bytes(), str(main)).links[1].inertia, main)
 
 
+def _as_msh(mesh: trimesh.Trimesh, faces: bool) -> bytes:
+    """MuJoCo's binary format: counts of vertices, normals, texture coordinates and faces, then the numbers."""
+    triangles = np.asarray(mesh.faces if faces else np.empty((0, 3)), dtype="<i4")
+    counts = np.array([len(mesh.vertices), 0, 0, len(triangles)], dtype="<i4")
+    return counts.tobytes() + np.asarray(mesh.vertices, dtype="<f4").tobytes() + triangles.tobytes()
+
+
+@pytest.mark.parametrize("way", ["", 'inertia="exact"', 'inertia="convex"', 'inertia="shell"'])
+@pytest.mark.parametrize("spelt", ["msh", "msh without faces", "in the model", "vertices in the model"])
+@pytest.mark.parametrize("shape", MESHES)
+def test_mujocos_own_meshes_and_those_written_into_the_model(tmp_path: Path, shape: str, spelt: str, way: str) -> None:
+    """Without faces the mesh is its vertices' convex hull."""
+    mesh, bare = MESHES[shape], "faces" in spelt or spelt.startswith("vert")
+    said = 'file="m.msh"'
+    if "msh" in spelt:
+        (tmp_path / "m.msh").write_bytes(_as_msh(mesh, not bare))
+    else:
+        said = f'vertex="{" ".join(map(str, np.ravel(mesh.vertices)))}"'
+        said += "" if bare else f' face="{" ".join(map(str, np.ravel(mesh.faces)))}"'
+    body = '<body name="a"><joint/><geom type="mesh" mesh="m" pos="0.1 0.2 -0.3" euler="10 20 30"/></body>'
+    main = tmp_path / "main.xml"
+    main.write_text(model(body, head=f'<asset><mesh name="m" {said} scale="1 2 3" {way}/></asset>'))
+    read = read_mjcf(main.read_bytes(), str(main))
+    _agrees(read.links[1].inertia, main)
+    assert len(read.links[1].visuals) == ("msh" in spelt)
+
+
+@pytest.mark.parametrize(
+    ("said", "message"),
+    [
+        ('vertex="0 0 0 1 0"', "threes"),
+        ('vertex="0 0 0 1 0 0 0 1 0 0 0 1" face="0 1 4"', "whole numbers from 0 to 3"),
+        ('vertex="0 0 0 1 0 0 0 1 0 0 0 1" face="0 1 -1"', "whole numbers from 0 to 3"),
+        ('vertex="0 0 0 1 0 0 0 1 0 0 0 1" face="0 1 1.5"', "whole numbers from 0 to 3"),
+        ('vertex="0 0 0 1 0 0 2 0 0"', "cannot be read"),
+        ('file="short.msh"', "cannot be read"),
+        ('file="long.msh"', "counts of vertices and faces"),
+        ('file="face.msh"', "vertex that is not there"),
+    ],
+)
+def test_damaged_meshes_of_those_kinds(tmp_path: Path, said: str, message: str) -> None:
+    """By the mesh's name."""
+    (tmp_path / "short.msh").write_bytes(b"12")
+    (tmp_path / "long.msh").write_bytes(np.array([2**31 - 1, 0, 0, 1], dtype="<i4").tobytes())
+    (tmp_path / "face.msh").write_bytes(np.array([1, 0, 0, 1, 0, 0, 0, 0, 0, 5], dtype="<i4").tobytes())
+    main = tmp_path / "main.xml"
+    body = '<body name="a"><joint/><geom type="mesh" mesh="m"/></body>'
+    main.write_text(model(body, head=f'<asset><mesh name="m" {said}/></asset>'))
+    with pytest.raises(DescriptionError, match=f"mesh '(m|short.msh|long.msh|face.msh)': .*{message}"):
+        read_mjcf(main.read_bytes(), str(main))
+
+
 @pytest.mark.parametrize(
     "asset",
     [

@@ -226,7 +226,7 @@ class TestJointTypes:
         assert [c.kind for c in description.closures] == [closure]
         freedom = {"ball": 3, "fixed": 0, "universal": 2, "revolute2": 2}.get(kind, 1)
         if freedom:
-            assert ccpin.load(description).n == freedom
+            assert ccpin.load(description, free=["all"]).n == freedom
 
     def test_limits_forces_and_springs_are_read(self):
         """Every number of an axis; 1e16 and more is no limit, a negative effort neither."""

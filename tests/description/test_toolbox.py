@@ -128,12 +128,13 @@ def test_anything_but_3d_makes_the_frames_coincide(folder, kind, closure):
     assert [c.kind for c in read_description(folder).closures] == [closure]
 
 
-@pytest.mark.parametrize(("kind", "mobility", "idle"), [("SPHERICAL", 2, 1), ("UJOINT_YZ", 1, 0), ("UJOINT_ZY", 1, 0)])
-def test_the_mobility_is_that_of_the_rssr_and_rusr_linkages(folder, kind, mobility, idle):
-    """RSSR: 5 − 3 = 2 with a rod that spins idly; RUSR: 4 − 3 = 1."""
+@pytest.mark.parametrize(("kind", "idle"), [("SPHERICAL", 1), ("UJOINT_YZ", 0), ("UJOINT_ZY", 0)])
+def test_the_mobility_is_that_of_the_rssr_and_rusr_linkages(folder, kind, idle):
+    """RSSR: 5 − 3 = 2 with a rod that spins idly, and 1 with the spin locked; RUSR: 4 − 3 = 1."""
     (folder / "robot.yaml").write_text(YAML + f"joint_name: [ball]\njoint_type: [{kind}]\n")
-    mechanism = ccpin.load(folder)
-    assert (mechanism.n, len(mechanism.mobility.idle)) == (mobility, idle)
+    mechanism, free = ccpin.load(folder), ccpin.load(folder, free=["all"])
+    assert (mechanism.n, len(mechanism.locked), len(mechanism.mobility.idle)) == (1, idle, 0)
+    assert (free.n, len(free.locked), len(free.mobility.idle)) == (1 + idle, 0, idle)
     assert mechanism.actuated == ("motor",)
     assert "motor" in mechanism.independent
 

@@ -171,7 +171,8 @@ def test_continuous_joints(floating_base):
     path = SHARED / "mini_cheetah_leg.urdf"
     if not path.exists():
         pytest.skip("the shared models are not beside the project")
-    state = random_state(zoo_model(str(path), floating_base), 3)
+    independent = zoo_model(str(path), floating_base).mechanism.independent
+    state = random_state(zoo_model(str(path), floating_base, independent), 3)
     check_generalized_force(state)
     check_forward(state)
     check_inverse(state)
@@ -184,7 +185,8 @@ def test_random_mechanisms(kind):
     @settings(max_examples=12, phases=(Phase.explicit, Phase.reuse, Phase.generate))
     @given(mechanisms(kinds=(kind,)), seeds)
     def check(drawn, seed):
-        state = random_state(ccpin.ReducedModel(ccpin.load(drawn.description)), seed)
+        independent = ccpin.load(drawn.description).independent
+        state = random_state(ccpin.ReducedModel(ccpin.load(drawn.description, actuated=independent)), seed)
         assume(state is not None)
         check_generalized_force(state)
         check_forward(state)

@@ -28,6 +28,8 @@ def allowed(kind, relative, length):
         "cylindrical": lambda: max(np.linalg.norm(p[:2]), axis),
         "universal": lambda: max(np.linalg.norm(p), abs(y[0])),
         "planar": lambda: max(abs(p[2]), axis),
+        "perpendicular": lambda: abs(y[0]),
+        "in_plane": lambda: abs(p[0]),
         "distance": lambda: abs(np.linalg.norm(p) - length),
     }[kind]()
 

@@ -173,9 +173,9 @@ def test_names_are_escaped_in_the_table(rpdr):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"placement": "nowhere"}, r"Joint\.placement must be an array of numbers"),
-        ({"placement": [[1, 0], [0]]}, r"Joint\.placement must be an array of numbers"),
-        ({"placement": np.eye(3)}, r"joint 'joint1': the placement has shape \(3, 3\); it must be \(4, 4\)"),
+        ({"placement": "nowhere"}, r"Joint\.placement must be a 4×4 matrix, a pinocchio\.SE3 or"),
+        ({"placement": [[1, 0], [0]]}, r"Joint\.placement must be a 4×4 matrix, a pinocchio\.SE3 or"),
+        ({"placement": np.eye(3)}, r"Joint\.placement must be a 4×4 matrix, .*not array"),
         ({"axis": [1.0, 0.0]}, r"joint 'joint1': the axis"),
     ],
 )

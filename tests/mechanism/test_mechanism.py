@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.description import Coupling, CouplingTerm
+from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link, LoopClosure, MechanismDescription
 from ccpin.errors import DescriptionError, InvalidInputError
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism.reference import stated_pose
@@ -101,6 +101,30 @@ def test_floating_base(rpdr_model):
     np.testing.assert_allclose(rho[6:, 6:], rpdr_model.rho(q_free[7:]), rtol=0, atol=1e-12)
     np.testing.assert_allclose(rho[:6], np.eye(6, 8), rtol=0, atol=1e-13)
     np.testing.assert_allclose(rho[6:, :6], 0.0, rtol=0, atol=1e-13)
+
+
+def test_a_floating_base_is_no_motor_by_default():
+    """A file without motors gets them on its joints; what floats freely is named in the notes instead."""
+    description = replace(ccpin.load("rpdr").description, actuated=None, independent=None, motors=())
+    floating = ccpin.load(description, floating_base=True)
+    assert floating.independent[0] == "root_joint"
+    assert set(floating.actuated) == set(floating.independent[1:])
+    assert any("floats freely (root_joint)" in note for note in floating.notes)
+    chosen = ccpin.load(description, floating_base=True, actuated=floating.independent)
+    assert chosen.actuated == floating.independent
+
+
+def test_what_only_floats_has_no_motor():
+    """Two bodies hinged to nothing but each other's closure: no motor at all, and dynamics without u."""
+    links = [Link(name, Inertia(1.0, np.zeros(3), np.eye(3) / 50)) for name in ("a", "b")]
+    joints = (Joint("to_a", "floating", "base", "a"), Joint("to_b", "floating", "base", "b"))
+    weld = LoopClosure("weld", "fixed", "a", "b", np.eye(4), np.eye(4))
+    two = MechanismDescription("two", "base", (Link("base"), *links), joints, closures=(weld,))
+    mechanism = ccpin.load(two)
+    assert (mechanism.n, mechanism.actuated) == (6, ())
+    model = ccpin.ReducedModel(mechanism)
+    a = model.forward_dynamics(model.alpha(mechanism.q_reference), np.zeros(6), [])
+    np.testing.assert_allclose(np.abs(a), [0, 0, 9.81, 0, 0, 0], rtol=0, atol=1e-12)
 
 
 def test_a_structure_without_freedom():

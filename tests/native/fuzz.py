@@ -189,14 +189,16 @@ def _ask_for_runs(kernel: Any, near: np.ndarray, n_q: int, n: int, rng: np.rando
            "breaks": [], "degree": 0, "coefficients": [], "K_p": zero, "K_v": zero, "constant": [0.0] * n}  # fmt: skip
     run = {"times": np.linspace(0.0, 0.01, 3), "start": np.zeros(n_q + n), "rtol": 1e-6, "atol": 1e-8,
            "max_step": np.inf, "singular_rcond": 1e-7, "goal": [], "band": 0.0, "speed": 0.0, "hold": 0.0,
-           "wrenches": None, "sampling": None}  # fmt: skip
+           "wrenches": None, "sampling": None, "origin": 0.0, "evaluations": np.inf, "seconds": np.inf,
+           "lower": [-np.inf] * n, "upper": [float(rng.choice([1e-3, np.inf]))] * n}  # fmt: skip
     if rng.random() < 0.5:
         run["wrenches"] = np.hstack([np.ones((1, 1)), rng.normal(size=(1, 9))])
     if rng.random() < 0.7:
         encoders = [1e-3] * n if rng.random() < 0.5 and n_q == n else []
         run["sampling"] = {
             "period": float(rng.choice([1e-3, 7e-3])), "gain": 0.5, "differentiates": bool(rng.integers(2)),
-            "resolution": encoders, "limit": [np.inf] * n, "before": [0.0] * n, "delay": int(rng.integers(3)),
+            "resolution": encoders, "limit": [np.inf] * n, "start": 0.0, "reading": [0.0] * n_q,
+            "velocity": [0.0] * n, "held": [0.0] * n, "pending": [0.0] * (n * int(rng.integers(3))), "count": 0,
         }  # fmt: skip
     for tableau in TABLEAUX.values():
         kernel.simulate(near, law, run, tableau)

@@ -21,11 +21,14 @@ from tests.support.agreement import reference_model
 pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
 
 
-def in_core(model, law, q0, duration, method="RK45", settling=None, rtol=1e-9, wrenches=None, sampling=None):
+def in_core(
+    model, law, q0, duration, method="RK45", settling=None, rtol=1e-9, wrenches=None, sampling=None, most=np.inf
+):
     """A run of the core from rest, sampled every 10 ms; ``None`` where it declines."""
     numbers = {"times": np.arange(round(100 * duration) + 1) * 0.01, "rtol": rtol, "atol": rtol * 1e-2}
     numbers |= {"max_step": np.inf, "singular_rcond": 1e-7}
     numbers |= {"wrenches": wrench_rows(model.mechanism.tree, wrenches)}
+    numbers |= {"lower": np.full(model.n, -most).tolist(), "upper": np.full(model.n, most).tolist()}
     loop = sampling and SampledCommands(model, law, sampling, q0, np.zeros(model.n))
     numbers |= {"sampling": loop and loop.numbers()}
     found = run_in_core(model, law, method, Moment(0.0, model.at(q0), np.zeros(model.n)), numbers, settling)
@@ -226,3 +229,27 @@ def test_simulate_asks_the_core_for_them(rpdr_model, monkeypatch):
     assert asked[0].stop is None
     ccpin.simulate(rpdr_model, law, q0, duration=0.02, wrenches=lambda t, state, v: still)
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize("sampling", [None, Sampling(1e-3)], ids=["continuous", "sampled"])
+def test_runs_beyond_the_motors_bounds_are_the_references(rpdr_model, sampling):
+    """Where the law asks for more than motors can give the core has no answer, and the run saturates as in NumPy."""
+    q0, q_d = ends(rpdr_model)
+    law = PDSimpleGravity(rpdr_model, q_d, [150.0, 150.0], [5.0, 5.0])
+    assert in_core(rpdr_model, law, q0, 0.1, sampling=sampling) is not None
+    assert in_core(rpdr_model, law, q0, 0.1, sampling=sampling, most=30.0) is None
+    found = ccpin.simulate(rpdr_model, law, q0, duration=0.05, sampling=sampling, sample_period=0.01)
+    expected = reference(rpdr_model, law, q0, duration=0.05, sampling=sampling, sample_period=0.01)
+    assert np.abs(found.u).max() == 30.0
+    np.testing.assert_allclose(found.q, expected.q, rtol=0, atol=1e-10)
+
+
+def test_noisy_loops_are_the_references(rpdr_model):
+    """Noise of encoders is drawn in Python alone: the run is the reference's, not one without noise."""
+    q0, q_d = ends(rpdr_model)
+    law, noisy = PDSimpleGravity(rpdr_model, q_d, [50.0, 50.0], [5.0, 5.0]), Sampling(1e-3, encoder_noise=1e-3, seed=2)
+    found = ccpin.simulate(rpdr_model, law, q0, duration=0.03, sampling=noisy, sample_period=0.01)
+    expected = reference(rpdr_model, law, q0, duration=0.03, sampling=noisy, sample_period=0.01)
+    quiet = ccpin.simulate(rpdr_model, law, q0, duration=0.03, sampling=Sampling(1e-3), sample_period=0.01)
+    np.testing.assert_allclose(found.u, expected.u, rtol=0, atol=1e-8)
+    assert np.abs(found.u - quiet.u).max() > 1e-2

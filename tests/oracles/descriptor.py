@@ -89,6 +89,8 @@ def closure_rows(closure, a, b, nv):
         "cylindrical": lambda: [*same_axis, dot(a.x, gap), dot(a.y, gap)],
         "universal": lambda: [*meeting, dot(a.x, b.y)],
         "planar": lambda: [*same_axis, dot(a.z, gap)],
+        "perpendicular": lambda: [dot(a.x, b.y)],
+        "in_plane": lambda: [dot(a.x, gap)],
         "distance": lambda: [dot(gap, gap)._replace(value=gap.x @ gap.x - closure.length**2)],
     }[closure.kind]()
 

@@ -122,7 +122,7 @@ class State(NamedTuple):
 
 
 def state(description, seed):
-    mechanism = ccpin.load(description)
+    mechanism = ccpin.load(description, free=["all"])
     model = ccpin.ReducedModel(mechanism)
     rng = np.random.default_rng(seed)
     v, u = rng.normal(size=model.n), rng.normal(size=model.n_actuated)

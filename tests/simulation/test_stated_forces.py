@@ -91,7 +91,7 @@ def test_a_constant_wrench_is_a_potential():
         sample_period=0.01,
         wrenches=lambda t, state, v: {"coupler": [*force, 0, 0, 0]},
     )
-    np.testing.assert_array_equal(same.q, run.q)
+    np.testing.assert_allclose(same.q, run.q, rtol=0, atol=1e-12)
 
 
 def test_friction_holds_against_a_wrench():

@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 import functools
+import io
 import os
 import shutil
 import subprocess
-import tempfile
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import matplotlib.image
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ccpin.visualization.browser import Page
+
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--hide-scrollbars",
-)
 
 
 @functools.cache
@@ -46,20 +36,38 @@ def chromium() -> str:
     return shutil.which("chromium") or pytest.skip("apt-get installed no chromium")
 
 
-def screenshot(url: str, width: int = 900, height: int = 600, wait_ms: int = 3000) -> NDArray[np.float64]:
-    """The page as a picture of shape (height, width, 3), values in [0, 1], after `wait_ms` of virtual time."""
-    program = chromium()
-    with tempfile.TemporaryDirectory(prefix="ccpin-chromium-") as folder:
-        picture = Path(folder, "page.png")
-        command = [
-            program,
-            *FLAGS,
-            f"--virtual-time-budget={wait_ms}",
-            f"--window-size={width},{height}",
-            f"--user-data-dir={folder}/profile",
-            f"--screenshot={picture}",
-            url,
-        ]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120)
-        assert picture.is_file(), f"Chromium wrote no picture of {url}: {done.stderr[-500:]}"
-        return np.asarray(matplotlib.image.imread(picture), dtype=np.float64)[..., :3]
+@contextmanager
+def opened(url: str, width: int = 900, height: int = 600) -> Iterator[Page]:
+    """The page in a browser, shown once; afterwards its console must be clean."""
+    pytest.importorskip("choreographer")
+    chromium()
+    with Page(url, width, height) as page:
+        settle(page)
+        yield page
+        assert not page.problems, page.problems
+
+
+def settle(page: Page, milliseconds: int = 0) -> None:
+    """Wait until what the page draws next is on the screen."""
+    frames = "requestAnimationFrame(() => requestAnimationFrame(() => done(true)))"
+    page.evaluate(f"new Promise(done => setTimeout(() => {frames}, {milliseconds}))")
+
+
+def pixels(page: Page) -> NDArray[np.float64]:
+    """What the page shows, of shape (height, width, 3), values in [0, 1]."""
+    return np.asarray(matplotlib.image.imread(io.BytesIO(page.picture())), dtype=np.float64)[..., :3]
+
+
+def press(page: Page, key: str) -> None:
+    """A key, as from the keyboard."""
+    text = {"text": key} if len(key) == 1 else {}
+    for kind in ("keyDown", "keyUp"):
+        page.command("Input.dispatchKeyEvent", {"type": kind, "key": key, **(text if kind == "keyDown" else {})})
+
+
+def click(page: Page, selector: str) -> None:
+    """The left mouse button on the middle of an element."""
+    box = f"document.querySelector({selector!r}).getBoundingClientRect()"
+    x, y = page.evaluate(f"(box => [box.left + box.width / 2, box.top + box.height / 2])({box})")
+    for kind in ("mousePressed", "mouseReleased"):
+        page.command("Input.dispatchMouseEvent", {"type": kind, "x": x, "y": y, "button": "left", "clickCount": 1})

@@ -23,8 +23,12 @@ ROWS = {
     "cylindrical": 4,
     "universal": 4,
     "planar": 3,
+    "perpendicular": 1,
+    "in_plane": 1,
     "distance": 1,
 }
+JOINING = tuple(kind for kind in CLOSURE_KINDS if kind not in ("perpendicular", "in_plane"))
+"""The kinds that hold bodies together; the two others, of one row, may ask for what no joint of a chain changes."""
 PLANAR_JOINTS = ("revolute", "continuous", "prismatic", "planar")
 
 
@@ -185,6 +189,8 @@ class Growth:
             "cylindrical": lambda: rigid(np.eye(3), [0.0, 0.0, shift[2]]) @ turn(z, a),
             "universal": lambda: turn(x, a) @ turn(y, b),
             "planar": lambda: rigid(np.eye(3), [shift[0], shift[1], 0.0]) @ turn(z, a),
+            "perpendicular": lambda: rigid((turn(x, a) @ turn(y, b))[:3, :3], shift),
+            "in_plane": lambda: rigid(self.rotation(), [0.0, shift[1], shift[2]]),
             "distance": lambda: rigid(self.rotation(), shift + 0.3 * np.sign(shift)),
         }[kind]()
 
@@ -213,7 +219,7 @@ def _joint_kinds(draw, planar, least):
 
 
 @st.composite
-def mechanisms(draw, planar=None, kinds=tuple(CLOSURE_KINDS), max_loops=2):
+def mechanisms(draw, planar=None, kinds=JOINING, max_loops=2):
     """A random mechanism with one or two loops, each with at least one freedom more than its closure takes.
 
     Args:

@@ -12,7 +12,7 @@ import pytest
 
 import ccpin
 from ccpin import visualization
-from ccpin.errors import InvalidInputError
+from ccpin.errors import CcpinError, InvalidInputError
 from tests.support.pages import animation, five_bar, five_bar_swing, messages, transforms, urdf_frames
 from tests.support.places import MODELS
 
@@ -39,7 +39,7 @@ def test_page_is_self_contained(rpdr, swing, tmp_path):
     """Nothing in the page is loaded from elsewhere: no address but XML namespaces, no script, link or image source."""
     text = visualization.animate(rpdr, *swing, tmp_path / "a.html").read_text(encoding="utf-8")
     assert set(re.findall(r"https?://[\w./-]+", text)) <= {"http://www.w3.org/1999/xhtml"}
-    markup = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL)
+    markup = re.sub(r"<script>.*?</script>", "", text, flags=re.DOTALL).replace('<link rel="icon" href="data:,">', "")
     assert not re.search(r"<link|\ssrc\s*=|\shref\s*=|url\(|@import", markup)
 
 
@@ -72,7 +72,7 @@ def test_every_frame_is_the_forward_kinematics(rpdr, swing, tmp_path):
 def test_snapshot_places_links_by_forward_kinematics(name, tmp_path):
     """Each link's transform in a snapshot equals Pinocchio's own URDF reader's frame."""
     mechanism = ccpin.load(name)
-    placed = transforms(visualization.snapshot_html(mechanism, None, tmp_path / "s.html"))
+    placed = transforms(visualization.snapshot(mechanism, None, tmp_path / "s.html"))
     frames = urdf_frames(MODELS / f"{name}.urdf", mechanism, mechanism.q_reference)
     drawn = [link.name for link in mechanism.description.links if link.visuals]
     assert drawn
@@ -92,7 +92,7 @@ def test_fixed_links_and_turned_joints_are_placed_too(tmp_path):
     file.write_text(text.replace('name="joint3" type="revolute"', 'name="joint3" type="continuous"'), encoding="utf-8")
     mechanism = ccpin.load(file)
     assert mechanism.nq == 5
-    placed = transforms(visualization.snapshot_html(mechanism, None, tmp_path / "s.html"))
+    placed = transforms(visualization.snapshot(mechanism, None, tmp_path / "s.html"))
     frames = urdf_frames(file, mechanism, mechanism.q_reference)
     for link in ("link3", "tool"):
         assert placed[f"/meshcat/rpdr/{link}"] == pytest.approx(frames[link], abs=1e-12)
@@ -100,7 +100,7 @@ def test_fixed_links_and_turned_joints_are_placed_too(tmp_path):
 
 def test_cylinders_lie_along_z_of_their_visual(rpdr, tmp_path):
     """MeshCat's cylinders lie along y: their nodes turn y into the visual's z axis."""
-    placed = transforms(visualization.snapshot_html(rpdr, None, tmp_path / "s.html"))
+    placed = transforms(visualization.snapshot(rpdr, None, tmp_path / "s.html"))
     link = next(link for link in rpdr.description.links if link.name == "link1")
     assert link.visuals[1].shape.kind == "cylinder"
     node = placed["/meshcat/rpdr/link1/visual1"]
@@ -119,20 +119,40 @@ def test_frames_between_samples_lie_on_the_geodesic(tmp_path):
     assert tracks[0]["keys"][1]["value"][2] == pytest.approx(0.2, abs=1e-12)
 
 
-def test_trace_follows_the_loop_point(rpdr, swing, tmp_path):
-    """Every vertex of the traced tube lies within its radius of the end effector's path."""
-    t, q_free = swing
-    name = rpdr.closures[0].name
-    page = visualization.animate(rpdr, t, q_free, tmp_path / "a.html", trace=name)
+def traced(page):
+    """The rings (N, 8, 3) of the tube that a page draws, and the ring at each frame."""
     (drawn,) = [m for m in messages(page) if m["type"] == "set_object" and m["path"].endswith("/trace")]
     raw = drawn["object"]["geometries"][0]["data"]["attributes"]["position"]["array"].data
-    vertices = np.frombuffer(raw, dtype=np.float32).reshape(-1, 3)
+    (told,) = [m["value"] for m in messages(page) if m["path"] == "/ccpin/trace"]
+    return np.frombuffer(raw, dtype=np.float32).reshape(-1, 8, 3), np.array(told["ends"]) // 48
+
+
+def test_trace_follows_the_loop_point(rpdr, swing, tmp_path):
+    """The tube is equally thick all along, and at each frame its middle is the end effector."""
+    t, q_free = swing
     closure = rpdr.closures[0]
+    rings, at = traced(visualization.animate(rpdr, t, q_free, tmp_path / "a.html", trace=closure.name))
     frames = [urdf_frames(MODELS / "rpdr.urdf", rpdr, pose)[closure.link_a] for pose in q_free]
     path = np.array([(frame @ closure.placement_a)[:3, 3] for frame in frames])
-    distances = np.linalg.norm(vertices[:, None] - path[None], axis=2).min(axis=1)
-    radius = 0.006 * np.linalg.norm(np.ptp(path, axis=0))
-    assert distances.max() == pytest.approx(radius, rel=1e-3)
+    middles = rings.mean(axis=1)
+    thickness = np.linalg.norm(rings - middles[:, None], axis=2)
+    assert thickness == pytest.approx(thickness[0, 0], rel=1e-3)
+    assert 0 < thickness[0, 0] < 0.02 * np.linalg.norm(np.ptp(path, axis=0))
+    assert len(rings) >= 4 * len(path)
+    assert np.linalg.norm(middles[at] - path, axis=1).max() < 1e-2 * thickness[0, 0] + 1e-6
+
+
+def test_trace_of_a_link_is_its_middle_or_the_point_named(tmp_path):
+    """A link with mass is followed at its centre of mass: Stewart's platform at its middle, not at a leg's ball."""
+    mechanism = ccpin.load("stewart")
+    q = mechanism.q_reference
+    link = next(link for link in mechanism.description.links if link.name == "platform")
+    (frame,) = [urdf_frames(MODELS / "stewart.urdf", mechanism, q)["platform"]]
+    model = ccpin.ReducedModel(mechanism)
+    moved = model.sigma(model.alpha(q) + 0.02, q)
+    for tracked, point in (("platform", link.inertia.com), (("platform", [0.1, 0.0, 0.2]), [0.1, 0.0, 0.2])):
+        rings, at = traced(visualization.animate(mechanism, [0, 1], [q, moved], tmp_path / "a.html", trace=tracked))
+        assert rings[at[0]].mean(axis=0) == pytest.approx((frame @ np.append(point, 1.0))[:3], abs=1e-4)
 
 
 def bad_inputs():
@@ -147,10 +167,12 @@ def bad_inputs():
         "t turns back": (([1.0, 0.0], q), {}, "increase strictly"),
         "t not finite": (([0.0, np.inf], q), {}, "not finite"),
         "q_free not finite": ((t, [[0, 0, 0, 0], [0, np.nan, 0, 0]]), {}, r"q_free\[1\] is not finite"),
-        "no fps": ((t, q), {"fps": 0}, "fps must be a positive number"),
-        "negative speed": ((t, q), {"speed": -1.0}, "speed must be a positive number"),
+        "no fps": ((t, q), {"fps": 0}, "fps = 0 must be a positive number"),
+        "negative speed": ((t, q), {"speed": -1.0}, "speed = -1.0 must be a positive number"),
         "too many frames": ((t, q), {"speed": 1e-6}, "frames are too many"),
         "unknown trace": ((t, q), {"trace": "tail"}, "trace 'tail' names no link"),
+        "odd size": ((t, q), {"size": (801, 450)}, "801 × 450: both must be even"),
+        "no forces": ((t, q), {"forces": [1.0]}, "what closure_forces or joint_forces return"),
     }
 
 
@@ -169,7 +191,7 @@ def test_configuration_off_its_sphere_is_refused(tmp_path):
     pose = mechanism.q_reference.copy()
     pose[3:7] *= 2
     with pytest.raises(InvalidInputError, match="unit length"):
-        visualization.snapshot_html(mechanism, pose, tmp_path / "s.html")
+        visualization.snapshot(mechanism, pose, tmp_path / "s.html")
 
 
 @pytest.mark.parametrize(("place", "sentence"), [("file/a.html", "cannot write"), (".", "is a folder")])
@@ -196,6 +218,32 @@ def test_failed_write_keeps_the_old_file(rpdr, swing, tmp_path, monkeypatch):
 
 def test_title_is_text_not_markup(rpdr, tmp_path):
     """A title with markup, or with the template's own marks, is shown as written."""
-    text = visualization.snapshot_html(rpdr, None, tmp_path / "s.html", title="<b>&@CLOCK@").read_text()
+    text = visualization.snapshot(rpdr, None, tmp_path / "s.html", title="<b>&@CLOCK@").read_text()
     assert text.count("&lt;b&gt;&amp;@CLOCK@") == 2
     assert "<b>&" not in text
+
+
+def test_film_needs_say_what_is_missing(rpdr, swing, tmp_path, monkeypatch):
+    """Without the encoder, or the package that drives the browser, a sentence says what to install."""
+    monkeypatch.setattr("ccpin.visualization.film.importlib.util.find_spec", lambda name: None)
+    with pytest.raises(CcpinError, match=r"pip install 'ccpin\[video\]'"):
+        visualization.animate(rpdr, *swing, tmp_path / "a.mp4")
+    monkeypatch.setitem(sys.modules, "choreographer", None)
+    for film in ("a.gif", "a.png"):
+        write = visualization.snapshot if film == "a.png" else visualization.animate
+        arguments = (None,) if film == "a.png" else swing
+        with pytest.raises(CcpinError, match=r"headless Chromium.*pip install 'ccpin\[video\]'"):
+            write(rpdr, *arguments, tmp_path / film)
+    with pytest.raises(InvalidInputError, match="a GIF plays at most 50"):
+        visualization.animate(rpdr, *swing, tmp_path / "a.gif", fps=60)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_titles_are_what_the_file_is_called(rpdr, tmp_path):
+    """The file's name, or its folder's where the file is called as any might be."""
+    for file, words in (("rpdr.urdf", "rpdr"), ("fingers/robot.urdf", "fingers"), ("leg.urdf", "leg")):
+        target = tmp_path / file
+        target.parent.mkdir(exist_ok=True)
+        target.write_text((MODELS / "rpdr.urdf").read_text(encoding="utf-8"), encoding="utf-8")
+        page = visualization.snapshot(ccpin.load(target), None, tmp_path / "s.html")
+        assert f"<title>{words}</title>" in page.read_text(encoding="utf-8")

@@ -9,12 +9,15 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import ConvexHull, Delaunay
 
 import ccpin
 from ccpin import visualization
 from ccpin.description import Shape, Visual
-from ccpin.visualization.scene import ASPECT, FIELD_OF_VIEW, FILL, frame_points, plane_normal
-from ccpin.visualization.shapes import corners, parts, read_mesh, tube
+from ccpin.visualization.bodies import drawn_bodies
+from ccpin.visualization.camera import ASPECT, FIELD_OF_VIEW, FILL, frame_points, plane_normal, view_directions
+from ccpin.visualization.shapes import RINGS, SIDES, Triangles, corners, hull, parts, read_mesh, tube
+from ccpin.visualization.skeleton import held_points
 from tests.support.pages import bare, five_bar
 
 
@@ -27,7 +30,7 @@ def test_tube_is_as_thick_as_asked_for():
     """Around a circle, each vertex is `radius` from the circle and each ring lies across it."""
     angles = np.linspace(0, 1.5 * np.pi, 200)
     circle = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
-    vertices = tube(circle, 0.01).vertices
+    vertices = tube(circle, 0.01).mesh.vertices
     across = np.hypot(np.hypot(vertices[:, 0], vertices[:, 1]) - 1, vertices[:, 2])
     assert across == pytest.approx(0.01, rel=1e-3)
     assert tube(np.zeros((5, 3)), 0.01) is None
@@ -93,25 +96,87 @@ def test_missing_or_broken_mesh_is_left_out_with_a_note(rpdr, tmp_path):
 
 @pytest.mark.parametrize("name", ["rpdr", "stewart", "delta", "slider_crank"])
 def test_skeleton_marks_every_joint_and_loop(name):
-    """Without visuals, a ball sits at both ends of each closure, and something at each joint's origin."""
+    """Without visuals, a pin or ball sits at both ends of each closure, and each joint is at one or in a solid."""
     mechanism = bare(ccpin.load(name))
     with visualization.view(mechanism, open_browser=False) as viewer:
-        assert "skeleton" in viewer.notes[0]
+        assert "solid links" in viewer.notes[0]
         frames = viewer.scene.frames(mechanism.q_reference)
         bodies = viewer.scene.bodies
-    marks = [
-        f @ v.placement for f, b in zip(frames, bodies, strict=True) for v in b.visuals if v.shape.kind != "capsule"
-    ]
+    pieces = [(f @ v.placement, v.shape) for f, b in zip(frames, bodies, strict=True) for v in b.visuals]
+    marks = [placement for placement, shape in pieces if isinstance(shape, Shape)]
     marked = np.array([mark[:3, 3] for mark in marks])
     data = mechanism.pin_model.createData()
     pin.forwardKinematics(mechanism.pin_model, data, mechanism.q_reference)
-    expected = [data.oMi[j].translation for j in range(1, mechanism.pin_model.njoints)]
+    solids = [(placement, shape) for placement, shape in pieces if isinstance(shape, Triangles)]
+    hulls = [Delaunay(shape.vertices @ f[:3, :3].T + f[:3, 3]) for f, shape in solids]
+    for joint in range(1, mechanism.pin_model.njoints):
+        origin = data.oMi[joint].translation
+        near = np.linalg.norm(marked - origin, axis=1).min() < 1e-9
+        assert near or any(solid.find_simplex(origin) >= 0 for solid in hulls), mechanism.pin_model.names[joint]
     for closure in mechanism.closures:
         for link, placement in ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b)):
             carrier = mechanism.tree.attachments[link]
-            expected.append((data.oMi[carrier.joint].homogeneous @ carrier.placement @ placement)[:3, 3])
-    for point in expected:
-        assert np.linalg.norm(marked - point, axis=1).min() < 1e-9
+            end = (data.oMi[carrier.joint].homogeneous @ carrier.placement @ placement)[:3, 3]
+            assert np.linalg.norm(marked - end, axis=1).min() < 1e-9
+
+
+def test_limbs_reach_from_joint_to_joint():
+    """Each end of a solid link lies inside the solid: nothing floats, nothing stops short of its joint."""
+    mechanism = bare(ccpin.load("four_bar"))
+    with visualization.view(mechanism, open_browser=False) as viewer:
+        bodies = viewer.scene.bodies
+    points = held_points(mechanism)
+    for body in bodies:
+        solids = [visual.shape for visual in body.visuals if isinstance(visual.shape, Triangles)]
+        assert solids
+        for end in np.concatenate([points[body.joint].every, np.zeros((int(body.joint > 0), 3))]):
+            assert any(Delaunay(solid.vertices).find_simplex(end) >= 0 for solid in solids), body.name
+
+
+def test_only_what_the_file_leaves_out_is_made(rpdr):
+    """One link without visuals among others gets a solid link; a link whose mesh is missing does; the rest none."""
+    lost = (Visual(Shape("mesh", (1.0, 1.0, 1.0), mesh="absent.obj")),)
+    for visuals in ((), lost):
+        links = tuple(
+            replace(link, visuals=visuals if link.name == "link3" else link.visuals) for link in rpdr.description.links
+        )
+        mechanism = replace(rpdr, description=replace(rpdr.description, links=links))
+        bodies, notes = drawn_bodies(mechanism)
+        made = [body.name for body in bodies if any(isinstance(v.shape, Triangles) for v in body.visuals)]
+        assert made == ["link3 (solid)"]
+        assert len(notes) == (visuals is lost)
+    assert not any(isinstance(v.shape, Triangles) for body in drawn_bodies(rpdr)[0] for v in body.visuals)
+
+
+@settings(max_examples=30, deadline=None)
+@given(points=st.lists(st.tuples(*[st.floats(-2, 2)] * 3), min_size=2, max_size=6), radius=st.floats(0.05, 0.5))
+def test_hull_of_balls(points, radius):
+    """It holds every ball but for the facets' sagitta, keeps within the farthest, and its faces look outwards."""
+    points = np.array(points)
+    radii = radius * np.linspace(1.0, 0.6, len(points))
+    solid = hull(points, radii)
+    inside = ConvexHull(solid.vertices).equations
+    sagitta = 1 - np.cos(np.pi / RINGS) * np.cos(np.pi / SIDES)
+    depth = (points @ inside[:, :3].T + inside[:, 3]).max(axis=1)
+    assert np.all(depth <= -radii * (1 - 2 * sagitta))
+    nearest = (np.linalg.norm(solid.vertices[:, None] - points, axis=2) - radii).min(axis=1)
+    assert nearest == pytest.approx(0, abs=1e-9)
+    a, b, c = (solid.vertices[solid.faces[:, corner]] for corner in range(3))
+    volume = np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+    assert volume == pytest.approx(ConvexHull(solid.vertices).volume, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["rpdr", "planar_3rrr", "delta", "bennett"])
+def test_views_look_from_where_they_say(name):
+    """Top from above; front square on to a plane of motion, else from −y; side across both; iso between them."""
+    mechanism = ccpin.load(name)
+    views = view_directions(mechanism, np.eye(3))
+    assert views["top"] == pytest.approx([0, 0, 1])
+    normal = plane_normal(mechanism)
+    assert np.abs(views["front"] @ (np.array([0, -1, 0]) if normal is None else normal)) == pytest.approx(1)
+    assert views["side"] == pytest.approx(np.cross(views["top"], views["front"]))
+    assert all(0 < views["iso"] @ views[side] < 1 for side in ("front", "side", "top"))
+    assert all(np.linalg.norm(direction) == pytest.approx(1) for direction in views.values())
 
 
 @pytest.mark.parametrize(

@@ -21,9 +21,10 @@ def add_convert(commands: Any) -> None:
 
 def _convert(options: argparse.Namespace) -> int:
     mechanism = load(options)
-    mechanism.save(options.out, options.to)
+    notes = mechanism.save(options.out, options.to)
     if options.json:
-        print(json.dumps({"written": options.out, "n": mechanism.n}))
+        print(json.dumps({"written": options.out, "n": mechanism.n, "notes": notes}))
     else:
         print(f"{options.out} written: {mechanism.name}, n = {mechanism.n}, closed at its reference")
+        print(*(f"note: {note}" for note in notes), sep="\n", end="\n" if notes else "")
     return 0

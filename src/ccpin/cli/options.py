@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from ccpin.description import FORMATS
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism import load as load_mechanism
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.limits import Effort, Limits, Position, Velocity
+from ccpin.simulation.motors import MotorModel
 
 
 def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> None:
@@ -116,8 +118,8 @@ def vector(options: argparse.Namespace, name: str, mechanism: Mechanism) -> Arra
 
 
 def add_bench(parser: argparse.ArgumentParser) -> None:
-    """What makes a simulated bench a real one: friction, sampling, encoders, filter, saturation and delay."""
-    bench = parser.add_argument_group("the bench as it is", "each off by default")
+    """What makes a simulated bench a real one: friction, sampling, encoders, filter, delay, limits, motors."""
+    bench = parser.add_argument_group("the bench as it is", "each off by default but the motors' limits of effort")
     bench.add_argument("--friction-coulomb", nargs="+", type=float, metavar="F", help="N m or N, one or n")
     bench.add_argument("--friction-viscous", nargs="+", type=float, metavar="B", help="N m s/rad or N s/m, one or n")
     bench.add_argument("--sample-rate", type=float, metavar="HZ", help="run the law as a sampled loop")
@@ -125,15 +127,27 @@ def add_bench(parser: argparse.ArgumentParser) -> None:
     bench.add_argument("--velocity-cutoff-hz", type=float, metavar="HZ", help="low-pass filter of the velocity")
     bench.add_argument("--saturation", nargs="+", type=float, metavar="U", help="largest effort, one or one a motor")
     bench.add_argument("--delay-samples", type=int, default=0, metavar="K", help="samples from encoder to effort")
+    bench.add_argument("--encoder-noise", nargs="+", type=float, metavar="S", help="standard deviation, rad or m")
+    bench.add_argument("--seed", type=int, default=0, metavar="N", help="of the noise")
+    for name, words in (("position", Position), ("velocity", Velocity), ("effort", Effort)):
+        usual = getattr(Limits(), name)
+        bench.add_argument(f"--{name}-limits", choices=get_args(words), default=usual, help=f"default {usual}")
+    bench.add_argument("--motor-lag", type=float, default=0.0, metavar="S", help="time constant of the current loops")
+    bench.add_argument(
+        "--motor-rate", type=float, default=np.inf, metavar="R", help="fastest change of an effort a second"
+    )
 
 
 def bench_settings(options: argparse.Namespace, n: int) -> dict[str, Any]:
-    """The `friction` and `sampling` arguments of `simulate`.
+    """The `friction`, `sampling`, `limits` and `motors` arguments of `simulate`.
 
     Raises:
         InvalidInputError: An option of the sampled loop without --sample-rate, or a rate that is not positive.
     """
-    settings: dict[str, Any] = {}
+    settings: dict[str, Any] = {
+        "limits": Limits(options.position_limits, options.velocity_limits, options.effort_limits),
+        "motors": MotorModel(lag=options.motor_lag, rate=options.motor_rate),
+    }
     if options.friction_coulomb is not None or options.friction_viscous is not None:
         levels = (options.friction_coulomb, options.friction_viscous)
         settings["friction"] = tuple([0.0] * n if level is None else each(level, n) for level in levels)
@@ -141,14 +155,20 @@ def bench_settings(options: argparse.Namespace, n: int) -> dict[str, Any]:
         "encoder_counts": _numbers(options.encoder_counts),
         "velocity_cutoff": options.velocity_cutoff_hz,
         "saturation": _numbers(options.saturation),
+        "encoder_noise": _numbers(options.encoder_noise),
     }
     if options.sample_rate is None:
         if options.delay_samples or any(value is not None for value in sampled.values()):
-            raise InvalidInputError("encoders, velocity filter, saturation and delay belong to --sample-rate")
+            raise InvalidInputError("encoders, noise, velocity filter, saturation and delay belong to --sample-rate")
         return settings
     if not options.sample_rate > 0:
         raise InvalidInputError(f"--sample-rate {options.sample_rate} must be positive")
-    settings["sampling"] = Sampling(1.0 / options.sample_rate, delay=options.delay_samples, **sampled)
+    settings["sampling"] = Sampling(
+        1.0 / options.sample_rate,
+        delay=options.delay_samples,
+        seed=options.seed,
+        **{name: value for name, value in sampled.items() if value is not None},
+    )
     return settings
 
 

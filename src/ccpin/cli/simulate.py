@@ -11,12 +11,12 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, load, vector
-from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity, local_gains
 from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.simulation import METHODS, Settling, SupervisedMotion, Trajectory, supervise
+from ccpin.simulation import METHODS, Settling, SupervisedMotion, Trajectory, exceeded, supervise
 from ccpin.simulation import simulate as run_simulation
 from ccpin.simulation.metrics import set_point_metrics
 
@@ -33,9 +33,9 @@ def add_simulate(commands: Any) -> None:
         nargs="+",
         type=float,
         metavar="K",
-        help="proportional gains: n, or one where all q are angles or all lengths",
+        help="proportional gains: n, or one where all q are angles or all lengths (default: for 10 rad/s at the goal)",
     )
-    parser.add_argument("--kv", nargs="+", type=float, metavar="K", help="velocity gains, alike")
+    parser.add_argument("--kv", nargs="+", type=float, metavar="K", help="velocity gains, alike (default: critical)")
     parser.add_argument("--duration", type=float, default=1.0, metavar="S", help="seconds (default 1)")
     parser.add_argument("--cycles", type=int, metavar="N", help="go to the goal and back N times")
     parser.add_argument("--wait", type=float, default=2.5, metavar="S", help="wait at each end of a cycle")
@@ -69,6 +69,7 @@ def _simulate(options: argparse.Namespace) -> int:
     band = np.radians(options.band_deg)
     metrics = [set_point_metrics(part, model, target, band).as_json() for target, part in moves]
     result = {name: getattr(trajectory, name) for name in ("status", "message", "evaluations")} | {"moves": metrics}
+    result["exceeded"] = [one._asdict() for one in exceeded(model, trajectory)]
     if options.out is not None:
         _write(options.out, mechanism, trajectory, goals, result)
     print(
@@ -80,10 +81,12 @@ def _simulate(options: argparse.Namespace) -> int:
 def _law(model: ReducedModel, options: argparse.Namespace, goal: Array, q_free: Array) -> ControlLaw:
     if options.law == "none":
         return NoTorque(model)
-    if options.kp is None or options.kv is None:
-        raise InvalidInputError("the PD law needs --kp and --kv (one for each independent velocity, or one number)")
-    kp, kv = (gains[0] if len(gains) == 1 else gains for gains in (options.kp, options.kv))
     law = PDSimpleGravity if options.law == "simple" else PDFullGravity
+    if options.kp is None and options.kv is None:
+        return law(model, goal, *local_gains(model, goal, guess=q_free), q_free)
+    if options.kp is None or options.kv is None:
+        raise InvalidInputError("--kp and --kv belong together (one for each independent velocity, or one number)")
+    kp, kv = (gains[0] if len(gains) == 1 else gains for gains in (options.kp, options.kv))
     return law(model, goal, kp, kv, q_free)
 
 
@@ -127,6 +130,10 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
             + ("not within the band at the end" if settled is None else f"within the band from {settled:.3f} s on")
             + f", peak effort {np.round(metric['peak_torque'], 3).tolist()}"
         )
+    lines += [
+        f"{one['quantity']} of {one['joint']} beyond {one['limit']:.4g}: {one['extreme']:.4g}"
+        for one in result["exceeded"]
+    ]
     if out is not None:
         lines.append(f"figures, data and animation in {out}/")
     return "\n".join(lines)

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from ccpin.cli.options import add_mechanism, load
+from ccpin.errors import InvalidInputError
+from ccpin.simulation.forces import closure_forces
 from ccpin.simulation.trajectory import load_npz
 
 
@@ -16,7 +20,10 @@ def add_view(commands: Any) -> None:
     parser = commands.add_parser("view", help="show the mechanism, or play a trajectory, in MeshCat")
     add_mechanism(parser)
     parser.add_argument("--trajectory", type=Path, metavar="NPZ", help="a motion.npz to play")
-    parser.add_argument("--html", type=Path, metavar="FILE", help="write a self-contained page instead of serving one")
+    written = "write a page (.html), a film (.mp4, .gif) or a picture (.png) instead of serving"
+    parser.add_argument("--out", type=Path, metavar="FILE", help=written)
+    parser.add_argument("--trace", metavar="NAME", help="draw the path of a link or a loop's point")
+    parser.add_argument("--forces", action="store_true", help="draw the forces that the closures carry")
     parser.add_argument("--no-browser", action="store_true", help="serve without opening a browser")
     parser.add_argument("--speed", type=float, default=1.0, help="playing speed (default 1)")
     parser.set_defaults(run=_view)
@@ -27,16 +34,40 @@ def _view(options: argparse.Namespace) -> None:
 
     mechanism = load(options)
     motion = None if options.trajectory is None else load_npz(options.trajectory)
-    if options.html is not None:
-        if motion is None:
-            visualization.snapshot_html(mechanism, None, options.html)
-        else:
-            visualization.animate(mechanism, motion.t, motion.q_free, options.html, speed=options.speed)
-        print(json.dumps({"html": str(options.html)}) if options.json else f"wrote {options.html}")
+    shown: dict[str, Any] = {}
+    if motion is not None:
+        forces = closure_forces(mechanism, motion) if options.forces else ()
+        shown = {"speed": options.speed, "trace": options.trace, "forces": forces}
+    elif options.trace is not None or options.forces:
+        raise InvalidInputError("--trace and --forces go with --trajectory: a pose alone has neither path nor forces")
+    if options.out is not None:
+        with progress_bar(options.json) as drawn:
+            if motion is None:
+                visualization.snapshot(mechanism, None, options.out)
+            else:
+                visualization.animate(mechanism, motion.t, motion.q_free, options.out, progress=drawn, **shown)
+        print(json.dumps({"out": str(options.out)}) if options.json else f"wrote {options.out}")
         return
     q_free, t = (None, None) if motion is None else (motion.q_free, motion.t)
-    with visualization.view(mechanism, q_free, t, speed=options.speed, open_browser=not options.no_browser) as viewer:
+    with visualization.view(mechanism, q_free, t, open_browser=not options.no_browser, **shown) as viewer:
         print(
             json.dumps({"url": viewer.url}) if options.json else f"serving {viewer.url}  (Ctrl-C ends it)", flush=True
         )
         viewer.wait()
+
+
+@contextmanager
+def progress_bar(quiet: bool) -> Iterator[Callable[[int, int], None] | None]:
+    """What `animate` calls after each frame of a film: a bar on a terminal, nothing elsewhere."""
+    if quiet:
+        yield None
+        return
+    from tqdm import tqdm
+
+    with tqdm(unit=" frames", disable=None, leave=False, delay=0.5) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+
+        yield show

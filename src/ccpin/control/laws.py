@@ -12,12 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, numbers, positive, vector
+from ccpin.control.references import require_commuting
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.mechanism.mechanism import Mechanism
+
+_NO_EFFORT = 1e-9
 
 
 class ControlLaw(abc.ABC):
@@ -150,7 +153,7 @@ class ModelLaw(ControlLaw):
 
     Raises:
         InvalidInputError: Gains of the wrong shape or not symmetric positive definite.
-        UnsupportedMechanismError: Fewer motors than independent coordinates.
+        UnsupportedMechanismError: Fewer motors than independent coordinates, or a coordinate that no motor moves.
         UnreachableError, SingularConfigurationError: σ(q) does not exist on the guess's branch.
     """
 
@@ -165,6 +168,22 @@ class ModelLaw(ControlLaw):
             )
         self.K_p, self.K_v = gain_matrix(K_p, "K_p", coordinates), gain_matrix(K_v, "K_v", coordinates)
         self.near = self.model.at(q, guess)
+        self._check_reach()
+
+    def _check_reach(self) -> None:
+        """Every generalized force must be one that motors can exert, ρᵀSᵀu = τ, or the law's is not what acts."""
+        transmission = self.near.reference.transmission
+        if transmission is None or not self.model.n:
+            return
+        left, singular, _ = np.linalg.svd(transmission)
+        idle = left[:, singular <= _NO_EFFORT * singular[0]]
+        if idle.size:
+            worst = int(np.abs(idle).max(axis=1).argmax())
+            name = next(part.name for part in self.model.coordinates.parts if worst < part.v.stop)
+            raise UnsupportedMechanismError(
+                f"no motor moves '{name}' as the law would: those of {self.model.mechanism.name} sit on "
+                f"{', '.join(self.model.mechanism.actuated)}"
+            )
 
     def state(self, q: Array | State, guess: Near = None) -> State:
         """The State at q, on the branch of the guess or of `near`."""
@@ -180,6 +199,8 @@ class _PD(ModelLaw):
 
     Args and errors as for `ModelLaw`; q is the set point q_d, constant, gains are in N m/rad or N/m (K_p) and N m s/rad
     or N s/m (K_v), and the guess chooses the assembly mode of σ(q_d).
+
+    A ball, planar or floating joint that is independent as a whole is refused: there d/dt q̃ is not −q̇, so 𝒱 may rise.
     """
 
     def __init__(
@@ -190,6 +211,8 @@ class _PD(ModelLaw):
         K_v: ArrayLike,
         guess: Near = None,
     ) -> None:
+        model = model_of(model)
+        require_commuting(model.coordinates, type(self).__name__)
         super().__init__(model, q_d, K_p, K_v, guess)
         self.q_d, self.q_free_d, self.gravity_d = self.near.q, self.near.q_free, self.near.g
         self._potential_d = self.near.energy(np.zeros(self.model.n)).potential

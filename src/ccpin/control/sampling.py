@@ -31,10 +31,12 @@ class Sampling:
             a metre on sliding ones: q̂ is q rounded to the nearest count. ``None``: q̂ = q.
         velocity_cutoff: Cut-off frequency f_c in Hz of the first-order low-pass filter in software,
             v̂_k = v̂_{k−1} + (1 − e^{−2πf_cT})((q̂_k − q̂_{k−1})/T − v̂_{k−1}). ``None``: no filter.
-            With neither encoder nor filter v̂ = q̇ (an ideal tachometer); with either q̂ is differentiated.
+            With neither encoder (nor noise) nor filter v̂ = q̇ (an ideal tachometer); else q̂ is differentiated.
         saturation: Largest |u| of each motor, N m or N. ``None``: none.
         delay: d, whole periods from measurement to torque.
         effort_before: What the motors get until the first command arrives, where there is a delay; default nothing.
+        encoder_noise: Standard deviation of normal noise on each coordinate measured, rad or m, before it is rounded.
+        seed: Of the noise, which belongs to the seed and the sample's number: the same in every run.
 
     One number stands for all joints or motors; a sequence gives one each.
 
@@ -48,30 +50,35 @@ class Sampling:
     saturation: Numbers | None = None
     delay: int = 0
     effort_before: Numbers = 0.0
+    encoder_noise: Numbers = 0.0
+    seed: int = 0
 
     def __post_init__(self) -> None:
         for field in fields(self):
             value = getattr(self, field.name)
-            if value is None and field.name not in ("period", "delay", "effort_before"):
+            if value is None and field.name in ("encoder_counts", "velocity_cutoff", "saturation"):
                 continue
             object.__setattr__(self, field.name, _checked_value(field.name, value))
 
 
 def _checked_value(name: str, value: object) -> Numbers | int:
-    if name == "delay":
+    if name in ("delay", "seed"):
         if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < 0:
-            raise InvalidInputError(f"sampling: delay = {value!r} must be a whole number of periods, 0 or more")
+            what = "whole number of periods" if name == "delay" else "whole number"
+            raise InvalidInputError(f"sampling: {name} = {value!r} must be a {what}, 0 or more")
         return int(value)
     try:
         array = numbers(value, name)
     except InvalidInputError:
         array = np.empty(0)
-    several = name in ("encoder_counts", "saturation", "effort_before")
+    several = name in ("encoder_counts", "saturation", "effort_before", "encoder_noise")
     if array.ndim > several or not array.size or not np.isfinite(array).all():
         raise InvalidInputError(
             f"sampling: {name} = {value!r} must be a finite number" + (" or one each" if several else "")
         )
-    if name != "effort_before" and array.min() <= 0:
+    if name == "encoder_noise" and array.min() < 0:
+        raise InvalidInputError(f"sampling: {name} = {value!r} must be 0 or more")
+    if name not in ("effort_before", "encoder_noise") and array.min() <= 0:
         raise InvalidInputError(f"sampling: {name} = {value!r} must be positive")
     return tuple(array.tolist()) if array.ndim else float(array)
 
@@ -141,10 +148,12 @@ class SampledCommands:
         most = np.inf if sampling.saturation is None else sampling.saturation
         self._limit = _each(most, model.n_actuated, "saturation", "motor")
         self._resolution = None if sampling.encoder_counts is None else _resolution(model, sampling.encoder_counts)
-        self._differentiates = self._resolution is not None or sampling.velocity_cutoff is not None
+        self._noise = _noise(model, sampling.encoder_noise)
+        self._encodes = self._resolution is not None or self._noise is not None
+        self._differentiates = self._encodes or sampling.velocity_cutoff is not None
         cutoff = np.inf if sampling.velocity_cutoff is None else sampling.velocity_cutoff
         self._gain = -np.expm1(-2 * np.pi * cutoff * sampling.period)
-        self._reading = self._measured(self._coordinates.integrate(q0, -sampling.period * v0))
+        self._reading = self._measured(self._coordinates.integrate(q0, -sampling.period * v0), 0)
         self._velocity = v0.copy()
         before = _each(sampling.effort_before, model.n_actuated, "effort_before", "motor")
         self._pending = deque([before] * sampling.delay)
@@ -177,12 +186,12 @@ class SampledCommands:
         due = self._due()
         if t < due - 16 * np.spacing(abs(due)):
             return due
-        reading = self._measured(state.q)
+        reading = self._measured(state.q, self._count + 1)
         velocity = v
         if self._differentiates:
             slope = self._coordinates.difference(self._reading, reading) / self._sampling.period
             velocity = self._velocity + self._gain * (slope - self._velocity)
-        if self._resolution is None:
+        if not self._encodes:
             u = np.array(self.law.torque_at(t, state, velocity))
         else:
             u = np.array(self.law.torque(t, reading, velocity, state.q_free))
@@ -219,7 +228,10 @@ class SampledCommands:
     def _due(self) -> float:
         return self._start + self._count * self._sampling.period
 
-    def _measured(self, q: Array) -> Array:
+    def _measured(self, q: Array, number: int) -> Array:
+        """The reading of that number."""
+        if self._noise is not None:
+            q = q + self._noise * np.random.default_rng([self._sampling.seed, number]).standard_normal(len(q))
         if self._resolution is None:
             return q
         return np.asarray(np.round(q / self._resolution) * self._resolution)
@@ -234,14 +246,25 @@ def _each(value: Numbers, count: int, name: str, what: str) -> Array:
     return np.array(np.broadcast_to(array, (count,)))
 
 
-def _resolution(model: ReducedModel, counts: Numbers) -> Array:
-    """One count of each encoder in radians or metres, of shape (n,)."""
-    coordinates = model.coordinates
-    if not coordinates.scalar:
+def _noise(model: ReducedModel, deviation: Numbers) -> Array | None:
+    """The noise of each encoder in radians or metres, of shape (n,); ``None`` where there is none."""
+    if not np.any(deviation):
+        return None
+    _require_plain(model, "encoder_noise")
+    return _each(deviation, model.n, "encoder_noise", "independent joint")
+
+
+def _require_plain(model: ReducedModel, name: str) -> None:
+    if not model.coordinates.scalar:
         raise InvalidInputError(
-            "sampling: encoder_counts needs independent coordinates that are plain angles or lengths; leave it out, or "
+            f"sampling: {name} needs independent coordinates that are plain angles or lengths; leave it out, or "
             "name single components (joint:axis) as independent"
         )
+
+
+def _resolution(model: ReducedModel, counts: Numbers) -> Array:
+    """One count of each encoder in radians or metres, of shape (n,)."""
+    _require_plain(model, "encoder_counts")
     each = _each(counts, model.n, "encoder_counts", "independent joint")
-    lengths = [slides for part in coordinates.parts for slides in part.slides]
+    lengths = [slides for part in model.coordinates.parts for slides in part.slides]
     return np.asarray(np.where(lengths, 1.0, 2 * np.pi) / each)

@@ -21,6 +21,7 @@ from ccpin.description.model import (
     Shape,
     Visual,
 )
+from ccpin.description.scaling import scaled
 from ccpin.errors import AmbiguousFormatError, DescriptionNotFoundError
 
 __all__ = [
@@ -42,6 +43,7 @@ __all__ = [
     "find_file",
     "installed_models",
     "read_description",
+    "scaled",
 ]
 
 FORMATS = ("urdf", "sdf", "mjcf", "toolbox")

@@ -49,8 +49,9 @@ class _Placed(Record):
     def __post_init__(self) -> None:
         for each in fields(self):  # type: ignore[arg-type]
             if each.type == "Placement":
-                owner = f"{type(self).__name__}.{each.name}"
-                object.__setattr__(self, each.name, frozen(placement(getattr(self, each.name), owner)))
+                value = getattr(self, each.name)
+                if not isinstance(value, np.ndarray) or value.shape != (4, 4):
+                    object.__setattr__(self, each.name, placement(value, f"{type(self).__name__}.{each.name}"))
         super().__post_init__()
 
 

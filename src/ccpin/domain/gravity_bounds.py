@@ -134,7 +134,7 @@ def _expand(problem: Problem, potential: Potential, boxes: Boxes) -> _Expansion:
     closing = _drift(problem.stack, closure.arms, theta, moves, closure_rounding)
     arm_rounding = potential.rounding * (1.0 + potential.lengths.max() + reach.sum(axis=1))
     falling = _drift(potential.stack, gravity.arms, theta, moves, arm_rounding)
-    drift = (gains @ closing.reshape(count, len(problem.stack.tips), -1)).reshape(curvature.shape)
+    drift = (gains @ closing.reshape(count, len(problem.stack.tips), n_free * n_free)).reshape(curvature.shape)
     drift[:, m] += np.sum(potential.forces[:, None, None] * falling, axis=1)
     return _Expansion(
         boxes=boxes._replace(half=half),
@@ -323,5 +323,5 @@ def potential_values(potential: Potential, theta: Array) -> PotentialValues:
 def spread(stack: ChainStack, matrices: Array) -> Array:
     """Matrices by chain and joints (B, C, k, k) as matrices over θ, of shape (B, C, n′, n′)."""
     chains, k = stack.joints.shape
-    place = stack.placement.reshape(chains, k, -1)
+    place = stack.placement.reshape(chains, k, stack.placement.shape[1])
     return np.asarray(np.swapaxes(place, 1, 2) @ matrices @ place)

@@ -13,13 +13,13 @@ import pinocchio as pin
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, positive, whole
-from ccpin.dynamics.alike import Likeness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError
 from ccpin.kinematics.checked import checked_q
 from ccpin.kinematics.levenberg_marquardt import Linearized
 from ccpin.kinematics.linear import Factor, factorize
 from ccpin.kinematics.parametrization import SINGULAR_RCOND, Parametrization
+from ccpin.mechanism.alike import Likeness
 from ccpin.mechanism.closing import solve
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.search import within_limits
@@ -55,7 +55,7 @@ class AssemblyModes(NamedTuple):
 
     Attributes:
         modes: The poses over q. Configurations that differ only by a universal joint's flip, or by a spin that moves
-            nothing else, are one (`ccpin.dynamics.alike`).
+            nothing else, are one (`ccpin.mechanism.alike`).
         starts: The number of starts they were found from.
         singular: How many starts ended at singular configurations, which belong to no branch.
         complete: Whether the search ended by itself, the last starts having found nothing new.
@@ -142,7 +142,7 @@ class _Found:
 class _Search:
     def __init__(self, model: ReducedModel, q: Array) -> None:
         self.model, self.q = model, q
-        self.likeness = Likeness(model.mechanism)
+        self.likeness = Likeness(model.mechanism.tree, model.parametrization.constraints)
         self.generator = np.random.default_rng(20003)
         self.equations = _equations(model.parametrization, q)
         self.found: list[_Found] = []

@@ -12,7 +12,7 @@ from ccpin.arrays import Array
 from ccpin.description.model import Coupling, LoopClosure
 from ccpin.kinematics.loops import resolve_closures, resolve_coupling
 from ccpin.kinematics.rows import Directions, Placed, RowStack, column_rates
-from ccpin.kinematics.scratch import Scratch, six_rows
+from ccpin.kinematics.scratch import six_rows
 from ccpin.kinematics.tree import Tree
 
 _NOTHING = 1e-12
@@ -61,7 +61,7 @@ class Constraints:
         self.couplings = tuple(resolve_coupling(tree, coupling) for coupling in couplings)
         self.size = sum(loop.size for loop in self.loops) + len(self.couplings)
         self._rows = RowStack(tree, self.loops)
-        self.scratch = Scratch(tree.model)
+        self.scratch = tree.scratch
         self._before = _before(tree)
         turns = [turns for loop in self.loops for turns in loop.rows.direction_rows]
         self._units = [*("rad" if each else "m" for each in turns), *(_unit(tree, each) for each in couplings)]
@@ -73,7 +73,7 @@ class Constraints:
         return {name: slice(start, stop) for name, start, stop in zip(names, [0, *stops], stops, strict=False)}
 
     def misfit(self, phi: Array, rows: slice = slice(None)) -> str:
-        """How far some rows of φ (default all) are from zero: the largest gap and the largest misalignment."""
+        """How far rows of φ (default all) are from zero, in words: the largest gap and the largest misalignment."""
         sizes, units = np.abs(phi[rows]), np.array(self._units)[rows]
         largest = {unit: float(sizes[units == unit].max()) for unit in dict.fromkeys(units.tolist())}
         told = {unit: size for unit, size in largest.items() if size > _NOTHING} or largest

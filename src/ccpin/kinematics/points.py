@@ -54,7 +54,7 @@ class LinkPoint:
         attachment = tree.attachments[link]
         if attachment.joint == 0:
             raise InvalidInputError(f"link '{link}' is fixed to the world; the end effector must be on a moving link")
-        self._scratch = Scratch(tree.model)
+        self._scratch = tree.scratch
         self._joint = attachment.joint
         self._frame = attachment.placement @ frame(offset)
         self._path = tree.support(attachment.joint)

@@ -29,7 +29,7 @@ class Scratch:
         try:
             return self._free.pop()
         except IndexError:
-            return self.model.createData()
+            return pin.Data(self.model)  # createData makes one, and copies it
 
     def give(self, data: pin.Data) -> None:
         """Return what `take` gave."""

@@ -12,6 +12,7 @@ from ccpin.arrays import Array, FrozenMapping, Record, frozen
 from ccpin.description.joint_kinds import FIXED, JOINT_KINDS, JointKind, split_component
 from ccpin.description.model import Joint, Link, MechanismDescription, rotation_to
 from ccpin.errors import DescriptionError, InvalidInputError
+from ccpin.kinematics.scratch import Scratch
 
 ROOT_JOINT = "root_joint"
 
@@ -59,12 +60,15 @@ class Tree:
         joints: The movable joints; number k of `model` is joints[k − 1] (the free-flyer of a floating base included).
         attachments: Where each link sits, by link name.
         names: The movable joints' names, in order.
+        scratch: Pinocchio's memory for the model, one pool for all who compute with it: a `pin.Data` of hundreds of
+            joints is slow to make and large.
     """
 
     model: pin.Model
     joints: tuple[TreeJoint, ...]
     attachments: FrozenMapping[str, Attachment]
     names: tuple[str, ...] = field(init=False, repr=False)
+    scratch: Scratch = field(init=False, repr=False)
     _numbers: FrozenMapping[str, int] = field(init=False, repr=False)
     _supports: Array = field(init=False, repr=False)
 
@@ -74,6 +78,7 @@ class Tree:
             supports[joint.number] = supports[joint.parent]
             supports[joint.number, joint.v] = 1.0
         object.__setattr__(self, "_supports", frozen(supports))
+        object.__setattr__(self, "scratch", Scratch(self.model))
         object.__setattr__(self, "names", tuple(joint.name for joint in self.joints))
         object.__setattr__(self, "_numbers", FrozenMapping({joint.name: joint.number for joint in self.joints}))
 

@@ -16,10 +16,20 @@ from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.tree import Tree, build_tree
 from ccpin.mechanism.fixing import component_locks, fixed, locked_joints
 from ccpin.mechanism.geometry import Change, changed
+from ccpin.mechanism.idle import Idle
 from ccpin.mechanism.locking import Spin, hold, spins_of
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.mobility import Mobility
-from ccpin.mechanism.reference import Settled, check_independent, how_closed, how_moved, idle, settle, stated_pose
+from ccpin.mechanism.reference import (
+    Settled,
+    check_independent,
+    how_closed,
+    how_moved,
+    idle,
+    other_branches,
+    settle,
+    stated_pose,
+)
 from ccpin.mechanism.selection import choose_independent
 
 ALL = "all"
@@ -79,16 +89,23 @@ def analysed(description: MechanismDescription, floating_base: bool, wishes: Wis
     if left:
         description, more = _held_still(here, left)
         here, told = close(description), told + more
-    spins = _idle_spins(here, wishes)
-    description, locked = here.description, tuple(_names(asked))
+    motions = idle(here.tree, here.settled)
+    spins = _idle_spins(here, motions, wishes)
+    description, locked, held = here.description, tuple(_names(asked)), None
     if spins:
-        held = hold(here.posed, here.tree, here.q_free, spins)
-        here, description = close(held.built), held.description
-        locked, told = (*locked, *held.locked), told + list(held.notes)
+        description = here.posed
+        held = hold(description, here.tree, here.q_free, spins)
+        here, told = close(held.description), told + list(held.notes)
+        motions = idle(here.tree, here.settled)
         for change in here.changes:
             description = changed(description, change)
     notes = [*how_closed(first.settled), *how_moved(first.tree, first.description, first.q_free), *told]
-    return _mechanism(here, description, wishes, locked, notes)
+    mechanism = _mechanism(here, motions, wishes, notes)
+    locked = locked if held is None else (*locked, *held.locked)
+    still = (*mechanism.independent, *locked)
+    branches = other_branches(first.settled, first.tree, first.description, still)
+    mechanism = replace(mechanism, notes=(*mechanism.notes, *branches), locked=locked)
+    return mechanism if held is None else replace(mechanism, description=description, held=here.description)
 
 
 def _closed(description: MechanismDescription, floating_base: bool, wanted: Sequence[str], tolerance: float) -> Closed:
@@ -139,7 +156,7 @@ def _names(asked: Mapping[str, tuple[str, ...]]) -> list[str]:
     return [name for joint, parts in asked.items() for name in ([f"{joint}:{part}" for part in parts] or [joint])]
 
 
-def _idle_spins(here: Closed, wishes: Wishes) -> list[Spin]:
+def _idle_spins(here: Closed, motions: Sequence[tuple[Settled, list[Idle]]], wishes: Wishes) -> list[Spin]:
     """The idle spins to lock: all that nothing turns and nobody asked for, but never the last motion there is.
 
     Raises:
@@ -149,7 +166,7 @@ def _idle_spins(here: Closed, wishes: Wishes) -> list[Spin]:
     measuring = wishes.independent or (() if given.independent_is_default else given.independent) or ()
     driving = wishes.actuated if wishes.actuated is not None else (given.actuated or ())
     coupled = [term.joint for coupling in given.couplings for term in coupling.terms]
-    found = [spin for settled, motions in idle(here.tree, here.settled) for spin in spins_of(settled, motions, coupled)]
+    found = [spin for settled, own in motions for spin in spins_of(settled, own, coupled)]
     for name in wishes.free:
         if name != ALL and not any(spin.named_by([name]) for spin in found):
             known = ", ".join(spin.lock.name for spin in found if spin.lock) or "none has"
@@ -162,32 +179,30 @@ def _idle_spins(here: Closed, wishes: Wishes) -> list[Spin]:
         and ALL not in wishes.free
         and not spin.named_by(wanted)
         and not any(joint.stated.stiffness for joint in spin.joints)
+        and spin.idle_in_mass
     ]
     return spins if len(spins) < sum(settled.motion.n for settled in here.settled) else []
 
 
 def _mechanism(
-    here: Closed, description: MechanismDescription, wishes: Wishes, locked: tuple[str, ...], notes: list[str]
+    here: Closed, idles: Sequence[tuple[Settled, list[Idle]]], wishes: Wishes, notes: list[str]
 ) -> Mechanism:
-    tree, settled = here.tree, here.settled
+    description, tree, settled = here.description, here.tree, here.settled
     motions = [found.motion for found in settled]
-    choice = choose_independent(tree, motions, description, wishes.independent, wishes.actuated)
+    choice = choose_independent(tree, motions, description, wishes.independent, wishes.actuated, wishes.locked)
     rank = sum(found.tangent.rank for found in settled)
     mobility = Mobility(
         n_free=int(tree.model.nv),
         rows=sum(found.constraints.size for found in settled),
         rank=rank,
         mobility=int(tree.model.nv) - rank,
-        idle=tuple(each.sentence for _, motions in idle(tree, settled) for each in motions),
+        idle=tuple(each.sentence for _, own in idles for each in own),
         notes=choice.notes,
     )
     told = dict.fromkeys([*description.notes, *choice.notes, *notes, *_forces_told(description, tree, choice.actuated)])
     IndependentCoordinates(tree, choice.actuated, here.q_free)  # refuses names that cannot be actuated
     check_independent(settled, choice.independent)
-    locks = here.description.closures[len(description.closures) :]
-    return Mechanism(
-        *(description, tree, choice.independent, choice.actuated, here.q_free, mobility, tuple(told)), locked, locks
-    )
+    return Mechanism(description, tree, choice.independent, choice.actuated, here.q_free, mobility, tuple(told))
 
 
 def _forces_told(description: MechanismDescription, tree: Tree, actuated: tuple[str, ...]) -> list[str]:

@@ -35,7 +35,7 @@ def locked_joints(tree: Tree, names: Iterable[str]) -> dict[str, tuple[str, ...]
         joint, component = tree.split(name)
         if joint not in tree.names or joint == ROOT_JOINT:
             movable = [name for name in tree.names if name != ROOT_JOINT]
-            raise InvalidInputError(f"locked: '{joint}' is no movable joint; {choices(joint, movable)}")
+            raise InvalidInputError(f"locked: '{joint}' is no movable joint of the file; {choices(joint, movable)}")
         kind = tree.joint(joint).kind
         if component and component not in kind.components:
             known = ", ".join(kind.components) or "none: name the joint alone"

@@ -11,7 +11,8 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.errors import IndependentSetError
 
-_PREFERENCE = 100.0
+_PREFERENCE = 1000.0
+_PLAIN = 10.0
 _DEPENDENT = 1e-7
 _EQUAL = 9
 
@@ -24,12 +25,14 @@ class Motion(NamedTuple):
         joints: The joint of each.
         places: Where they stand in q̇′.
         basis: An orthonormal basis, of shape (components, n).
+        plain: Whether each moves a plain number or an angle, not one of the turns of a ball.
     """
 
     names: tuple[str, ...]
     joints: tuple[str, ...]
     places: tuple[int, ...]
     basis: Array
+    plain: tuple[bool, ...]
 
     @property
     def n(self) -> int:
@@ -55,7 +58,8 @@ class _Choosing:
         self.motion = motion
         self.left = motion.basis.copy()
         self.chosen: list[str] = []
-        self.weights = np.array([_PREFERENCE if name in favoured else 1.0 for name in motion.names])
+        plain = np.where(motion.plain, _PLAIN, 1.0)
+        self.weights = np.where([name in favoured for name in motion.names], _PREFERENCE, plain)
 
     def best(self) -> tuple[float, int, str]:
         """The component left that measures best: its weighted length negated, its place in q̇′ and its name.
@@ -85,7 +89,8 @@ def complete_independent(
 
     Components are taken one by one, each the one whose row of the null-space basis at the reference is largest
     in the part the earlier ones leave undetermined; `preferred` ones (motors, say) win unless they are a hundred times
-    worse. Whole multi-dof joints are named as such where all their components are chosen.
+    worse, and plain coordinates win over a ball's turns unless ten times worse. Whole multi-dof joints are named as
+    such where all their components are chosen.
 
     Raises:
         IndependentSetError: Components of `required` depend on one another.

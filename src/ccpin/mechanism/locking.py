@@ -18,8 +18,10 @@ configurations are circles over those of the rest.
    (Routh). The rest has the same D, C and g whatever section stands for s, the locked one too: **with the spin locked
    and J_s left out they are exactly those of the mechanism whose spin is free.** The lock then bears no torque.
 3. Where mass is not symmetric, or a joint's damping acts on the spin, no choice of the locked mechanism's inertia gives
-   the free one's motion: it keeps all of it and moves as it would on a universal joint. A spin that a spring or a
-   motor turns is not idle and stays free.
+   the free one's motion: it keeps all of it and moves as it would on a universal joint. That is done where the moment
+   about a is at most that across it (a rod on balls, bent or not; on a joint about a itself at most a tenth of it). A
+   body with more of its mass off the axis (a swing, a door on its hinges) stays free, and so does a spin that a spring
+   or a motor turns.
 """
 
 from __future__ import annotations
@@ -40,6 +42,8 @@ from ccpin.mechanism.reference import Settled
 _ALONG = 1e-6
 _SYMMETRIC = 1e-5
 _ROUNDING = 1e-12
+_ON_BALLS = 1.0
+_ON_HINGES = 0.1
 _FAIR = 0.1
 _ALWAYS = 0.99
 
@@ -71,6 +75,24 @@ class Spin(NamedTuple):
         relative = self.idle.spin[0].relative
         return [j for j in self.settled.part.tree.joints if np.linalg.norm(relative[j.number]) > _ALONG]
 
+    @property
+    def masses(self) -> list[SpinningMass]:
+        """The mass of its bodies as the axis sees it."""
+        tree, turning = self.settled.part.tree, self.idle.spin[0]
+        return [_spinning(tree, joint, turning) for joint in sorted(self.idle.bodies)]
+
+    @property
+    def idle_in_mass(self) -> bool:
+        """Whether its mass makes it a rod: symmetric about the axis, or more along it than about it.
+
+        On a joint about the axis itself, which somebody has put there, it must be nearly all on the axis: a door turns
+        on its hinges without moving anything else too.
+        """
+        masses = self.masses
+        about, across = sum(mass.about for mass in masses), sum(mass.across for mass in masses)
+        most = _ON_BALLS if self.lock is not None and self.lock.closure is not None else _ON_HINGES
+        return all(mass.symmetric for mass in masses) or about <= most * across
+
     def named_by(self, names: Sequence[str]) -> bool:
         """Whether one of the names is one of its joints or a component of one."""
         tree = self.settled.part.tree
@@ -81,27 +103,14 @@ class Held(NamedTuple):
     """A description with its idle spins locked.
 
     Attributes:
-        description: With joints fixed that were locked whole, the spinning bodies' inertia as it was.
-        closures: The rows that lock the others.
+        description: Whole joints fixed, and a row for each spin that locks none; the spinning links' inertia changed.
         locked: What was locked, by name.
-        thin: The links whose inertia is to be another in the equations, by name.
         notes: In words.
     """
 
     description: MechanismDescription
-    closures: tuple[LoopClosure, ...]
     locked: tuple[str, ...]
-    thin: dict[str, Inertia | None]
     notes: tuple[str, ...]
-
-    @property
-    def built(self) -> MechanismDescription:
-        """What the equations are made of."""
-        links = (
-            replace(link, inertia=self.thin[link.name]) if link.name in self.thin else link
-            for link in self.description.links
-        )
-        return replace(self.description, links=tuple(links), closures=(*self.description.closures, *self.closures))
 
 
 def spins_of(settled: Settled, motions: Sequence[Idle], coupled: Sequence[str]) -> Iterator[Spin]:
@@ -154,44 +163,36 @@ def perpendicular(tree: Tree, joint: TreeJoint, name: str, w: Array, u: Array) -
 
 def hold(description: MechanismDescription, tree: Tree, q_free: Array, spins: Sequence[Spin]) -> Held:
     """Lock spins that have a lock, at a configuration q′ of the whole tree."""
-    locks = [spin.lock for spin in spins if spin.lock is not None]
-    thin, notes = dict[str, Inertia | None](), []
+    locks, thin, notes = list[Lock](), dict[str, Inertia | None](), list[str]()
     for spin in spins:
-        lighter, told = _without_spin(spin)
-        thin |= lighter
-        assert spin.lock is not None
-        name = spin.lock.name
-        notes.append(f"{spin.idle.sentence}: locked as '{name}' (load(free=['{name}']) leaves it free). {told}")
-    at_rest, more = fixed(description, tree, q_free, [lock.name for lock in locks if lock.closure is None])
-    closures = tuple(lock.closure for lock in locks if lock.closure is not None)
-    return Held(at_rest, closures, tuple(lock.name for lock in locks), thin, (*notes, *more))
+        if spin.lock is not None:
+            lighter, told = _without_spin(spin)
+            locks, thin = [*locks, spin.lock], thin | lighter
+            name = spin.lock.name
+            notes.append(f"{spin.idle.sentence}: locked as '{name}' (load(free=['{name}']) leaves it free). {told}")
+    still, more = fixed(description, tree, q_free, [lock.name for lock in locks if lock.closure is None])
+    rows = tuple(lock.closure for lock in locks if lock.closure is not None)
+    links = tuple(replace(ln, inertia=thin[ln.name]) if ln.name in thin else ln for ln in still.links)
+    held = replace(still, links=links, closures=(*still.closures, *rows))
+    return Held(held, tuple(lock.name for lock in locks), (*notes, *more))
 
 
 def _without_spin(spin: Spin) -> tuple[dict[str, Inertia | None], str]:
     """The inertia of the spinning links without their moment about the axis, and what that changes, in words."""
-    tree, turning = spin.settled.part.tree, spin.idle.spin[0]
+    tree, masses = spin.settled.part.tree, spin.masses
     acting = [joint.name for joint in spin.joints if _acted_on(joint)]
-    thin, moment = dict[str, Inertia | None](), 0.0
-    for joint in sorted(spin.idle.bodies):
-        inertia = tree.model.inertias[joint]
-        turn, origin = turning.poses[joint, :3, :3], turning.poses[joint, :3, 3]
-        axis, point = turn.T @ turning.axis, turn.T @ (turning.point - origin)
-        thinned = _thinned(Inertia(inertia.mass, np.array(inertia.lever), np.array(inertia.inertia)), axis, point)
-        if thinned is None or acting:
-            return {}, f"{_why(acting)}, so the rest moves as with a universal joint in place of the ball, not freely"
-        moment += float(axis @ inertia.inertia @ axis)
+    if acting or not all(mass.symmetric for mass in masses):
+        why = f"Damping, friction or a rotor of {', '.join(acting)} acts on it"
+        why = why if acting else "Its mass is not symmetric about that axis"
+        return {}, f"{why}, so the rest moves as with a universal joint in place of the ball, not freely"
+    thin = dict[str, Inertia | None]()
+    for joint, mass in zip(sorted(spin.idle.bodies), masses, strict=True):
         links = [name for name, place in tree.attachments.items() if place.joint == joint]
-        thin |= dict.fromkeys(links) | {links[0]: _seen_from(inverse(tree.attachments[links[0]].placement), thinned)}
+        thin |= dict.fromkeys(links) | {links[0]: _seen_from(inverse(tree.attachments[links[0]].placement), mass.thin)}
     return thin, (
-        f"Its moment of inertia about that axis, {moment:.3g} kg m², is left out of the equations: the rest moves "
-        "exactly as with a free spin that starts from rest"
+        f"Its moment of inertia about that axis, {sum(mass.about for mass in masses):.3g} kg m², is left out of the "
+        "equations: the rest moves exactly as with a free spin that starts from rest"
     )
-
-
-def _why(acting: Sequence[str]) -> str:
-    if acting:
-        return f"Damping, friction or a rotor of {', '.join(acting)} acts on it"
-    return "Its mass is not symmetric about that axis"
 
 
 def _acted_on(joint: TreeJoint) -> bool:
@@ -199,18 +200,34 @@ def _acted_on(joint: TreeJoint) -> bool:
     return bool(stated.damping or stated.friction or stated.armature)
 
 
-def _thinned(inertia: Inertia, axis: Array, point: Array) -> Inertia | None:
-    """Inertia symmetric about an axis, without its moment about it; ``None`` where it is not symmetric."""
-    across = np.eye(3) - np.outer(axis, axis)
-    com = inertia.com - across @ (inertia.com - point)
-    moments = inertia.rotational
-    transversal = 0.5 * float(np.trace(across @ moments @ across))
-    size = float(np.trace(moments)) + inertia.mass * float(inertia.com @ inertia.com)
-    bent = moments - transversal * across - float(axis @ moments @ axis) * np.outer(axis, axis)
-    shift = inertia.mass * float(np.linalg.norm(inertia.com - com)) ** 2
-    if float(np.abs(bent).max()) > _SYMMETRIC * size or shift > _SYMMETRIC**2 * size:
-        return None
-    return Inertia(inertia.mass, com, transversal * (across + _ROUNDING * np.outer(axis, axis)))
+class SpinningMass(NamedTuple):
+    """What a body's mass is about the axis it spins about.
+
+    Attributes:
+        about: Its moment of inertia about the axis, kg m².
+        across: Its mean moment about lines across the axis through its centre of mass, kg m².
+        symmetric: Whether the axis goes through that and all moments across it are equal.
+        thin: It without its moment about the axis, in the axes of its joint.
+    """
+
+    about: float
+    across: float
+    symmetric: bool
+    thin: Inertia
+
+
+def _spinning(tree: Tree, joint: int, turning: Turning) -> SpinningMass:
+    inertia, pose = tree.model.inertias[joint], turning.poses[joint]
+    axis, point = pose[:3, :3].T @ turning.axis, pose[:3, :3].T @ (turning.point - pose[:3, 3])
+    plane, com, moments = np.eye(3) - np.outer(axis, axis), np.array(inertia.lever), np.array(inertia.inertia)
+    offset, own = plane @ (com - point), float(axis @ moments @ axis)
+    across = 0.5 * float(np.trace(plane @ moments @ plane))
+    bent = np.abs(moments - across * plane - own * np.outer(axis, axis)).max()
+    about = own + inertia.mass * float(offset @ offset)
+    size = float(np.trace(moments)) + inertia.mass * float(com @ com)
+    symmetric = bool(bent <= _SYMMETRIC * size and about - own <= _SYMMETRIC**2 * size)
+    thin = Inertia(inertia.mass, com - offset, across * (plane + _ROUNDING * np.outer(axis, axis)))
+    return SpinningMass(about, across, symmetric, thin)
 
 
 def _seen_from(placement: Array, inertia: Inertia) -> Inertia:

@@ -43,7 +43,7 @@ class Mechanism(Record):
         mobility: The mobility analysis.
         notes: What readers and analysis had to assume, in sentences.
         locked: Joints and components held still: those asked for, then the spins that move nothing but themselves.
-        locks: The rows of φ that hold such spins, where no whole joint could be fixed; not among the closures.
+        held: The description with such spins locked, which the tree is of; ``None`` where there are none.
     """
 
     description: MechanismDescription
@@ -54,7 +54,7 @@ class Mechanism(Record):
     mobility: Mobility
     notes: tuple[str, ...] = ()
     locked: tuple[str, ...] = ()
-    locks: tuple[LoopClosure, ...] = ()
+    held: MechanismDescription | None = None
 
     @property
     def name(self) -> str:
@@ -68,9 +68,10 @@ class Mechanism(Record):
         One copy a mechanism, made when first asked for; a pickle does not carry it. Bodies whose spin is locked have
         all of their inertia here (`ccpin.mechanism.locking`).
         """
-        if not self.locked:
+        if self.held is None:
             return self.tree.model.copy()
-        return build_tree(self.description, ROOT_JOINT in self.tree.names).model
+        whole = replace(self.held, links=self.description.links)
+        return build_tree(whole, ROOT_JOINT in self.tree.names).model
 
     @property
     def closures(self) -> tuple[LoopClosure, ...]:
@@ -81,6 +82,11 @@ class Mechanism(Record):
     def couplings(self) -> tuple[Coupling, ...]:
         """The joint couplings."""
         return self.description.couplings
+
+    @property
+    def locks(self) -> tuple[LoopClosure, ...]:
+        """The rows of φ that hold idle spins where no whole joint could be fixed; they are not among the closures."""
+        return () if self.held is None else self.held.closures[len(self.closures) :]
 
     @property
     def nq(self) -> int:
@@ -130,7 +136,7 @@ class Mechanism(Record):
             raise UnsupportedMechanismError("S is not constant: a single component of a joint is actuated")
         return self.motors.gears[:, None] * coordinates.jacobian(self.q_reference)
 
-    def save(self, path: str | Path, format: str | None = None) -> None:
+    def save(self, path: str | Path, format: str | None = None) -> tuple[str, ...]:
         """Write the mechanism to a file, with the independent and actuated joints and the reference chosen here.
 
         Args:
@@ -138,11 +144,14 @@ class Mechanism(Record):
             format: ``"urdf"`` (with URDF+ loops), ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (robot.yaml with
                 robot.urdf).
 
+        Returns:
+            What the mechanism states and the format has no place for, in sentences like `notes`.
+
         Raises:
             InvalidInputError: The format is none of these, or the file cannot be written.
             DescriptionError: The format has no words for something, by name.
         """
-        write_description(self.settled(), path, format)
+        return write_description(self.settled(), path, format)
 
     def pinocchio_constraints(self) -> list[pin.RigidConstraintModel]:
         """The closures as constraint models of `pin_model`, for Pinocchio's own solvers: the caller's, made anew.
@@ -159,11 +168,13 @@ class Mechanism(Record):
     def settled(self) -> MechanismDescription:
         """The description with what was chosen here: independent and actuated joints, and the closed reference.
 
-        Components of a joint cannot be marked in a description: with such coordinates nothing is.
+        Components of a joint cannot be marked in a description: with such coordinates nothing is. Idle spins are as
+        the file has them, for whoever reads it to lock or not; joints locked on request are fixed.
         """
         own = {joint.name for joint in self.description.joints}
         chosen = self.independent if own.issuperset(self.independent) else None
-        poses = {joint.name: joint.kind.told(self.q_reference[joint.q]) for joint in self.tree.joints}
+        poses = {} if self.held is None else dict(self.description.reference)
+        poses |= {joint.name: joint.kind.told(self.q_reference[joint.q]) for joint in self.tree.joints}
         return replace(
             self.description,
             independent=chosen,

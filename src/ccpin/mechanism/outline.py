@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array
 from ccpin.kinematics.points import joint_poses
-from ccpin.kinematics.scratch import Scratch
 from ccpin.mechanism.mechanism import Mechanism
 
 
@@ -32,7 +31,7 @@ class Outline(NamedTuple):
 def outline(mechanism: Mechanism, q_free: Array) -> Outline:
     """The lines and points of a configuration, of shape (nq,)."""
     model = mechanism.tree.model
-    poses = joint_poses(Scratch(model), np.asarray(q_free, dtype=np.float64))
+    poses = joint_poses(mechanism.tree.scratch, np.asarray(q_free, dtype=np.float64))
     origins = poses[:, :3, 3]
     segments, bodies, loops = [], [], []
     for joint in range(1, model.njoints):

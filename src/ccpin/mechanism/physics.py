@@ -53,7 +53,8 @@ class Motors(NamedTuple):
     Attributes:
         each: What is stated of each; one motor stands for all entries of a joint with several velocities.
         gears: Effort on the joint per unit of u, of shape (motors,).
-        limits: Bounds of u by its own and by its joint's limit of effort, of shape (motors, 2).
+        limits: Bounds of u by its own and by its joint's limit of effort, of shape (motors, 2); a joint's limit of 0,
+            which exporters write where they know none, is no bound.
     """
 
     each: tuple[Motor, ...]
@@ -68,7 +69,7 @@ def motors_of(description: MechanismDescription, tree: Tree, actuated: tuple[str
     for name in actuated:
         joint = tree.joint(tree.split(name)[0])
         motor = known.get(name) or known.get(joint.name) or Motor(name, name)
-        each += [(motor, joint.stated.effort)] * (1 if ":" in name else joint.kind.nv)
+        each += [(motor, joint.stated.effort or np.inf)] * (1 if ":" in name else joint.kind.nv)
     gears = np.array([motor.gear for motor, _ in each])
     limits = [
         (max(motor.lower, -effort / abs(motor.gear)), min(motor.upper, effort / abs(motor.gear)))

@@ -19,6 +19,7 @@ from ccpin.kinematics.loops import ResolvedClosure
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.tree import Tree
+from ccpin.mechanism.branches import Settlement, told
 from ccpin.mechanism.closing import TOLERANCE, close
 from ccpin.mechanism.idle import Idle, idle_motions
 from ccpin.mechanism.independence import Motion
@@ -78,7 +79,9 @@ class Settled(NamedTuple):
         tree = self.part.tree
         joints = tuple(joint.name for joint in tree.joints for _ in joint.kind.steps)
         places = tuple(self.part.v.tolist())
-        return Motion(tuple(component_names(tree)), joints, places, self.tangent.basis(self.tangent.rank))
+        basis = self.tangent.basis(self.tangent.rank)
+        plain = tuple(slides or joint.kind.unit < 4 for joint in tree.joints for slides in joint.kind.slides)
+        return Motion(tuple(component_names(tree)), joints, places, basis, plain)
 
 
 def settle(tree: Tree, description: MechanismDescription, wanted: Sequence[str], tolerance: float) -> list[Settled]:
@@ -227,6 +230,15 @@ def how_moved(tree: Tree, description: MechanismDescription, q_reference: Array)
     first = ", ".join(text for _, text in sorted(moved, reverse=True)[:3])
     more = f" and {len(moved) - 3} more" if len(moved) > 3 else ""
     return [f"the stated pose was moved to close the loops: {first}{more}"]
+
+
+def other_branches(
+    settled: Sequence[Settled], tree: Tree, description: MechanismDescription, independent: Sequence[str]
+) -> list[str]:
+    """A sentence naming other branches that lie next to an open stated pose (`ccpin.mechanism.branches`)."""
+    stated = stated_pose(tree, description)
+    clusters = [Settlement(s.part.tree, s.constraints, stated[s.part.q], s.closed.q_free) for s in settled]
+    return told(clusters, independent)
 
 
 def how_closed(settled: Sequence[Settled]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import pinocchio as pin
@@ -28,8 +28,12 @@ def choose_independent(
     description: MechanismDescription,
     independent: Sequence[str] | None,
     actuated: Sequence[str] | None,
+    locked: Sequence[str] = (),
 ) -> Choice:
-    """Settle the independent and actuated sets, and say where the author did not state them exactly."""
+    """Settle the independent and actuated sets, and say where the author did not state them exactly.
+
+    With joints `locked` on request the file's marks may be too many: they are then taken as what to choose from first.
+    """
     n = sum(motion.n for motion in motions)
     motors = tuple(actuated) if actuated is not None else (description.actuated or ())
     for name in motors:
@@ -42,27 +46,54 @@ def choose_independent(
         names = tuple(independent)
         _check_size(tree, names, motions)
         names = complete_independent(motions, names, ()) if names else names
-    elif description.independent is not None:
+    elif description.independent is not None and not (locked and _count(motions, description.independent) > n):
         names = _marked(tree, description, motions, base, notes)
     else:
         hinted = description.dependent_hint
         masters = tuple(name for name in tree.names if hinted and name not in hinted)
-        names = _in_order(complete_independent(motions, (), (*base, *(motors or masters))), (*base, *motors))
+        first = dict.fromkeys(base + motors)
+        preferred = motors or description.independent or masters
+        names = _in_order(complete_independent(motions, (), (*base, *preferred)), first)
         added = [name for name in names if name not in motors]
-        if motors and added:
+        if description.independent is not None:
+            notes.append(
+                f"with {', '.join(locked)} locked the file marks more independent joints than there are motions ({n}): "
+                f"{', '.join(names) or 'none'} of them"
+            )
+        elif motors and added:
             notes.append(
                 f"the file names {len(motors)} motors and the mechanism has {n} independent motions: "
                 f"{', '.join(added)} completed the independent set"
             )
         elif not motors:
-            notes.append(f"the file marks no independent joints: {', '.join(names)} were chosen")
+            chosen = (
+                f"{', '.join(names)} {'was' if len(names) == 1 else 'were'} chosen" if names else "none moves freely"
+            )
+            notes.append(f"the file marks no independent joints: {chosen}")
     if independent is not None and set(names) == set(independent):
         names = tuple(independent)
+    if not motors:
+        motors = _default_motors(tree, names, notes)
     if any(tree.split(name)[1] for name in motors) and motors != names:
         raise IndependentSetError(
             "a single component of a joint can be actuated only where the actuated coordinates are the independent ones"
         )
-    return Choice(names, motors or names, tuple(notes))
+    return Choice(names, motors, tuple(notes))
+
+
+def _default_motors(tree: Tree, names: tuple[str, ...], notes: list[str]) -> tuple[str, ...]:
+    """The independent joints, for a file without motors; what floats freely carries none.
+
+    Beside a floating joint single components of ball joints carry none either (S would not be constant).
+    """
+    joints = {name: tree.joint(tree.split(name)[0]) for name in names}
+    floating = [name for name in names if joints[name].kind.nv == 6]
+    if not floating:
+        return names
+    motors = tuple(n for n in names if n not in floating and (not tree.split(n)[1] or not joints[n].kind.unit))
+    left = ", ".join(name for name in names if name not in motors)
+    notes.append(f"no motor drives what floats freely ({left}); `actuated=` names what is driven")
+    return motors
 
 
 def _marked(
@@ -89,7 +120,7 @@ def _marked(
     return complete_independent(motions, marked, ())
 
 
-def _in_order(names: Sequence[str], first: Sequence[str]) -> tuple[str, ...]:
+def _in_order(names: Sequence[str], first: Collection[str]) -> tuple[str, ...]:
     """Names with the `first` among them before the others, in their order: q's order is that of the motors."""
     return (*(name for name in first if name in names), *(name for name in names if name not in first))
 

@@ -98,7 +98,13 @@ class Step:
 
 
 class Watch:
-    """Looks for one kind of thing; this one never sees any."""
+    """Looks for one kind of thing; this one never sees any.
+
+    Attributes:
+        pacing: Whether it could miss something in a long step of the integrator.
+    """
+
+    pacing = True
 
     def begin(self, moment: Moment) -> None:
         """The motion begins (or goes on after what changed it) here."""

@@ -59,8 +59,9 @@ def run_in_core(
         law: The law.
         method: The integrator.
         start: Where and when it begins.
-        numbers: times (N,) of the samples, beginning at the start's, rtol, atol, max_step, singular_rcond, wrenches
-            (`wrench_rows`) and sampling (`SampledCommands.numbers`).
+        numbers: times (N,) of the samples, beginning at the start's, rtol, atol, max_step, singular_rcond, lower and
+            upper bounds of u (a run that would go beyond is not the core's), wrenches (`wrench_rows`) and sampling
+            (`SampledCommands.numbers`).
         settling: End once settled.
         budget: End once it is spent.
     """

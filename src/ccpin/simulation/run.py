@@ -23,6 +23,7 @@ from ccpin.dynamics.wrenches import Pushes, Wrenches, pushes_of
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
 from ccpin.simulation.happenings import Moment, Step, Watch
 from ccpin.simulation.pace import Switching
+from ccpin.simulation.plant import MotorCommands, Plant
 from ccpin.simulation.recorder import Recorder
 from ccpin.simulation.samples import StateSample, Stop
 from ccpin.simulation.stick_slip import Drive, StickSlip, StickSlipWatch
@@ -63,6 +64,7 @@ class Run:
         settings: How it is integrated.
         commands: Who commands the motors.
         contact: The joints with friction.
+        plant: Limits, contacts and motors.
         watches: What is watched for.
         here: Where the motion begins.
 
@@ -75,19 +77,21 @@ class Run:
         self,
         model: ReducedModel,
         settings: Settings,
-        commands: ContinuousCommands | SampledCommands,
+        commands: ContinuousCommands | SampledCommands | MotorCommands,
         contact: StickSlip,
+        plant: Plant,
         watches: tuple[Watch, ...],
         here: Moment,
     ) -> None:
         self.model, self.settings, self.commands, self.contact = model, settings, commands, contact
+        self._plant = plant
         self.here, self.evaluations = here, 0
         self.first_step: float | None = None
         self._pushes = pushes_of(model.mechanism.tree, settings.wrenches)
         friction = (StickSlipWatch(contact, self.drive),) if contact.eventful else ()
         self._watches: tuple[Watch, ...] = (*friction, *watches)
-        self._watched = bool(self._watches)
-        self._creeping = 0
+        self._watched = any(watch.pacing for watch in self._watches)
+        self._creeping, self._latest = 0, np.inf
         self._nothing = np.zeros(model.mechanism.n_free)
 
     def advance(
@@ -127,6 +131,7 @@ class Run:
             end = switch if switches else end
             if self.first_step is None and self.here.t + longest < end:  # SciPy probes as far as the end for one
                 end, switches = self.here.t + longest, False
+            self._latest = end - _slack(end)
             while self.here.t < end:
                 stop = self._leg(end, longest, record, watches, limits)
                 if stop is not None:
@@ -150,7 +155,7 @@ class Run:
             u=drive.u,
             q_free=state.q_free,
             friction=friction,
-            limits=self._nothing,
+            limits=self._nothing if drive.loads is None else drive.loads,
             closure_error=float(np.linalg.norm(self.model.parametrization.constraints.residual(state.q_free))),
         )
 
@@ -162,7 +167,7 @@ class Run:
 
     def drive(self, t: float, state: State, v: Array) -> Drive:
         """What acts from outside."""
-        return Drive(self.commands.effort(t, state, v), self._pushes(t, state, v))
+        return Drive(self.commands.effort(t, state, v), self._pushes(t, state, v), self._plant.loads(t, state, v))
 
     # From switch to switch.
 
@@ -260,12 +265,12 @@ class Run:
         return self.settings.solver_class(self._derivative, t, x, end, first_step=first, **tolerances)
 
     def _derivative(self, t: float, x: Array) -> Array:
-        """(q̇, q̈) at x."""
+        """(q̇, q̈) at x; where the leg ends in a switch, as it is before."""
         self.evaluations += 1
         if not np.isfinite(x).all():
             raise ConvergenceError("the state is no longer finite")
         state, v = self.closed(x)
-        a = self.contact.acceleration(state, v, self.drive(t, state, v))
+        a = self.contact.acceleration(state, v, self.drive(min(t, self._latest), state, v))
         return np.concatenate([self.model.coordinates.rate(state.q, v), a])
 
 

@@ -31,11 +31,7 @@ def save(motion: Mapping[str, Any], path: Path) -> None:
             path, "w", lambda file: np.savetxt(file, table, delimiter=",", header=header, comments="", fmt="%.17g")
         )
     elif path.suffix == ".parquet":
-        frame = to_pandas(motion)
-        try:
-            write_atomically(path, "wb", frame.to_parquet)
-        except ImportError as error:
-            raise InvalidInputError(f"'{path}': Parquet needs pandas and pyarrow ({error}); {_INSTALL}") from None
+        write_parquet(to_pandas(motion), path)
     else:
         raise InvalidInputError(f"'{path}' must end in .npz, .csv or .parquet")
 
@@ -63,17 +59,38 @@ def columns(motion: Mapping[str, Any]) -> dict[str, Array]:
 
 def to_pandas(motion: Mapping[str, Any]) -> pd.DataFrame:
     """A data frame; `Trajectory.to_pandas` says how."""
-    try:
-        import pandas as pd
-    except ImportError:
-        raise InvalidInputError(f"a data frame needs pandas; {_INSTALL}") from None
-    frame = pd.DataFrame(columns(motion))
+    frame = data_frame(columns(motion))
     frame.attrs = {name: motion[name] for name in ("status", "message", "evaluations", "wall_time")}
     frame.attrs["events"] = [{"name": event.name, "t": event.t} for event in motion["events"]]
     return frame
 
 
-def as_arrays(motion: Mapping[str, Any]) -> dict[str, Array]:
+def data_frame(table: Mapping[str, Any]) -> pd.DataFrame:
+    """Columns by name as a data frame.
+
+    Raises:
+        InvalidInputError: pandas is not installed.
+    """
+    try:
+        import pandas as pd
+    except ImportError:
+        raise InvalidInputError(f"a data frame needs pandas; {_INSTALL}") from None
+    return pd.DataFrame(table)
+
+
+def write_parquet(frame: pd.DataFrame, path: Path) -> None:
+    """Write a data frame, whole or not at all.
+
+    Raises:
+        InvalidInputError: pyarrow is not installed, or the file cannot be written.
+    """
+    try:
+        write_atomically(path, "wb", frame.to_parquet)
+    except ImportError as error:
+        raise InvalidInputError(f"'{path}': Parquet needs pandas and pyarrow ({error}); {_INSTALL}") from None
+
+
+def as_arrays(motion: Mapping[str, Any]) -> dict[str, Any]:
     """A trajectory as arrays by name, without the cause; `from_arrays` undoes it."""
     arrays: dict[str, Any] = {name: motion[name] for name in SAMPLED}
     names = ("status", "message", "evaluations", "wall_time")

@@ -44,7 +44,7 @@ def simulate(
         settling: Stop once settled.
         budget: Stop once so many evaluations or seconds are spent.
         options: As for `Simulator`: method, rtol, atol, max_step, region, singular_rcond, friction, wrenches,
-            sampling, events.
+            sampling, events, limits, contacts, motors.
 
     Returns:
         Trajectory: What was computed up to the stop, whatever its cause, with status, message and cause; the last

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,10 +20,14 @@ from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.contact import Contact
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
 from ccpin.simulation.happenings import Event, EventWatch, Moment, RegionWatch, Watch
 from ccpin.simulation.in_core import TABLEAUX, run_in_core
+from ccpin.simulation.limits import Limits
+from ccpin.simulation.motors import MotorModel
 from ccpin.simulation.pace import natural_step
+from ccpin.simulation.plant import Plant
 from ccpin.simulation.recorder import Recorder
 from ccpin.simulation.run import Budget, Run, Settings
 from ccpin.simulation.samples import Happening, Names, StateSample, Stop
@@ -64,6 +68,10 @@ class Simulator:
         wrenches: On links, as for `State.forward_dynamics`: constant in world axes, or a function (t, state, v).
         sampling: Run the law as a digital controller does; default continuously.
         events: What to look for along the motion.
+        limits: How limits of positions, velocities and efforts are treated; default `Limits`': motors give no more
+            than their limits, and nothing else.
+        contacts: Points of links that meet planes.
+        motors: Lag, rate and torque–speed curve of the motors; default none.
 
     Attributes:
         model: The reduced model.
@@ -91,6 +99,9 @@ class Simulator:
         wrenches: Wrenches | Pushes | None = None,
         sampling: Sampling | None = None,
         events: Sequence[Event] = (),
+        limits: Limits | None = None,
+        contacts: Sequence[Contact] = (),
+        motors: MotorModel | None = None,
     ) -> None:
         self.model = model = model_of(model)
         if not model.n:
@@ -110,9 +121,12 @@ class Simulator:
         self._friction = joint_friction(model, friction)
         self._region, self._looked_for = region, tuple(events)
         self._names = Names.of(model)
+        self._plant = Plant(model, limits, records(contacts, "contacts", Contact), motors)
         self._law = _law(model, law)
+        self._plant.check_law(self._law, sampling is not None)
         self._pushed = None if callable(wrenches) else wrench_rows(model.mechanism.tree, wrenches)
         self._plain = not (callable(wrenches) or region is not None or events or self._friction.names)
+        self._plain = self._plain and self._plant.plain and (sampling is None or not np.any(sampling.encoder_noise))
         self._nothing = frozen(np.zeros(model.mechanism.n_free))
         self._held: HeldMotion | None = None
         if self._plain and sampling is None and method in TABLEAUX:
@@ -154,6 +168,7 @@ class Simulator:
     @law.setter
     def law(self, law: LawLike) -> None:
         self._law = _law(self.model, law)
+        self._plant.check_law(self._law, self._sampling is not None)
         if self._run is not None:
             self._run.commands.law = _Sized(self._law, self.model)
 
@@ -184,12 +199,14 @@ class Simulator:
         commands: ContinuousCommands | SampledCommands = ContinuousCommands(law)
         if self._sampling is not None:
             commands = SampledCommands(self.model, law, self._sampling, state.q, v_start, t)
+        driven = self._plant.commands(commands, t, state, v_start)
         watches: list[Watch] = [EventWatch(event) for event in self._looked_for]
         if self._region is not None:
             watches.append(RegionWatch(self._region))
+        watches += self._plant.watches(driven)
         contact = StickSlip(self.model, self._friction)
         here = Moment(float(t), state, v_start)
-        self._run = Run(self.model, self._settings, commands, contact, tuple(watches), here)
+        self._run = Run(self.model, self._settings, driven, contact, self._plant, tuple(watches), here)
         self._ahead, self.stop, self.events = None, None, []
         self._counted = 0 if self._held is None else self._held.evaluations
         return self.sample()
@@ -210,7 +227,7 @@ class Simulator:
             InvalidInputError: A bad argument.
             Exception: Whatever a law or an event raised. The simulator is then where its last certain moment was.
         """
-        if u is not None and self._held is not None:
+        if u is not None and self._held is not None and self._plant.effort_bounds.hold(u):
             sample = self._step_in_core(self._held, u, dt)
             if sample is not None:
                 return sample
@@ -311,11 +328,13 @@ class Simulator:
             "singular_rcond": settings.singular_rcond,
             "wrenches": self._pushed,
             "sampling": run.commands.numbers(),
+            **self._plant.effort_bounds._asdict(),
         }
         found = run_in_core(self.model, self._law, self._method, run.here, numbers, settling, budget)
         if found is None:
             return None
-        columns, self.stop, evaluations, memory = found
+        self.stop, evaluations, memory = found[1:]
+        columns: dict[str, Any] = found[0]
         run.commands.adopt(memory)
         last = {name: column[-1] for name, column in columns.items()}
         run.here = Moment(float(last["t"]), self.model.at(last["q"], last["q_free"]), last["v"].copy())

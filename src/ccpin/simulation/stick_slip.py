@@ -91,10 +91,23 @@ def friction_force(
 
 
 class Drive(NamedTuple):
-    """What acts on a mechanism from outside: the motors' efforts u (motors,), and wrenches on links or none."""
+    """What acts on a mechanism from outside.
+
+    Attributes:
+        u: The motors' efforts, of shape (motors,). wrenches: on links, or none.
+        loads: What stops and contacts do to the free system's joints, of shape (n′,), or nothing.
+    """
 
     u: Array
     wrenches: Wrenches | None = None
+    loads: Array | None = None
+
+    def acceleration(self, state: State, v: Array) -> Array:
+        """q̈ under all of it, without dry friction."""
+        a = state.forward_dynamics(v, self.u, self.wrenches)
+        if self.loads is None or not self.loads.any():
+            return a
+        return a + np.linalg.solve(state.D, state.rho.T @ self.loads)
 
 
 class _Known(NamedTuple):
@@ -178,7 +191,7 @@ class StickSlip:
         A resting dependent joint's rate would collect the integrator's error; it is pulled back to zero at 50 1/s.
         """
         if not len(self._signs):
-            return state.forward_dynamics(v, *drive)
+            return drive.acceleration(state, v)
         if self._locked:
             return np.zeros(self._model.n)
         known = self._known(state, v, drive)
@@ -219,7 +232,7 @@ class StickSlip:
         rates = rows @ v
         force = -friction.viscous * rates - friction.coulomb * self._signs
         inverse = _inverse(state.D)
-        a = state.forward_dynamics(v, *drive) + inverse @ (rows.T @ force)
+        a = drive.acceleration(state, v) + inverse @ (rows.T @ force)
         bias = np.zeros(len(rates))
         if v.any() and (self._rest & ~self._own).any():
             bias = np.where(self._own, 0.0, state.bias(v)[friction.index])

@@ -104,6 +104,8 @@ class Trajectory(NamedTuple):
         Raises:
             InvalidInputError: Another suffix, the file cannot be written, or pandas is not installed for Parquet.
         """
+        if not isinstance(path, str | Path):
+            raise InvalidInputError(f"a file to write must be a path, not {type(path).__name__}")
         saving.save(self._asdict(), Path(path))
 
 

@@ -1,10 +1,12 @@
-"""Pictures of mechanisms: animations as web pages, snapshots, and a live viewer, all drawn by MeshCat.
+"""Pictures of mechanisms: animations as web pages and films, snapshots, and a live viewer, all drawn by MeshCat.
 
 Everything takes a `Mechanism` and plain arrays. MeshCat is imported when the first picture is drawn, not before.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +14,23 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import heading
 from ccpin.errors import InvalidInputError
-from ccpin.files import writable_target, write_atomically
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.visualization.annotations import Tracked, draw_forces, draw_ghosts, draw_trace, name_joints
+from ccpin.visualization.film import FILMS, PAGES, STILLS, Shot, write
 from ccpin.visualization.live import LiveRecorder, Server, Viewer
-from ccpin.visualization.page import Clock, Recorder, render_page
-from ccpin.visualization.playback import checked_pose, checked_poses, checked_times, frame_times, sample
+from ccpin.visualization.page import Recorder, render_page
+from ccpin.visualization.playback import (
+    HasForce,
+    checked_pose,
+    checked_poses,
+    checked_times,
+    finer,
+    frame_times,
+    sample,
+)
 from ccpin.visualization.scene import Scene
 
-PAGES = (".html", ".htm")
-
-__all__ = ["PAGES", "Scene", "Viewer", "animate", "snapshot_html", "view"]
+__all__ = ["FILMS", "PAGES", "STILLS", "HasForce", "Scene", "Viewer", "animate", "snapshot", "view"]
 
 
 def animate(
@@ -32,45 +41,62 @@ def animate(
     *,
     title: str | None = None,
     fps: float = 30,
-    trace: str | None = None,
+    trace: Tracked | None = None,
+    forces: Sequence[HasForce] = (),
     speed: float = 1.0,
+    size: tuple[int, int] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Path:
-    """Write a trajectory as a self-contained web page that plays over and over; return its path.
+    """Write a trajectory as a self-contained web page or as a film; return its path.
 
-    Frame k shows the time t₀ + k speed/fps, the last frame the end; between samples the configuration moves along
-    the geodesic. The page needs no network, and is written whole or not at all.
+    The ending decides: .html is a page that plays over and over and needs no network, .mp4 and .gif are films of the
+    same picture, drawn by a headless Chromium (the extra ``video``). Frame k shows the time t₀ + k speed/fps, the last
+    frame the end; between samples the configuration moves along the geodesic. The file is written whole or not at all.
 
     Args:
         mechanism: From `ccpin.load`, or a model of it.
         t: Strictly increasing times in seconds, of shape (T,), T ≥ 2.
         q_free: Configurations q′ of the free system, of shape (T, nq).
-        path: The web page to write, .html or .htm; an existing one is replaced.
-        title: Heading; default the mechanism's name.
-        fps: Frames per second of playing time.
-        trace: A link or loop whose path is drawn.
+        path: The file to write, .html, .htm, .mp4 or .gif; an existing one is replaced.
+        title: Heading; default the name of the mechanism's file.
+        fps: Frames per second of playing time; a GIF has at most 50.
+        trace: Whose path is drawn: a link's centre of mass (of a massless link its origin) or a loop by its name, or
+            any point as (link, point in its frame).
+        forces: Arrows to draw, such as `ccpin.simulation.closure_forces` and `joint_forces` return.
         speed: Seconds of the trajectory that pass in a second of playing time.
+        size: Width and height of a film in pixels, both even; default 1280 × 720, of a GIF 800 × 450.
+        progress: Called after each frame of a film with the frames drawn and their number.
 
     Raises:
         InvalidInputError: An array has the wrong shape or is not finite, `t` does not increase, `fps` or `speed` is
             not positive, `trace` names nothing, or `path` cannot be written or has another ending.
+        CcpinError: A film's browser or encoder is missing.
     """
-    mechanism, target = mechanism_of(mechanism), _page(path)
+    mechanism = mechanism_of(mechanism)
+    shot = Shot(path, (*PAGES, *FILMS), size, fps)
     recorder = Recorder()
-    _, clock = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, loop=True)
-    return _written(target, render_page(heading(title, mechanism.name), recorder.commands, clock))
+    frames = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=True)[1]
+    return write(shot, render_page(heading(title, _name(mechanism)), recorder.commands), frames, progress)
 
 
-def snapshot_html(
-    mechanism: Mechanism | HasMechanism, q_free: ArrayLike | None, path: str | Path, *, title: str | None = None
+def snapshot(
+    mechanism: Mechanism | HasMechanism,
+    q_free: ArrayLike | None,
+    path: str | Path,
+    *,
+    title: str | None = None,
+    size: tuple[int, int] | None = None,
 ) -> Path:
-    """Write one configuration q′ of shape (nq,) as a self-contained web page; return its path.
+    """Write one configuration q′ of shape (nq,) as a self-contained web page or as a picture; return its path.
 
-    ``None`` stands for the reference configuration. Errors as for `animate`.
+    The ending decides: .html, .htm, or .png, which a headless Chromium draws (the extra ``video``) in pixels of `size`,
+    1280 × 720 by default. ``None`` stands for the reference configuration. Errors as for `animate`.
     """
-    mechanism, target = mechanism_of(mechanism), _page(path)
+    mechanism = mechanism_of(mechanism)
+    shot = Shot(path, (*PAGES, *STILLS), size)
     recorder = Recorder()
     _pose(mechanism, recorder, q_free)
-    return _written(target, render_page(heading(title, mechanism.name), recorder.commands, Clock()))
+    return write(shot, render_page(heading(title, _name(mechanism)), recorder.commands), 1)
 
 
 def view(
@@ -80,7 +106,8 @@ def view(
     *,
     title: str | None = None,
     fps: float = 30,
-    trace: str | None = None,
+    trace: Tracked | None = None,
+    forces: Sequence[HasForce] = (),
     speed: float = 1.0,
     open_browser: bool = True,
     loop: bool = True,
@@ -94,35 +121,27 @@ def view(
         InvalidInputError: As for `animate`, or a trajectory comes without times, or times without one.
         CcpinError: No loopback port can be opened.
     """
-    mechanism, words = mechanism_of(mechanism), heading(title, mechanism_of(mechanism).name)
+    mechanism = mechanism_of(mechanism)
+    words = heading(title, _name(mechanism))
     recorder = LiveRecorder()
-    clock = Clock()
     if t is not None:
         if q_free is None:
             raise InvalidInputError("t is given without q_free; a trajectory needs both")
-        scene, clock = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, loop=loop)
+        scene = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=loop)[0]
     else:
         if q_free is not None and np.ndim(q_free) == 2:
             raise InvalidInputError("q_free is a trajectory, of shape (T, nq); give its times t, of shape (T,), too")
         scene = _pose(mechanism, recorder, q_free)
-    return Viewer(scene, Server(render_page(words, (), clock, live=True), recorder), open_browser)
+    return Viewer(scene, Server(render_page(words, (), live=True), recorder), open_browser)
 
 
-def _page(path: str | Path) -> Path:
-    """Where a page is to be written.
-
-    Raises:
-        InvalidInputError: The file's ending is not that of a page, or it cannot be written.
-    """
-    target = writable_target(path)
-    if target.suffix.lower() not in PAGES:
-        raise InvalidInputError(f"'{target}': what is drawn is written as a web page, {' or '.join(PAGES)}")
-    return target
+def _name(mechanism: Mechanism) -> str:
+    """What a file is called; where it is called as any might be, its folder; else the mechanism's own name."""
+    source = Path(mechanism.description.source or mechanism.name)
+    return source.parent.name or mechanism.name if source.stem in ANYTHING else source.stem
 
 
-def _written(target: Path, document: str) -> Path:
-    write_atomically(target, "w", lambda file: file.write(document))
-    return target
+ANYTHING = ("robot", "model", "scene", "assembly")
 
 
 def _scene(mechanism: Mechanism, recorder: Recorder) -> Scene:
@@ -136,8 +155,13 @@ def _pose(mechanism: Mechanism, recorder: Recorder, q_free: ArrayLike | None) ->
     pose = checked_pose(mechanism, mechanism.q_reference if q_free is None else q_free)
     scene = _scene(mechanism, recorder)
     scene.frame_camera(pose[None])
+    name_joints(scene)
     scene.place(pose)
     return scene
+
+
+TRACED_SAMPLES = 400
+"""A path is drawn through at least so many points, however few the frames."""
 
 
 def _play(
@@ -148,18 +172,25 @@ def _play(
     *,
     fps: float,
     speed: float,
-    trace: str | None,
+    trace: Tracked | None,
+    forces: Sequence[HasForce],
     loop: bool,
-) -> tuple[Scene, Clock]:
-    """A scene that plays a trajectory, and what its time display needs."""
+) -> tuple[Scene, int]:
+    """A scene that plays a trajectory, and its number of frames."""
     poses = checked_poses(mechanism, q_free)
     times = checked_times(t, len(poses))
     moments = frame_times(times, fps, speed)
     frames = sample(mechanism, times, poses, moments)
     scene = _scene(mechanism, recorder)
     scene.frame_camera(frames)
+    name_joints(scene)
     if trace is not None:
-        scene.trace(trace, frames)
+        every = math.ceil(TRACED_SAMPLES / len(moments))
+        between = finer(moments, every)
+        draw_trace(scene, trace, sample(mechanism, times, poses, between), every)
+    draw_forces(scene, forces, moments)
     scene.place(frames[0])
+    draw_ghosts(scene, {"start": frames[0], "goal": frames[-1]})
     scene.animate(frames, fps, loop)
-    return scene, Clock(float(times[0]), speed)
+    scene.tell("clock", {"start": float(times[0]), "end": float(times[-1]), "speed": speed, "fps": fps})
+    return scene, len(frames)

@@ -139,6 +139,7 @@ class Viewer:
         pose = checked_pose(self.scene.mechanism, q_free)
         self.scene.stop()
         self.scene.place(pose)
+        self.scene.keep_in_frame(pose)
 
     def wait(self, timeout: float | None = None) -> bool:
         """Block until the viewer is closed or `timeout` seconds have passed; return whether it is closed."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Protocol
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +12,27 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, numbers, positive
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
+
+
+class HasForce(Protocol):
+    """A force along a motion, as `ccpin.simulation.closure_forces` and `joint_forces` give them."""
+
+    @property
+    def name(self) -> str:
+        """What it is called in the picture."""
+
+    @property
+    def t(self) -> Array:
+        """Increasing times, s, of shape (T,)."""
+
+    @property
+    def point(self) -> Array:
+        """Where it acts, m, of shape (T, 3), in the world."""
+
+    @property
+    def force(self) -> Array:
+        """The force, N, of shape (T, 3), in world axes."""
+
 
 MAX_FRAMES = 100_000
 NOT_UNIT = 1e-3
@@ -80,6 +102,12 @@ def frame_times(t: Array, fps: float, speed: float) -> Array:
     return np.asarray(np.minimum(t[0] + np.arange(max(steps, 1) + 1) * speed / fps, t[-1]))
 
 
+def finer(times: Array, every: int) -> Array:
+    """Times with `every` − 1 more between each two, evenly: ``finer(times, every)[::every]`` are the old ones."""
+    places = np.arange(every * (len(times) - 1) + 1) / every
+    return np.asarray(np.interp(places, np.arange(len(times)), times))
+
+
 def sample(mechanism: Mechanism, t: Array, q_free: Array, times: Array) -> Array:
     """Configurations (len(times), nq) at `times`, along the geodesics between the samples (t, q_free)."""
     model = mechanism.tree.model
@@ -88,3 +116,15 @@ def sample(mechanism: Mechanism, t: Array, q_free: Array, times: Array) -> Array
     fractions = (times - t[before]) / (t[after] - t[before])
     moments = zip(q_free[before], q_free[after], fractions.tolist(), strict=True)
     return np.array([a if u <= 0 else b if u >= 1 else pin.interpolate(model, a, b, u) for a, b, u in moments])
+
+
+def resampled(arrow: HasForce, name: str, times: Array) -> Array:
+    """A force's `point` or `force` at `times` (N,), of shape (N, 3), straight between its samples.
+
+    Raises:
+        InvalidInputError: It is not of shape (its times, 3), or not finite.
+    """
+    own, rows = numbers(arrow.t, "t"), numbers(getattr(arrow, name), name)
+    if own.ndim != 1 or not own.size or rows.shape != (own.size, 3) or not np.isfinite(rows).all():
+        raise InvalidInputError(f"force '{arrow.name}': its {name} must be finite, of shape ({own.size}, 3)")
+    return np.column_stack([np.interp(times, own, column) for column in rows.T])

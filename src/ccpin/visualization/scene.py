@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from itertools import product
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from ccpin.arrays import Array
-from ccpin.description.model import Visual, frame, rotation_to
-from ccpin.errors import InvalidInputError
-from ccpin.kinematics import loops
+from ccpin.description.model import frame
 from ccpin.kinematics.points import joint_poses
-from ccpin.kinematics.scratch import Scratch
-from ccpin.kinematics.tree import rest_poses
-from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.mechanism.mechanism import Mechanism
+from ccpin.visualization.bodies import Body, drawn_bodies
+from ccpin.visualization.camera import (
+    FIELD_OF_VIEW,
+    Framing,
+    frame_points,
+    presets,
+    screen_axes,
+    up_axes,
+    view_directions,
+)
 from ccpin.visualization.page import Command
-from ccpin.visualization.shapes import corners, material, missing, parts, triangles, tube
-from ccpin.visualization.skeleton import Body, skeleton
+from ccpin.visualization.shapes import material, parts
 
+CAMERA = "/Cameras/default/rotated/<object>"
 FRAMED_SAMPLES = 60
-TRACE_COLOUR = (0.85, 0.22, 0.16, 1.0)
+MARGIN, CLEARANCE = 0.1, 0.02
+"""How far the mechanism may leave the frame before it is framed anew, and the ground's distance, of its size."""
 HIDDEN = ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX", "/Lights/FillLight")
 TOP, BOTTOM = [0.98, 0.985, 0.99], [0.86, 0.89, 0.925]
 AMBIENT = 0.5
@@ -33,8 +41,9 @@ class Scene:
     """The geometry of a mechanism in a `meshcat.Visualizer`, below the node ``/meshcat/<mechanism's name>``.
 
     Each body has its own node there, named after its link (a slash in a name becomes ``∕``), whose transform is the
-    link's frame in the world. The node above turns the world so that z is up and its middle is looked at.
-    A mechanism without a drawable visual gets a skeleton of its joints and loops.
+    link's frame in the world. The node above turns the world so that z is up, and moves it so that the middle of what
+    is framed first is looked at: MeshCat 0.3's controls look at the scene's origin.
+    What the file does not draw is drawn as solid links between joints and loops.
 
     Args:
         mechanism: From `ccpin.load`.
@@ -45,12 +54,14 @@ class Scene:
         notes: What could not be drawn, in sentences.
     """
 
-    def __init__(self, mechanism: Mechanism | HasMechanism, visualizer: Any) -> None:
-        self.mechanism = mechanism = mechanism_of(mechanism)
+    def __init__(self, mechanism: Mechanism, visualizer: Any) -> None:
+        self.mechanism = mechanism
         self.visualizer = visualizer
-        self.root = visualizer[_node(mechanism.name)]
-        self._scratch = Scratch(mechanism.tree.model)
-        self.bodies, self.notes = _bodies(mechanism)
+        self.root = visualizer[node_name(mechanism.name)]
+        self._scratch = mechanism.tree.scratch
+        self.bodies, self.notes = drawn_bodies(mechanism)
+        self._origin: Array | None = None
+        self._box: tuple[Array, Array] = (np.zeros(3), np.zeros(3))
         self._set_stage()
         for body in self.bodies:
             self._draw(body)
@@ -58,7 +69,7 @@ class Scene:
     def place(self, q_free: Array) -> None:
         """Move all bodies to the configuration q′ of shape (nq,)."""
         for body, placement in zip(self.bodies, self.frames(q_free), strict=True):
-            self.root[_node(body.name)].set_transform(placement)
+            self.root[node_name(body.name)].set_transform(placement)
 
     def frames(self, q_free: Array) -> Array:
         """World frames of all bodies at q′, of shape (bodies, 4, 4)."""
@@ -66,17 +77,50 @@ class Scene:
         return np.array([poses[body.joint] @ body.placement for body in self.bodies]).reshape(-1, 4, 4)
 
     def frame_camera(self, q_free: Array) -> Framing:
-        """Point the camera so that the mechanism fills the frame over all configurations (T, nq); return how."""
+        """Choose the views so that the mechanism fills the frame over all configurations (T, nq); return the first."""
         chosen = q_free[np.unique(np.linspace(0, len(q_free) - 1, FRAMED_SAMPLES).astype(int))]
-        held = [np.concatenate([_moved(v.placement, corners(v.shape)) for v in body.visuals]) for body in self.bodies]
-        points = [_moved(placement, held[i]) for q in chosen for i, placement in enumerate(self.frames(q))]
+        return self._frame(np.concatenate([self._seen_at(q) for q in chosen]))
+
+    def keep_in_frame(self, q_free: Array) -> None:
+        """Choose the views anew if the mechanism leaves the frame at the configuration q′ of shape (nq,)."""
+        seen = self._seen_at(q_free)
+        low, high = (np.array(end) for end in self._box)
+        margin = MARGIN * np.linalg.norm(high - low)
+        if len(seen) and (np.any(seen < low - margin) or np.any(seen > high + margin)):
+            self._frame(np.concatenate([seen, list(product(*zip(low, high, strict=True)))]))
+
+    def _seen_at(self, q_free: Array) -> Array:
+        frames = self.frames(q_free)
+        points = [body.corners @ f[:3, :3].T + f[:3, 3] for body, f in zip(self.bodies, frames, strict=True)]
+        return np.concatenate([*points, np.zeros((0, 3))])
+
+    def _frame(self, seen: Array) -> Framing:
+        """Tell the views of points (N, 3; world); only the first time move the world, and the camera with it."""
+        seen = seen if len(seen) else np.array([[0.5, 0.5, 0.5], [-0.5, -0.5, -0.5]])
+        self._box = (seen.min(axis=0), seen.max(axis=0))
         up = up_axes(self.mechanism)
-        seen = np.concatenate([*points, np.zeros((0, 3))])
-        if not len(seen):
-            seen = np.array([[0.5, 0.5, 0.5], [-0.5, -0.5, -0.5]])
-        framing = frame_points(seen, view_direction(self.mechanism, up), up)
-        self._set_camera(framing)
+        directions = view_directions(self.mechanism, up)
+        framings = {name: frame_points(seen, towards, up) for name, towards in directions.items()}
+        framing = framings["iso"]
+        if self._origin is None:
+            self._origin = framing.origin
+            self.root.set_transform(framing.origin)
+            self._set_property(CAMERA, "fov", FIELD_OF_VIEW)
+            self._set_property(CAMERA, "position", framing.position)
+            self._set_lights(framing.direction)
+        placed = seen @ self._origin[:3, :3].T + self._origin[:3, 3]
+        radius = float(np.linalg.norm(placed, axis=1).max())
+        height = float(placed[:, 2].min()) - CLEARANCE * radius
+        self.tell("views", presets(framings, self._origin[:3, 3]))
+        through = self._origin[:2, 3].tolist()
+        self.tell("floor", {"height": height, "radius": radius, "origin": through, "cell": _round_number(radius / 3)})
+        self._set_property(CAMERA, "near", 0.01 * framing.distance)
+        self._set_property(CAMERA, "far", 100.0 * framing.distance)
         return framing
+
+    def tell(self, name: str, said: dict[str, Any]) -> None:
+        """Give the page something to know: its scripts read it as ``told(name)``; other MeshCat windows ignore it."""
+        self._set_property(f"/ccpin/{name}", "userData", said)
 
     def animate(self, q_free: Array, fps: float, loop: bool = True) -> None:
         """Play the configurations (T, nq), one a frame, from the first on; `loop` starts over at the end."""
@@ -93,44 +137,30 @@ class Scene:
                 "position": AnimationTrack("position", "vector3", numbers, frames[:, index, :3, 3].tolist()),
                 "quaternion": AnimationTrack("quaternion", "quaternion", numbers, quaternions),
             }
-            animation.clips[self.root[_node(body.name)].path] = AnimationClip(tracks, fps)
+            animation.clips[self.root[node_name(body.name)].path] = AnimationClip(tracks, fps)
         self.visualizer.set_animation(animation, play=True, repetitions=math.inf if loop else 1)
 
     def stop(self) -> None:
-        """Forget the animation, if there is one."""
+        """Forget the animation, if there is one, and all that was drawn of its course."""
         from meshcat.animation import Animation
 
         self.visualizer.set_animation(Animation())
+        for name in ("trace", "ghosts", "arrows"):
+            self.tell(name, {})
 
-    def trace(self, name: str, q_free: Array) -> None:
-        """Draw the path of a link's origin, or of a loop's point, over the configurations (T, nq).
+    @property
+    def size(self) -> float:
+        """Diagonal (m) of the box that all configurations keep within."""
+        return float(np.linalg.norm(np.subtract(*self._box))) or 1.0
 
-        Raises:
-            InvalidInputError: No link and no loop has that name.
-        """
-        joint, point = self._tracked(name)
-        points = np.array([joint_poses(self._scratch, q)[joint] @ point for q in q_free])[:, :3]
-        spread = float(np.linalg.norm(np.ptp(points, axis=0)))
-        mesh = tube(points, max(0.006 * spread, 1e-9))
-        if mesh is not None:
-            self.root["trace"].set_object(triangles(mesh), material(TRACE_COLOUR))
-
-    def _tracked(self, name: str) -> tuple[int, Array]:
-        """The joint that carries a named link or loop point, and the homogeneous point (4,) in its frame."""
-        attachments = self.mechanism.tree.attachments
-        for closure in self.mechanism.closures if isinstance(name, str) else ():
-            if closure.name == name:
-                carrier = attachments[closure.link_a]
-                return carrier.joint, (carrier.placement @ closure.placement_a)[:, 3]
-        if not isinstance(name, str) or name not in attachments:
-            loops = ", ".join(closure.name for closure in self.mechanism.closures) or "none"
-            raise InvalidInputError(f"trace '{name}' names no link ({', '.join(attachments)}) and no loop ({loops})")
-        return attachments[name].joint, attachments[name].placement[:, 3]
+    def path(self, name: str | None = None) -> str:
+        """The MeshCat path of the mechanism, or of a node below it."""
+        return str((self.root if name is None else self.root[node_name(name)]).path.lower())
 
     def _draw(self, body: Body) -> None:
         for number, visual in enumerate(body.visuals):
             for index, part in enumerate(parts(visual.shape)):
-                node = self.root[_node(body.name)][f"visual{number}_{index}" if index else f"visual{number}"]
+                node = self.root[node_name(body.name)][f"visual{number}_{index}" if index else f"visual{number}"]
                 node.set_object(part.geometry, material(visual.rgba))
                 node.set_transform(visual.placement @ part.placement)
 
@@ -141,23 +171,13 @@ class Scene:
         self.visualizer["/Background"].set_property("top_color", TOP)
         self.visualizer["/Background"].set_property("bottom_color", BOTTOM)
 
-    def _set_camera(self, framing: Framing) -> None:
-        """Move the world rather than the camera's target: MeshCat 0.3's controls look at the scene's origin."""
-        self.root.set_transform(framing.origin)
-        camera = "/Cameras/default/rotated/<object>"
-        self._set_property(camera, "fov", FIELD_OF_VIEW)
-        self._set_property(camera, "near", 0.01 * framing.distance)
-        self._set_property(camera, "far", 100.0 * framing.distance)
-        self._set_property(camera, "userData", {"fit": [framing.half_width, framing.half_height, FILL]})
-        self._set_property(camera, "position", framing.position)
-        self._set_lights(framing.direction)
-
     def _set_property(self, path: str, name: str, value: object) -> None:
         """Set a property by its exact name: MeshCat 0.3's own `set_property` puts names in lower case."""
         self.visualizer.window.send(Command(type="set_property", path=path, property=name, value=value))
 
     def _set_lights(self, direction: Array) -> None:
-        seen = _screen(direction)
+        """Lights that stand as the first view sees them; the key light alone casts shadows."""
+        seen = screen_axes(direction)
         self._set_property("/Lights/AmbientLight/<object>", "intensity", AMBIENT)
         for name, (towards, intensity) in LIGHTS.items():
             light = {
@@ -169,120 +189,15 @@ class Scene:
             }
             shown = {"metadata": {}, "object": light}
             self.visualizer.window.send(Command(type="set_object", path=f"/Lights/{name}", object=shown))
-            self._set_property(f"/Lights/{name}/<object>", "castShadow", False)
+            self._set_property(f"/Lights/{name}/<object>", "castShadow", name == "Key")
 
 
-def _bodies(mechanism: Mechanism) -> tuple[tuple[Body, ...], tuple[str, ...]]:
-    """What is drawn, a link each or the skeleton, and notes on what is left out."""
-    bodies, notes = [], []
-    for link in mechanism.description.links:
-        drawn: list[Visual] = []
-        for visual in link.visuals:
-            reason = missing(visual.shape)
-            drawn += [visual] if reason is None else []
-            notes += [] if reason is None else [f"link '{link.name}': {reason}"]
-        if drawn:
-            carrier = mechanism.tree.attachments[link.name]
-            bodies.append(Body(link.name, carrier.joint, carrier.placement, tuple(drawn)))
-    if not bodies:
-        notes.append("the file has nothing to draw: a skeleton of joints and loops is shown")
-        bodies = skeleton(mechanism)
-    return tuple(bodies), tuple(dict.fromkeys(notes))
-
-
-def _node(name: str) -> str:
+def node_name(name: str) -> str:
     """A name as one level of a MeshCat path, which is split at slashes."""
     return name.replace("/", "\u2215") or "mechanism"
 
 
-def _moved(frame: Array, points: Array) -> Array:
-    return np.asarray(points @ frame[:3, :3].T + frame[:3, 3])
-
-
-# Where to look from: along the normal of a planar mechanism, from three quarters at a spatial one, filling the frame.
-
-
-FIELD_OF_VIEW = 30.0
-"""Vertical, in degrees; narrow, so that parallel links look parallel."""
-FILL = 0.80
-"""Share of the frame's height or width, whichever is tighter, that the mechanism's bounding boxes take."""
-ASPECT = 1.5
-"""Width over height of the window assumed until the page knows its own."""
-AZIMUTH, ELEVATION = np.deg2rad(-50.0), np.deg2rad(20.0)
-
-
-class Framing(NamedTuple):
-    """A camera that sees a set of points.
-
-    Attributes:
-        origin: 4×4 transform from the world to view axes centred on the point looked at.
-        direction: Unit vector (3,) from that point to the camera, in view axes.
-        distance: From that point to the camera, in metres.
-        half_width, half_height: Tangents of the half angles under which the points appear.
-    """
-
-    origin: Array
-    direction: Array
-    distance: float
-    half_width: float
-    half_height: float
-
-    @property
-    def position(self) -> list[float]:
-        """The camera's position in MeshCat's camera axes, whose y is up and z towards the viewer."""
-        x, y, z = (float(c) for c in self.distance * self.direction)
-        return [x, z, -y]
-
-
-def plane_normal(mechanism: Mechanism) -> Array | None:
-    """Unit normal (3,) in the world of the plane all links move parallel to, or ``None`` if there is none."""
-    tree = mechanism.tree
-    return loops.plane_normal(tree, rest_poses(tree), range(1, tree.model.njoints))
-
-
-def up_axes(mechanism: Mechanism) -> Array:
-    """Rotation (3, 3) from view axes to the world: its z column points against gravity (world z without gravity)."""
-    gravity = np.array(mechanism.description.gravity)
-    size = np.linalg.norm(gravity)
-    return rotation_to(-gravity / size) if size > 1e-9 else np.eye(3)
-
-
-def view_direction(mechanism: Mechanism, up: Array) -> Array:
-    """Unit vector (3,) in view axes from the mechanism to the camera: from the front, from above, or three quarters."""
-    normal = plane_normal(mechanism)
-    if normal is None:
-        return np.array([np.cos(ELEVATION) * np.cos(AZIMUTH), np.cos(ELEVATION) * np.sin(AZIMUTH), np.sin(ELEVATION)])
-    seen = up.T @ normal
-    return np.asarray(seen if seen @ np.array([0.5, -1.0, 2.0]) > 0 else -seen)
-
-
-def frame_points(points: Array, direction: Array, up: Array) -> Framing:
-    """The nearest camera along `direction` (view axes) that sees all points (N, 3; world).
-
-    With x to the right, y up the picture and z towards the camera at (c_x, c_y, d), a point is inside the frame iff
-    |x − c_x| ≤ τ_x (d − z), so d ≥ (max(x + τ_x z) + max(−x + τ_x z)) / 2τ_x; likewise for y.
-    """
-    screen = _screen(direction)
-    x, y, z = (points @ up @ screen).T
-    tangent = FILL * np.tan(np.deg2rad(FIELD_OF_VIEW) / 2)
-    middle = (z.min() + z.max()) / 2
-    (centre_x, near_x), (centre_y, near_y) = _fit(x, z, ASPECT * tangent), _fit(y, z, tangent)
-    camera = max(near_x, near_y, z.max() + 0.05 * (np.ptp(z) + 1e-3))
-    target = screen @ np.array([centre_x, centre_y, middle])
-    depth = camera - z
-    half_width, half_height = np.max(np.abs(x - centre_x) / depth), np.max(np.abs(y - centre_y) / depth)
-    return Framing(frame(-target, up.T), direction, float(camera - middle), float(half_width), float(half_height))
-
-
-def _screen(direction: Array) -> Array:
-    """Axes (columns) to the right, up the picture and towards a camera in that direction, all in view axes."""
-    right = np.cross([0.0, 0.0, 1.0], direction)
-    size = np.linalg.norm(right)
-    right = right / size if size > 1e-6 else np.array([1.0, 0.0, 0.0])
-    return np.column_stack([right, np.cross(direction, right), direction])
-
-
-def _fit(x: Array, z: Array, tangent: float) -> tuple[float, float]:
-    """Centre and nearest camera height at which |x − centre| ≤ tangent (height − z) for all points."""
-    high, low = float(np.max(x + tangent * z)), float(np.max(-x + tangent * z))
-    return (high - low) / 2, (high + low) / (2 * tangent)
+def _round_number(size: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is at most `size`."""
+    power = 10.0 ** math.floor(math.log10(size))
+    return float(next(step * power for step in (5, 2, 1) if step * power <= size * (1 + 1e-9)))

@@ -5,15 +5,19 @@ from __future__ import annotations
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from ccpin.arrays import Array, frozen
 from ccpin.description.model import Shape, frame
 
 MAX_FACES_SMOOTHED = 50_000
+ROUGHNESS, METALNESS = 0.5, 0.15
+SIDES, RINGS = 24, 12
+"""Facets of a ball: around and from pole to pole."""
 Z_TO_Y: Array = frozen([[1, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
 
 
@@ -22,6 +26,10 @@ class Triangles(NamedTuple):
 
     vertices: Array
     faces: NDArray[np.int64]
+
+
+Form: TypeAlias = "Shape | Triangles"
+"""What is drawn: a shape that a file describes, or triangles made here."""
 
 
 class ShapePart(NamedTuple):
@@ -52,16 +60,18 @@ def read_mesh(path: str) -> Triangles | str:
     return Triangles(np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64))
 
 
-def missing(shape: Shape) -> str | None:
+def missing(shape: Form) -> str | None:
     """Why a shape cannot be drawn, in a sentence, or ``None`` if it can."""
-    if shape.kind != "mesh":
+    if isinstance(shape, Triangles) or shape.kind != "mesh":
         return None
     mesh = read_mesh(shape.mesh or "")
     return mesh if isinstance(mesh, str) else None
 
 
-def corners(shape: Shape) -> Array:
+def corners(shape: Form) -> Array:
     """The eight corners (8, 3) of the smallest box along the shape's axes that holds it."""
+    if isinstance(shape, Triangles):
+        return _box(shape.vertices)
     size = shape.size
     if shape.kind == "mesh":
         mesh = read_mesh(shape.mesh or "")
@@ -75,13 +85,19 @@ def corners(shape: Shape) -> Array:
         points = np.array([half, np.negative(half)])
     else:
         points = np.array([np.ones(3), -np.ones(3)]) * size
+    return _box(points)
+
+
+def _box(points: Array) -> Array:
     return np.array(list(product(*zip(points.min(axis=0), points.max(axis=0), strict=True))))
 
 
-def parts(shape: Shape) -> list[ShapePart]:
+def parts(shape: Form) -> list[ShapePart]:
     """The MeshCat geometries a shape is made of (MeshCat's cylinders lie along y, a description's along z)."""
     import meshcat.geometry as g
 
+    if isinstance(shape, Triangles):
+        return [ShapePart(triangles(shape), np.eye(4))]
     size = shape.size
     if shape.kind == "box":
         return [ShapePart(g.Box(list(size)), np.eye(4))]
@@ -108,21 +124,58 @@ def triangles(mesh: Triangles) -> Any:
 
 
 def material(rgba: tuple[float, float, float, float]) -> Any:
-    """A slightly glossy MeshCat material of a colour with components in [0, 1]."""
+    """A physically based MeshCat material of a colour with components in [0, 1]: painted metal, slightly glossy."""
     import meshcat.geometry as g
+
+    class Standard(g.GenericMaterial):  # type: ignore[misc]
+        _type = "MeshStandardMaterial"
 
     red, green, blue, alpha = (float(np.clip(c, 0.0, 1.0)) for c in rgba)
     colour = (round(255 * red) << 16) | (round(255 * green) << 8) | round(255 * blue)
-    return g.MeshPhongMaterial(color=colour, opacity=alpha, shininess=40, specular=0x333333)
+    return Standard(color=colour, opacity=alpha, roughness=ROUGHNESS, metalness=METALNESS)
 
 
-def tube(points: Array, radius: float, sides: int = 8) -> Triangles | None:
+def hull(points: Array, radii: Array) -> Triangles:
+    """The convex hull of balls at points (N, 3) with radii (N,): a tapered rod of two, a rounded plate of more."""
+    around, along = np.meshgrid(2 * np.pi * np.arange(SIDES) / SIDES, np.pi * np.arange(1, RINGS) / RINGS)
+    sphere = np.stack([np.sin(along) * np.cos(around), np.sin(along) * np.sin(around), np.cos(along)], axis=-1)
+    directions = np.concatenate([sphere.reshape(-1, 3), [[0, 0, 1], [0, 0, -1]]])
+    turned = directions @ _principal(points).T
+    found = ConvexHull((points[:, None] + radii[:, None, None] * turned).reshape(-1, 3))
+    used, faces = np.unique(found.simplices, return_inverse=True)
+    vertices, faces = found.points[used], faces.reshape(-1, 3)
+    a, b, c = (vertices[faces[:, corner]] for corner in range(3))
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), found.equations[:, :3]) < 0
+    faces[inward] = faces[inward][:, ::-1]
+    return Triangles(vertices, faces)
+
+
+def _principal(points: Array) -> Array:
+    """Orthonormal axes (columns), the last along the points' longest extent, so that rods have even facets."""
+    _, _, rows = np.linalg.svd(points - points.mean(axis=0))
+    return np.asarray(rows[::-1].T)
+
+
+class Tube(NamedTuple):
+    """A tube along a polyline.
+
+    Attributes:
+        mesh: Its triangles, in the polyline's order.
+        ends: How many of the mesh's vertex indices lead up to each point of the polyline, of shape (N,).
+    """
+
+    mesh: Triangles
+    ends: NDArray[np.int64]
+
+
+def tube(points: Array, radius: float, sides: int = 8) -> Tube | None:
     """An open-ended tube of `radius` (m) along a polyline of points (N, 3); ``None`` where it has no length.
 
     Each ring is the previous one turned by the smallest rotation between the two tangents.
     """
     steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    points = points[np.concatenate([[True], steps > 1e-3 * radius])]
+    kept = np.concatenate([[True], steps > 1e-3 * radius])
+    points = points[kept]
     if len(points) < 2:
         return None
     tangents = np.gradient(points, axis=0)
@@ -133,15 +186,13 @@ def tube(points: Array, radius: float, sides: int = 8) -> Triangles | None:
     angles = 2 * np.pi * np.arange(sides) / sides
     rings = []
     for point, tangent in zip(points, tangents, strict=True):
-        kept = normal - (normal @ tangent) * tangent
-        if np.linalg.norm(kept) < 1e-9:
-            kept = np.cross(tangent, np.eye(3)[int(np.argmin(np.abs(tangent)))])
-        normal = kept / np.linalg.norm(kept)
+        across = normal - (normal @ tangent) * tangent
+        if np.linalg.norm(across) < 1e-9:
+            across = np.cross(tangent, np.eye(3)[int(np.argmin(np.abs(tangent)))])
+        normal = across / np.linalg.norm(across)
         binormal = np.cross(tangent, normal)
         rings.append(point + radius * (np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), binormal)))
     first = np.arange(sides * (len(points) - 1))
     turned = first - first % sides + (first + 1) % sides
-    faces = np.concatenate(
-        [np.stack([first, turned, first + sides], 1), np.stack([turned, turned + sides, first + sides], 1)]
-    )
-    return Triangles(np.concatenate(rings), faces)
+    pairs = np.stack([first, turned, first + sides, turned, turned + sides, first + sides], 1)
+    return Tube(Triangles(np.concatenate(rings), pairs.reshape(-1, 3)), 6 * sides * np.maximum(np.cumsum(kept) - 1, 0))

@@ -1,4 +1,4 @@
-"""A drawn skeleton for mechanisms whose file has no pictures: limbs, joints and loop points from kinematics alone."""
+"""Solid links for what a file does not draw: tapered limbs and plates between joints, from kinematics alone."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.model import Shape, Visual, frame, rotation_to
+from ccpin.description.model import Shape, frame, rotation_to
 from ccpin.description.xml import Colour
 from ccpin.kinematics.points import joint_poses
-from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.visualization.shapes import Form, hull
 
 GROUND: Colour = (0.36, 0.39, 0.43, 1.0)
 JOINT: Colour = (0.20, 0.22, 0.26, 1.0)
@@ -26,94 +26,126 @@ LIMBS: tuple[Colour, ...] = (
 )
 LIMB_RADIUS = 0.014
 """Of the mechanism's extent."""
+ROOT, TIP, PIN, BALL = 1.35, 0.85, 1.5, 1.75
+"""Radii in limb radii: of a limb at its own joint and at the others, of a hinge's pin, of a ball."""
+PIN_LENGTH = 3.6
+"""In limb radii; longer than any limb is thick, so that no two faces of a joint lie in one plane."""
+FLAT = 0.2
+"""Three or more points are joined by a plate if none is further from their plane than this share of their spread."""
 LONGEST_RAIL, SHORT_RAIL = 50.0, 10.0
 """In limb radii: travel drawn in full up to the first, else this much on both sides of the reference."""
 
 
-class Body(NamedTuple):
-    """Something drawn that moves as one: its name, the joint that carries it, its 4×4 frame there, its visuals."""
+class Piece(NamedTuple):
+    """Something drawn in a body's frame: a form, its 4×4 frame there, its colour (as a description's `Visual`)."""
 
-    name: str
-    joint: int
+    shape: Form
     placement: Array
-    visuals: tuple[Visual, ...]
+    rgba: Colour
 
 
-class _Points(NamedTuple):
-    """Where a body is held, in its joint's frame: by child joints, by loop closures, each a list of (3,) points."""
+class Held(NamedTuple):
+    """A point where a body is held, in its joint's frame, and the axis of the hinge there (``None``: not a hinge)."""
 
-    joints: list[Array]
-    loops: list[Array]
+    point: Array
+    axis: Array | None
 
 
-def skeleton(mechanism: Mechanism) -> list[Body]:
-    """One body for each movable joint and one for the ground, sized by the mechanism's extent in its reference."""
-    model = mechanism.tree.model
-    points = _points(mechanism)
-    radius = LIMB_RADIUS * _extent(mechanism, points)
-    bodies = []
-    for joint in range(model.njoints):
-        name = mechanism.description.root if joint == 0 else model.names[joint]
+class Points(NamedTuple):
+    """Where a body is held: by child joints, by loop closures."""
+
+    joints: list[Held]
+    loops: list[Held]
+
+    @property
+    def every(self) -> Array:
+        """All points, of shape (N, 3)."""
+        return np.array([held.point for held in (*self.joints, *self.loops)]).reshape(-1, 3)
+
+
+def skeleton(mechanism: Mechanism, wanted: tuple[int, ...]) -> dict[int, tuple[Piece, ...]]:
+    """Pieces for the joints `wanted` (0: the ground), sized by the mechanism's extent in its reference.
+
+    A body whose points all coincide gets none: it is a frame between two joints at one place.
+    """
+    points = held_points(mechanism)
+    radius = LIMB_RADIUS * extent(mechanism, points)
+    pieces = {}
+    for joint in wanted:
         colour = GROUND if joint == 0 else LIMBS[(joint - 1) % len(LIMBS)]
-        visuals = [
-            *_limbs(_anchor(joint, points[joint]), points[joint], radius, colour),
-            *_rails(mechanism, joint, radius),
-            *(_ball(point, 1.9 * radius, JOINT) for point in points[joint].joints),
-            *(_ball(point, 1.9 * radius, LOOP) for point in points[joint].loops),
+        rails = _rails(mechanism, joint, radius)
+        limbs = _limbs(joint, points[joint].every, radius, colour)
+        pins = [
+            *(_pin(held, radius, JOINT) for held in points[joint].joints),
+            *(_pin(held, radius, LOOP) for held in points[joint].loops),
         ]
-        if joint > 0 and _on_rail(mechanism.tree.joints[joint - 1]):
-            turned = rotation_to(mechanism.tree.joints[joint - 1].axis)
-            block = Shape("box", (4 * radius, 4 * radius, 5 * radius))
-            visuals.append(Visual(block, frame(np.zeros(3), turned), colour))
-        if visuals:
-            bodies.append(Body(name, joint, np.eye(4), tuple(visuals)))
-    return bodies
+        block = _block(mechanism.tree.joints[joint - 1], radius, colour) if joint > 0 else []
+        if limbs or rails or joint == 0:
+            pieces[joint] = (*limbs, *rails, *pins, *block)
+    return pieces
 
 
-def _points(mechanism: Mechanism) -> list[_Points]:
+def held_points(mechanism: Mechanism) -> list[Points]:
+    """Where each body is held, by joint number; a body with one end has the far end of its mass for the other."""
     model, attachments = mechanism.tree.model, mechanism.tree.attachments
-    points = [_Points([], []) for _ in range(model.njoints)]
-    for joint in range(1, model.njoints):
-        points[model.parents[joint]].joints.append(np.array(model.jointPlacements[joint].translation))
+    points = [Points([], []) for _ in range(model.njoints)]
+    for joint in mechanism.tree.joints:
+        if joint.kind.nv < 6:
+            hinge = joint.placement[:3, :3] @ joint.axis if joint.kind.nv == 1 and not joint.kind.sliding else None
+            points[joint.parent].joints.append(Held(joint.placement[:3, 3], hinge))
     for closure in mechanism.closures:
         for link, placement in ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b)):
             carrier = attachments[link]
-            points[carrier.joint].loops.append((carrier.placement @ placement)[:3, 3])
-    for joint in range(1, model.njoints):
-        lever = np.array(model.inertias[joint].lever)
-        if not points[joint].joints and not points[joint].loops and np.linalg.norm(lever) > 1e-9:
-            points[joint].joints.append(2 * lever)
+            at = carrier.placement @ placement
+            points[carrier.joint].loops.append(Held(at[:3, 3], at[:3, 2] if closure.kind == "revolute" else None))
+    for inertia, body in list(zip(model.inertias, points, strict=True))[1:]:
+        if not len(body.every) and np.linalg.norm(inertia.lever) > 1e-9:
+            body.joints.append(Held(2 * np.array(inertia.lever), None))
     return points
 
 
-def _extent(mechanism: Mechanism, points: list[_Points]) -> float:
+def extent(mechanism: Mechanism, points: list[Points]) -> float:
     """Diagonal (m) of the box around all joints and loop points in the reference pose; 1 where there is none."""
-    poses = joint_poses(Scratch(mechanism.tree.model), mechanism.q_reference)
-    held = [(pose, point) for pose, held in zip(poses, points, strict=True) for point in (*held.joints, *held.loops)]
-    world = [*(pose[:3, :3] @ point + pose[:3, 3] for pose, point in held), *poses[1:, :3, 3]]
-    diagonal = float(np.linalg.norm(np.ptp(np.array(world), axis=0))) if world else 0.0
+    poses = joint_poses(mechanism.tree.scratch, mechanism.q_reference)
+    world = [held.every @ pose[:3, :3].T + pose[:3, 3] for pose, held in zip(poses, points, strict=True)]
+    every = np.concatenate([*world, poses[1:, :3, 3]])
+    diagonal = float(np.linalg.norm(np.ptp(every, axis=0))) if len(every) else 0.0
     return diagonal or 1.0
 
 
-def _anchor(joint: int, held: _Points) -> Array:
-    """Where a body's limbs start: its own joint, else the only pair's first point, else the middle."""
-    every = [*held.joints, *held.loops]
-    if joint > 0 or not every:
-        return np.zeros(3)
-    return every[0] if len(every) <= 2 else np.asarray(np.mean(every, axis=0))
+def _limbs(joint: int, ends: Array, radius: float, colour: Colour) -> list[Piece]:
+    """A plate through all points of a body where they lie in a plane, else a tapered limb to each."""
+    points = np.concatenate([np.zeros((int(joint > 0), 3)), ends])
+    points = points[np.unique(np.round(points / radius, 3), axis=0, return_index=True)[1]] if len(points) else points
+    if len(points) < 2:
+        return []
+    spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    if len(points) > 2 and spread[2:].sum() < FLAT * spread[0] and spread[1] > radius:
+        return [Piece(hull(points, np.full(len(points), radius)), np.eye(4), colour)]
+    start = np.zeros(3) if joint > 0 else points[0] if len(points) == 2 else points.mean(axis=0)
+    radii = radius * np.array([ROOT, TIP])
+    reached = [end for end in points if np.linalg.norm(end - start) > 1e-3 * radius]
+    return [Piece(hull(np.array([start, end]), radii), np.eye(4), colour) for end in reached]
 
 
-def _limbs(start: Array, held: _Points, radius: float, colour: Colour) -> list[Visual]:
-    limbs = []
-    for end in (*held.joints, *held.loops):
-        length = float(np.linalg.norm(end - start))
-        if length > 1e-9:
-            middle = frame((start + end) / 2, rotation_to((end - start) / length))
-            limbs.append(Visual(Shape("capsule", (radius, length)), middle, colour))
-    return limbs
+def _pin(held: Held, radius: float, colour: Colour) -> Piece:
+    """A hinge's pin along its axis, or a ball."""
+    if held.axis is None:
+        return Piece(Shape("sphere", (BALL * radius,)), frame(held.point), colour)
+    length = PIN_LENGTH * radius * (1.12 if colour is LOOP else 1.0)
+    width = PIN * radius * (0.93 if colour is LOOP else 1.0)
+    return Piece(Shape("cylinder", (width, length)), frame(held.point, rotation_to(held.axis)), colour)
 
 
-def _rails(mechanism: Mechanism, joint: int, radius: float) -> list[Visual]:
+def _block(joint: TreeJoint, radius: float, colour: Colour) -> list[Piece]:
+    """The carriage of a body on a rail."""
+    if not _on_rail(joint):
+        return []
+    block = Shape("box", (4 * radius, 4 * radius, 5 * radius))
+    return [Piece(block, frame(np.zeros(3), rotation_to(joint.axis)), colour)]
+
+
+def _rails(mechanism: Mechanism, joint: int, radius: float) -> list[Piece]:
     """A thin rod along the travel of every prismatic joint that a body carries."""
     model = mechanism.tree.model
     rails = []
@@ -127,13 +159,9 @@ def _rails(mechanism: Mechanism, joint: int, radius: float) -> list[Visual]:
             low, high = max(low, middle - SHORT_RAIL * radius), min(high, middle + SHORT_RAIL * radius)
         axis = child.placement[:3, :3] @ child.axis
         centre = frame(child.placement[:3, 3] + axis * (low + high) / 2, rotation_to(axis))
-        rails.append(Visual(Shape("cylinder", (0.6 * radius, max(high - low, radius))), centre, GROUND))
+        rails.append(Piece(Shape("cylinder", (0.6 * radius, max(high - low, radius))), centre, GROUND))
     return rails
 
 
 def _on_rail(joint: TreeJoint) -> bool:
     return joint.kind.nq == 1 and joint.kind.sliding
-
-
-def _ball(point: Array, radius: float, colour: Colour) -> Visual:
-    return Visual(Shape("sphere", (radius,)), frame(point), colour)

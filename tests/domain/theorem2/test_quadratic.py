@@ -18,6 +18,7 @@ from ccpin.errors import InvalidInputError, SingularConfigurationError, Unsuppor
 from tests.oracles import rpdr as closed_form
 from tests.oracles.finite_differences import assert_close, derivative
 from tests.support.strategies import ROWS, Growth, mechanisms
+from tests.support.walkthrough import file
 
 PAPER_UNKNOWNS = ("x", "y", "u", "v", "w", "s")
 PAPER_EQUATIONS = ("x*u - 1", "x*v - 2*y", "u**2 + v**2 - 1", "x**2 - w", "y**2 - s", "s*y - 3*w*y")
@@ -238,7 +239,18 @@ def spatial_chain(kind, seed):
 
 
 @every_form
-@pytest.mark.parametrize("kind", CLOSURE_KINDS)
+@pytest.mark.parametrize("name", ["rssr", "ankle", "gas_spring_leg"])
+def test_rows_that_lock_a_spin(name, form):
+    """The row w·u of a rod's locked spin is one of the form's, beside the ball's quaternion."""
+    mechanism = ccpin.load(file(name))
+    assert [lock.kind for lock in mechanism.locks] == ["perpendicular"]
+    assert_form_is_psi(mechanism, form)
+
+
+@every_form
+@pytest.mark.parametrize(
+    "kind", [kind for kind in CLOSURE_KINDS if kind != "perpendicular"]
+)  # no slide enters that one
 def test_every_closure_kind(kind, form):
     """Each closure kind between chains with spherical, continuous and prismatic joints, on a moving ancestor."""
     for seed in (1, 2):

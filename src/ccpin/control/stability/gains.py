@@ -32,6 +32,7 @@ from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
+_ABOVE = 1.5
 _CELLS = 2000
 _ACCURACY = 0.05
 
@@ -67,6 +68,48 @@ class Gains(NamedTuple):
     def within_limits(self) -> bool:
         """Whether no motor is asked for more than it can give."""
         return bool(np.all(self.effort <= self.effort_limit))
+
+
+def local_gains(
+    model: ReducedModel | Mechanism,
+    q_d: ArrayLike,
+    *,
+    frequency: float = 10.0,
+    damping: float = 1.0,
+    guess: ArrayLike | None = None,
+) -> tuple[Array, Array]:
+    """K_p = ω² D + 1.5 ‖∂g/∂q‖₂ I and K_v for a damping ratio, at a set point alone.
+
+    It is a stable set point (K_p above ∂g/∂q there) approached at ω or somewhat faster. How far from it that holds is
+    for `certify_set_point` to say.
+
+    Args:
+        model: The reduced model, or a mechanism.
+        q_d: The set point, of shape (n,).
+        frequency: ω, rad/s.
+        damping: ζ of every mode.
+        guess: Chooses the assembly mode of σ(q_d).
+
+    Returns:
+        K_p and K_v, of shape (n, n) each.
+
+    Raises:
+        InvalidInputError: A bad frequency or damping, or as `PDSimpleGravity`.
+    """
+    positive(frequency, "frequency"), positive(damping, "damping")
+    model = model_of(model)
+    law = PDSimpleGravity(model, q_d, np.ones(model.n), np.ones(model.n), guess)
+    mass = model.terms(law.q_d, np.zeros(model.n), law.q_free_d).D
+    slope = model.gravity_derivative(law.q_d, law.q_free_d)
+    stiffness = frequency**2 * mass + _ABOVE * float(np.linalg.norm(slope, 2)) * np.eye(model.n)
+    return stiffness, _damped(mass, stiffness + slope, damping)[0]
+
+
+def _damped(mass: Array, stiffness: Array, damping: float) -> tuple[Array, Array]:
+    """K_v that gives every mode of D ẍ + K_v ẋ + K x = 0 a damping ratio, and their frequencies."""
+    squares, modes = linalg.eigh(0.5 * (stiffness + stiffness.T), mass)
+    frequencies, pulled = np.sqrt(squares), mass @ modes
+    return pulled @ np.diag(2.0 * damping * frequencies) @ pulled.T, frequencies
 
 
 def suggest_gains(
@@ -111,10 +154,8 @@ def suggest_gains(
         raise InvalidInputError("gravity has no slope on the domain (β = 0): any positive K_p satisfies Theorem 3")
     stiffness = margin * beta * np.eye(model.n)
     mass = model.terms(law.q_d, np.zeros(model.n), law.q_free_d).D
-    total = stiffness + model.gravity_derivative(law.q_d, law.q_free_d)
-    squares, modes = linalg.eigh(0.5 * (total + total.T), mass)
-    frequencies = np.sqrt(squares)
-    pulled = mass @ modes
+    slope_here = model.gravity_derivative(law.q_d, law.q_free_d)
+    damper, frequencies = _damped(mass, stiffness + slope_here, damping)
     farthest = np.maximum(np.abs(law.q_d - lower), np.abs(upper - law.q_d))
     motors = model.mechanism.motors
     effort = (np.abs(stiffness) @ farthest + np.abs(law.gravity_d)) / np.abs(motors.gears)
@@ -122,7 +163,7 @@ def suggest_gains(
     rigorous = isinstance(domain, Atlas)
     return Gains(
         K_p=stiffness,
-        K_v=pulled @ np.diag(2.0 * damping * frequencies) @ pulled.T,
+        K_v=damper,
         beta=beta,
         beta_seen=slope.seen,
         steepest=slope.at,

@@ -67,7 +67,8 @@ def read_assets(sections: Iterable[XmlElement], defaults: Defaults, compiler: Co
             name = said.text("name") or (Path(file).stem if file else None)
             if name is None:
                 raise said.fail("a mesh needs a name or a file")
-            assets.meshes[name] = read_mesh(said, file, compiler) if file else None
+            known = file or said.text("vertex")
+            assets.meshes[name] = read_mesh(said, file or "", compiler) if known else None
         for xml in section.iterchildren("material"):
             said = defaults.resolve(xml)
             assets.materials[said.required("name")] = _rgba(said)
@@ -138,12 +139,12 @@ def geom_inertia(geom: Geom, assets: Assets) -> Inertia:
 
 
 def _solid(geom: Geom, assets: Assets) -> Inertia:
-    """What a mesh encloses; ccpin does not fit primitives to meshes, nor read meshes written into the model."""
+    """What a mesh encloses; ccpin does not fit primitives to meshes, nor make MuJoCo's own."""
     asset = assets.meshes[geom.mesh] if geom.mesh else None
     if asset is None or not geom.drawn_mesh:
-        what = "a primitive fitted to" if asset else "the vertices written in"
+        what = "a primitive fitted to" if asset else "what MuJoCo makes for"
         raise geom.element.fail(
-            f"its inertia would come from {what} the mesh '{geom.mesh}', which ccpin does not read; give the body "
+            f"its inertia would come from {what} the mesh '{geom.mesh}', which ccpin does not make; give the body "
             "an <inertial> element"
         )
     return asset.solid
@@ -195,7 +196,7 @@ def geom_visual(geom: Geom, assets: Assets) -> Visual | None:
     if geom.kind is not None:
         return Visual(Shape(geom.kind, _drawn_size(geom.kind, geom.size)), geom.placement, rgba)
     asset = assets.meshes[geom.mesh] if geom.mesh else None
-    if not geom.drawn_mesh or asset is None or asset.placement is None:
+    if not geom.drawn_mesh or asset is None or not asset.file or asset.placement is None:
         return None
     return Visual(Shape("mesh", asset.scale, asset.file), geom.placement @ asset.placement, rgba)
 

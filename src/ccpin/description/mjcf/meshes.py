@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
@@ -14,7 +16,8 @@ from ccpin.description.mjcf.element import Element
 from ccpin.description.model import Inertia, frame
 from ccpin.description.xml import ZERO, source_of
 
-_READABLE = (".obj", ".stl")
+_READABLE = (".msh", ".obj", ".stl")
+_MOST_NUMBERS = 10_000_000
 _LARGEST = 500_000_000  # bytes of a mesh file
 _THINNEST = 1e-9  # volume or area by the mesh's size to the third or second power
 _WAYS = ("legacy", "exact", "convex", "shell")
@@ -25,7 +28,7 @@ class MeshAsset:
     """A mesh file and how its vertices v become those of the geom, A v + b.
 
     Attributes:
-        file: The file found, or as written where there is none.
+        file: The file found, or as written where there is none; empty where the vertices are in the model.
         scale: MuJoCo's scale.
         placement: The frame (4, 4) of the scaled file in the geom's frame; ``None`` where no rigid frame exists
             (a reference orientation with unequal scales).
@@ -79,6 +82,22 @@ class MeshAsset:
 
     def _corners(self) -> tuple[Array, bool]:
         """The triangles' corners (faces, 3, 3) in the geom's frame, and whether they close a surface."""
+        mesh = self._written() if self.said.text("vertex") else self._from_file()
+        try:
+            mesh.merge_vertices(merge_tex=True, merge_norm=True)
+            mesh = mesh.convex_hull if self.way == "convex" or not len(mesh.faces) else mesh
+            corners, closed = np.array(mesh.triangles, dtype=np.float64), bool(mesh.is_watertight)
+        except MemoryError:
+            raise
+        except Exception as error:  # Qhull raises whatever it does
+            raise self._unreadable(error) from None
+        if corners.size == 0 or not np.isfinite(corners).all():
+            raise self._fail("it holds no triangles, or corners that are no numbers")
+        corners = corners @ self.matrix.T + self.shift
+        return (corners[:, ::-1] if np.linalg.det(self.matrix) < 0.0 else corners), closed
+
+    def _from_file(self) -> Any:
+        """A trimesh of the file; one without faces stands for its convex hull."""
         import trimesh
 
         file = Path(self.file)
@@ -89,22 +108,51 @@ class MeshAsset:
         try:
             if file.stat().st_size > _LARGEST:
                 raise self._fail(f"it has more than {_LARGEST / 1e6:.0f} MB")
-            mesh = trimesh.load(file, force="mesh", process=False, skip_materials=True)
-            mesh.merge_vertices(merge_tex=True, merge_norm=True)
-            mesh = mesh.convex_hull if self.way == "convex" else mesh
-            corners, closed = np.array(mesh.triangles, dtype=np.float64), bool(mesh.is_watertight)
+            if file.suffix.lower() == ".msh":
+                return trimesh.Trimesh(*_msh(file.read_bytes()), process=False)
+            return trimesh.load(file, force="mesh", process=False, skip_materials=True)
         except MemoryError:
             raise
-        except Exception as error:  # trimesh's loaders and Qhull raise whatever their parsers do
-            reason = (str(error).splitlines() or [type(error).__name__])[0]
-            raise self._fail(f"it cannot be read: {reason[:120]}") from None
-        if corners.size == 0 or not np.isfinite(corners).all():
-            raise self._fail("it holds no triangles, or corners that are no numbers")
-        corners = corners @ self.matrix.T + self.shift
-        return (corners[:, ::-1] if np.linalg.det(self.matrix) < 0.0 else corners), closed
+        except Exception as error:  # trimesh's loaders raise whatever their parsers do
+            raise self._unreadable(error) from None
+
+    def _written(self) -> Any:
+        """A trimesh of the vertices and faces written into the model."""
+        import trimesh
+
+        vertices, faces = (self.said.some_numbers(name, _MOST_NUMBERS) for name in ("vertex", "face"))
+        if len(vertices) % 3 or len(faces) % 3:
+            raise self._fail("its vertex and face should come in threes")
+        corners = np.array(faces).reshape(-1, 3)
+        if not (np.all(corners >= 0) and np.all(corners < len(vertices) // 3) and np.all(corners % 1.0 == 0.0)):
+            raise self._fail(f"its faces should be whole numbers from 0 to {len(vertices) // 3 - 1}")
+        return trimesh.Trimesh(np.array(vertices).reshape(-1, 3), corners.astype(np.int64), process=False)
+
+    def _unreadable(self, error: Exception) -> Exception:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        return self._fail(f"it cannot be read: {reason[:120]}")
 
     def _fail(self, reason: str) -> Exception:
-        return self.said.fail(f"mesh {Path(self.file).name[:120]!r}: {reason}; or give the body an <inertial> element")
+        name = Path(self.file).name or self.said.text("name") or ""
+        return self.said.fail(f"mesh {name[:120]!r}: {reason}; or give the body an <inertial> element")
+
+
+def _msh(content: bytes) -> tuple[Array, NDArray[np.int32]]:
+    """Vertices and faces of MuJoCo's own binary format: four counts, then 32-bit floats and face indices.
+
+    Raises:
+        ValueError: The counts and the size disagree, or a face names no vertex.
+    """
+    counts = np.frombuffer(content[:16], dtype="<i4")
+    vertices, normals, texcoords, faces = (int(count) for count in counts)
+    floats = 3 * vertices + 3 * normals + 2 * texcoords
+    if min(counts) < 0 or len(content) != 16 + 4 * (floats + 3 * faces):
+        raise ValueError("its counts of vertices and faces disagree with its size")
+    corners = np.frombuffer(content, dtype="<f4", count=3 * vertices, offset=16).reshape(-1, 3)
+    indices = np.frombuffer(content, dtype="<i4", count=3 * faces, offset=16 + 4 * floats).reshape(-1, 3)
+    if faces and not (indices.min() >= 0 and indices.max() < vertices):
+        raise ValueError("a face names a vertex that is not there")
+    return corners.astype(np.float64), indices
 
 
 def read_mesh(said: Element, file: str, compiler: Compiler) -> MeshAsset:
@@ -122,7 +170,7 @@ def read_mesh(said: Element, file: str, compiler: Compiler) -> MeshAsset:
     rigid = bool(np.all(scale == scale[0]) or np.allclose(turn, np.eye(3), atol=1e-12, rtol=0.0))
     return MeshAsset(
         said=said,
-        file=str(found.resolve()) if _is_file(found) else file,
+        file=str(found.resolve()) if file and _is_file(found) else file,
         scale=tuple(scale.tolist()),
         placement=frame(shift, turn) if rigid else None,
         matrix=np.diag(scale) @ turn,

@@ -36,7 +36,7 @@ _Gravity = tuple[float, float, float]
 def read_mjcf(text: bytes, source: str | None, *, include_root: str | Path | None = None) -> MechanismDescription:
     """Read an MJCF file: the bodies and joints as a tree below "world", the equalities as closures.
 
-    The reference pose is that of the keyframe "reference" where there is one, else qpos0; all keyframes are poses.
+    The reference pose is that of the keyframe "reference" where there is one, else qpos0; the others are poses.
 
     A body's link keeps the body's name and frame. Several joints in one body become a chain of massless links;
     connect becomes a spherical closure, weld a fixed one, joint a coupling, and so does tendon between fixed tendons;
@@ -80,6 +80,7 @@ def mjcf_description(root: XmlElement, *, include_root: str | Path | None = None
     notes += [*options.notes, *actuators.notes]
     joints = _joints(tree, actuators, options.disabled, notes)
     poses = read_keyframes(sections["keyframe"], tree)
+    reference = poses.pop("reference", tree.reference)
     return check(
         MechanismDescription(
             name=root.get("model") or (Path(source).stem if source else "mechanism"),
@@ -91,7 +92,7 @@ def mjcf_description(root: XmlElement, *, include_root: str | Path | None = None
             dependent_hint=tuple(dict.fromkeys(equalities.dependent)),
             actuated=actuators.driven,
             motors=actuators.motors,
-            reference=poses.get("reference", tree.reference),
+            reference=reference,
             poses=poses,
             gravity=options.gravity,
             source=source,

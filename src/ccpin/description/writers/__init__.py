@@ -20,13 +20,18 @@ _SUFFIXES = {
 }
 
 
-def write_description(description: MechanismDescription, path: str | Path, format: str | None = None) -> None:
+def write_description(
+    description: MechanismDescription, path: str | Path, format: str | None = None
+) -> tuple[str, ...]:
     """Write a description as a file that `ccpin.load` and the format's own tools read.
 
     Args:
         description: What to write.
         path: The file; its suffix tells the format where `format` does not (.urdf, .sdf, .xml, .yaml).
         format: ``"urdf"`` (with URDF+ loops), ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (robot.yaml with its robot.urdf).
+
+    Returns:
+        What the description states and the format has no place for, in sentences.
 
     Raises:
         InvalidInputError: The format is none of these, or the file cannot be written.
@@ -39,17 +44,17 @@ def write_description(description: MechanismDescription, path: str | Path, forma
     if not isinstance(wanted, str) or wanted not in FORMATS:
         told = f"format {format!r:.80}" if format is not None else f"the suffix of '{path}'"
         raise InvalidInputError(f"{told} names none of {', '.join(FORMATS)}; say format=")
-    _writer(wanted)(description, path)
+    return _writer(wanted)(description, path)
 
 
-def _writer(wanted: str) -> Callable[[MechanismDescription, str | Path], None]:
+def _writer(wanted: str) -> Callable[[MechanismDescription, str | Path], tuple[str, ...]]:
     """What writes a format.
 
     Raises:
         CcpinError: A library that it stands on does not load.
     """
     try:
-        found: Callable[..., None] = getattr(import_module(f"{__name__}.{wanted}"), f"write_{wanted}")
+        found: Callable[..., tuple[str, ...]] = getattr(import_module(f"{__name__}.{wanted}"), f"write_{wanted}")
     except ImportError as error:
         raise CcpinError(f"what writes {wanted} files does not load ({error}): install that package anew") from error
     return found

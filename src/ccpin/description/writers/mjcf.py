@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +23,7 @@ from ccpin.description.model import (
     Visual,
     frame,
 )
+from ccpin.description.writers.left_out import left_out, not_written
 from ccpin.description.writers.xml import cannot, saved, written
 from ccpin.description.xml import XmlElement
 
@@ -34,20 +35,29 @@ _MESHES = (".stl", ".obj", ".msh")
 _LARGEST_POWER = 4
 
 
-def write_mjcf(description: MechanismDescription, path: str | Path) -> None:
+def write_mjcf(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
     """Write a description as an MJCF file that MuJoCo and `read_mjcf` read.
 
     A massless link between two joints goes into the body after it, as MuJoCo asks; `read_mjcf` makes it anew. A
-    revolute closure, which MJCF has not, becomes two connects on its axis. The reference pose is the keyframe
-    "reference". Bodies' visuals are geoms that touch nothing; meshes that are not there, or of another kind than STL,
-    OBJ and MSH, are not drawn. Which joints are independent, velocity limits and notes have no place in MJCF.
+    revolute closure, which MJCF has not, becomes two connects on its axis. A coupling is an equality of two joints, or
+    of <fixed> tendons where it sums more. Poses are keyframes, the reference pose the one called "reference". Bodies'
+    visuals are geoms that touch nothing; meshes that are not there, or of another kind than STL, OBJ and MSH, are not
+    drawn. Which joints are independent, velocity limits and notes have no place in MJCF.
+
+    Returns:
+        What is stated and not written, in sentences.
 
     Raises:
         DescriptionError: What MJCF cannot say, by name: a closure or joint of another kind, a moving body without
-            mass, a coupling that is no polynomial of one joint.
+            mass, a coupling in which more than one joint is curved.
         InvalidInputError: The file cannot be written.
     """
-    saved(_Writer(description).document(), path)
+    writer = _Writer(description)
+    saved(writer.document(), path)
+    words = ("which joints are independent", "limits of velocity", "limits of position on one side")
+    motors = ("bounds of motors on one side", "the loops closed around motors")
+    meshes = "meshes that are not there or neither STL, OBJ nor MSH"
+    return (*left_out(description, "MJCF", *words, *motors), *not_written("MJCF", meshes, writer.undrawn))
 
 
 class _Writer:
@@ -65,6 +75,7 @@ class _Writer:
         self.meshes: dict[tuple[str, tuple[float, ...]], str] = {}
         self.bodies: dict[str, XmlElement] = {}
         self.order: list[Joint] = []
+        self.undrawn: list[str] = []
 
     def document(self) -> XmlElement:
         """The whole file."""
@@ -77,8 +88,7 @@ class _Writer:
             etree.SubElement(assets, "mesh", name=name, file=file, scale=written(scale), inertia="shell")
         self.equalities()
         self.actuators()
-        if self.description.reference:
-            self.keyframe()
+        self.keyframes()
         for empty in [element for element in self.root if not len(element) and not element.attrib]:
             self.root.remove(empty)
         return self.root
@@ -184,6 +194,7 @@ class _Writer:
         if shape.kind == "mesh":
             file = shape.mesh or ""
             if Path(file).suffix.lower() not in _MESHES or not Path(file).is_file():
+                self.undrawn.append(file)
                 return
             said["mesh"] = self.meshes.setdefault((file, size), f"mesh_{len(self.meshes) + 1}")
         else:
@@ -229,22 +240,38 @@ class _Writer:
         hints = self.description.dependent_hint
         terms = sorted(coupling.terms, key=lambda term: (term.joint not in hints, len(_trimmed(term))))
         where = f"coupling '{coupling.name}'"
-        if len(terms) > 2:
-            raise cannot(self.description, where, "MJCF couples two joints at most")
         straight = [term for term in terms if len(_trimmed(term)) == 2]
-        if not straight:
-            raise cannot(self.description, where, "MJCF wants one joint as a polynomial of the other")
-        own = straight[0]
-        c0, c1 = _trimmed(own)
-        others = [term for term in terms if term is not own]
-        rest = -sum(map(_polynomial, others), Polynomial([c0 - c1 * own.reference])) / c1
+        curved = [term for term in terms if len(_trimmed(term)) > 2]
+        if not straight or len(curved) > 1:
+            message = "MJCF wants a sum of joints, or that as a polynomial of one more joint"
+            raise cannot(self.description, where, message)
+        if len(terms) == 2:
+            curved = [term for term in terms if term is not straight[0]]
+        own = [term for term in straight if term not in curved]
+        slope = _trimmed(own[0])[1] if len(own) == 1 else 1.0
+        fixed = sum(term.coefficients[0] for term in terms if term not in (*own, *curved) if term.coefficients)
+        rest = -sum(map(_polynomial, curved), Polynomial([fixed + sum(_polynomial(term)(0.0) for term in own)])) / slope
         if rest.degree() > _LARGEST_POWER:
             raise cannot(self.description, where, f"MJCF's polynomials end at the power {_LARGEST_POWER}")
         coefficients = [*rest.coef.tolist(), 0.0, 0.0, 0.0, 0.0][: _LARGEST_POWER + 1]
-        said = {"name": coupling.name, "joint1": own.joint, "polycoef": written(coefficients)}
-        if others:
-            said["joint2"] = others[0].joint
-        etree.SubElement(section, "joint", said)
+        said = {"name": coupling.name, "polycoef": written(coefficients)}
+        if len(own) == 1:
+            kind, names = "joint", [own[0].joint, *(term.joint for term in curved)]
+        else:
+            kind = "tendon"
+            names = [self.tendon(f"{coupling.name}_sum", {term.joint: _trimmed(term)[1] for term in own})]
+            names += [self.tendon(f"{coupling.name}_by", {term.joint: 1.0}) for term in curved]
+        said |= {f"{kind}{place}": name for place, name in enumerate(names, start=1)}
+        etree.SubElement(section, kind, said)
+
+    def tendon(self, name: str, coefficients: Mapping[str, float]) -> str:
+        """A <fixed> tendon, whose length is a sum of joint displacements; returns its name."""
+        section = self.root.find("tendon")
+        section = etree.SubElement(self.root, "tendon") if section is None else section
+        element = etree.SubElement(section, "fixed", name=name)
+        for joint, coefficient in coefficients.items():
+            etree.SubElement(element, "joint", joint=joint, coef=written(coefficient))
+        return name
 
     def actuators(self) -> None:
         """A motor a driven joint; a loop that the file closed around one is not written."""
@@ -256,20 +283,27 @@ class _Writer:
             if np.isfinite(bounds).all():
                 element.set("ctrlrange", written(bounds))
 
-    def keyframe(self) -> None:
-        """The reference pose."""
+    def keyframes(self) -> None:
+        """The reference pose and the others."""
+        section = etree.SubElement(self.root, "keyframe")
+        others = {name: pose for name, pose in self.description.poses.items() if name != "reference"}
+        for name, pose in {"reference": self.description.reference, **others}.items():
+            if pose:
+                etree.SubElement(section, "key", name=name, qpos=written(self.qpos(pose)))
+
+    def qpos(self, pose: Mapping[str, tuple[float, ...]]) -> list[float]:
+        """A pose as MuJoCo's coordinates; joints it leaves out are at zero."""
         zero = {"ball": (1.0, 0.0, 0.0, 0.0), "free": (0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)}
         qpos: list[float] = []
         for joint in self.order:
-            kind, stated = _TYPES[joint.kind], self.description.reference.get(joint.name)
+            kind, stated = _TYPES[joint.kind], pose.get(joint.name)
             if kind == "free":
                 qpos += _free(joint, stated or (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0))
             elif stated is None:
                 qpos += zero.get(kind, (0.0,))
             else:
                 qpos += [stated[3], *stated[:3]] if kind == "ball" else stated
-        section = etree.SubElement(self.root, "keyframe")
-        etree.SubElement(section, "key", name="reference", qpos=written(qpos))
+        return qpos
 
 
 def _free(joint: Joint, stated: Iterable[float]) -> list[float]:

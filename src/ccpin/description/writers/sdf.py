@@ -22,6 +22,7 @@ from ccpin.description.model import (
     frame,
     inverse,
 )
+from ccpin.description.writers.left_out import left_out, not_written
 from ccpin.description.writers.sdf_parts import add_axis, add_pose, add_visual, say
 from ccpin.description.writers.xml import cannot, saved
 from ccpin.description.xml import XmlElement
@@ -34,7 +35,7 @@ _TYPES = {"revolute", "continuous", "prismatic", "fixed"}
 _CLOSURES = {"spherical": "ball", "revolute": "revolute", "prismatic": "prismatic", "fixed": "fixed"}
 
 
-def write_sdf(description: MechanismDescription, path: str | Path) -> None:
+def write_sdf(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
     """Write a description as an SDFormat file that Gazebo and `read_description` read.
 
     Displacements are zero where the model is drawn. A joint of SDFormat has one frame, so a loop must be closed there
@@ -43,19 +44,26 @@ def write_sdf(description: MechanismDescription, path: str | Path) -> None:
     closure is always such a constraint. Drake reads the balls; its parser has no ``weld_constraint`` as yet. Rotor
     inertias are ``drake:rotor_inertia``. Linear couplings are mimics.
 
-    SDFormat has no place for the reference pose (closing starts from the pose drawn; a description that was read can be
-    given another with ``dataclasses.replace``), for motors and their gears, for which joints are independent, nor for
-    notes. The root is fixed to the
-    world by a joint of the writer's own. A link named as a joint is, or "world", gets another name: names are unique in
+    SDFormat has no place for the reference pose (closing starts from the pose drawn; ``load(reference=…)`` states it
+    again), for motors and their gears, for which joints are independent, nor for notes. The root is fixed to the world
+    by a joint of the writer's own. A link named as a joint is, or "world", gets another name: names are unique in
     SDFormat. A free body's joint is called ``<link>.free`` when read. Links without mass are written with mass 0, which
     Gazebo refuses.
+
+    Returns:
+        What is stated and not written, and links that were renamed, in sentences.
 
     Raises:
         DescriptionError: What SDFormat cannot say, by name: a joint or closure of another kind, a prismatic or
             universal closure that is open at zero displacement, forces of a ball joint, a coupling that is not linear.
         InvalidInputError: The file cannot be written.
     """
-    saved(_Writer(description).document(), path)
+    writer = _Writer(description)
+    saved(writer.document(), path)
+    renamed = [f"{old} is {new}" for old, new in writer.names.items() if new not in (old, WORLD)]
+    words = ("the reference pose", "further poses", "which joints are independent", "motors")
+    told = left_out(description, "SDFormat", *words)
+    return (*told, *not_written("SDFormat", "two things of one name; of the links", renamed))
 
 
 class _Writer:

@@ -26,11 +26,14 @@ class _Pair(NamedTuple):
     joints: tuple[Joint, Joint]
 
 
-def write_toolbox(description: MechanismDescription, path: str | Path) -> None:
+def write_toolbox(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
     """Write robot.yaml at `path`, and its robot.urdf beside it.
 
     The frames that a loop joins are links of their own, fixed where the closure's frames are. A revolute closure,
     which the format has not, becomes two spherical ones on its axis.
+
+    Returns:
+        What is stated and not written, in sentences.
 
     Raises:
         DescriptionError: A closure of another kind, or what `write_urdf` refuses.
@@ -41,7 +44,7 @@ def write_toolbox(description: MechanismDescription, path: str | Path) -> None:
     joints = [joint for pair in joined for joint in pair.joints]
     everything = {"links": (*description.links, *links), "joints": (*description.joints, *joints)}
     urdf = replace(description, closures=(), **everything)  # type: ignore[arg-type]
-    write_urdf(urdf, Path(path).with_name("robot.urdf"))
+    notes = write_urdf(urdf, Path(path).with_name("robot.urdf"))
     document = {
         "closed_loop": [list(pair.frames) for pair in joined],
         "type": [pair.kind for pair in joined],
@@ -49,6 +52,7 @@ def write_toolbox(description: MechanismDescription, path: str | Path) -> None:
     }
     text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True)
     write_atomically(path, "w", lambda file: file.write(text))
+    return notes
 
 
 def _pairs(description: MechanismDescription, closure: LoopClosure) -> list[_Pair]:

@@ -10,16 +10,23 @@ from lxml import etree
 from trimesh.transformations import euler_from_matrix
 
 from ccpin.description.model import Coupling, Joint, Link, LoopClosure, MechanismDescription, Visual, frame
+from ccpin.description.writers.left_out import left_out, not_written
 from ccpin.description.writers.xml import cannot, saved, written
 from ccpin.description.xml import XmlElement
 
+_UNDRAWN = ("capsule", "ellipsoid")
 
-def write_urdf(description: MechanismDescription, path: str | Path) -> None:
+
+def write_urdf(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
     """Write a description as a URDF with URDF+ loops, which `read_urdf` reads back as the same mechanism.
 
-    Linear couplings of two joints become mimic joints, springs Gazebo's elements, gears mechanical reductions. Gravity,
-    notes, bounds and gains of motors, and shapes URDF has no element for (capsules, ellipsoids) are not written. The
-    rotor inertia of a joint without a motor is ``armature`` of its <dynamics>, which only ccpin reads.
+    Linear couplings of two joints become mimic joints, springs Gazebo's elements, gears mechanical reductions, poses
+    <group_state>s. Gravity, notes, bounds and gains of motors, and shapes URDF has no element for (capsules,
+    ellipsoids) are not written. The rotor inertia of a joint without a motor is ``armature`` of its <dynamics>, which
+    only ccpin reads.
+
+    Returns:
+        What is stated and not written, in sentences.
 
     Raises:
         DescriptionError: A coupling is not linear in two joints.
@@ -54,11 +61,16 @@ def write_urdf(description: MechanismDescription, path: str | Path) -> None:
             spring = etree.SubElement(root, "gazebo", reference=joint.name)
             etree.SubElement(spring, "springStiffness").text = str(joint.stiffness)
             etree.SubElement(spring, "springReference").text = str(joint.spring_reference)
-    if description.reference:
-        state = etree.SubElement(root, "group_state", name="reference")
-        for name, values in description.reference.items():
-            etree.SubElement(state, "joint", name=name, value=written(values))
+    others = {name: pose for name, pose in description.poses.items() if name != "reference"}
+    poses = {"reference": description.reference, **others}
+    for name, pose in poses.items() if any(poses.values()) else ():
+        state = etree.SubElement(root, "group_state", name=name)
+        for joint_name, values in pose.items():
+            etree.SubElement(state, "joint", name=joint_name, value=written(values))
     saved(root, path)
+    words = ("gravity", "bounds of motors", "the loops closed around motors", "limits of position on one side")
+    undrawn = [link.name for link in description.links for visual in link.visuals if visual.shape.kind in _UNDRAWN]
+    return (*left_out(description, "URDF", *words), *not_written("URDF", "capsules and ellipsoids", undrawn))
 
 
 def urdf_document(description: MechanismDescription) -> yourdfpy.URDF:
@@ -77,7 +89,7 @@ def _link(link: Link) -> yourdfpy.Link:
     inertial = None
     if link.inertia is not None:
         inertial = yourdfpy.Inertial(frame(link.inertia.com), link.inertia.mass, link.inertia.rotational)
-    visuals = [_visual(visual) for visual in link.visuals if visual.shape.kind not in ("capsule", "ellipsoid")]
+    visuals = [_visual(visual) for visual in link.visuals if visual.shape.kind not in _UNDRAWN]
     return yourdfpy.Link(link.name, inertial, visuals)
 
 

@@ -23,7 +23,7 @@ from ccpin.domain.boxes import Boxes, Problem, certify_points
 from ccpin.domain.newton import encloses, predict
 from ccpin.errors import SingularConfigurationError
 
-_NEAREST = 48  # cells of a wave that looks for the largest square: more would refine in vain
+_NEAREST = 96  # cells of a wave that looks for the largest square: more would refine in vain
 
 
 class _Origins(NamedTuple):
@@ -149,21 +149,48 @@ class AtlasBuilder:
         if not cells.size:
             return
         origins = rows_of(self._origins.rows, cells)
-        found = self._prove(cells, origins)
-        accepted = found.proved.copy()
-        rows = np.flatnonzero(found.proved)
-        accepted[rows] = self._glued_to_origin(rows_of(origins, rows), found.boxes.take(rows))
-        done, failed = np.flatnonzero(accepted), np.flatnonzero(~accepted)
-        self.tree.status[cells[done]] = CellStatus.CERTIFIED
-        self.tree.box[cells[done]] = len(self.boxes.kappa) + np.arange(len(done))
-        self.proved.add(found.boxes.take(done))
-        children = self._split(cells[failed], found.stretch[failed], smallest[failed])
+        hopeless = self._hopeless(cells, origins, smallest)
+        stretch, tried = self._stretch(origins), np.flatnonzero(~hopeless)
+        accepted = np.zeros(len(cells), dtype=np.bool_)
+        if tried.size:
+            found = self._prove(cells[tried], rows_of(origins, tried))
+            stretch[tried] = found.stretch
+            proved = np.flatnonzero(found.proved)
+            glued = proved[self._glued_to_origin(rows_of(origins, tried[proved]), found.boxes.take(proved))]
+            accepted[tried[glued]] = True
+            self.tree.box[cells[accepted]] = len(self.boxes.kappa) + np.arange(len(glued))
+            self.proved.add(found.boxes.take(glued))
+        self.tree.status[cells[accepted]] = CellStatus.CERTIFIED
+        children = self._split(cells[~accepted], stretch[~accepted], smallest[~accepted])
         self._origins.add(_Origins.unknown(len(children), len(self.q0)))
         if not len(self.boxes.kappa) and children.size:
             self._reach_seed()
-        self._spread(cells[done], children)
+        self._spread(cells[accepted], children)
         if self._report is not None:
             self._report(self.tree)
+
+    def _hopeless(self, cells: Indices, origins: _Origins, smallest: Array) -> Mask:
+        """Cells that are too large beside the box they were reached from to be worth a try before they are halved.
+
+        κ grows with a cell's edges: if it is about even in them, by 1 + 1/n where one of n is doubled. So a cell whose
+        volume is 2ᵈ times that of a box with κ is tried only if κ(1 + 1/n)ᵈ < 1, or if it may not be halved.
+        """
+        if not len(self.boxes.kappa):
+            return np.zeros(len(cells), dtype=np.bool_)
+        size, n = self.tree.size[cells], len(self.q0)
+        boxes = np.maximum(origins.box, 0)
+        edges = 2.0 * self.boxes.half[boxes] / self.region.width * WHOLE
+        doublings = np.round(np.log2(size / edges).sum(axis=1))
+        grown = self.boxes.kappa[boxes] * (1.0 + 1.0 / n) ** doublings
+        divisible = np.any((size > smallest) & (size > 1), axis=1)
+        return np.asarray((origins.box >= 0) & (doublings > 0) & (grown >= 1.0) & divisible)
+
+    def _stretch(self, origins: _Origins) -> Array:
+        """How far σ stretches each coordinate in the boxes that cells were reached from, of shape (B, n)."""
+        if not len(self.boxes.kappa):
+            return np.ones((len(origins.box), len(self.q0)))
+        slopes = self.boxes.directions[np.maximum(origins.box, 0)][:, self.problem.system.dependent]
+        return np.asarray(np.linalg.norm(slopes, axis=1))
 
     def _prove(self, cells: Indices, origins: _Origins) -> Proved:
         start = np.tile(self.seed, (len(cells), 1))

@@ -20,8 +20,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask
+from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.points import joint_poses
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.kinematics.tree import Tree
 
 _SAME = 1e-6
 _LIGHT = 1e-6
@@ -39,15 +40,15 @@ class _Meeting(NamedTuple):
 
 
 class Likeness:
-    """Tells whether configurations of a mechanism are alike; a pure function of them."""
+    """Tells whether configurations of a tree whose loops are closed are alike; a pure function of them."""
 
-    def __init__(self, mechanism: Mechanism) -> None:
-        self._scratch = mechanism.constraints().scratch
-        masses = np.array([inertia.mass for inertia in mechanism.tree.model.inertias])
+    def __init__(self, tree: Tree, constraints: Constraints) -> None:
+        self._scratch = constraints.scratch
+        masses = np.array([inertia.mass for inertia in tree.model.inertias])
         seen = masses > _LIGHT * masses.max(initial=0.0)
         self._seen: Mask = seen if seen.any() else np.ones(len(masses), dtype=np.bool_)
         self._seen[0] = True
-        groups = _meetings(mechanism, self._seen)
+        groups = _meetings(tree, constraints, self._seen)
         self._group: Indices = np.repeat(np.arange(len(groups)), [len(group) for group in groups])
         ends = [end for group in groups for end in group]
         self._owner: Indices = np.array([end.joint for end in ends], dtype=np.intp)
@@ -82,13 +83,13 @@ def _hangs(change: Array, others: Array, places: Array) -> bool:
     return len(mine) > 1 and float(np.linalg.norm(mine - mine[0], axis=1).max()) > _SAME
 
 
-def _meetings(mechanism: Mechanism, seen: Mask) -> list[list[_Meeting]]:
+def _meetings(tree: Tree, constraints: Constraints, seen: Mask) -> list[list[_Meeting]]:
     """Where bodies with mass meet: the ends of what joins them, directly or through bodies without mass."""
     edges = [
         (_Meeting(joint.parent, joint.placement[:, 3], any(joint.kind.slides)), _Meeting(joint.number, _ORIGIN, False))
-        for joint in mechanism.tree.joints
+        for joint in tree.joints
     ]
-    for loop in mechanism.constraints().loops:
+    for loop in constraints.loops:
         if loop.closure.kind not in _TURNING_ONLY:
             slides = loop.closure.kind in _POINTLESS
             ends = ((loop.joint_a, loop.frame_a[:, 3]), (loop.joint_b, loop.frame_b[:, 3]))
