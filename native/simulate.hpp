@@ -118,8 +118,9 @@ class Simulation : public Follower {
         return Outcome::declined;
       if (solver.t >= end) return Outcome::finished;
       const double change = commands_ ? INFINITY : next_piece(solver.t), until = commands_ ? std::min(commands_->due(), end) : end;
-      const bool changes = change < until - slack(until);
-      const double leg = changes ? change : until;
+      bool changes = change < until - slack(until);
+      double leg = changes ? change : until;
+      if (stride == 0 && solver.t + run_.longest < leg) leg = solver.t + run_.longest, changes = false;
       if (!solver.begin(leg, stride)) return Outcome::declined;
       for (; solver.t < leg; ++steps) {
         if (!robust_step(solver, leg, kShortest)) return Outcome::declined;

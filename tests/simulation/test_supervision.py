@@ -110,7 +110,7 @@ def test_leaving_a_region_while_waiting_ends_it(rpdr_model):
     """A wait that is pushed out of the region given does not go on as if it were finished."""
 
     def push(t, state, v):
-        return {"link1": [0.0, 0.0, 0.0, 0.0, 40.0 * (t > 0.6), 0.0]}
+        return {"link1": [0.0, 0.0, 0.0, 0.0, -40.0 * (t > 0.6), 0.0]}
 
     motion = supervise(
         rpdr_model,

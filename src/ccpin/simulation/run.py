@@ -138,6 +138,8 @@ class Run:
             end = min(command, until)
             switches = switch < end - _slack(end)
             end = switch if switches else end
+            if self.first_step is None and self.here.t + longest < end:  # SciPy probes as far as the end for one
+                end, switches = self.here.t + longest, False
             self._latest = end - _slack(end)
             while self.here.t < end:
                 stop = self._leg(end, longest, record, (*self._watches, *extra), limits)
