@@ -88,6 +88,23 @@ def log_bias_derivative(r: Array, omega: Array, step: Array, domega: Array) -> A
     return np.asarray(turning + dc_1 * b + c_t * t_1 * db + c_t * dt * b_1 + c * db_1)
 
 
+def log_bounds(angle: float) -> tuple[float, float]:
+    """Of the second and third derivative of w ↦ log(R exp(w)) while its length stays below `angle`; infinite from π on.
+
+    Its first is J⁻¹(r) J(w), and the norms of J⁻¹ and its derivatives are no larger than G(|r|), G′, G″ with the series
+    G(t) = Σ |B_k| t^k/k! = 2 + t/2 − (t/2) cot(t/2) of Bernoulli numbers; those of J are at most 1, 1/2 and 1/3.
+    """
+    if angle >= math.pi:
+        return math.inf, math.inf
+    t = max(angle, 0.5)  # G and its derivatives grow with t
+    cot, csc = 1.0 / math.tan(0.5 * t), 1.0 / math.sin(0.5 * t)
+    g = 2.0 + 0.5 * t - 0.5 * t * cot
+    g_1 = 0.5 - 0.5 * cot + 0.25 * t * csc**2
+    g_2 = 0.5 * csc**2 - 0.25 * t * csc**2 * cot
+    second = g_1 * g + 0.5 * g
+    return second, g_2 * g * g + g_1 * second + g_1 * g + g / 3.0
+
+
 def _coefficients(t: float) -> tuple[float, float, float]:
     """c(t), c′(t) and c″(t); h = 1 − t c = (θ/2) cot(θ/2) has h′ = (h − h² − t/4)/(2t)."""
     if t < _SERIES_BELOW:

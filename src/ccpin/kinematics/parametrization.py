@@ -14,6 +14,7 @@ import pinocchio as pin
 
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
+from ccpin.kinematics.branches import UNPROVEN, Branches
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.linear import Factor, factorize
@@ -23,8 +24,8 @@ SINGULAR_RCOND = 1e-10
 _CONTRACTION = 0.125
 _NOISE = 1e-9
 _SHORTEST_STEP = 2.0**-30
-_LARGEST_MOVE = 1.0
 _MOST_STEPS = 11
+_MOST_CLOSING = 100
 
 
 class ClosedPoint(NamedTuple):
@@ -69,12 +70,14 @@ class NewtonSolve(NamedTuple):
         steps: Newton steps taken.
         residual: Largest |ψ̄| at the last iterate, metres and radians.
         started_open: Whether the start was not closed.
+        proven: Which part of the way is proven to stay on the start's branch.
     """
 
     point: ClosedPoint | None
     steps: int
     residual: float
     started_open: bool
+    proven: float
 
 
 class Parametrization:
@@ -93,6 +96,7 @@ class Parametrization:
         self._unit = np.vstack([np.zeros((constraints.size, coordinates.n)), np.eye(coordinates.n)])
         tolerance = 1e-14 * max(1.0, _reach(self.model))
         self.rules = NewtonRules(tolerance, _MOST_STEPS, stalled=100 * tolerance)
+        self._branches = Branches(constraints, coordinates, tolerance)
         self.turnable = any(loop.turnable for loop in constraints.loops)
 
     def psi_jacobian(self, q_free: Array) -> Array:
@@ -134,12 +138,11 @@ class Parametrization:
     def sigma(self, q: Array, guess: Array | ClosedPoint | None = None) -> ClosedPoint:
         """q′ = σ(q) (12), on the branch of `guess`.
 
-        Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A step is trusted only if its second
-        Newton correction is at most an eighth of the first and det ψ_q′ keeps its sign: with ω the affine-covariant
-        Lipschitz constant of ψ_q′, half of ω‖Δ₁‖ is estimated by ‖Δ₂‖/‖Δ₁‖, so this is a quarter of the largest
-        value for which the Newton–Kantorovich theorem gives one solution, continuously connected to the guess.
-        Where it does not hold, σ walks along the straight line from α(guess) to q in shorter steps. The path
-        depends on q and guess only.
+        Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A solution is trusted only if it is proven to
+        lie on the guess's branch: by the theorem in `ccpin.kinematics.branches` ψ_q′ is regular along the whole path of
+        solutions over the straight line from α(guess) to q, and the solution found is its end. Where that fails σ walks
+        along the line in shorter steps; an open guess is closed first, along a path with ψ_q′ regular. The path depends
+        on q and guess only.
 
         Args:
             q: Independent coordinates, of shape (model.nq,).
@@ -155,7 +158,8 @@ class Parametrization:
         point = solve.point
         if point is None:
             start = guess.q_free if isinstance(guess, ClosedPoint) else self.q_reference if guess is None else guess
-            point = self._walk(self._closed_start(start) if solve.started_open else start, q)
+            start = self._closed_start(start) if solve.started_open else start
+            point = self._walk(start, q, 0.5 if solve.started_open else _shorter(solve))
         if isinstance(guess, np.ndarray) and self.turnable and not self.constraints.aligned(point.q_free):
             raise InvalidInputError(
                 "the guess satisfies φ = 0 with a closure's axes turned end for end; pass a configuration closed the "
@@ -163,22 +167,22 @@ class Parametrization:
             )
         return point
 
-    def _walk(self, start: Array, q: Array) -> ClosedPoint:
+    def _walk(self, start: Array, q: Array, stride: float) -> ClosedPoint:
         coordinates = self.coordinates
         q_start = coordinates.alpha(start)
         line = coordinates.difference(q_start, q)
         here: Array | ClosedPoint = start
-        done, stride = 0.0, 0.5
+        done = 0.0
         while stride >= _SHORTEST_STEP:
             ahead = min(1.0, done + stride)
             target = q if ahead == 1.0 else coordinates.integrate(q_start, ahead * line)
-            point = self.newton(here, target, self.rules).point
-            if point is None:
-                stride *= 0.5
+            solve = self.newton(here, target, self.rules)
+            if solve.point is None:
+                stride = _shorter(solve) * (ahead - done)
                 continue
             if ahead == 1.0:
-                return point
-            here, done, stride = point, ahead, 2.0 * stride
+                return solve.point
+            here, stride, done = solve.point, 1.5 * (ahead - done), ahead
         if isinstance(here, ClosedPoint):
             here = here.q_free
         rcond = self.rcond(here)
@@ -202,14 +206,14 @@ class Parametrization:
         )
 
     def newton(self, start: Array | ClosedPoint, q: Array, rules: NewtonRules) -> NewtonSolve:
-        """Newton's method on ψ̄(q′, q) = 0 (11) from a start, given up where it is not to be trusted.
+        """Newton's method on ψ̄(q′, q) = 0 (11) from a start, given up where it is not proven to stay on its branch.
 
         Pure: the same arguments give the same answer. The time it takes is bounded by `most_steps` + 1 evaluations and
-        factorisations of ψ_q′. A closed point spares the first.
+        factorisations of ψ_q′ and one proof. A closed point spares the first.
         """
         known = start if isinstance(start, ClosedPoint) else None
         q_free: Array = start.q_free if isinstance(start, ClosedPoint) else start.copy()
-        sign, last, residual, started_open = 0, np.inf, np.inf, False
+        first, proof, sign, last, residual, started_open = q_free, UNPROVEN, 0, np.inf, np.inf, False
         for steps in range(rules.most_steps + 1):
             if known is not None and not steps:
                 point, factor = known.constraints, known.factor
@@ -223,15 +227,25 @@ class Parametrization:
             if factor.rcond < SINGULAR_RCOND or factor.sign != sign:
                 break
             if residual <= rules.tolerance or (last <= rules.noise and residual <= rules.stalled):
-                return NewtonSolve(self._closed_point(point, factor), steps, residual, started_open)
+                if steps and not proof.holds(self._displacement(first, q_free)):
+                    break
+                found = self._closed_point(point, factor)
+                return NewtonSolve(found, steps, residual, started_open, 1.0)
             if steps == rules.most_steps:
                 break
+            if not steps:
+                proof = self._branches.prove(point, self._stacked(point), gap)
             step = factor.solve(gap)
             length = float(np.linalg.norm(step))
-            if not length <= _LARGEST_MOVE or length > max(rules.contraction * last, rules.noise):
-                return NewtonSolve(None, steps + 1, residual, started_open)
+            if proof.part < 1.0 or not length <= max(rules.contraction * last, rules.noise):
+                return NewtonSolve(None, steps + 1, residual, started_open, proof.part)
             q_free, last = moved(self.model, q_free, step), length
-        return NewtonSolve(None, steps, residual, started_open)
+        return NewtonSolve(None, steps, residual, started_open, min(proof.part, 0.5))
+
+    def _displacement(self, q_from: Array, q_to: Array) -> Array:
+        """e with q_from ⊕ e = q_to, of shape (n′,)."""
+        plain = self.model.nq == self.model.nv
+        return q_to - q_from if plain else np.asarray(pin.difference(self.model, q_from, q_to))
 
     def _stacked(self, point: ConstraintValue) -> Array:
         """ψ_q′ (10), of shape (m + n, n′)."""
@@ -243,15 +257,21 @@ class Parametrization:
         return np.concatenate([-point.phi, missing])
 
     def _closed_start(self, start: Array) -> Array:
-        """Close an open guess at its own q.
+        """Close an open guess at its own q, by parts of Newton steps along which ψ_q′ is proven regular.
 
         Raises:
             InvalidInputError: It is too far open for that.
         """
-        q = self.coordinates.alpha(start)
-        solve = self.newton(start, q, self.rules._replace(contraction=np.inf))
-        if solve.point is not None:
-            return solve.point.q_free
+        q, q_free, rules = self.coordinates.alpha(start), start, self.rules._replace(contraction=1.0)
+        for _ in range(_MOST_CLOSING):
+            solve = self.newton(q_free, q, rules)
+            if solve.point is not None:
+                return solve.point.q_free
+            point = self.constraints.value(q_free)
+            factor = factorize(self._stacked(point))
+            if factor.rcond < SINGULAR_RCOND:
+                break
+            q_free = moved(self.model, q_free, _shorter(solve) * factor.solve(self._gap(point, q)))
         error = float(np.abs(self.constraints.residual(start)).max())
         raise InvalidInputError(
             f"the guess is open by {error:.3g} (m or rad) and cannot be closed at its own q = {_show(q)}; "
@@ -267,6 +287,11 @@ class Parametrization:
                 rcond=factor.rcond,
             )
         return ClosedPoint(point.q_free, factor, factor.solve(self._unit), point)
+
+
+def _shorter(solve: NewtonSolve) -> float:
+    """The part of a way to try next, where all of it was not proven or not solved."""
+    return max(0.9 * solve.proven, 1e-3) if solve.proven < 1.0 else 0.5
 
 
 def _reach(model: pin.Model) -> float:

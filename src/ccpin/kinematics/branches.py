@@ -1,0 +1,288 @@
+"""Which Newton step stays on its branch: a proof, not an estimate.
+
+Let x be a configuration with ψ̄(x, q) = −g (11), ψ_q′ regular there with inverse Y, u = Y g Newton's step, and
+G_s(e) = ψ̄(x ⊕ e, q) + (1 − s) g for s in [0, 1]: from a closed x its zeros lie over the straight line from α(x) to q;
+from an open one φ and the way to q vanish together. Clusters share no row and no column of ψ, so each is treated alone.
+In the Euclidean norm (lengths counted in the cluster's unit) let t ≥ |u|, N = Y ψ″(x)[u, ·], ν ≥ ‖N‖, s₂ ≥ ½|N u|, and
+on the ball |e| ≤ t + ε let c ≥ ‖Y‖ sup‖ψ″‖ and k ≥ ‖Y‖ sup‖ψ‴‖ (`ccpin.kinematics.curvature`).
+
+*Theorem.* If for f in (0, 1] and an ε ≤ t
+
+    f² s₂ + f ν ε + ½ c ε² + ⅙ k (f t + ε)³ ≤ ε   and   f ν + c ε + ½ k (f t + ε)² < 1,
+
+then ψ_q′ is regular in the whole tube {s u + e: 0 ≤ s ≤ f, |e| ≤ ε}, and there is one continuous path d(s) with d(0) = 0
+and G_s(s u + d(s)) = 0 for 0 ≤ s ≤ f; for each s it is the only zero in its slice of the tube.
+
+*Proof.* By Taylor's formula T_s(d) = d − Y G_s(s u + d) is at most s² s₂ + s ν|d| + ½ c|d|² + ⅙ k (s t + |d|)³ in size, so it maps |d| ≤ ε into itself by the first inequality, and contracts by the second: its derivative 1 − Y ψ_q′ has
+norm below one, so ψ_q′ is regular, Banach's theorem gives the zero, and it is continuous in s. At s = 0 it is d = 0.
+Where ψ is tall, Y its pseudo-inverse, d(s) is analytic and solves all rows of ψ̄ if the linkage has n freedoms at x.
+
+So the zero at s = 1 is σ(q) on the branch of x, and a solution within ε of x ⊕ u is that zero. With ν = c t, s₂ = ½ c t²
+and k = 0 this is the Newton–Kantorovich theorem, which needs no ψ″(x): it is tried first. The theorem holds up to
+rounding, which is not enclosed: contraction 0.9 stands for 1, ‖Y‖ times the tolerance of closed points is added to s₂.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Indices, skew
+from ccpin.description.rotations import log_bounds
+from ccpin.kinematics.clusters import clusters
+from ccpin.kinematics.constraints import Constraints, ConstraintValue
+from ccpin.kinematics.coordinates import Coordinate, IndependentCoordinates
+from ccpin.kinematics.curvature import Bending, bending
+from ccpin.kinematics.loops import ResolvedTerm
+from ccpin.kinematics.tree import TreeJoint
+
+CONTRACTION = 0.9
+LONGEST = 0.5
+SHORTER = 0.8
+ROUNDS = 12
+
+
+class Proof(NamedTuple):
+    """What is proven of a Newton step.
+
+    Attributes:
+        part: Which part of the step stays on its branch: 1 all of it, 0 none that is worth while.
+        tubes: By cluster: its columns, their units, where the step ends and how far the only solution is from there.
+    """
+
+    part: float
+    tubes: tuple[tuple[Indices, Array, Array, float], ...]
+
+    def holds(self, displacement: Array) -> bool:
+        """Whether a solution at a displacement from the step's start is the one proven."""
+        return all(np.linalg.norm((displacement[at] - end) / unit) <= far for at, unit, end, far in self.tubes)
+
+
+UNPROVEN = Proof(0.0, ())
+
+
+class ClusterRows(NamedTuple):
+    """Which rows and columns of ψ_q′ a cluster has, and how they bend.
+
+    Attributes:
+        columns: All its components of q̇′.
+        dependent, direct: Those solved for, and those that are components of q̇.
+        gaps: The rows of ψ of these last.
+        rows: Of φ, then of components in α.
+        units: By column: metres or radians that count as 1. across: Of the dependent ones.
+        weights: By row, likewise.
+        bending: Of its loops.
+        terms: By coupling that is not linear: its terms.
+        components: Its independent components of joints.
+        curved: Its dependent joints with quaternions or planes.
+    """
+
+    columns: Indices
+    dependent: Indices
+    direct: Indices
+    gaps: Indices
+    rows: Indices
+    units: Array
+    across: Array
+    weights: Array
+    bending: Bending
+    terms: tuple[tuple[ResolvedTerm, ...], ...]
+    components: tuple[Coordinate, ...]
+    curved: tuple[TreeJoint, ...]
+
+
+class _Start(NamedTuple):
+    """A cluster at the start of a step: Y, the step and its size t."""
+
+    cluster: ClusterRows
+    inverse: Array
+    step: Array
+    size: float
+
+
+class Branches:
+    """Proves Newton steps of one mechanism.
+
+    Args:
+        constraints: φ.
+        coordinates: α.
+        tolerance: Largest |ψ̄| of a configuration taken for closed.
+    """
+
+    def __init__(self, constraints: Constraints, coordinates: IndependentCoordinates, tolerance: float) -> None:
+        self._constraints, self._coordinates, self._tolerance = constraints, coordinates, tolerance
+        self.clusters = tuple(_clusters(constraints, coordinates))
+
+    def prove(self, at: ConstraintValue, psi: Array, gap: Array) -> Proof:
+        """How much of the Newton step from a configuration stays on its branch, ψ_q′ and g = −ψ̄ there being given."""
+        starts = [self._start(cluster, psi, gap) for cluster in self.clusters]
+        whole = np.zeros(self._constraints.model.nv)
+        for start in starts:
+            whole[start.cluster.columns] = start.step
+        rate, part, tubes = None, 1.0, []
+        for start in starts:
+            cluster, size = start.cluster, start.size
+            second, third, noise = self._bounds(start, at.q_free)
+            found = tube(size, second * size, 0.5 * second * size**2, second, 0.0, noise)
+            if found.part < 1.0:
+                rate = self._rate(at, whole) if rate is None else rate
+                turning, sag = _turned(start, rate)
+                found = tube(size, turning, sag, second, third, noise)
+            part = min(part, found.part)
+            tubes.append((cluster.columns, cluster.units, start.step, found.radius))
+        return Proof(part, tuple(tubes))
+
+    def _start(self, cluster: ClusterRows, psi: Array, gap: Array) -> _Start:
+        rows = psi[cluster.rows]
+        a = rows[:, cluster.dependent]
+        inverse = np.linalg.inv(a) if len(a) == a.shape[1] else np.linalg.pinv(a)
+        step = np.zeros(psi.shape[1])
+        step[cluster.direct] = gap[cluster.gaps]
+        step[cluster.dependent] = inverse @ (gap[cluster.rows] - rows[:, cluster.direct] @ step[cluster.direct])
+        step = step[cluster.columns]
+        return _Start(cluster, inverse, step, float(np.linalg.norm(step / cluster.units)))
+
+    def _bounds(self, start: _Start, q_free: Array) -> tuple[float, float, float]:
+        """c and k within a ball that holds the tube, and the size of ‖Y‖ times the tolerance."""
+        cluster = start.cluster
+        scaled = start.inverse / cluster.across[:, None]
+        size = float(np.linalg.norm(scaled * cluster.weights))
+        noise = float(np.linalg.norm(scaled)) * self._tolerance * len(cluster.rows) ** 0.5
+        radius = min(2.0 * start.size, 2.0 * LONGEST) + 8.0 * noise
+        reference = self._coordinates.q_reference
+        moved = cluster.bending.moved(q_free, reference) + cluster.bending.spread * radius
+        bounds = [cluster.bending.bounds(moved)]
+        for terms in cluster.terms:
+            bounds.append(_slopes(cluster, terms, q_free, radius))
+        for part in cluster.components:
+            bounds.append(component_bounds(part, q_free, reference, radius))
+        second, third = np.linalg.norm(bounds, axis=0)
+        return size * float(second), size * float(third), noise
+
+    def _rate(self, at: ConstraintValue, step: Array) -> Array:
+        """ψ̇_q′ along a step, of shape (m + n, n′)."""
+        alpha = self._coordinates.jacobian_rate(at.q_free, step)
+        rows = self._constraints.rate(at, step)
+        return np.concatenate([rows, np.zeros((self._coordinates.n, len(step))) if alpha is None else alpha])
+
+
+class Tube(NamedTuple):
+    """The part f of a step that the theorem holds for, and ε."""
+
+    part: float
+    radius: float
+
+
+def tube(size: float, turning: float, sag: float, second: float, third: float, noise: float) -> Tube:
+    """The theorem for given t, ν, s₂, c, k and ‖Y‖ times the tolerance: for f = 1, or a shorter part of the step."""
+    part = 1.0 if size <= LONGEST else LONGEST / size
+    while part > 1e-3:
+        way, bent = part * size, part * turning
+        start = part**2 * sag + 4.0 * noise
+        radius = start
+        for _ in range(ROUNDS):
+            if not radius <= way + 8.0 * noise:
+                break
+            need = start + bent * radius + 0.5 * second * radius**2 + third * (way + radius) ** 3 / 6.0
+            if need <= radius:
+                if bent + second * radius + 0.5 * third * (way + radius) ** 2 <= CONTRACTION:
+                    return Tube(part, radius)
+                break
+            radius = 1.05 * need
+        part *= SHORTER
+    return Tube(0.0, 0.0)
+
+
+def _turned(start: _Start, rate: Array) -> tuple[float, float]:
+    """ν and s₂ of a step, from ψ̇_q′ along it."""
+    cluster = start.cluster
+    rows = rate[cluster.rows]
+    turning = start.inverse @ rows[:, cluster.dependent]
+    sag = 0.5 * start.inverse @ (rows[:, cluster.columns] @ start.step)
+    for joint in cluster.curved:  # velocities in ψ̇_q′ are those of moving frames; here they are exponential coordinates
+        at, where = (np.flatnonzero(np.isin(each, _components(joint))) for each in (cluster.dependent, cluster.columns))
+        turning[np.ix_(at, at)] -= 0.5 * _bracket(joint, start.step[where])
+    units = cluster.across
+    return float(np.linalg.norm(turning * units / units[:, None])), float(np.linalg.norm(sag / units))
+
+
+def _clusters(constraints: Constraints, coordinates: IndependentCoordinates) -> Iterator[ClusterRows]:
+    """The clusters that have something to solve for."""
+    tree, loops, m = coordinates.tree, constraints.loops, constraints.size
+    owner = [joint.number for joint in tree.joints for _ in joint.kind.steps]
+    ties = [[*loop.path_a, *loop.path_b] for loop in loops]
+    ties += [[owner[term.idx_v] for term in coupling.terms] for coupling in constraints.couplings]
+    slides = np.array([slide for joint in tree.joints for slide in joint.kind.slides], dtype=bool)
+    stops = np.cumsum([*(loop.size for loop in loops), *(1 for _ in constraints.couplings)], dtype=int)
+    windows = [np.arange(a, b) for a, b in zip([0, *stops[:-1]], stops, strict=True)]
+    for cluster in clusters([0, *(joint.parent for joint in tree.joints)], ties):
+        joints = [tree.joints[number - 1] for number in cluster.joints]
+        inside = set(cluster.joints)
+        columns = np.concatenate([_components(joint) for joint in joints])
+        parts = [part for part in coordinates.parts if owner[part.v_free.start] in inside]
+        whole, single = ([p for p in parts if (p.component is None) == each] for each in (True, False))
+        direct = _joined(np.arange(part.v_free.start, part.v_free.stop) for part in whole)
+        dependent = columns[~np.isin(columns, direct)]
+        if not len(dependent):
+            continue
+        mine = [k for k, tie in enumerate(ties) if tie and tie[0] in inside]
+        own = [loops[k] for k in mine if k < len(loops)]
+        terms = [constraints.couplings[k - len(loops)].terms for k in mine if k >= len(loops)]
+        bent = bending(tree, coordinates.q_reference, own)
+        lengths = [not turns for loop in own for turns in loop.rows.direction_rows]
+        lengths += [False] * len(terms) + [part.slides[0] for part in single]
+        rows = _joined([*(windows[k] for k in mine), *(m + np.arange(p.v.start, p.v.stop) for p in single)])
+        yield ClusterRows(
+            columns,
+            dependent,
+            direct,
+            m + _joined(np.arange(part.v.start, part.v.stop) for part in whole),
+            rows,
+            np.where(slides[columns], bent.unit, 1.0),
+            np.where(slides[dependent], bent.unit, 1.0),
+            np.where(lengths, bent.unit, 1.0),
+            bent,
+            tuple(each for each in terms if any(len(term.coefficients) > 2 for term in each)),
+            tuple(single),
+            tuple(j for j in joints if j.kind.unit and j.kind.nv > 1 and j.v.start in dependent),
+        )
+
+
+def _joined(windows: Iterator[Indices] | list[Indices]) -> Indices:
+    return np.concatenate([np.empty(0, dtype=np.intp), *windows])
+
+
+def _components(joint: TreeJoint) -> Indices:
+    return np.arange(joint.v.start, joint.v.stop)
+
+
+def _slopes(
+    cluster: ClusterRows, terms: tuple[ResolvedTerm, ...], q_free: Array, radius: float
+) -> tuple[float, float]:
+    """Bounds of a coupling's second and third derivative within a ball."""
+    second = third = 0.0
+    for term in terms:
+        unit = float(cluster.units[np.searchsorted(cluster.columns, term.idx_v)])
+        far, sizes = abs(term.angle(q_free)) + unit * radius, np.abs(term.coefficients)
+        slopes = [np.polynomial.polynomial.polyval(far, np.polynomial.polynomial.polyder(sizes, k)) for k in (2, 3)]
+        second, third = second + float(slopes[0]) * unit**2, third + float(slopes[1]) * unit**3
+    return second, third
+
+
+def component_bounds(part: Coordinate, q_free: Array, q_reference: Array, radius: float) -> tuple[float, float]:
+    """The same for a row of α that reads one component of a joint's pose, in units of the cluster."""
+    if part.slides[0]:
+        return 1.0 + radius, 2.0 + radius
+    if part.kind.unit != 4:
+        return 0.0, 0.0
+    vector = part.kind.rotation_vector(q_free[part.q_free], q_reference[part.q_free])
+    return log_bounds(float(np.linalg.norm(vector)) + radius)
+
+
+def _bracket(joint: TreeJoint, velocity: Array) -> Array:
+    """ad_V of a joint's velocity V in its moving frame, over its own components."""
+    linear, angular = joint.kind.twist(velocity).reshape(2, 3)
+    whole = np.block([[skew(angular), skew(linear)], [np.zeros((3, 3)), skew(angular)]])
+    return np.asarray(whole[np.ix_(joint.kind.entries, joint.kind.entries)])
