@@ -34,7 +34,7 @@ from ccpin.description.rotations import log_bounds
 from ccpin.kinematics.clusters import clusters
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.coordinates import Coordinate, IndependentCoordinates
-from ccpin.kinematics.curvature import Bending, bending
+from ccpin.kinematics.curvature import Curvature, unit_of
 from ccpin.kinematics.loops import ResolvedTerm
 from ccpin.kinematics.tree import TreeJoint
 
@@ -71,9 +71,10 @@ class ClusterRows(NamedTuple):
         dependent, direct: Those solved for, and those that are components of q̇.
         gaps: The rows of ψ of these last.
         rows: Of φ, then of components in α.
-        units: By column: metres or radians that count as 1. across: Of the dependent ones.
+        unit: Metres that count as 1.
+        units, across: By column, by dependent column: metres or radians that count as 1.
         weights: By row, likewise.
-        bending: Of its loops.
+        loops: Which loops it has.
         terms: By coupling that is not linear: its terms.
         components: Its independent components of joints.
         curved: Its dependent joints with quaternions or planes.
@@ -84,22 +85,38 @@ class ClusterRows(NamedTuple):
     direct: Indices
     gaps: Indices
     rows: Indices
+    unit: float
     units: Array
     across: Array
     weights: Array
-    bending: Bending
+    loops: Indices
     terms: tuple[tuple[ResolvedTerm, ...], ...]
     components: tuple[Coordinate, ...]
     curved: tuple[TreeJoint, ...]
 
 
 class _Start(NamedTuple):
-    """A cluster at the start of a step: Y, the step and its size t."""
+    """A cluster at the start of a step.
+
+    Attributes:
+        cluster: Which.
+        inverse: Y, from its rows to its dependent columns.
+        step, size: u and t.
+        inverse_size: ‖Y‖.
+        noise: ‖Y‖ times the tolerance.
+    """
 
     cluster: ClusterRows
     inverse: Array
     step: Array
     size: float
+    inverse_size: float
+    noise: float
+
+    @property
+    def ball(self) -> float:
+        """The radius of a ball that holds the tube."""
+        return 2.0 * min(self.size, LONGEST) + 8.0 * self.noise
 
 
 class Branches:
@@ -114,22 +131,28 @@ class Branches:
     def __init__(self, constraints: Constraints, coordinates: IndependentCoordinates, tolerance: float) -> None:
         self._constraints, self._coordinates, self._tolerance = constraints, coordinates, tolerance
         self.clusters = tuple(_clusters(constraints, coordinates))
+        units = np.ones(len(constraints.loops))
+        for cluster in self.clusters:
+            units[cluster.loops] = cluster.unit
+        self._curvature = Curvature(coordinates.tree, constraints.loops, units)
 
     def prove(self, at: ConstraintValue, psi: Array, gap: Array) -> Proof:
         """How much of the Newton step from a configuration stays on its branch, ψ_q′ and g = −ψ̄ there being given."""
         starts = [self._start(cluster, psi, gap) for cluster in self.clusters]
         whole = np.zeros(self._constraints.model.nv)
+        radii = np.zeros(len(self._constraints.loops))
         for start in starts:
             whole[start.cluster.columns] = start.step
+            radii[start.cluster.loops] = start.ball
+        bent = self._curvature.bounds(at, radii)
         rate, part, tubes = None, 1.0, []
         for start in starts:
             cluster, size = start.cluster, start.size
-            second, third, noise = self._bounds(start, at.q_free)
-            found = tube(size, second * size, 0.5 * second * size**2, second, 0.0, noise)
-            if found.part < 1.0:
+            second, third = (start.inverse_size * bound for bound in self._bounds(start, at.q_free, bent))
+            found = tube(size, second * size, 0.5 * second * size**2, second, 0.0, start.noise)
+            if found is None:
                 rate = self._rate(at, whole) if rate is None else rate
-                turning, sag = _turned(start, rate)
-                found = tube(size, turning, sag, second, third, noise)
+                found = longest(size, *_turned(start, rate), second, third, start.noise)
             part = min(part, found.part)
             tubes.append((cluster.columns, cluster.units, start.step, found.radius))
         return Proof(part, tuple(tubes))
@@ -142,24 +165,20 @@ class Branches:
         step[cluster.direct] = gap[cluster.gaps]
         step[cluster.dependent] = inverse @ (gap[cluster.rows] - rows[:, cluster.direct] @ step[cluster.direct])
         step = step[cluster.columns]
-        return _Start(cluster, inverse, step, float(np.linalg.norm(step / cluster.units)))
+        size, weighted = float(np.linalg.norm(step / cluster.units)), inverse / cluster.across[:, None] * cluster.weights
+        inverse_size = float(np.linalg.norm(weighted))
+        noise = inverse_size / min(cluster.unit, 1.0) * self._tolerance * len(cluster.rows) ** 0.5
+        return _Start(cluster, inverse, step, size, inverse_size, noise)
 
-    def _bounds(self, start: _Start, q_free: Array) -> tuple[float, float, float]:
-        """c and k within a ball that holds the tube, and the size of ‖Y‖ times the tolerance."""
+    def _bounds(self, start: _Start, q_free: Array, bent: Array) -> Array:
+        """Of |ψ″| and |ψ‴| of a cluster's rows within its ball, from those of each loop, of shape (2,)."""
         cluster = start.cluster
-        scaled = start.inverse / cluster.across[:, None]
-        size = float(np.linalg.norm(scaled * cluster.weights))
-        noise = float(np.linalg.norm(scaled)) * self._tolerance * len(cluster.rows) ** 0.5
-        radius = min(2.0 * start.size, 2.0 * LONGEST) + 8.0 * noise
+        own, shared = bent[:, :, cluster.loops].transpose(1, 0, 2)
+        bounds = [np.sqrt(own.max(axis=1, initial=0.0) ** 2 + (shared**2).sum(axis=1))]
+        bounds += [_slopes(cluster, terms, q_free, start.ball) for terms in cluster.terms]
         reference = self._coordinates.q_reference
-        moved = cluster.bending.moved(q_free, reference) + cluster.bending.spread * radius
-        bounds = [cluster.bending.bounds(moved)]
-        for terms in cluster.terms:
-            bounds.append(_slopes(cluster, terms, q_free, radius))
-        for part in cluster.components:
-            bounds.append(component_bounds(part, q_free, reference, radius))
-        second, third = np.linalg.norm(bounds, axis=0)
-        return size * float(second), size * float(third), noise
+        bounds += [component_bounds(part, q_free, reference, start.ball) for part in cluster.components]
+        return np.asarray(np.linalg.norm(bounds, axis=0))
 
     def _rate(self, at: ConstraintValue, step: Array) -> Array:
         """ψ̇_q′ along a step, of shape (m + n, n′)."""
@@ -175,22 +194,30 @@ class Tube(NamedTuple):
     radius: float
 
 
-def tube(size: float, turning: float, sag: float, second: float, third: float, noise: float) -> Tube:
-    """The theorem for given t, ν, s₂, c, k and ‖Y‖ times the tolerance: for f = 1, or a shorter part of the step."""
+def tube(
+    size: float, turning: float, sag: float, second: float, third: float, noise: float, part: float = 1.0
+) -> Tube | None:
+    """The theorem for given t, ν, s₂, c, k, ‖Y‖ times the tolerance, and f; ``None`` where no ε is found."""
+    way, bent, start = part * size, part * turning, part**2 * sag + 4.0 * noise
+    radius = start
+    for _ in range(ROUNDS):
+        if not (radius <= way + 8.0 * noise and way <= LONGEST):
+            return None
+        need = start + bent * radius + 0.5 * second * radius**2 + third * (way + radius) ** 3 / 6.0
+        if need <= radius:
+            contracts = bent + second * radius + 0.5 * third * (way + radius) ** 2 <= CONTRACTION
+            return Tube(part, radius) if contracts else None
+        radius = 1.05 * need
+    return None
+
+
+def longest(size: float, turning: float, sag: float, second: float, third: float, noise: float) -> Tube:
+    """The longest part of a step that the theorem is found to hold for."""
     part = 1.0 if size <= LONGEST else LONGEST / size
     while part > 1e-3:
-        way, bent = part * size, part * turning
-        start = part**2 * sag + 4.0 * noise
-        radius = start
-        for _ in range(ROUNDS):
-            if not radius <= way + 8.0 * noise:
-                break
-            need = start + bent * radius + 0.5 * second * radius**2 + third * (way + radius) ** 3 / 6.0
-            if need <= radius:
-                if bent + second * radius + 0.5 * third * (way + radius) ** 2 <= CONTRACTION:
-                    return Tube(part, radius)
-                break
-            radius = 1.05 * need
+        found = tube(size, turning, sag, second, third, noise, part)
+        if found is not None:
+            return found
         part *= SHORTER
     return Tube(0.0, 0.0)
 
@@ -228,10 +255,10 @@ def _clusters(constraints: Constraints, coordinates: IndependentCoordinates) -> 
         if not len(dependent):
             continue
         mine = [k for k, tie in enumerate(ties) if tie and tie[0] in inside]
-        own = [loops[k] for k in mine if k < len(loops)]
+        own = [k for k in mine if k < len(loops)]
         terms = [constraints.couplings[k - len(loops)].terms for k in mine if k >= len(loops)]
-        bent = bending(tree, coordinates.q_reference, own)
-        lengths = [not turns for loop in own for turns in loop.rows.direction_rows]
+        unit = unit_of(tree, [loops[k] for k in own])
+        lengths = [not turns for k in own for turns in loops[k].rows.direction_rows]
         lengths += [False] * len(terms) + [part.slides[0] for part in single]
         rows = _joined([*(windows[k] for k in mine), *(m + np.arange(p.v.start, p.v.stop) for p in single)])
         yield ClusterRows(
@@ -240,10 +267,11 @@ def _clusters(constraints: Constraints, coordinates: IndependentCoordinates) -> 
             direct,
             m + _joined(np.arange(part.v.start, part.v.stop) for part in whole),
             rows,
-            np.where(slides[columns], bent.unit, 1.0),
-            np.where(slides[dependent], bent.unit, 1.0),
-            np.where(lengths, bent.unit, 1.0),
-            bent,
+            unit,
+            np.where(slides[columns], unit, 1.0),
+            np.where(slides[dependent], unit, 1.0),
+            np.where(lengths, unit, 1.0),
+            np.array(own, dtype=np.intp),
             tuple(each for each in terms if any(len(term.coefficients) > 2 for term in each)),
             tuple(single),
             tuple(j for j in joints if j.kind.unit and j.kind.nv > 1 and j.v.start in dependent),

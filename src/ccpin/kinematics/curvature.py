@@ -1,286 +1,185 @@
-"""How much the rows of ψ bend: constants that bound their second and third derivatives, cluster by cluster.
+"""How much the rows of ψ bend: bounds of the sizes of their second and third derivatives in a ball of displacements.
 
 A configuration near x is written x ⊕ e, with e_i a number for each velocity component: the change of a plain number, or
 an exponential coordinate of a circle, a quaternion or a floating pose. Between a loop's ancestor C and one of its ends
 stands a chain of turns and slides. A derivative of the end's point p in which the steps i ≤ j ≤ … ≤ k of the chain take
 part is z_i × (z_j × … (z_k × (p − o_k))), no longer than the lever d_k of p about step k (1 where k slides), and zero
-where a step above it slides; a derivative of a direction fixed in the end is no longer than the direction. For a ball
-joint, a turn with three components, in exponential coordinates the same follows from Duhamel's formula with the sizes
-of its angular velocities; a floating joint turns first and slides then.
+where a step above it slides; a derivative of a direction fixed in the end is no longer than the direction. (For a ball
+joint, one step with three components, in exponential coordinates the same follows from Duhamel's formula with the sizes
+of its angular velocities; a floating joint turns first and slides then.) So |p″[a, b]| ≤ Σ d_max(i,j) |a_i||b_j|, and by
+Cauchy and Schwarz, with τ_k the number of turns down to k and b, c along some steps i alone,
 
-Levers are sums of link lengths, and of what slides on the way have moved from the reference: Δ. So |p″[a, b]| is at most
-|a|ᵀM|b| with M_ij = d_max(i,j), a row Σ w (x·y) obeys the product rule, and with one matrix M_l, or tensor T_l, for each
-row (or set of rows e·gap, e along several directions)
+    |p′[b]|² ≤ Σ_i d_i² |b|²,    |p″[a, b]|² ≤ Σ_i (τ_i d_i² + Σ_{k below i} d_k²) |a|²|b|²,
+    |p‴[a, a, c]|² ≤ Σ_i (τ_i² d_i² + Σ_{k below i} (2 τ_k − 1) d_k²) |a|⁴|c|²
 
-    |ψ″[a, b]| ≤ √λ_max(Σ M_l M_lᵀ) |a||b|,    |ψ‴[a, b, c]| ≤ √λ_max(Σ T_l T_lᵀ) |a||b||c|,
-
-T_l unfolded to a matrix: Euclidean norms throughout, in which lengths are counted in the cluster's own unit ℓ.
+(a slide has 1, τ and τ²; below a turn it counts 1 and 2 τ). A direction has √τ, √(τ n) and n √τ, n its turns. Rows are
+sums of products of such vectors, and the product rule bounds them. Steps that one loop alone has move no other loop's
+rows, so that the largest of the loops' bounds along their own steps, and the root of the sum of squares of those along
+shared ones, make the cluster's. d_k is exact at x, and in the ball |e| ≤ r longer by r √(Σ d_j², j below k) at most. All
+norms are Euclidean, lengths counted in a unit of the cluster's.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices
+from ccpin.arrays import Array, cross
 from ccpin.description.closure_kinds import Fixed, Gap, Product, Row, Vector
+from ccpin.kinematics.constraints import ConstraintValue
 from ccpin.kinematics.loops import ResolvedClosure
-from ccpin.kinematics.tree import Tree
+from ccpin.kinematics.tree import Tree, TreeJoint
 
-_DEGREES = 3  # of polynomials in Δ: 1, Δ, Δ²
-_Step = tuple[int, bool]  # the joint's number, and whether it slides: all of a joint's turns are one step, and slides
+_CODES = {"A": 0, "B": 1, "C": 2, "gap": 3}
 
 
-class Bending(NamedTuple):
-    """Bounds for one cluster, in units of its ℓ; Euclidean norms over all its components and rows.
+class _Step(NamedTuple):
+    """One step of a chain: its components of q̇′, and whether they slide; the turns of a joint are one step, and slides."""
 
-    Attributes:
-        unit: ℓ, metres: the longest lever.
-        second, third: Coefficients of 1, Δ, Δ² in bounds of |ψ″| and |ψ‴| of the loops' rows, of shape (3,) each.
-        slides: By loop: where the slides that lengthen its levers stand in q′.
-        spread: Δ grows by at most `spread` times the size of a displacement.
+    columns: list[int]
+    slides: bool
+
+
+class _Term(NamedTuple):
+    """A product of a loop's row: sizes of two vectors, by code, and the weight it has once lengths are in units."""
+
+    loop: int
+    row: int
+    weight: float
+    left: int
+    right: int
+
+
+class Curvature:
+    """Bounds for the rows of loops.
+
+    Args:
+        tree: The free system.
+        loops: The closures.
+        units: Lengths that count as 1, by loop, metres.
     """
 
-    unit: float
-    second: Array
-    third: Array
-    slides: tuple[Indices, ...]
-    spread: float
+    def __init__(self, tree: Tree, loops: Sequence[ResolvedClosure], units: Array) -> None:
+        self._units = units
+        paths = [*(loop.path_a for loop in loops), *(loop.path_b for loop in loops)]
+        chains = [[step for number in path for step in _steps(tree.joints[number - 1])] for path in paths]
+        shape = len(chains), max((len(chain) for chain in chains), default=0)
+        self._columns = np.full((*shape, 3), tree.model.nv)
+        self._shares, self._turns, self._slides = np.zeros((3, *shape))
+        for k, chain in enumerate(chains):
+            for i, step in enumerate(chain):
+                self._columns[k, i, : len(step.columns)] = step.columns
+                self._turns[k, i], self._slides[k, i] = not step.slides, step.slides
+                self._shares[k, i] = 0.5 if len(step.columns) == 3 else 1.0  # |p − o|² of a ball is half the sum of three
+        used = np.bincount([number for loop in loops for number in (*loop.path_a, *loop.path_b)], minlength=1)
+        own = [[used[number] == 1 for number in path for _ in _steps(tree.joints[number - 1])] for path in paths]
+        self._among = np.zeros((2, *shape))  # steps that the loop alone has, and those it shares
+        for k, each in enumerate(own):
+            self._among[0, k, : len(each)], self._among[1, k, : len(each)] = each, np.logical_not(each)
+        self._count = self._turns.cumsum(axis=1)
+        terms = [term for k, loop in enumerate(loops) for term in _terms(k, loop.rows.rows, float(units[k]))]
+        self._terms = np.array([term[2:] for term in terms]).reshape(-1, 3)
+        self._codes = self._terms[:, 1:].astype(np.intp)
+        self._loop = np.array([term.loop for term in terms], dtype=np.intp)
+        rows = [(term.loop, term.row) for term in terms]
+        self._starts = np.array([k for k, row in enumerate(rows) if not k or row != rows[k - 1]], dtype=np.intp)
 
-    def bounds(self, moved: float) -> tuple[float, float]:
-        """Of |ψ″| and |ψ‴| where slides have moved by Δ, in units of ℓ."""
-        powers = np.array([1.0, moved, moved**2])
-        return float(self.second @ powers), float(self.third @ powers)
+    def bounds(self, at: ConstraintValue, radii: Array) -> Array:
+        """|ψ″| and |ψ‴| of each loop's rows within the ball about a configuration, r given by loop, of shape (2, 2, L).
 
-    def moved(self, q_free: Array, q_reference: Array) -> float:
-        """Δ: how far the slides of one loop are from the reference, at most, in units of ℓ."""
-        gone = np.abs(q_free - q_reference)
-        return max((float(gone[slides].sum()) for slides in self.slides), default=0.0) / self.unit
+        First those along a step that the loop alone has, then along shared ones.
+        """
+        loops = len(self._units)
+        if not loops:
+            return np.zeros((2, 2, 0))
+        points = at.placed.vectors[-2 * loops :]
+        levers = self._levers(at, points) / np.tile(self._units, 2)[:, None]
+        below, below_2, below_3 = np.zeros((3, 2 * loops))
+        rows = np.zeros((3, *levers.shape))  # what |p′|², |p″|² and |p‴|² have of each step
+        for i in reversed(range(levers.shape[1])):
+            turns, slides, count = self._turns[:, i], self._slides[:, i], self._count[:, i]
+            squares = (levers[:, i] + np.tile(radii, 2) * np.sqrt(below)) ** 2 * turns
+            rows[0, :, i] = squares + slides
+            rows[1, :, i] = count * rows[0, :, i] + turns * below_2
+            rows[2, :, i] = count**2 * rows[0, :, i] + turns * below_3
+            below += rows[0, :, i]
+            below_2 += rows[0, :, i]
+            below_3 += (2 * count - turns) * rows[0, :, i]
+        jets = np.zeros((2, 4, 4, loops))  # along own and along shared steps; order; vector
+        along = np.einsum("skj,okj->sok", self._among, rows).reshape(2, 3, 2, loops)
+        jets[:, 1, 3] = np.sqrt(along[:, 0].sum(axis=1))
+        jets[:, 2:, 3] = np.sqrt(along[:, 1:].max(axis=2))
+        turned = np.einsum("skj,kj->sk", self._among, self._turns).reshape(2, 2, loops)
+        n = turned.sum(axis=0)
+        for order in (1, 2, 3):
+            jets[:, order, :2] = np.sqrt(turned * n ** (order - 1))
+        jets[:, 0, :3] = 1.0
+        gap = np.sqrt(((points[loops:] - points[:loops]) ** 2).sum(axis=1)) / self._units
+        jets[:, 0, 3] = gap + radii * np.sqrt(along[:, 0].sum(axis=(0, 1)))
+        return self._rows(jets)
 
+    def _levers(self, at: ConstraintValue, points: Array) -> Array:
+        """d of every turn in its chain, metres, of shape (2 L, S)."""
+        spatial = np.concatenate([at.placed.spatial, np.zeros((6, 1))], axis=1).T[self._columns]
+        moved = spatial[..., :3] + cross(spatial[..., 3:], points[:, None, None])
+        return np.asarray(np.sqrt(self._shares * (moved**2).sum(axis=(-1, -2))) * self._turns)
 
-def bending(tree: Tree, q_reference: Array, loops: Sequence[ResolvedClosure]) -> Bending:
-    """The bounds of a cluster's loops."""
-    chains = [_Chains.of(tree, q_reference, loop) for loop in loops]
-    unit = max((chain.longest for chain in chains), default=0.0) or 1.0
-    steps = sorted({step for chain in chains for step in chain.steps})
-    place = {step: k for k, step in enumerate(steps)}
-    second, third = np.zeros((2, _DEGREES, len(steps), len(steps)))
-    for chain in chains:
-        at = np.array([place[step] for step in chain.steps], dtype=np.intp)
-        for matrix, tensor in chain.bent(unit):
-            unfolded = tensor.reshape(_DEGREES, len(at), -1)
-            second[:, at[:, None], at] += matrix @ matrix.transpose(0, 2, 1)
-            third[:, at[:, None], at] += unfolded @ unfolded.transpose(0, 2, 1)
-    slides = tuple(chain.slides for chain in chains)
-    spread = max((chain.spread for chain in chains), default=0.0)
-    return Bending(unit, _root(second), _root(third), slides, spread)
-
-
-def _root(squares: Array) -> Array:
-    """√λ_max of symmetric matrices, rounded up."""
-    if not squares.shape[-1]:
-        return np.zeros(len(squares))
-    return np.sqrt(np.maximum(np.linalg.eigvalsh(squares)[:, -1], 0.0)) * (1.0 + 1e-9)
-
-
-class _Jet(NamedTuple):
-    """Bounds of a vector and of its first, second and third derivatives by steps, each a polynomial in Δ."""
-
-    size: Array
-    first: Array
-    second: Array
-    third: Array
-
-    @classmethod
-    def fixed(cls, turns: Array) -> _Jet:
-        """A unit vector fixed in a frame that the steps given turn."""
-        parts = (np.ones(()), turns, np.multiply.outer(turns, turns), _outer(turns, turns, turns))
-        return cls(*(np.stack([part, *(np.zeros_like(part) for _ in range(_DEGREES - 1))]) for part in parts))
-
-    def times(self, other: _Jet, weight: float) -> tuple[Array, Array]:
-        """Second and third derivatives of weight (x·y)."""
-        x, y = self, other
-        second = _product(x.second, y.size) + _product(x.size, y.second)
-        second = second + _product(x.first, y.first) + _product(y.first, x.first)
-        mixed = _product(x.second, y.first) + _product(y.second, x.first)
-        third = _product(x.third, y.size) + _product(x.size, y.third)
-        for last in range(3):  # the derivative that stands alone
-            third = third + np.moveaxis(mixed, 3, 1 + last)
-        return abs(weight) * second, abs(weight) * third
-
-
-def _outer(*vectors: Array) -> Array:
-    return np.einsum("i,j,k->ijk", *vectors)
-
-
-def _product(x: Array, y: Array) -> Array:
-    """The outer product of two arrays of polynomials in Δ."""
-    result = np.zeros((_DEGREES, *x.shape[1:], *y.shape[1:]))
-    for i in range(_DEGREES):
-        for j in range(_DEGREES - i):
-            result[i + j] += np.multiply.outer(x[i], y[j])
-    return result
+    def _rows(self, jets: Array) -> Array:
+        """The product rule: of x″y + 2 x′y′ + xy″ and the next, one factor along the steps in question."""
+        whole = np.concatenate([jets[:1, 0], np.sqrt((jets[:, 1:] ** 2).sum(axis=0))])
+        (x, y), (u, v) = (
+            [each[..., self._codes[:, k], self._loop] for k in (0, 1)] for each in (jets, whole)
+        )
+        second = x[:, 2] * v[0] + x[:, 1] * v[1] + u[1] * y[:, 1] + u[0] * y[:, 2]
+        third = x[:, 3] * v[0] + 2 * x[:, 2] * v[1] + u[2] * y[:, 1] + x[:, 1] * v[2] + 2 * u[1] * y[:, 2] + u[0] * y[:, 3]
+        rows = np.add.reduceat(self._terms[:, 0] * np.stack([second, third], axis=1), self._starts, axis=2) ** 2
+        squares = np.zeros((2, 2, jets.shape[3]))
+        np.add.at(squares, (slice(None), slice(None), self._loop[self._starts]), rows)
+        return np.asarray(np.sqrt(squares).transpose(1, 0, 2))
 
 
-class _Side(NamedTuple):
-    """The chain from a loop's ancestor to one of its ends.
-
-    Attributes:
-        steps: Root first.
-        levers: d of each turn while Δ = 0, and 1 for slides, metres.
-        grows: 1.0 for turns whose levers Δ lengthens.
-        reach: No more than this is the distance of the end from the ancestor while Δ = 0, metres.
-        within: Where slides below a turn of another joint stand in q′. slides: All of them.
-        sliding: How many steps slide.
-    """
-
-    steps: list[_Step]
-    levers: list[float]
-    grows: list[float]
-    reach: float
-    within: list[int]
-    slides: list[int]
-    sliding: int
-
-    @classmethod
-    def of(cls, tree: Tree, q_reference: Array, path: Sequence[int], point: Array) -> _Side:
-        """Measure a chain that ends in a point of its last joint's frame."""
-        joints = [tree.joints[number - 1] for number in path]
-        offsets = [*(joint.placement[:3, 3] for joint in joints), point]
-        steps, levers, grows, within, slides = list[_Step](), list[float](), list[float](), list[int](), list[int]()
-        beyond = 0.0  # of the frame after this joint's
-        for joint, after in zip(reversed(joints), reversed(offsets[1:]), strict=True):
-            axes = joint.kind.directions(joint.axis)
-            turning = [axis for axis, slide in zip(axes, joint.kind.slides, strict=True) if not slide]
-            own = [joint.q.start + k for k, slide in enumerate(joint.kind.slides) if slide]
-            if turning:
-                within = list(slides)
-            if own:
-                steps.append((joint.number, True))
-                levers.append(1.0)
-                grows.append(0.0)
-                slides += own
-            if turning:
-                across = after - (after @ turning[0]) * turning[0] if len(turning) == 1 else after
-                steps.append((joint.number, False))
-                levers.append(float(np.linalg.norm(across)) + beyond)
-                grows.append(1.0 if slides else 0.0)
-            beyond += float(np.linalg.norm(after)) + float(np.abs(q_reference[own]).sum())
-        reach = beyond + float(np.linalg.norm(offsets[0]))
-        sliding = sum(slide for _, slide in steps)
-        return cls(steps[::-1], levers[::-1], grows[::-1], reach, within, slides, sliding)
+def unit_of(tree: Tree, loops: Sequence[ResolvedClosure]) -> float:
+    """Half the links' lengths around the longest loop, metres; 1 where there are none."""
+    lengths = []
+    for loop in loops:
+        links = [tree.joints[number - 1].placement[:3, 3] for number in (*loop.path_a, *loop.path_b)]
+        lengths.append(sum(float(np.linalg.norm(v)) for v in (*links, loop.frame_a[:3, 3], loop.frame_b[:3, 3])))
+    return 0.5 * max(lengths, default=0.0) or 1.0
 
 
-class _Chains(NamedTuple):
-    """The two chains of one loop, A's before B's.
-
-    Attributes:
-        rows: Of the loop.
-        sides: The chains.
-        measured: Whether the size of the gap matters to a row.
-    """
-
-    rows: tuple[Row, ...]
-    sides: tuple[_Side, _Side]
-    measured: bool
-
-    @classmethod
-    def of(cls, tree: Tree, q_reference: Array, loop: ResolvedClosure) -> _Chains:
-        """Measure a loop."""
-        ends = (loop.path_a, loop.frame_a[:3, 3]), (loop.path_b, loop.frame_b[:3, 3])
-        a, b = (_Side.of(tree, q_reference, *end) for end in ends)
-        rows = loop.rows.rows
-        frames = {_frame(vector) for row in rows for p in row for vector in (p.left, p.right) if _gaps(p)}
-        return cls(rows, (a, b), any(_gaps(p) == 2 for row in rows for p in row) or not frames <= {"C", "gap"})
-
-    @property
-    def steps(self) -> list[_Step]:
-        """Of both chains."""
-        return [step for side in self.sides for step in side.steps]
-
-    @property
-    def longest(self) -> float:
-        """The longest lever of a turn, metres."""
-        turns = [d for side in self.sides for d, (_, slides) in zip(side.levers, side.steps, strict=True) if not slides]
-        return max(turns, default=0.0)
-
-    @property
-    def slides(self) -> Indices:
-        """Where the slides that count in Δ stand in q′."""
-        found = [q for side in self.sides for q in (side.slides if self.measured else side.within)]
-        return np.array(found, dtype=np.intp)
-
-    @property
-    def spread(self) -> float:
-        """How fast Δ grows with a displacement, at most."""
-        return float(np.sqrt(sum(side.sliding for side in self.sides)))
-
-    def bent(self, unit: float) -> Iterator[tuple[Array, Array]]:
-        """M and T of every row, or set of rows, lengths in the unit given."""
-        vectors = self._vectors(unit)
-        together: dict[str, list[Array]] = {}
-        for row in self.rows:
-            first = row[0]
-            if len(row) == 1 and _gaps(first) == 1:
-                fixed = first.left if isinstance(first.left, Fixed) else first.right
-                assert isinstance(fixed, Fixed)
-                together.setdefault(fixed.frame, []).append(first.weight * fixed.local)
-                continue
-            longest = max(_gaps(product) for product in row)
-            scaled = [(p, _size(p) * unit ** (_gaps(p) - min(longest, 1))) for p in row]
-            parts = [vectors[_frame(p.left)].times(vectors[_frame(p.right)], size) for p, size in scaled]
-            yield sum((part[0] for part in parts), np.zeros(())), sum((part[1] for part in parts), np.zeros(()))
-        for frame, directions in together.items():
-            yield vectors[frame].times(vectors["gap"], float(np.linalg.norm(directions, 2)))
-
-    def _vectors(self, unit: float) -> dict[str, _Jet]:
-        """Unit vectors of A, B and C, and the gap."""
-        counts = [len(side.steps) for side in self.sides]
-        of_b = np.repeat([False, True], counts)
-        slides = np.array([slides for _, slides in self.steps], dtype=bool)
-        levers = np.array([d for side in self.sides for d in side.levers])
-        levers = np.stack([np.where(slides, 1.0, levers / unit), [g for side in self.sides for g in side.grows]])
-        turns = np.where(slides, 0.0, 1.0)
-        gap = _Jet(*(np.zeros((_DEGREES, *[len(turns)] * order)) for order in range(4)))
-        gap.size[:2] = sum(side.reach for side in self.sides) / unit, 1.0
-        gap.first[:2] = levers
-        for start, stop in ((0, counts[0]), (counts[0], len(turns))):
-            for k in range(start, stop):  # the deepest step that takes part
-                above = turns.copy()
-                above[:start], above[k + (not slides[k]) :] = 0.0, 0.0
-                only = np.zeros(len(turns))
-                only[k] = 1.0
-                pair = _outermost(above, only)
-                triple = _outermost(above, above, only)
-                for degree in range(2):
-                    gap.second[degree] += levers[degree, k] * pair
-                    gap.third[degree] += levers[degree, k] * triple
-        return {
-            "A": _Jet.fixed(np.where(of_b, 0.0, turns)),
-            "B": _Jet.fixed(np.where(of_b, turns, 0.0)),
-            "C": _Jet.fixed(np.zeros_like(turns)),
-            "gap": gap,
-        }
+def _steps(joint: TreeJoint) -> list[_Step]:
+    columns = list(zip(range(joint.v.start, joint.v.stop), joint.kind.slides, strict=True))
+    both = [_Step([k for k, slide in columns if slide == slides], slides) for slides in (False, True)]
+    return [step for step in both if step.columns]
 
 
-def _outermost(*vectors: Array) -> Array:
-    """1 where some order of the indices has all vectors' entries not zero, of nonnegative 0-1 vectors."""
-    letters = "ijk"[: len(vectors)]
-    outer = np.einsum(",".join(letters) + "->" + letters, *vectors)
-    result = outer
-    for axis in range(len(vectors) - 1):
-        result = np.maximum(result, np.swapaxes(outer, axis, len(vectors) - 1))
-    return np.asarray(result)
+def _terms(loop: int, rows: Sequence[Row], unit: float) -> list[_Term]:
+    """The products of a loop's rows; those e·gap with e fixed in one frame along several directions count as one."""
+    terms, along = list[_Term](), dict[int, list[Array]]()
+    for row in rows:
+        longest = max(_gaps(product) for product in row)
+        if len(row) == 1 and longest == 1:
+            fixed = row[0].left if isinstance(row[0].left, Fixed) else row[0].right
+            assert isinstance(fixed, Fixed)
+            along.setdefault(_CODES[fixed.frame], []).append(row[0].weight * fixed.local)
+            continue
+        number = len(terms)
+        for product in row:
+            weight = _size(product) * unit ** (_gaps(product) - min(longest, 1))
+            terms.append(_Term(loop, number, weight, _code(product.left), _code(product.right)))
+    for code, directions in along.items():
+        terms.append(_Term(loop, len(terms), float(np.linalg.norm(directions, 2)), code, _CODES["gap"]))
+    return terms
 
 
 def _gaps(product: Product) -> int:
     return isinstance(product.left, Gap) + isinstance(product.right, Gap)
 
 
-def _frame(vector: Vector) -> str:
-    return vector.frame if isinstance(vector, Fixed) else "gap"
+def _code(vector: Vector) -> int:
+    return _CODES[vector.frame if isinstance(vector, Fixed) else "gap"]
 
 
 def _size(product: Product) -> float:
