@@ -1,83 +1,240 @@
-// Which Newton step stays on its branch: the theorem is in ccpin.kinematics.branches, the constants in
-// ccpin.kinematics.curvature. Here one cluster at a time, in the Euclidean norm of its columns over their units.
+// Which Newton step stays on its branch: the theorem is in ccpin.kinematics.branches. Here for one cluster at a time.
 #pragma once
-#include "tangent.hpp"
+#include "curvature.hpp"
 
 namespace ccpin {
 
-// What is proven around a closed configuration x̂ of one cluster: for |Δq| in a region the solution over q̂ + Δq lies in
-// the tube x̂ ⊕ ρ̂ Δq + e, |e| ≤ ε, alone. All sizes are quadratic forms in Δq.
+// What is proven around a closed configuration x̂ of one cluster. Over q̂ + Δq with |ρ̂ Δq| ≤ reach, a convex set, the
+// tube x̂ ⊕ ρ̂ Δq + e, |e| ≤ radius, holds one solution. Quadratic forms of Δq tell how far single directions reach.
 struct Anchor {
-  std::vector<double> q_free, q, rho;
-  std::vector<double> metric, turning;    // n × n: t² and ν² of ρ̂ Δq
-  std::vector<double> sags;               // by pair i ≤ j of Δq: ψ_q′⁻¹ψ″[ρ̂_i, ρ̂_j] (twice where i < j) over units
-  double second = 0, third = 0, noise = 0;
-  double reach = 0, radius = 0;           // every step with t ≤ reach is proven, with this ε
+  std::vector<double> q_free, rho;
+  std::vector<double> metric, turning;  // n × n: |ρ̂ Δq|² and ν²
+  std::vector<double> sags;             // by pair i ≤ j: ½ ψ_q′⁻¹ψ″[ρ̂_i, ρ̂_j], twice where i < j, by dependent column
+  Bent bent{};                          // c and k
+  double noise = 0, reach = 0, radius = 0;
 };
 
-class Branches : public Tangent {
+class Branches : public Curvature {
  public:
-  explicit Branches(const Mechanism& mechanism) : Tangent(mechanism) {}
+  using Curvature::Curvature;
 
  protected:
   struct Tube { double part, radius; };
-  std::vector<double> start_, end_;  // of the step proven last: x, and u by local column
+  std::vector<double> first_, end_;  // of the step proven last: its start x (of q′), and f u by local column
   double radius_ = 0;                // ε
 
-  // How much of the step s.step from `start_`, where the cluster is factorised, stays on its branch.
+  // How much of the step s.step from `first_`, where the cluster is factorised, stays on its branch.
   double prove(const Cluster& c, ClusterState& s) {
-    end_ = s.step;
-    if (!c.unknowns()) return radius_ = INFINITY, 1;
-    const double size = length(c, end_.data());
-    const Bounds b = bounds(c, s, 2 * std::min(size, kLongest));
-    Tube found = tube(1, size, b.second * size, 0.5 * b.second * size * size, b.second, 0, b.noise);
+    end_ = s.step, radius_ = INFINITY;
+    if (!c.unknowns()) return 1;
+    const double size = length(c, end_.data()), y = inverse_size(c, s), noise = noise_of(c, y);
+    Bent b = bounds(c, 2 * std::min(size, kLongest) + 8 * noise);
+    b.second *= y, b.third *= y;
+    Tube found = tube(size, b.second * size, 0.5 * b.second * size * size, {b.second, 0}, noise, 1);
     if (!(found.part > 0)) {
       const double turning = turned(c, s, end_.data());
-      found = longest(size, turning, 0.5 * size_of(c, s.bias.data()), b);
+      found = longest(size, turning, 0.5 * length(c, s.bias.data()), b, noise);
     }
-    radius_ = found.radius;
     for (double& x : end_) x *= found.part;
+    radius_ = found.radius;
     return found.part;
   }
 
   // Whether the cluster's configuration is the solution proven.
   bool proven(const Cluster& c) const {
-    return !(radius_ < INFINITY) || distance(c, start_.data(), end_.data()) <= radius_;
+    const Scale& scale = scale_of(c);
+    double moved[6], sum = 0;
+    for (int j : c.joints) {
+      const Joint& joint = m.joints[j];
+      difference(joint.kind, first_.data() + joint.q, q_free.data() + joint.q, moved);
+      for (int k = 0; k < joint.nv; ++k) {
+        const int col = m.column_of[joint.v + k];
+        const double x = (moved[k] - end_[col]) / scale.columns[col];
+        sum += x * x;
+      }
+    }
+    return sum <= radius_ * radius_;
   }
 
-  // What is proven around the cluster's configuration, which is closed and factorised, ρ being known.
+  // What is proven around the cluster's configuration, which is closed and factorised with ρ known.
   void anchor(const Cluster& c, ClusterState& s, Anchor& a) {
     const int n = c.n(), unknowns = c.unknowns(), width = c.width();
-    a.q_free = q_free, a.rho = s.rho, a.reach = 0;
-    if (!unknowns) return;
-    const Bounds b = bounds(c, s, kBall);
-    a.second = b.second, a.third = b.third, a.noise = b.noise;
-    a.metric.assign(size_t(n) * n, 0.), a.turning = a.metric;
-    a.sags.assign(size_t(n) * (n + 1) / 2 * unknowns, 0.);
-    slices_.resize(n), column_.resize(width);
-    for (int i = 0; i < n; ++i) {
-      for (int col = 0; col < width; ++col) column_[col] = s.rho[size_t(col) * n + i];
-      turned(c, s, column_.data());
-      slices_[i] = turning_;
-    }
-    for (int i = 0; i < n; ++i)
-      for (int j = 0; j < n; ++j) {
-        for (int col = 0; col < width; ++col)
-          a.metric[size_t(i) * n + j] += s.rho[size_t(col) * n + i] * s.rho[size_t(col) * n + j] / (c.units[col] * c.units[col]);
-        for (size_t k = 0; k < turning_.size(); ++k) a.turning[size_t(i) * n + j] += slices_[i][k] * slices_[j][k];
-      }
+    a.q_free = q_free, a.rho = s.rho;
+    a.metric.assign(size_t(n) * n, 0.), a.turning = a.metric, a.sags.assign(size_t(n) * (n + 1) / 2 * unknowns, 0.);
+    if (!unknowns || !n) return;
+    const Scale& scale = scale_of(c);
+    const double y = inverse_size(c, s);
+    a.noise = noise_of(c, y), a.bent = bounds(c, kBall), a.bent.second *= y, a.bent.third *= y;
+    slices_.resize(n), step_.resize(width);
+    const auto along = [&](int i, int j) {  // ρ_i, or ρ_i + ρ_j
+      for (int col = 0; col < width; ++col) step_[col] = s.rho[size_t(col) * n + i] + (j == i ? 0 : s.rho[size_t(col) * n + j]);
+    };
+    for (int i = 0; i < n; ++i) along(i, i), turned(c, s, step_.data()), slices_[i] = turning_;
     double* sag = a.sags.data();
     for (int i = 0; i < n; ++i)
-      for (int j = i; j < n; ++j, sag += unknowns) sag_between(c, s, i, j, sag);
+      for (int j = i; j < n; ++j, sag += unknowns) {
+        along(i, j), bias(c, s, step_.data());
+        for (int k = 0; k < unknowns; ++k) sag[k] = -0.5 * s.bias[c.dependent[k]];
+        double t = 0, v = 0;
+        for (int col = 0; col < width; ++col)
+          t += s.rho[size_t(col) * n + i] * s.rho[size_t(col) * n + j] / (scale.columns[col] * scale.columns[col]);
+        for (size_t k = 0; k < turning_.size(); ++k) v += slices_[i][k] * slices_[j][k];
+        a.metric[size_t(i) * n + j] = a.metric[size_t(j) * n + i] = t;
+        a.turning[size_t(i) * n + j] = a.turning[size_t(j) * n + i] = v;
+      }
+    for (int i = 0, pair = 0; i < n; ++i)  // what the sums of two have too much
+      for (int j = i; j < n; ++j, ++pair)
+        for (int k = 0; k < unknowns && j > i; ++k)
+          a.sags[size_t(pair) * unknowns + k] -= a.sags[size_t(diagonal(i, n)) * unknowns + k] + a.sags[size_t(diagonal(j, n)) * unknowns + k];
     widest(a, n);
   }
+
+  // Whether all solutions between two are in the tube of an anchor: over q̂ + `gap` and over where the way
+  // begins, which is x̂ itself or was covered before.
+  bool covers(const Cluster& c, const Anchor& a, const double* gap, bool from_anchor) {
+    radius_ = INFINITY;
+    if (!c.unknowns()) return true;
+    const int n = c.n();
+    const double size = std::sqrt(form(a.metric, gap, n));
+    radius_ = a.radius;
+    if (size <= a.reach) return true;
+    if (!from_anchor || !(size <= 0.5 * kBall)) return false;
+    const int unknowns = c.unknowns();
+    const Scale& scale = scale_of(c);
+    step_.assign(unknowns, 0.);
+    const double* sag = a.sags.data();
+    for (int i = 0; i < n; ++i)
+      for (int j = i; j < n; ++j, sag += unknowns)
+        for (int k = 0; k < unknowns; ++k) step_[k] += gap[i] * gap[j] * sag[k];
+    double sum = 0;
+    for (int k = 0; k < unknowns; ++k) sum += std::pow(step_[k] / scale.columns[c.dependent[k]], 2);
+    const Tube found = tube(size, std::sqrt(form(a.turning, gap, n)), std::sqrt(sum), a.bent, a.noise, 1);
+    radius_ = found.radius;
+    return found.part > 0;
+  }
+  static double size_in(const Anchor& a, const double* gap, int n) { return std::sqrt(form(a.metric, gap, n)); }
 
  private:
   static constexpr double kContractive = 0.9, kLongest = 0.5, kShorter = 0.8, kLeast = 1e-3, kBall = 0.2;
   static constexpr int kRounds = 12;
-  struct Bounds { double second, third, noise; };
-  std::vector<double> inverse_columns_, turning_, column_;
+  std::vector<double> square_, turning_, step_;
   std::vector<std::vector<double>> slices_;
+
+  static double form(const std::vector<double>& a, const double* x, int n) {
+    double sum = 0;
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; j < n; ++j) sum += x[i] * a[size_t(i) * n + j] * x[j];
+    return std::max(sum, 0.);
+  }
+  static int diagonal(int i, int n) { return i * n - i * (i - 1) / 2; }  // which pair (i, i) is
+
+  // How far every direction reaches, by the largest ν for a given t, and s₂ ≤ ½ ν t.
+  static void widest(Anchor& a, int n) {
+    using Matrix = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
+    const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> solver(
+        Matrix(a.turning.data(), n, n), Matrix(a.metric.data(), n, n), Eigen::EigenvaluesOnly | Eigen::Ax_lBx);
+    const double most = std::sqrt(std::max(solver.eigenvalues()[n - 1], 0.)) * (1 + 1e-9);
+    a.reach = 0;
+    for (double t = 0.5 * kBall; t > kLeast * kBall; t *= kShorter) {
+      const Tube found = tube(t, most * t, 0.5 * most * t * t, a.bent, a.noise, 1);
+      if (!(found.part > 0)) continue;
+      a.reach = t, a.radius = found.radius;
+      return;
+    }
+  }
+
+  double length(const Cluster& c, const double* step) const {
+    const Scale& scale = scale_of(c);
+    double sum = 0;
+    for (int col = 0; col < c.width(); ++col) sum += std::pow(step[col] / scale.columns[col], 2);
+    return std::sqrt(sum);
+  }
+
+  // ‖ψ_q′⁻¹‖ of the dependent columns, at most.
+  double inverse_size(const Cluster& c, const ClusterState& s) {
+    const Scale& scale = scale_of(c);
+    const int rows = c.rows();
+    square_.assign(size_t(rows) * rows, 0.);
+    for (int k = 0; k < rows; ++k) square_[size_t(k) * rows + k] = scale.rows[k];
+    s.factor.solve(square_.data(), rows);
+    double total = 0;
+    for (int k = 0; k < c.unknowns(); ++k) {
+      const double* y = square_.data() + size_t(c.pattern.slots[k]) * rows;
+      double sum = 0;
+      for (int r = 0; r < rows; ++r) sum += y[r] * y[r];
+      total += sum / (scale.columns[c.dependent[k]] * scale.columns[c.dependent[k]]);
+    }
+    return std::sqrt(total);
+  }
+  double noise_of(const Cluster& c, double inverse) const {
+    return inverse / std::min(scale_of(c).unit, 1.) * m.tolerance * std::sqrt(double(c.rows()));
+  }
+
+  // ν of a step; −ψ_q′⁻¹ψ″[u, u] is left in `s.bias`, N in `turning_` (over units).
+  double turned(const Cluster& c, ClusterState& s, const double* step) {
+    const Scale& scale = scale_of(c);
+    const int rows = c.rows(), n = c.unknowns();
+    bias(c, s, step);
+    square_.assign(size_t(rows) * n, 0.), turning_.resize(size_t(n) * n);
+    jacobian_rate(c, s, step, [&](int row, int col, double rate) {
+      if (scale.place[col] >= 0) square_[size_t(row) * n + scale.place[col]] += rate;
+    });
+    s.factor.solve(square_.data(), n);
+    for (int k = 0; k < n; ++k) std::copy_n(square_.data() + size_t(c.pattern.slots[k]) * n, n, turning_.data() + size_t(k) * n);
+    straighten(c, scale, step);
+    double sum = 0;
+    for (int k = 0; k < n; ++k)
+      for (int i = 0; i < n; ++i) {
+        double& x = turning_[size_t(k) * n + i];
+        x *= scale.columns[c.dependent[i]] / scale.columns[c.dependent[k]];
+        sum += x * x;
+      }
+    return std::sqrt(sum);
+  }
+
+  // Velocities in ψ̇_q′ are those of moving frames; here they become those of exponential coordinates.
+  void straighten(const Cluster& c, const Scale& scale, const double* step) {
+    const int n = c.unknowns();
+    for (int j : c.joints) {
+      const Joint& joint = m.joints[j];
+      const int first = m.column_of[joint.v];
+      if (joint.nv < 3 || scale.place[first] < 0) continue;
+      const double* v = step + first;
+      const bool planar = joint.kind == Kind::planar, slides = joint.kind == Kind::floating;
+      const Vec3 w = planar ? Vec3(0, 0, v[2]) : slides ? Vec3(v[3], v[4], v[5]) : Vec3(v[0], v[1], v[2]);
+      const Vec3 x = planar ? Vec3(v[0], v[1], 0) : slides ? Vec3(v[0], v[1], v[2]) : Vec3(0, 0, 0);
+      Eigen::Matrix<double, 6, 6> bracket = Eigen::Matrix<double, 6, 6>::Zero();
+      bracket.topLeftCorner<3, 3>() = bracket.bottomRightCorner<3, 3>() = skew(w);
+      bracket.topRightCorner<3, 3>() = skew(x);
+      const int entry[6] = {planar || slides ? 0 : 3, planar || slides ? 1 : 4, planar ? 5 : slides ? 2 : 5, 3, 4, 5};
+      for (int a = 0; a < joint.nv; ++a)
+        for (int b = 0; b < joint.nv; ++b)
+          turning_[size_t(scale.place[first + a]) * n + scale.place[first + b]] -= 0.5 * bracket(entry[a], entry[b]);
+    }
+  }
+
+  // The theorem for given t, ν, s₂, (c, k) and f; part 0 where no ε is found.
+  static Tube tube(double size, double turning, double sag, Bent b, double noise, double part) {
+    const double way = part * size, bent = part * turning, start = part * part * sag + 4 * noise;
+    double radius = start;
+    for (int round = 0; round < kRounds; ++round) {
+      if (!(radius <= way + 8 * noise && way <= kLongest)) break;
+      const double far = way + radius, need = start + bent * radius + 0.5 * b.second * radius * radius + b.third * far * far * far / 6;
+      if (need <= radius) {
+        if (bent + b.second * radius + 0.5 * b.third * far * far <= kContractive) return {part, radius};
+        break;
+      }
+      radius = 1.05 * need;
+    }
+    return {0, 0};
+  }
+  static Tube longest(double size, double turning, double sag, Bent b, double noise) {
+    for (double part = size <= kLongest ? 1 : kLongest / size; part > kLeast; part *= kShorter) {
+      const Tube found = tube(size, turning, sag, b, noise, part);
+      if (found.part > 0) return found;
+    }
+    return {0, 0};
+  }
 };
 
 }  // namespace ccpin

@@ -1,47 +1,54 @@
-// q′ = σ(q) (12), cluster by cluster; the trust test is that of ccpin.kinematics.parametrization.
+// q′ = σ(q) (12), cluster by cluster; its steps are proven as in ccpin.kinematics.parametrization.
 //
-// Clusters share no row and no column of ψ, so each is solved alone: a step that one cluster does not trust shortens the
+// Clusters share no row and no column of ψ, so each is solved alone: a step that is not proven for one cluster shortens the
 // way of that cluster only, and the branch reached is the same.
 #pragma once
-#include "tangent.hpp"
+#include "branches.hpp"
 
 namespace ccpin {
 
 constexpr double kContraction = 0.125, kChord = 0.0625, kNoise = 1e-9;
-constexpr double kStill = 1e-3;  // of the inverse of ψ_q′ times the way since it was factorised
-constexpr double kLargestMove = 1.0, kShortestStep = 0x1p-30, kOpenStart = 1e-6;
-constexpr int kMaxNewton = 16;
+constexpr double kShortestStep = 0x1p-30, kOpenStart = 1e-6;
+constexpr int kMaxNewton = 16, kMaxClosing = 100;
 
-// A closed point, as a start: its ρ spares Newton the first evaluation.
+// A closed point, as a start: its ρ spares Newton the first evaluation, and its anchors prove what is near them.
 struct ClosedPoint {
   std::vector<double> q_free;
   std::vector<std::vector<double>> rho;  // by cluster
   std::vector<int> sign;
+  std::vector<Anchor> anchors;
+  std::vector<char> left;                // whether the anchor is somewhere else
 };
 
-class Parametrization : public Tangent {
+class Parametrization : public Branches {
  public:
-  explicit Parametrization(const Mechanism& mechanism) : Tangent(mechanism) {
-    q_start_.resize(m.n_q), q_ahead_.resize(m.n_q), line_.resize(m.n), here_.resize(m.nq);
+  explicit Parametrization(const Mechanism& mechanism) : Branches(mechanism) {
+    first_.resize(m.nq), q_ahead_.resize(m.n_q), here_.resize(m.nq);
   }
 
-  // σ(q) from a start; false where the trusted path does not lead there. With `rho` false: q′ alone.
+  // σ(q) from a start; false where no proven path leads there. With `rho` false: q′ alone.
   bool sigma(const double* q, const double* start, bool rho = true) {
     wants_rho_ = rho;
     for (size_t k = 0; k < m.clusters.size(); ++k)
-      if (!solve(m.clusters[k], states[k], q, start, nullptr, 0)) return false;
+      if (!solve(m.clusters[k], states[k], q, start)) return false;
     return true;
   }
   bool sigma(const double* q, const ClosedPoint& near, bool rho = true) {
     wants_rho_ = rho;
     for (size_t k = 0; k < m.clusters.size(); ++k)
-      if (!solve(m.clusters[k], states[k], q, near.q_free.data(), near.rho[k].data(), near.sign[k])) return false;
+      if (!solve_near(int(k), q, near) && !solve(m.clusters[k], states[k], q, near.q_free.data())) return false;
     return true;
   }
-  void remember(ClosedPoint& point) const {
+  // After `sigma` with ρ: the point found, with the anchors that the last one had where they are near.
+  void remember(ClosedPoint& point) {
+    const size_t count = states.size();
     point.q_free = q_free;
-    point.rho.resize(states.size()), point.sign.resize(states.size());
-    for (size_t k = 0; k < states.size(); ++k) point.rho[k] = states[k].rho, point.sign[k] = states[k].factor.sign;
+    point.rho.resize(count), point.sign.resize(count), point.anchors.resize(count), point.left.resize(count);
+    for (size_t k = 0; k < count; ++k) {
+      point.rho[k] = states[k].rho, point.sign[k] = states[k].factor.sign;
+      point.left[k] = still_near(m.clusters[k], states[k], point.anchors[k]);
+      if (!point.left[k]) anchor(m.clusters[k], states[k], point.anchors[k]);
+    }
   }
 
   // ρ at a configuration that is closed already; false where it is singular.
@@ -64,62 +71,107 @@ class Parametrization : public Tangent {
   }
 
  private:
-  std::vector<double> q_start_, q_ahead_, line_, here_;
-  bool wants_rho_ = true;
+  static constexpr double kNear = 0.5;  // of an anchor's reach
+  std::vector<double> q_ahead_, here_;
+  bool wants_rho_ = true, open_ = false;
 
-  bool solve(const Cluster& c, ClusterState& s, const double* q, const double* start, const double* rho, int sign) {
-    bool open = false;
-    if (newton(c, s, q, start, rho, sign, open)) return true;
-    if (rho) return walk(c, s, q, start);
-    if (open && !close_start(c, s, start)) return false;
-    return walk(c, s, q, open ? here_.data() : start);
+  // By one solve from the start, or along the straight line from α(start) to q in steps that are proven, each as long as
+  // it may be; an open start is closed first.
+  bool solve(const Cluster& c, ClusterState& s, const double* q, const double* start) {
+    copy_cluster(c, start, here_.data());
+    double left = 1, most = 1;
+    while (left * most >= kShortestStep) {
+      double part = most;
+      const bool solved = newton(c, s, q, here_.data(), part);
+      if (open_ && (!solved || part < 1)) {
+        if (!close_start(c, s, here_.data())) return false;
+        continue;
+      }
+      if (!solved) {
+        most = 0.5 * part;
+        continue;
+      }
+      if (part == 1) return true;
+      copy_cluster(c, q_free.data(), here_.data());
+      left *= 1 - part, most = 1;
+    }
+    return false;
   }
 
-  // One trusted Newton solve on ψ̄ (11): its second correction is at most an eighth of the first, no step is longer than
-  // one, and det ψ_q′ keeps its sign. Where ρ at a closed start is known, the first step is ρ Δq.
-  //
-  // A factor serves two corrections (Shamanskii's method, of third order). The second one, ψ̄ anew but ψ_q′ that of the
-  // iterate before, is taken where it is at most a sixteenth of the first: with h half of ω‖Δ₁‖ it is at most h‖Δ₁‖, and
-  // Newton's own at most h/(1 − 2h)‖Δ₁‖, so that he would trust the step too (Deuflhard, Newton Methods for Nonlinear
-  // Problems, 2004, sec. 2.1). A third is taken where it will be the last. Where q′ alone is wanted the solution needs no
-  // ψ_q′ of its own if the last one's inverse times the way since is so small that the determinant cannot vanish on it.
-  bool newton(const Cluster& c, ClusterState& s, const double* q, const double* start, const double* rho, int sign,
-              bool& open) {
-    copy_cluster(c, start, q_free.data());
-    const int first = rho && c.n() ? 1 : 0;
-    double last = 0;
-    if (first) {
-      last = tangent_step(c, s, q, rho);
-      if (!(last <= kLargestMove)) return false;
-      move(c, s.step.data());
+  // One Newton solve on ψ̄ (11) from a start: to q, or to the part of the way there that is proven (at most `part`).
+  bool newton(const Cluster& c, ClusterState& s, const double* q, const double* start, double& part) {
+    copy_cluster(c, start, q_free.data()), copy_cluster(c, start, first_.data());
+    const double size = linearize(c, s, q);
+    open_ = false;
+    for (int r = 0; r < c.phi_rows(); ++r) open_ |= std::abs(s.residual[r]) > kOpenStart;
+    if (too_singular(c, s)) return part = 0, false;
+    if (size <= m.tolerance) return part = 1, wants_rho_ ? finish(c, s) : true;
+    double length = newton_step(c, s);
+    const double proven_part = prove(c, s);
+    if (proven_part < part || part < 1) {
+      const double f = std::min(proven_part, part) / proven_part;
+      part = std::min(proven_part, part);
+      if (!(part > 0)) return part = 0, false;
+      for (double& x : end_) x *= f;
+      if (open_ && part < 1) return true;
+      s.step = end_, length *= part;
+      for (int i : c.coordinates) target(m.coordinates[i], q, part);
     }
-    int served = 0;              // corrections that the factor at hand has made
-    double inverse = 0, way = 0;  // the size of its inverse, and the length of these
-    for (int iteration = first; iteration < kMaxNewton; ++iteration) {
+    move(c, s.step.data());
+    const double* aim = part < 1 ? q_ahead_.data() : q;
+    return converge(c, s, aim, length, s.factor.sign, s.factor.ratio >= kSuspiciousPivots, part == 1 && wants_rho_) && proven(c);
+  }
+
+  // From a closed point, by its anchor: the first step is ρ Δq.
+  bool solve_near(int cluster, const double* q, const ClosedPoint& near) {
+    const Cluster& c = m.clusters[cluster];
+    ClusterState& s = states[cluster];
+    const Anchor& a = near.anchors[cluster];
+    copy_cluster(c, a.q_free.data(), q_free.data()), copy_cluster(c, a.q_free.data(), first_.data());
+    double length = tangent_step(c, s, q, a.rho.data());
+    if (!covers(c, a, s.right.data(), !near.left[cluster])) return false;
+    end_ = s.step;
+    if (near.left[cluster]) {
+      copy_cluster(c, near.q_free.data(), q_free.data());
+      length = tangent_step(c, s, q, near.rho[cluster].data());
+    }
+    move(c, s.step.data());
+    return converge(c, s, q, length, near.sign[cluster], false, wants_rho_) && proven(c);
+  }
+  // Whether the cluster's configuration is well within an anchor's reach.
+  bool still_near(const Cluster& c, ClusterState& s, const Anchor& a) {
+    if (a.q_free.empty() || !c.unknowns()) return false;
+    q_ahead_.resize(m.n_q), alpha(q_free.data(), q_ahead_.data());
+    here_ = q_free;
+    copy_cluster(c, a.q_free.data(), q_free.data());
+    tangent_step(c, s, q_ahead_.data(), a.rho.data());
+    copy_cluster(c, here_.data(), q_free.data());
+    return size_in(a, s.right.data(), c.n()) <= kNear * a.reach;
+  }
+
+  // Newton's iteration after a first step of a length. A factor serves two corrections (Shamanskii's method, of third
+  // order): the second one, ψ̄ anew but ψ_q′ that of the iterate before, is taken where it is at most a sixteenth of the
+  // first; a third where it will be the last.
+  bool converge(const Cluster& c, ClusterState& s, const double* q, double last, int sign, int served, bool rho) {
+    for (int iteration = 1; iteration < kMaxNewton; ++iteration) {
       const double size = residuals(c, s, q);
-      const bool closed = size <= m.tolerance || (iteration && last <= kNoise && size <= 100 * m.tolerance);
-      if (served && closed && !wants_rho_ && inverse * way <= kStill) return true;
+      const bool closed = size <= m.tolerance || (last <= kNoise && size <= 100 * m.tolerance);
+      if (closed && !rho) return true;
       if (served && !closed && last > kNoise) {
         const double length = newton_step(c, s);
         if (length <= kChord * last && (served == 1 || length * length <= last * m.tolerance)) {
-          last = length, way += length, ++served;
+          last = length, ++served;
           move(c, s.step.data());
           continue;
         }
       }
       factorize(c, s);
-      if (iteration == 0) {
-        sign = s.factor.sign;
-        for (int r = 0; r < c.phi_rows(); ++r) open |= std::abs(s.residual[r]) > kOpenStart;
-      }
       if (too_singular(c, s) || s.factor.sign != sign) return false;
       if (closed) return finish(c, s);
       const double length = newton_step(c, s);
-      if (!(length <= kLargestMove)) return false;
-      if (iteration && length > kContraction * last && length > kNoise) return false;
-      last = way = length;
+      if (!(length <= kContraction * last || length <= kNoise)) return false;
+      last = length;
       served = s.factor.ratio >= kSuspiciousPivots;
-      inverse = inverse_size(c, s);
       move(c, s.step.data());
     }
     return false;
@@ -158,55 +210,30 @@ class Parametrization : public Tangent {
     for (int j : c.joints) retract(m.joints[j].kind, q_free.data() + m.joints[j].q, step + m.column_of[m.joints[j].v]);
   }
 
-  // Along the straight line from α(start) to q, in steps that Newton trusts.
-  bool walk(const Cluster& c, ClusterState& s, const double* q, const double* start) {
-    alpha(start, q_start_.data());
-    for (int i : c.coordinates) {
-      const Coordinate& k = m.coordinates[i];
-      coordinate_difference(k, q_start_.data() + k.q, q + k.q, line_.data() + k.v);
-    }
-    copy_cluster(c, start, here_.data());
-    double done = 0, stride = 0.5;
-    bool open = false;
-    while (stride >= kShortestStep) {
-      const double ahead = std::min(1.0, done + stride);
-      for (int i : c.coordinates) target(m.coordinates[i], q, ahead);
-      if (!newton(c, s, q_ahead_.data(), here_.data(), nullptr, 0, open)) {
-        stride *= 0.5;
-        continue;
-      }
-      if (ahead == 1) return true;
-      copy_cluster(c, q_free.data(), here_.data());
-      done = ahead, stride *= 2;
-    }
-    return false;
-  }
-  void target(const Coordinate& k, const double* q, double ahead) {
-    const double* from = ahead == 1 ? q : q_start_.data();
-    std::copy(from + k.q, from + k.q + k.nq, q_ahead_.data() + k.q);
-    if (ahead == 1) return;
+  // The part of the way from a start, whose gaps to q are at hand, into `q_ahead_`.
+  void target(const Coordinate& k, const double* q, double part) {
+    const double* x = first_.data() + m.joints[k.joint].q;
     double step[6];
-    for (int i = 0; i < k.nv; ++i) step[i] = ahead * line_[k.v + i];
+    if (k.whole()) std::copy(x, x + k.nq, q_ahead_.data() + k.q);
+    else q_ahead_[k.q] = component(k, x);
+    coordinate_difference(k, q_ahead_.data() + k.q, q + k.q, step);
+    for (int i = 0; i < k.nv; ++i) step[i] *= part;
     coordinate_retract(k, q_ahead_.data() + k.q, step);
   }
 
-  // Closes an open guess at its own q, into `here_`; false where it is too far open.
-  bool close_start(const Cluster& c, ClusterState& s, const double* start) {
-    alpha(start, q_start_.data());
-    copy_cluster(c, start, q_free.data());
-    double last = 1;
-    int sign = 0;
-    for (int iteration = 0; iteration < kMaxNewton; ++iteration) {
-      const double size = linearize(c, s, q_start_.data());
-      if (iteration == 0) sign = s.factor.sign;
-      if (too_singular(c, s) || s.factor.sign != sign) return false;
-      if (size <= m.tolerance || (last <= kNoise && size <= 100 * m.tolerance)) {
-        copy_cluster(c, q_free.data(), here_.data());
-        return true;
+  // Closes an open start at its own q, in place, by parts of Newton steps along which ψ_q′ is proven regular.
+  bool close_start(const Cluster& c, ClusterState& s, double* start) {
+    std::vector<double> q(m.n_q);
+    alpha(start, q.data());
+    for (int round = 0; round < kMaxClosing; ++round) {
+      double part = 1;
+      if (!newton(c, s, q.data(), start, part)) return false;
+      if (part < 1 && open_) {
+        copy_cluster(c, first_.data(), q_free.data());
+        move(c, end_.data());
       }
-      last = newton_step(c, s);
-      if (!(last <= kLargestMove)) return false;
-      move(c, s.step.data());
+      copy_cluster(c, q_free.data(), start);
+      if (part == 1) return true;
     }
     return false;
   }

@@ -147,17 +147,6 @@ class Tangent : public Constraints {
     for (double x : s.rho) largest = std::max(largest, std::abs(x));
     return (s.factor.ratio >= kSuspiciousPivots && largest <= kSuspiciousRho) || cluster_rcond(c, s) >= kSingular;
   }
-  // How large ψ_q′⁻¹ is, told from one solution with a right side of no structure.
-  double inverse_size(const Cluster& c, ClusterState& s) const {
-    double x = 0.5, largest = 0;
-    for (int r = 0; r < c.rows(); ++r) {
-      x = 3.9 * x * (1 - x);
-      s.right[r] = r % 2 ? x + 0.1 : -x - 0.1;
-    }
-    s.factor.solve(s.right.data(), 1);
-    for (int slot : c.pattern.slots) largest = std::max(largest, std::abs(s.right[slot]));
-    return largest;
-  }
   bool too_singular(const Cluster& c, ClusterState& s) {
     if (s.factor.ratio >= kSuspiciousPivots) return false;
     if (!(s.factor.ratio > 0)) return true;
