@@ -18,7 +18,9 @@ norm below one, so ψ_q′ is regular, Banach's theorem gives the zero, and it i
 Where ψ is tall, Y its pseudo-inverse, d(s) is analytic and solves all rows of ψ̄ if the linkage has n freedoms at x.
 
 So the zero at s = 1 is σ(q) on the branch of x, and a solution within ε of x ⊕ u is that zero. With ν = c t, s₂ = ½ c t²
-and k = 0 this is the Newton–Kantorovich theorem, which needs no ψ″(x): it is tried first. The theorem holds up to
+and k = 0 this is the Newton–Kantorovich theorem, which needs no ψ″(x): it is tried first. Then the theorem as it is, and
+in the norm |d|* = ‖Y‖|ψ_q′ d| of dependent displacements d, in which Y G has ‖Y‖|G|, N becomes ψ″(x)[u, Y ·], and
+|d| ≤ |d|*: near singular points it reaches further. The theorem holds up to
 rounding, which is not enclosed: contraction 0.9 stands for 1, ‖Y‖ times the tolerance of closed points is added to s₂.
 """
 
@@ -44,20 +46,41 @@ SHORTER = 0.8
 ROUNDS = 12
 
 
+class End(NamedTuple):
+    """Where a step ends in one cluster: the tube there.
+
+    Attributes:
+        columns: The cluster's.
+        step: All of u, of shape (columns,).
+        size: What the size of a displacement from f u is taken of: a matrix, of shape (·, columns).
+        radius: ε.
+    """
+
+    columns: Indices
+    step: Array
+    size: Array
+    radius: float
+
+
 class Proof(NamedTuple):
     """What is proven of a Newton step.
 
     Attributes:
         part: Which part of the step stays on its branch: 1 all of it, 0 none that is worth while.
-        tubes: By cluster: its columns, their units, where the step ends and how far the only solution is from there.
+        ends: By cluster.
     """
 
     part: float
-    tubes: tuple[tuple[Indices, Array, Array, float], ...]
+    ends: tuple[End, ...]
+
+    def within(self, most: float) -> Proof:
+        """The same for no more than a part of the step."""
+        return self._replace(part=min(self.part, most))
 
     def holds(self, displacement: Array) -> bool:
         """Whether a solution at a displacement from the step's start is the one proven."""
-        return all(np.linalg.norm((displacement[at] - end) / unit) <= far for at, unit, end, far in self.tubes)
+        away = ((end.size @ (displacement[end.columns] - self.part * end.step), end.radius) for end in self.ends)
+        return all(np.linalg.norm(size) <= radius for size, radius in away)
 
 
 UNPROVEN = Proof(0.0, ())
@@ -100,6 +123,7 @@ class _Start(NamedTuple):
 
     Attributes:
         cluster: Which.
+        rows: ψ_q′, its rows.
         inverse: Y, from its rows to its dependent columns.
         step, size: u and t.
         inverse_size: ‖Y‖.
@@ -107,6 +131,7 @@ class _Start(NamedTuple):
     """
 
     cluster: ClusterRows
+    rows: Array
     inverse: Array
     step: Array
     size: float
@@ -145,17 +170,21 @@ class Branches:
             whole[start.cluster.columns] = start.step
             radii[start.cluster.loops] = start.ball
         bent = self._curvature.bounds(at, radii)
-        rate, part, tubes = None, 1.0, []
+        rate, part, ends = None, 1.0, []
         for start in starts:
-            cluster, size = start.cluster, start.size
-            second, third = (start.inverse_size * bound for bound in self._bounds(start, at.q_free, bent))
-            found = tube(size, second * size, 0.5 * second * size**2, second, 0.0, start.noise)
+            cluster, t, y = start.cluster, start.size, start.inverse_size
+            second, third = (y * bound for bound in self._bounds(start, at.q_free, bent))
+            found, size = tube(t, second * t, 0.5 * second * t**2, second, 0.0, start.noise), np.diag(1.0 / cluster.units)
             if found is None:
                 rate = self._rate(at, whole) if rate is None else rate
-                found = longest(size, *_turned(start, rate), second, third, start.noise)
+                turned = _turned(start, rate)
+                found = longest(t, turned.before, turned.sag_before, second, third, start.noise)
+                other = longest(t, turned.after, turned.sag_after, second, third, start.noise)
+                if other.part > found.part:
+                    found, size = other, y * start.rows[:, cluster.columns] / cluster.weights[:, None]
             part = min(part, found.part)
-            tubes.append((cluster.columns, cluster.units, start.step, found.radius))
-        return Proof(part, tuple(tubes))
+            ends.append(End(cluster.columns, start.step, size, found.radius))
+        return Proof(part, tuple(ends))
 
     def _start(self, cluster: ClusterRows, psi: Array, gap: Array) -> _Start:
         rows = psi[cluster.rows]
@@ -168,7 +197,7 @@ class Branches:
         size, weighted = float(np.linalg.norm(step / cluster.units)), inverse / cluster.across[:, None] * cluster.weights
         inverse_size = float(np.linalg.norm(weighted))
         noise = inverse_size / min(cluster.unit, 1.0) * self._tolerance * len(cluster.rows) ** 0.5
-        return _Start(cluster, inverse, step, size, inverse_size, noise)
+        return _Start(cluster, rows, inverse, step, size, inverse_size, noise)
 
     def _bounds(self, start: _Start, q_free: Array, bent: Array) -> Array:
         """Of |ψ″| and |ψ‴| of a cluster's rows within its ball, from those of each loop, of shape (2,)."""
@@ -222,17 +251,31 @@ def longest(size: float, turning: float, sag: float, second: float, third: float
     return Tube(0.0, 0.0)
 
 
-def _turned(start: _Start, rate: Array) -> tuple[float, float]:
-    """ν and s₂ of a step, from ψ̇_q′ along it."""
-    cluster = start.cluster
-    rows = rate[cluster.rows]
-    turning = start.inverse @ rows[:, cluster.dependent]
-    sag = 0.5 * start.inverse @ (rows[:, cluster.columns] @ start.step)
+class _Turned(NamedTuple):
+    """ν and s₂ of a step in the norm of displacements, ‖Y ψ″[u, ·]‖, and in that of rows, ‖ψ″[u, Y ·]‖."""
+
+    before: float
+    sag_before: float
+    after: float
+    sag_after: float
+
+
+def _turned(start: _Start, rate: Array) -> _Turned:
+    """From ψ̇_q′ along the step."""
+    cluster, rows = start.cluster, rate[start.cluster.rows]
+    bent = rows[:, cluster.columns] @ start.step
+    turning = rows[:, cluster.dependent]
     for joint in cluster.curved:  # velocities in ψ̇_q′ are those of moving frames; here they are exponential coordinates
         at, where = (np.flatnonzero(np.isin(each, _components(joint))) for each in (cluster.dependent, cluster.columns))
-        turning[np.ix_(at, at)] -= 0.5 * _bracket(joint, start.step[where])
-    units = cluster.across
-    return float(np.linalg.norm(turning * units / units[:, None])), float(np.linalg.norm(sag / units))
+        turning[:, at] -= 0.5 * start.rows[:, cluster.dependent[at]] @ _bracket(joint, start.step[where])
+    units, weights = cluster.across, cluster.weights
+    before, after = start.inverse @ turning, turning @ start.inverse
+    return _Turned(
+        float(np.linalg.norm(before * units / units[:, None])),
+        0.5 * float(np.linalg.norm(start.inverse @ bent / units)),
+        float(np.linalg.norm(after * weights / weights[:, None])),
+        0.5 * start.inverse_size * float(np.linalg.norm(bent / weights)),
+    )
 
 
 def _clusters(constraints: Constraints, coordinates: IndependentCoordinates) -> Iterator[ClusterRows]:

@@ -26,6 +26,7 @@ _NOISE = 1e-9
 _SHORTEST_STEP = 2.0**-30
 _MOST_STEPS = 11
 _MOST_CLOSING = 100
+_MOST_WALKING = 1000
 
 
 class ClosedPoint(NamedTuple):
@@ -53,6 +54,7 @@ class NewtonRules(NamedTuple):
         contraction: A correction may be at most this part of the one before (or `noise`).
         noise: Corrections below this length are rounding.
         stalled: Largest |ψ̄| of a solution whose last correction was rounding.
+        partly: Whether to go the part of the way that is proven where not all of it is.
     """
 
     tolerance: float
@@ -60,6 +62,7 @@ class NewtonRules(NamedTuple):
     contraction: float = _CONTRACTION
     noise: float = _NOISE
     stalled: float = 0.0
+    partly: bool = False
 
 
 class NewtonSolve(NamedTuple):
@@ -70,14 +73,14 @@ class NewtonSolve(NamedTuple):
         steps: Newton steps taken.
         residual: Largest |ψ̄| at the last iterate, metres and radians.
         started_open: Whether the start was not closed.
-        proven: Which part of the way is proven to stay on the start's branch.
+        part: Which part of the way to q is proven to stay on the start's branch; the solution is that far.
     """
 
     point: ClosedPoint | None
     steps: int
     residual: float
     started_open: bool
-    proven: float
+    part: float
 
 
 class Parametrization:
@@ -95,7 +98,7 @@ class Parametrization:
         self.model = constraints.model
         self._unit = np.vstack([np.zeros((constraints.size, coordinates.n)), np.eye(coordinates.n)])
         tolerance = 1e-14 * max(1.0, _reach(self.model))
-        self.rules = NewtonRules(tolerance, _MOST_STEPS, stalled=100 * tolerance)
+        self.rules = NewtonRules(tolerance, _MOST_STEPS, stalled=100 * tolerance, partly=True)
         self._branches = Branches(constraints, coordinates, tolerance)
         self.turnable = any(loop.turnable for loop in constraints.loops)
 
@@ -154,12 +157,11 @@ class Parametrization:
             SingularConfigurationError: q itself is singular.
             InvalidInputError: The guess cannot be closed, or only with a closure's axes turned end for end.
         """
-        solve = self.newton(self.q_reference if guess is None else guess, q, self.rules)
+        start = self.q_reference if guess is None else guess
+        solve = self.newton(start, q, self.rules)
         point = solve.point
-        if point is None:
-            start = guess.q_free if isinstance(guess, ClosedPoint) else self.q_reference if guess is None else guess
-            start = self._closed_start(start) if solve.started_open else start
-            point = self._walk(start, q, 0.5 if solve.started_open else _shorter(solve))
+        if point is None or solve.part < 1.0:
+            point = self._walk(start, q, solve)
         if isinstance(guess, np.ndarray) and self.turnable and not self.constraints.aligned(point.q_free):
             raise InvalidInputError(
                 "the guess satisfies φ = 0 with a closure's axes turned end for end; pass a configuration closed the "
@@ -167,22 +169,25 @@ class Parametrization:
             )
         return point
 
-    def _walk(self, start: Array, q: Array, stride: float) -> ClosedPoint:
-        coordinates = self.coordinates
-        q_start = coordinates.alpha(start)
+    def _walk(self, start: Array | ClosedPoint, q: Array, solve: NewtonSolve) -> ClosedPoint:
+        """σ(q) along the straight line, each step as long as it is proven; `solve` is the first."""
+        coordinates, here, left, most = self.coordinates, start, 1.0, 1.0
+        if solve.started_open:
+            here = self._closed_start(start.q_free if isinstance(start, ClosedPoint) else start)
+            solve = self.newton(here, q, self.rules)
+        q_start = coordinates.alpha(here.q_free if isinstance(here, ClosedPoint) else here)
         line = coordinates.difference(q_start, q)
-        here: Array | ClosedPoint = start
-        done = 0.0
-        while stride >= _SHORTEST_STEP:
-            ahead = min(1.0, done + stride)
-            target = q if ahead == 1.0 else coordinates.integrate(q_start, ahead * line)
-            solve = self.newton(here, target, self.rules)
-            if solve.point is None:
-                stride = _shorter(solve) * (ahead - done)
-                continue
-            if ahead == 1.0:
-                return solve.point
-            here, stride, done = solve.point, 1.5 * (ahead - done), ahead
+        for _ in range(_MOST_WALKING):
+            if solve.point is not None:
+                if solve.part == 1.0:
+                    return solve.point
+                here, left, most = solve.point, left * (1.0 - solve.part), 1.0
+            else:
+                most = 0.5 * solve.part
+            if left * most < _SHORTEST_STEP:
+                break
+            solve = self.newton(here, q, self.rules, most)
+        done = 1.0 - left
         if isinstance(here, ClosedPoint):
             here = here.q_free
         rcond = self.rcond(here)
@@ -205,15 +210,15 @@ class Parametrization:
             rcond=rcond,
         )
 
-    def newton(self, start: Array | ClosedPoint, q: Array, rules: NewtonRules) -> NewtonSolve:
+    def newton(self, start: Array | ClosedPoint, q: Array, rules: NewtonRules, most: float = 1.0) -> NewtonSolve:
         """Newton's method on ψ̄(q′, q) = 0 (11) from a start, given up where it is not proven to stay on its branch.
 
         Pure: the same arguments give the same answer. The time it takes is bounded by `most_steps` + 1 evaluations and
-        factorisations of ψ_q′ and one proof. A closed point spares the first.
+        factorisations of ψ_q′ and one proof. A closed point spares the first. `most` is the largest part of the way.
         """
         known = start if isinstance(start, ClosedPoint) else None
         q_free: Array = start.q_free if isinstance(start, ClosedPoint) else start.copy()
-        first, proof, sign, last, residual, started_open = q_free, UNPROVEN, 0, np.inf, np.inf, False
+        first, proof, part, sign, last, residual, started_open = q_free, UNPROVEN, 1.0, 0, np.inf, np.inf, False
         for steps in range(rules.most_steps + 1):
             if known is not None and not steps:
                 point, factor = known.constraints, known.factor
@@ -230,17 +235,23 @@ class Parametrization:
                 if steps and not proof.holds(self._displacement(first, q_free)):
                     break
                 found = self._closed_point(point, factor)
-                return NewtonSolve(found, steps, residual, started_open, 1.0)
+                return NewtonSolve(found, steps, residual, started_open, part)
             if steps == rules.most_steps:
                 break
-            if not steps:
-                proof = self._branches.prove(point, self._stacked(point), gap)
             step = factor.solve(gap)
+            if not steps:
+                proof = self._branches.prove(point, self._stacked(point), gap).within(most)
+                part = proof.part
+                if part < 1.0:
+                    if started_open or not rules.partly or not part > 0.0:
+                        return NewtonSolve(None, 1, residual, started_open, part)
+                    away = gap[self.constraints.size :]
+                    q, step = self.coordinates.integrate(self.coordinates.alpha(q_free), part * away), part * step
             length = float(np.linalg.norm(step))
-            if proof.part < 1.0 or not length <= max(rules.contraction * last, rules.noise):
-                return NewtonSolve(None, steps + 1, residual, started_open, proof.part)
+            if not length <= max(rules.contraction * last, rules.noise):
+                break
             q_free, last = moved(self.model, q_free, step), length
-        return NewtonSolve(None, steps, residual, started_open, min(proof.part, 0.5))
+        return NewtonSolve(None, steps, residual, started_open, part)
 
     def _displacement(self, q_from: Array, q_to: Array) -> Array:
         """e with q_from ⊕ e = q_to, of shape (n′,)."""
@@ -262,16 +273,17 @@ class Parametrization:
         Raises:
             InvalidInputError: It is too far open for that.
         """
-        q, q_free, rules = self.coordinates.alpha(start), start, self.rules._replace(contraction=1.0)
+        q, q_free, rules = self.coordinates.alpha(start), start, self.rules._replace(contraction=1.0, partly=False)
         for _ in range(_MOST_CLOSING):
             solve = self.newton(q_free, q, rules)
             if solve.point is not None:
                 return solve.point.q_free
             point = self.constraints.value(q_free)
             factor = factorize(self._stacked(point))
-            if factor.rcond < SINGULAR_RCOND:
+            part = solve.part if solve.part < 1.0 else 0.5
+            if factor.rcond < SINGULAR_RCOND or not part > 0.0:
                 break
-            q_free = moved(self.model, q_free, _shorter(solve) * factor.solve(self._gap(point, q)))
+            q_free = moved(self.model, q_free, part * factor.solve(self._gap(point, q)))
         error = float(np.abs(self.constraints.residual(start)).max())
         raise InvalidInputError(
             f"the guess is open by {error:.3g} (m or rad) and cannot be closed at its own q = {_show(q)}; "
@@ -287,11 +299,6 @@ class Parametrization:
                 rcond=factor.rcond,
             )
         return ClosedPoint(point.q_free, factor, factor.solve(self._unit), point)
-
-
-def _shorter(solve: NewtonSolve) -> float:
-    """The part of a way to try next, where all of it was not proven or not solved."""
-    return max(0.9 * solve.proven, 1e-3) if solve.proven < 1.0 else 0.5
 
 
 def _reach(model: pin.Model) -> float:
