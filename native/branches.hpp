@@ -22,18 +22,24 @@ class Branches : public Curvature {
   struct Tube { double part, radius; };
   std::vector<double> first_, end_;  // of the step proven last: its start x (of q′), and f u by local column
   double radius_ = 0;                // ε
+  bool by_rows_ = false;             // whether in the norm |d|* = ‖ψ_q′⁻¹‖|ψ_q′ d|
 
   // How much of the step s.step from `first_`, where the cluster is factorised, stays on its branch.
   double prove(const Cluster& c, ClusterState& s) {
-    end_ = s.step, radius_ = INFINITY;
+    end_ = s.step, radius_ = INFINITY, by_rows_ = false;
     if (!c.unknowns()) return 1;
-    const double size = length(c, end_.data()), y = inverse_size(c, s), noise = noise_of(c, y);
-    Bent b = bounds(c, 2 * std::min(size, kLongest) + 8 * noise);
+    const double t = length(c, end_.data()), y = inverse_size(c, s), noise = noise_of(c, y);
+    Bent b = bounds(c, 2 * std::min(t, kLongest) + 8 * noise);
     b.second *= y, b.third *= y;
-    Tube found = tube(size, b.second * size, 0.5 * b.second * size * size, {b.second, 0}, noise, 1);
+    Tube found = tube(t, b.second * t, 0.5 * b.second * t * t, {b.second, 0}, noise, 1);
     if (!(found.part > 0)) {
       const double turning = turned(c, s, end_.data());
-      found = longest(size, turning, 0.5 * length(c, s.bias.data()), b, noise);
+      found = longest(t, turning, 0.5 * length(c, s.bias.data()), b, noise);
+      if (found.part < kFair) {
+        const Tube other = longest(t, turned_after(c), 0.5 * y * row_length(c, end_.data()), b, noise);
+        by_rows_ = other.part > found.part;
+        if (by_rows_) found = other, before_ = s.J, scaled_ = y;
+      }
     }
     for (double& x : end_) x *= found.part;
     radius_ = found.radius;
@@ -41,19 +47,23 @@ class Branches : public Curvature {
   }
 
   // Whether the cluster's configuration is the solution proven.
-  bool proven(const Cluster& c) const {
+  bool proven(const Cluster& c) {
     const Scale& scale = scale_of(c);
-    double moved[6], sum = 0;
+    step_.resize(c.width());
     for (int j : c.joints) {
       const Joint& joint = m.joints[j];
-      difference(joint.kind, first_.data() + joint.q, q_free.data() + joint.q, moved);
-      for (int k = 0; k < joint.nv; ++k) {
-        const int col = m.column_of[joint.v + k];
-        const double x = (moved[k] - end_[col]) / scale.columns[col];
-        sum += x * x;
-      }
+      const int first = m.column_of[joint.v];
+      difference(joint.kind, first_.data() + joint.q, q_free.data() + joint.q, step_.data() + first);
     }
-    return sum <= radius_ * radius_;
+    for (int col = 0; col < c.width(); ++col) step_[col] -= end_[col];
+    if (!by_rows_) return length(c, step_.data()) <= radius_;
+    double sum = 0;
+    for (int r = 0; r < c.rows(); ++r) {
+      double x = 0;
+      for (int col = 0; col < c.width(); ++col) x += before_[size_t(r) * c.width() + col] * step_[col];
+      sum += x * x / (scale.rows[r] * scale.rows[r]);
+    }
+    return scaled_ * std::sqrt(sum) <= radius_;
   }
 
   // What is proven around the cluster's configuration, which is closed and factorised with ρ known.
@@ -63,7 +73,7 @@ class Branches : public Curvature {
     a.metric.assign(size_t(n) * n, 0.), a.turning = a.metric, a.sags.assign(size_t(n) * (n + 1) / 2 * unknowns, 0.);
     if (!unknowns || !n) return;
     const Scale& scale = scale_of(c);
-    const double y = inverse_size(c, s);
+    const double y = std::min(inverse_size(c, s), largest_singular_value(c));
     a.noise = noise_of(c, y), a.bent = bounds(c, kBall), a.bent.second *= y, a.bent.third *= y;
     slices_.resize(n), step_.resize(width);
     const auto along = [&](int i, int j) {  // ρ_i, or ρ_i + ρ_j
@@ -92,7 +102,7 @@ class Branches : public Curvature {
   // Whether all solutions between two are in the tube of an anchor: over q̂ + `gap` and over where the way
   // begins, which is x̂ itself or was covered before.
   bool covers(const Cluster& c, const Anchor& a, const double* gap, bool from_anchor) {
-    radius_ = INFINITY;
+    radius_ = INFINITY, by_rows_ = false;
     if (!c.unknowns()) return true;
     const int n = c.n();
     const double size = std::sqrt(form(a.metric, gap, n));
@@ -115,9 +125,10 @@ class Branches : public Curvature {
   static double size_in(const Anchor& a, const double* gap, int n) { return std::sqrt(form(a.metric, gap, n)); }
 
  private:
-  static constexpr double kContractive = 0.9, kLongest = 0.5, kShorter = 0.8, kLeast = 1e-3, kBall = 0.2;
+  static constexpr double kContractive = 0.9, kLongest = 0.5, kShorter = 0.8, kLeast = 1e-3, kBall = 0.2, kFair = 0.5;
   static constexpr int kRounds = 12;
-  std::vector<double> square_, turning_, step_;
+  std::vector<double> square_, inverse_, rate_, turning_, step_, before_;
+  double scaled_ = 0;  // ‖ψ_q′⁻¹‖ at `before_`
   std::vector<std::vector<double>> slices_;
 
   static double form(const std::vector<double>& a, const double* x, int n) {
@@ -150,55 +161,88 @@ class Branches : public Curvature {
     return std::sqrt(sum);
   }
 
-  // ‖ψ_q′⁻¹‖ of the dependent columns, at most.
+  // ‖ψ_q′⁻¹‖ of the dependent columns, at most; `inverse_` is itself, times the rows' units.
   double inverse_size(const Cluster& c, const ClusterState& s) {
     const Scale& scale = scale_of(c);
     const int rows = c.rows();
-    square_.assign(size_t(rows) * rows, 0.);
+    square_.assign(size_t(rows) * rows, 0.), inverse_.resize(size_t(c.unknowns()) * rows);
     for (int k = 0; k < rows; ++k) square_[size_t(k) * rows + k] = scale.rows[k];
     s.factor.solve(square_.data(), rows);
     double total = 0;
     for (int k = 0; k < c.unknowns(); ++k) {
       const double* y = square_.data() + size_t(c.pattern.slots[k]) * rows;
       double sum = 0;
-      for (int r = 0; r < rows; ++r) sum += y[r] * y[r];
+      for (int r = 0; r < rows; ++r) sum += y[r] * y[r], inverse_[size_t(k) * rows + r] = y[r];
       total += sum / (scale.columns[c.dependent[k]] * scale.columns[c.dependent[k]]);
     }
     return std::sqrt(total);
+  }
+  double largest_singular_value(const Cluster& c) const {
+    const Scale& scale = scale_of(c);
+    Eigen::MatrixXd y(c.unknowns(), c.rows());
+    for (int k = 0; k < c.unknowns(); ++k)
+      for (int r = 0; r < c.rows(); ++r) y(k, r) = inverse_[size_t(k) * c.rows() + r] / scale.columns[c.dependent[k]];
+    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(y.transpose() * y, Eigen::EigenvaluesOnly);
+    return std::sqrt(solver.eigenvalues()[c.rows() - 1]) * (1 + 1e-9);
   }
   double noise_of(const Cluster& c, double inverse) const {
     return inverse / std::min(scale_of(c).unit, 1.) * m.tolerance * std::sqrt(double(c.rows()));
   }
 
-  // ν of a step; −ψ_q′⁻¹ψ″[u, u] is left in `s.bias`, N in `turning_` (over units).
+  // ν of a step; −ψ_q′⁻¹ψ″[u, u] is left in `s.bias`, ψ″[u, ·] in `rate_`, N in `turning_` (over units).
   double turned(const Cluster& c, ClusterState& s, const double* step) {
     const Scale& scale = scale_of(c);
-    const int rows = c.rows(), n = c.unknowns();
+    const int rows = c.rows(), n = c.unknowns(), width = c.width();
     bias(c, s, step);
-    square_.assign(size_t(rows) * n, 0.), turning_.resize(size_t(n) * n);
-    jacobian_rate(c, s, step, [&](int row, int col, double rate) {
-      if (scale.place[col] >= 0) square_[size_t(row) * n + scale.place[col]] += rate;
-    });
+    rate_.assign(size_t(rows) * width, 0.), square_.resize(size_t(rows) * n), turning_.resize(size_t(n) * n);
+    jacobian_rate(c, s, step, [&](int row, int col, double rate) { rate_[size_t(row) * width + col] += rate; });
+    straighten(c, s, step);
+    for (int r = 0; r < rows; ++r)
+      for (int k = 0; k < n; ++k) square_[size_t(r) * n + k] = rate_[size_t(r) * width + c.dependent[k]];
     s.factor.solve(square_.data(), n);
-    for (int k = 0; k < n; ++k) std::copy_n(square_.data() + size_t(c.pattern.slots[k]) * n, n, turning_.data() + size_t(k) * n);
-    straighten(c, scale, step);
     double sum = 0;
-    for (int k = 0; k < n; ++k)
+    for (int k = 0; k < n; ++k) {
+      const double* y = square_.data() + size_t(c.pattern.slots[k]) * n;
+      const double unit = 1 / scale.columns[c.dependent[k]];
       for (int i = 0; i < n; ++i) {
-        double& x = turning_[size_t(k) * n + i];
-        x *= scale.columns[c.dependent[i]] / scale.columns[c.dependent[k]];
-        sum += x * x;
+        const double x = y[i] * scale.columns[c.dependent[i]] * unit;
+        turning_[size_t(k) * n + i] = x, sum += x * x;
       }
+    }
     return std::sqrt(sum);
   }
+  // ν in the norm of rows: of ψ″[u, ψ_q′⁻¹ ·]. After `inverse_size` and `turned`.
+  double turned_after(const Cluster& c) const {
+    const Scale& scale = scale_of(c);
+    const int rows = c.rows(), n = c.unknowns(), width = c.width();
+    double total = 0;
+    for (int r = 0; r < rows; ++r)
+      for (int o = 0; o < rows; ++o) {
+        double sum = 0;
+        for (int k = 0; k < n; ++k) sum += rate_[size_t(r) * width + c.dependent[k]] * inverse_[size_t(k) * rows + o];
+        total += sum * sum / (scale.rows[r] * scale.rows[r]);
+      }
+    return std::sqrt(total);
+  }
+  // |ψ″[u, u]|, after `turned`.
+  double row_length(const Cluster& c, const double* step) const {
+    const Scale& scale = scale_of(c);
+    double total = 0;
+    for (int r = 0; r < c.rows(); ++r) {
+      double sum = 0;
+      for (int col = 0; col < c.width(); ++col) sum += rate_[size_t(r) * c.width() + col] * step[col];
+      total += sum * sum / (scale.rows[r] * scale.rows[r]);
+    }
+    return std::sqrt(total);
+  }
 
-  // Velocities in ψ̇_q′ are those of moving frames; here they become those of exponential coordinates.
-  void straighten(const Cluster& c, const Scale& scale, const double* step) {
-    const int n = c.unknowns();
+  // Velocities in ψ̇_q′ are those of moving frames; in `rate_` they become those of exponential coordinates.
+  void straighten(const Cluster& c, const ClusterState& s, const double* step) {
+    const int width = c.width();
     for (int j : c.joints) {
       const Joint& joint = m.joints[j];
+      if (joint.nv < 3) continue;
       const int first = m.column_of[joint.v];
-      if (joint.nv < 3 || scale.place[first] < 0) continue;
       const double* v = step + first;
       const bool planar = joint.kind == Kind::planar, slides = joint.kind == Kind::floating;
       const Vec3 w = planar ? Vec3(0, 0, v[2]) : slides ? Vec3(v[3], v[4], v[5]) : Vec3(v[0], v[1], v[2]);
@@ -207,9 +251,10 @@ class Branches : public Curvature {
       bracket.topLeftCorner<3, 3>() = bracket.bottomRightCorner<3, 3>() = skew(w);
       bracket.topRightCorner<3, 3>() = skew(x);
       const int entry[6] = {planar || slides ? 0 : 3, planar || slides ? 1 : 4, planar ? 5 : slides ? 2 : 5, 3, 4, 5};
-      for (int a = 0; a < joint.nv; ++a)
+      for (int r = 0; r < c.rows(); ++r)
         for (int b = 0; b < joint.nv; ++b)
-          turning_[size_t(scale.place[first + a]) * n + scale.place[first + b]] -= 0.5 * bracket(entry[a], entry[b]);
+          for (int a = 0; a < joint.nv; ++a)
+            rate_[size_t(r) * width + first + b] -= 0.5 * s.J[size_t(r) * width + first + a] * bracket(entry[a], entry[b]);
     }
   }
 
