@@ -11,6 +11,8 @@ struct Anchor {
   std::vector<double> metric, turning;  // n × n: |ρ̂ Δq|² and ν²
   std::vector<double> sags;             // by pair i ≤ j: ½ ψ_q′⁻¹ψ″[ρ̂_i, ρ̂_j], twice where i < j, by dependent column
   Bent bent{};                          // c and k
+  Thirds thirds;
+  double inverse = 0;                   // ‖ψ_q′⁻¹‖
   double noise = 0, reach = 0, radius = 0;
 };
 
@@ -31,9 +33,10 @@ class Branches : public Curvature {
     const double t = length(c, end_.data()), y = inverse_size(c, s), noise = noise_of(c, y);
     Bent b = bounds(c, 2 * std::min(t, kLongest) + 8 * noise);
     b.second *= y, b.third *= y;
-    Tube found = tube(t, b.second * t, 0.5 * b.second * t * t, {b.second, 0}, noise, 1);
+    Tube found = tube(t, b.second * t, 0.5 * b.second * t * t, {b.second}, noise, 1);
     if (!(found.part > 0)) {
       const double turning = turned(c, s, end_.data());
+      along(c, thirds_, end_.data(), b, y);
       found = longest(t, turning, 0.5 * length(c, s.bias.data()), b, noise);
       if (found.part < kFair) {
         const Tube other = longest(t, turned_after(c), 0.5 * y * row_length(c, end_.data()), b, noise);
@@ -73,17 +76,19 @@ class Branches : public Curvature {
     a.metric.assign(size_t(n) * n, 0.), a.turning = a.metric, a.sags.assign(size_t(n) * (n + 1) / 2 * unknowns, 0.);
     if (!unknowns || !n) return;
     const Scale& scale = scale_of(c);
-    const double y = std::min(inverse_size(c, s), largest_singular_value(c));
+    double y = inverse_size(c, s);
+    y = std::min(y, largest_singular_value(c));
     a.noise = noise_of(c, y), a.bent = bounds(c, kBall), a.bent.second *= y, a.bent.third *= y;
+    a.thirds = thirds_, a.inverse = y;
     slices_.resize(n), step_.resize(width);
-    const auto along = [&](int i, int j) {  // ρ_i, or ρ_i + ρ_j
+    const auto direction = [&](int i, int j) {  // ρ_i, or ρ_i + ρ_j
       for (int col = 0; col < width; ++col) step_[col] = s.rho[size_t(col) * n + i] + (j == i ? 0 : s.rho[size_t(col) * n + j]);
     };
-    for (int i = 0; i < n; ++i) along(i, i), turned(c, s, step_.data()), slices_[i] = turning_;
+    for (int i = 0; i < n; ++i) direction(i, i), turned(c, s, step_.data()), slices_[i] = turning_;
     double* sag = a.sags.data();
     for (int i = 0; i < n; ++i)
       for (int j = i; j < n; ++j, sag += unknowns) {
-        along(i, j), bias(c, s, step_.data());
+        direction(i, j), bias(c, s, step_.data());
         for (int k = 0; k < unknowns; ++k) sag[k] = -0.5 * s.bias[c.dependent[k]];
         double t = 0, v = 0;
         for (int col = 0; col < width; ++col)
@@ -101,7 +106,7 @@ class Branches : public Curvature {
 
   // Whether all solutions between two are in the tube of an anchor: over q̂ + `gap` and over where the way
   // begins, which is x̂ itself or was covered before.
-  bool covers(const Cluster& c, const Anchor& a, const double* gap, bool from_anchor) {
+  bool covers(const Cluster& c, const Anchor& a, const double* gap, const double* step, bool from_anchor) {
     radius_ = INFINITY, by_rows_ = false;
     if (!c.unknowns()) return true;
     const int n = c.n();
@@ -118,15 +123,17 @@ class Branches : public Curvature {
         for (int k = 0; k < unknowns; ++k) step_[k] += gap[i] * gap[j] * sag[k];
     double sum = 0;
     for (int k = 0; k < unknowns; ++k) sum += std::pow(step_[k] / scale.columns[c.dependent[k]], 2);
-    const Tube found = tube(size, std::sqrt(form(a.turning, gap, n)), std::sqrt(sum), a.bent, a.noise, 1);
+    Bent b = a.bent;
+    along(c, a.thirds, step, b, a.inverse);
+    const Tube found = tube(size, std::sqrt(form(a.turning, gap, n)), std::sqrt(sum), b, a.noise, 1);
     radius_ = found.radius;
     return found.part > 0;
   }
   static double size_in(const Anchor& a, const double* gap, int n) { return std::sqrt(form(a.metric, gap, n)); }
 
  private:
-  static constexpr double kContractive = 0.9, kLongest = 0.5, kShorter = 0.8, kLeast = 1e-3, kBall = 0.2, kFair = 0.5;
-  static constexpr int kRounds = 12;
+  static constexpr double kContractive = 0.9, kLongest = 0.5, kShorter = 0.8, kBall = 0.2, kFair = 0.5;
+  static constexpr int kRounds = 12, kTrials = 16;
   std::vector<double> square_, inverse_, rate_, turning_, step_, before_;
   double scaled_ = 0;  // ‖ψ_q′⁻¹‖ at `before_`
   std::vector<std::vector<double>> slices_;
@@ -146,8 +153,9 @@ class Branches : public Curvature {
         Matrix(a.turning.data(), n, n), Matrix(a.metric.data(), n, n), Eigen::EigenvaluesOnly | Eigen::Ax_lBx);
     const double most = std::sqrt(std::max(solver.eigenvalues()[n - 1], 0.)) * (1 + 1e-9);
     a.reach = 0;
-    for (double t = 0.5 * kBall; t > kLeast * kBall; t *= kShorter) {
-      const Tube found = tube(t, most * t, 0.5 * most * t * t, a.bent, a.noise, 1);
+    for (double t = 0.5 * kBall; t > 1e-3 * kBall; t *= kShorter) {
+      const Bent b{a.bent.second, a.bent.third, a.bent.third * t * t, a.bent.third * t * t * t};
+      const Tube found = tube(t, most * t, 0.5 * most * t * t, b, a.noise, 1);
       if (!(found.part > 0)) continue;
       a.reach = t, a.radius = found.radius;
       return;
@@ -258,23 +266,27 @@ class Branches : public Curvature {
     }
   }
 
-  // The theorem for given t, ν, s₂, (c, k) and f; part 0 where no ε is found.
-  static Tube tube(double size, double turning, double sag, Bent b, double noise, double part) {
-    const double way = part * size, bent = part * turning, start = part * part * sag + 4 * noise;
-    double radius = start;
+  // The theorem for given t, ν, s₂, bounds, and f; part 0 where no ε is found.
+  static Tube tube(double size, double turning, double sag, const Bent& b, double noise, double part) {
+    const double way = part * size, bent = part * turning, along = part * part * b.along;
+    const double start = part * part * sag + part * part * part * b.thrice / 6 + 4 * noise;
+    double e = start;
     for (int round = 0; round < kRounds; ++round) {
-      if (!(radius <= way + 8 * noise && way <= kLongest)) break;
-      const double far = way + radius, need = start + bent * radius + 0.5 * b.second * radius * radius + b.third * far * far * far / 6;
-      if (need <= radius) {
-        if (bent + b.second * radius + 0.5 * b.third * far * far <= kContractive) return {part, radius};
+      if (!(e <= way + 8 * noise && way <= kLongest)) break;
+      const double need = start + (bent + 0.5 * along) * e + 0.5 * (b.second + b.third * way) * e * e + b.third * e * e * e / 6;
+      if (need <= e) {
+        if (bent + b.second * e + 0.5 * along + b.third * (way + 0.5 * e) * e <= kContractive) return {part, e};
         break;
       }
-      radius = 1.05 * need;
+      e = 1.05 * need;
     }
     return {0, 0};
   }
-  static Tube longest(double size, double turning, double sag, Bent b, double noise) {
-    for (double part = size <= kLongest ? 1 : kLongest / size; part > kLeast; part *= kShorter) {
+  static Tube longest(double size, double turning, double sag, const Bent& b, double noise) {
+    // A little more than what the theorem's terms allow one by one.
+    const double root = std::sqrt(sag * b.second) + std::sqrt(0.5 * b.along);
+    double part = std::min(1., 1.2 * std::min(kLongest / size, kContractive / (turning + root)));
+    for (int trial = 0; trial < kTrials; ++trial, part *= kShorter) {
       const Tube found = tube(size, turning, sag, b, noise, part);
       if (found.part > 0) return found;
     }

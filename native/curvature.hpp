@@ -15,7 +15,11 @@ struct ChainStep { int component, count; bool turn, own; int turns; };
 // A product of a loop's row, by codes of Frame, with the weight it has once lengths are in units; `last` of its row.
 struct Term { double weight; int left, right; bool last; };
 
-struct Bent { double second, third; };
+// Bounds of |ψ″| and |ψ‴|; and of |ψ‴[u, u, ·]|, |ψ‴[u, u, u]| for a step u.
+struct Bent { double second = 0, third = 0, along = 0, thrice = 0; };
+
+// Squares of the bounds of |ψ‴| of each loop's rows, along steps of its own and along shared ones; and of all other rows.
+struct Thirds { std::vector<std::array<double, 2>> loops; double others = 0; };
 
 class Curvature : public Tangent {
  public:
@@ -37,18 +41,41 @@ class Curvature : public Tangent {
   std::vector<Scale> scales_;  // by cluster
   const Scale& scale_of(const Cluster& c) const { return scales_[&c - m.clusters.data()]; }
 
+  Thirds thirds_;  // of the last `bounds`
+
   Bent bounds(const Cluster& c, double radius) {
     const Scale& scale = scale_of(c);
+    thirds_.loops.clear(), thirds_.others = 0;
     double own[2] = {0, 0}, shared[2] = {0, 0};
     for (int i : c.loops) {
       double alone[2], together[2];
       loop_bounds(m.loops[i], loops_[i], scale.unit, radius, alone, together);
       for (int o = 0; o < 2; ++o) own[o] = std::max(own[o], alone[o]), shared[o] += together[o];
+      thirds_.loops.push_back({alone[1], together[1]});
     }
     double squares[2] = {own[0] + shared[0], own[1] + shared[1]};
-    const auto add = [&](double second, double third) { squares[0] += second * second, squares[1] += third * third; };
+    const auto add = [&](double second, double third) {
+      squares[0] += second * second, squares[1] += third * third, thirds_.others += third * third;
+    };
     if (scale.bent) other_bounds(c, scale, radius, add);
     return {std::sqrt(squares[0]), std::sqrt(squares[1])};
+  }
+  // The same along a step u: what each loop has of it counts.
+  void along(const Cluster& c, const Thirds& thirds, const double* u, Bent& b, double factor) const {
+    const Scale& scale = scale_of(c);
+    double own = 0, shared = 0, thrice = 0, whole = 0;
+    for (int col = 0; col < c.width(); ++col) whole += std::pow(u[col] / scale.columns[col], 2);
+    for (size_t k = 0; k < c.loops.size(); ++k) {
+      const Loop& loop = m.loops[c.loops[k]];
+      double square = 0;
+      for (const auto* columns : {&loop.columns_a, &loop.columns_b})
+        for (const Column& i : *columns) square += std::pow(u[i.local] / scale.columns[i.local], 2);
+      own = std::max(own, thirds.loops[k][0] * square * square), shared += thirds.loops[k][1] * square * square;
+      thrice += (thirds.loops[k][0] + thirds.loops[k][1]) * square * square * square;
+    }
+    const double others = thirds.others * whole * whole;
+    b.along = factor * std::sqrt(own + shared + others);
+    b.thrice = std::min(factor * std::sqrt(thrice + others * whole), b.along * std::sqrt(whole));
   }
 
  private:

@@ -9,7 +9,7 @@ namespace ccpin {
 
 constexpr double kContraction = 0.125, kChord = 0.0625, kNoise = 1e-9;
 constexpr double kShortestStep = 0x1p-30, kOpenStart = 1e-6;
-constexpr int kMaxNewton = 16, kMaxClosing = 100;
+constexpr int kMaxNewton = 16, kMaxClosing = 100, kMaxWalking = 1000;
 
 // A closed point, as a start: its ρ spares Newton the first evaluation, and its anchors prove what is near them.
 struct ClosedPoint {
@@ -80,7 +80,7 @@ class Parametrization : public Branches {
   bool solve(const Cluster& c, ClusterState& s, const double* q, const double* start) {
     copy_cluster(c, start, here_.data());
     double left = 1, most = 1;
-    while (left * most >= kShortestStep) {
+    for (int step = 0; step < kMaxWalking && left * most >= kShortestStep; ++step) {
       double part = most;
       const bool solved = newton(c, s, q, here_.data(), part);
       if (open_ && (!solved || part < 1)) {
@@ -129,7 +129,7 @@ class Parametrization : public Branches {
     const Anchor& a = near.anchors[cluster];
     copy_cluster(c, a.q_free.data(), q_free.data()), copy_cluster(c, a.q_free.data(), first_.data());
     double length = tangent_step(c, s, q, a.rho.data());
-    if (!covers(c, a, s.right.data(), !near.left[cluster])) return false;
+    if (!covers(c, a, s.right.data(), s.step.data(), !near.left[cluster])) return false;
     end_ = s.step;
     if (near.left[cluster]) {
       copy_cluster(c, near.q_free.data(), q_free.data());

@@ -4,16 +4,19 @@ Let x be a configuration with ψ̄(x, q) = −g (11), ψ_q′ regular there with
 G_s(e) = ψ̄(x ⊕ e, q) + (1 − s) g for s in [0, 1]: from a closed x its zeros lie over the straight line from α(x) to q;
 from an open one φ and the way to q vanish together. Clusters share no row and no column of ψ, so each is treated alone.
 In the Euclidean norm (lengths counted in the cluster's unit) let t ≥ |u|, N = Y ψ″(x)[u, ·], ν ≥ ‖N‖, s₂ ≥ ½|N u|, and
-on the ball |e| ≤ t + ε let c ≥ ‖Y‖ sup‖ψ″‖ and k ≥ ‖Y‖ sup‖ψ‴‖ (`ccpin.kinematics.curvature`).
+on the ball |e| ≤ t + ε let c ≥ ‖Y‖ sup‖ψ″‖, k ≥ ‖Y‖ sup‖ψ‴‖, k₂ ≥ ‖Y‖ sup‖ψ‴[u, u, ·]‖ and k₃ ≥ ‖Y‖ sup|ψ‴[u, u, u]|
+(`ccpin.kinematics.curvature`).
 
 *Theorem.* If for f in (0, 1] and an ε ≤ t
 
-    f² s₂ + f ν ε + ½ c ε² + ⅙ k (f t + ε)³ ≤ ε   and   f ν + c ε + ½ k (f t + ε)² < 1,
+    f² s₂ + ⅙ f³ k₃ + (f ν + ½ f² k₂) ε + ½ (c + k f t) ε² + ⅙ k ε³ ≤ ε   and
+    f ν + ½ f² k₂ + c ε + k (f t + ½ ε) ε < 1,
 
 then ψ_q′ is regular in the whole tube {s u + e: 0 ≤ s ≤ f, |e| ≤ ε}, and there is one continuous path d(s) with d(0) = 0
 and G_s(s u + d(s)) = 0 for 0 ≤ s ≤ f; for each s it is the only zero in its slice of the tube.
 
-*Proof.* By Taylor's formula T_s(d) = d − Y G_s(s u + d) is at most s² s₂ + s ν|d| + ½ c|d|² + ⅙ k (s t + |d|)³ in size, so it maps |d| ≤ ε into itself by the first inequality, and contracts by the second: its derivative 1 − Y ψ_q′ has
+*Proof.* By Taylor's formula T_s(d) = d − Y G_s(s u + d) is, d being small besides s u, at most s² s₂ + s ν|d| + ½ c|d|²
++ ⅙ |ψ‴[s u + d, s u + d, s u + d]| ‖Y‖ in size, so it maps |d| ≤ ε into itself by the first inequality, and contracts by the second: its derivative 1 − Y ψ_q′ has
 norm below one, so ψ_q′ is regular, Banach's theorem gives the zero, and it is continuous in s. At s = 0 it is d = 0.
 Where ψ is tall, Y its pseudo-inverse, d(s) is analytic and solves all rows of ψ̄ if the linkage has n freedoms at x.
 
@@ -44,6 +47,7 @@ CONTRACTION = 0.9
 LONGEST = 0.5
 SHORTER = 0.8
 ROUNDS = 12
+TRIALS = 16
 
 
 class End(NamedTuple):
@@ -98,6 +102,7 @@ class ClusterRows(NamedTuple):
         units, across: By column, by dependent column: metres or radians that count as 1.
         weights: By row, likewise.
         loops: Which loops it has.
+        passed: Which of its columns each of them passes, of shape (loops, columns), 1.0 or 0.0.
         terms: By coupling that is not linear: its terms.
         components: Its independent components of joints.
         curved: Its dependent joints with quaternions or planes.
@@ -113,9 +118,23 @@ class ClusterRows(NamedTuple):
     across: Array
     weights: Array
     loops: Indices
+    passed: Array
     terms: tuple[tuple[ResolvedTerm, ...], ...]
     components: tuple[Coordinate, ...]
     curved: tuple[TreeJoint, ...]
+
+
+class Bent(NamedTuple):
+    """Bounds of |ψ″|, |ψ‴|, and of |ψ‴[u, u, ·]| and |ψ‴[u, u, u]| for the step u; times ‖Y‖: c, k, k₂, k₃."""
+
+    second: float
+    third: float
+    along: float
+    thrice: float
+
+    def times(self, size: float) -> Bent:
+        """Each times a size."""
+        return Bent(*(size * bound for bound in self))
 
 
 class _Start(NamedTuple):
@@ -169,17 +188,19 @@ class Branches:
         for start in starts:
             whole[start.cluster.columns] = start.step
             radii[start.cluster.loops] = start.ball
-        bent = self._curvature.bounds(at, radii)
+        loops = self._curvature.bounds(at, radii)
         rate, part, ends = None, 1.0, []
         for start in starts:
             cluster, t, y = start.cluster, start.size, start.inverse_size
-            second, third = (y * bound for bound in self._bounds(start, at.q_free, bent))
-            found, size = tube(t, second * t, 0.5 * second * t**2, second, 0.0, start.noise), np.diag(1.0 / cluster.units)
+            bent = self._bounds(start, at.q_free, loops).times(y)
+            kantorovich = Bent(bent.second, 0.0, 0.0, 0.0)
+            found = tube(t, bent.second * t, 0.5 * bent.second * t**2, kantorovich, start.noise)
+            size = np.diag(1.0 / cluster.units)
             if found is None:
                 rate = self._rate(at, whole) if rate is None else rate
                 turned = _turned(start, rate)
-                found = longest(t, turned.before, turned.sag_before, second, third, start.noise)
-                other = longest(t, turned.after, turned.sag_after, second, third, start.noise)
+                found = longest(t, turned.before, turned.sag_before, bent, start.noise)
+                other = longest(t, turned.after, turned.sag_after, bent, start.noise)
                 if other.part > found.part:
                     found, size = other, y * start.rows[:, cluster.columns] / cluster.weights[:, None]
             part = min(part, found.part)
@@ -199,15 +220,18 @@ class Branches:
         noise = inverse_size / min(cluster.unit, 1.0) * self._tolerance * len(cluster.rows) ** 0.5
         return _Start(cluster, rows, inverse, step, size, inverse_size, noise)
 
-    def _bounds(self, start: _Start, q_free: Array, bent: Array) -> Array:
-        """Of |ψ″| and |ψ‴| of a cluster's rows within its ball, from those of each loop, of shape (2,)."""
-        cluster = start.cluster
-        own, shared = bent[:, :, cluster.loops].transpose(1, 0, 2)
-        bounds = [np.sqrt(own.max(axis=1, initial=0.0) ** 2 + (shared**2).sum(axis=1))]
-        bounds += [_slopes(cluster, terms, q_free, start.ball) for terms in cluster.terms]
-        reference = self._coordinates.q_reference
-        bounds += [component_bounds(part, q_free, reference, start.ball) for part in cluster.components]
-        return np.asarray(np.linalg.norm(bounds, axis=0))
+    def _bounds(self, start: _Start, q_free: Array, loops: Array) -> Bent:
+        """Of a cluster's rows within its ball, from those of each loop."""
+        cluster, reference = start.cluster, self._coordinates.q_reference
+        own, shared = loops[:, :, cluster.loops].transpose(1, 0, 2) ** 2
+        others = [_slopes(cluster, terms, q_free, start.ball) for terms in cluster.terms]
+        others += [component_bounds(part, q_free, reference, start.ball) for part in cluster.components]
+        second, third = (np.array(others).reshape(-1, 2) ** 2).sum(axis=0)
+        steps = cluster.passed @ (start.step / cluster.units) ** 2  # |u|² by loop
+        along = (own[1] * steps**2).max(initial=0.0) + shared[1] @ steps**2 + third * start.size**4
+        thrice = (own[1] + shared[1]) @ steps**3 + third * start.size**6
+        whole = own.max(axis=1, initial=0.0) + shared.sum(axis=1) + [second, third]
+        return Bent(*np.sqrt([*whole, along, min(thrice, along * start.size**2)]).tolist())
 
     def _rate(self, at: ConstraintValue, step: Array) -> Array:
         """ψ̇_q′ along a step, of shape (m + n, n′)."""
@@ -223,28 +247,29 @@ class Tube(NamedTuple):
     radius: float
 
 
-def tube(
-    size: float, turning: float, sag: float, second: float, third: float, noise: float, part: float = 1.0
-) -> Tube | None:
-    """The theorem for given t, ν, s₂, c, k, ‖Y‖ times the tolerance, and f; ``None`` where no ε is found."""
-    way, bent, start = part * size, part * turning, part**2 * sag + 4.0 * noise
+def tube(size: float, turning: float, sag: float, bent: Bent, noise: float, part: float = 1.0) -> Tube | None:
+    """The theorem for given t, ν, s₂, bounds, ‖Y‖ times the tolerance, and f; ``None`` where no ε is found."""
+    way, turned, along = part * size, part * turning, part**2 * bent.along
+    start = part**2 * sag + part**3 * bent.thrice / 6.0 + 4.0 * noise
     radius = start
     for _ in range(ROUNDS):
         if not (radius <= way + 8.0 * noise and way <= LONGEST):
             return None
-        need = start + bent * radius + 0.5 * second * radius**2 + third * (way + radius) ** 3 / 6.0
+        need = start + (turned + 0.5 * along) * radius + 0.5 * (bent.second + bent.third * way) * radius**2
+        need += bent.third * radius**3 / 6.0
         if need <= radius:
-            contracts = bent + second * radius + 0.5 * third * (way + radius) ** 2 <= CONTRACTION
-            return Tube(part, radius) if contracts else None
+            contraction = turned + bent.second * radius + 0.5 * along + bent.third * (way + 0.5 * radius) * radius
+            return Tube(part, radius) if contraction <= CONTRACTION else None
         radius = 1.05 * need
     return None
 
 
-def longest(size: float, turning: float, sag: float, second: float, third: float, noise: float) -> Tube:
+def longest(size: float, turning: float, sag: float, bent: Bent, noise: float) -> Tube:
     """The longest part of a step that the theorem is found to hold for."""
-    part = 1.0 if size <= LONGEST else LONGEST / size
-    while part > 1e-3:
-        found = tube(size, turning, sag, second, third, noise, part)
+    root = (sag * bent.second) ** 0.5 + (0.5 * bent.along) ** 0.5  # a little more than what its terms allow one by one
+    part = min(1.0, 1.2 * min(LONGEST / size, CONTRACTION / (turning + root)))
+    for _ in range(TRIALS):
+        found = tube(size, turning, sag, bent, noise, part)
         if found is not None:
             return found
         part *= SHORTER
@@ -315,6 +340,7 @@ def _clusters(constraints: Constraints, coordinates: IndependentCoordinates) -> 
             np.where(slides[dependent], unit, 1.0),
             np.where(lengths, unit, 1.0),
             np.array(own, dtype=np.intp),
+            np.array([loops[k].mask_a[columns] + loops[k].mask_b[columns] for k in own]).reshape(-1, len(columns)),
             tuple(each for each in terms if any(len(term.coefficients) > 2 for term in each)),
             tuple(single),
             tuple(j for j in joints if j.kind.unit and j.kind.nv > 1 and j.v.start in dependent),
