@@ -215,7 +215,10 @@ class Branches:
         step[cluster.direct] = gap[cluster.gaps]
         step[cluster.dependent] = inverse @ (gap[cluster.rows] - rows[:, cluster.direct] @ step[cluster.direct])
         step = step[cluster.columns]
-        size, weighted = float(np.linalg.norm(step / cluster.units)), inverse / cluster.across[:, None] * cluster.weights
+        size, weighted = (
+            float(np.linalg.norm(step / cluster.units)),
+            inverse / cluster.across[:, None] * cluster.weights,
+        )
         inverse_size = float(np.linalg.norm(weighted))
         noise = inverse_size / min(cluster.unit, 1.0) * self._tolerance * len(cluster.rows) ** 0.5
         return _Start(cluster, rows, inverse, step, size, inverse_size, noise)
@@ -355,9 +358,7 @@ def _components(joint: TreeJoint) -> Indices:
     return np.arange(joint.v.start, joint.v.stop)
 
 
-def _slopes(
-    cluster: ClusterRows, terms: tuple[ResolvedTerm, ...], q_free: Array, radius: float
-) -> tuple[float, float]:
+def _slopes(cluster: ClusterRows, terms: tuple[ResolvedTerm, ...], q_free: Array, radius: float) -> tuple[float, float]:
     """Bounds of a coupling's second and third derivative within a ball."""
     second = third = 0.0
     for term in terms:

@@ -72,7 +72,9 @@ class Curvature:
             for i, step in enumerate(chain):
                 self._columns[k, i, : len(step.columns)] = step.columns
                 self._turns[k, i], self._slides[k, i] = not step.slides, step.slides
-                self._shares[k, i] = 0.5 if len(step.columns) == 3 else 1.0  # |p − o|² of a ball is half the sum of three
+                self._shares[k, i] = (
+                    0.5 if len(step.columns) == 3 else 1.0
+                )  # |p − o|² of a ball is half the sum of three
         used = np.bincount([number for loop in loops for number in (*loop.path_a, *loop.path_b)], minlength=1)
         own = [[used[number] == 1 for number in path for _ in _steps(tree.joints[number - 1])] for path in paths]
         self._among = np.zeros((2, *shape))  # steps that the loop alone has, and those it shares
@@ -129,11 +131,11 @@ class Curvature:
     def _rows(self, jets: Array) -> Array:
         """The product rule: of x″y + 2 x′y′ + xy″ and the next, one factor along the steps in question."""
         whole = np.concatenate([jets[:1, 0], np.sqrt((jets[:, 1:] ** 2).sum(axis=0))])
-        (x, y), (u, v) = (
-            [each[..., self._codes[:, k], self._loop] for k in (0, 1)] for each in (jets, whole)
-        )
+        (x, y), (u, v) = ([each[..., self._codes[:, k], self._loop] for k in (0, 1)] for each in (jets, whole))
         second = x[:, 2] * v[0] + x[:, 1] * v[1] + u[1] * y[:, 1] + u[0] * y[:, 2]
-        third = x[:, 3] * v[0] + 2 * x[:, 2] * v[1] + u[2] * y[:, 1] + x[:, 1] * v[2] + 2 * u[1] * y[:, 2] + u[0] * y[:, 3]
+        third = (
+            x[:, 3] * v[0] + 2 * x[:, 2] * v[1] + u[2] * y[:, 1] + x[:, 1] * v[2] + 2 * u[1] * y[:, 2] + u[0] * y[:, 3]
+        )
         rows = np.add.reduceat(self._terms[:, 0] * np.stack([second, third], axis=1), self._starts, axis=2) ** 2
         squares = np.zeros((2, 2, jets.shape[3]))
         np.add.at(squares, (slice(None), slice(None), self._loop[self._starts]), rows)
