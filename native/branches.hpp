@@ -4,18 +4,6 @@
 
 namespace ccpin {
 
-// What is proven around a closed configuration x̂ of one cluster. Over q̂ + Δq with |ρ̂ Δq| ≤ reach, a convex set, the
-// tube x̂ ⊕ ρ̂ Δq + e, |e| ≤ radius, holds one solution. Quadratic forms of Δq tell how far single directions reach.
-struct Anchor {
-  std::vector<double> q_free, rho;
-  std::vector<double> metric, turning;  // n × n: |ρ̂ Δq|² and ν²
-  std::vector<double> sags;             // by pair i ≤ j: ½ ψ_q′⁻¹ψ″[ρ̂_i, ρ̂_j], twice where i < j, by dependent column
-  Bent bent{};                          // c and k
-  Thirds thirds;
-  double inverse = 0;                   // ‖ψ_q′⁻¹‖
-  double noise = 0, reach = 0, radius = 0;
-};
-
 class Branches : public Curvature {
  public:
   using Curvature::Curvature;
@@ -69,98 +57,27 @@ class Branches : public Curvature {
     return scaled_ * std::sqrt(sum) <= radius_;
   }
 
-  // What is proven around the cluster's configuration, which is closed and factorised with ρ known.
-  void anchor(const Cluster& c, ClusterState& s, Anchor& a) {
-    const int n = c.n(), unknowns = c.unknowns(), width = c.width();
-    a.q_free = q_free, a.rho = s.rho;
-    a.metric.assign(size_t(n) * n, 0.), a.turning = a.metric, a.sags.assign(size_t(n) * (n + 1) / 2 * unknowns, 0.);
-    if (!unknowns || !n) return;
-    const Scale& scale = scale_of(c);
-    double y = inverse_size(c, s);
-    y = std::min(y, largest_singular_value(c));
-    a.noise = noise_of(c, y), a.bent = bounds(c, kBall), a.bent.second *= y, a.bent.third *= y;
-    a.thirds = thirds_, a.inverse = y;
-    slices_.resize(n), step_.resize(width);
-    const auto direction = [&](int i, int j) {  // ρ_i, or ρ_i + ρ_j
-      for (int col = 0; col < width; ++col) step_[col] = s.rho[size_t(col) * n + i] + (j == i ? 0 : s.rho[size_t(col) * n + j]);
-    };
-    for (int i = 0; i < n; ++i) direction(i, i), turned(c, s, step_.data()), slices_[i] = turning_;
-    double* sag = a.sags.data();
-    for (int i = 0; i < n; ++i)
-      for (int j = i; j < n; ++j, sag += unknowns) {
-        direction(i, j), bias(c, s, step_.data());
-        for (int k = 0; k < unknowns; ++k) sag[k] = -0.5 * s.bias[c.dependent[k]];
-        double t = 0, v = 0;
-        for (int col = 0; col < width; ++col)
-          t += s.rho[size_t(col) * n + i] * s.rho[size_t(col) * n + j] / (scale.columns[col] * scale.columns[col]);
-        for (size_t k = 0; k < turning_.size(); ++k) v += slices_[i][k] * slices_[j][k];
-        a.metric[size_t(i) * n + j] = a.metric[size_t(j) * n + i] = t;
-        a.turning[size_t(i) * n + j] = a.turning[size_t(j) * n + i] = v;
-      }
-    for (int i = 0, pair = 0; i < n; ++i)  // what the sums of two have too much
-      for (int j = i; j < n; ++j, ++pair)
-        for (int k = 0; k < unknowns && j > i; ++k)
-          a.sags[size_t(pair) * unknowns + k] -= a.sags[size_t(diagonal(i, n)) * unknowns + k] + a.sags[size_t(diagonal(j, n)) * unknowns + k];
-    widest(a, n);
-  }
-
-  // Whether all solutions between two are in the tube of an anchor: over q̂ + `gap` and over where the way
-  // begins, which is x̂ itself or was covered before.
-  bool covers(const Cluster& c, const Anchor& a, const double* gap, const double* step, bool from_anchor) {
-    radius_ = INFINITY, by_rows_ = false;
+  // Whether a step s.step by the factor at hand is far from where it could leave its branch, by estimates: short, and
+  // ‖ψ_q′⁻¹‖ as told by a right side of no structure, times how the rows bend, times its length, below 0.6 (½ if neither overestimated).
+  bool short_enough(const Cluster& c, ClusterState& s, const double* step) {
     if (!c.unknowns()) return true;
-    const int n = c.n();
-    const double size = std::sqrt(form(a.metric, gap, n));
-    radius_ = a.radius;
-    if (size <= a.reach) return true;
-    if (!from_anchor || !(size <= 0.5 * kBall)) return false;
-    const int unknowns = c.unknowns();
     const Scale& scale = scale_of(c);
-    step_.assign(unknowns, 0.);
-    const double* sag = a.sags.data();
-    for (int i = 0; i < n; ++i)
-      for (int j = i; j < n; ++j, sag += unknowns)
-        for (int k = 0; k < unknowns; ++k) step_[k] += gap[i] * gap[j] * sag[k];
-    double sum = 0;
-    for (int k = 0; k < unknowns; ++k) sum += std::pow(step_[k] / scale.columns[c.dependent[k]], 2);
-    Bent b = a.bent;
-    along(c, a.thirds, step, b, a.inverse);
-    const Tube found = tube(size, std::sqrt(form(a.turning, gap, n)), std::sqrt(sum), b, a.noise, 1);
-    radius_ = found.radius;
-    return found.part > 0;
+    const double t = length(c, step);
+    if (!(t <= kShort)) return false;
+    double x = 0.5, largest = 0;
+    for (int r = 0; r < c.rows(); ++r) x = 3.9 * x * (1 - x), s.right[r] = scale.rows[r] * (r % 2 ? x + 0.1 : -x - 0.1);
+    s.factor.solve(s.right.data(), 1);
+    for (int k = 0; k < c.unknowns(); ++k)
+      largest = std::max(largest, std::abs(s.right[c.pattern.slots[k]]) / scale.columns[c.dependent[k]]);
+    return largest * scale.bending * t <= kSmall;
   }
-  static double size_in(const Anchor& a, const double* gap, int n) { return std::sqrt(form(a.metric, gap, n)); }
 
  private:
-  static constexpr double kContractive = 0.9, kLongest = 0.5, kShorter = 0.8, kBall = 0.2, kFair = 0.5;
+  static constexpr double kShort = 0.1, kSmall = 0.6;
+  static constexpr double kContractive = 0.9, kLongest = 0.5, kShorter = 0.8, kFair = 0.5;
   static constexpr int kRounds = 12, kTrials = 16;
   std::vector<double> square_, inverse_, rate_, turning_, step_, before_;
   double scaled_ = 0;  // ‖ψ_q′⁻¹‖ at `before_`
-  std::vector<std::vector<double>> slices_;
-
-  static double form(const std::vector<double>& a, const double* x, int n) {
-    double sum = 0;
-    for (int i = 0; i < n; ++i)
-      for (int j = 0; j < n; ++j) sum += x[i] * a[size_t(i) * n + j] * x[j];
-    return std::max(sum, 0.);
-  }
-  static int diagonal(int i, int n) { return i * n - i * (i - 1) / 2; }  // which pair (i, i) is
-
-  // How far every direction reaches, by the largest ν for a given t, and s₂ ≤ ½ ν t.
-  static void widest(Anchor& a, int n) {
-    using Matrix = Eigen::Map<const Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>>;
-    const Eigen::GeneralizedSelfAdjointEigenSolver<Eigen::MatrixXd> solver(
-        Matrix(a.turning.data(), n, n), Matrix(a.metric.data(), n, n), Eigen::EigenvaluesOnly | Eigen::Ax_lBx);
-    const double most = std::sqrt(std::max(solver.eigenvalues()[n - 1], 0.)) * (1 + 1e-9);
-    a.reach = 0;
-    for (double t = 0.5 * kBall; t > 1e-3 * kBall; t *= kShorter) {
-      const Bent b{a.bent.second, a.bent.third, a.bent.third * t * t, a.bent.third * t * t * t};
-      const Tube found = tube(t, most * t, 0.5 * most * t * t, b, a.noise, 1);
-      if (!(found.part > 0)) continue;
-      a.reach = t, a.radius = found.radius;
-      return;
-    }
-  }
 
   double length(const Cluster& c, const double* step) const {
     const Scale& scale = scale_of(c);
@@ -184,14 +101,6 @@ class Branches : public Curvature {
       total += sum / (scale.columns[c.dependent[k]] * scale.columns[c.dependent[k]]);
     }
     return std::sqrt(total);
-  }
-  double largest_singular_value(const Cluster& c) const {
-    const Scale& scale = scale_of(c);
-    Eigen::MatrixXd y(c.unknowns(), c.rows());
-    for (int k = 0; k < c.unknowns(); ++k)
-      for (int r = 0; r < c.rows(); ++r) y(k, r) = inverse_[size_t(k) * c.rows() + r] / scale.columns[c.dependent[k]];
-    const Eigen::SelfAdjointEigenSolver<Eigen::MatrixXd> solver(y.transpose() * y, Eigen::EigenvaluesOnly);
-    return std::sqrt(solver.eigenvalues()[c.rows() - 1]) * (1 + 1e-9);
   }
   double noise_of(const Cluster& c, double inverse) const {
     return inverse / std::min(scale_of(c).unit, 1.) * m.tolerance * std::sqrt(double(c.rows()));

@@ -32,12 +32,17 @@ class Curvature : public Tangent {
     for (const Cluster& c : m.clusters) scales_.push_back(scale(c));
     for (size_t k = 0; k < m.clusters.size(); ++k)
       for (int i : m.clusters[k].loops) loops_[i] = prepared(m.loops[i], used, scales_[k].unit);
+    q_free = m.reference;
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      residuals(m.clusters[k], states[k], nullptr);
+      scales_[k].bending = bounds(m.clusters[k], 0).second;
+    }
   }
 
  protected:
   // Metres, or radians, that count as 1: of a cluster, of its columns and of its rows; and where columns stand among the
-  // dependent ones (−1: nowhere).
-  struct Scale { double unit; std::vector<double> columns, rows; std::vector<int> place; bool bent; };
+  // dependent ones (−1: nowhere). `bending`: |ψ″| around the reference.
+  struct Scale { double unit; std::vector<double> columns, rows; std::vector<int> place; bool bent; double bending; };
   std::vector<Scale> scales_;  // by cluster
   const Scale& scale_of(const Cluster& c) const { return scales_[&c - m.clusters.data()]; }
 
@@ -86,7 +91,7 @@ class Curvature : public Tangent {
   std::vector<Prepared> loops_;
 
   Scale scale(const Cluster& c) const {
-    Scale s{0, {}, {}, std::vector<int>(c.width(), -1), !c.components.empty()};
+    Scale s{0, {}, {}, std::vector<int>(c.width(), -1), !c.components.empty(), 0};
     for (int i : c.loops) {
       const Loop& loop = m.loops[i];
       double sum = loop.frame_a.p.norm() + loop.frame_b.p.norm();

@@ -11,13 +11,11 @@ constexpr double kContraction = 0.125, kChord = 0.0625, kNoise = 1e-9;
 constexpr double kShortestStep = 0x1p-30, kOpenStart = 1e-6;
 constexpr int kMaxNewton = 16, kMaxClosing = 100, kMaxWalking = 1000;
 
-// A closed point, as a start: its ρ spares Newton the first evaluation, and its anchors prove what is near them.
+// A closed point, as a start: its ρ spares Newton the first evaluation.
 struct ClosedPoint {
   std::vector<double> q_free;
   std::vector<std::vector<double>> rho;  // by cluster
   std::vector<int> sign;
-  std::vector<Anchor> anchors;
-  std::vector<char> left;                // whether the anchor is somewhere else
 };
 
 class Parametrization : public Branches {
@@ -39,16 +37,10 @@ class Parametrization : public Branches {
       if (!solve_near(int(k), q, near) && !solve(m.clusters[k], states[k], q, near.q_free.data())) return false;
     return true;
   }
-  // After `sigma` with ρ: the point found, with the anchors that the last one had where they are near.
-  void remember(ClosedPoint& point) {
-    const size_t count = states.size();
+  void remember(ClosedPoint& point) const {
     point.q_free = q_free;
-    point.rho.resize(count), point.sign.resize(count), point.anchors.resize(count), point.left.resize(count);
-    for (size_t k = 0; k < count; ++k) {
-      point.rho[k] = states[k].rho, point.sign[k] = states[k].factor.sign;
-      point.left[k] = still_near(m.clusters[k], states[k], point.anchors[k]);
-      if (!point.left[k]) anchor(m.clusters[k], states[k], point.anchors[k]);
-    }
+    point.rho.resize(states.size()), point.sign.resize(states.size());
+    for (size_t k = 0; k < states.size(); ++k) point.rho[k] = states[k].rho, point.sign[k] = states[k].factor.sign;
   }
 
   // ρ at a configuration that is closed already; false where it is singular.
@@ -71,8 +63,8 @@ class Parametrization : public Branches {
   }
 
  private:
-  static constexpr double kNear = 0.5;  // of an anchor's reach
-  std::vector<double> q_ahead_, here_;
+  static constexpr double kTrusted = 1. / 64;
+  std::vector<double> q_ahead_, here_, tangent_;
   bool wants_rho_ = true, open_ = false;
 
   // By one solve from the start, or along the straight line from α(start) to q in steps that are proven, each as long as
@@ -107,6 +99,16 @@ class Parametrization : public Branches {
     if (too_singular(c, s)) return part = 0, false;
     if (size <= m.tolerance) return part = 1, wants_rho_ ? finish(c, s) : true;
     double length = newton_step(c, s);
+    if (part == 1 && !open_ && s.factor.ratio >= kSuspiciousPivots) {
+      tangent_ = s.step;
+      if (short_enough(c, s, tangent_.data())) {
+        move(c, tangent_.data());
+        if (converge(c, s, q, length, s.factor.sign, 1, wants_rho_, tangent_.data())) return true;
+        copy_cluster(c, start, q_free.data());
+        linearize(c, s, q);
+        length = newton_step(c, s);
+      }
+    }
     const double proven_part = prove(c, s);
     if (proven_part < part || part < 1) {
       const double f = std::min(proven_part, part) / proven_part;
@@ -122,43 +124,31 @@ class Parametrization : public Branches {
     return converge(c, s, aim, length, s.factor.sign, s.factor.ratio >= kSuspiciousPivots, part == 1 && wants_rho_) && proven(c);
   }
 
-  // From a closed point, by its anchor: the first step is ρ Δq.
+  // From a closed point, where ρ Δq is short and the correction after it small.
   bool solve_near(int cluster, const double* q, const ClosedPoint& near) {
     const Cluster& c = m.clusters[cluster];
     ClusterState& s = states[cluster];
-    const Anchor& a = near.anchors[cluster];
-    copy_cluster(c, a.q_free.data(), q_free.data()), copy_cluster(c, a.q_free.data(), first_.data());
-    double length = tangent_step(c, s, q, a.rho.data());
-    if (!covers(c, a, s.right.data(), s.step.data(), !near.left[cluster])) return false;
-    end_ = s.step;
-    if (near.left[cluster]) {
-      copy_cluster(c, near.q_free.data(), q_free.data());
-      length = tangent_step(c, s, q, near.rho[cluster].data());
-    }
+    if (!c.n()) return false;
+    copy_cluster(c, near.q_free.data(), q_free.data());
+    const double length = tangent_step(c, s, q, near.rho[cluster].data());
+    tangent_ = s.step;
     move(c, s.step.data());
-    return converge(c, s, q, length, near.sign[cluster], false, wants_rho_) && proven(c);
-  }
-  // Whether the cluster's configuration is well within an anchor's reach.
-  bool still_near(const Cluster& c, ClusterState& s, const Anchor& a) {
-    if (a.q_free.empty() || !c.unknowns()) return false;
-    q_ahead_.resize(m.n_q), alpha(q_free.data(), q_ahead_.data());
-    here_ = q_free;
-    copy_cluster(c, a.q_free.data(), q_free.data());
-    tangent_step(c, s, q_ahead_.data(), a.rho.data());
-    copy_cluster(c, here_.data(), q_free.data());
-    return size_in(a, s.right.data(), c.n()) <= kNear * a.reach;
+    return converge(c, s, q, length, near.sign[cluster], 0, wants_rho_, tangent_.data());
   }
 
   // Newton's iteration after a first step of a length. A factor serves two corrections (Shamanskii's method, of third
   // order): the second one, ψ̄ anew but ψ_q′ that of the iterate before, is taken where it is at most a sixteenth of the
-  // first; a third where it will be the last.
-  bool converge(const Cluster& c, ClusterState& s, const double* q, double last, int sign, int served, bool rho) {
+  // first; a third where it will be the last. Where the first step is not proven (`unproven`), it must be short, and what
+  // follows it at most a 64th of it, by ψ_q′ at one of its ends.
+  bool converge(const Cluster& c, ClusterState& s, const double* q, double last, int sign, int served, bool rho,
+                const double* unproven = nullptr) {
     for (int iteration = 1; iteration < kMaxNewton; ++iteration) {
       const double size = residuals(c, s, q);
       const bool closed = size <= m.tolerance || (last <= kNoise && size <= 100 * m.tolerance);
-      if (closed && !rho) return true;
+      if (closed && !rho && (served || !unproven || iteration > 1)) return true;
       if (served && !closed && last > kNoise) {
         const double length = newton_step(c, s);
+        if (unproven && iteration == 1 && !(length <= kTrusted * last)) return false;
         if (length <= kChord * last && (served == 1 || length * length <= last * m.tolerance)) {
           last = length, ++served;
           move(c, s.step.data());
@@ -167,8 +157,10 @@ class Parametrization : public Branches {
       }
       factorize(c, s);
       if (too_singular(c, s) || s.factor.sign != sign) return false;
+      if (unproven && iteration == 1 && !served && !short_enough(c, s, unproven)) return false;
       if (closed) return finish(c, s);
       const double length = newton_step(c, s);
+      if (unproven && iteration == 1 && !(length <= kTrusted * last || length <= kNoise)) return false;
       if (!(length <= kContraction * last || length <= kNoise)) return false;
       last = length;
       served = s.factor.ratio >= kSuspiciousPivots;

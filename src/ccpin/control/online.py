@@ -34,8 +34,8 @@ def capped_sigma(
 ) -> NewtonSolve:
     """Solve ψ̄(q′, q) = 0 (11) from a start with at most `max_newton_steps` linear solves.
 
-    As in `Parametrization.sigma` an iteration is trusted only if each correction is at most an eighth of the one
-    before and det ψ_q′ keeps its sign; there is no walk when it is not.
+    As in `Parametrization.sigma` an iteration is trusted only if it is proven, or far by estimates from where it could
+    leave its branch; each correction is at most an eighth of the one before. There is no walk when it is not.
 
     Args:
         parametrization: ψ.

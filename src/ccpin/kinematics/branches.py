@@ -30,6 +30,7 @@ rounding, which is not enclosed: contraction 0.9 stands for 1, ‖Y‖ times the
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -40,14 +41,18 @@ from ccpin.kinematics.clusters import clusters
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.coordinates import Coordinate, IndependentCoordinates
 from ccpin.kinematics.curvature import Curvature, unit_of
+from ccpin.kinematics.linear import Factor
 from ccpin.kinematics.loops import ResolvedTerm
 from ccpin.kinematics.tree import TreeJoint
 
 CONTRACTION = 0.9
+SHORT = 0.1
+SMALL = 0.6
 LONGEST = 0.5
 SHORTER = 0.8
 ROUNDS = 12
 TRIALS = 16
+TINY = 1e-300
 
 
 class End(NamedTuple):
@@ -87,7 +92,7 @@ class Proof(NamedTuple):
         return all(np.linalg.norm(size) <= radius for size, radius in away)
 
 
-UNPROVEN = Proof(0.0, ())
+TRUSTED = Proof(1.0, ())
 
 
 class ClusterRows(NamedTuple):
@@ -207,6 +212,40 @@ class Branches:
             ends.append(End(cluster.columns, start.step, size, found.radius))
         return Proof(part, tuple(ends))
 
+    def short(self, factor: Factor, step: Array) -> bool:
+        """Whether a step is far from where it could leave its branch, by estimates.
+
+        It must be short, and ‖ψ_q′⁻¹‖ as told by a right side of no structure, times how the rows bend at the
+        reference, times its length small. (½ is the largest value in the Newton–Kantorovich theorem; the bound of how
+        rows bend is an overestimate, by two or more where there are several loops.)
+        """
+        rows, found = self._constraints.size + self._coordinates.n, []
+        told = np.abs(factor.solve(np.concatenate([self._unstructured, np.zeros(rows - len(self._unstructured))])))
+        for cluster, bent in zip(self.clusters, self._bent, strict=True):
+            size = float(np.linalg.norm(step[cluster.columns] / cluster.units))
+            inverse = float((told[cluster.dependent] / cluster.across).max())
+            found.append(size <= SHORT and inverse * bent * size <= SMALL)
+        return all(found)
+
+    @cached_property
+    def _unstructured(self) -> Array:
+        """A right side of no structure, in units of the rows of φ."""
+        weights = np.ones(self._constraints.size)
+        for cluster in self.clusters:
+            loops = cluster.rows < len(weights)
+            weights[cluster.rows[loops]] = cluster.weights[loops]
+        return np.asarray(
+            weights * np.random.default_rng(5).choice([-1.0, 1.0], len(weights)) * np.linspace(0.6, 1.0, len(weights))
+        )
+
+    @cached_property
+    def _bent(self) -> list[float]:
+        """|ψ″| of each cluster around the reference."""
+        at = self._constraints.value(self._coordinates.q_reference)
+        loops = self._curvature.bounds(at, np.zeros(len(self._constraints.loops)))[:, 0] ** 2
+        own, shared = loops
+        return [float(own[c.loops].max(initial=0.0) + shared[c.loops].sum()) ** 0.5 for c in self.clusters]
+
     def _start(self, cluster: ClusterRows, psi: Array, gap: Array) -> _Start:
         rows = psi[cluster.rows]
         a = rows[:, cluster.dependent]
@@ -270,7 +309,7 @@ def tube(size: float, turning: float, sag: float, bent: Bent, noise: float, part
 def longest(size: float, turning: float, sag: float, bent: Bent, noise: float) -> Tube:
     """The longest part of a step that the theorem is found to hold for."""
     root = (sag * bent.second) ** 0.5 + (0.5 * bent.along) ** 0.5  # a little more than what its terms allow one by one
-    part = min(1.0, 1.2 * min(LONGEST / size, CONTRACTION / (turning + root)))
+    part = min(1.0, 1.2 * min(LONGEST / max(size, TINY), CONTRACTION / max(turning + root, TINY)))
     for _ in range(TRIALS):
         found = tube(size, turning, sag, bent, noise, part)
         if found is not None:

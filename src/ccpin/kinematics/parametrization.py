@@ -14,7 +14,7 @@ import pinocchio as pin
 
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
-from ccpin.kinematics.branches import UNPROVEN, Branches
+from ccpin.kinematics.branches import TRUSTED, Branches
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.linear import Factor, factorize
@@ -23,6 +23,7 @@ from ccpin.kinematics.points import moved
 SINGULAR_RCOND = 1e-10
 _CONTRACTION = 0.125
 _NOISE = 1e-9
+_TRUSTED = 1 / 64
 _SHORTEST_STEP = 2.0**-30
 _MOST_STEPS = 11
 _MOST_CLOSING = 100
@@ -141,11 +142,12 @@ class Parametrization:
     def sigma(self, q: Array, guess: Array | ClosedPoint | None = None) -> ClosedPoint:
         """q′ = σ(q) (12), on the branch of `guess`.
 
-        Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A solution is trusted only if it is proven to
-        lie on the guess's branch: by the theorem in `ccpin.kinematics.branches` ψ_q′ is regular along the whole path of
-        solutions over the straight line from α(guess) to q, and the solution found is its end. Where that fails σ walks
-        along the line in shorter steps; an open guess is closed first, along a path with ψ_q′ regular. The path depends
-        on q and guess only.
+        Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. Where the step is short and its second
+        correction at most a 64th of the first (`Branches.short`), the solution is trusted by these estimates. Any other
+        must be proven to lie on the guess's branch: by the theorem in `ccpin.kinematics.branches` ψ_q′ is regular along
+        the whole path of solutions over the straight line from α(guess) to q, and the solution is its end. Where that
+        fails σ walks along the line, as far at a time as is proven; an open guess is closed first, along a path with
+        ψ_q′ regular. The path depends on q and guess only.
 
         Args:
             q: Independent coordinates, of shape (model.nq,).
@@ -210,15 +212,17 @@ class Parametrization:
             rcond=rcond,
         )
 
-    def newton(self, start: Array | ClosedPoint, q: Array, rules: NewtonRules, most: float = 1.0) -> NewtonSolve:
+    def newton(
+        self, start: Array | ClosedPoint, q: Array, rules: NewtonRules, most: float = 1.0, *, trusting: bool = True
+    ) -> NewtonSolve:
         """Newton's method on ψ̄(q′, q) = 0 (11) from a start, given up where it is not proven to stay on its branch.
 
         Pure: the same arguments give the same answer. The time it takes is bounded by `most_steps` + 1 evaluations and
         factorisations of ψ_q′ and one proof. A closed point spares the first. `most` is the largest part of the way.
         """
-        known = start if isinstance(start, ClosedPoint) else None
+        known, trusting = start if isinstance(start, ClosedPoint) else None, trusting and most == 1.0
         q_free: Array = start.q_free if isinstance(start, ClosedPoint) else start.copy()
-        first, proof, part, sign, last, residual, started_open = q_free, UNPROVEN, 1.0, 0, np.inf, np.inf, False
+        first, proof, part, sign, last, residual, started_open = q_free, TRUSTED, 1.0, 0, np.inf, np.inf, False
         for steps in range(rules.most_steps + 1):
             if known is not None and not steps:
                 point, factor = known.constraints, known.factor
@@ -239,7 +243,7 @@ class Parametrization:
             if steps == rules.most_steps:
                 break
             step = factor.solve(gap)
-            if not steps:
+            if not steps and not (trusting := trusting and not started_open and self._branches.short(factor, step)):
                 proof = self._branches.prove(point, self._stacked(point), gap).within(most)
                 part = proof.part
                 if part < 1.0:
@@ -248,6 +252,10 @@ class Parametrization:
                     away = gap[self.constraints.size :]
                     q, step = self.coordinates.integrate(self.coordinates.alpha(q_free), part * away), part * step
             length = float(np.linalg.norm(step))
+            if trusting and steps == 1 and not length <= max(_TRUSTED * last, rules.noise):
+                if not rules.partly:
+                    break
+                return self.newton(start, q, rules, most, trusting=False)
             if not length <= max(rules.contraction * last, rules.noise):
                 break
             q_free, last = moved(self.model, q_free, step), length
