@@ -4,7 +4,8 @@ Let x be a configuration with ψ̄(x, q) = −g (11), ψ_q′ regular there with
 G_s(e) = ψ̄(x ⊕ e, q) + (1 − s) g for s in [0, 1]: from a closed x its zeros lie over the straight line from α(x) to q;
 from an open one φ and the way to q vanish together. Clusters share no row and no column of ψ, so each is treated alone.
 In the Euclidean norm (lengths counted in the cluster's unit) let t ≥ |u|, N = Y ψ″(x)[u, ·], ν ≥ ‖N‖, s₂ ≥ ½|N u|, and
-on the ball |e| ≤ t + ε let c ≥ ‖Y‖ sup‖ψ″‖, k ≥ ‖Y‖ sup‖ψ‴‖, k₂ ≥ ‖Y‖ sup‖ψ‴[u, u, ·]‖ and k₃ ≥ ‖Y‖ sup|ψ‴[u, u, u]|
+on the ball |e| ≤ t + ε let c ≥ ‖Y‖ sup‖ψ″‖, k ≥ ‖Y‖ sup‖ψ‴‖, k₂ ≥ ‖Y‖ sup‖ψ‴[u, u, ·]‖,
+k₃ ≥ ‖Y‖ sup|ψ‴[u, u, u]|
 (`ccpin.kinematics.curvature`).
 
 *Theorem.* If for f in (0, 1] and an ε ≤ t
@@ -12,19 +13,20 @@ on the ball |e| ≤ t + ε let c ≥ ‖Y‖ sup‖ψ″‖, k ≥ ‖Y‖ sup�
     f² s₂ + ⅙ f³ k₃ + (f ν + ½ f² k₂) ε + ½ (c + k f t) ε² + ⅙ k ε³ ≤ ε   and
     f ν + ½ f² k₂ + c ε + k (f t + ½ ε) ε < 1,
 
-then ψ_q′ is regular in the whole tube {s u + e: 0 ≤ s ≤ f, |e| ≤ ε}, and there is one continuous path d(s) with d(0) = 0
-and G_s(s u + d(s)) = 0 for 0 ≤ s ≤ f; for each s it is the only zero in its slice of the tube.
+then ψ_q′ is regular in the whole tube {s u + e: 0 ≤ s ≤ f, |e| ≤ ε}, and there is one continuous path d(s) with d(0)
+= 0 and G_s(s u + d(s)) = 0 for 0 ≤ s ≤ f; for each s it is the only zero in its slice of the tube.
 
-*Proof.* By Taylor's formula T_s(d) = d − Y G_s(s u + d) is, d being small besides s u, at most s² s₂ + s ν|d| + ½ c|d|²
-+ ⅙ |ψ‴[s u + d, s u + d, s u + d]| ‖Y‖ in size, so it maps |d| ≤ ε into itself by the first inequality, and contracts by the second: its derivative 1 − Y ψ_q′ has
-norm below one, so ψ_q′ is regular, Banach's theorem gives the zero, and it is continuous in s. At s = 0 it is d = 0.
-Where ψ is tall, Y its pseudo-inverse, d(s) is analytic and solves all rows of ψ̄ if the linkage has n freedoms at x.
+*Proof.* By Taylor's formula T_s(d) = d − Y G_s(s u + d) is at most s² s₂ + s ν|d| + ½ c|d|² + ⅙ ‖Y‖|ψ‴[s u + d, s u +
+d, s u + d]| in size, so it maps |d| ≤ ε into itself by the first inequality, and contracts by the second: its
+derivative 1 − Y ψ_q′ has norm below one, so ψ_q′ is regular, Banach's theorem gives the zero, and it is continuous in
+s. At s = 0 it is d = 0. Where ψ is tall, Y its pseudo-inverse, d(s) is analytic and solves all rows of ψ̄ if the
+linkage has n freedoms at x.
 
-So the zero at s = 1 is σ(q) on the branch of x, and a solution within ε of x ⊕ u is that zero. With ν = c t, s₂ = ½ c t²
-and k = 0 this is the Newton–Kantorovich theorem, which needs no ψ″(x): it is tried first. Then the theorem as it is, and
-in the norm |d|* = ‖Y‖|ψ_q′ d| of dependent displacements d, in which Y G has ‖Y‖|G|, N becomes ψ″(x)[u, Y ·], and
-|d| ≤ |d|*: near singular points it reaches further. The theorem holds up to
-rounding, which is not enclosed: contraction 0.9 stands for 1, ‖Y‖ times the tolerance of closed points is added to s₂.
+So the zero at s = 1 is σ(q) on the branch of x, and a solution within ε of x ⊕ u is that zero. With ν = c t, s₂ = ½ c
+t² and k = 0 this is the Newton–Kantorovich theorem, which needs no ψ″(x): it is tried first. Then the theorem as it
+is, and in the norm |d|* = ‖Y‖|ψ_q′ d| of dependent displacements d, in which Y G has ‖Y‖|G|, N becomes ψ″(x)[u, Y ·],
+and |d| ≤ |d|*: near singular points it reaches further. The theorem holds up to rounding, which is not enclosed:
+contraction 0.9 stands for 1, ‖Y‖ times the tolerance of closed points is added to s₂.
 """
 
 from __future__ import annotations
@@ -353,7 +355,7 @@ def _clusters(constraints: Constraints, coordinates: IndependentCoordinates) -> 
     ties += [[owner[term.idx_v] for term in coupling.terms] for coupling in constraints.couplings]
     slides = np.array([slide for joint in tree.joints for slide in joint.kind.slides], dtype=bool)
     stops = np.cumsum([*(loop.size for loop in loops), *(1 for _ in constraints.couplings)], dtype=int)
-    windows = [np.arange(a, b) for a, b in zip([0, *stops[:-1]], stops, strict=True)]
+    windows = [np.arange(a, b) for a, b in zip([0, *stops], stops, strict=False)]
     for cluster in clusters([0, *(joint.parent for joint in tree.joints)], ties):
         joints = [tree.joints[number - 1] for number in cluster.joints]
         inside = set(cluster.joints)

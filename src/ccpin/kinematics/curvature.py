@@ -1,22 +1,23 @@
 """How much the rows of ψ bend: bounds of the sizes of their second and third derivatives in a ball of displacements.
 
-A configuration near x is written x ⊕ e, with e_i a number for each velocity component: the change of a plain number, or
-an exponential coordinate of a circle, a quaternion or a floating pose. Between a loop's ancestor C and one of its ends
-stands a chain of turns and slides. A derivative of the end's point p in which the steps i ≤ j ≤ … ≤ k of the chain take
-part is z_i × (z_j × … (z_k × (p − o_k))), no longer than the lever d_k of p about step k (1 where k slides), and zero
-where a step above it slides; a derivative of a direction fixed in the end is no longer than the direction. (For a ball
-joint, one step with three components, in exponential coordinates the same follows from Duhamel's formula with the sizes
-of its angular velocities; a floating joint turns first and slides then.) So |p″[a, b]| ≤ Σ d_max(i,j) |a_i||b_j|, and by
-Cauchy and Schwarz, with τ_k the number of turns down to k and b, c along some steps i alone,
+A configuration near x is written x ⊕ e, with e_i a number for each velocity component: the change of a plain number,
+or an exponential coordinate of a circle, a quaternion or a floating pose. Between a loop's ancestor C and one of its
+ends stands a chain of turns and slides. A derivative of the end's point p in which the steps i ≤ j ≤ … ≤ k of the
+chain take part is z_i × (z_j × … (z_k × (p − o_k))), no longer than the lever d_k of p about step k (1 where k
+slides), and zero where a step above it slides; a derivative of a direction fixed in the end is no longer than the
+direction. (For a ball joint, one step with three components, in exponential coordinates the same follows from
+Duhamel's formula with the sizes of its angular velocities; a floating joint turns first and slides then.) So |p″[a,
+b]| ≤ Σ d_max(i,j) |a_i||b_j|, and by Cauchy and Schwarz, with τ_k the number of turns down to k and b, c along some
+steps i alone,
 
     |p′[b]|² ≤ Σ_i d_i² |b|²,    |p″[a, b]|² ≤ Σ_i (τ_i d_i² + Σ_{k below i} d_k²) |a|²|b|²,
     |p‴[a, a, c]|² ≤ Σ_i (τ_i² d_i² + Σ_{k below i} (2 τ_k − 1) d_k²) |a|⁴|c|²
 
-(a slide has 1, τ and τ²; below a turn it counts 1 and 2 τ). A direction has √τ, √(τ n) and n √τ, n its turns. Rows are
-sums of products of such vectors, and the product rule bounds them. Steps that one loop alone has move no other loop's
-rows, so that the largest of the loops' bounds along their own steps, and the root of the sum of squares of those along
-shared ones, make the cluster's. d_k is exact at x, and in the ball |e| ≤ r longer by r √(Σ d_j², j below k) at most. All
-norms are Euclidean, lengths counted in a unit of the cluster's.
+(a slide has 1, τ and τ²; below a turn it counts 1 and 2 τ). A direction has √τ, √(τ n) and n √τ, n its turns. Rows
+are sums of products of such vectors, and the product rule bounds them. Steps that one loop alone has move no other
+loop's rows, so that the largest of the loops' bounds along their own steps, and the root of the sum of squares of
+those along shared ones, make the cluster's. d_k is exact at x, and in the ball |e| ≤ r longer by r √(Σ d_j², j below
+k) at most. All norms are Euclidean, lengths counted in a unit of the cluster's.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ _CODES = {"A": 0, "B": 1, "C": 2, "gap": 3}
 
 
 class _Step(NamedTuple):
-    """One step of a chain: its components of q̇′, and whether they slide; the turns of a joint are one step, and slides."""
+    """One step of a chain: its components of q̇′, and whether they slide; all turns of a joint are one step."""
 
     columns: list[int]
     slides: bool
