@@ -262,7 +262,7 @@ class Branches:
         )
         inverse_size = float(np.linalg.norm(weighted))
         noise = inverse_size / min(cluster.unit, 1.0) * self._tolerance * len(cluster.rows) ** 0.5
-        return _Start(cluster, rows, inverse, step, size, inverse_size, noise)
+        return _Start(cluster, rows, np.asarray(inverse, dtype=np.float64), step, size, inverse_size, noise)
 
     def _bounds(self, start: _Start, q_free: Array, loops: Array) -> Bent:
         """Of a cluster's rows within its ball, from those of each loop."""
