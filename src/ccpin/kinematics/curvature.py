@@ -138,9 +138,9 @@ class Curvature:
             x[:, 3] * v[0] + 2 * x[:, 2] * v[1] + u[2] * y[:, 1] + x[:, 1] * v[2] + 2 * u[1] * y[:, 2] + u[0] * y[:, 3]
         )
         rows = np.add.reduceat(self._terms[:, 0] * np.stack([second, third], axis=1), self._starts, axis=2) ** 2
-        squares = np.zeros((2, 2, jets.shape[3]))
-        np.add.at(squares, (slice(None), slice(None), self._loop[self._starts]), rows)
-        return np.asarray(np.sqrt(squares).transpose(1, 0, 2))
+        squares = np.zeros((jets.shape[3], 2, 2))
+        np.add.at(squares, self._loop[self._starts], rows.transpose(2, 1, 0))
+        return np.asarray(np.sqrt(squares).transpose(1, 2, 0))
 
 
 def unit_of(tree: Tree, loops: Sequence[ResolvedClosure]) -> float:
