@@ -134,7 +134,6 @@ def test_simulate_without_torque(capsys):
         (["info", "rpdr", "--independent", "joint1"], "IndependentSetError"),
         (["simulate", "rpdr", "--start", "0", "1", "2"], "InvalidInputError"),
         (["simulate", "rpdr", "--goal-deg", "86", "-86", "--kp", "1", "--kv", "1"], "UnreachableError"),
-        (["simulate", "rpdr", "--law", "simple"], "InvalidInputError"),
         (["modes", "rpdr", "--q", "1"], "InvalidInputError"),
     ],
 )

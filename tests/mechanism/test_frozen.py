@@ -13,6 +13,7 @@ import ccpin
 from ccpin.arrays import FrozenMapping
 from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link, LoopClosure, MechanismDescription
 from ccpin.errors import CcpinError
+from ccpin.kinematics.scratch import Scratch
 
 IMMUTABLE = (str, int, float, bool, type(None), slice)
 REFUSED = (AttributeError, TypeError, ValueError)
@@ -32,10 +33,15 @@ def names_of(thing):
 
 
 def writable(thing, path, seen):
-    """Where anything reachable can be written to, as paths (Pinocchio's model apart, of which users get a copy)."""
+    """Where anything reachable can be written to, as paths.
+
+    Pinocchio's model apart, of which users get a copy, and its pool of memory, which nobody reads before writing to it.
+    """
     if id(thing) in seen or isinstance(thing, (*IMMUTABLE, pin.Model)):
         return []
     seen[id(thing)] = thing
+    if isinstance(thing, Scratch):
+        return [] if refuses(setattr, thing, "model", thing.model) else [f"{path}.model"]
     names = names_of(thing)
     found = [f"{path}.{name}" for name in names if not refuses(setattr, thing, name, getattr(thing, name))]
     found += [f"{path}.new"] * (not refuses(setattr, thing, "new", 1))

@@ -18,25 +18,30 @@ class Scratch:
         model: The Pinocchio model; not to be changed afterwards.
     """
 
-    __slots__ = ("_free", "model")
+    __slots__ = ("_free", "_model")
 
     def __init__(self, model: pin.Model) -> None:
-        self.model = model
+        self._model = model
         self._free: list[pin.Data] = []
+
+    @property
+    def model(self) -> pin.Model:
+        """The Pinocchio model."""
+        return self._model
 
     def take(self) -> pin.Data:
         """A `pin.Data` nobody else holds."""
         try:
             return self._free.pop()
         except IndexError:
-            return pin.Data(self.model)  # createData makes one, and copies it
+            return pin.Data(self._model)  # createData makes one, and copies it
 
     def give(self, data: pin.Data) -> None:
         """Return what `take` gave."""
         self._free.append(data)
 
     def __reduce__(self) -> tuple[type[Scratch], tuple[pin.Model]]:
-        return Scratch, (self.model,)
+        return Scratch, (self._model,)
 
 
 def six_rows(columns: Array) -> Array:
