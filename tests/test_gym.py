@@ -54,9 +54,9 @@ def test_episodes_end():
     assert [env.step([0.0])[2:4] for _ in range(3)] == [(False, False), (False, False), (False, True)]
     env.reset(options={"q": [0.05], "v": [1.0]})
     assert env.step([0.0])[2:4] == (True, False)
-    five_bar = MechanismEnv("rpdr", effort_squared, period=0.5)
-    five_bar.reset()
-    ends = [five_bar.step([30.0, -30.0]) for _ in range(2)]
+    falling = MechanismEnv("delta", effort_squared, period=0.25)
+    falling.reset()
+    ends = [falling.step(np.zeros(3)) for _ in range(2)]
     assert ends[-1][2]
     assert "singular" in ends[-1][4]["stop"]
 

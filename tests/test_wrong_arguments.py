@@ -48,7 +48,15 @@ class Bench:
     def methods(self, thing, skip=()):
         """The public methods of a thing, each with arguments that are right."""
         right = {"q": self.q, "v": self.rest, "a": self.rest, "u": self.rest, "force": self.rest, "wrenches": None}
-        right |= {"guess": None, "near": None, "q_free": self.q_free, "v_free": np.zeros(4), "threads": 1, "t": 0.0}
+        right |= {
+            "state": self.state,
+            "guess": None,
+            "near": None,
+            "q_free": self.q_free,
+            "v_free": np.zeros(4),
+            "threads": 1,
+            "t": 0.0,
+        }
         right |= {"failures": None, "Q": [self.q], "V": [self.rest], "U": [self.rest], "A": [self.rest]}
         right |= {
             "wrench": np.zeros(6),

@@ -14,6 +14,7 @@ from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, Unsupp
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
 from tests.oracles import rpdr as oracle
+from tests.support.limp import Limp
 from tests.support.loading import script
 from tests.support.strategies import Growth
 
@@ -266,7 +267,7 @@ def test_a_motion_into_a_singularity_is_followed_almost_there(rpdr_model):
     """Flung towards stretched links the enclosure stops shortly before the singularity, with a reason."""
     q0, v0 = np.radians([-108.0, -72.0]), [-8.0, 8.0]
     stopped = enclose(rpdr_model, None, q0, v0, 0.5, order=20, tolerance=1e-14, shortest_step=2.0**-11)
-    singular = ccpin.simulate(rpdr_model, None, q0, v0, duration=0.5, singular_rcond=3e-3)
+    singular = ccpin.simulate(rpdr_model, Limp(2), q0, v0, duration=0.5, singular_rcond=3e-3)
     assert singular.status == "singular"
     assert stopped.status == "stopped"
     assert 0.8 * singular.t[-1] < stopped.times[-1] < singular.t[-1] + 2e-3

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, frozen, positive, vector
+from ccpin.arrays import Array, frozen, instance, positive, vector
 from ccpin.dynamics.batches import Failures, completed, rows, together
 from ccpin.dynamics.derivatives import (
     ForwardDynamicsDerivatives,
@@ -113,15 +113,18 @@ class ReducedModel:
         Args:
             state: The State, of this model or of a sibling (`ccpin.mechanism.siblings`).
             v: The State's own independent velocities.
+
+        Raises:
+            InvalidInputError: It is no State.
         """
-        if state.model is self:
+        if instance(state, "state", State).model is self:
             return Reading(state.q, v)
         rate = self.coordinates.jacobian(state.q_free) @ state.v_free(v)
         return Reading(self.coordinates.alpha(state.q_free), rate)
 
     def reading_rate(self, state: State, v: Array, a: Array) -> Array:
         """q̈ = α_q′ q̈′ + α̇_q′ q̇′ of this model where `reading` gives q and q̇, from the State's own v and a."""
-        if state.model is self:
+        if instance(state, "state", State).model is self:
             return a
         v_free, q_free = state.v_free(v), state.q_free
         rate = self.coordinates.jacobian_rate(q_free, v_free)
