@@ -22,6 +22,9 @@ KERNEL = "kernel alone"
 DIFFERENCES = "central differences, native"
 ERROR = "q̈′ differs from the reference's by"
 STEP_OF_DIFFERENCES = 1e-6
+PERIOD, STRETCH = 1e-3, 20
+PEERS = {DERIVATIVES: (DERIVATIVES, PINOCCHIO), STEP: (STEP, MUJOCO)}
+"""What ratios are to; otherwise Pinocchio's q̈."""
 
 Call = tuple[str, str]  # quantity, who
 Calls = dict[Call, Callable[[], object]]
@@ -46,12 +49,13 @@ def figures(subject: str, mechanism: ccpin.Mechanism, options: Options) -> Itera
         calls |= {(quantity, who): call for quantity, call in ours(model, at).items()}
         if who == NATIVE:
             calls[ACCELERATION, KERNEL] = lambda core=model.core: core.forward_dynamics(at.q_free, at.v, at.u)
+            calls[STEP, NATIVE] = Stepping(model, at)
     calls[DERIVATIVES, DIFFERENCES] = lambda: central_differences(next(iter(models.values())), at)
     adding = (add_pinocchio, add_mujoco, add_drake)
     others = [each for add in adding for each in add(subject, mechanism, at, calls, notes)]
     times = in_turn(calls, options.rounds, options.slice_seconds)
     for (quantity, who), timing in times.items():
-        peer = times.get((DERIVATIVES if quantity == DERIVATIVES else ACCELERATION, PINOCCHIO))
+        peer = times.get(PEERS.get(quantity, (ACCELERATION, PINOCCHIO)))
         yield Measured(
             PART, subject, quantity, who, timing.seconds, "s", _ratio(timing, peer), notes.get((quantity, who), "")
         )
@@ -70,6 +74,21 @@ def ours(model: ccpin.ReducedModel, at: Place) -> dict[str, Callable[[], object]
         WITH_SIGMA: lambda: model.forward_dynamics(at.q, at.v, at.u, at.near),
         DERIVATIVES: lambda: state.forward_dynamics_derivatives(at.v, at.u),
     }
+
+
+class Stepping:
+    """`Simulator.step` of 1 ms, error-controlled, with u held; back at the place after every twenty."""
+
+    def __init__(self, model: ccpin.ReducedModel, at: Place) -> None:
+        self.simulator, self.at, self.taken = ccpin.Simulator(model), at, STRETCH
+
+    def __call__(self) -> None:
+        """A step."""
+        if self.taken == STRETCH:
+            self.simulator.reset(self.at.q, self.at.v, guess=self.at.q_free)
+            self.taken = 0
+        self.simulator.step(self.at.u, PERIOD)
+        self.taken += 1
 
 
 def central_differences(model: ccpin.ReducedModel, at: Place) -> np.ndarray:
