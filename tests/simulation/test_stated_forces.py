@@ -91,7 +91,8 @@ def test_a_constant_wrench_is_a_potential():
         sample_period=0.01,
         wrenches=lambda t, state, v: {"coupler": [*force, 0, 0, 0]},
     )
-    np.testing.assert_allclose(same.q, run.q, rtol=0, atol=1e-12)
+    # A function of time may switch at any moment, so it is integrated in shorter steps, each run to its 1e-10.
+    np.testing.assert_allclose(same.q, run.q, rtol=0, atol=1e-9)
 
 
 def test_friction_holds_against_a_wrench():
