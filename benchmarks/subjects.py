@@ -54,9 +54,9 @@ def models_of(mechanism: ccpin.Mechanism) -> dict[str, ccpin.ReducedModel]:
 
 
 def loaded(model: str) -> ccpin.Mechanism | None:
-    """A mechanism by an installed model's name or a path; ``None`` where there is no such file."""
+    """A mechanism by name or path, its spins free as the peers have them; ``None`` where there is no such file."""
     try:
-        return ccpin.load(model)
+        return ccpin.load(model, free=["all"])
     except DescriptionNotFoundError:
         return None
 

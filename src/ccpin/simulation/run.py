@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, frozen
 from ccpin.control.sampling import ContinuousCommands, SampledCommands
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
@@ -161,7 +161,7 @@ class Run:
         return StateSample(
             t=float(t),
             q=at.q,
-            v=np.array(at.v),
+            v=frozen(at.v),
             a=self.following.home.reading_rate(state, v, a),
             u=self.commands.effort(t, state, v),
             q_free=state.q_free,
