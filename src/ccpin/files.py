@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import tempfile
+import weakref
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import IO, Any
@@ -63,7 +64,8 @@ class Journal:
     """An append-only file of JSON lines, the first of which says what it is; made to be killed and opened again.
 
     Each record is one write, flushed to the disk. A last line that was cut off is dropped when the file is opened.
-    While it is open no other process can open it as a journal (where the system has locks).
+    While it is open no other process can open it as a journal (where the system has locks); processes forked
+    meanwhile do not hold it, so it is free when this one ends, however it ends.
 
     Args:
         path: The file; it and its folder are created where they are absent.
@@ -82,6 +84,7 @@ class Journal:
             self._file = open(self._path, "a+b")  # noqa: SIM115 - closed by `close`
         except OSError as error:
             raise InvalidInputError(f"cannot write '{path}': {error}") from None
+        _OPEN.add(self)
         try:
             self._lock()
             self.records = self._read(dict(header))
@@ -129,3 +132,21 @@ class Journal:
         if not lines:
             self.append(header)
         return lines[1:]
+
+    def _let_go(self) -> None:
+        """In a forked process: give up its copy of the file, which would hold the lock when this process is gone."""
+        if not self._file.closed:
+            with open(os.devnull, "r+b") as nowhere:
+                os.dup2(nowhere.fileno(), self._file.fileno(), inheritable=False)
+
+
+_OPEN: weakref.WeakSet[Journal] = weakref.WeakSet()
+
+
+def _let_go_of_all() -> None:
+    for journal in list(_OPEN):
+        journal._let_go()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_let_go_of_all)

@@ -7,6 +7,7 @@ is written and synchronised before the next move begins. What a killed process l
 
 from __future__ import annotations
 
+import abc
 import io
 import json
 import os
@@ -46,7 +47,26 @@ class Move(NamedTuple):
     trajectory: Trajectory
 
 
-class Journal(Sequence[Move]):
+class _Moves(Sequence[Move], abc.ABC):
+    """Moves that are got one by one by their number."""
+
+    @overload
+    def __getitem__(self, place: int) -> Move: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> list[Move]: ...
+
+    def __getitem__(self, place: int | slice) -> Move | list[Move]:
+        if isinstance(place, slice):
+            return [self[k] for k in range(*place.indices(len(self)))]
+        return self._move(range(len(self))[place])
+
+    @abc.abstractmethod
+    def _move(self, number: int) -> Move:
+        """Move 0 ≤ number < len(self)."""
+
+
+class Journal(_Moves):
     """The moves in a file, read when they are asked for.
 
     Args:
@@ -80,16 +100,8 @@ class Journal(Sequence[Move]):
     def __len__(self) -> int:
         return len(self._offsets)
 
-    @overload
-    def __getitem__(self, place: int) -> Move: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> list[Move]: ...
-
-    def __getitem__(self, place: int | slice) -> Move | list[Move]:
-        if isinstance(place, slice):
-            return [self[k] for k in range(*place.indices(len(self)))]
-        arrays = self._arrays(place)
+    def _move(self, number: int) -> Move:
+        arrays = self._arrays(number)
         settled = float(arrays[f"{_MOVE}settled"])
         return Move(
             goal=arrays[f"{_MOVE}goal"],
@@ -143,7 +155,7 @@ class Journal(Sequence[Move]):
         self._end += _HEAD.size + len(payload)
 
 
-class Unfinished(Sequence[Move]):
+class Unfinished(_Moves):
     """Whole moves, and the one that ended the motion early behind them.
 
     Args:
@@ -157,17 +169,8 @@ class Unfinished(Sequence[Move]):
     def __len__(self) -> int:
         return len(self._whole) + 1
 
-    @overload
-    def __getitem__(self, place: int) -> Move: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> list[Move]: ...
-
-    def __getitem__(self, place: int | slice) -> Move | list[Move]:
-        if isinstance(place, slice):
-            return [self[k] for k in range(*place.indices(len(self)))]
-        at = range(len(self))[place]
-        return self._last if at == len(self._whole) else self._whole[at]
+    def _move(self, number: int) -> Move:
+        return self._last if number == len(self._whole) else self._whole[number]
 
 
 def _record(file: io.BufferedReader) -> bytes | None:

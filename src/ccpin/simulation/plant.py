@@ -25,15 +25,20 @@ from ccpin.simulation.surfaces import Surface, SurfaceWatch
 class EffortBounds(NamedTuple):
     """The least and largest u of each motor."""
 
-    lower: list[float]
-    upper: list[float]
+    lower: Array
+    upper: Array
 
     def hold(self, u: ArrayLike) -> bool:
         """Whether they contain u (or u is none)."""
         try:
-            return bool(((np.asarray(u) >= self.lower) & (np.asarray(u) <= self.upper)).all())
+            efforts = np.asarray(u)
+            return bool(((efforts >= self.lower) & (efforts <= self.upper)).all())
         except (TypeError, ValueError):
             return False
+
+    def numbers(self) -> dict[str, list[float]]:
+        """The same as the compiled core takes them."""
+        return {name: bound.tolist() for name, bound in self._asdict().items()}
 
 
 class Plant:
@@ -68,9 +73,7 @@ class Plant:
         self.loaded = bool(self._pushing)
         CurrentLoops(self.motors, model.n_actuated)
         ends = "end" in (self.limits.position, self.limits.velocity, self.limits.effort)
-        self.effort_bounds = EffortBounds(
-            *(bound.tolist() for bound in (self._saturation.lower, self._saturation.upper))
-        )
+        self.effort_bounds = EffortBounds(self._saturation.lower, self._saturation.upper)
         self.plain = not (self.loaded or ends or self.motors.held or self._curve.acts or self._saturation.by_speed)
 
     def check_law(self, law: ControlLaw, sampled: bool) -> None:

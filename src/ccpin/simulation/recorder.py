@@ -9,8 +9,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.dynamics.state import State
 from ccpin.simulation.happenings import Moment, Step
-from ccpin.simulation.samples import SAMPLED, Happening, Names, StateSample, Stop
-from ccpin.simulation.trajectory import Trajectory
+from ccpin.simulation.samples import SAMPLED, Happening, StateSample
 
 
 class Sampled(Protocol):
@@ -68,11 +67,7 @@ class Recorder:
         if not self.samples or self.samples[-1].t < here.t - 16 * np.spacing(abs(here.t)):
             self.samples.append(run.sample(here))
 
-    def trajectory(self, stop: Stop, evaluations: int, wall_time: float, names: Names) -> Trajectory:
-        """All of it."""
+    def columns(self) -> dict[str, Any]:
+        """The samples, column by column."""
         columns = [np.array(column) for column in zip(*self.samples, strict=True)]
-        fields: dict[str, Any] = dict(zip(SAMPLED, columns, strict=True))
-        events = tuple(sorted(self.events, key=lambda event: event.t))
-        return Trajectory(
-            **fields, **stop._asdict(), events=events, evaluations=evaluations, wall_time=wall_time, names=names
-        )
+        return dict(zip(SAMPLED, columns, strict=True))

@@ -10,9 +10,10 @@ from ccpin.arrays import positive
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import Near
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.commanding import LawLike
 from ccpin.simulation.run import Budget
 from ccpin.simulation.settling import Settling
-from ccpin.simulation.stepper import LawLike, Simulator
+from ccpin.simulation.stepper import Simulator
 from ccpin.simulation.trajectory import Trajectory
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from scipy import integrate
 
 from ccpin.arrays import Array, choice, frozen, instance, number, positive, records, step_or_infinite, vector
-from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
+from ccpin.control.laws import ControlLaw
 from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
@@ -20,6 +20,7 @@ from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.commanding import Held, LawLike, Sized, law_of
 from ccpin.simulation.contact import Contact
 from ccpin.simulation.following import Following
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
     from ccpin.native._core import HeldMotion
 
 METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
-LawLike = ControlLaw | Callable[[float, Array, Array], ArrayLike] | None
 
 
 class Simulator:
@@ -126,7 +126,7 @@ class Simulator:
         self._region, self._looked_for = region, tuple(events)
         self._names = Names.of(model)
         self._plant = Plant(model, limits, records(contacts, "contacts", Contact), motors)
-        self._law = _law(model, law)
+        self._law = law_of(model, law)
         self._plant.check_law(self._law, sampling is not None)
         self._pushed = None if callable(wrenches) else wrench_rows(model.mechanism.tree, wrenches)
         self._plain = not (callable(wrenches) or region is not None or events or self._friction.names)
@@ -174,10 +174,10 @@ class Simulator:
 
     @law.setter
     def law(self, law: LawLike) -> None:
-        self._law = _law(self.model, law)
+        self._law = law_of(self.model, law)
         self._plant.check_law(self._law, self._sampling is not None)
         if self._run is not None:
-            self._run.commands.law = _Sized(self._law, self.model)
+            self._run.commands.law = Sized(self._law, self.model)
             self._run.following.law = self._law
 
     def sample(self) -> StateSample:
@@ -203,7 +203,7 @@ class Simulator:
         """
         state = self.model.at(q, guess)
         v_start = np.zeros(self.model.n) if v is None else np.array(vector(v, "v", self.model.n))
-        law = _Sized(self._law, self.model)
+        law = Sized(self._law, self.model)
         commands: ContinuousCommands | SampledCommands = ContinuousCommands(law)
         if self._sampling is not None:
             commands = SampledCommands(self.model, law, self._sampling, state.q, v_start, t)
@@ -247,7 +247,7 @@ class Simulator:
         if u is None:
             return self.advance(until)
         commands = run.commands
-        own, held = commands.law, _Held(np.array(vector(u, "u", self.model.n_actuated)))
+        own, held = commands.law, Held(np.array(vector(u, "u", self.model.n_actuated)))
         commands.law = run.following.law = held
         try:
             return self._advanced(until, commanded=False)
@@ -300,17 +300,24 @@ class Simulator:
             instance(settling, "settling", Settling)
             goal = checked_q(self.model.coordinates, settling.goal)
             settling = settling._replace(goal=np.array(goal))
-        found = self._run_in_core(times, settling, budget)
-        if found is not None:
-            stop = self.stop or Stop("finished", f"simulated {until - start:.6g} s")
-            return found._replace(**stop._asdict(), wall_time=time.perf_counter() - began)
-        watch = None if settling is None else SettlingWatch(settling, self.model.coordinates)
-        record = Recorder(times)
-        run.first_step = None
-        self.stop = self._recorded(until, record, budget or Budget(), watch)
-        self.events += record.events
+        events: list[Happening] = []
+        columns = self._run_in_core(times, settling, budget)
+        if columns is None:
+            watch = None if settling is None else SettlingWatch(settling, self.model.coordinates)
+            record = Recorder(times)
+            run.first_step = None
+            self.stop = self._recorded(until, record, budget or Budget(), watch)
+            self.events += record.events
+            columns, events = record.columns(), record.events
         stop = self.stop or Stop("finished", f"simulated {until - start:.6g} s")
-        return record.trajectory(stop, run.evaluations - evaluations, time.perf_counter() - began, self._names)
+        return Trajectory(
+            **columns,
+            **stop._asdict(),
+            events=tuple(sorted(events, key=lambda event: event.t)),
+            evaluations=run.evaluations - evaluations,
+            wall_time=time.perf_counter() - began,
+            names=self._names,
+        )
 
     def _recorded(self, until: float, record: Recorder, budget: Budget, watch: Watch | None) -> Stop | None:
         run = self._moving
@@ -327,8 +334,8 @@ class Simulator:
 
     # In the compiled core, where it can.
 
-    def _run_in_core(self, times: Array, settling: Settling | None, budget: Budget | None) -> Trajectory | None:
-        """The recorded run, or ``None`` where only the reference can tell."""
+    def _run_in_core(self, times: Array, settling: Settling | None, budget: Budget | None) -> dict[str, Any] | None:
+        """The samples of a recorded run, column by column, or ``None`` where only the reference can tell."""
         run, settings = self._moving, self._settings
         if not self._plain or run.model is not self.model:
             return None
@@ -340,28 +347,18 @@ class Simulator:
             "singular_rcond": settings.singular_rcond,
             "wrenches": self._pushed,
             "sampling": run.commands.numbers(),
-            **self._plant.effort_bounds._asdict(),
+            **self._plant.effort_bounds.numbers(),
         }
         found = run_in_core(self.model, self._law, self._method, run.here, numbers, settling, budget)
         if found is None:
             return None
-        self.stop, evaluations, memory = found[1:]
-        columns: dict[str, Any] = found[0]
-        run.commands.adopt(memory)
-        last = {name: column[-1] for name, column in columns.items()}
+        self.stop = found.stop
+        run.commands.adopt(found.memory)
+        last = {name: column[-1] for name, column in found.columns.items()}
         run.here = Moment(float(last["t"]), self.model.at(last["q"], last["q_free"]), last["v"].copy())
-        run.evaluations += evaluations
-        nothing = np.broadcast_to(self._nothing, (len(columns["t"]), len(self._nothing)))
-        return Trajectory(
-            **columns,
-            friction=nothing,
-            limits=nothing,
-            **Stop("finished", "")._asdict(),
-            events=(),
-            evaluations=evaluations,
-            wall_time=0.0,
-            names=self._names,
-        )
+        run.evaluations += found.evaluations
+        nothing = np.broadcast_to(self._nothing, (len(found.columns["t"]), len(self._nothing)))
+        return {**found.columns, "friction": nothing, "limits": nothing}
 
     def _step_in_core(self, held: HeldMotion, u: ArrayLike, dt: float) -> StateSample | None:
         """One step with u held, or ``None`` where only the reference can tell."""
@@ -422,58 +419,3 @@ def _times(start: float, until: float, period: float) -> Array:
         return np.append(times, until)
     times[-1] = until
     return times
-
-
-def _law(model: ReducedModel, law: LawLike) -> ControlLaw:
-    if law is None:
-        return NoTorque(model)
-    if isinstance(law, ControlLaw):
-        return law
-    if callable(law):
-        return TorqueFunction(law)
-    raise InvalidInputError("controller must be a ControlLaw, a function (t, q, v) → u, or None")
-
-
-class _Held(ControlLaw):
-    """A constant u."""
-
-    everywhere = True
-
-    def __init__(self, u: Array) -> None:
-        self._u = u
-
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
-        return self._u
-
-    def next_switch(self, t: float) -> float:
-        return np.inf
-
-
-class _Sized(ControlLaw):
-    """A law whose u is looked at, so that one of the wrong size is told as the law's mistake.
-
-    At a State in other coordinates than its model's it is given q and q̇ of its model's.
-    """
-
-    def __init__(self, law: ControlLaw, model: ReducedModel) -> None:
-        self._law, self._model = law, model
-        self._motors, self._size = model.mechanism.actuated, model.n_actuated
-
-    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
-        return self._sized(self._law.torque(t, q, v, guess))
-
-    def torque_at(self, t: float, state: State, v: Array) -> Array:
-        if state.model is not self._model:
-            return self.torque(t, *self._model.reading(state, v), state.q_free)
-        return self._sized(self._law.torque_at(t, state, v))
-
-    def next_switch(self, t: float) -> float | None:
-        return self._law.next_switch(t)
-
-    def _sized(self, u: Array) -> Array:
-        if np.shape(u) != (self._size,):
-            raise InvalidInputError(
-                f"the law returned u of shape {np.shape(u)}; it must be ({self._size},), efforts of "
-                f"{', '.join(self._motors) or 'no motor'}"
-            )
-        return u

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import multiprocessing
+import os
 import pickle
 import signal
 import threading
@@ -100,16 +102,24 @@ def executor_for(executor: Executor | None, workers: int | None) -> Iterator[Exe
     if workers is None or workers == 1:
         yield executor
         return
-    pool = ProcessPoolExecutor(workers, initializer=_leave_interrupts)
+    pool = ProcessPoolExecutor(workers, initializer=_serve)
     try:
         yield pool
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _leave_interrupts() -> None:
-    """In a worker: Ctrl-C is the main process's business."""
+def _serve() -> None:
+    """In a worker: Ctrl-C is the main process's business, and none outlives it, were it killed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 class Runner:

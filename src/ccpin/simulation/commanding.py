@@ -1,0 +1,81 @@
+"""What a simulator takes for a law: what users give, a held effort, and a law whose efforts are looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array
+from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import State
+from ccpin.errors import InvalidInputError
+
+LawLike = ControlLaw | Callable[[float, Array, Array], ArrayLike] | None
+
+
+def law_of(model: ReducedModel, law: LawLike) -> ControlLaw:
+    """A law itself, a function (t, q, v) → u as one, or no torque.
+
+    Raises:
+        InvalidInputError: It is none of these.
+    """
+    if law is None:
+        return NoTorque(model)
+    if isinstance(law, ControlLaw):
+        return law
+    if callable(law):
+        return TorqueFunction(law)
+    raise InvalidInputError("controller must be a ControlLaw, a function (t, q, v) → u, or None")
+
+
+class Held(ControlLaw):
+    """A constant u."""
+
+    everywhere = True
+
+    def __init__(self, u: Array) -> None:
+        self._u = u
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """The effort."""
+        return self._u
+
+    def next_switch(self, t: float) -> float:
+        """Never."""
+        return np.inf
+
+
+class Sized(ControlLaw):
+    """A law whose u is looked at, so that one of the wrong size is told as the law's mistake.
+
+    At a State in other coordinates than its model's it is given q and q̇ of its model's.
+    """
+
+    def __init__(self, law: ControlLaw, model: ReducedModel) -> None:
+        self._law, self._model = law, model
+        self._motors, self._size = model.mechanism.actuated, model.n_actuated
+
+    def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
+        """The law's, if it is of the motors' number."""
+        return self._sized(self._law.torque(t, q, v, guess))
+
+    def torque_at(self, t: float, state: State, v: Array) -> Array:
+        """The same at a State."""
+        if state.model is not self._model:
+            return self.torque(t, *self._model.reading(state, v), state.q_free)
+        return self._sized(self._law.torque_at(t, state, v))
+
+    def next_switch(self, t: float) -> float | None:
+        """The law's."""
+        return self._law.next_switch(t)
+
+    def _sized(self, u: Array) -> Array:
+        if np.shape(u) != (self._size,):
+            raise InvalidInputError(
+                f"the law returned u of shape {np.shape(u)}; it must be ({self._size},), efforts of "
+                f"{', '.join(self._motors) or 'no motor'}"
+            )
+        return u
