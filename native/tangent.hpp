@@ -42,12 +42,13 @@ class Tangent : public Constraints {
 
   // γ = ρ̇ q̇ = −ψ_q′⁻¹ ψ̇_q′ q̇′ over one cluster's columns, for q̇′ = v.
   void bias(const Cluster& c, ClusterState& s, const double* v) {
+    travel(c, v);
     if (!c.rows()) return;
     double* change = s.right.data();
     int row = 0;
     for (int i : c.loops) {
       const Loop& loop = m.loops[i];
-      const Moving a = travel(loop.path_a, v), b = travel(loop.path_b, v);
+      const Moving a = along(loop, loop.a), b = along(loop, loop.b);
       loop_row_rates(loop, ends(loop), a.V, b.V, s.row_rates.data() + row);
       for (const int end = row + loop.size; row < end; ++row) {
         const Row &W = s.rows[row], &dW = s.row_rates[row];
@@ -74,9 +75,8 @@ class Tangent : public Constraints {
     for (int i : c.loops) {
       const Loop& loop = m.loops[i];
       for (int side = 0; side < 2; ++side) {
-        Motion V;
         for (int j : side ? loop.path_b : loop.path_a) {
-          V += own(j, v);
+          const Motion V = along(loop, j).V;
           for (int k = m.joints[j].v; k < m.joints[j].v + m.joints[j].nv; ++k) {
             const Motion change = cross(V, S[k]);
             for (int r = row; r < row + loop.size; ++r)
