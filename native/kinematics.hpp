@@ -5,7 +5,7 @@
 namespace ccpin {
 
 // The two closure frames of a loop and the axes of its ancestor C, in the cluster's frame.
-struct Ends { Pose A, B; Mat3 C; };
+struct Ends { Pose A, B; Mat3 C = Mat3::Identity(); };
 
 // A body's velocity V and acceleration A, seen from another one.
 struct Moving { Motion V, A; };
@@ -20,7 +20,7 @@ class Kinematics {
 
   explicit Kinematics(const Mechanism& mechanism)
       : m(mechanism), q_free(mechanism.reference), pose(mechanism.joints.size()), S(mechanism.nv),
-        relative(mechanism.joints.size()) {}
+        relative(mechanism.joints.size()), ends_(mechanism.loops.size()) {}
 
   void place_cluster(const Cluster& c) {
     for (int j : c.joints) {
@@ -30,10 +30,21 @@ class Kinematics {
     }
   }
 
-  Ends ends(const Loop& loop) const {
-    const auto on = [&](int joint, const Pose& frame) { return joint == loop.base ? frame : pose[joint] * frame; };
-    return {on(loop.a, loop.frame_a), on(loop.b, loop.frame_b),
-            loop.ancestor == loop.base ? Mat3::Identity() : pose[loop.ancestor].R};
+  // After `place_ends`; A and B are turned only where the loop's rows have vectors fixed in them.
+  const Ends& ends(const Loop& loop) const { return ends_[&loop - m.loops.data()]; }
+  const Ends& place_ends(const Loop& loop) {
+    Ends& e = ends_[&loop - m.loops.data()];
+    const auto place = [&](int joint, const Pose& frame, Pose& X) {
+      if (joint == loop.base) {
+        X = frame;
+        return;
+      }
+      X.p = pose[joint].p + pose[joint].R * frame.p;
+      if (loop.turns) X.R.noalias() = pose[joint].R * frame.R;
+    };
+    place(loop.a, loop.frame_a, e.A), place(loop.b, loop.frame_b, e.B);
+    if (loop.ancestor != loop.base) e.C = pose[loop.ancestor].R;
+    return e;
   }
 
   // The pose of a joint's body in the world.
@@ -75,6 +86,9 @@ class Kinematics {
     if (from == to) return;
     for (int j : c.joints) std::copy(from + m.joints[j].q, from + m.joints[j].q + m.joints[j].nq, to + m.joints[j].q);
   }
+
+ private:
+  std::vector<Ends> ends_;     // by loop
 };
 
 }  // namespace ccpin

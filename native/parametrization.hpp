@@ -119,7 +119,7 @@ class Parametrization : public Tangent {
       if (iteration && length > kContraction * last && length > kNoise) return false;
       last = way = length;
       served = s.factor.ratio >= kSuspiciousPivots;
-      inverse = inverse_size(c, s);
+      if (!wants_rho_) inverse = inverse_size(c, s);
       move(c, s.step.data());
     }
     return false;
@@ -141,14 +141,16 @@ class Parametrization : public Tangent {
 
   double newton_step(const Cluster& c, ClusterState& s) const {
     double* right = s.right.data();
-    for (int r = 0; r < c.rows(); ++r) {
+    const int rows = c.rows(), direct = int(c.direct.size());
+    const double *J = s.J.data() + c.unknowns(), *gap = s.gap.data();
+    for (int r = 0; r < rows; ++r, J += c.width()) {
       double sum = s.residual[r];
-      for (size_t k = 0; k < c.direct.size(); ++k) sum -= s.J[size_t(r) * c.width() + c.direct[k]] * s.gap[k];
+      for (int k = 0; k < direct; ++k) sum -= J[k] * gap[k];
       right[r] = sum;
     }
     s.factor.solve(right, 1);
     scatter(c, right, 1, s.step.data());
-    for (size_t k = 0; k < c.direct.size(); ++k) s.step[c.direct[k]] = s.gap[k];
+    for (int k = 0; k < direct; ++k) s.step[c.direct[k]] = gap[k];
     double length = 0;
     for (double x : s.step) length += x * x;
     return std::sqrt(length);

@@ -324,7 +324,9 @@ class ReducedModel : public Parametrization {
     for (int i = 0; i < n; ++i) t[i] = tau_[c.independent[i]];
     for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j) {
       const Joint& joint = m.joints[*j];
-      for (int s = 0; s < joint.nv; ++s) add_component(c, k, *j, s, D, t, U);
+      with_width(n, [&](auto width) {
+        for (int s = 0; s < joint.nv; ++s) add_component(c, k, *j, s, width, D, t, U);
+      });
       if (joint.parent != c.parent) {
         body[joint.parent].f += body[*j].f;
         if (!heavy_[joint.parent]) composite_[joint.parent] += composite_[*j];
@@ -335,6 +337,8 @@ class ReducedModel : public Parametrization {
         else light += composite_[*j];
       }
     }
+    for (int i = 0; i < n; ++i)
+      for (int l = 0; l <= i; ++l) D[i * n + l] += D[l * n + i];
     if (!cholesky(D, n)) return false;
     cholesky_solve(D, n, t, 1);
     if (!c.parent) return true;
@@ -350,16 +354,17 @@ class ReducedModel : public Parametrization {
     return true;
   }
 
-  // What one component s of a joint adds to D = Σ ρ_s (½ H_ss ρ_s + Σ H_st ρ_t)ᵀ and its transpose (t between s and the
-  // carrier), to τ − ρᵀSᵀf and to U.
-  void add_component(const Cluster& c, int k, int j, int s, double* D, double* t, Force* U) {
+  // What one component s of a joint adds to τ − ρᵀSᵀf, to U, and to Σ ρ_s (½ H_ss ρ_s + Σ H_st ρ_t)ᵀ (t on the way from s to
+  // the carrier), which D is with its transpose.
+  template <class N> void add_component(const Cluster& c, int k, int j, int s, N width, double* D, double* t, Force* U) {
     const Joint& joint = m.joints[j];
-    const int n = c.n(), col = m.column_of[joint.v] + s;
+    const auto n = width;
+    const int col = m.column_of[joint.v] + s;
     const double *all = states[k].rho.data(), *rho = all + size_t(col) * n, arm = joint.armature[s];
     const Motion& own = S[joint.v + s];
     const Force F = heavy_[j] ? apply(articulated_[j], own) : composite_[j] * own;
     const double half = 0.5 * (dot(F, own) + arm), effort = dot(body[j].f, own) + arm * states[k].bias[col];
-    double* y = scratch_.data();
+    double* __restrict y = scratch_.data();
     for (int i = 0; i < n; ++i) y[i] = half * rho[i];
     for (int before = j, end = s; before != c.parent; before = m.joints[before].parent, end = m.joints[before].nv) {
       const double* other = all + size_t(m.column_of[m.joints[before].v]) * n;
@@ -368,8 +373,8 @@ class ReducedModel : public Parametrization {
         for (int i = 0; i < n; ++i) y[i] += H * other[i];
       }
     }
-    for (int i = 0; i < n; ++i) {
-      for (int l = 0; l <= i; ++l) D[i * n + l] += rho[i] * y[l] + y[i] * rho[l];
+    for (int i = 0; i < n; ++i, D += n) {
+      for (int l = 0; l < n; ++l) D[l] += rho[i] * y[l];
       t[i] -= rho[i] * effort;
     }
     if (c.parent)
@@ -425,7 +430,7 @@ class ReducedModel : public Parametrization {
     for (size_t i = 0; i < direct; ++i) tau[c.direct[i]] -= u[c.independent[i]];
     for (size_t i = direct; i < size_t(c.n()); ++i)
       for (int col = 0; col < c.width(); ++col)
-        tau[col] -= s.J[(c.phi_rows() + i - direct) * c.width() + col] * u[c.independent[i]];
+        tau[col] -= s.J[(c.phi_rows() + i - direct) * c.width() + c.place[col]] * u[c.independent[i]];
   }
 };
 

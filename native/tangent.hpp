@@ -134,8 +134,11 @@ class Tangent : public Constraints {
 
   // Rows of a solution to the dependent columns of a width × n matrix.
   static void scatter(const Cluster& c, const double* solution, int n, double* out) {
-    for (int k = 0; k < c.unknowns(); ++k)
-      std::copy_n(solution + size_t(c.pattern.slots[k]) * n, n, out + size_t(c.dependent[k]) * n);
+    for (int k = 0; k < c.unknowns(); ++k) {
+      const double* from = solution + size_t(c.pattern.slots[k]) * n;
+      double* to = out + size_t(c.dependent[k]) * n;
+      for (int i = 0; i < n; ++i) to[i] = from[i];
+    }
   }
 
  protected:
@@ -180,10 +183,12 @@ class Tangent : public Constraints {
   void solve_rho(const Cluster& c, ClusterState& s) const {
     const int n = c.n(), direct = int(c.direct.size());
     double* right = s.right.data();
-    for (int r = 0; r < c.rows(); ++r) {
-      for (int k = 0; k < direct; ++k) right[size_t(r) * n + k] = -s.J[size_t(r) * c.width() + c.direct[k]];
-      for (int k = direct; k < n; ++k) right[size_t(r) * n + k] = r == c.phi_rows() + k - direct ? 1. : 0.;
+    const double* J = s.J.data() + c.unknowns();
+    for (int r = 0; r < c.rows(); ++r, J += c.width(), right += n) {
+      for (int k = 0; k < direct; ++k) right[k] = -J[k];
+      for (int k = direct; k < n; ++k) right[k] = r == c.phi_rows() + k - direct ? 1. : 0.;
     }
+    right = s.right.data();
     s.factor.solve(right, n);
     scatter(c, right, n, s.rho.data());
   }
@@ -200,9 +205,9 @@ class Tangent : public Constraints {
       for (int k = 0; k < count; ++k) sum += std::abs(x[size_t(k) * stride]);
       return sum;
     };
-    for (int k : c.dependent) psi = std::max(psi, column(s.J.data() + k, c.rows(), c.width()));
+    for (int k = 0; k < c.unknowns(); ++k) psi = std::max(psi, column(s.J.data() + k, c.rows(), c.width()));
     for (size_t k = 0; k < c.direct.size(); ++k) {
-      psi = std::max(psi, 1 + column(s.J.data() + c.direct[k], c.rows(), c.width()));
+      psi = std::max(psi, 1 + column(s.J.data() + c.unknowns() + k, c.rows(), c.width()));
       inverse = std::max(inverse, column(s.rho.data() + k, c.width(), c.n()));
     }
     const int rows = c.rows();
