@@ -41,6 +41,7 @@ class Constraints : public Kinematics {
 
   // φ (m) and φ_q′ (m × n′, row-major) at any configuration.
   void value(const double* q, double* phi, double* jacobian) {
+    closed_ = false;
     std::copy(q, q + m.nq, q_free.begin());
     std::fill(jacobian, jacobian + size_t(m.m) * m.nv, 0.);
     for_phi_rows([&](const Cluster& c, const ClusterState& s, int local, int global) {
@@ -58,6 +59,8 @@ class Constraints : public Kinematics {
   }
 
  protected:
+  bool closed_ = false;  // whether all here, ρ included, is that of a closed q_free
+
   // Joints, −φ and the gaps to q (null: none wanted) of one cluster. Returns the largest residual.
   double residuals(const Cluster& c, ClusterState& s, const double* q) {
     place_cluster(c);

@@ -27,15 +27,17 @@ class Parametrization : public Tangent {
 
   // σ(q) from a start; false where the trusted path does not lead there. With `rho` false: q′ alone.
   bool sigma(const double* q, const double* start, bool rho = true) {
-    wants_rho_ = rho;
+    closed_ = false, wants_rho_ = rho;
     for (size_t k = 0; k < m.clusters.size(); ++k)
       if (!solve(m.clusters[k], states[k], q, start, nullptr, 0)) return false;
+    closed_ = rho;
     return true;
   }
   bool sigma(const double* q, const ClosedPoint& near, bool rho = true) {
-    wants_rho_ = rho;
+    closed_ = false, wants_rho_ = rho;
     for (size_t k = 0; k < m.clusters.size(); ++k)
       if (!solve(m.clusters[k], states[k], q, near.q_free.data(), near.rho[k].data(), near.sign[k])) return false;
+    closed_ = rho;
     return true;
   }
   void remember(ClosedPoint& point) const {
@@ -44,14 +46,17 @@ class Parametrization : public Tangent {
     for (size_t k = 0; k < states.size(); ++k) point.rho[k] = states[k].rho, point.sign[k] = states[k].factor.sign;
   }
 
-  // ρ at a configuration that is closed already; false where it is singular.
+  // ρ at a configuration that is closed already; false where it is singular. Asked again at the same one, bit for bit, or
+  // where σ has just led, it is there: a State's questions all come with its q′.
   bool at(const double* q_closed) {
+    if (closed_ && std::memcmp(q_closed, q_free.data(), sizeof(double) * m.nq) == 0) return true;
+    closed_ = false;
     std::copy(q_closed, q_closed + m.nq, q_free.begin());
     for (size_t k = 0; k < m.clusters.size(); ++k) {
       linearize(m.clusters[k], states[k], nullptr);
       if (!finish(m.clusters[k], states[k])) return false;
     }
-    return true;
+    return closed_ = true;
   }
 
   // q = α(q′).

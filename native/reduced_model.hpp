@@ -42,7 +42,12 @@ class ReducedModel : public Parametrization {
       offset.push_back(width), width += c.width();
       d_offset_.push_back(columns), columns += c.n() * c.n();
       n_offset_.push_back(total), total += c.n();
-      for (int j : c.joints) x_offset[j] = x, x += c.n();
+      for (int j : c.joints) {
+        x_offset[j] = x, x += c.n();
+        for (int s = 0; s < m.joints[j].nv; ++s)
+          if (m.joints[j].stiffness || m.joints[j].damping[s])
+            passive_.push_back({int(offset.size()) - 1, m.column_of[m.joints[j].v] + s, j, s});
+      }
       for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j)
         if (const int parent = m.joints[*j].parent; parent != c.parent) heavy_[parent] |= heavy_[*j];
       scratch = std::max({scratch, 6 * c.n(), c.width()});
@@ -227,15 +232,10 @@ class ReducedModel : public Parametrization {
     return spring + joint.damping[s] * rate;
   }
 
-  // The same of every joint that has either, with its cluster and column.
+  // The same of every component that has either, with its cluster and column.
   template <class F> void for_passive(F&& f) const {
-    for (size_t k = 0; k < m.clusters.size(); ++k)
-      for (int j : m.clusters[k].joints)
-        for (int s = 0; s < m.joints[j].nv; ++s)
-          if (m.joints[j].stiffness || m.joints[j].damping[s]) {
-            const int col = m.column_of[m.joints[j].v] + s;
-            f(int(k), col, passive(m.joints[j], s, v_free[offset[k] + col]));
-          }
+    for (const Passive& p : passive_)
+      f(p.cluster, p.column, passive(m.joints[p.joint], p.component, v_free[offset[p.cluster] + p.column]));
   }
 
   // Adds ρᵀB′ρ v.
@@ -260,6 +260,8 @@ class ReducedModel : public Parametrization {
   }
 
  private:
+  struct Passive { int cluster, column, joint, component; };
+  std::vector<Passive> passive_;               // components with a spring or a damper
   std::vector<double> D_, tau_, a_, scratch_;  // D of each cluster, then its Cholesky factor; ρᵀSᵀu; q̈ cluster by cluster
   std::vector<Force> U_;                       // n a cluster
   std::vector<RigidInertia> composite_;        // by joint: Iᶜ, where no other cluster hangs on what it moves

@@ -100,6 +100,7 @@ class Tangent : public Constraints {
 
   // φ̇_q′ (m × n′, row-major) along q̇′, at any configuration.
   void rate(const double* q, const double* v_free, double* out) {
+    closed_ = false;
     std::copy(q, q + m.nq, q_free.begin());
     std::fill(out, out + size_t(m.m) * m.nv, 0.);
     for (size_t k = 0; k < m.clusters.size(); ++k) {
