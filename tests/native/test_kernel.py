@@ -160,7 +160,7 @@ def test_results_do_not_depend_on_what_was_asked_before(delta):
 @native_only
 @pytest.mark.parametrize("name", ["rpdr", "delta", "stewart", "hexa"])
 def test_a_configuration_asked_about_again_is_as_if_new(name):
-    """What the core keeps of the last q′ gives the bits that a kernel gives that never saw it, whatever came between."""
+    """What the core keeps of the last q′ gives the bits of a kernel that never saw it, whatever came between."""
     model = reference_model(ccpin.load(name))
     rng = np.random.default_rng(4)
     start = model.alpha(model.mechanism.q_reference)
