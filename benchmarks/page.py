@@ -16,9 +16,9 @@ CPU time of one process, the Python call included; everyone is taken in turn wit
 median of the rounds. In brackets: the ratio to the peer's time, the median of the rounds; the peer is Pinocchio's
 `constraintDynamics` (for ∂q̈ its derivatives, for batches a Python loop over it, for a step `mj_step`, ours being
 error-controlled at 1e-9, for the paper's move MuJoCo's RK4 at 1e-4). `native` is a model or State with the compiled
-core behind it, `kernel alone` that core itself (at one State, whose q′ it closes once; `another q′ each time` closes it in
-every call), `numpy` the NumPy reference ([native.md](native.md)). Made, from the project's root with its test extra
-installed, by
+core behind it, `kernel alone` that core itself (at one State, whose q′ it closes once; `another q′ each time` closes
+it in every call), `numpy` the NumPy reference ([native.md](native.md)). Made, from the project's root with its test
+extra installed, by
 
     export OPENBLAS_NUM_THREADS=1
     python -m benchmarks --others FOLDER --check --json docs/benchmarks.json
