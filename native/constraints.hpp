@@ -17,13 +17,14 @@ struct ClusterState {
   std::vector<double> residual, gap;   // −φ and component gaps; gaps of the whole joints
   std::vector<double> right, step;     // right sides; a Newton step
   std::vector<double> rho, bias;       // ρ (width × n) and ρ̇ q̇ (width)
+  std::vector<double> probe;           // ψ_q′⁻¹ B (unknowns × 2) for a B of no structure
   Factor factor;
 
   explicit ClusterState(const Cluster& c)
       : rows(c.loop_rows), row_rates(c.loop_rows), J(size_t(c.rows()) * c.width()), A(size_t(c.rows()) * c.unknowns()),
         diagonal(c.unknowns()), pivot(c.unknowns()), residual(c.rows()), gap(c.direct.size()),
-        right(std::max(c.n(), c.rows() * std::max(1, 2 * c.n()))), step(c.width()), rho(size_t(c.width()) * c.n()),
-        bias(c.width()) {
+        right(std::max(c.n(), c.rows() * 2 * std::max(1, c.n()))), step(c.width()), rho(size_t(c.width()) * c.n()),
+        bias(c.width()), probe(2 * c.unknowns()) {
     for (size_t k = 0; k < c.direct.size(); ++k) rho[size_t(c.direct[k]) * c.n() + k] = 1;
   }
   ClusterState(ClusterState&&) = default;

@@ -7,6 +7,8 @@ namespace ccpin {
 // Below this reciprocal condition number nothing is answered: the reference, whose limit is 1e-10, decides and explains.
 // It is computed only where pivots or ρ say that it could matter.
 constexpr double kSingular = 1e-9, kSuspiciousPivots = 1e-6, kSuspiciousRho = 1e5;
+constexpr double kTurn = 0.5;      // of ψ_q′⁻¹ B: the most that a trusted step changes of it,
+constexpr double kRounded = 2;     // and of its square times the tolerance of closed points: the most it may be
 
 class Tangent : public Constraints {
  public:
@@ -151,16 +153,30 @@ class Tangent : public Constraints {
     for (double x : s.rho) largest = std::max(largest, std::abs(x));
     return (s.factor.ratio >= kSuspiciousPivots && largest <= kSuspiciousRho) || cluster_rcond(c, s) >= kSingular;
   }
-  // How large ψ_q′⁻¹ is, told from one solution with a right side of no structure.
-  double inverse_size(const Cluster& c, ClusterState& s) const {
+  // ψ_q′⁻¹ B for a B of two columns without structure, and so how large ψ_q′⁻¹ is.
+  double probe(const Cluster& c, ClusterState& s) const {
     double x = 0.5, largest = 0;
-    for (int r = 0; r < c.rows(); ++r) {
-      x = 3.9 * x * (1 - x);
-      s.right[r] = r % 2 ? x + 0.1 : -x - 0.1;
-    }
-    s.factor.solve(s.right.data(), 1);
-    for (int slot : c.pattern.slots) largest = std::max(largest, std::abs(s.right[slot]));
+    for (int r = 0; r < c.rows(); ++r)
+      for (int k = 0; k < 2; ++k) {
+        x = 3.9 * x * (1 - x);
+        s.right[2 * r + k] = (k ? r / 2 : r) % 2 ? x + 0.1 : -x - 0.1;
+      }
+    s.factor.solve(s.right.data(), 2);
+    for (int i = 0; i < c.unknowns(); ++i)
+      for (int k = 0; k < 2; ++k) {
+        s.probe[2 * i + k] = s.right[2 * c.pattern.slots[i] + k];
+        largest = std::max(largest, std::abs(s.probe[2 * i + k]));
+      }
     return largest;
+  }
+  // Whether ψ_q′ was regular on the way here, by that of the start, and rounding decides at neither end.
+  bool regular_since(const std::vector<double>& before, const ClusterState& s) const {
+    double change = 0, size = 0, here = 0;
+    for (size_t k = 0; k < before.size(); ++k) {
+      const double d = s.probe[k] - before[k];
+      change += d * d, size += before[k] * before[k], here += s.probe[k] * s.probe[k];
+    }
+    return change <= kTurn * kTurn * size && std::max(size, here) * m.tolerance <= kRounded;
   }
   bool too_singular(const Cluster& c, ClusterState& s) {
     if (s.factor.ratio >= kSuspiciousPivots) return false;
