@@ -296,10 +296,15 @@ def potential_of(mechanism: Mechanism, system: ClosureSystem, gravity: Array | N
         stack=stack_chains(tuple(chains), system.n_free, 1),
         forces=np.array([np.linalg.norm(chain.weights) for chain in chains]),
         lengths=np.array(lengths),
-        stiffness=np.array(joints.stiffness),
-        rest=np.array(joints.spring_reference),
+        stiffness=_padded(joints.stiffness, system.n_free),
+        rest=_padded(joints.spring_reference, system.n_free),
         rounding=(128.0 * (depth + 2) + 4.0 * system.n_free) * UNIT_ROUNDOFF,
     )
+
+
+def _padded(values: Array, size: int) -> Array:
+    """Values of the joints (n′,), zero for the angles of rods, of shape (size,)."""
+    return np.concatenate([values, np.zeros(size - len(values))])
 
 
 def potential_values(potential: Potential, theta: Array) -> PotentialValues:

@@ -30,7 +30,7 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
         InvalidInputError: The atlas is another mechanism's, or q_d is not in it, or on another branch.
     """
     mechanism = law.model.mechanism
-    if atlas.names != tuple(mechanism.independent) or atlas.problem.system.n_free != mechanism.n_free:
+    if atlas.names != tuple(mechanism.independent) or atlas.problem.system.chart.n_free != mechanism.n_free:
         raise InvalidInputError(
             f"the atlas is over {', '.join(atlas.names)}; the law's coordinates are {', '.join(mechanism.independent)}"
         )
@@ -39,7 +39,7 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
     if not around.size:
         raise InvalidInputError(f"the set point {law.q_d} is not in the atlas; certify one around it")
     boxes = atlas.boxes.take(around)
-    theta = np.tile(system.chart.theta(law.q_free_d), (len(around), 1))
+    theta = np.tile(system.theta(law.q_free_d), (len(around), 1))
     theta[:, system.independent] = law.q_d
     delta = law.q_d - boxes.centre[:, system.independent]
     if not np.all(encloses(atlas.problem, boxes, delta, theta, np.zeros((len(around), system.m)))):
