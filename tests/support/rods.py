@@ -1,6 +1,5 @@
 """Mechanisms whose rods are distance closures: what a certificate puts its own rods into."""
 
-
 import numpy as np
 
 from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription
@@ -63,8 +62,10 @@ def rod_stewart(kind="slides"):
         if kind == "slides":
             place, end, axis = _at(*foot, 0.0), _at(0, 0, 0), Z
         else:
-            place, end, axis = _at(*foot, 0.0), _at(0.1 * np.cos(around), 0.1 * np.sin(around), 0), np.array(
-                [-np.sin(around), np.cos(around), 0.0]
+            place, end, axis = (
+                _at(*foot, 0.0),
+                _at(0.1 * np.cos(around), 0.1 * np.sin(around), 0),
+                np.array([-np.sin(around), np.cos(around), 0.0]),
             )
         joints.append(
             Joint(f"drive{k}", "prismatic" if kind == "slides" else "revolute", "base", f"drive{k}", place, axis=axis)

@@ -19,7 +19,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
 _BAR = "{l_bar}{bar}| {n:.1f} % certified, {postfix}"
-SHARES = ("certified", "undecided", "unreached", "empty")
+SHARES = ("certified", "empty", "singular", "undecided", "unreached")
 
 
 def add_domain(commands: Any) -> None:

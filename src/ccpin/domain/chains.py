@@ -159,7 +159,9 @@ def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
     for k, loop in enumerate(constraints.loops):
         row = builder.add_rod(loop, rods[k], row) if k in rods else builder.add_loop(loop, row)
     builder.add_couplings(constraints, row)
-    slides = np.array([slides for joint in chart.joints for slides in joint.kind.slides] + angles * [False], dtype=np.bool_)
+    slides = np.array(
+        [slides for joint in chart.joints for slides in joint.kind.slides] + angles * [False], dtype=np.bool_
+    )
     return ClosureSystem(
         chains=tuple(builder.chains),
         couplings=builder.couplings,

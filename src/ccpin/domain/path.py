@@ -179,7 +179,13 @@ def _targets(walker: Walker, knot: float) -> list[Array]:
         chord = chord_of(walker.pieces, here, float(end))
         if np.all(chord.deviation <= np.maximum(walker.tube, _STRAIGHT)):
             ahead = ahead or [chord.end]
-            room = max(0.0, 1.0 - float(np.max(chord.deviation / np.maximum(walker.tube, 1e-300), where=walker.tube > 0.0, initial=0.0)))
+            room = max(
+                0.0,
+                1.0
+                - float(
+                    np.max(chord.deviation / np.maximum(walker.tube, 1e-300), where=walker.tube > 0.0, initial=0.0)
+                ),
+            )
             targets += [chord.end + room * aside for aside in corners]
     return [*ahead, *(start + aside for aside in corners), *targets]
 

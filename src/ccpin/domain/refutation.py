@@ -127,7 +127,9 @@ def _starts_in(problem: Problem, join: Boxes, line: Problem, first: Boxes) -> bo
     delta = np.array([[-1.0, 0.0]])
     found = solve_in_boxes(line, first, delta)
     error = np.zeros(problem.system.n_free)
-    error[line.system.dependent] = (np.abs(first.modes[0]) @ found.error[0]) + 1e-15 * (1.0 + np.abs(found.theta[0][line.system.dependent]))
+    error[line.system.dependent] = (np.abs(first.modes[0]) @ found.error[0]) + 1e-15 * (
+        1.0 + np.abs(found.theta[0][line.system.dependent])
+    )
     theta, independent, dependent = found.theta[0], problem.system.independent, problem.system.dependent
     offset = theta[independent] - join.centre[0, independent]
     if not np.all(np.abs(offset) + error[independent] <= join.half[0]):
@@ -142,7 +144,10 @@ def _range_along(line: Problem, boxes: Boxes, rows: Indices, theta: Array, direc
     modes[:, line.system.dependent] = boxes.modes
     along = direction / (direction @ direction)
     middle = (boxes.centre[:, rows] - theta[rows]) @ along
-    spread = np.abs(along @ boxes.directions[:, rows])[:, 0] + apply(np.abs(along @ modes[:, rows])[:, None], boxes.radius)[:, 0]
+    spread = (
+        np.abs(along @ boxes.directions[:, rows])[:, 0]
+        + apply(np.abs(along @ modes[:, rows])[:, None], boxes.radius)[:, 0]
+    )
     return float((middle - spread).min()), float((middle + spread).max())
 
 

@@ -103,7 +103,9 @@ def rod_of(
     """The rod of a distance closure, its angles zero where the joints are at θ (n′,) and from `start` on in θ."""
     whole = Rod(slice(start, start + 2), length, np.eye(3), tuple(path_a), tuple(path_b), loop.frame_a, loop.frame_b)
     gap = gap_seen_from_a(whole, theta)
-    normal = None if loop.normal is None else carried(path_a, loop.frame_a, np.zeros_like(theta))[:3, :3].T @ loop.normal
+    normal = (
+        None if loop.normal is None else carried(path_a, loop.frame_a, np.zeros_like(theta))[:3, :3].T @ loop.normal
+    )
     if normal is not None and abs(normal @ gap) <= _IN_PLANE * length:
         along = gap - (normal @ gap) * normal
         along /= np.linalg.norm(along)

@@ -7,7 +7,8 @@ true, the boxes on the two sides of every shared face carry the same σ: it is o
 the boxes (angles modulo 2π), whatever the way from q₀. Nonsingularity alone would not say so: a mechanism may
 change assembly mode without meeting a singularity, and the faces where that shows are listed in `unglued`.
 
-What is not claimed. Undecided cells are those not proved at the depth allowed; unreached cells were not tried, as
+What is not claimed. Undecided cells are those not proved at the depth allowed; singular ones those of them over which a
+closed configuration is proved to be singular (`atlas.singular`), on whatever branch; unreached cells were not tried, as
 no neighbour is certified (σ may exist there, on this branch or another). Empty cells are proved to hold no closed
 configuration at all (`atlas.empty`). Limits of dependent joints are not looked at.
 """
@@ -17,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -29,9 +31,11 @@ from ccpin.domain.atlas.build import AtlasBuilder
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, Cells, CellStatus, CellTree, Corners, Region, region_of
 from ccpin.domain.atlas.empty import prove_empty
 from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
+from ccpin.domain.atlas.singular import mark_singular, refuting
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
 from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import newton, solve_in_boxes
+from ccpin.domain.verdict import Verdict, Witness
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
@@ -85,6 +89,44 @@ class Atlas:
         """Whether all shared faces are glued, so that σ is one continuous function on the certified set."""
         return not len(self.unglued)
 
+    @cached_property
+    def witness(self) -> Witness | None:
+        """A place of the region at which σ does not exist, or meets a singular configuration, as far as that is proved."""
+        return None if self._whole else refuting(self.problem, self.tree, self.region, self.boxes)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the claim that σ is one smooth, nonsingular function on all of the region.
+
+        ``"refuted"`` where `witness` shows a place at which it is not; ``"undecided"`` where no such place was proved either.
+        """
+        if self._whole:
+            return "proven"
+        return "undecided" if self.witness is None else "refuted"
+
+    @property
+    def _whole(self) -> bool:
+        return self.certified_fraction == 1.0 and self.single_valued
+
+    @property
+    def reason(self) -> str:
+        """The verdict in a sentence."""
+        spent = f"{len(self.boxes.kappa)} boxes certify {100 * self.certified_fraction:.4g} % of the region"
+        if self.verdict == "proven":
+            return f"σ is one smooth, nonsingular function on the region: {spent}"
+        if self.witness is not None:
+            what = (
+                "no configuration closes the loops"
+                if self.witness.kind == "empty"
+                else "σ meets a singular configuration"
+            )
+            return f"{what} at q = {self.witness.q.tolist()}; {spent}"
+        if not self.single_valued:
+            return f"{len(self.unglued)} faces are not glued, so σ may have several values; {spent}"
+        left = 100 * (self.undecided_fraction + self.singular_fraction)
+        told = "the work was interrupted" if not self.complete else "a larger max_depth= decides more of what was tried"
+        return f"{spent}, {left:.4g} % was tried without a proof, {100 * self.unreached_fraction:.4g} % was not reached: {told}"
+
     @property
     def lower(self) -> Array:
         """Lower corners of the boxes, of shape (B, n)."""
@@ -107,8 +149,13 @@ class Atlas:
 
     @property
     def undecided_fraction(self) -> float:
-        """The share of the region tried without a proof."""
+        """The share of the region tried without a proof of anything."""
         return self.fraction(CellStatus.UNDECIDED, CellStatus.CANDIDATE)
+
+    @property
+    def singular_fraction(self) -> float:
+        """The share of the region in cells that hold the q of a configuration proved to be singular."""
+        return self.fraction(CellStatus.SINGULAR)
 
     @property
     def unreached_fraction(self) -> float:
@@ -270,6 +317,7 @@ def certify(
             if depth:
                 builder.certify_region(depth)
                 prove_empty(problem.system, builder.tree, area, depth)
+                mark_singular(problem, builder.tree, area, builder.boxes)
         except Stopped:
             complete = False
     return Atlas(

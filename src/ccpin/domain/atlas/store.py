@@ -95,7 +95,10 @@ def unpack_problem(header: dict[str, Any], arrays: NamedArrays) -> Problem:
         scale=header["scale"],
         depth=header["depth"],
         chart=Chart(joints, header["nq"], header["n_free"]),
-        rods=tuple(_unpack_rod(rod, {n[len(f"rod{k}_") :]: a for n, a in arrays.items() if n.startswith(f"rod{k}_")}) for k, rod in enumerate(header["rods"])),
+        rods=tuple(
+            _unpack_rod(rod, {n[len(f"rod{k}_") :]: a for n, a in arrays.items() if n.startswith(f"rod{k}_")})
+            for k, rod in enumerate(header["rods"])
+        ),
         **named,
     )
     return problem_of(system, "planar" if header["planar"] else "reach")
