@@ -149,6 +149,19 @@ def singular_points(problem: Problem, theta: Array, directions: Array) -> Singul
     return SingularPoints(point.theta, x[:, 0], point.kernel, error, np.isfinite(error))
 
 
+def fold_directions(problem: Problem, theta: Array) -> Array:
+    """Lines to search along from θ (B, n′): across the fold that is near, then along each coordinate, (1 + n, B, n).
+
+    The normal of a fold's image is uᵀφ_q, u the left singular vector of φ_y's smallest singular value.
+    """
+    system = problem.system
+    jacobian = closure_values(problem, theta)[1]
+    left = np.linalg.svd(jacobian[:, :, system.dependent])[0][:, :, -1]
+    normal = (left[:, None] @ jacobian[:, :, system.independent])[:, 0]
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    return np.stack([normal, *(np.tile(row, (len(theta), 1)) for row in np.eye(system.n))])
+
+
 def _solved(equations: _System, x: Array) -> Array:
     """Newton's method, its steps shortened to at most 0.5 in any unknown."""
     x, active = x.copy(), np.arange(len(x))

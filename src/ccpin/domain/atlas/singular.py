@@ -12,8 +12,8 @@ from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Indices
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of
-from ccpin.domain.boxes import Boxes, Problem, closure_values
-from ccpin.domain.folds import SingularPoints, singular_points
+from ccpin.domain.boxes import Boxes, Problem
+from ccpin.domain.folds import SingularPoints, fold_directions, singular_points
 from ccpin.domain.newton import newton, predict
 from ccpin.domain.refutation import singular_witness
 from ccpin.domain.verdict import Witness
@@ -31,7 +31,7 @@ def mark_singular(problem: Problem, tree: CellTree, region: Region, boxes: Boxes
     for first in range(0, len(contacts.cell), size):
         part = Contacts(*(column[first : first + size] for column in contacts))
         start = _sigma_at(problem, tree, region, boxes, part)
-        for directions in _directions(problem, region, start):
+        for directions in fold_directions(problem, start):
             rows = np.flatnonzero(tree.status[part.cell] == CellStatus.UNDECIDED)
             if rows.size:
                 found = singular_points(problem, start[rows], directions[rows])
@@ -93,16 +93,6 @@ def _sigma_at(problem: Problem, tree: CellTree, region: Region, boxes: Boxes, co
     theta = newton(problem, predict(problem, known, delta), _NEWTON).theta
     theta[:, problem.system.independent] = region.position(contacts.at_cell)
     return theta
-
-
-def _directions(problem: Problem, region: Region, theta: Array) -> list[Array]:
-    """Across the fold that is near, then along each coordinate, in the region's proportions, of shape (B, n) each."""
-    system = problem.system
-    jacobian = closure_values(problem, theta)[1]
-    left = np.linalg.svd(jacobian[:, :, system.dependent])[0][:, :, -1]
-    normal = (left[:, None] @ jacobian[:, :, system.independent])[:, 0]
-    normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    return [normal, *(np.tile(row, (len(theta), 1)) for row in np.eye(system.n))]
 
 
 def _mark(tree: CellTree, region: Region, found: SingularPoints, independent: Indices, stretch: Array) -> None:
