@@ -78,10 +78,11 @@ def cells_around(law: PDSimpleGravity, gain: float, budget: Budget) -> CellStore
         boxes = trials.box(factor)
         well = trials.well(boxes) if boxes is not None else None
         if boxes is not None and well is not None:
-            height = _height(well, boxes.half[0]) if well.beta < gain else -1.0
+            good = well.beta < gain and well.effort > 0.0
+            height = _height(well, boxes.half[0]) if good else -1.0
             if best is None or height > level:
                 best, level = boxes, height
-            if (not single and well.beta < gain) or 0.0 < height < 0.5 * level:
+            if (not single and good) or 0.0 < height < 0.5 * level:
                 break
         factor *= _SHRINK
     if best is None:
@@ -118,7 +119,7 @@ class _Trials:
     def well(self, boxes: Boxes) -> Well:
         """U over a box."""
         bounds = gravity_bounds(self._problem, self._potential, boxes)
-        return wells(self._law, self._law.q_d[None], boxes.half, bounds)[0]
+        return wells(self._law, self._law.q_d[None], boxes.half, boxes.directions, bounds)[0]
 
 
 def _height(well: Well, half: Array) -> float:
