@@ -106,7 +106,7 @@ class ClosureSystem:
     @property
     def n_free(self) -> int:
         """The size of θ: n′, and the angles of rods."""
-        return self.couplings.shape[1]
+        return int(self.couplings.shape[1])
 
     def theta(self, q_free: Array) -> Array:
         """θ of a configuration (nq,): the chart's, and where the rods point."""
@@ -150,9 +150,9 @@ def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
     rods: dict[int, Rod] = {}
     for k, loop in enumerate(constraints.loops):
         if (length := rod_length(loop)) is not None:
-            down = [steps_along(elementary, path) for path in (loop.path_a, loop.path_b)]
+            down = steps_along(elementary, loop.path_a), steps_along(elementary, loop.path_b)
             first = max((rod.place.stop for rod in rods.values()), default=chart.n_free)
-            rods[k] = rod_of(loop, length, *down, centre, first)
+            rods[k] = rod_of(loop, length, down, centre, first)
     angles = sum(rod.place.stop - rod.place.start for rod in rods.values())
     builder = _ChainCollector(elementary, chart.n_free + angles, constraints.size + angles)
     row = 0
@@ -214,7 +214,7 @@ class _ChainCollector:
         self.offset, self.moduli = np.zeros(rows), np.zeros(rows)
 
     def add_rod(self, loop: ResolvedClosure, rod: Rod, first: int) -> int:
-        """The rows p_B − (the rod's end) = 0, those along the normal of a planar loop left out; the next row's number."""
+        """The rows p_B − (the rod's end) = 0, without that along the normal of a plane; the next row's number."""
         axes = plane_axes(loop.normal)[: 2 if rod.planar else 3]
         weights = np.zeros((self.rows, 3))
         weights[first : first + len(axes)] = axes
@@ -223,15 +223,15 @@ class _ChainCollector:
         return first + len(axes)
 
     def add_loop(self, loop: ResolvedClosure, first: int) -> int:
-        """One loop's rows, chain by chain: products that share a root and a tip share a chain; the next row's number."""
+        """One loop's rows: products that share a root and a tip share a chain; the next row's number."""
         tips: dict[tuple[str, str, bytes], tuple[Array, Array]] = {}
         for k, row in enumerate(loop.rows.rows, start=first):
             for weight, left, right in row:
                 root, other = (right, left) if isinstance(left, Gap) else (left, right)
                 if isinstance(root, Gap):
                     raise UnsupportedMechanismError(
-                        f"closure '{loop.closure.name}' ({loop.closure.kind}): a row with the gap squared that is no plain "
-                        "distance is not bounded; describe what keeps it as a link on a universal joint, closed by a "
+                        f"closure '{loop.closure.name}' ({loop.closure.kind}): a row with the gap squared that is no "
+                        "plain distance is not bounded; describe what keeps it as a link on a universal joint, closed by a "
                         "spherical one"
                     )
                 for sign, end, tip in _ends(loop, root, other):

@@ -1,23 +1,24 @@
 """Singular configurations that are proved to exist: what refutes a claim that σ is nonsingular.
 
-Setting. θ = (q, y) as in `boxes`, a line q = q₀ + s d in the space of the independent coordinates, and l the unit vector
-of the smallest singular value of φ_y at the start of the search. In x = (s, y, w) ∈ ℝ²ᵐ⁺¹
+Setting. θ = (q, y) as in `boxes`, a line q = q₀ + s d in the space of the independent coordinates, and l the unit
+vector of the smallest singular value of φ_y at the start of the search. In x = (s, y, w) ∈ ℝ²ᵐ⁺¹
 
-    F(x) = (φ(q₀ + s d, y),  φ_y(q₀ + s d, y) w,  lᵀw − 1) = 0                                    (Moore and Spence 1980)
+    F(x) = (φ(q₀ + s d, y),  φ_y(q₀ + s d, y) w,  lᵀw − 1) = 0        (Moore and Spence 1980)
 
-says that (q₀ + s d, y) is a closed configuration whose φ_y has w in its kernel. It is regular where the line crosses the
-image of a fold.
+says that (q₀ + s d, y) is a closed configuration whose φ_y has w in its kernel. It is regular where the line crosses
+the image of a fold.
 
-**Theorem S.** Let A be any real matrix, η ≥ |A F(x₀)| and, with Δ ≥ |F′(x) − F′(x₀)| for all ‖x − x₀‖ ≤ r (maximum norm),
-κ ≥ ‖ |I − A F′(x₀)| + |A|Δ ‖. If η + κr < r there is exactly one x within r of x₀ with F(x) = 0.
+**Theorem S.** Let A be any real matrix, η ≥ |A F(x₀)| and, with Δ ≥ |F′(x) − F′(x₀)| for all ‖x − x₀‖ ≤ r (maximum
+norm), κ ≥ ‖ |I − A F′(x₀)| + |A|Δ ‖. If η + κr < r there is exactly one x within r of x₀ with F(x) = 0.
 
 *Proof.* x ↦ x − A F(x) maps that ball into its interior and contracts it by κ < 1; A is nonsingular since
 ‖I − A F′(x₀)‖ < 1, so its fixed point solves F = 0. ∎
 
-Δ is crude, as r is some 1e-9: with p = (|d|, 1) and P = Σp bounding the moves of θ for ‖x − x₀‖ ≤ 1, τ_i = Σ_c ‖(B_c)_i‖ max_j ρ_cj
-bounding every third derivative of φ_i on the ball (`bounds_reach.chain_reach`),
+Δ is crude, as r is some 1e-9: with p = (|d|, 1) and P = Σp bounding the moves of θ for ‖x − x₀‖ ≤ 1, τ_i = Σ_c
+‖(B_c)_i‖ max_j ρ_cj bounding every third derivative of φ_i on the ball (`bounds_reach.chain_reach`),
 
-    |φ_θθ − φ_θθ(θ₀)| ≤ τPr,    |φ_θ − φ_θ(θ₀)| ≤ (|φ_θθ(θ₀)| + τPr) p r,    |φ_θθw − φ_θθ(θ₀)w₀| ≤ |φ_θθ(θ₀)|1 r + τPr(|w₀|₁ + mr).
+    |φ_θθ − φ_θθ(θ₀)| ≤ τPr,    |φ_θ − φ_θ(θ₀)| ≤ (|φ_θθ(θ₀)| + τPr) p r,
+    |φ_θθw − φ_θθ(θ₀)w₀| ≤ |φ_θθ(θ₀)|1 r + τPr(|w₀|₁ + mr).
 
 Rounding: γ · magnitude for every entry of φ and its derivatives, times 1 + |w₀|₁ where w enters.
 """
@@ -28,7 +29,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask, apply
+from ccpin.arrays import Array, Indices, Mask, apply
 from ccpin.domain.bounds_reach import chain_reach
 from ccpin.domain.boxes import SLACK, Problem, closure_values, inverses
 from ccpin.domain.chain_stack import Derivatives, derivatives, gather
@@ -72,7 +73,7 @@ class _System:
     def __init__(self, problem: Problem, origin: Array, directions: Array, pairing: Array) -> None:
         self.problem, self.origin, self.directions, self.pairing = problem, origin, directions, pairing
 
-    def take(self, rows: Mask) -> _System:
+    def take(self, rows: Indices) -> _System:
         return _System(self.problem, self.origin[rows], self.directions[rows], self.pairing[rows])
 
     def at(self, x: Array) -> _Point:

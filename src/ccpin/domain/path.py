@@ -40,9 +40,9 @@ class CertifiedPath:
     """What was proved of a path.
 
     Attributes:
-        verdict: ``"proven"``: σ stays on its branch along the whole tube. ``"refuted"``: it does not, as `witness` shows:
-            the branch meets a singular configuration in the tube (`ccpin.domain.refutation`), or some q of the path has no
-            closed configuration at all. ``"undecided"``: neither was proved.
+        verdict: ``"proven"``: σ stays on its branch along the whole tube. ``"refuted"``: it does not, as `witness`
+            shows: the branch meets a singular configuration in the tube (`ccpin.domain.refutation`), or some q of the
+            path has no closed configuration at all. ``"undecided"``: neither was proved.
         reached: The parameter up to which the path is certified.
         reason: The verdict in a sentence.
         witness: Where the claim fails, if it was refuted.
@@ -199,12 +199,13 @@ def _reason(walker: Walker, knot: float | None, witness: Witness | None) -> str:
         return f"the path leaves the workspace: no configuration closes the loops at q = {witness.q.tolist()}"
     if witness is not None:
         return (
-            f"the branch is singular in the tube, at q = {witness.q.tolist()} (to {witness.error:.1e}); it is certified up "
-            f"to parameter {walker.here:.9g}"
+            f"the branch is singular in the tube, at q = {witness.q.tolist()} (to {witness.error:.1e}); it is certified "
+            f"up to parameter {walker.here:.9g}"
         )
     place = f"at parameter {walker.here:.9g}, q = {walker.theta[walker.problem.system.independent].tolist()}"
     condition = f"the reciprocal condition number of φ_y is {walker.rcond():.1e}; {spent}"
     span = float(walker.pieces.x[-1] - walker.pieces.x[0])
     if walker.step(knot, SHORTEST * span * TRIES, np.zeros_like(walker.tube)) is not None:
-        return f"a tube of half width {walker.tube.max():.3g} is too wide {place}: {condition}; a narrower tube= goes farther"
-    return f"no box could be proved {place}: {condition}; a path that keeps its distance from the singularity there would do"
+        width = f"a tube of half width {walker.tube.max():.3g}"
+        return f"{width} is too wide {place}: {condition}; a narrower tube= goes farther"
+    return f"no box could be proved {place}: {condition}; a path that keeps clear of the singularity there would do"

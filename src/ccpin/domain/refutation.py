@@ -4,15 +4,16 @@
 
 1. a box of Theorem K that holds q_r + s d for |s| ≤ δ carries that branch (it is glued to it at q_r),
 2. with one dependent coordinate θ_j as the parameter instead of s, boxes glued one behind the other (`walker`) carry a
-   curve of closed configurations over the line; its first point lies over the box of 1 and in its tube, and s is between
-   −δ and 1 on all of them,
+   curve of closed configurations over the line; its first point lies over the box of 1 and in its tube, and s is
+   between −δ and 1 on all of them,
 3. a singular configuration over the line, proved by Theorem S of `folds`, lies on that curve.
 
 Then σ is not smooth and nonsingular on all of the segment 0 ≤ s ≤ 1.
 
-*Proof.* Suppose it were; by 1 it is so for −δ ≤ s ≤ 1 then. The parameters at which the curve is a point of σ's graph over
-the line are a closed set, an open one by the implicit function theorem, and include the first by uniqueness in 1. The curve
-is connected, so all of it is σ's graph, on which φ_y is nonsingular; but by 3 it is singular somewhere on the curve. ∎
+*Proof.* Suppose it were; by 1 it is so for −δ ≤ s ≤ 1 then. The parameters at which the curve is a point of σ's graph
+over the line are a closed set, an open one by the implicit function theorem, and include the first by uniqueness in 1.
+The curve is connected, so all of it is σ's graph, on which φ_y is nonsingular; but by 3 it is singular somewhere on
+the curve. ∎
 
 The line's rows are linear: with N an orthonormal basis of the directions perpendicular to d, Nᵀ(q − q_r) = 0 joins φ as
 couplings, and {θ_j} takes the place of q.
@@ -51,7 +52,7 @@ def empty_witness(problem: Problem, q: Array) -> Witness | None:
 
 
 def singular_witness(walker: Walker, targets: Iterable[Array]) -> Witness | None:
-    """A singular configuration of the branch a walker stands on, over a segment from its place to one of some q (n,)."""
+    """A singular configuration of a walker's branch, over a segment from its place to one of some q (n,)."""
     problem, theta = walker.problem, walker.theta
     system = problem.system
     join = _join(walker)

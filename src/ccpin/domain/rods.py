@@ -1,18 +1,20 @@
 """Distance closures in joint space: each as the rod it stands for.
 
 A closure that keeps |p_B − p_A| = L is quadratic in its chain. Bounds are for rows linear in chain tips, so a rod is
-put in: an end point p_A + L d(a, b) carried by frame A, d a unit vector turned by one angle a about the normal of a planar
-loop, or by two (a universal joint) of a spatial one, and the rows p_B − p_A − L d = 0 in the ancestor's axes in place of
+put in: an end point p_A + L d(a, b) carried by frame A, d a unit vector turned by one angle a about the normal of a
+planar loop, or by two (a universal joint) of a spatial one, and the rows p_B − p_A − L d = 0 in the ancestor's axes in
+place of
 
     φ_k = (|p_B − p_A|² − L²) / 2L = 0.
 
-**Lemma.** Where cos b ≠ 0 (always, in the plane), (θ, a, b) ↦ θ is a diffeomorphism near every solution from the solutions
-of the rows with rods onto those of the rows without, and φ_y is nonsingular at one exactly where it is at the other.
+**Lemma.** Where cos b ≠ 0 (always, in the plane), (θ, a, b) ↦ θ is a diffeomorphism near every solution from the
+solutions of the rows with rods onto those of the rows without, and φ_y is nonsingular at one exactly where it is at
+the other.
 
 *Proof.* With rods p_B − p_A = L d, whose length is L. Conversely (p_B − p_A)/L is a unit vector, and d is a local
 diffeomorphism onto the sphere where cos b ≠ 0. Let r = p_B − p_A − L d be the rod's rows and t, t′ span the plane
-perpendicular to d. At a solution dᵀr_θ = dᵀ(p_B − p_A)_θ = φ_kθ (the turn of d with frame A is perpendicular to d), dᵀr_ab =
-0, and (t, t′)ᵀr_ab = −L (t, t′)ᵀd_ab is nonsingular with determinant ±L² cos b (±L in the plane). So the matrix with
+perpendicular to d. At a solution dᵀr_θ = dᵀ(p_B − p_A)_θ = φ_kθ (the turn of d with frame A is perpendicular to d), dᵀr_ab
+= 0, and (t, t′)ᵀr_ab = −L (t, t′)ᵀd_ab is nonsingular with determinant ±L² cos b (±L in the plane). So the matrix with
 rods is, up to a rotation of rows, block triangular with φ_y and that one on its diagonal. ∎
 
 So Theorem K for the rows with rods says of the mechanism what it says of any other: σ exists, is unique in its tube,
@@ -28,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.closure_kinds import X, Y, Z, Gap
+from ccpin.description.closure_kinds import Gap, X, Y, Z
 from ccpin.domain.chart import Elementary
 from ccpin.kinematics.loops import ResolvedClosure
 
@@ -58,7 +60,7 @@ class Rod(NamedTuple):
     @property
     def planar(self) -> bool:
         """Whether one angle is enough."""
-        return self.place.stop - self.place.start == 1
+        return bool(self.place.stop - self.place.start == 1)
 
     @property
     def tip(self) -> Array:
@@ -95,12 +97,15 @@ def rod_length(loop: ResolvedClosure) -> float | None:
 def rod_of(
     loop: ResolvedClosure,
     length: float,
-    path_a: Sequence[Elementary],
-    path_b: Sequence[Elementary],
+    paths: tuple[Sequence[Elementary], Sequence[Elementary]],
     theta: Array,
     start: int,
 ) -> Rod:
-    """The rod of a distance closure, its angles zero where the joints are at θ (n′,) and from `start` on in θ."""
+    """The rod of a distance closure, its angles zero where the joints are at θ (n′,) and from `start` on in θ.
+
+    `paths` lead from C to frame A and to frame B.
+    """
+    path_a, path_b = paths
     whole = Rod(slice(start, start + 2), length, np.eye(3), tuple(path_a), tuple(path_b), loop.frame_a, loop.frame_b)
     gap = gap_seen_from_a(whole, theta)
     normal = (

@@ -56,7 +56,8 @@ class SingularCurve(NamedTuple):
         q_free: Configurations, of shape (k, nq).
         closed: Whether the curve returns to its start (turns of 2π of a joint not counted).
         error: How near each point is to a configuration proved to be singular (Theorem S of `ccpin.domain.folds`), rad
-            or m; NaN where none is proved: on serial curves, self-motions, and where a fold is not simple. Of shape (k,).
+            or m; NaN where none is proved: on serial curves, self-motions, and where a fold is not simple. Of shape
+            (k,).
     """
 
     kind: CurveKind

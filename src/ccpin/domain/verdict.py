@@ -1,7 +1,7 @@
 """The three verdicts of a check: what is known, and what only was not found out.
 
-Every certificate of ccpin answers with `verdict`, and with `reason`, a sentence that says what was found, what it cost and,
-where nothing was decided, which argument to raise. A refutation comes with a `witness` that anyone can check.
+Every certificate of ccpin answers with `verdict`, and with `reason`, a sentence that says what was found, what it cost
+and, where nothing was decided, which argument to raise. A refutation comes with a `witness` that anyone can check.
 """
 
 from __future__ import annotations

@@ -67,7 +67,7 @@ class Walker:
         return self.times[-1]
 
     def walk(self, stride: float | None = None) -> float | None:
-        """Step after step, each as long as can be proved, from a first stride; the knot that was not reached, if any."""
+        """Step after step, each as long as can be proved, from a first stride; the knot not reached, if any."""
         knots = self.pieces.x
         span = float(knots[-1] - knots[0])
         stride = 0.25 * float(knots[1] - knots[0]) if stride is None else 0.25 * stride
@@ -142,4 +142,4 @@ class Walker:
 
     def _end(self, box: Boxes) -> Array:
         """σ at the end of a stretch."""
-        return solve_in_boxes(self.problem, box, np.eye(1, 1 + len(self.tube))).theta[0]
+        return np.asarray(solve_in_boxes(self.problem, box, np.eye(1, 1 + len(self.tube))).theta[0])

@@ -59,7 +59,7 @@ def plot_singularities(
 def plot_atlas(
     mechanism: Mechanism | HasMechanism, atlas: Atlas, curves: Sequence[SingularCurve] = (), title: str | None = None
 ) -> Figure:
-    """The certified boxes of an atlas for n = 2 with what is undecided, singular, unreached and empty, under singular curves."""
+    """An atlas for n = 2: what is certified, undecided, singular, unreached and empty, under singular curves."""
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Patch
 

@@ -81,8 +81,9 @@ class MoveCertificate:
     """What was proven of a move.
 
     Attributes:
-        verdict: ``"proven"``: the theorem's hypotheses hold, the motion converges to the set point. ``"refuted"``: it does
-            not, as 𝒱 < 0 at T: 𝒱 never rises along the motion, and is 0 at the set point. ``"undecided"``: neither.
+        verdict: ``"proven"``: the theorem's hypotheses hold, the motion converges to the set point. ``"refuted"``: it
+            does not, as 𝒱 < 0 at T: 𝒱 never rises along the motion, and is 0 at the set point. ``"undecided"``:
+            neither.
         reason: The verdict in a sentence, with what was spent and what more would do.
         witness: The state at T that refutes (its velocity is the enclosure's).
         time: T in seconds (the end of the enclosure where undecided).

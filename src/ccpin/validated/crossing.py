@@ -1,12 +1,14 @@
 """A free motion proved to meet a singular configuration: what refutes that it stays on its branch of σ.
 
-Theorem. Let the motion of a mechanism without torque be enclosed up to t_s in its own coordinates q, and from the states there
-up to t₁ in other coordinates of the same mechanism (`ccpin.mechanism.siblings`), so that q̇′ is the same. If det ∂φ/∂y, y
-the coordinates that depend on q, is of one sign at t_s and of the other at t₁, then ψ_q′ is singular at some time between.
+Theorem. Let the motion of a mechanism without torque be enclosed up to t_s in its own coordinates q, and from the
+states there up to t₁ in other coordinates of the same mechanism (`ccpin.mechanism.siblings`), so that q̇′ is the same.
+If det ∂φ/∂y, y the coordinates that depend on q, is of one sign at t_s and of the other at t₁, then ψ_q′ is singular
+at some time between.
 
-Proof. A motion without torque is that of the free system under φ(q′) = 0, whatever coordinates it is written in, as long as
-they are regular: where both are, q′(t) is one analytic function. det ∂φ/∂y is continuous along it, and up to its sign it is
-det ψ_q′. ∎
+Proof. A motion without torque is that of the free system under φ(q′) = 0, whatever coordinates it is written in, as
+long as
+they are regular: where both are, q′(t) is one analytic function. det ∂φ/∂y is continuous along it, and up to its sign
+it is det ψ_q′. ∎
 """
 
 from __future__ import annotations

@@ -62,8 +62,8 @@ class Enclosure:
         q_free_lower, q_free_upper: A box around q′ during each step, of shape (K, n′).
         v_lower, v_upper: A box around q̇ during each step, of shape (K, n).
         determinant: A lower bound of |det ψ_q′| on each step's box, positive, of shape (K,).
-        verdict: ``"proven"``: the motion is closed and nonsingular over the whole time asked for. ``"refuted"``: it meets
-            a singular configuration within that time, `witness` (`ccpin.validated.crossing`; free motions only).
+        verdict: ``"proven"``: the motion is closed and nonsingular over the whole time asked for. ``"refuted"``: it
+            meets a singular configuration within that time, `witness` (`ccpin.validated.crossing`; free motions only).
             ``"undecided"``: it is enclosed up to ``times[-1]``, and what comes then is not known.
         reason: The verdict in a sentence, with what stopped the enclosure and which argument to raise.
         witness: The singular configuration met, where refuted.
@@ -256,8 +256,8 @@ def collect(
         told = f"the motion is singular at a time between t = {met.after:.9g} s and {met.before:.9g} s"
     elif reason:
         told = (
-            f"rigour stops at t = {times[-1]:.9g} s after {len(steps)} steps: {reason}; more pieces=, a higher order= or "
-            "precision=, or a smaller shortest_step= may lead farther"
+            f"rigour stops at t = {times[-1]:.9g} s after {len(steps)} steps: {reason}; more pieces=, a higher order= "
+            "or precision=, or a smaller shortest_step= may lead farther"
         )
     split = loop.n_free
     return Enclosure(

@@ -18,7 +18,7 @@ from ccpin.control.stability.set_point_cells import cells_of_atlas
 from ccpin.control.stability.well import Well
 from ccpin.domain import certify
 from ccpin.dynamics import closed_loop_derivative, linearize
-from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
+from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.simulation import lyapunov_along
 from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, START
@@ -346,7 +346,7 @@ def test_motors_elsewhere_than_on_the_coordinates(motors):
 
 
 def test_where_motors_lose_their_grip_the_set_ends():
-    """Motors on joints 1 and 3 cannot exert what acts where arm 2 is at its turning point; no member cell holds such q."""
+    """Motors on joints 1 and 3 lose their grip where arm 2 turns back; no member cell holds such q."""
     model = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint2"], actuated=["joint1", "joint3"]))
     certificate = certify_set_point(model, GOAL, [60.0, 60.0], K_V, budget=Budget(9, 400))
     rng = np.random.default_rng(3)

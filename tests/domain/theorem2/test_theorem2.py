@@ -13,9 +13,9 @@ from ccpin.description import Coupling, CouplingTerm, Joint, Link, LoopClosure, 
 from ccpin.domain import theorem2, theorem2_radius
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from tests.support.singular import least_singular_value
 from tests.oracles import rpdr as closed_form
 from tests.support.places import SHARED
+from tests.support.singular import least_singular_value
 from tests.support.strategies import Growth, mechanisms
 
 SQUARE = ("rpdr", "four_bar", "slider_crank", "planar_3rrr", "delta", "stewart", "hexa")

@@ -8,8 +8,8 @@ With Φ the modes, (K_p + ∂g/∂q)Φ = DΦΩ², ΦᵀDΦ = I, the gain K_v = �
 in x = Φz: every mode has the damping ratio ζ.
 
 At rest at q the law asks for K_p q̃ + g(q_d), at most Σ_j |K_p,ij| max|q̃_j| + |g_i(q_d)| over the domain: what that is
-beyond a motor's limit cannot be had from everywhere in it, and Theorem 3 knows of no limits. Where the motors are not on the
-independent joints, their share of that is taken with (ρᵀSᵀ)⁺ at q_d.
+beyond a motor's limit cannot be had from everywhere in it, and Theorem 3 knows of no limits. Where the motors are not
+on the independent joints, their share of that is taken with (ρᵀSᵀ)⁺ at q_d.
 """
 
 from __future__ import annotations

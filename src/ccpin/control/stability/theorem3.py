@@ -6,9 +6,9 @@ positive definite, D positive definite and q̃ = q_d − q in plain (scalar) coo
     𝒱(q, q̇) = ½ q̇ᵀDq̇ + U(q),        U(q) = V(σ(q)) − V(q_d) + q̃ᵀg(q_d) + ½ q̃ᵀK_p q̃.
 
 Let G be compact, σ smooth and nonsingular on a neighbourhood of it (G ⊂ Ω), q_d in its interior, c > 0 with U ≥ c on
-G's boundary, and 𝒬 the connected component of {U < c} that holds q_d, so that 𝒬 ⊂ G (`flood`). Suppose that ρᵀSᵀ has rank n
-on 𝒬, so that the motors, wherever they sit, exert the generalized force that the law asks for (least singular value positive
-over every cell, `well`), and
+G's boundary, and 𝒬 the connected component of {U < c} that holds q_d, so that 𝒬 ⊂ G (`flood`). Suppose that ρᵀSᵀ has
+rank n on 𝒬, so that the motors, wherever they sit, exert the generalized force that the law asks for (least singular
+value positive over every cell, `well`), and
 
     ‖∂g/∂q‖₂ ≤ β on 𝒬        and        β < k,    k the least eigenvalue of K_p (the least k_pi where K_p is diagonal).
 

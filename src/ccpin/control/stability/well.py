@@ -20,7 +20,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
 _ROUNDING = 1e-12
-_SWEEPS = 12
+_SWEEPS, _SETTLED = 200, 1e-4
 
 
 class Range(NamedTuple):
@@ -85,9 +85,12 @@ class Well(NamedTuple):
         """Minimise the quadratic over the box one coordinate after the other."""
         point = point.copy()
         for _ in range(_SWEEPS if free.size > 1 else 1):
+            before = point.copy()
             for k in free:
                 slope = self.gradient[k] + self.hessian[k] @ point
                 point[k] = min(max(point[k] - slope / self.hessian[k, k], low[k]), high[k])
+            if np.all(np.abs(point - before) <= _SETTLED * (high - low)):
+                break
         return point
 
 

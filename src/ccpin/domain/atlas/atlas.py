@@ -91,14 +91,15 @@ class Atlas:
 
     @cached_property
     def witness(self) -> Witness | None:
-        """A place of the region at which σ does not exist, or meets a singular configuration, as far as that is proved."""
+        """A place of the region proved to have no σ, or one that is singular."""
         return None if self._whole else refuting(self.problem, self.tree, self.region, self.boxes)
 
     @property
     def verdict(self) -> Verdict:
         """Of the claim that σ is one smooth, nonsingular function on all of the region.
 
-        ``"refuted"`` where `witness` shows a place at which it is not; ``"undecided"`` where no such place was proved either.
+        ``"refuted"`` where `witness` shows a place at which it is not; ``"undecided"``: no
+        such place was proved either.
         """
         if self._whole:
             return "proven"
@@ -125,7 +126,8 @@ class Atlas:
             return f"{len(self.unglued)} faces are not glued, so σ may have several values; {spent}"
         left = 100 * (self.undecided_fraction + self.singular_fraction)
         told = "the work was interrupted" if not self.complete else "a larger max_depth= decides more of what was tried"
-        return f"{spent}, {left:.4g} % was tried without a proof, {100 * self.unreached_fraction:.4g} % was not reached: {told}"
+        beyond = 100 * self.unreached_fraction
+        return f"{spent}, {left:.4g} % was tried without a proof, {beyond:.4g} % was not reached: {told}"
 
     @property
     def lower(self) -> Array:

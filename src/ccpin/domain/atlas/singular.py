@@ -1,8 +1,8 @@
 """Cells over which a closed configuration is proved to be singular, and what refutes that σ reaches all of a region.
 
 An undecided cell beside a certified one is searched along lines from σ there: across the image of the fold that is near
-(its normal is uᵀφ_q, u the left singular vector of φ_y's smallest singular value) and along each coordinate. Where Theorem S
-of `ccpin.domain.folds` proves a singular configuration, the cell that holds its q is a neighbourhood of it.
+(its normal is uᵀφ_q, u the left singular vector of φ_y's smallest singular value) and along each coordinate. Where
+Theorem S of `ccpin.domain.folds` proves a singular configuration, the cell that holds its q is a neighbourhood of it.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.interpolate import PPoly
 
-from ccpin.arrays import Array, Indices
+from ccpin.arrays import Array, Indices, rows_of
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of
 from ccpin.domain.boxes import Boxes, Problem
 from ccpin.domain.folds import SingularPoints, fold_directions, singular_points
@@ -29,7 +29,7 @@ def mark_singular(problem: Problem, tree: CellTree, region: Region, boxes: Boxes
     contacts = _beside_certified(tree, region, CellStatus.UNDECIDED)
     size = max(1, _CHUNK // (problem.system.m * problem.system.n_free**2 * 8))
     for first in range(0, len(contacts.cell), size):
-        part = Contacts(*(column[first : first + size] for column in contacts))
+        part = rows_of(contacts, slice(first, first + size))
         start = _sigma_at(problem, tree, region, boxes, part)
         for directions in fold_directions(problem, start):
             rows = np.flatnonzero(tree.status[part.cell] == CellStatus.UNDECIDED)
@@ -48,7 +48,7 @@ def refuting(problem: Problem, tree: CellTree, region: Region, boxes: Boxes) -> 
         return Witness("empty", np.asarray(q), None, 0.0)
     contacts = _beside_certified(tree, region, CellStatus.SINGULAR)
     for k in range(min(_TRIED, len(contacts.cell))):
-        one = Contacts(*(column[k : k + 1] for column in contacts))
+        one = rows_of(contacts, slice(k, k + 1))
         theta = _sigma_at(problem, tree, region, boxes, one)[0]
         found = _witness_from(problem, tree, region, theta, int(one.cell[0]))
         if found is not None:
@@ -83,7 +83,7 @@ def _beside_certified(tree: CellTree, region: Region, status: CellStatus) -> Con
     rows = np.flatnonzero(tree.status[contacts.leaf] == CellStatus.CERTIFIED)
     order = rows[np.lexsort((contacts.leaf[rows], -contacts.area[rows], contacts.cell[rows]))]
     first = order[np.flatnonzero(np.diff(contacts.cell[order], prepend=-1))]
-    return Contacts(*(column[first] for column in contacts))
+    return rows_of(contacts, first)
 
 
 def _sigma_at(problem: Problem, tree: CellTree, region: Region, boxes: Boxes, contacts: Contacts) -> Array:

@@ -117,7 +117,7 @@ def _pack_rod(rod: Rod) -> tuple[NamedArrays, dict[str, Any]]:
 
 def _unpack_rod(header: dict[str, Any], arrays: dict[str, Any]) -> Rod:
     """The rod that `_pack_rod` packed."""
-    paths = [
+    path_a, path_b = (
         tuple(
             Elementary(placement, axis, prismatic, position)
             for placement, axis, (prismatic, position) in zip(
@@ -125,6 +125,6 @@ def _unpack_rod(header: dict[str, Any], arrays: dict[str, Any]) -> Rod:
             )
         )
         for end in ("a", "b")
-    ]
-    frames = arrays["frame_a"], arrays["frame_b"]
-    return Rod(slice(*header["place"]), header["length"], arrays["reference"], *paths, *frames)
+    )
+    frame_a, frame_b = arrays["frame_a"], arrays["frame_b"]
+    return Rod(slice(*header["place"]), header["length"], arrays["reference"], path_a, path_b, frame_a, frame_b)

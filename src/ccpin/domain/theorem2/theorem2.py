@@ -77,8 +77,8 @@ class Theorem2Result:
     """What Theorem 2 certifies about a closed configuration.
 
     Attributes:
-        verdict: ``"proven"``: σ is unique and nonsingular on ‖q − q₀‖∞ < ϱ, ϱ > 0. ``"refuted"``: a configuration within
-            1e-6 of this one is proved to be singular (`ccpin.domain.folds`), so no radius beyond that exists.
+        verdict: ``"proven"``: σ is unique and nonsingular on ‖q − q₀‖∞ < ϱ, ϱ > 0. ``"refuted"``: a configuration
+            within 1e-6 of this one is proved to be singular (`ccpin.domain.folds`), so no radius beyond that exists.
             ``"undecided"``: neither.
         reason: The verdict in a sentence.
         witness: The singular configuration, where refuted.
@@ -163,7 +163,9 @@ def theorem2(
     witness = None if best.radius > 0.0 else _singular_at(mechanism, q_free)
     if witness is None:
         return best
-    reason = f"a configuration within {_NEAR:g} of this one is singular (known to {witness.error:.1e}): there is no radius"
+    reason = (
+        f"a configuration within {_NEAR:g} of this one is singular (known to {witness.error:.1e}): there is no radius"
+    )
     return replace(best, verdict="refuted", reason=reason, witness=witness)
 
 
@@ -181,7 +183,9 @@ def _singular_at(mechanism: Mechanism, q_free: Array) -> Witness | None:
         return None
     k = int(np.flatnonzero(near)[np.argmin(found.error[near])])
     singular = found.theta[k]
-    return Witness("singular", singular[system.independent].copy(), system.chart.configuration(singular), float(found.error[k]))
+    return Witness(
+        "singular", singular[system.independent].copy(), system.chart.configuration(singular), float(found.error[k])
+    )
 
 
 def bounds_at(system: QuadraticSystem, centre: Array, weights: Array, relative_error: float) -> CentreBounds | None:
@@ -262,8 +266,8 @@ def _reason(system: QuadraticSystem, centre: Array, radius: float) -> str:
         return f"σ is unique and nonsingular on the open cube of half width {radius:.6g}"
     rcond = 1.0 / float(np.linalg.cond(system.jacobian(centre), 1))
     return (
-        f"the quadratic system's Jacobian has a reciprocal condition number of {rcond:.1e}, too little for a radius beside "
-        "rounding: kantorovich_radius and certify come nearer to singularities"
+        f"the quadratic system's Jacobian has a reciprocal condition number of {rcond:.1e}, too little for a radius "
+        "beside rounding: kantorovich_radius and certify come nearer to singularities"
     )
 
 
