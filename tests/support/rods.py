@@ -1,8 +1,11 @@
 """Mechanisms whose rods are distance closures: what a certificate puts its own rods into."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription, read_description
+from tests.support.walkthrough import file
 
 Y, Z = np.eye(3)[1:]
 
@@ -81,4 +84,22 @@ def rod_stewart(kind="slides"):
         tuple(loops),
         independent=drives,
         actuated=drives,
+    )
+
+
+def rod_ankle():
+    """The two-rod ankle of the walkthrough, its rods distances of 0.26 m between the cranks' ends and the heels."""
+    described = read_description(file("ankle"))
+    gone = ("left_rod", "right_rod", "right_knuckle")
+    loops = tuple(
+        LoopClosure(
+            f"{side}_rod", "distance", f"{side}_crank", "foot", _at(-0.05, 0, 0), _at(-0.05, y, -0.01), length=0.26
+        )
+        for side, y in (("left", 0.04), ("right", -0.04))
+    )
+    return replace(
+        described,
+        links=tuple(link for link in described.links if link.name not in gone),
+        joints=tuple(joint for joint in described.joints if joint.child not in gone),
+        closures=loops,
     )

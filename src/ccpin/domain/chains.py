@@ -231,8 +231,8 @@ class _ChainCollector:
                 if isinstance(root, Gap):
                     raise UnsupportedMechanismError(
                         f"closure '{loop.closure.name}' ({loop.closure.kind}): a row with the gap squared that is no "
-                        "plain distance is not bounded; describe what keeps it as a link on a universal joint, closed by a "
-                        "spherical one"
+                        "plain distance is not bounded; describe what keeps it as a link on a universal joint, closed "
+                        "by a spherical one"
                     )
                 for sign, end, tip in _ends(loop, root, other):
                     key = (root.frame, end, tip.tobytes())
