@@ -99,7 +99,9 @@ def test_a_stewart_platform_on_rods(kind):
         start = boxes.centre[k] + delta @ boxes.directions[k].T
         start[:, system.dependent] += zeta @ boxes.modes[k].T
         found = newton(path.problem, start, 20)
-        inside = found.theta[:, system.dependent] - (boxes.centre[k] + delta @ boxes.directions[k].T)[:, system.dependent]
+        inside = (
+            found.theta[:, system.dependent] - (boxes.centre[k] + delta @ boxes.directions[k].T)[:, system.dependent]
+        )
         inside = np.abs(np.linalg.solve(boxes.modes[k], inside.T).T) <= boxes.radius[k]
         assert found.settled.all()
         assert inside.all()

@@ -199,8 +199,8 @@ def _reason(walker: Walker, knot: float | None, witness: Witness | None) -> str:
         return f"the path leaves the workspace: no configuration closes the loops at q = {witness.q.tolist()}"
     if witness is not None:
         return (
-            f"the branch is singular in the tube, at q = {witness.q.tolist()} (to {witness.error:.1e}); it is certified "
-            f"up to parameter {walker.here:.9g}"
+            f"the branch is singular in the tube, at q = {witness.q.tolist()} (to {witness.error:.1e}); it is "
+            f"certified up to parameter {walker.here:.9g}"
         )
     place = f"at parameter {walker.here:.9g}, q = {walker.theta[walker.problem.system.independent].tolist()}"
     condition = f"the reciprocal condition number of φ_y is {walker.rcond():.1e}; {spent}"

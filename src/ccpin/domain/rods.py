@@ -13,8 +13,9 @@ the other.
 
 *Proof.* With rods p_B − p_A = L d, whose length is L. Conversely (p_B − p_A)/L is a unit vector, and d is a local
 diffeomorphism onto the sphere where cos b ≠ 0. Let r = p_B − p_A − L d be the rod's rows and t, t′ span the plane
-perpendicular to d. At a solution dᵀr_θ = dᵀ(p_B − p_A)_θ = φ_kθ (d turns with frame A perpendicular to itself), dᵀr_ab = 0, and (t, t′)ᵀr_ab = −L (t, t′)ᵀd_ab is nonsingular with determinant ±L² cos b (±L in the plane). So the matrix with
-rods is, up to a rotation of rows, block triangular with φ_y and that one on its diagonal. ∎
+perpendicular to d. At a solution dᵀr_θ = dᵀ(p_B − p_A)_θ = φ_kθ (as frame A turns, d moves perpendicular to itself),
+dᵀr_ab = 0, and (t, t′)ᵀr_ab = −L (t, t′)ᵀd_ab is nonsingular with determinant ±L² cos b (±L in the plane). So the
+matrix with rods is, up to a rotation of rows, block triangular with φ_y and that one on its diagonal. ∎
 
 So Theorem K for the rows with rods says of the mechanism what it says of any other: σ exists, is unique in its tube,
 smooth and nonsingular. Near cos b = 0 nothing is proved, as near 90° of a ball joint's chart; b is measured from where
