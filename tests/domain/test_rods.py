@@ -123,7 +123,7 @@ def test_a_set_point_of_a_platform_on_rods():
 
 
 def test_the_ankle_with_rods_as_distances_is_the_ankle_with_links():
-    """The two-rod ankle with links for rods, one of them spinning, and with distances: the same σ over the same region."""
+    """The two-rod ankle with links for rods, one of them spinning, and with distances: the same σ."""
     links, distances = ccpin.load(file("ankle")), ccpin.load(rod_ankle())
     names = ("pitch", "roll", "left_motor", "right_motor")
     region = np.full(2, -0.5), np.full(2, 0.5)

@@ -1,6 +1,6 @@
 """Quadratic systems, and ψ of a mechanism as one: against sympy, φ itself and det ψ_q′."""
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pinocchio as pin
