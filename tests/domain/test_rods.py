@@ -9,6 +9,7 @@ from ccpin.control import certify_set_point
 from ccpin.domain.boxes import closure_values, problem_of
 from ccpin.domain.chains import closure_system
 from ccpin.domain.newton import newton
+from ccpin.errors import UnsupportedMechanismError
 from tests.support.rods import rocker_angle, rod_ankle, rod_four_bar, rod_stewart
 from tests.support.walkthrough import file
 
@@ -136,3 +137,81 @@ def test_the_ankle_with_rods_as_distances_is_the_ankle_with_links():
         for m, atlas in zip((links, distances), atlases, strict=True)
     ]
     assert np.abs(poses[0] - poses[1]).max() < 1e-7
+
+
+def _tubes(atlas, q):
+    """For points q (K, n) the boxes that hold them, the parameters there and θ of the predictor."""
+    numbers = atlas._box_numbers(q)
+    boxes = atlas.boxes.take(numbers)
+    delta = atlas.region.reduce(q) - boxes.centre[:, atlas.problem.system.independent]
+    return boxes, boxes.centre + np.einsum("bij,bj->bi", boxes.directions, delta)
+
+
+def _in_tube(system, boxes, predicted, theta):
+    """Whether configurations θ lie in the boxes' tubes, angles modulo 2π."""
+    gap = (theta - predicted)[:, system.dependent]
+    turned = np.where(system.periodic[system.dependent], np.remainder(gap + np.pi, 2 * np.pi) - np.pi, gap)
+    return np.all(np.abs(np.linalg.solve(boxes.modes, turned[..., None])[..., 0]) <= boxes.radius, axis=1)
+
+
+def _planar_theta(system, crank, side):
+    """θ of four-bars in closed form, crank angles (K,): rocker on one side, and where the rod then points."""
+    q_free = np.column_stack([crank, [rocker_angle(one, side) for one in crank]])
+    return np.array([system.theta(row) for row in q_free])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("skew", [0.0, 0.15])
+def test_attack_on_four_bars(skew, capsys):
+    """At 100,000 certified crank angles the closed form's root lies in the tube and its other root does not."""
+    mechanism = ccpin.load(rod_four_bar(skew))
+    atlas = domain.certify(mechanism, [-1.0], ([-np.pi], [np.pi]), bounds="reach")
+    system, crank = atlas.problem.system, np.random.default_rng(6).uniform(-np.pi, np.pi, 100_000)
+    boxes, predicted = _tubes(atlas, crank[:, None])
+    ours, other = (_in_tube(system, boxes, predicted, _planar_theta(system, crank, side)) for side in (-1.0, 1.0))
+    with capsys.disabled():
+        print(
+            f"\nrod four-bar, skew {skew:g} m: {len(crank)} points, {(~ours).sum()} outside, {other.sum()} second roots"
+        )
+    assert ours.all()
+    assert not other.any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [rod_ankle, rod_stewart], ids=["ankle", "stewart"])
+def test_attack_on_rods_in_space(make, capsys):
+    """Newton from 8 random starts in each of 20,000 certified points' tubes and beyond finds one root in each tube."""
+    mechanism = ccpin.load(make())
+    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    half = 0.4 if mechanism.n == 2 else 2.0 * domain.kantorovich_radius(mechanism, mechanism.q_reference)
+    atlas = domain.certify(mechanism, q0, (q0 - half, q0 + half))
+    problem, system, rng = atlas.problem, atlas.problem.system, np.random.default_rng(7)
+    q = rng.uniform(q0 - half, q0 + half, (20_000, mechanism.n))
+    q = q[atlas.contains(q)]
+    boxes, predicted = _tubes(atlas, q)
+    expected, hits = None, np.zeros(len(q), dtype=int)
+    for spread in (0.5, 1.0, 1.0, 2.0, 4.0, 10.0, 30.0, 100.0):
+        start = predicted.copy()
+        zeta = spread * rng.uniform(-1.0, 1.0, boxes.radius.shape) * boxes.radius
+        start[:, system.dependent] += np.einsum("bij,bj->bi", boxes.modes, zeta)
+        found = newton(problem, start, 30)
+        inside = found.settled & _in_tube(system, boxes, predicted, found.theta)
+        hits += inside
+        expected = found.theta.copy() if expected is None else expected
+        turns = (found.theta - expected)[inside] / (2 * np.pi)
+        assert np.abs(turns - np.where(system.periodic, np.round(turns), 0.0)).max() < 1e-9
+        if spread <= 1.0:
+            assert inside.all()
+    with capsys.disabled():
+        print(f"\n{mechanism.name}: {len(q)} points, {hits.sum()} roots found in their tubes, none a second one")  # noqa: T201
+
+
+def test_a_map_in_six_coordinates():
+    """Beyond three coordinates a region is asked for, and a cube of two one-box radii is certified whole."""
+    mechanism = ccpin.load(rod_stewart())
+    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    half = 2.0 * domain.kantorovich_radius(mechanism, mechanism.q_reference)
+    atlas = domain.certify(mechanism, q0, (q0 - half, q0 + half))
+    assert (atlas.verdict, atlas.certified_fraction) == ("proven", 1.0)
+    with pytest.raises(UnsupportedMechanismError, match="region="):
+        domain.certify(mechanism, q0)

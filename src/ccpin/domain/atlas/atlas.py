@@ -40,7 +40,8 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 _DEPTHS = {1: 14, 2: 12, 3: 6}
-_TOLERANCES = {1: 1e-5, 2: 1e-4, 3: 2e-3}
+_TOLERANCES = {1: 1e-5, 2: 2e-5, 3: 2e-3}
+_MANY_DEPTH, _MANY_TOLERANCE = 3, 0.5
 
 
 class Progress(NamedTuple):
@@ -272,16 +273,17 @@ def certify(
 ) -> Atlas:
     """Prove σ on as much of a region as can be reached from q₀.
 
-    First the largest square about q₀ is certified (to 0.1 % or better for n ≤ 2), then the rest of the region.
+    First the largest square about q₀ is certified (to 0.1 % or better for n ≤ 2, roughly for n > 3), then the rest
+    of the region.
 
     Args:
-        mechanism: A mechanism (or its model) with up to three scalar independent coordinates.
+        mechanism: A mechanism (or its model) with scalar independent coordinates; beyond three a region must be given.
         q0: The seed, of shape (n,) (rad, m).
         region: (lower, upper), the bounds of the coordinates, each of shape (n,); default a full turn for a joint whose
             limits allow it, the limits otherwise. A full turn closes on itself.
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         max_depth: How often an edge of the region may be halved (0: the square only); default 14, 12, 6 for n = 1,
-            2, 3.
+            2, 3, and 3 beyond.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
         workers: How many processes to start for the work; default none: all is done in this one. A script that asks
             for more than one needs the guard ``if __name__ == "__main__":``.
@@ -294,18 +296,20 @@ def certify(
         The atlas; after Ctrl-C what was certified so far, with ``complete`` False.
 
     Raises:
-        UnsupportedMechanismError: More than three coordinates, redundant rows, or closures that cannot be bounded.
+        UnsupportedMechanismError: More than three coordinates and no region, redundant rows, or closures that cannot
+            be bounded.
         InvalidInputError: q₀, region, max_depth or workers is malformed.
         UnreachableError, SingularConfigurationError: σ(q₀) does not exist on the branch, or is singular.
     """
     mechanism = mechanism_of(mechanism)
-    if mechanism.n > max(_DEPTHS):
+    if mechanism.n > max(_DEPTHS) and region is None:
         raise UnsupportedMechanismError(
-            f"{mechanism.name} has {mechanism.n} independent coordinates; maps are drawn for up to {max(_DEPTHS)}. Use "
-            "kantorovich_radius for a ball or certify_path for a path"
+            f"{mechanism.name} has {mechanism.n} independent coordinates; beyond {max(_DEPTHS)} a map is of a region= "
+            "that is given, some times kantorovich_radius wide (its cells double with every halving of every edge). "
+            "certify_path is for moves"
         )
     seed = seed_at_coordinates(mechanism, q0, guess)
-    depth = _DEPTHS[mechanism.n] if max_depth is None else whole(max_depth, "max_depth", 0)
+    depth = _DEPTHS.get(mechanism.n, _MANY_DEPTH) if max_depth is None else whole(max_depth, "max_depth", 0)
     if not depth < LEVELS:
         raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
     problem = problem_of(seed.system, bounds)
@@ -315,7 +319,7 @@ def certify(
         runner = Runner(problem, chosen, checkpoint, flag)
         builder = AtlasBuilder(problem, seed.theta, area, runner, progress and _reporter(progress))
         try:
-            builder.certify_square(_TOLERANCES[mechanism.n])
+            builder.certify_square(_TOLERANCES.get(mechanism.n, _MANY_TOLERANCE))
             if depth:
                 builder.certify_region(depth)
                 prove_empty(problem.system, builder.tree, area, depth)

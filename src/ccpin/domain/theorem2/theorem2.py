@@ -36,12 +36,12 @@ themselves, free wherever those are defined.
 (d) Two such σ agree at q₀ and locally everywhere ((c)), so they agree on the cube. ∎
 
 **Hypotheses and rounding.** φ square (no redundant rows), joints of slides, turns and balls (a planar joint is two
-slides and a turn, a floating one three slides and a ball); checked when the form is generated. With A a computed inverse
-of J(z₀) and κ ≥ ‖I − A J(z₀)‖, κ < 1, ‖J(z₀)⁻¹X‖ ≤ ‖A X‖/(1 − κ); the residual at the centre shortens the step allowed.
-The coefficients are taken to be within 1e-12 of exact relative to the largest row sum of coefficients (the chain products leave some 1e-15, and
-coefficients below 1e-14 are dropped; where placements are rotations to a lesser accuracy, that is added): a
-perturbation e with |e(z₀)|, ‖e_z(z₀)‖ and its v bounded accordingly is added to residual, κ and v. Norms are
-inflated and the radius deflated by 1e-9.
+slides and a turn, a floating one three slides and a ball); checked when the form is generated. With A a computed
+inverse of J(z₀) and κ ≥ ‖I − A J(z₀)‖, κ < 1, ‖J(z₀)⁻¹X‖ ≤ ‖A X‖/(1 − κ); the residual at the centre shortens the step
+allowed. The coefficients are taken to be within 1e-12 of exact relative to the largest row sum of coefficients (the
+chain products leave some 1e-15, and coefficients below 1e-14 are dropped; where placements are rotations to a lesser
+accuracy, that is added): a perturbation e with |e(z₀)|, ‖e_z(z₀)‖ and its v bounded accordingly is added to residual,
+κ and v. Norms are inflated and the radius deflated by 1e-9.
 """
 
 from __future__ import annotations
