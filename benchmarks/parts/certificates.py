@@ -1,7 +1,7 @@
 """What is proved of σ over a region of each mechanism: its shares sum to 100 %. CPU seconds of one process, taken once.
 
-A region is the joints' whole ranges (full turns where limits allow) unless stated; with more than three coordinates it is
-a cube about the reference, in multiples of the half width that one box proves.
+A region is the joints' whole ranges (full turns where limits allow) unless stated; with more than three coordinates it
+is a cube about the reference, in multiples of the half width that one box proves.
 """
 
 from __future__ import annotations

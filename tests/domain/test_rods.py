@@ -170,9 +170,8 @@ def test_attack_on_four_bars(skew, capsys):
     boxes, predicted = _tubes(atlas, crank[:, None])
     ours, other = (_in_tube(system, boxes, predicted, _planar_theta(system, crank, side)) for side in (-1.0, 1.0))
     with capsys.disabled():
-        print(
-            f"\nrod four-bar, skew {skew:g} m: {len(crank)} points, {(~ours).sum()} outside, {other.sum()} second roots"
-        )
+        told = f"{len(crank)} points, {(~ours).sum()} outside, {other.sum()} second roots"
+        print(f"\nrod four-bar, skew {skew:g} m: {told}")  # noqa: T201
     assert ours.all()
     assert not other.any()
 
