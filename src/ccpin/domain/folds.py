@@ -187,15 +187,11 @@ def _proved_within(equations: _System, point: _Point) -> Array:
     size = np.abs(inverse)
     drift, rounding = equations.drift(point, np.zeros(len(slope)))
     weight = 1.0 + np.abs(point.kernel).sum(axis=1)
-    wrong = (
-        np.abs(equations.value(point))
-        + rounding.max(axis=(1, 2))[:, None] * weight[:, None]
-        + 4.0 * _UNIT * weight[:, None]
-    )
-    left = np.max(np.abs(apply(inverse, equations.value(point))) + apply(size, wrong), axis=1)
-    defect = np.abs(np.eye(slope.shape[1]) - inverse @ slope) + size @ (
-        rounding + 8.0 * slope.shape[1] * _UNIT * np.abs(slope)
-    )
+    value, count = equations.value(point), slope.shape[1]
+    wrong = np.broadcast_to((weight * (rounding.max(axis=(1, 2)) + 4.0 * _UNIT))[:, None], value.shape)
+    wrong = wrong + 8.0 * count * _UNIT * np.abs(value)
+    left = np.max(np.abs(apply(inverse, value)) + apply(size, wrong), axis=1)
+    defect = np.abs(np.eye(count) - inverse @ slope) + size @ (rounding + 8.0 * count * _UNIT * np.abs(slope))
     found = np.full(len(slope), np.nan)
     for factor in _RADII:
         radius = factor * left

@@ -16,7 +16,8 @@ The curve is connected, so all of it is σ's graph, on which φ_y is nonsingular
 the curve. ∎
 
 The line's rows are linear: with N an orthonormal basis of the directions perpendicular to d, Nᵀ(q − q_r) = 0 joins φ as
-couplings, and {θ_j} takes the place of q.
+couplings, and {θ_j} takes the place of q. N is meant exactly; the numbers that stand for it and for Nᵀq_r are off by a
+few roundings, far within the margin γ that the bounds allow every row.
 """
 
 from __future__ import annotations
@@ -146,7 +147,7 @@ def _range_along(line: Problem, boxes: Boxes, rows: Indices, theta: Array, direc
     along = direction / (direction @ direction)
     middle = (boxes.centre[:, rows] - theta[rows]) @ along
     spread = (
-        np.abs(along @ boxes.directions[:, rows])[:, 0]
+        apply(np.abs(along @ boxes.directions[:, rows])[:, None], boxes.half)[:, 0]
         + apply(np.abs(along @ modes[:, rows])[:, None], boxes.radius)[:, 0]
     )
     return float((middle - spread).min()), float((middle + spread).max())

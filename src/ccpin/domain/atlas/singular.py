@@ -14,7 +14,7 @@ from ccpin.arrays import Array, Indices, rows_of
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of
 from ccpin.domain.boxes import Boxes, Problem
 from ccpin.domain.folds import SingularPoints, fold_directions, singular_points
-from ccpin.domain.newton import newton, predict
+from ccpin.domain.newton import encloses, newton, predict
 from ccpin.domain.refutation import singular_witness
 from ccpin.domain.verdict import Witness
 from ccpin.domain.walker import Walker
@@ -22,6 +22,7 @@ from ccpin.errors import SingularConfigurationError
 
 _CHUNK = 20_000_000
 _NEWTON = 12
+_TRIED = 8
 
 
 def mark_singular(problem: Problem, tree: CellTree, region: Region, boxes: Boxes) -> None:
@@ -50,26 +51,29 @@ def refuting(problem: Problem, tree: CellTree, region: Region, boxes: Boxes) -> 
     for k in range(min(_TRIED, len(contacts.cell))):
         one = rows_of(contacts, slice(k, k + 1))
         theta = _sigma_at(problem, tree, region, boxes, one)[0]
-        found = _witness_from(problem, tree, region, theta, int(one.cell[0]))
+        known = boxes.take(tree.box[one.leaf])
+        delta = region.position(one.at_leaf) - known.centre[:, problem.system.independent]
+        found = _witness_from(problem, tree, region, theta, int(one.cell[0]), (known, delta))
         if found is not None:
             return found
     return None
 
 
-_TRIED = 8
-
-
-def _witness_from(problem: Problem, tree: CellTree, region: Region, theta: Array, cell: int) -> Witness | None:
-    """A singular configuration of the branch through θ, between it and the far corners of a cell."""
+def _witness_from(
+    problem: Problem, tree: CellTree, region: Region, theta: Array, cell: int, known: tuple[Boxes, Array]
+) -> Witness | None:
+    """A singular configuration between θ, σ in a certified box at parameters δ, and the far corners of a cell."""
     lower = region.position(tree.lower[cell])
     upper = region.position(tree.lower[cell] + tree.size[cell])
     q = theta[problem.system.independent]
     targets = [np.where(side, upper, lower) for side in _corners(len(q))]
     still = PPoly(np.stack([np.zeros((1, len(q))), q[None]]), np.array([0.0, 1.0]))
     try:
-        return singular_witness(Walker(problem, still, np.zeros(len(q)), theta), targets)
+        walker = Walker(problem, still, np.zeros(len(q)), theta)
     except SingularConfigurationError:
         return None
+    same = encloses(problem, *known, walker.point.centre, walker.point.radius, walker.point.modes)
+    return singular_witness(walker, targets) if same[0] else None
 
 
 def _corners(n: int) -> list[Array]:
