@@ -475,4 +475,4 @@ def test_script(capsys):
     assert script("certified_move").main(2.9)
     said = capsys.readouterr().out
     assert "rigorous: True" in said
-    assert said.count(": covered, T = 0.1") == 2
+    assert said.count(": proven, T = 0.1") == 2
