@@ -19,7 +19,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
 _BAR = "{l_bar}{bar}| {n:.1f} % certified, {postfix}"
-SHARES = ("certified", "undecided", "unreached", "empty")
+SHARES = ("certified", "empty", "singular", "undecided", "unreached")
 
 
 def add_domain(commands: Any) -> None:
@@ -87,7 +87,7 @@ def _region(options: argparse.Namespace, mechanism: Mechanism) -> tuple[Array, A
 
 
 def _atlas_facts(atlas: Any) -> dict[str, Any]:
-    facts = (*(f"{share}_fraction" for share in SHARES), "single_valued", "complete")
+    facts = (*(f"{share}_fraction" for share in SHARES), "single_valued", "complete", "verdict", "reason")
     return {"radius": atlas.radius, "boxes": len(atlas.lower)} | {name: getattr(atlas, name) for name in facts}
 
 
@@ -137,6 +137,7 @@ def _domain_in_words(mechanism: Mechanism, result: dict[str, Any]) -> str:
         atlas = result["atlas"]
         shares = ", ".join(f"{100 * atlas[f'{share}_fraction']:.3f} % {share}" for share in SHARES)
         lines += [size("atlas", atlas["radius"]), f"atlas: {atlas['boxes']} boxes; {shares} of the region"]
+        lines += [f"{atlas['verdict']}: {atlas['reason']}"]
         lines += [] if atlas["single_valued"] else ["warning: not single-valued; some shared faces are unglued"]
         lines += [] if atlas["complete"] else ["interrupted: what is listed is certified, the rest was not reached"]
     return "\n".join(lines)
