@@ -16,6 +16,7 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     """An empty folder, servers that are not waited for, and a table of closure kinds that a page may add to."""
     kinds = dict(CLOSURE_KINDS)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr("webbrowser.open", lambda url: True)
     monkeypatch.setattr(visualization.Viewer, "wait", lambda viewer: None)
     yield
