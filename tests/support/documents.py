@@ -13,7 +13,8 @@ from ccpin.cli import main
 from tests.support.places import ROOT
 
 FENCE = re.compile(
-    r'^(?P<indent> *)```(?P<language>\w+)(?: title="(?P<title>[^"]+)")?[^\n]*\n(?P<text>.*?)^(?P=indent)```', re.M | re.S
+    r'^(?P<indent> *)```(?P<language>\w+)(?: title="(?P<title>[^"]+)")?[^\n]*\n(?P<text>.*?)^(?P=indent)```',
+    re.M | re.S,
 )
 FILES = re.compile(r"<!-- files: ([\w./, ]+) -->")
 SNIPPET = re.compile(r'^--8<-- "([\w./]+)"$', re.M)
@@ -56,9 +57,9 @@ def files(page):
 def run(page):
     """Run a page in the working folder as a reader would: files saved, programs run, commands typed, output compared.
 
-    A block with a title is a file of that name. Python without one runs in one namespace for the whole page. A
-    ``text`` block after it is what it prints. In ``console`` blocks lines after ``$`` are commands, all others what they
-    print; in ``sh`` blocks every line is a command. In what is printed … stands for anything.
+    A block with a title is a file of that name. Python without one runs in one namespace for the whole page, and a
+    ``text`` block after it is what it prints. In ``console`` blocks lines after ``$`` are commands, all others what
+    they print; in ``sh`` blocks every line is a command. In what is printed … stands for anything.
     """
     for file in files(page):
         shutil.copy(file, file.name)
@@ -134,7 +135,5 @@ OTHERS = {
 
 def alike(said, expected):
     """Whether a text is as a page shows it, … standing for anything, spaces at line ends for nothing."""
-    said, expected = (
-        "\n".join(line.rstrip() for line in text.strip().splitlines()) for text in (said, expected)
-    )
+    said, expected = ("\n".join(line.rstrip() for line in text.strip().splitlines()) for text in (said, expected))
     return re.fullmatch(".*?".join(map(re.escape, expected.split("…"))), said, re.S) is not None
