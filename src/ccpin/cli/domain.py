@@ -58,16 +58,14 @@ def _domain(options: argparse.Namespace) -> int:
 
     mechanism = load(options)
     region = _region(options, mechanism)
-    centre = vector(options, "centre", mechanism)
-    if centre is None and region is not None:
+    model, centre = ReducedModel(mechanism), vector(options, "centre", mechanism)
+    if centre is None and region is not None and model.nq == model.n:
         centre = np.mean(region, axis=0)
-    q_free = mechanism.q_reference if centre is None else ReducedModel(mechanism).sigma(centre)
+    q_free = mechanism.q_reference if centre is None else model.sigma(centre)
     centre = domain.scalar_coordinates_at(mechanism, q_free)
     with busy(options.json, "proving squares about the centre"):
-        theorem, one_box = (
-            domain.theorem2(mechanism, q_free),
-            domain.kantorovich_radius(mechanism, q_free, bounds="auto"),
-        )
+        theorem = domain.theorem2(mechanism, q_free)
+        one_box = domain.kantorovich_radius(mechanism, q_free, bounds="auto")
     result: dict[str, Any] = {
         "centre": centre.tolist(),
         "q_free": q_free.tolist(),
