@@ -100,7 +100,10 @@ def typed(command, where):
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
         if program == "ccpin":
-            code = main(arguments)
+            try:
+                code = main(arguments)
+            except SystemExit as end:  # --help, --version, --print-completion
+                code = end.code
             assert code == 0, f"{where}: `{command}` ends with {code}"
         elif program == "python" and arguments[0].endswith(".py"):
             runpy.run_path(arguments[0], run_name="__main__")

@@ -73,7 +73,11 @@ class Trajectory(NamedTuple):
             ("largest closure error", f"{self.closure_error.max():.1e}"),
             *((f"at {event.t:.6g} s", event.name) for event in self.events),
         ]
-        drawn = (curves(self.t, x, names) for x, names in ((self.q, self.names.q), (self.u, self.names.u)) if x.size)
+        drawn = [
+            curves(self.t, columns, [f"{symbol} {name}" for name in names])
+            for symbol, columns, names in (("q", self.q, self.names.q), ("u", self.u, self.names.u))
+            if columns.size
+        ]
         return table(rows) + "".join(drawn)
 
     @property
