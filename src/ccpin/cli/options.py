@@ -45,7 +45,7 @@ def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> No
     near = "the pose to close near: one of the file's by name, or joint=value … in rad and m"
     parser.add_argument("--reference", nargs="+", metavar="POSE", help=near)
     wide = "error of the file's lengths and angles, relative to a loop's size (default 1e-5)"
-    parser.add_argument("--geometry-tolerance", type=positive, metavar="PART", help=wide)
+    parser.add_argument("--geometry-tolerance", type=nonnegative, metavar="PART", help=wide)
     parser.add_argument("--floating-base", action="store_true", help="free the root link")
     parser.add_argument("--format", choices=FORMATS, help="instead of telling it from the content")
     parser.add_argument("--model", metavar="NAME", help="which model of an SDF file, where it holds several")
