@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ccpin.arrays import Array, Mask, numbers, whole
+from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store as atlas_store
 from ccpin.domain.atlas.build import AtlasBuilder
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, Cells, CellStatus, CellTree, Corners, Region, region_of
@@ -84,6 +85,22 @@ class Atlas:
         done = "" if self.complete else ", interrupted"
         share = f"{len(self.boxes.centre)} certified boxes, {100 * self.certified_fraction:.4g} % of the region"
         return f"Atlas({', '.join(self.names)}: {share}{done})"
+
+    def _repr_html_(self) -> str:
+        """A small table for notebooks, with a map where there are two coordinates."""
+        shown = table(
+            [
+                ("atlas of", ", ".join(self.names) + ("" if self.complete else " (interrupted)")),
+                ("certified", f"{100 * self.certified_fraction:.4g} % of the region in {len(self.boxes.centre)} boxes"),
+                ("radius about q₀", f"{self.radius:.6g} (rad or m)"),
+                ("q₀", np.array2string(self.q0, precision=6)),
+                ("one function σ", "yes" if self.single_valued else f"{len(self.unglued)} shared faces are unglued"),
+            ]
+        )
+        if len(self.names) != 2:
+            return shown
+        corners = self.region.lower, self.region.upper
+        return shown + boxes(self.lower, self.upper, corners, self.region.reduce(self.q0[None])[0])
 
     @property
     def single_valued(self) -> bool:
