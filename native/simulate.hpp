@@ -129,7 +129,8 @@ class Simulation : public Follower {
 
   Simulation(Workspace& w, const Law& law, const Run& run, const Tableau& tableau)
       : Follower(w, run.singular, run.longest, run.pushes, run.leaving), law_(w, law), path_(law.path), run_(run),
-        solver_(*this, tableau, run.start.size(), run.rtol, run.atol, run.longest), stride_(run.stride), u_(m_.motors),
+        solver_(*this, tableau, run.start.size(), run.rtol, run.atol, run.longest), stages_(tableau.stages),
+        stride_(run.stride), u_(m_.motors),
         state_(run.start) {
     solver_.y = run.start, solver_.t = run.begin;
     start_here();
@@ -155,7 +156,8 @@ class Simulation : public Follower {
     ++evaluations;
     if (!close(state)) return false;
     const double* v = state + m_.n_q;
-    return effort(t, v) && rates(v, u_.data(), rate);
+    if (!effort(t, v)) beyond_ = evaluations;
+    return rates(v, u_.data(), rate);
   }
 
  private:
@@ -166,8 +168,9 @@ class Simulation : public Follower {
   const Run& run_;
   std::optional<SampledCommands> commands_;
   Solver solver_;
-  double stride_;    // from leg to leg
-  int certain_ = 0;  // samples up to the last step accepted
+  int stages_, beyond_ = 0;  // beyond_: the last evaluation with efforts that motors cannot give
+  double stride_;             // from leg to leg
+  int certain_ = 0;           // samples up to the last step accepted
   std::vector<double> u_, state_;
   std::vector<Crossing> crossings_;
 
@@ -194,6 +197,7 @@ class Simulation : public Follower {
       if (!solver_.begin(leg, stride_)) return Outcome::declined;
       for (; solver_.t < leg; ++steps) {
         if (!robust_step(solver_, leg, kShortest)) return Outcome::declined;
+        if (beyond_ > evaluations - stages_) return Outcome::declined;  // what trials ask for that were rejected is none
         double halt = NAN;
         if (settles() && !look(halt)) return Outcome::declined;
         const bool settled = !std::isnan(halt);

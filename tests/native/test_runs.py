@@ -244,6 +244,17 @@ def test_runs_beyond_the_motors_bounds_are_the_references(rpdr_model, sampling):
     np.testing.assert_allclose(found.q, expected.q, rtol=0, atol=1e-10)
 
 
+def test_what_trial_steps_ask_for_is_nobodys(rpdr_model):
+    """A move that needs 2 of 30 N m stays in the core, though the first trial step from rest asks for a thousand."""
+    start, goal = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
+    law = ComputedTorque(rpdr_model, PointToPoint(rpdr_model, start, goal, 0.4), [1600.0, 1600.0], [80.0, 80.0])
+    ours = in_core(rpdr_model, law, start, 0.5, most=30.0)
+    theirs = reference(rpdr_model, law, start, duration=0.5, sample_period=0.01)
+    assert np.abs(ours.u).max() < 2.0
+    np.testing.assert_allclose(ours.q, theirs.q, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ours.u, theirs.u, rtol=0, atol=1e-6)
+
+
 def test_noisy_loops_are_the_references(rpdr_model):
     """Noise of encoders is drawn in Python alone: the run is the reference's, not one without noise."""
     q0, q_d = ends(rpdr_model)

@@ -166,6 +166,16 @@ def test_memory_taken_after_a_change_is_gone_on_with_to_the_last_bit(name):
     np.testing.assert_allclose(ends[0].q_free[-1], whole.q_free[-1], rtol=0, atol=1e-6)
 
 
+def test_a_memory_that_lacks_something_is_refused(rpdr_model):
+    """One of another version, say; the message names what is missing."""
+    moving = ccpin.Simulator(rpdr_model)
+    moving.reset(test_following.STRETCHING[0])
+    memory = moving.memory()
+    del memory["measured_by"]
+    with pytest.raises(ccpin.errors.InvalidInputError, match="has no 'measured_by'"):
+        moving.recall(memory)
+
+
 def test_threads_share_a_model_whose_motions_change_coordinates():
     """Two at once are each what one alone is, bit for bit."""
     _, alone = released("RSSR", 0.5)

@@ -62,6 +62,7 @@ class Following:
         self._siblings: dict[tuple[str, ...], ReducedModel] = {home.mechanism.independent: home}
         self.measure = Measure(home.mechanism)
         self.most = np.inf
+        self._since = np.array(home.mechanism.q_reference)
 
     def begin(self, state: State) -> None:
         """Take up the coordinates of the State's model there."""

@@ -408,8 +408,15 @@ class Simulator:
         return here | run.following.memory() | run.contact.memory() | run.commands.memory()
 
     def recall(self, memory: Mapping[str, Array]) -> None:
-        """Go on from what `memory` gave, in this simulator or another with the same arguments, to the last bit."""
+        """Go on from what `memory` gave, in this simulator or another with the same arguments, to the last bit.
+
+        Raises:
+            InvalidInputError: Something is missing in it.
+        """
         following = self._following()
+        for name in ("t", "q", "v", "q_free", *following.memory()):
+            if name not in memory:
+                raise InvalidInputError(f"the memory has no '{name}': `Simulator.memory` of this version gives one")
         model = following.recall(memory)
         state = model.at(memory["q"], memory["q_free"])
         self._begin(Moment(float(memory["t"]), state, np.array(memory["v"])), following)
