@@ -9,7 +9,7 @@ import pytest
 
 import ccpin
 from ccpin import native
-from ccpin.simulation import Budget
+from ccpin.simulation import Budget, Event
 from ccpin.simulation.run import Run
 from tests.simulation import test_following
 from tests.simulation.test_following import TIGHT, assert_it_goes_on, case, released
@@ -204,3 +204,16 @@ def test_a_law_stated_in_the_coordinates_takes_over_where_they_are_good_again():
     assert motion.status == "finished"
     for q, v, u, q_free in zip(motion.q, motion.v, motion.u, motion.q_free, strict=True):
         np.testing.assert_allclose(u, law.torque(0.0, q, v, q_free), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("watched", ["region", "event"])
+def test_what_reads_the_models_state_ends_where_its_coordinates_do(watched):
+    """Events and regions read a State of the model: such a motion ends by name where others go on."""
+    model, v = case("five-bar")
+    options = {"region": lambda q: True} if watched == "region" else {"events": [Event(lambda t, state, v: 1.0)]}
+    moving = ccpin.Simulator(model, None, **options)
+    moving.reset(model.alpha(model.mechanism.q_reference), v)
+    motion = moving.run(1.0, sample_period=0.05)
+    assert (motion.status, motion.changes) == ("singular", 0)
+    assert "events, a region, limits or contacts are looked for" in motion.message
+    assert motion.closure_error.max() <= 1e-10

@@ -104,7 +104,8 @@ def run_in_core(
     """
     origin, law = (law.start, law.law) if isinstance(law, Delayed) else (0.0, law)
     tableau, told = TABLEAUX.get(method), law_numbers(model, law)
-    if tableau is None or told is None:
+    direct = model.actuation is None or (told == _no_torque(model) and numbers["sampling"] is None)
+    if tableau is None or told is None or not direct:
         return None
     most = budget or Budget()
     times = numbers["times"]
@@ -134,7 +135,7 @@ def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
     """A law in plain numbers: its kind, gains, constant part and reference; ``None`` where the core has none."""
     n, kind = model.n, type(law)
     if kind is NoTorque:
-        return {"kind": "constant", "constant": [0.0] * model.n_actuated}
+        return _no_torque(model)
     if not isinstance(law, ModelLaw) or law.model.mechanism is not model.mechanism:
         return None
     if not np.array_equal(law.model.gravity_vector, model.gravity_vector):
@@ -148,6 +149,11 @@ def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
         return None
     found = law.reference.as_polynomial()
     return None if found is None else _numbers(_TRACKING[kind], found, law.K_p, law.K_v, np.zeros(n))
+
+
+def _no_torque(model: ReducedModel) -> dict[str, Any]:
+    """u = 0 in plain numbers; a constant law is one whatever the motors."""
+    return {"kind": "constant", "constant": [0.0] * model.n_actuated}
 
 
 def _numbers(kind: str, path: PiecewisePolynomial, K_p: Array, K_v: Array, constant: Array) -> dict[str, Any]:

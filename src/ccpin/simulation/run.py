@@ -118,8 +118,7 @@ class Run:
                 with whatever else a law raises.
         """
         limits = Allowance.of(budget, self.evaluations)
-        if self.model is not self.following.home and (watch is not None or self.following.stated is not None):
-            self._take_up(*self.following.back(self.here.state, self.here.v))
+        self.come_back(watch is not None)
         self._settles = watch is not None
         self._in_core = not self._settles and self.constant_effort is not None
         extra = () if watch is None else (watch,)
@@ -150,6 +149,15 @@ class Run:
                 if self.here.t < end:
                     self._begin()
             self.first_step = None if switches else self.first_step
+
+    def come_back(self, settles: bool) -> None:
+        """Be in the coordinates of `following.home` again, where something is stated in them or settles in them.
+
+        Raises:
+            SingularConfigurationError: They are singular here.
+        """
+        if self.model is not self.following.home and (settles or self.following.stated is not None):
+            self._take_up(*self.following.back(self.here.state, self.here.v))
 
     def sample(self, moment: Moment) -> StateSample:
         """The motion at a moment, in the present mode of its joints."""

@@ -319,6 +319,7 @@ class Simulator:
             goal = checked_q(self.model.coordinates, settling.goal)
             settling = settling._replace(goal=np.array(goal))
         events: list[Happening] = []
+        run.come_back(settling is not None)
         columns = self._run_in_core(times, settling, budget)
         if columns is None:
             watch = None if settling is None else SettlingWatch(settling, self.model.coordinates)
