@@ -252,6 +252,10 @@ class Kernel {
       outcome = simulation.run(out);
     }
     const nb::object raised = simulation.raised ? nb::steal(simulation.raised) : nb::none();
+    if (outcome == Outcome::declined && simulation.raised) {  // nobody else would tell
+      PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(raised.ptr())), raised.ptr());
+      throw nb::python_error();
+    }
     if (outcome == Outcome::declined) return nb::none();
     constexpr const char* names[] = {"finished", "settled", "evaluations", "seconds", "interrupted", "left"};
     return nb::make_tuple(out.done, T, Q, V, A, U, X, E, W, B, names[int(outcome)], simulation.settled_since,

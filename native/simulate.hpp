@@ -130,8 +130,7 @@ class Simulation : public Follower {
   Simulation(Workspace& w, const Law& law, const Run& run, const Tableau& tableau)
       : Follower(w, run.singular, run.longest, run.pushes, run.leaving), law_(w, law), path_(law.path), run_(run),
         solver_(*this, tableau, run.start.size(), run.rtol, run.atol, run.longest), stages_(tableau.stages),
-        stride_(run.stride), u_(m_.motors),
-        state_(run.start) {
+        stride_(run.stride), u_(m_.motors), state_(run.start) {
     solver_.y = run.start, solver_.t = run.begin;
     start_here();
     if (run.sampling) commands_.emplace(w, law_, *run.sampling);
@@ -169,8 +168,8 @@ class Simulation : public Follower {
   std::optional<SampledCommands> commands_;
   Solver solver_;
   int stages_, beyond_ = 0;  // beyond_: the last evaluation with efforts that motors cannot give
-  double stride_;             // from leg to leg
-  int certain_ = 0;           // samples up to the last step accepted
+  double stride_;            // from leg to leg
+  int certain_ = 0;          // samples up to the last step accepted
   std::vector<double> u_, state_;
   std::vector<Crossing> crossings_;
 
@@ -216,8 +215,8 @@ class Simulation : public Follower {
           return Outcome::declined;
         solver_.advance();
         stride_ = changes && solver_.t >= leg ? 0 : solver_.h, certain_ = out.done;
-        if (settled) return Outcome::settled;
         if (stopped) return Outcome::interrupted;
+        if (settled) return Outcome::settled;
         if (poor) return Outcome::left;
         if (spent) return Outcome::exhausted_evaluations;
         if (late) return Outcome::exhausted_seconds;
