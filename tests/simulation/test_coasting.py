@@ -11,9 +11,8 @@ import ccpin
 from ccpin import native
 from ccpin.simulation import Budget, Event
 from ccpin.simulation.run import Run
-from tests.simulation import test_following
-from tests.simulation.test_following import TIGHT, assert_it_goes_on, case, released
 from tests.support.agreement import reference_model
+from tests.support.passive import STRETCHING, TIGHT, assert_it_goes_on, case, released
 
 in_core = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
 
@@ -137,13 +136,13 @@ def test_held_efforts_go_through_a_change(rpdr_model):
     ends, slow = [], reference_model(rpdr_model.mechanism, rpdr_model.gravity_vector)
     for model in (rpdr_model, slow):
         moving = ccpin.Simulator(model, None, rtol=1e-11, atol=1e-13, method="DOP853")
-        moving.reset(*test_following.STRETCHING)
+        moving.reset(*STRETCHING)
         samples = [moving.step(u, 1e-3) for _ in range(150 if model is rpdr_model else 60)]
         assert {sample.u.shape for sample in samples} == {(2,)}
         ends.append(samples)
     assert any(event.name.startswith("measured by") for event in moving.events)
     whole = ccpin.simulate(
-        rpdr_model, lambda t, q, v: u, *test_following.STRETCHING, duration=0.15, **(TIGHT | {"sample_period": 1e-3})
+        rpdr_model, lambda t, q, v: u, *STRETCHING, duration=0.15, **(TIGHT | {"sample_period": 1e-3})
     )
     for samples in ends:
         for sample, q, v in zip(samples, whole.q[1:], whole.v[1:], strict=False):
@@ -169,7 +168,7 @@ def test_memory_taken_after_a_change_is_gone_on_with_to_the_last_bit(name):
 def test_a_memory_that_lacks_something_is_refused(rpdr_model):
     """One of another version, say; the message names what is missing."""
     moving = ccpin.Simulator(rpdr_model)
-    moving.reset(test_following.STRETCHING[0])
+    moving.reset(STRETCHING[0])
     memory = moving.memory()
     del memory["measured_by"]
     with pytest.raises(ccpin.errors.InvalidInputError, match="has no 'measured_by'"):
