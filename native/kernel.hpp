@@ -227,32 +227,40 @@ class Kernel {
     });
   }
 
-  // A run under a law of the core: how many samples, then t, q, q̇, q̈, u, q′, |φ|, how it ended, since when it is
-  // settled, evaluations, what a signal's handler raised, what a sampled loop remembers.
+  // A run under a law of the core: how many samples, then t, q, q̇, q̈, u, q′, |φ|, q̇′ and q̈′ (without rows where the run may
+  // not leave its coordinates), how it ended, since when it is settled, evaluations, what a signal's handler raised, what a
+  // sampled loop remembers; and where it has come to: time, (q, q̇), q′, the step it would take next, and how many steps in
+  // a row were next to nothing.
   nb::object simulate(In near, nb::dict law, nb::dict run, nb::dict tableau) {
-    if (!m.direct) return nb::none();
     const auto [a, b, c] =
         reading::checked([&] { return std::tuple(read_law(law, m), read_run(run, m), read_tableau(tableau)); });
-    const Py_ssize_t rows = b.times.size() + 1;  // and where it stops
+    if (!m.direct && (a.kind != LawKind::constant || b.sampling)) return nb::none();
+    const Py_ssize_t rows = b.times.size() + 1, free = b.leaving.may() ? rows : 0;  // and where it stops
     Pool::Lease w(pool_);
     In q;
     q.data = b.start.data(), q.rows = 1, q.size = m.n_q, q.dimensions = 1;
     if (!close(w->model, near, q)) return nb::none();
     Samples out;
     const nb::object T = new_array({rows}, out.t), Q = new_array({rows, m.n_q}, out.q), V = new_array({rows, m.n}, out.v),
-                     A = new_array({rows, m.n}, out.a), U = new_array({rows, m.n}, out.u),
-                     X = new_array({rows, m.nq}, out.q_free), E = new_array({rows}, out.closure);
-    Simulation simulation(*w, a, b);
+                     A = new_array({rows, m.n}, out.a), U = new_array({rows, m.motors}, out.u),
+                     X = new_array({rows, m.nq}, out.q_free), E = new_array({rows}, out.closure),
+                     W = new_array({free, m.nv}, out.v_free), B = new_array({free, m.nv}, out.a_free);
+    Simulation simulation(*w, a, b, c);
     Outcome outcome;
     {
       nb::gil_scoped_release release;
-      outcome = simulation.run(c, out);
+      outcome = simulation.run(out);
     }
     const nb::object raised = simulation.raised ? nb::steal(simulation.raised) : nb::none();
+    if (outcome == Outcome::declined && simulation.raised) {  // nobody else would tell
+      PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(raised.ptr())), raised.ptr());
+      throw nb::python_error();
+    }
     if (outcome == Outcome::declined) return nb::none();
-    constexpr const char* names[] = {"finished", "settled", "evaluations", "seconds", "interrupted"};
-    return nb::make_tuple(out.done, T, Q, V, A, U, X, E, names[int(outcome)], simulation.settled_since,
-                          simulation.evaluations, raised, memory_of(simulation.commands()));
+    constexpr const char* names[] = {"finished", "settled", "evaluations", "seconds", "interrupted", "left"};
+    return nb::make_tuple(out.done, T, Q, V, A, U, X, E, W, B, names[int(outcome)], simulation.settled_since,
+                          simulation.evaluations, raised, memory_of(simulation.commands()), simulation.time(),
+                          array_of(simulation.state()), array_of(simulation.place()), simulation.stride(), simulation.creeping());
   }
 
   // Closes the model at σ(q) from `near`, or at `near` itself; false where only the reference can tell.
@@ -301,13 +309,14 @@ class Kernel {
     const LoopMemory& memory = commands->memory;
     std::vector<double> pending;
     for (const std::vector<double>& u : memory.pending) pending.insert(pending.end(), u.begin(), u.end());
-    const auto copy = [](const std::vector<double>& x) {
-      double* out;
-      nb::object array = new_array({Py_ssize_t(x.size())}, out);
-      std::copy(x.begin(), x.end(), out);
-      return array;
-    };
-    return nb::make_tuple(copy(memory.reading), copy(memory.velocity), copy(memory.held), copy(pending), memory.count);
+    return nb::make_tuple(array_of(memory.reading), array_of(memory.velocity), array_of(memory.held), array_of(pending),
+                          memory.count);
+  }
+  static nb::object array_of(const std::vector<double>& x) {
+    double* out;
+    nb::object array = new_array({Py_ssize_t(x.size())}, out);
+    std::copy(x.begin(), x.end(), out);
+    return array;
   }
 
   nb::object closed(const ReducedModel& model) const {
@@ -398,20 +407,24 @@ class Kernel {
 // A motion of a kernel's mechanism that is stepped with u held; one thread may use it at a time.
 class HeldMotion {
  public:
-  HeldMotion(Kernel& kernel, nb::dict tableau, double rtol, double atol, double longest, double singular, In wrenches)
+  HeldMotion(Kernel& kernel, nb::dict tableau, double rtol, double atol, double longest, double singular, In wrenches,
+             nb::object leaving)
       : kernel_(kernel),
         space_(kernel.m),
         stepper_(space_, reading::checked([&] { return read_tableau(tableau); }), rtol, atol, longest, singular,
-                 pushes_of(wrenches, kernel.m)) {
+                 pushes_of(wrenches, kernel.m), reading::checked([&] { return read_leaving(leaving, kernel.m); })) {
     reading::require(rtol > 0 && atol > 0 && longest > 0, "a tolerance or step is not positive");
+    rated_ = !leaving.is_none();
   }
 
   HeldMotion(const HeldMotion&) = delete;
 
-  // Begin at a closed configuration and velocity; false where only the reference can.
-  bool start(In q_free, In q, In v, double first) {
+  // Begin at a closed configuration and velocity; false where only the reference can. `most`: of leverage, infinite where
+  // the coordinates are never left.
+  bool start(In q_free, In q, In v, double first, double most) {
     ready_ = q.is_vector(kernel_.m.n_q) && v.is_vector(kernel_.m.n) && kernel_.close(space_.model, q_free, In());
-    if (ready_) stepper_.start(q.data, v.data, first);
+    ready_ = ready_ && (most == INFINITY || rated_);
+    if (ready_) stepper_.start(q.data, v.data, first, most);
     return ready_;
   }
   // q, q̇, q̈, u, q′, |φ| after dt; None where only the reference can tell, and `start` must come before the next step.
@@ -431,7 +444,7 @@ class HeldMotion {
   Kernel& kernel_;
   Workspace space_;
   Stepper stepper_;
-  bool ready_ = false;
+  bool rated_, ready_ = false;  // rated: there are weights to tell poor coordinates by
 
   static Pushes pushes_of(const In& wrenches, const Mechanism& m) {
     Pushes pushes;

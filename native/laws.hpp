@@ -1,6 +1,7 @@
 // The control laws that live in the core (ccpin.control.laws and .tracking, where the motors are the independent
 // joints), with e = q_d − q and ė = q̇_d − q̇:
 //
+//   constant         u = constant, whatever the motors
 //   pd               u = K_p e + K_v ė + constant
 //   pd_gravity       u = K_p e + K_v ė + g(q)
 //   computed_torque  u = D (q̈_d + K_v ė + K_p e) + C q̇ + g
@@ -38,13 +39,13 @@ struct Path {
   }
 };
 
-enum class LawKind { pd, pd_gravity, computed_torque, pd_plus };
-constexpr const char* kLawNames[] = {"pd", "pd_gravity", "computed_torque", "pd_plus"};
+enum class LawKind { constant, pd, pd_gravity, computed_torque, pd_plus };
+constexpr const char* kLawNames[] = {"constant", "pd", "pd_gravity", "computed_torque", "pd_plus"};
 
 struct Law {
   LawKind kind;
   Path path;
-  std::vector<double> K_p, K_v, constant;  // n × n, n × n, n
+  std::vector<double> K_p, K_v, constant;  // n × n, n × n, n (u's size where the law is that)
 };
 
 class LawRunner {
@@ -56,11 +57,12 @@ class LawRunner {
   }
 
   // Whether the law reads the model at q.
-  bool needs_sigma() const { return law_.kind != LawKind::pd; }
+  bool needs_sigma() const { return law_.kind != LawKind::pd && law_.kind != LawKind::constant; }
 
   // u(t, q, q̇) at the configuration the model is closed at.
   void effort(double t, const double* q, const double* v, double* u) {
     const int n = m_.n;
+    if (law_.kind == LawKind::constant) return void(std::copy(law_.constant.begin(), law_.constant.end(), u));
     law_.path.at(m_, t, q_.data(), v_.data(), a_.data());
     for (const Coordinate& k : m_.coordinates) coordinate_difference(k, q + k.q, q_.data() + k.q, e_.data() + k.v);
     for (int i = 0; i < n; ++i) edot_[i] = v_[i] - v[i];
@@ -69,6 +71,7 @@ class LawRunner {
       for (int k = 0; k < n; ++k) demand_[i] += law_.K_p[i * n + k] * e_[k] + law_.K_v[i * n + k] * edot_[k];
     }
     switch (law_.kind) {
+      case LawKind::constant:
       case LawKind::pd: model_part_ = law_.constant; break;
       case LawKind::pd_gravity: w_.model.gravity_at_rest(model_part_.data()); break;
       case LawKind::computed_torque:

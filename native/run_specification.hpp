@@ -21,6 +21,7 @@ inline Law read_law(nb::dict d, const Mechanism& m) {
   const size_t n = m.n;
   Law law;
   law.kind = LawKind(place_of(text(d["kind"]), kLawNames, "law"));
+  if (law.kind == LawKind::constant) return law.constant = numbers(d["constant"], m.motors), law;
   law.path.start = numbers(d["start"], m.n_q), law.path.breaks = numbers(d["breaks"]);
   law.path.degree = integer(d["degree"]);
   require(law.path.degree >= -1 && law.path.degree < 1000, "a path has a wrong degree");
@@ -51,19 +52,34 @@ inline Sampling read_sampling(nb::dict d, const Mechanism& m) {
   return s;
 }
 
+// What tells when coordinates are left (ccpin.simulation.following); none: they never are.
+inline Leaving read_leaving(nb::object given, const Mechanism& m) {
+  using namespace reading;
+  if (given.is_none()) return {};
+  const nb::dict d = nb::cast<nb::dict>(given);
+  Leaving l{number(d["most"]), number(d["turn"]), numbers(d["rows"], m.nv), numbers(d["columns"], m.n)};
+  require(l.most > 0 && l.turn > 0, "a bound of leverage or of turns is not positive");
+  return l;
+}
+
 inline Run read_run(nb::dict d, const Mechanism& m) {
   using namespace reading;
   const auto any = [&](const char* name) { return nb::cast<double>(d[name]); };
   Run r;
+  r.begin = number(d["begin"]), r.until = number(d["until"]), r.stride = number(d["first_step"]);
+  r.leaving = read_leaving(d["leaving"], m);
   r.times = numbers(d["times"]), r.start = numbers(d["start"], m.n_q + m.n), r.origin = number(d["origin"]);
   r.rtol = number(d["rtol"]), r.atol = number(d["atol"]), r.longest = any("max_step");
   r.singular = number(d["singular_rcond"]), r.evaluations = any("evaluations"), r.seconds = any("seconds");
   r.settling = {numbers(d["goal"]), any("band"), any("speed"), any("hold")};
   r.lower = nb::cast<std::vector<double>>(d["lower"]), r.upper = nb::cast<std::vector<double>>(d["upper"]);
-  require(int(r.lower.size()) == m.n && int(r.upper.size()) == m.n, "bounds of u have a wrong length");
+  require(int(r.lower.size()) == m.motors && int(r.upper.size()) == m.motors, "bounds of u have a wrong length");
   require(read_pushes(nb::cast<In>(d["wrenches"]), m, r.pushes), "wrenches are not rows of ten numbers");
   if (!d["sampling"].is_none()) r.sampling = read_sampling(nb::cast<nb::dict>(d["sampling"]), m);
-  require(!r.times.empty(), "a run has no times");
+  require(r.until >= r.begin && r.stride >= 0, "a run ends before it begins, or its first step is negative");
+  require(r.leaving.may() || !r.times.empty(), "a run has no times");
+  require(r.times.empty() || r.times.front() >= r.begin, "a run's times are earlier than it");
+  require(!r.leaving.may() || (r.settling.goal.empty() && !r.sampling), "a run that may leave its coordinates is sampled");
   for (size_t k = 1; k < r.times.size(); ++k) require(r.times[k] > r.times[k - 1], "a run's times do not increase");
   require(r.rtol > 0 && r.atol > 0 && r.longest > 0, "a tolerance or step is not positive");
   require(r.settling.goal.empty() || int(r.settling.goal.size()) == m.n_q, "a goal has a wrong length");

@@ -1,6 +1,7 @@
 // The closed loop D q̈ + C q̇ + g = ρᵀJᵀw + u (22) under a law of the core, continuous or sampled, and constant wrenches, with
 // samples at given times, and steps of it with u held; step for step as ccpin.simulation.run. What is out of the ordinary
-// (a σ that fails, a singularity coming near) is left to the reference: there is no answer.
+// (a σ that fails, a singularity coming near) is left to the reference: there is no answer. A run that may leave its
+// coordinates for others (ccpin.simulation.following) ends there instead, at its last certain step.
 #pragma once
 #include "arrays.hpp"
 #include "integrator.hpp"
@@ -13,8 +14,36 @@ namespace ccpin {
 
 struct Settling { std::vector<double> goal; double band = 0, speed = 0, hold = 0; };
 
+// When coordinates are left: an entry of ρ, in units that the weights make comparable, is too large, or a joint with
+// single turns for coordinates is too far from its chart's centre.
+struct Leaving {
+  double most = INFINITY, turn = INFINITY;  // most infinite: never
+  std::vector<double> rows, columns;
+  bool may() const { return most < INFINITY; }
+
+  // Whether they are, at the point a model is closed at.
+  bool poor(const ReducedModel& model) const {
+    const Mechanism& m = model.m;
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      const double* rho = model.states[k].rho.data();
+      for (int col = 0; col < c.width(); ++col)
+        for (int i = 0; i < c.n(); ++i, ++rho)
+          if (!(std::abs(*rho) * rows[c.columns[col]] <= most * columns[c.independent[i]])) return true;
+    }
+    for (const Coordinate& k : m.coordinates)
+      if (k.component >= 3 && k.kind != Kind::planar &&
+          rotation_vector(k, model.q_free.data() + m.joints[k.joint].q).norm() > turn)
+        return true;
+    return false;
+  }
+};
+
 struct Run {
-  std::vector<double> times, start;   // times: of the samples, from where it begins; start: (q, q̇)
+  std::vector<double> times, start;   // times: of the samples; start: (q, q̇)
+  double begin = 0, until = 0;        // when it begins and ends
+  double stride = 0;                  // its first step; 0: to be chosen
+  Leaving leaving;
   double origin = 0;                  // when the law's clock shows 0
   double rtol = 0, atol = 0, longest = 0, singular = 0;
   double evaluations = 0, seconds = 0;  // the budget
@@ -24,19 +53,19 @@ struct Run {
   std::optional<Sampling> sampling;   // none: the law acts continuously
 };
 
-// Where samples go: one row each of t, q, q̇, q̈, u, q′ and |φ|.
+// Where samples go: one row each of t, q, q̇, q̈, u, q′ and |φ|; of runs that may leave their coordinates also q̇′ and q̈′.
 struct Samples {
-  double *t, *q, *v, *a, *u, *q_free, *closure;
+  double *t, *q, *v, *a, *u, *q_free, *closure, *v_free, *a_free;
   int done = 0;
 };
 
-enum class Outcome { finished, settled, exhausted_evaluations, exhausted_seconds, interrupted, declined };
+enum class Outcome { finished, settled, exhausted_evaluations, exhausted_seconds, interrupted, left, declined };
 
 // Closes the model along the states that an integrator asks for, from the last one accepted.
 class Follower {
  public:
-  Follower(Workspace& w, double singular, const Pushes& pushes)
-      : w_(w), m_(w.model.m), singular_(singular), pushes_(pushes), q_(m_.n_q) {}
+  Follower(Workspace& w, double singular, double longest, const Pushes& pushes, const Leaving& leaving)
+      : w_(w), m_(w.model.m), leaving_(leaving), singular_(singular), longest_(longest), pushes_(pushes), q_(m_.n_q) {}
 
   bool close(const double* state) {
     q_.assign(state, state + m_.n_q);
@@ -54,10 +83,14 @@ class Follower {
   // The step just taken counts; false where the next ones may be out of the ordinary.
   bool accept(const double* state, double length) {
     if (!close(state) || (w_.model.suspicious() && w_.model.rcond() < 2 * singular_)) return false;
-    creeping_ = length < kCreeping && w_.model.rcond() < kCreepingRcond ? creeping_ + 1 : 0;
+    const bool stuck = leaving_.may() ? longest_ > kCreeping : w_.model.rcond() < kCreepingRcond;
+    creeping_ = length < kCreeping && stuck ? creeping_ + 1 : 0;
     w_.model.remember(near_);
-    return creeping_ < kMostCreeping;
+    return leaving_.may() || creeping_ < kMostCreeping;
   }
+  // Whether the coordinates are to be left at the step just accepted.
+  bool poor() const { return leaving_.may() && (creeping_ >= kMostCreeping || leaving_.poor(w_.model)); }
+  int creeping() const { return creeping_; }  // how many steps in a row were next to nothing
   void start_here() { w_.model.remember(near_), creeping_ = 0; }
 
  protected:
@@ -65,7 +98,8 @@ class Follower {
   static constexpr int kMostCreeping = 200;
   Workspace& w_;
   const Mechanism& m_;
-  double singular_;
+  Leaving leaving_;
+  double singular_, longest_;
   const Pushes pushes_;
   std::vector<double> q_;
   ClosedPoint near_;
@@ -93,62 +127,27 @@ class Simulation : public Follower {
   double settled_since = NAN;
   PyObject* raised = nullptr;  // by a signal's handler
 
-  Simulation(Workspace& w, const Law& law, const Run& run)
-      : Follower(w, run.singular, run.pushes), law_(w, law), path_(law.path), run_(run), u_(m_.n) {
+  Simulation(Workspace& w, const Law& law, const Run& run, const Tableau& tableau)
+      : Follower(w, run.singular, run.longest, run.pushes, run.leaving), law_(w, law), path_(law.path), run_(run),
+        solver_(*this, tableau, run.start.size(), run.rtol, run.atol, run.longest), stages_(tableau.stages),
+        stride_(run.stride), u_(m_.motors), state_(run.start) {
+    solver_.y = run.start, solver_.t = run.begin;
     start_here();
     if (run.sampling) commands_.emplace(w, law_, *run.sampling);
   }
   const std::optional<SampledCommands>& commands() const { return commands_; }
 
-  Outcome run(const Tableau& tableau, Samples& out) {
-    const auto began = std::chrono::steady_clock::now();
-    const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count(); };
-    const double end = run_.times.back();
-    Solver solver(*this, tableau, run_.start.size(), run_.rtol, run_.atol, run_.longest);
-    solver.y = run_.start, solver.t = run_.times[0];
-    state_.resize(run_.start.size());
-    if (settles() && excess(solver.y.data()) <= 0) settled_since = solver.t;
-    double stride = 0;  // the integrator's, from leg to leg; 0: to be chosen
-    for (int steps = 1;;) {
-      if (commands_ && solver.t >= commands_->due() - slack(commands_->due())) {
-        const double* v = solver.y.data() + m_.n_q;
-        if (!close(solver.y.data()) || !commands_->instant(clock(solver.t), q_, v)) return Outcome::declined;
-      }
-      if (due(out, solver.t + slack(solver.t)) && !sample(run_.times[out.done], solver.y.data(), out))
-        return Outcome::declined;
-      if (solver.t >= end) return Outcome::finished;
-      const double change = commands_ ? INFINITY : next_piece(solver.t), until = commands_ ? std::min(commands_->due(), end) : end;
-      bool changes = change < until - slack(until);
-      double leg = changes ? change : until;
-      if (stride == 0 && solver.t + run_.longest < leg) leg = solver.t + run_.longest, changes = false;
-      if (!solver.begin(leg, stride)) return Outcome::declined;
-      for (; solver.t < leg; ++steps) {
-        if (!robust_step(solver, leg, kShortest)) return Outcome::declined;
-        double halt = NAN;
-        if (settles() && !look(solver, halt)) return Outcome::declined;
-        const bool settled = !std::isnan(halt);
-        const double reached = settled ? halt : solver.reached;
-        while (due(out, std::min(reached, leg - 2 * slack(leg)))) {
-          const double time = run_.times[out.done];
-          if (!solver.interpolate(time, state_.data()) || !sample(time, state_.data(), out)) return Outcome::declined;
-        }
-        state_ = solver.next;
-        if (reached < solver.reached && !solver.interpolate(reached, state_.data())) return Outcome::declined;
-        if (!accept(state_.data(), reached - solver.t)) return Outcome::declined;
-        const bool spent = evaluations >= run_.evaluations, late = std::isfinite(run_.seconds) && seconds() >= run_.seconds;
-        const bool stopped = steps % 64 == 0 && interrupted();
-        if (settled || spent || late || stopped) {
-          if (out.t[out.done - 1] < reached - slack(reached) && !sample(reached, state_.data(), out))
-            return Outcome::declined;
-          return settled   ? Outcome::settled
-                 : spent   ? Outcome::exhausted_evaluations
-                 : late    ? Outcome::exhausted_seconds
-                           : Outcome::interrupted;
-        }
-        solver.advance();
-      }
-      stride = changes ? 0 : solver.h;
-    }
+  // Where the run has come to: the time, (q, q̇), q′ and the step it would take next (0: to be chosen).
+  double time() const { return solver_.t; }
+  const std::vector<double>& state() const { return solver_.y; }
+  const std::vector<double>& place() const { return near_.q_free; }
+  double stride() const { return stride_; }
+
+  Outcome run(Samples& out) {
+    const Outcome outcome = march(out);
+    if (outcome != Outcome::declined || !leaving_.may()) return outcome;
+    out.done = certain_;
+    return Outcome::left;
   }
 
   // The right-hand side (q̇, q̈); false where σ or q̈ does not exist.
@@ -156,7 +155,8 @@ class Simulation : public Follower {
     ++evaluations;
     if (!close(state)) return false;
     const double* v = state + m_.n_q;
-    return effort(t, v) && rates(v, u_.data(), rate);
+    if (!effort(t, v)) beyond_ = evaluations;
+    return rates(v, u_.data(), rate);
   }
 
  private:
@@ -166,8 +166,63 @@ class Simulation : public Follower {
   const Path& path_;
   const Run& run_;
   std::optional<SampledCommands> commands_;
+  Solver solver_;
+  int stages_, beyond_ = 0;  // beyond_: the last evaluation with efforts that motors cannot give
+  double stride_;            // from leg to leg
+  int certain_ = 0;          // samples up to the last step accepted
   std::vector<double> u_, state_;
   std::vector<Crossing> crossings_;
+
+  // From command to command and from piece to piece of the path.
+  Outcome march(Samples& out) {
+    const auto began = std::chrono::steady_clock::now();
+    const auto seconds = [&] { return std::chrono::duration<double>(std::chrono::steady_clock::now() - began).count(); };
+    const double end = run_.until;
+    if (settles() && excess(solver_.y.data()) <= 0) settled_since = solver_.t;
+    for (int steps = 1;;) {
+      if (commands_ && solver_.t >= commands_->due() - slack(commands_->due())) {
+        const double* v = solver_.y.data() + m_.n_q;
+        if (!close(solver_.y.data()) || !commands_->instant(clock(solver_.t), q_, v)) return Outcome::declined;
+      }
+      if (due(out, solver_.t + slack(solver_.t)) && !sample(run_.times[out.done], solver_.y.data(), out))
+        return Outcome::declined;
+      certain_ = out.done;
+      if (solver_.t >= end) return Outcome::finished;
+      const double change = commands_ ? INFINITY : next_piece(solver_.t);
+      const double until = commands_ ? std::min(commands_->due(), end) : end;
+      bool changes = change < until - slack(until);
+      double leg = changes ? change : until;
+      if (stride_ == 0 && solver_.t + run_.longest < leg) leg = solver_.t + run_.longest, changes = false;
+      if (!solver_.begin(leg, stride_)) return Outcome::declined;
+      for (; solver_.t < leg; ++steps) {
+        if (!robust_step(solver_, leg, kShortest)) return Outcome::declined;
+        if (beyond_ > evaluations - stages_) return Outcome::declined;  // what trials ask for that were rejected is none
+        double halt = NAN;
+        if (settles() && !look(halt)) return Outcome::declined;
+        const bool settled = !std::isnan(halt);
+        const double reached = settled ? halt : solver_.reached;
+        while (due(out, std::min(reached, leg - 2 * slack(leg)))) {
+          const double time = run_.times[out.done];
+          if (!solver_.interpolate(time, state_.data()) || !sample(time, state_.data(), out)) return Outcome::declined;
+        }
+        state_ = solver_.next;
+        if (reached < solver_.reached && !solver_.interpolate(reached, state_.data())) return Outcome::declined;
+        if (!accept(state_.data(), reached - solver_.t)) return Outcome::declined;
+        const bool spent = evaluations >= run_.evaluations, late = std::isfinite(run_.seconds) && seconds() >= run_.seconds;
+        const bool stopped = steps % 64 == 0 && interrupted(), poor = this->poor();
+        if ((settled || spent || late || stopped) && !leaving_.may() && out.t[out.done - 1] < reached - slack(reached) &&
+            !sample(reached, state_.data(), out))
+          return Outcome::declined;
+        solver_.advance();
+        stride_ = changes && solver_.t >= leg ? 0 : solver_.h, certain_ = out.done;
+        if (stopped) return Outcome::interrupted;
+        if (settled) return Outcome::settled;
+        if (poor) return Outcome::left;
+        if (spent) return Outcome::exhausted_evaluations;
+        if (late) return Outcome::exhausted_seconds;
+      }
+    }
+  }
 
   bool due(const Samples& out, double until) const {
     return out.done < int(run_.times.size()) && run_.times[out.done] <= until;
@@ -201,10 +256,13 @@ class Simulation : public Follower {
     out.t[k] = t;
     std::copy(q_.begin(), q_.end(), out.q + size_t(k) * m_.n_q);
     std::copy(v, v + m_.n, out.v + size_t(k) * m_.n);
-    std::copy(u_.begin(), u_.end(), out.u + size_t(k) * m_.n);
+    std::copy(u_.begin(), u_.end(), out.u + size_t(k) * m_.motors);
     std::copy(w_.model.q_free.begin(), w_.model.q_free.end(), out.q_free + size_t(k) * m_.nq);
     out.closure[k] = w_.model.closure();
-    return w_.model.forward(v, u_.data(), out.a + size_t(k) * m_.n, pushes_);
+    double* a = out.a + size_t(k) * m_.n;
+    if (!w_.model.forward(v, u_.data(), a, pushes_)) return false;
+    if (leaving_.may()) w_.model.free_motion(a, out.v_free + size_t(k) * m_.nv, out.a_free + size_t(k) * m_.nv);
+    return true;
   }
 
   // Settling, as ccpin.simulation.settling.
@@ -218,26 +276,26 @@ class Simulation : public Follower {
     for (int i = 0; i < m_.n; ++i) speed = std::max(speed, std::abs(state[m_.n_q + i]));
     return std::max(error / run_.settling.band, speed / run_.settling.speed) - 1;
   }
-  bool inside(Solver& solver, double t, bool& found) {
-    if (!solver.interpolate(t, state_.data())) return false;
+  bool inside(double t, bool& found) {
+    if (!solver_.interpolate(t, state_.data())) return false;
     found = excess(state_.data()) <= 0;
     return true;
   }
   // Where in the step just tried the band is entered and left, and when the motion has settled; false: no answer.
-  bool look(Solver& solver, double& halt) {
-    double since = settled_since, before = solver.t;
+  bool look(double& halt) {
+    double since = settled_since, before = solver_.t;
     crossings_.clear();
     for (int part = 1; part <= kParts; ++part) {
-      const double after = part == kParts ? solver.reached : solver.t + part * (solver.reached - solver.t) / kParts;
+      const double after = part == kParts ? solver_.reached : solver_.t + part * (solver_.reached - solver_.t) / kParts;
       bool now, was;
-      if (!inside(solver, after, now)) return false;
+      if (!inside(after, now)) return false;
       if (now == std::isnan(since)) {
         double low = before, high = after;
-        if (!inside(solver, before, was)) return false;
+        if (!inside(before, was)) return false;
         while (was != now && high - low > std::max(1e-13, slack(high) / 4)) {
           const double middle = low + 0.5 * (high - low);
           bool there;
-          if (!inside(solver, middle, there)) return false;
+          if (!inside(middle, there)) return false;
           (there == now ? high : low) = middle;
         }
         const double crossing = was == now ? before : high;
@@ -247,8 +305,8 @@ class Simulation : public Follower {
       }
       before = after;
     }
-    if (!std::isnan(since) && since + run_.settling.hold <= solver.reached)
-      halt = std::max(since + run_.settling.hold, solver.t);
+    if (!std::isnan(since) && since + run_.settling.hold <= solver_.reached)
+      halt = std::max(since + run_.settling.hold, solver_.t);
     for (const Crossing& crossing : crossings_)
       if (std::isnan(halt) || crossing.t <= halt) settled_since = crossing.inside ? crossing.t : NAN;
     return true;
@@ -272,13 +330,14 @@ class Stepper : public Follower {
   double last_step = 0;  // what the integrator would try next
 
   Stepper(Workspace& w, const Tableau& tableau, double rtol, double atol, double longest, double singular,
-          const Pushes& pushes)
-      : Follower(w, singular, pushes), tableau_(tableau), solver_(*this, tableau_, m_.n_q + m_.n, rtol, atol, longest) {}
+          const Pushes& pushes, const Leaving& leaving)
+      : Follower(w, singular, longest, pushes, leaving), tableau_(tableau),
+        solver_(*this, tableau_, m_.n_q + m_.n, rtol, atol, longest) {}
 
-  // Begin where the model is closed.
-  void start(const double* q, const double* v, double first) {
+  // Begin where the model is closed; the coordinates are left where their leverage is more than `most`.
+  void start(const double* q, const double* v, double first, double most) {
     std::copy(q, q + m_.n_q, solver_.y.data()), std::copy(v, v + m_.n, solver_.y.data() + m_.n_q);
-    last_step = first;
+    last_step = first, leaving_.most = most;
     start_here();
   }
   // `state` and `acceleration` then tell; false: no answer, and no place to go on from.
@@ -287,6 +346,7 @@ class Stepper : public Follower {
     if (!solver_.begin(dt, last_step)) return false;
     while (solver_.t < dt) {
       if (!robust_step(solver_, dt, kShortest) || !accept(solver_.next.data(), solver_.reached - solver_.t)) return false;
+      if (poor()) return false;
       solver_.advance();
     }
     last_step = solver_.h;

@@ -176,24 +176,30 @@ def ask_everything(kernel: Any, numbers: dict[str, Any], rng: np.random.Generato
             with contextlib.suppress(TypeError):  # None where an array must be
                 getattr(kernel, name)(*spoilt)
             calls += 2
-    calls += _ask_for_runs(kernel, near, n_q, n, rng)
+    calls += _ask_for_runs(kernel, near, (n_q, n, nv, motors), rng)
     return calls
 
 
-def _ask_for_runs(kernel: Any, near: np.ndarray, n_q: int, n: int, rng: np.random.Generator) -> int:
-    """Short runs with each integrator, and with a spoilt law, run or tableau."""
+def _ask_for_runs(kernel: Any, near: np.ndarray, sizes: tuple[int, ...], rng: np.random.Generator) -> int:
+    """Short runs with each integrator, and with a spoilt law, run or tableau; some that may leave their coordinates."""
     from ccpin.simulation.in_core import TABLEAUX
 
-    zero = np.zeros(n * n).tolist()
-    law = {"kind": str(rng.choice(["pd", "pd_gravity", "computed_torque", "pd_plus"])), "start": [0.0] * n_q,
-           "breaks": [], "degree": 0, "coefficients": [], "K_p": zero, "K_v": zero, "constant": [0.0] * n}  # fmt: skip
+    n_q, n, nv, motors = sizes
+    zero, kinds = np.zeros(n * n).tolist(), ["constant", "pd", "pd_gravity", "computed_torque", "pd_plus"]
+    law = {"kind": str(rng.choice(kinds)), "start": [0.0] * n_q, "breaks": [], "degree": 0, "coefficients": [],
+           "K_p": zero, "K_v": zero, "constant": [0.0] * n}  # fmt: skip
+    if law["kind"] == "constant":
+        law["constant"] = [0.1] * motors
+    leaving = {"most": float(rng.choice([1e-3, 1e3])), "turn": 2.0, "rows": [1.0] * nv, "columns": [1.0] * n}
     run = {"times": np.linspace(0.0, 0.01, 3), "start": np.zeros(n_q + n), "rtol": 1e-6, "atol": 1e-8,
            "max_step": np.inf, "singular_rcond": 1e-7, "goal": [], "band": 0.0, "speed": 0.0, "hold": 0.0,
            "wrenches": None, "sampling": None, "origin": 0.0, "evaluations": np.inf, "seconds": np.inf,
-           "lower": [-np.inf] * n, "upper": [float(rng.choice([1e-3, np.inf]))] * n}  # fmt: skip
+           "begin": 0.0, "until": 0.01, "first_step": float(rng.choice([0.0, 1e-3])),
+           "leaving": leaving if rng.random() < 0.5 else None,
+           "lower": [-np.inf] * motors, "upper": [float(rng.choice([1e-3, np.inf]))] * motors}  # fmt: skip
     if rng.random() < 0.5:
         run["wrenches"] = np.hstack([np.ones((1, 1)), rng.normal(size=(1, 9))])
-    if rng.random() < 0.7:
+    if run["leaving"] is None and rng.random() < 0.7:
         encoders = [1e-3] * n if rng.random() < 0.5 and n_q == n else []
         run["sampling"] = {
             "period": float(rng.choice([1e-3, 7e-3])), "gain": 0.5, "differentiates": bool(rng.integers(2)),
@@ -201,12 +207,21 @@ def _ask_for_runs(kernel: Any, near: np.ndarray, n_q: int, n: int, rng: np.rando
             "velocity": [0.0] * n, "held": [0.0] * n, "pending": [0.0] * (n * int(rng.integers(3))), "count": 0,
         }  # fmt: skip
     for tableau in TABLEAUX.values():
+        held = kernel.held_motion(tableau, 1e-6, 1e-8, np.inf, 1e-7, run["wrenches"], leaving)
+        held.start(near, _numbers(rng, n_q), _numbers(rng, n), 0.0, float(rng.choice([1e-3, 1e3, np.inf])))
+        held.step(_numbers(rng, motors), 1e-3)
         kernel.simulate(near, law, run, tableau)
         arguments = [copy.deepcopy(each) for each in (law, run, dict(tableau))]
         spoil(arguments[int(rng.integers(3))], rng)
         with contextlib.suppress(ValueError):
             kernel.simulate(near, *arguments)
-    return 2 * len(TABLEAUX)
+    return 4 * len(TABLEAUX)
+
+
+def _numbers(rng: np.random.Generator, size: int) -> np.ndarray:
+    """A vector, and now and then one that is spoilt."""
+    x = rng.normal(size=size)
+    return spoilt_array(x, rng) if rng.random() < 0.2 else x
 
 
 def _alpha(numbers: dict[str, Any]) -> np.ndarray:

@@ -28,7 +28,7 @@ def in_core(
     numbers = {"times": np.arange(round(100 * duration) + 1) * 0.01, "rtol": rtol, "atol": rtol * 1e-2}
     numbers |= {"max_step": np.inf, "singular_rcond": 1e-7}
     numbers |= {"wrenches": wrench_rows(model.mechanism.tree, wrenches)}
-    numbers |= {"lower": np.full(model.n, -most).tolist(), "upper": np.full(model.n, most).tolist()}
+    numbers |= {"lower": [-most] * model.n_actuated, "upper": [most] * model.n_actuated}
     loop = sampling and SampledCommands(model, law, sampling, q0, np.zeros(model.n))
     numbers |= {"sampling": loop and loop.numbers()}
     found = run_in_core(model, law, method, Moment(0.0, model.at(q0), np.zeros(model.n)), numbers, settling)
@@ -101,9 +101,6 @@ def test_circles_and_quaternions():
     mechanism = ccpin.load("rpdr", floating_base=True)
     model = ccpin.ReducedModel(mechanism)
     q0 = model.alpha(mechanism.q_reference)
-    if model.n_actuated != model.n:
-        assert in_core(model, NoTorque(model), q0, 0.1) is None
-        return
     ours = in_core(model, NoTorque(model), q0, 0.1)
     theirs = reference(model, None, q0, duration=0.1, sample_period=0.01)
     np.testing.assert_allclose(ours.q, theirs.q, rtol=0, atol=1e-10)
@@ -242,6 +239,33 @@ def test_runs_beyond_the_motors_bounds_are_the_references(rpdr_model, sampling):
     expected = reference(rpdr_model, law, q0, duration=0.05, sampling=sampling, sample_period=0.01)
     assert np.abs(found.u).max() == 30.0
     np.testing.assert_allclose(found.q, expected.q, rtol=0, atol=1e-10)
+
+
+def test_what_trial_steps_ask_for_is_nobodys(rpdr_model):
+    """A move that needs 2 of 30 N m stays in the core, though the first trial step from rest asks for a thousand."""
+    start, goal = np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0])
+    law = ComputedTorque(rpdr_model, PointToPoint(rpdr_model, start, goal, 0.4), [1600.0, 1600.0], [80.0, 80.0])
+    ours = in_core(rpdr_model, law, start, 0.5, most=30.0)
+    theirs = reference(rpdr_model, law, start, duration=0.5, sample_period=0.01)
+    assert np.abs(ours.u).max() < 2.0
+    np.testing.assert_allclose(ours.q, theirs.q, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(ours.u, theirs.u, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("sampling", [None, Sampling(1e-3)], ids=["continuous", "sampled"])
+def test_motors_that_do_not_measure(sampling):
+    """Laws for them are the reference's; without torque the core runs unless it is sampled."""
+    model = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint3"], actuated=["joint1", "joint2"]))
+    q0 = model.alpha(model.mechanism.q_reference)
+    law = PDPlus(model, Waypoints(model, [0.0, 0.1], [q0, q0]), [1.0, 1.0], [0.1, 0.1])
+    assert in_core(model, law, q0, 0.05, sampling=sampling) is None
+    ours = in_core(model, NoTorque(model), q0, 0.05, sampling=sampling)
+    assert (ours is None) == (sampling is not None)
+    found = ccpin.simulate(model, None, q0, duration=0.05, sampling=sampling, sample_period=0.01)
+    theirs = reference(model, None, q0, duration=0.05, sampling=sampling, sample_period=0.01)
+    for motion in (found, found if ours is None else ours):
+        np.testing.assert_allclose(motion.q, theirs.q, rtol=0, atol=1e-10)
+        assert motion.u.shape == (6, 2)
 
 
 def test_noisy_loops_are_the_references(rpdr_model):

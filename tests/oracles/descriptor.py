@@ -189,10 +189,11 @@ class Course(NamedTuple):
     drift: float
 
 
-def integrate(description, model, q_free, v_free, duration, *, leg=0.02, rtol=1e-12):
+def integrate(description, model, q_free, v_free, duration, *, leg=0.02, rtol=1e-12, load=None):
     """The passive motion by (19) in all n′ coordinates at once, of index one, projected onto φ = 0 after every leg.
 
-    No independent coordinates are chosen anywhere: over a leg x is the tangent step q′ = q′₀ ⊕ x.
+    No independent coordinates are chosen anywhere: over a leg x is the tangent step q′ = q′₀ ⊕ x. What else acts is
+    load(q′, q̇′), of shape (n′,).
     """
     drift = 0.0
     for _ in range(round(duration / leg)):
@@ -202,7 +203,7 @@ def integrate(description, model, q_free, v_free, duration, *, leg=0.02, rtol=1e
             x, v = np.split(state, 2)
             at = pin.integrate(model, start, x)
             slope = np.linalg.solve(pin.dIntegrate(model, start, x)[1], v)
-            return np.concatenate([slope, released(description, model, at, v)])
+            return np.concatenate([slope, released(description, model, at, v, load)])
 
         state = np.concatenate([np.zeros(model.nv), v_free])
         found = solve_ivp(rate, (0.0, leg), state, method="DOP853", rtol=rtol, atol=1e-13)
@@ -213,7 +214,7 @@ def integrate(description, model, q_free, v_free, duration, *, leg=0.02, rtol=1e
     return Course(q_free, v_free, drift)
 
 
-def released(description, model, q_free, v_free):
+def released(description, model, q_free, v_free, load=None):
     """q̈′ of (19) without motors, by the null space of φ_q′: redundant rows and unlike masses do no harm."""
     found = rows(description, model, q_free, v_free)
     jacobian, drift = np.array([row.gradient for row in found]), np.array([row.drift for row in found])
@@ -223,6 +224,8 @@ def released(description, model, q_free, v_free):
     allowed = directions[rank:].T
     mass = pin.crba(model, model.createData(), q_free)
     force = passive(description, model, q_free, v_free) - pin.rnea(model, model.createData(), q_free, v_free, a)
+    if load is not None:
+        force += load(q_free, v_free)
     return a + allowed @ np.linalg.solve(allowed.T @ mass @ allowed, allowed.T @ force)
 
 

@@ -237,7 +237,8 @@ def test_kill_9_costs_a_move_at_most(rpdr_model, tmp_path):
         f"cycles(ccpin.ReducedModel(ccpin.load('rpdr')), {str(path)!r}, 1000)"
     )
     root = Path(__file__).resolve().parents[2]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(root / "src"), str(root)])}
+    paths = [str(root / "src"), str(root), os.environ.get("PYTHONPATH", "")]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     process = subprocess.Popen([sys.executable, "-c", code], env=environment)
     patience = time.monotonic() + 60.0
     while (not path.exists() or path.stat().st_size < 40_000) and time.monotonic() < patience:

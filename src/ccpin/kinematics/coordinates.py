@@ -165,6 +165,16 @@ class IndependentCoordinates:
                 rate[part.v, part.v_free] = _row(part, rows)
         return rate
 
+    def readings(self, q_free: Array, v_free: Array, a_free: Array) -> tuple[Array, Array, Array]:
+        """q, q̇ and q̈ of a motion of the free system, row by row: α(q′), α_q′ q̇′ and α_q′ q̈′ + α̇_q′ q̇′."""
+        if self.constant:
+            return q_free[:, self._index], v_free @ self._selection.T, a_free @ self._selection.T
+        q, v, a = np.empty((len(q_free), self.nq)), np.empty((len(q_free), self.n)), np.empty((len(q_free), self.n))
+        for k, (x, w, b) in enumerate(zip(q_free, v_free, a_free, strict=True)):
+            jacobian, rate = self.jacobian(x), self.jacobian_rate(x, w)
+            q[k], v[k], a[k] = self.alpha(x), jacobian @ w, jacobian @ b + (0.0 if rate is None else rate @ w)
+        return q, v, a
+
     def bias_derivative(self, q_free: Array, v_free: Array, dq: Array, dv: Array) -> Array:
         """D(α̇_q′ q̇′) where q′ moves along tangent steps `dq` and q̇′ changes by `dv`, each (n′, k); of shape (n, k)."""
         derivative = np.zeros((self.n, dq.shape[1]))

@@ -46,6 +46,10 @@ class Measure:
         self.rows = np.where(np.array(slides, dtype=bool), per_metre, 1.0)
         self.columns = np.where(np.array(own, dtype=bool), per_metre, 1.0)
 
+    def numbers(self) -> dict[str, list[float]]:
+        """The weights as the compiled core takes them."""
+        return {"rows": self.rows.tolist(), "columns": self.columns.tolist()}
+
     def leverage(self, rho: Array) -> float:
         """The largest |X_ij|: how fast any joint moves per unit of an independent coordinate's rate."""
         return float((np.abs(rho) * self.rows[:, None] / self.columns).max(initial=0.0))

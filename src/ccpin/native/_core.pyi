@@ -146,12 +146,13 @@ class Kernel:
         law: dict[str, object],
         run: dict[str, object],
         tableau: dict[str, object],
-    ) -> tuple[int, Array, Array, Array, Array, Array, Array, Array, Any, float, int, Any, Any] | None:
+    ) -> tuple[Any, ...] | None:
         """A run under a law, sampled.
 
-        The number of samples, then t, q, q̇, q̈, u, q′ and |φ| at each, how it ended, since when it is settled,
-        evaluations, what a signal's handler raised, what a sampled loop remembers. See `ccpin.simulation.in_core` for
-        what the arguments hold.
+        The number of samples, then t, q, q̇, q̈, u, q′, |φ|, q̇′ and q̈′ at each, how it ended, since when it is settled,
+        evaluations, what a signal's handler raised, what a sampled loop remembers; then where it has come to: time,
+        (q, q̇), q′, the step it would take next, how many steps in a row were next to nothing.
+        `ccpin.simulation.in_core` says what the arguments and these hold.
         """
 
     def held_motion(
@@ -162,8 +163,9 @@ class Kernel:
         max_step: float,
         singular_rcond: float,
         wrenches: ArrayLike | None = None,
+        leaving: dict[str, object] | None = None,
     ) -> HeldMotion:
-        """A motion to be stepped with u held."""
+        """A motion to be stepped with u held; `leaving` tells poor coordinates (`ccpin.simulation.following`)."""
 
 class HeldMotion:
     """A motion that is stepped with u held; one thread may use it at a time.
@@ -175,8 +177,11 @@ class HeldMotion:
     evaluations: int
     last_step: float
 
-    def start(self, q_free: ArrayLike | None, q: ArrayLike, v: ArrayLike, first: float) -> bool:
-        """Begin at a closed configuration with a first step (0: one of its own); whether the core can."""
+    def start(self, q_free: ArrayLike | None, q: ArrayLike, v: ArrayLike, first: float, most: float) -> bool:
+        """Begin at a closed configuration with a first step (0: one of its own); whether the core can.
+
+        Steps have no answer where the coordinates' leverage gets beyond `most`.
+        """
 
     def step(self, u: ArrayLike, dt: float) -> tuple[Array, Array, Array, Array, Array, float] | None:
         """q, q̇, q̈, u, q′ (read-only) and |φ| after dt; ``None``: the reference must tell, then `start` again."""

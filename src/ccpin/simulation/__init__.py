@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ccpin.simulation.budget import Budget
 from ccpin.simulation.cases import grid, latin_hypercube, sobol
 from ccpin.simulation.contact import Contact
 from ccpin.simulation.demands import Demands, demands
@@ -14,7 +15,6 @@ from ccpin.simulation.journal import Move
 from ccpin.simulation.limits import Limits
 from ccpin.simulation.metrics import LyapunovHistory, Metrics, lyapunov_along, set_point_metrics
 from ccpin.simulation.motors import MotorModel
-from ccpin.simulation.run import Budget
 from ccpin.simulation.samples import Happening, StateSample, Stop
 from ccpin.simulation.settling import Settling
 from ccpin.simulation.simulate import simulate

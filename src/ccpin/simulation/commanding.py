@@ -32,16 +32,20 @@ def law_of(model: ReducedModel, law: LawLike) -> ControlLaw:
 
 
 class Held(ControlLaw):
-    """A constant u."""
+    """A constant u.
+
+    Args:
+        effort: It.
+    """
 
     everywhere = True
 
-    def __init__(self, u: Array) -> None:
-        self._u = u
+    def __init__(self, effort: Array) -> None:
+        self.effort = effort
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
         """The effort."""
-        return self._u
+        return self.effort
 
     def next_switch(self, t: float) -> float:
         """Never."""

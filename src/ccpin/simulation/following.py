@@ -11,6 +11,9 @@ What is reported is in the run's own coordinates all along, q = α(q′) and q̇
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 
 from ccpin.arrays import Array
@@ -59,6 +62,7 @@ class Following:
         self._siblings: dict[tuple[str, ...], ReducedModel] = {home.mechanism.independent: home}
         self.measure = Measure(home.mechanism)
         self.most = np.inf
+        self._since = np.array(home.mechanism.q_reference)
 
     def begin(self, state: State) -> None:
         """Take up the coordinates of the State's model there."""
@@ -68,12 +72,16 @@ class Following:
     @property
     def stated(self) -> str | None:
         """What is stated in the coordinates of `home`, in words; ``None`` if nothing is."""
-        if not self.law.everywhere:
-            return f"{type(self.law).__name__} is stated"
+        return self.stated_under(self.law)
+
+    def stated_under(self, law: ControlLaw) -> str | None:
+        """The same under another law."""
+        if not law.everywhere:
+            return f"{type(law).__name__} is stated"
         if callable(self._wrenches):
             return "the wrenches, a function of a State, are stated"
         driven = self.home.mechanism.direct and not self.home.coordinates.constant
-        if driven and not isinstance(self.law, NoTorque):
+        if driven and not isinstance(law, NoTorque):
             return "a motor on a component of a joint acts"
         return self._reads or None
 
@@ -82,6 +90,10 @@ class Following:
         if self.stated is not None:
             return False
         return self.measure.leverage(state.rho) > self.most or self.measure.turned(state.q_free) > _FURTHEST_TURN
+
+    def leaving(self) -> dict[str, Any]:
+        """What tells where `poor` is, as the compiled core takes it."""
+        return {"most": self.most, **self.measure.numbers(), "turn": _FURTHEST_TURN}
 
     def change(self, state: State, v: Array) -> tuple[State, Array] | None:
         """The same configuration and velocity in the best coordinates there, which the run is in from here on.
@@ -113,16 +125,29 @@ class Following:
         return moved, velocity
 
     def _sibling(self, state: State) -> ReducedModel:
-        """The model in the best coordinates at a State; one for each set whose charts have no centre."""
-        mechanism = self.home.mechanism
-        names = best_independent(mechanism, state.q_free, state.rho)
+        """The model in the best coordinates at a State."""
+        return self._measured_by(best_independent(self.home.mechanism, state.q_free, state.rho), state.q_free)
+
+    def _measured_by(self, names: tuple[str, ...], centre: Array) -> ReducedModel:
+        """The model in coordinates with a centre of their charts; one for each set whose charts have none."""
         found = self._siblings.get(names)
-        if found is not None and found.coordinates.constant:
-            return found
-        self._siblings[names] = found = ReducedModel(
-            with_independent(mechanism, names, state.q_free), self.home.gravity_vector
-        )
+        if found is None or not found.coordinates.constant:
+            mechanism = with_independent(self.home.mechanism, names, centre)
+            self._siblings[names] = found = ReducedModel(mechanism, self.home.gravity_vector)
         return found
+
+    def memory(self) -> dict[str, Array]:
+        """Whose coordinates the run is in, since where and up to what leverage, as arrays; `recall` brings it back."""
+        names = () if self.model is self.home else self.model.mechanism.independent
+        return {"measured_by": np.array(names, dtype=str), "since": self._since, "most": np.array(self.most)}
+
+    def recall(self, memory: Mapping[str, Array]) -> ReducedModel:
+        """Be in the coordinates of a memory; their model."""
+        names = tuple(memory["measured_by"].tolist())
+        self._since, self.most = np.array(memory["since"]), float(memory["most"])
+        self.model = self._measured_by(names, self._since) if names else self.home
+        self.measure = Measure(self.model.mechanism)
+        return self.model
 
     def why(self, t: float, state: State, reason: str) -> str:
         """Why the run ends at a State, in a sentence: whose end it is, the mechanism's or that of coordinates."""

@@ -12,12 +12,13 @@ from ccpin.control.laws import ControlLaw, Delayed, ModelLaw, NoTorque, PDFullGr
 from ccpin.control.references import Hold, PiecewisePolynomial, PointToPoint, Waypoints
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.simulation.budget import Budget
 from ccpin.simulation.happenings import Moment
-from ccpin.simulation.run import Budget
 from ccpin.simulation.samples import Stop
 from ccpin.simulation.settling import Settling
 
-_NEVER = Settling(np.empty(0))
+PLAIN = Settling(np.empty(0))._asdict() | {"origin": 0.0, "first_step": 0.0, "sampling": None, "leaving": None}
+"""What a run is told that neither settles nor is sampled nor leaves its coordinates."""
 _TRACKING: dict[type[ControlLaw], str] = {
     ComputedTorque: "computed_torque",
     PDPlus: "pd_plus",
@@ -25,6 +26,42 @@ _TRACKING: dict[type[ControlLaw], str] = {
 }
 
 _REFERENCES = (Hold, PointToPoint, Waypoints)  # themselves: a subclass may have another `at`
+
+
+class Answer(NamedTuple):
+    """What the compiled core answers: its first `done` rows hold samples.
+
+    Attributes:
+        done: How many samples there are. t, q, v, a, u, q_free, closure_error: the columns of these.
+        v_free, a_free: Columns of q̇′ and q̈′, of runs that may leave their coordinates alone.
+        ended: How it ended: ``finished``, ``settled``, ``evaluations`` or ``seconds`` spent, ``interrupted``, or
+            ``left``: where coordinates are to be left, or where only the reference can tell.
+        since: Since when it is settled. evaluations: of the equations of motion.
+        raised: What a signal's handler raised. memory: what a sampled loop remembers.
+        time, state, place, first_step: Where it has come to: t, (q, q̇), q′, and the step it would take next (0: to be
+            chosen). creeping: how many steps in a row were next to nothing.
+    """
+
+    done: int
+    t: Array
+    q: Array
+    v: Array
+    a: Array
+    u: Array
+    q_free: Array
+    closure_error: Array
+    v_free: Array
+    a_free: Array
+    ended: str
+    since: float
+    evaluations: int
+    raised: BaseException | None
+    memory: Any
+    time: float
+    state: Array
+    place: Array
+    first_step: float
+    creeping: int
 
 
 class CoreRun(NamedTuple):
@@ -67,20 +104,22 @@ def run_in_core(
     """
     origin, law = (law.start, law.law) if isinstance(law, Delayed) else (0.0, law)
     tableau, told = TABLEAUX.get(method), law_numbers(model, law)
-    if tableau is None or told is None:
+    direct = model.actuation is None or (told == _no_torque(model) and numbers["sampling"] is None)
+    if tableau is None or told is None or not direct:
         return None
     most = budget or Budget()
-    run = (
-        numbers | (settling or _NEVER)._asdict() | {"start": np.concatenate([start.state.q, start.v]), "origin": origin}
-    )
+    times = numbers["times"]
+    run = PLAIN | numbers | {"begin": times[0], "until": times[-1], "origin": origin}
+    run |= {"start": np.concatenate([start.state.q, start.v])} | ({} if settling is None else settling._asdict())
     run |= {name: np.inf if value is None else value for name, value in most._asdict().items()}
     answer = model.core.simulate(start.state.q_free, told, run, tableau)
     if answer is None:
         return None
-    done, *columns, ended, since, evaluations, raised, memory = answer
+    found = Answer(*answer)
     names = ("t", "q", "v", "a", "u", "q_free", "closure_error")
-    found = dict(zip(names, (column[:done] for column in columns), strict=True))
-    return CoreRun(found, _stop(ended, float(found["t"][-1]), since, raised), evaluations, memory)
+    columns = {name: getattr(found, name)[: found.done] for name in names}
+    stop = _stop(found.ended, float(columns["t"][-1]), found.since, found.raised)
+    return CoreRun(columns, stop, found.evaluations, found.memory)
 
 
 def _stop(ended: str, t: float, since: float, raised: BaseException | None) -> Stop | None:
@@ -94,11 +133,9 @@ def _stop(ended: str, t: float, since: float, raised: BaseException | None) -> S
 
 def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
     """A law in plain numbers: its kind, gains, constant part and reference; ``None`` where the core has none."""
-    n, zero = model.n, np.zeros((model.n, model.n))
-    kind = type(law)
+    n, kind = model.n, type(law)
     if kind is NoTorque:
-        path = Hold(model, model.alpha(model.mechanism.q_reference)).as_polynomial()
-        return _numbers("pd", path, zero, zero, np.zeros(n))
+        return _no_torque(model)
     if not isinstance(law, ModelLaw) or law.model.mechanism is not model.mechanism:
         return None
     if not np.array_equal(law.model.gravity_vector, model.gravity_vector):
@@ -112,6 +149,11 @@ def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
         return None
     found = law.reference.as_polynomial()
     return None if found is None else _numbers(_TRACKING[kind], found, law.K_p, law.K_v, np.zeros(n))
+
+
+def _no_torque(model: ReducedModel) -> dict[str, Any]:
+    """u = 0 in plain numbers; a constant law is one whatever the motors."""
+    return {"kind": "constant", "constant": [0.0] * model.n_actuated}
 
 
 def _numbers(kind: str, path: PiecewisePolynomial, K_p: Array, K_v: Array, constant: Array) -> dict[str, Any]:

@@ -50,6 +50,14 @@ class Recorder:
         """Whether a sample is due up to a time."""
         return len(self.samples) < len(self._times) and bool(self._times[len(self.samples)] <= t)
 
+    def due(self, until: float) -> Array:
+        """The times of the samples due up to a time."""
+        return self._times[len(self.samples) : np.searchsorted(self._times, until, side="right")]
+
+    def take(self, samples: list[StateSample]) -> None:
+        """Take samples that fell due and were made elsewhere."""
+        self.samples += samples
+
     def within(self, step: Step, until: float, run: Sampled) -> None:
         """Take the samples due in a step, up to a time."""
         while self.due_before(until):

@@ -9,7 +9,6 @@ loose. Output is read off the dense output and changes nothing.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -17,10 +16,11 @@ import numpy as np
 
 from ccpin.arrays import Array, frozen
 from ccpin.control.sampling import ContinuousCommands, SampledCommands
-from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.dynamics.wrenches import Pushes, Wrenches, pushes_of
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
+from ccpin.simulation.budget import Allowance, Budget
+from ccpin.simulation.coasting import Coasting, Span
 from ccpin.simulation.following import Following
 from ccpin.simulation.happenings import Moment, Step, Watch
 from ccpin.simulation.pace import Switching
@@ -46,29 +46,18 @@ class Settings(NamedTuple):
     natural_step: float
 
 
-class Budget(NamedTuple):
-    """What a run may cost before it ends with status ``exhausted``.
-
-    Attributes:
-        evaluations: Of the equations of motion. seconds: of wall time. ``None``: no bound.
-    """
-
-    evaluations: int | None = None
-    seconds: float | None = None
-
-
 class Run:
     """One motion: where it is, what acts on it and what is watched for.
 
     Args:
-        model: The reduced model.
         settings: How it is integrated.
         commands: Who commands the motors.
-        contact: The joints with friction.
+        contact: The joints with friction, in the coordinates of `following.home`.
         plant: Limits, contacts and motors.
         watches: What is watched for.
         following: Whose coordinates the motion is in.
-        here: Where the motion begins.
+        here: Where the motion begins, in the coordinates of `following.model`.
+        coasting: What takes stretches under a constant effort to the compiled core, where it may.
 
     Attributes:
         model: The model in whose coordinates the motion is: the one given, or a sibling of it.
@@ -78,7 +67,6 @@ class Run:
 
     def __init__(
         self,
-        model: ReducedModel,
         settings: Settings,
         commands: ContinuousCommands | SampledCommands | MotorCommands,
         contact: StickSlip,
@@ -86,19 +74,29 @@ class Run:
         watches: tuple[Watch, ...],
         following: Following,
         here: Moment,
+        coasting: Coasting | None = None,
     ) -> None:
-        self.following = following
-        following.begin(here.state)
-        self.model, self.settings, self.commands, self.contact = model, settings, commands, contact
+        self.following, self.model = following, following.model
+        self.settings, self.commands = settings, commands
+        self.contact = contact if self.model is following.home else contact.moved(self.model)
         self._plant = plant
         self.here, self.evaluations = here, 0
         self.first_step: float | None = None
-        self._pushes = pushes_of(model.mechanism.tree, settings.wrenches)
+        mechanism = self.model.mechanism
+        self._pushes = pushes_of(mechanism.tree, settings.wrenches)
         self._own = watches
         self._watches = self._all_watches()
         self._watched = any(watch.pacing for watch in self._watches)
         self._creeping, self._latest, self._settles = 0, np.inf, False
-        self._nothing = np.zeros(model.mechanism.n_free)
+        self._nothing = np.zeros(mechanism.n_free)
+        self._coasting, self._in_core = coasting, False
+
+    @property
+    def constant_effort(self) -> Array | None:
+        """The u under which the compiled core may go on in any coordinates; ``None`` where it may not."""
+        if self._coasting is None or self.following.stated is not None:
+            return None
+        return self._coasting.effort(self.following.law, self.following.home.n_actuated)
 
     def advance(
         self, until: float, record: Recorder, budget: Budget, watch: Watch | None = None, commanded: bool = True
@@ -119,10 +117,10 @@ class Run:
             CcpinError: The friction problem, a law or an event failed; `here` is the last certain moment. So it is
                 with whatever else a law raises.
         """
-        limits = _Limits.of(budget, self.evaluations)
-        if self.model is not self.following.home and (watch is not None or self.following.stated is not None):
-            self._take_up(*self.following.back(self.here.state, self.here.v))
+        limits = Allowance.of(budget, self.evaluations)
+        self.come_back(watch is not None)
         self._settles = watch is not None
+        self._in_core = not self._settles and self.constant_effort is not None
         extra = () if watch is None else (watch,)
         for one in (*self._watches, *extra):
             one.begin(self.here)
@@ -142,12 +140,24 @@ class Run:
                 end, switches = self.here.t + longest, False
             self._latest = end - _slack(end)
             while self.here.t < end:
-                stop = self._leg(end, longest, record, (*self._watches, *extra), limits)
+                if self._in_core:
+                    stop = self._coast(end, longest, record, limits)
+                else:
+                    stop = self._leg(end, longest, record, (*self._watches, *extra), limits)
                 if stop is not None:
                     return stop
                 if self.here.t < end:
                     self._begin()
             self.first_step = None if switches else self.first_step
+
+    def come_back(self, settles: bool) -> None:
+        """Be in the coordinates of `following.home` again, where something is stated in them or settles in them.
+
+        Raises:
+            SingularConfigurationError: They are singular here.
+        """
+        if self.model is not self.following.home and (settles or self.following.stated is not None):
+            self._take_up(*self.following.back(self.here.state, self.here.v))
 
     def sample(self, moment: Moment) -> StateSample:
         """The motion at a moment, in the present mode of its joints."""
@@ -211,8 +221,31 @@ class Run:
 
     # From event to event.
 
+    def _coast(self, end: float, longest: float, record: Recorder, limits: Allowance) -> Stop | None:
+        """Go on in the compiled core, as far as `end` or as it can; beyond that and in these coordinates, by `_leg`."""
+        u = self.constant_effort
+        assert self._coasting is not None
+        assert u is not None
+        times, left = record.due(end - 2 * _slack(end)), limits.left(self.evaluations)
+        span = Span(self.here, end, times, self.first_step, longest, left)
+        found = self._coasting.stretch(span, u, self.following)
+        if found is None:
+            self._in_core = False
+            return None
+        self.here, self.first_step, self._creeping = found.here, found.first_step, found.creeping
+        self.evaluations += found.evaluations
+        record.take(found.samples)
+        if found.raised is not None:
+            raise found.raised
+        stop = None
+        if found.left:
+            self._in_core = False
+            ending = self._ending()
+            stop = None if ending is None else self._elsewhere(record, ending)
+        return stop or limits.exceeded(self.evaluations, self.here.t)
+
     def _leg(
-        self, end: float, longest: float, record: Recorder, watches: tuple[Watch, ...], limits: _Limits
+        self, end: float, longest: float, record: Recorder, watches: tuple[Watch, ...], limits: Allowance
     ) -> Stop | None:
         """Integrate smooth equations up to `end`, up to an event that changes them, or to the end of the coordinates.
 
@@ -256,12 +289,17 @@ class Run:
         """Make a moment the present one; why its coordinates are to be left there, if they are."""
         short = arrived.t - self.here.t < _CREEPING
         self.here = arrived
-        rcond, follows = arrived.state.rcond, self._follows()
-        stuck = longest > _CREEPING if follows else rcond < _CREEPING_RCOND
+        stuck = longest > _CREEPING if self._follows() else arrived.state.rcond < _CREEPING_RCOND
         self._creeping = self._creeping + 1 if short and stuck else 0
+        return self._ending()
+
+    def _ending(self) -> str | None:
+        """Why the coordinates are to be left at the present moment, if they are."""
+        state = self.here.state
+        rcond = state.rcond
         if rcond < self.settings.singular_rcond or self._creeping >= _MOST_CREEPING:
             return f"ψ_q′ is nearly singular (rcond {rcond:.1e})"
-        return "" if follows and self.following.poor(arrived.state) else None
+        return "" if self._follows() and self.following.poor(state) else None
 
     def _follows(self) -> bool:
         """Whether the coordinates may be changed: nothing is stated in them, and nobody waits for them to settle."""
@@ -293,6 +331,7 @@ class Run:
         self.model, self.here = self.following.model, Moment(self.here.t, state, v)
         self.contact = self.contact.moved(self.model)
         self._watches, self._creeping = self._all_watches(), 0
+        self._in_core = not self._settles and self.constant_effort is not None
 
     def _all_watches(self) -> tuple[Watch, ...]:
         friction = (StickSlipWatch(self.contact, self.drive),) if self.contact.eventful else ()
@@ -320,25 +359,6 @@ class Run:
         state, v = self.closed(x)
         a = self.contact.acceleration(state, v, self.drive(min(t, self._latest), state, v))
         return np.concatenate([self.model.coordinates.rate(state.q, v), a])
-
-
-class _Limits(NamedTuple):
-    """A budget from a moment on."""
-
-    evaluations: float
-    clock: float
-
-    @classmethod
-    def of(cls, budget: Budget, evaluations: int) -> _Limits:
-        most = np.inf if budget.evaluations is None else evaluations + budget.evaluations
-        return cls(most, np.inf if budget.seconds is None else time.perf_counter() + budget.seconds)
-
-    def exceeded(self, evaluations: int, t: float) -> Stop | None:
-        if evaluations >= self.evaluations:
-            return Stop.exhausted(t, "evaluations")
-        if time.perf_counter() >= self.clock:
-            return Stop.exhausted(t, "seconds")
-        return None
 
 
 def _slack(t: float) -> float:

@@ -10,8 +10,8 @@ from ccpin.arrays import positive
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import Near
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.budget import Budget
 from ccpin.simulation.commanding import LawLike
-from ccpin.simulation.run import Budget
 from ccpin.simulation.settling import Settling
 from ccpin.simulation.stepper import Simulator
 from ccpin.simulation.trajectory import Trajectory

@@ -20,6 +20,8 @@ from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.budget import Budget
+from ccpin.simulation.coasting import Coasting
 from ccpin.simulation.commanding import Held, LawLike, Sized, law_of
 from ccpin.simulation.contact import Contact
 from ccpin.simulation.following import Following
@@ -31,7 +33,7 @@ from ccpin.simulation.motors import MotorModel
 from ccpin.simulation.pace import natural_step
 from ccpin.simulation.plant import Plant
 from ccpin.simulation.recorder import Recorder
-from ccpin.simulation.run import Budget, Run, Settings
+from ccpin.simulation.run import Run, Settings
 from ccpin.simulation.samples import Happening, Names, StateSample, Stop
 from ccpin.simulation.settling import Settling, SettlingWatch
 from ccpin.simulation.stick_slip import StickSlip
@@ -40,6 +42,7 @@ from ccpin.simulation.trajectory import Trajectory
 if TYPE_CHECKING:
     from ccpin.native._core import HeldMotion
 
+_HELD = Held(np.empty(0))
 METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
 
 
@@ -133,9 +136,14 @@ class Simulator:
         self._plain = self._plain and self._plant.plain and (sampling is None or not np.any(sampling.encoder_noise))
         self._nothing = frozen(np.zeros(model.mechanism.n_free))
         self._held: HeldMotion | None = None
+        self._coasting: Coasting | None = None
         if self._plain and sampling is None and method in TABLEAUX:
             longest = np.inf if max_step is None else max_step
-            self._held = model.core.held_motion(TABLEAUX[method], rtol, atol, longest, singular_rcond, self._pushed)
+            leaving = Following(model, self._law, wrenches).leaving() | {"most": 1.0}
+            tolerances = TABLEAUX[method], rtol, atol, longest, singular_rcond
+            self._held = model.core.held_motion(*tolerances, self._pushed, leaving)
+            numbers = {"rtol": rtol, "atol": atol, "singular_rcond": singular_rcond, "wrenches": self._pushed}
+            self._coasting = Coasting(method, numbers, self._plant.effort_bounds)
         self._ahead: StateSample | None = None
         self._counted = 0
         self._run: Run | None = None
@@ -203,24 +211,34 @@ class Simulator:
         """
         state = self.model.at(q, guess)
         v_start = np.zeros(self.model.n) if v is None else np.array(vector(v, "v", self.model.n))
+        following = self._following()
+        following.begin(state)
+        self._begin(Moment(float(t), state, v_start), following)
+        return self.sample()
+
+    def _following(self) -> Following:
+        looks = self._looked_for or self._region is not None or not self._plant.plain
+        reads = "events, a region, limits or contacts are looked for" if looks else ""
+        return Following(self.model, self._law, self._settings.wrenches, reads)
+
+    def _begin(self, here: Moment, following: Following) -> None:
+        """Begin in the coordinates of a follower's model."""
+        t, state, v = here
         law = Sized(self._law, self.model)
         commands: ContinuousCommands | SampledCommands = ContinuousCommands(law)
         if self._sampling is not None:
-            commands = SampledCommands(self.model, law, self._sampling, state.q, v_start, t)
-        driven = self._plant.commands(commands, t, state, v_start)
+            own = self.model.reading(state, v)
+            commands = SampledCommands(self.model, law, self._sampling, own.q, own.v, t)
+        driven = self._plant.commands(commands, t, state, v)
         watches: list[Watch] = [EventWatch(event) for event in self._looked_for]
         if self._region is not None:
             watches.append(RegionWatch(self._region))
         watches += self._plant.watches(driven)
         contact = StickSlip(self.model, self._friction)
-        here = Moment(float(t), state, v_start)
-        looks = self._looked_for or self._region is not None or not self._plant.plain
-        reads = "events, a region, limits or contacts are looked for" if looks else ""
-        following = Following(self.model, self._law, self._settings.wrenches, reads)
-        self._run = Run(self.model, self._settings, driven, contact, self._plant, tuple(watches), following, here)
+        parts = driven, contact, self._plant, tuple(watches), following
+        self._run = Run(self._settings, *parts, here, self._coasting)
         self._ahead, self.stop, self.events = None, None, []
         self._counted = 0 if self._held is None else self._held.evaluations
-        return self.sample()
 
     def step(self, u: ArrayLike | None, dt: float) -> StateSample:
         """Hold an effort for a while.
@@ -301,6 +319,7 @@ class Simulator:
             goal = checked_q(self.model.coordinates, settling.goal)
             settling = settling._replace(goal=np.array(goal))
         events: list[Happening] = []
+        run.come_back(settling is not None)
         columns = self._run_in_core(times, settling, budget)
         if columns is None:
             watch = None if settling is None else SettlingWatch(settling, self.model.coordinates)
@@ -337,7 +356,8 @@ class Simulator:
     def _run_in_core(self, times: Array, settling: Settling | None, budget: Budget | None) -> dict[str, Any] | None:
         """The samples of a recorded run, column by column, or ``None`` where only the reference can tell."""
         run, settings = self._moving, self._settings
-        if not self._plain or run.model is not self.model:
+        coasts = settling is None and run.constant_effort is not None
+        if not self._plain or run.model is not self.model or coasts:
             return None
         numbers = {
             "times": times,
@@ -365,7 +385,9 @@ class Simulator:
         if self._ahead is None:
             run = self._moving
             t, state, v = run.here
-            if state.model is not self.model or not held.start(state.q_free, state.q, v, run.first_step or 0.0):
+            most = np.inf if run.following.stated_under(_HELD) is not None else run.following.most
+            first_step = run.first_step or 0.0
+            if state.model is not self.model or not held.start(state.q_free, state.q, v, first_step, most):
                 return None
         else:
             t = self._ahead.t
@@ -383,12 +405,22 @@ class Simulator:
         """Everything carried from call to call but the law's own memory, as arrays; `recall` brings it back."""
         run = self._moving
         t, state, v = run.here
-        here = {"t": np.array(t), **self.model.reading(state, v)._asdict(), "q_free": state.q_free}
-        return here | run.contact.memory() | run.commands.memory()
+        here = {"t": np.array(t), "q": state.q, "v": v, "q_free": state.q_free}
+        return here | run.following.memory() | run.contact.memory() | run.commands.memory()
 
     def recall(self, memory: Mapping[str, Array]) -> None:
-        """Go on from what `memory` gave, in this simulator or another with the same arguments, to the last bit."""
-        self.reset(memory["q"], memory["v"], t=float(memory["t"]), guess=memory["q_free"])
+        """Go on from what `memory` gave, in this simulator or another with the same arguments, to the last bit.
+
+        Raises:
+            InvalidInputError: Something is missing in it.
+        """
+        following = self._following()
+        for name in ("t", "q", "v", "q_free", *following.memory()):
+            if name not in memory:
+                raise InvalidInputError(f"the memory has no '{name}': `Simulator.memory` of this version gives one")
+        model = following.recall(memory)
+        state = model.at(memory["q"], memory["q_free"])
+        self._begin(Moment(float(memory["t"]), state, np.array(memory["v"])), following)
         run = self._moving
         run.contact.recall(memory)
         run.commands.recall(memory)

@@ -19,8 +19,8 @@ from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.simulation.budget import Budget
 from ccpin.simulation.journal import Journal, Move, Unfinished
-from ccpin.simulation.run import Budget
 from ccpin.simulation.samples import Stop
 from ccpin.simulation.settling import Settling
 from ccpin.simulation.stepper import Simulator
