@@ -1,0 +1,19 @@
+"""Written pages: one self-contained HTML file with tables, figures and animations, for reports that are read offline."""
+
+from __future__ import annotations
+
+from ccpin.pages.document import Section, render
+from ccpin.pages.parts import bullets, embedded, figure, formula, paragraphs, preformatted, table, tabs
+
+__all__ = [
+    "Section",
+    "bullets",
+    "embedded",
+    "figure",
+    "formula",
+    "paragraphs",
+    "preformatted",
+    "render",
+    "table",
+    "tabs",
+]
