@@ -29,6 +29,9 @@ ORDER = (
     "validated",
     "visualization",
     "plotting",
+    "pages",
+    "paper",
+    "report",
     "gym",
 )
 OUTERMOST = ("__init__", "cli", "__main__")  # public names, then what calls them

@@ -56,9 +56,7 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]], links: Sequence[st
             inner = f'<a href="#{html.escape(links[row])}">{inner}</a>'
         return f"<td{' class=number' if _is_number(text) else ''}>{inner}</td>"
 
-    body = "".join(
-        f"<tr>{''.join(cell(r, c, text) for c, text in enumerate(row))}</tr>" for r, row in enumerate(rows)
-    )
+    body = "".join(f"<tr>{''.join(cell(r, c, text) for c, text in enumerate(row))}</tr>" for r, row in enumerate(rows))
     top = "".join(f"<th>{formula(text)}</th>" for text in head)
     return f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
 

@@ -150,7 +150,9 @@ def table_one(study: Study) -> Item:
         0.0,
         "every radius is a lower bound of the exact one, so no printed one may exceed it; the digits depend on a form the "
         "paper does not give",
-        facts=tuple((f"closest form / paper at {_place(one.centre)}", f"{one.closest / one.paper:.2f}") for one in found),
+        facts=tuple(
+            (f"closest form / paper at {_place(one.centre)}", f"{one.closest / one.paper:.2f}") for one in found
+        ),
         rows=(head, *rows),
     )
 

@@ -38,6 +38,7 @@ def singular_figure(
         axes.annotate(str(k + 1), (x, y), (6, 4), textcoords="offset points", fontsize=10)
     for x, y in ((-125.0, 20.0), (140.0, -20.0)):
         axes.text(x, y, "cannot be\nassembled", ha="center", va="center", color="0.35", fontsize=9)
+    axes.set(xlabel="$q_1$ [°]", ylabel="$q_2$ [°]")
     _legend(axes)
     return figure
 
@@ -75,7 +76,7 @@ def _panel(axes: Any, centre: Array, paper: float, ours: float, pose: Array, pap
         _robot(axes, corner, COLOURS[0], "--", 1.2, "corners, the paper's radius" if k == 0 else None)
     _robot(axes, pose, "0.1", "-", 2.6, "centre")
     axes.plot([0.0, printed.BASE], [0.0, 0.0], "s", color="0.2", markersize=9, zorder=5)
-    axes.set(xlim=(-0.22, 0.6), ylim=(-0.62, 0.06), aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    axes.set(xlim=(-0.4, 0.58), ylim=(-0.62, 0.06), aspect="equal", xlabel="x [m]", ylabel="y [m]")
     _inset(axes, pose, papers)
 
 
@@ -98,10 +99,10 @@ def _line(q: Array) -> tuple[Array, Array]:
 def _inset(axes: Any, pose: Array, papers: Array) -> None:
     """The end effector at the centre and at the paper's corners, enlarged, with its scale."""
     tips = 1e3 * (np.array([_line(q)[0][-1] for q in papers]) - _line(pose)[0][-1])
-    inset = axes.inset_axes((0.74, 0.70, 0.25, 0.29))
+    inset = axes.inset_axes((0.07, 0.08, 0.22, 0.31))
     inset.plot(*tips.T, "D", color=COLOURS[0], markersize=4)
     inset.plot(0.0, 0.0, "D", color="0.1", markersize=4)
     reach = 1.35 * float(np.abs(tips).max())
     inset.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
     inset.tick_params(labelsize=7)
-    inset.set_title("tip, mm", fontsize=8, pad=2)
+    inset.set_title("tip [mm]", fontsize=8, pad=2)

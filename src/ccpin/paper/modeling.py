@@ -219,7 +219,10 @@ def _descriptor(study: Study) -> Iterator[Item]:
         "rad/s²",
         1e-8,
         ROUNDING,
-        facts=(("largest difference of λ", f"{both[:, 1].max():.1e} N"), ("n of ccpin, n′ + n′ − n here", f"{model.n}, 6")),
+        facts=(
+            ("largest difference of λ", f"{both[:, 1].max():.1e} N"),
+            ("n of ccpin, n′ + n′ − n here", f"{model.n}, 6"),
+        ),
     )
 
 

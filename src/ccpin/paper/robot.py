@@ -72,7 +72,9 @@ def _table_two(study: Study) -> Item:
         (str(k + 1), *(f"{value:.6g}" for value in ours[k]), f"{rotors[k]:.6g}" if rotors[k] else "–") for k in range(4)
     )
     scale = np.abs(printed.TABLE_II)
-    difference = max(float((np.abs(ours - printed.TABLE_II) / scale).max()), apart(rotors[:2], printed.MOTOR) / printed.MOTOR)
+    difference = max(
+        float((np.abs(ours - printed.TABLE_II) / scale).max()), apart(rotors[:2], printed.MOTOR) / printed.MOTOR
+    )
     return Item(
         "Table II",
         "Parameters of the robot",
@@ -119,7 +121,8 @@ def _closures(study: Study) -> Iterator[Item]:
         f"`model.parametrization.psi_jacobian(q_free)`. {_FREE_ORDER}",
         "all sixteen entries at 24 random configurations, closed or not",
         max(
-            apart(study.to_paper(parametrization.psi_jacobian(study.to_free(q))), printed.psi_jacobian(q)) for q in poses
+            apart(study.to_paper(parametrization.psi_jacobian(study.to_free(q))), printed.psi_jacobian(q))
+            for q in poses
         ),
         "m/rad",
         1e-14,

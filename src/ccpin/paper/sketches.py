@@ -79,7 +79,9 @@ def _chains(q: Array) -> Figure:
 
 def _cut(q: Array, opened: Array) -> Figure:
     with drawing("The loop closed, and cut open: the free system Σ′", (9.6, 4.8), **_BARE) as figure:
-        for axes, pose, title in zip(figure.subplots(1, 2), (q, opened), ("φ(q′) = 0", "φ(q′) = E − F ≠ 0"), strict=True):
+        for axes, pose, title in zip(
+            figure.subplots(1, 2), (q, opened), ("φ(q′) = 0", "φ(q′) = E − F ≠ 0"), strict=True
+        ):
             first, second = _arms(pose)
             for arm in (first, second):
                 _draw_arm(axes, arm, (COLOURS[0], COLOURS[1]))
@@ -95,7 +97,9 @@ def _tips(axes: Any, e: Array, f: Array) -> None:
         axes.annotate("E = F", e, (0, -20), textcoords="offset points", ha="center", fontsize=12)
         return
     axes.plot(*f, "D", color=COLOURS[3], markersize=9, zorder=5)
-    axes.annotate("", e, f, arrowprops={"arrowstyle": "->", "color": COLOURS[3], "shrinkA": 6, "shrinkB": 6, "linewidth": 1.6})
+    axes.annotate(
+        "", e, f, arrowprops={"arrowstyle": "->", "color": COLOURS[3], "shrinkA": 6, "shrinkB": 6, "linewidth": 1.6}
+    )
     for point, name in ((e, "E"), (f, "F")):
         side = -14 if point[0] < (e[0] + f[0]) / 2 else 14
         axes.annotate(name, point, (side, -16), textcoords="offset points", ha="center", fontsize=12)
@@ -116,7 +120,9 @@ def _annotated(q: Array) -> Figure:
         axes.plot(*arms[0][2], "D", color=COLOURS[3], markersize=9, zorder=5)
         axes.annotate("E = F", arms[0][2], (0, -36), textcoords="offset points", ha="center", fontsize=12)
         _length(axes, arms[0][0], arms[1][0], "$c$", -1.0, 0.07)
-        axes.annotate("", (0.47, -0.12), (0.47, -0.02), arrowprops={"arrowstyle": "-|>", "color": "0.3", "linewidth": 1.6})
+        axes.annotate(
+            "", (0.47, -0.12), (0.47, -0.02), arrowprops={"arrowstyle": "-|>", "color": "0.3", "linewidth": 1.6}
+        )
         axes.text(0.485, -0.075, "$g$", fontsize=13)
         axes.annotate("", (-0.10, 0.05), (-0.18, 0.05), arrowprops={"arrowstyle": "-|>", "color": "0.3", "shrinkA": 0})
         axes.annotate("", (-0.18, 0.13), (-0.18, 0.05), arrowprops={"arrowstyle": "-|>", "color": "0.3", "shrinkA": 0})

@@ -9,10 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, frozen
-from ccpin.control import CoulombCompensation, PDSimpleGravity, Sampling, SetPointCertificate, certify_law
+from ccpin.control import CoulombCompensation, PDSimpleGravity, Sampling
 from ccpin.dynamics import ReducedModel, State
 from ccpin.mechanism import load
 from ccpin.paper import printed
+from ccpin.paper.theorem3 import Theorem3Facts, theorem3_facts
 from ccpin.simulation import Settling, SupervisedMotion, Trajectory, supervise
 from ccpin.simulation.simulate import simulate
 
@@ -139,9 +140,9 @@ class Study:
         )
 
     @cached_property
-    def certificate(self) -> SetPointCertificate:
-        """Theorem 3 about the goal."""
-        return certify_law(self.law)
+    def theorem3(self) -> Theorem3Facts:
+        """Theorem 3 about Experiment 1's goal, and its start."""
+        return theorem3_facts(self.law, START)
 
 
 def settled(motion: Trajectory, goal: Array, band: float = BAND) -> float:
