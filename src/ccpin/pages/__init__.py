@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from ccpin.pages.document import Section, render
 from ccpin.pages.parts import bullets, embedded, figure, formula, paragraphs, preformatted, table, tabs
+from ccpin.pages.provenance import versions
 
 __all__ = [
     "Section",
@@ -16,4 +17,5 @@ __all__ = [
     "render",
     "table",
     "tabs",
+    "versions",
 ]

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import platform
 import time
 from collections.abc import Callable, Iterator
-from importlib import metadata
 from typing import Any, NamedTuple
 
-from ccpin.native import backend
+from ccpin.pages import versions
 from ccpin.paper import control, domain, experiments, modeling, robot
 from ccpin.paper.errata import errata
 from ccpin.paper.item import Erratum, Item
@@ -23,7 +21,6 @@ CHAPTERS: tuple[tuple[str, Callable[[Study], Iterator[Item]]], ...] = (
 )
 COUNT = 39
 """How many items there are, for a bar's end; a test holds it."""
-PACKAGES = ("ccpin", "pin", "numpy", "scipy", "matplotlib", "python-flint")
 
 
 class Reproduction(NamedTuple):
@@ -85,20 +82,3 @@ def reproduce(progress: Callable[[Item], None] | None = None) -> Reproduction:
     longest = max(spent)
     seconds = time.perf_counter() - began
     return Reproduction(tuple(chapters), corrected, versions(), seconds, f"{longest[1]}, {longest[0]:.0f} s")
-
-
-def versions() -> tuple[tuple[str, str], ...]:
-    """What computes here: packages, Python, the machine, the compiled core or NumPy."""
-    found = []
-    for name in PACKAGES:
-        try:
-            found.append((name, metadata.version(name)))
-        except metadata.PackageNotFoundError:
-            found.append((name, "not installed"))
-    computes = backend()
-    return (
-        *found,
-        ("Python", platform.python_version()),
-        ("machine", f"{platform.system()} {platform.machine()}"),
-        ("computed by", f"{computes.name}: {computes.reason}"),
-    )
