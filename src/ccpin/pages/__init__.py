@@ -1,4 +1,4 @@
-"""Written pages: one self-contained HTML file with tables, figures and animations, for reports that are read offline."""
+"""Written pages: one self-contained HTML file with tables, figures and animations, read offline."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def render(title: str, subtitle: str, sections: Sequence[Section]) -> str:
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1"><link rel="icon" href="data:,">'
         f"<title>{html.escape(title)}</title><style>{_asset('page.css')}</style></head>\n"
-        f'<body><nav aria-label="Contents"><ul>{contents}</ul></nav><main><header><h1>{formula(title)}</h1>'
+        f'<body><nav aria-label="Contents"><ul>{contents}</ul></nav><main><header><h1>{html.escape(title)}</h1>'
         f"<p>{formula(subtitle)}</p></header>{body}</main><script>{_asset('page.js')}</script></body></html>\n"
     )
 

@@ -12,13 +12,16 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_INDEX = re.compile(r"(?<=[^\W_])_(?:\{([^}]*)\}|(q′|[A-Za-z0-9]+))|\^(?:\{([^}]*)\}|(-?[0-9]+|T))")
+_BEFORE = r"(?:(?<=(?<![A-Za-z])[^\W_])|(?<=[\u0300-\u036f′)]))"  # one letter, an accent, a prime or a bracket
+_LOW = r"_(?:\{([^}]*)\}|(q′|[0-9]+|[A-Za-z]+[0-9]*))"
+_INDEX = re.compile(_BEFORE + _LOW + r"|\^(?:\{([^}]*)\}|(-?[0-9]+|T))")
 
 
 def formula(text: str) -> str:
-    """Plain text as HTML: what is special to HTML escaped, ``x_i``, ``x_{ij}``, ``x^2`` and ``x^{-1}`` raised or lowered.
+    """Plain text as HTML, escaped; ``x_i``, ``x_{ij}``, ``x^2`` and ``x^{-1}`` are lowered and raised.
 
-    Names in `backticks` are set as code, and nothing within them is an index.
+    What stands before an index is one letter, or a bracket: `leg_1` stays a name. Names in `backticks` are set as code,
+    and nothing within them is an index.
     """
     pieces = re.split(r"`([^`]*)`", text)
     return "".join(

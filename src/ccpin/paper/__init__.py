@@ -15,11 +15,18 @@ from ccpin.paper.experiments import MoveTimes, figure8, figure9, figure10, move_
 from ccpin.paper.item import Drawing, Erratum, Item
 from ccpin.paper.page import page
 from ccpin.paper.reproduction import COUNT, Reproduction, reproduce
-from ccpin.paper.study import Study
+from ccpin.paper.study import BENCH, ESTIMATE, GOAL, K_P, K_V, START, WIDTH, Study
 from ccpin.paper.theorem3 import Theorem3Facts
 
 __all__ = [
+    "BENCH",
     "COUNT",
+    "ESTIMATE",
+    "GOAL",
+    "K_P",
+    "K_V",
+    "START",
+    "WIDTH",
     "Drawing",
     "Erratum",
     "Item",

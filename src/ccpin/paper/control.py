@@ -111,7 +111,8 @@ def _theorem_three(study: Study) -> Item:
     closed = "python-flint is not installed: pip install 'ccpin[validated]'"
     if move is not None:
         closed = (
-            f"{'covered' if move.covered else 'not covered'}: at {move.time:.3f} s the enclosure of the exact motion lies "
+            f"{'covered' if move.covered else 'not covered'}: at {move.time:.3f} s the enclosure of the exact motion "
+            f"lies "
             f"in B₂, 𝒱 < {move.lyapunov:.3f} J"
         )
     return Item(
@@ -120,7 +121,8 @@ def _theorem_three(study: Study) -> Item:
         "If ‖∂g/∂q‖ ≤ β on B_2 = {𝒱 ≤ c}, the largest such set within Ω, and every k_pi > β, the set point is "
         "asymptotically stable for starts in B_2. Experiment 1 starts at (−150°, −160°).",
         "`ccpin.control.certify_law` proves c and β over certified cells. The paper's own start lies outside of B_2: 𝒱 "
-        f"there is {found.start / certificate.level:.1f} times c. What closes the gap is `ccpin.validated.certify_move`, an enclosure of the exact "
+        f"there is {found.start / certificate.level:.1f} times c. What closes the gap is "
+        f"`ccpin.validated.certify_move`, an enclosure of the exact "
         "motion that leads from the start into B_2.",
         "by how much β exceeds k_p on B₂ (nothing where the gain condition is proved)",
         max(0.0, certificate.beta - certificate.gain) if certificate.verdict == "proven" else float("inf"),

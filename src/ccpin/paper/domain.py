@@ -11,7 +11,6 @@ from scipy.optimize import brentq
 from ccpin.arrays import Array
 from ccpin.domain import (
     QuadraticSystem,
-    SingularCurve,
     certify,
     kantorovich_radius,
     singularities,
@@ -66,7 +65,7 @@ def items(study: Study) -> Iterator[Item]:
 
 def _example() -> Item:
     """Unknowns x, y, u, v, w, s and xu − 1, xv − 2y, u² + v² − 1, x² − w, y² − s, sy − 3wy."""
-    rows = (
+    rows: tuple[dict[tuple[int, ...], float], ...] = (
         {(0, 2): 1.0, (): -1.0},
         {(0, 3): 1.0, (1,): -2.0},
         {(2, 2): 1.0, (3, 3): 1.0, (): -1.0},
@@ -139,16 +138,19 @@ def table_one(study: Study) -> Item:
         "Radii of squares that belong to Ω, by Theorem 2",
         "r = 3.5°, 0.13°, 1.7°, 0.31° about four centres. Which quadratic form gave them is not said; the sign of q_2 "
         "must be read negative.",
-        "`ccpin.domain.theorem2`, `kantorovich_radius`, `certify`. The closest form we found to the printed radii is that "
+        "`ccpin.domain.theorem2`, `kantorovich_radius`, `certify`. The closest form we found to the printed radii is "
+        "that "
         "of absolute link angles with unit scales: "
         + ", ".join(f"{one.closest:.2f}°" for one in found)
-        + ". It is not the paper's: the ratios differ. Scaling the unknowns makes Theorem 2's radii larger, certificates in "
+        + ". It is not the paper's: the ratios differ. Scaling the unknowns makes Theorem 2's radii larger, "
+        "certificates in "
         "joint space larger still; an atlas reaches 99.9 % of the exact squares.",
         "by how much a printed radius exceeds what is proved by the atlas",
         max(0.0, *(one.paper - one.atlas for one in found)),
         "°",
         0.0,
-        "every radius is a lower bound of the exact one, so no printed one may exceed it; the digits depend on a form the "
+        "every radius is a lower bound of the exact one, so no printed one may exceed it; the digits depend on a form "
+        "the "
         "paper does not give",
         facts=tuple(
             (f"closest form / paper at {_place(one.centre)}", f"{one.closest / one.paper:.2f}") for one in found
@@ -171,11 +173,14 @@ def figure6(study: Study) -> Item:
     ordered = points[np.argsort(-points[:, 0])]
     reach = float(printed.A[2] + printed.A[3])
     off = max(float(np.abs(printed.elbow_distance(q) - reach).max()) for q in stretched)
+    drawn = singular_figure(study.mechanism, curves, (START, GOAL), CENTRES)
     return Item(
         "Fig. 6",
         "Singular configurations of the RPDR",
-        "q_1 + q_3 − q_2 − q_4 = nπ: for odd n links 3 and 4 are stretched, on curves; for even n they lie on one another, "
-        "at exactly two points, ±(56.944°, 123.056°), as a_1 = a_2 and a_3 = a_4. The region 𝒟 used for control contains "
+        "q_1 + q_3 − q_2 − q_4 = nπ: for odd n links 3 and 4 are stretched, on curves; for even n they lie on one "
+        "another, "
+        "at exactly two points, ±(56.944°, 123.056°), as a_1 = a_2 and a_3 = a_4. The region 𝒟 used for control "
+        "contains "
         "none.",
         "`ccpin.domain.singularities` follows the curves of any mechanism with two coordinates; shaded is where the "
         "closed form has no σ, the elbows being further apart than a_3 + a_4.",
@@ -189,12 +194,8 @@ def figure6(study: Study) -> Item:
             ("distance of the elbows along the curves less a_3 + a_4, at most", f"{off:.1e} m"),
             ("curves, n odd", f"{len(stretched)}, of {sum(map(len, stretched))} points"),
         ),
-        drawings=(Drawing("fig6", "Both kinds of singularity, 𝒟 and Table I's centres.", _drawn(study, curves)),),
+        drawings=(Drawing("fig6", "Both kinds of singularity, 𝒟 and Table I's centres.", drawn),),
     )
-
-
-def _drawn(study: Study, curves: list[SingularCurve]) -> object:
-    return singular_figure(study.mechanism, curves, (START, GOAL), CENTRES)
 
 
 def figure7(study: Study) -> Item:
@@ -215,7 +216,8 @@ def figure7(study: Study) -> Item:
         "Fig. 7",
         "Extreme configurations of Ω",
         "The robot at the four corners of the squares that Theorem 2 certifies about Table I's centres.",
-        "`model.sigma_many` at the corners of ours (solid) and of the paper's (dashed) squares; the inset shows the end "
+        "`model.sigma_many` at the corners of ours (solid) and of the paper's (dashed) squares; the inset shows the "
+        "end "
         "effector in the paper's square.",
         "σ at the sixteen corners of either radius and the printed (39)–(40)",
         worst,
@@ -233,7 +235,8 @@ def _region(study: Study) -> Item:
         "Region 𝒟",
         "−150° ≤ q_1 ≤ −90°, −160° ≤ q_2 ≤ −100° holds no singularity",
         "The region in which the experiments take place is free of singularities.",
-        "`ccpin.domain.certify` covers it with boxes on each of which σ is proved to exist, to be unique on the branch and "
+        "`ccpin.domain.certify` covers it with boxes on each of which σ is proved to exist, to be unique on the "
+        "branch and "
         "nonsingular.",
         "the part of 𝒟 that is not proved",
         1.0 - share,

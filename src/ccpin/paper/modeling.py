@@ -1,4 +1,4 @@
-"""Sections II and III-A: free system, constraints, parametrisation, descriptor form and the reduced model (2)–(27), (35)."""
+"""The theory: free system, constraints, parametrisation, descriptor form and the reduced model (2)–(27), (35)."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ def _free_system(study: Study) -> Iterator[Item]:
         "The free system Σ′, cut open",
         "D′(q′)q̈′ + C′(q′, q̇′)q̇′ + g′(q′) = 0 for the n′ generalized coordinates of the tree that is left when the "
         "loops are cut.",
-        "Pinocchio's recursive Newton–Euler algorithm on the cut-open URDF, through `model.free_system`: the whole left "
+        "Pinocchio's recursive Newton–Euler algorithm on the cut-open URDF, through `model.free_system`: the whole "
+        "left "
         "side at once, without its three matrices.",
         "the left side at random q′, q̇′, q̈′ and the sum of the printed (36)–(38)",
         study.largest(motion),
@@ -71,7 +72,8 @@ def _parametrisation(study: Study) -> Iterator[Item]:
         "Eq. (7)",
         "Independent coordinates q = α(q′)",
         "Usually the actuated joints: α(q′) = A q′ with A a selection.",
-        "`model.alpha`. ccpin orders q′ as Pinocchio does, joint1, joint3, joint2, joint4; this page orders it by name, "
+        "`model.alpha`. ccpin orders q′ as Pinocchio does, joint1, joint3, joint2, joint4; this page orders it by "
+        "name, "
         "as the paper does.",
         "α(σ(q)) and q",
         study.largest(lambda one: apart(model.alpha(one.state.q_free), one.q)),
@@ -171,7 +173,7 @@ def _descriptor(study: Study) -> Iterator[Item]:
     model = study.model
 
     def residual(one: Sample) -> float:
-        v_free, push, _ = _forces(study, one)
+        push, _ = _forces(study, one)
         a_free = study.to_paper(one.state.a_free(one.v, one.state.forward_dynamics(one.v, one.u)))
         force = printed.psi_jacobian(one.q_paper)[:2].T @ one.state.constraint_forces(one.v, one.u)
         return apart(printed.mass_matrix(one.q_paper) @ a_free, push + force)
@@ -226,11 +228,11 @@ def _descriptor(study: Study) -> Iterator[Item]:
     )
 
 
-def _forces(study: Study, one: Sample) -> tuple[Array, Array, Array]:
-    """q̇′, B u − C′q̇′ − g′ and φ̇_q′ q̇′ in the paper's order, all printed but the velocities."""
+def _forces(study: Study, one: Sample) -> tuple[Array, Array]:
+    """B u − C′q̇′ − g′ and φ̇_q′ q̇′ in the paper's order, all printed but the velocities."""
     v_free = study.to_paper(one.state.v_free(one.v))
     push = np.array([*one.u, 0.0, 0.0]) - printed.coriolis_matrix(one.q_paper, v_free) @ v_free
-    return v_free, push - printed.gravity(one.q_paper), _turning(one.q_paper, v_free)
+    return push - printed.gravity(one.q_paper), _turning(one.q_paper, v_free)
 
 
 def _turning(q: Array, v: Array) -> Array:
@@ -243,7 +245,7 @@ def _turning(q: Array, v: Array) -> Array:
 
 def _solve_descriptor(study: Study, one: Sample) -> tuple[Array, Array]:
     """(q̈′, λ) of (19) with the printed matrices."""
-    _, push, bias = _forces(study, one)
+    push, bias = _forces(study, one)
     slope = printed.psi_jacobian(one.q_paper)[:2]
     matrix = np.block([[printed.mass_matrix(one.q_paper), -slope.T], [slope, np.zeros((2, 2))]])
     solution = np.linalg.solve(matrix, np.concatenate([push, -bias]))
@@ -295,7 +297,8 @@ def _reduced(study: Study) -> Iterator[Item]:
         "Eq. (27)",
         "The reduced model goes with q̇′ = ρ(q′)q̇ and q′ = σ(q)",
         "Without them (22) does not determine the motion.",
-        "Every state of a simulation is solved back onto the loops: nothing drifts, because nothing is integrated in q′.",
+        "Every state of a simulation is solved back onto the loops: nothing drifts, because nothing is integrated in "
+        "q′.",
         "‖φ(q′)‖ at all samples of Fig. 9's motion, by the printed (31), and zero",
         float(np.abs(printed.phi(study.to_paper(motion.q_free).T)).max()),
         "m",

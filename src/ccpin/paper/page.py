@@ -10,7 +10,8 @@ from ccpin.paper.reproduction import Reproduction
 
 TITLE = "Modeling and Set Point Control of Closed-Chain Mechanisms, recomputed"
 SOURCE = (
-    "F. H. Ghorbel, O. Chételat, R. Gunawardana, R. Longchamp: Modeling and Set Point Control of Closed-Chain Mechanisms: "
+    "F. H. Ghorbel, O. Chételat, R. Gunawardana, R. Longchamp: Modeling and Set Point Control of Closed-Chain "
+    "Mechanisms: "
     "Theory and Experiment. IEEE Transactions on Control Systems Technology 8(5), 2000."
 )
 ABSENT = "(1), (4)–(6), (8), (15), (16), (20), (21), (26), (29), (32), (34)"
@@ -41,9 +42,9 @@ def _slug(text: str) -> str:
 def size(value: float, unit: str) -> str:
     """A difference with its unit, in few digits."""
     if value == 0.0:
-        return f"0 {unit}".strip()
+        return "0"
     digits = f"{value:.1e}" if value < 1e-3 else f"{value:.3g}"
-    return f"{digits} {unit}".strip()
+    return f"{digits}{'' if unit == '°' else ' '}{unit}".strip()
 
 
 def _summary(found: Reproduction) -> Section:
@@ -54,7 +55,8 @@ def _summary(found: Reproduction) -> Section:
     ]
     agreeing = sum(item.agrees for item in items)
     words = (
-        f"{agreeing} of {len(items)} items agree with the paper within the bounds stated beside them. Each is computed anew "
+        f"{agreeing} of {len(items)} items agree with the paper within the bounds stated beside them. Each is "
+        f"computed anew "
         "when this page is made: nothing on it is a stored result. The printed side is written out from the paper's "
         "formulas with NumPy alone and imports nothing of what it is compared with.",
         f"ccpin cites the equations below by their numbers. It does not use {ABSENT}, and they are not on this page.",

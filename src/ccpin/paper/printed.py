@@ -132,6 +132,6 @@ def fold(q: Array) -> float:
 
 
 def coincident_elbows() -> Array:
-    """(q1, q2) = (56.944°, 123.056°) in radians, exact: both elbows above the middle of the base; minus it is the other."""
+    """(q1, q2) = (56.944°, 123.056°) in radians, exact: both elbows above the middle of the base. Minus it too."""
     first = float(np.arccos(0.5 * BASE / A[0]))
     return np.array([first, np.pi - first])

@@ -38,7 +38,8 @@ def _figures(study: Study) -> Item:
         "Figs. 1–5",
         "Open and closed chains, the robot, cut open and annotated",
         "A planar parallel robot beside a serial one; the RPDR, a five-bar with two motors; the free system with the "
-        "loop cut at the end effector, so that the tips E of link 3 and F of link 4 come apart; lengths a_i, centres of "
+        "loop cut at the end effector, so that the tips E of link 3 and F of link 4 come apart; lengths a_i, centres "
+        "of "
         "mass l_ci, angles q_i.",
         "`ccpin info rpdr`; the drawings are made from the model's own numbers.",
         "the gap E − F of the drawing on the right of Fig. 2 and the printed φ (31)",
@@ -73,14 +74,15 @@ def _table_two(study: Study) -> Item:
     )
     scale = np.abs(printed.TABLE_II)
     difference = max(
-        float((np.abs(ours - printed.TABLE_II) / scale).max()), apart(rotors[:2], printed.MOTOR) / printed.MOTOR
+        float((np.abs(ours - printed.TABLE_II) / scale).max()), apart(rotors[:2] / printed.MOTOR, np.ones(2))
     )
     return Item(
         "Table II",
         "Parameters of the robot",
         "Masses, lengths, centres of mass on the links' axes, moments of inertia about the centres of mass; 3.3263e-3 "
         "kg m² of motor and transmission on joints 1 and 2; c = 0.3048 m.",
-        "`models/rpdr.urdf`, read back from the loaded mechanism. The motors' inertia is what the file states as rotors.",
+        "`models/rpdr.urdf`, read back from the loaded mechanism. The motors' inertia is what the file states as "
+        "rotors.",
         "relative, over all entries",
         difference,
         "",
@@ -184,7 +186,8 @@ def _sigma(study: Study) -> Item:
         "Eqs. (39), (40)",
         "σ of the RPDR",
         "q_4 and q_3 in closed form; the sign of a root is the assembly mode.",
-        "`model.sigma(q, near)` by Newton's method. The modes are told apart by the sign of sin(q_1 + q_3 − q_2 − q_4); "
+        "`model.sigma(q, near)` by Newton's method. The modes are told apart by the sign of sin(q_1 + q_3 − q_2 − "
+        "q_4); "
         "the paper's experiments are in the positive one.",
         "q_3 and q_4 at the samples of both assembly modes, the arctangents read as four-quadrant ones",
         study.largest(difference),
@@ -211,7 +214,8 @@ def _determinant(study: Study) -> Item:
     return Item(
         "det ψ_q′",
         "Where the RPDR is singular",
-        "det ψ_q′ vanishes where q_1 + q_3 − q_2 − q_4 = kπ: links 3 and 4 stretched (odd k) or on one another (even k). "
+        "det ψ_q′ vanishes where q_1 + q_3 − q_2 − q_4 = kπ: links 3 and 4 stretched (odd k) or on one another (even "
+        "k). "
         "The printed formula lacks the factor a_3a_4.",
         "The determinant of `model.parametrization.psi_jacobian`.",
         "|det ψ_q′| and a_3a_4 |sin(q_1 + q_3 − q_2 − q_4)|",

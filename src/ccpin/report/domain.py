@@ -96,8 +96,10 @@ def _singular(mechanism: Mechanism, curves: tuple[SingularCurve, ...]) -> str:
 def _atlas(mechanism: Mechanism, atlas: Atlas, curves: tuple[SingularCurve, ...], settings: Settings) -> str:
     shares = ", ".join(f"{100 * getattr(atlas, f'{share}_fraction'):.2f} % {share}" for share in _SHARES)
     words = (
-        f"The reference's branch in {len(atlas.lower)} boxes, edges halved up to {settings.depth} times: {shares} of the "
-        "region of the coordinates. Certified is proved; undecided is neither proved nor refuted, and shrinks with more "
+        f"The reference's branch in {len(atlas.lower)} boxes, edges halved up to {settings.depth} times: {shares} of "
+        f"the "
+        "region of the coordinates. Certified is proved; undecided is neither proved nor refuted, and shrinks with "
+        "more "
         "halving (`ccpin domain … --atlas --depth`); empty is proved to hold no closed configuration."
     )
     more = () if atlas.single_valued else ("Not single-valued: some shared faces of boxes are not glued.",)
@@ -116,8 +118,10 @@ def _slices(model: ReducedModel, settings: Settings) -> str:
         )
     pairs = list(combinations(range(mechanism.n), 2))[:_SLICES]
     words = (
-        f"With {mechanism.n} independent coordinates there is no plane to draw an atlas in. Instead, slices through the "
-        f"reference: 1/κ(ψ_q′) over two coordinates, the others held, followed along lines from the middle. It is sampled "
+        f"With {mechanism.n} independent coordinates there is no plane to draw an atlas in. Instead, slices through "
+        f"the "
+        f"reference: 1/κ(ψ_q′) over two coordinates, the others held, followed along lines from the middle. It is "
+        f"sampled "
         f"at {settings.grid} × {settings.grid} points, not proved; white is where σ was not reached."
     )
     return paragraphs(words) + figure(_slice_figure(model, pairs, settings.grid), "Slices through the reference (+).")
@@ -125,7 +129,7 @@ def _slices(model: ReducedModel, settings: Settings) -> str:
 
 def _slice_figure(model: ReducedModel, pairs: list[tuple[int, int]], grid: int) -> Figure:
     mechanism = model.mechanism
-    size = (4.6 * len(pairs) + 0.6, 4.4)
+    size = (3.5 * len(pairs) + 0.6, 3.5)
     with drawing(f"{mechanism.name}: 1/κ(ψ_q′) about the reference", size, **{"axes.grid": False}) as figure_:
         every = figure_.subplots(1, len(pairs), squeeze=False)[0]
         surveys = [survey(model, pair, grid) for pair in pairs]

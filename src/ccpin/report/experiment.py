@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -54,7 +54,7 @@ def run(model: ReducedModel, settings: Settings) -> Experiment:
     start = np.array(checked_q(model.coordinates, start))
     wanted = None if settings.goal is None else np.array(checked_q(model.coordinates, settings.goal))
     goal = beside(model, start) if wanted is None else wanted
-    options = {"duration": settings.duration, "rtol": 1e-7, "atol": 1e-9, "sample_period": _SAMPLES}
+    options: dict[str, Any] = {"duration": settings.duration, "rtol": 1e-7, "atol": 1e-9, "sample_period": _SAMPLES}
     try:
         if goal is None:
             raise CcpinError("no goal beside the start was found along which the mechanism stays well conditioned")
@@ -67,7 +67,8 @@ def run(model: ReducedModel, settings: Settings) -> Experiment:
         words = f"Released at rest, without efforts: a set-point law is not possible here ({error})."
     else:
         words = (
-            f"From rest to a goal under PD with simple gravity compensation (28), gains for {settings.frequency:g} rad/s "
+            f"From rest to a goal under PD with simple gravity compensation (28), gains for {settings.frequency:g} "
+            f"rad/s "
             "at the goal."
         )
     return Experiment(simulate(model, law, start, **options), law, goal, words)
@@ -100,14 +101,15 @@ def beside(model: ReducedModel, start: Array) -> Array | None:
 def experiment(model: ReducedModel, found: Experiment) -> str:
     """The section as HTML."""
     mechanism, motion = model.mechanism, found.motion
-    words = f"{found.words} The motion {_ended(motion)}; ‖φ‖ ≤ {motion.closure_error.max():.0e} at all {len(motion.t)} samples."
+    closed = f"‖φ‖ ≤ {motion.closure_error.max():.0e} at all {len(motion.t)} samples"
+    words = f"{found.words} The motion {_ended(motion)}; {closed}."
     parts = [paragraphs(words)]
     if found.goal is not None:
         metrics = set_point_metrics(motion, model, found.goal)
         settled = "not within ±2° at the end" if metrics.settling_time is None else f"{metrics.settling_time:.3f} s"
         rows = [
             (
-                name,
+                f"`{name}`",
                 value(mechanism, name, motion.q[0, k]),
                 value(mechanism, name, found.goal[k]),
                 value(mechanism, name, over),
@@ -116,7 +118,7 @@ def experiment(model: ReducedModel, found: Experiment) -> str:
         ]
         parts.append(table(("coordinate", "from", "to", "overshoot"), rows))
         peaks = ", ".join(
-            f"{name} {peak:.3g}" for name, peak in zip(mechanism.actuated, metrics.peak_torque, strict=True)
+            f"`{name}` {peak:.3g}" for name, peak in zip(mechanism.actuated, metrics.peak_torque, strict=True)
         )
         parts.append(
             paragraphs(f"Within the band (±2°, or 35 mm) from: {settled}. Largest efforts (N m or N): {peaks}.")

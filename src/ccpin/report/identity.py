@@ -18,8 +18,8 @@ from ccpin.report.settings import value
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_OPEN = 0.06
-_TURN = 0.6
+_OPEN = 0.1
+_TURN = 1.2
 
 
 def identity(model: ReducedModel) -> str:
@@ -32,15 +32,15 @@ def identity(model: ReducedModel) -> str:
         )
     rows = [
         (
-            loop.closure.name,
+            f"`{loop.closure.name}`",
             loop.closure.kind,
-            f"{loop.closure.link_a} – {loop.closure.link_b}",
+            f"`{loop.closure.link_a}` – `{loop.closure.link_b}`",
             str(loop.size),
             _planar(loop),
         )
         for loop in mechanism.constraints().loops
     ]
-    rows += [(coupling.name, "coupling", "–", "1", "") for coupling in mechanism.couplings]
+    rows += [(f"`{coupling.name}`", "coupling", "–", "1", "") for coupling in mechanism.couplings]
     parts.append(table(("loop", "kind", "between", "rows of φ", ""), rows))
     parts.append(table(("joint", "kind", "reference", ""), _joints(mechanism)))
     if mechanism.notes:
@@ -62,18 +62,26 @@ def _words(mechanism: Mechanism) -> list[str]:
     surplus = motors - mechanism.n
     drive = "as many motors as that" if surplus == 0 else f"{motors} motor{'' if motors == 1 else 's'}"
     words = [
-        f"{mechanism.name} ({mechanism.description.source or 'built in Python'}) is a tree of "
+        f"`{mechanism.name}` (`{mechanism.description.source or 'built in Python'}`) is a tree of "
         f"{len(mechanism.tree.joints)} moving joints, {mass:.4g} kg, closed by {loops} loop{'' if loops == 1 else 's'}"
         + (f" and {len(mechanism.couplings)} couplings" if mechanism.couplings else "")
         + ".",
         f"Cut open it has n′ = {mobility.n_free} velocities; the closures take {mobility.rank} of them (rank of "
-        f"{mobility.rows} rows), which leaves {ways}: {', '.join(mechanism.independent)}. It has {drive}"
-        + (f": {', '.join(mechanism.actuated)}." if motors else "."),
-        f"At the reference it closes to {error:.0e} and 1/κ(ψ_q′) = {factor.rcond:.3g} (0 would be singular).",
+        f"{mobility.rows} rows), which leaves {ways}: {_names(mechanism.independent)}. It has {drive}"
+        + (f": {_names(mechanism.actuated)}." if motors else "."),
+        f"At the reference it closes to {_small(error)} and 1/κ(ψ_q′) = {factor.rcond:.3g} (0 would be singular).",
     ]
     if mechanism.locked:
-        words.append(f"Held still: {', '.join(mechanism.locked)}.")
+        words.append(f"Held still: {_names(mechanism.locked)}.")
     return [*words, *(sentence[0].upper() + sentence[1:] for sentence in mobility.idle)]
+
+
+def _small(error: float) -> str:
+    return f"{error:.0e}" if error else "0"
+
+
+def _names(names: tuple[str, ...]) -> str:
+    return ", ".join(f"`{name}`" for name in names)
 
 
 def _joints(mechanism: Mechanism) -> list[tuple[str, str, str, str]]:
@@ -86,7 +94,7 @@ def _joints(mechanism: Mechanism) -> list[tuple[str, str, str, str]]:
         else:
             shown = "(" + ", ".join(f"{x:.4g}" for x in reference) + ")"
         roles = [word for word, names in _roles(mechanism) if joint.name in {mechanism.tree.split(n)[0] for n in names}]
-        rows.append((joint.name, joint.kind.name, shown, ", ".join(roles)))
+        rows.append((f"`{joint.name}`", joint.kind.name, shown, ", ".join(roles)))
     return rows
 
 
@@ -107,9 +115,6 @@ def cut_open(mechanism: Mechanism) -> Figure:
     for loop in mechanism.constraints().loops:
         ends = _ends(mechanism, loop, opened)
         axes.plot(*(ends if plane is None else ends @ plane.T).T, "--D", color=COLOURS[3], linewidth=1.2, markersize=5)
-    legend = drawn.axes[0].get_legend()
-    if legend is not None:
-        legend.remove()
     return drawn
 
 

@@ -34,9 +34,11 @@ def modes(model: ReducedModel, settings: Settings) -> str:
     ]
     drawn = found.modes[:_DRAWN]
     panels = [(f"mode {k}", [mode.q_free]) for k, mode in enumerate(drawn, start=1)]
-    picture = plot_configuration_panels(mechanism, panels, [""], f"{mechanism.name}: assembly modes") if drawn else None
-    if picture is not None and picture.axes[0].get_legend() is not None:
-        picture.axes[0].get_legend().remove()
+    picture = (
+        plot_configuration_panels(mechanism, panels, [mechanism.name], f"{mechanism.name}: assembly modes")
+        if drawn
+        else None
+    )
     return (
         paragraphs(*words)
         + table(("mode", "det ψ_q′", "1/κ(ψ_q′)", "found from", "within limits"), rows)

@@ -39,8 +39,8 @@ def sliding(mechanism: Mechanism, name: str) -> bool:
 
 def value(mechanism: Mechanism, name: str, number: float) -> str:
     """A coordinate's value with its unit: degrees or metres."""
-    text = f"{number:.4f} m" if sliding(mechanism, name) else f"{np.degrees(number):.2f}°"
-    return text.replace("-", "−")
+    digits, unit, scale = (4, " m", 1.0) if sliding(mechanism, name) else (2, "°", float(np.degrees(1.0)))
+    return f"{round(scale * number, digits) + 0.0:.{digits}f}{unit}".replace("-", "−")
 
 
 def scalar(mechanism: Mechanism) -> bool:
