@@ -230,6 +230,8 @@ def figure7(study: Study) -> Item:
 
 def _region(study: Study) -> Item:
     atlas = certify(study.mechanism, 0.5 * (START + GOAL), (START, GOAL))
+    if not atlas.complete:  # Ctrl-C, at which a map ends with what it has
+        raise KeyboardInterrupt
     share = atlas.certified_fraction
     return Item(
         "Region 𝒟",

@@ -107,7 +107,7 @@ class Study:
     @cached_property
     def ideal(self) -> Trajectory:
         """Experiment 1 without friction, the law computed continuously."""
-        return simulate(self.model, self.law, START, duration=DURATION)
+        return _whole(simulate(self.model, self.law, START, duration=DURATION))
 
     @cached_property
     def bench(self) -> Trajectory:
@@ -116,7 +116,7 @@ class Study:
         That is g(q_d) and the Coulomb friction estimated at q_d.
         """
         law = CoulombCompensation(self.law, ESTIMATE, START)
-        return simulate(self.model, law, START, duration=DURATION, **BENCH)
+        return _whole(simulate(self.model, law, START, duration=DURATION, **BENCH))
 
     @cached_property
     def cycles_ideal(self) -> SupervisedMotion:
@@ -129,7 +129,7 @@ class Study:
         return self._cycles(lambda law: CoulombCompensation(law, ESTIMATE, width=WIDTH), BENCH)
 
     def _cycles(self, made: Callable[[PDSimpleGravity], Any], options: dict[str, Any]) -> SupervisedMotion:
-        return supervise(
+        motion = supervise(
             self.model,
             lambda goal, q_free: made(PDSimpleGravity(self.model, goal, K_P, K_V, q_free)),
             START,
@@ -138,11 +138,20 @@ class Study:
             settling=Settling(GOAL, **ARRIVED),
             **options,
         )
+        _whole(motion.trajectory)
+        return motion
 
     @cached_property
     def theorem3(self) -> Theorem3Facts:
         """Theorem 3 about Experiment 1's goal, and its start."""
         return theorem3_facts(self.law, START)
+
+
+def _whole(motion: Trajectory) -> Trajectory:
+    """The motion, unless somebody pressed Ctrl-C, which a simulation ends at with what it has."""
+    if motion.status == "interrupted":
+        raise KeyboardInterrupt
+    return motion
 
 
 def settled(motion: Trajectory, goal: Array, band: float = BAND) -> float:

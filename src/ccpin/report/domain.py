@@ -102,6 +102,8 @@ def _atlas(mechanism: Mechanism, atlas: Atlas, curves: tuple[SingularCurve, ...]
         "more "
         "halving (`ccpin domain … --atlas --depth`); empty is proved to hold no closed configuration."
     )
+    if not atlas.complete:
+        words += " The map was interrupted; what it lacks is unreached."
     more = () if atlas.single_valued else ("Not single-valued: some shared faces of boxes are not glued.",)
     angles = not any(sliding(mechanism, name) for name in mechanism.independent)
     picture = mechanism.n == 2 and angles
