@@ -24,7 +24,7 @@ def add_report(commands: Any) -> None:
     parser.add_argument("-o", "--out", type=Path, metavar="HTML", required=True, help="the page to write")
     add_vector(parser, "start", "where the experiment starts at rest (default: the reference)")
     add_vector(parser, "goal", "its set point (default: one beside the start)")
-    parser.add_argument("--duration", type=float, default=1.0, metavar="S", help="of the experiment (default 1)")
+    parser.add_argument("--duration", type=float, metavar="S", help="of the experiment (default 1)")
     parser.add_argument("--depth", type=int, default=8, metavar="N", help="halvings of the atlas's edges (default 8)")
     parser.set_defaults(run=_report)
 

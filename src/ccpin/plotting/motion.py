@@ -136,6 +136,7 @@ def plot_configuration_panels(
             axes.set_aspect("equal", adjustable="datalim" if plane is not None else "box")
             if plane is None:
                 axes.set_box_aspect(np.ptp(np.reshape(axes.get_w_lims(), (3, 2)), axis=1), zoom=_ROOM)
+                axes.locator_params(nbins=5)
             labelled = zip("xyz", _axis_names(plane), strict=False)
             pad = 4.0 if plane is not None else 9.0
             for axis, name in labelled:

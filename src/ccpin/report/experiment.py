@@ -26,6 +26,7 @@ _TRIES = (1.0, 0.5, 0.25, 0.1)
 _KEPT = 0.3
 _WAY = 9
 _SAMPLES = 0.005
+_DRIVEN, _RELEASED = 1.0, 0.4
 
 
 class Experiment(NamedTuple):
@@ -54,7 +55,6 @@ def run(model: ReducedModel, settings: Settings) -> Experiment:
     start = np.array(checked_q(model.coordinates, start))
     wanted = None if settings.goal is None else np.array(checked_q(model.coordinates, settings.goal))
     goal = beside(model, start) if wanted is None else wanted
-    options: dict[str, Any] = {"duration": settings.duration, "rtol": 1e-7, "atol": 1e-9, "sample_period": _SAMPLES}
     try:
         if goal is None:
             raise CcpinError("no goal beside the start was found along which the mechanism stays well conditioned")
@@ -71,6 +71,9 @@ def run(model: ReducedModel, settings: Settings) -> Experiment:
             f"rad/s "
             "at the goal."
         )
+    usual = _RELEASED if goal is None else _DRIVEN
+    options: dict[str, Any] = {"rtol": 1e-7, "atol": 1e-9, "sample_period": _SAMPLES}
+    options["duration"] = usual if settings.duration is None else settings.duration
     return Experiment(simulate(model, law, start, **options), law, goal, words)
 
 

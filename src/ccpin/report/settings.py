@@ -15,7 +15,7 @@ class Settings(NamedTuple):
 
     Attributes:
         start, goal: Of the experiment, of shape (model.nq,) in rad and m; default the reference, and a goal beside it.
-        duration: Of the experiment, s.
+        duration: Of the experiment, s; default 1, and 0.4 where the mechanism is only released.
         frequency: ω of the law's gains, rad/s.
         depth: How often an edge of the atlas's region may be halved (n ≤ 2).
         modes_budget: Seconds spent on looking for assembly modes.
@@ -24,7 +24,7 @@ class Settings(NamedTuple):
 
     start: ArrayLike | None = None
     goal: ArrayLike | None = None
-    duration: float = 1.0
+    duration: float | None = None
     frequency: float = 10.0
     depth: int = 8
     modes_budget: float = 8.0
