@@ -19,7 +19,7 @@ NUMBERS = (
     *("Eq. (35)", "Eq. (17)", "Eq. (18)", "Eq. (19)", "Eq. (22), Theorem 1", "Eq. (23)", "Eq. (24)", "Eq. (25)"),
     *("Eq. (27)", "Lemma III.1", "Figs. 1–5", "Table II", "Eq. (31)", "Eq. (33)", "Eq. (36)", "Eq. (37)", "Eq. (38)"),
     *("Eqs. (39), (40)", "det ψ_q′", "Theorem 2, example", "Table I", "Fig. 6", "Fig. 7", "Region 𝒟", "Eq. (28)"),
-    *("Eq. (30)", "𝒱", "𝒱̇", "Theorem 3", "Fig. 8", "Fig. 9", "Fig. 10"),
+    *("Eq. (30)", "𝒱", "d𝒱/dt", "Theorem 3", "Fig. 8", "Fig. 9", "Fig. 10"),
 )
 
 

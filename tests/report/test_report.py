@@ -71,7 +71,7 @@ def test_the_experiment_asked_for(tmp_path):
     page, _ = written("rpdr", tmp_path, QUICK._replace(start=start, goal=goal, duration=0.5))
     assert "−150.00°" in page
     assert "−100.00°" in page
-    assert "<code>duration</code>: 0.5" in page
+    assert "<code>duration</code>: <code>0.5</code>" in page
 
 
 def test_a_goal_that_cannot_be_reached_is_an_error(tmp_path):

@@ -90,11 +90,12 @@ def _decrease(study: Study) -> Item:
     history = lyapunov_along(study.law, motion)
     figure = plot_lyapunov(motion.t, history, None, "The Lyapunov function along Experiment 1")
     return Item(
-        "𝒱̇",
-        "𝒱̇ = −q̇ᵀK_v q̇ along solutions",
+        "d𝒱/dt",
+        "d𝒱/dt = −q̇ᵀK_v q̇ along solutions",
         "The Lyapunov function falls as the velocity gains dissipate.",
-        "`ccpin.simulation.lyapunov_along(law, motion)` along Fig. 9's ideal motion, 𝒱̇ from the power of the efforts.",
-        "𝒱̇ and −q̇ᵀK_v q̇, relative to the largest",
+        "`ccpin.simulation.lyapunov_along(law, motion)` along Fig. 9's ideal motion, d𝒱/dt from the power of the "
+        "efforts.",
+        "d𝒱/dt and −q̇ᵀK_v q̇, relative to the largest",
         apart(history.V_dot, history.dissipation) / float(np.abs(history.dissipation).max()),
         "",
         1e-9,

@@ -35,7 +35,7 @@ def anchor(item: Item) -> str:
 
 
 def _slug(text: str) -> str:
-    known = text.replace("𝒱̇", "rate of V").replace("𝒱", "V").replace("𝒟", "D").replace("ψ_q′", "psi")
+    known = text.replace("𝒱", "V").replace("𝒟", "D").replace("ψ_q′", "psi")
     return re.sub(r"[^a-z0-9]+", "-", known.lower()).strip("-")
 
 
@@ -59,7 +59,9 @@ def _summary(found: Reproduction) -> Section:
         f"computed anew "
         "when this page is made: nothing on it is a stored result. The printed side is written out from the paper's "
         "formulas with NumPy alone and imports nothing of what it is compared with.",
-        f"ccpin cites the equations below by their numbers. It does not use {ABSENT}, and they are not on this page.",
+        f"ccpin cites the equations below by their numbers. The paper's other numbers, {ABSENT}, are not cited by it, "
+        f"and "
+        "nothing is claimed about them here.",
     )
     head = ("item", "what", "largest difference", "bound", "why that bound")
     return Section(
@@ -107,6 +109,6 @@ def _errata(found: tuple[Erratum, ...]) -> Section:
 
 def _repeat(found: Reproduction) -> Section:
     body = preformatted("pip install 'ccpin[validated]'\nccpin paper -o paper.html\nccpin paper --json")
-    body += bullets([f"{name}: {value}" for name, value in found.versions])
+    body += bullets([f"{name}: `{value}`" for name, value in found.versions])
     body += paragraphs(f"Computed in {found.seconds:.0f} s, of which the slowest: {found.slowest}.")
     return Section("repeat", "To repeat this page", body)

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
+import numpy as np
+
 from ccpin.dynamics import ReducedModel
 from ccpin.errors import CcpinError
 from ccpin.files import writable_target, write_atomically
@@ -109,8 +111,10 @@ class _Work:
 
 def _repeat(mechanism: Mechanism, settings: Settings, command: str | None, seconds: dict[str, float]) -> str:
     lines = preformatted(command) if command is not None else ""
-    facts = [f"{name}: {told}" for name, told in versions()]
-    facts += [f"`{name}`: {told!r}" for name, told in settings._asdict().items() if told is not None]
-    facts += [f"source: {mechanism.description.source or 'built in Python'}"]
+    facts = [f"{name}: `{told}`" for name, told in versions()]
+    facts += [
+        f"`{name}`: `{np.asarray(told).tolist()}`" for name, told in settings._asdict().items() if told is not None
+    ]
+    facts += [f"source: `{mechanism.description.source or 'built in Python'}`"]
     facts += [f"{name}: {spent:.1f} s" for name, spent in seconds.items()]
     return lines + bullets(facts)
