@@ -10,7 +10,7 @@ from ccpin.cli import main
 from ccpin.errors import InvalidInputError
 from ccpin.paper import control as control_items
 from ccpin.paper import domain as domain_items
-from ccpin.paper import modeling, printed, robot, study
+from ccpin.paper import modeling, printed, reduced, robot, study
 from tests.oracles import rpdr as oracle
 from tests.support.browser import click, opened
 
@@ -75,10 +75,10 @@ def test_the_printed_side_is_the_oracles():
         ("phi", lambda f: lambda q: f(q) + 1e-6, robot, "Eq. (31)"),
         ("psi_jacobian", lambda f: lambda q: f(q) * (1 + 1e-9), robot, "Eq. (33)"),
         ("psi_jacobian", lambda f: lambda q: f(q)[:, [0, 1, 3, 2]], modeling, "Eq. (14)"),
-        ("mass_matrix", lambda f: lambda q: f(q) + 1e-9, modeling, "Eq. (19)"),
+        ("mass_matrix", lambda f: lambda q: f(q) + 1e-9, reduced, "Eq. (19)"),
         ("mass_matrix", lambda f: lambda q: f(q) + 1e-8, robot, "Eq. (36)"),
         ("coriolis_matrix", lambda f: lambda q, v: f(q, v).T, robot, "Eq. (37)"),
-        ("coriolis_matrix", lambda f: lambda q, v: 0.5 * f(q, v), modeling, "Eq. (24)"),
+        ("coriolis_matrix", lambda f: lambda q, v: 0.5 * f(q, v), reduced, "Eq. (24)"),
         ("gravity", lambda f: lambda q: f(q) * 9.8 / 9.81, robot, "Eq. (38)"),
         ("potential", lambda f: lambda q: 1.001 * f(q), control_items, "𝒱"),
         ("sigma", lambda f: lambda q, mode=1: f(q, mode) + [0, 0, 1e-8, 0], robot, "Eqs. (39), (40)"),

@@ -113,8 +113,7 @@ def _theorem_three(study: Study) -> Item:
     if move is not None:
         closed = (
             f"{'covered' if move.covered else 'not covered'}: at {move.time:.3f} s the enclosure of the exact motion "
-            f"lies "
-            f"in B₂, 𝒱 < {move.lyapunov:.3f} J"
+            f"lies in B₂, 𝒱 < {move.lyapunov:.3f} J"
         )
     return Item(
         "Theorem 3",

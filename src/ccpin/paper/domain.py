@@ -139,19 +139,16 @@ def table_one(study: Study) -> Item:
         "r = 3.5°, 0.13°, 1.7°, 0.31° about four centres. Which quadratic form gave them is not said; the sign of q_2 "
         "must be read negative.",
         "`ccpin.domain.theorem2`, `kantorovich_radius`, `certify`. The closest form we found to the printed radii is "
-        "that "
-        "of absolute link angles with unit scales: "
+        "that of absolute link angles with unit scales: "
         + ", ".join(f"{one.closest:.2f}°" for one in found)
         + ". It is not the paper's: the ratios differ. Scaling the unknowns makes Theorem 2's radii larger, "
-        "certificates in "
-        "joint space larger still; an atlas reaches 99.9 % of the exact squares.",
+        "certificates in joint space larger still; an atlas reaches 99.9 % of the exact squares.",
         "by how much a printed radius exceeds what is proved by the atlas",
         max(0.0, *(one.paper - one.atlas for one in found)),
         "°",
         0.0,
         "every radius is a lower bound of the exact one, so no printed one may exceed it; the digits depend on a form "
-        "the "
-        "paper does not give",
+        "the paper does not give",
         facts=tuple(
             (f"closest form / paper at {_place(one.centre)}", f"{one.closest / one.paper:.2f}") for one in found
         ),
@@ -178,10 +175,8 @@ def figure6(study: Study) -> Item:
         "Fig. 6",
         "Singular configurations of the RPDR",
         "q_1 + q_3 − q_2 − q_4 = nπ: for odd n links 3 and 4 are stretched, on curves; for even n they lie on one "
-        "another, "
-        "at exactly two points, ±(56.944°, 123.056°), as a_1 = a_2 and a_3 = a_4. The region 𝒟 used for control "
-        "contains "
-        "none.",
+        "another, at exactly two points, ±(56.944°, 123.056°), as a_1 = a_2 and a_3 = a_4. The region 𝒟 used for "
+        "control contains none.",
         "`ccpin.domain.singularities` follows the curves of any mechanism with two coordinates; shaded is where the "
         "closed form has no σ, the elbows being further apart than a_3 + a_4.",
         "the isolated singularities",
@@ -217,8 +212,7 @@ def figure7(study: Study) -> Item:
         "Extreme configurations of Ω",
         "The robot at the four corners of the squares that Theorem 2 certifies about Table I's centres.",
         "`model.sigma_many` at the corners of ours (solid) and of the paper's (dashed) squares; the inset shows the "
-        "end "
-        "effector in the paper's square.",
+        "end effector in the paper's square.",
         "σ at the sixteen corners of either radius and the printed (39)–(40)",
         worst,
         "rad",
@@ -238,8 +232,7 @@ def _region(study: Study) -> Item:
         "−150° ≤ q_1 ≤ −90°, −160° ≤ q_2 ≤ −100° holds no singularity",
         "The region in which the experiments take place is free of singularities.",
         "`ccpin.domain.certify` covers it with boxes on each of which σ is proved to exist, to be unique on the "
-        "branch and "
-        "nonsingular.",
+        "branch and nonsingular.",
         "the part of 𝒟 that is not proved",
         1.0 - share,
         "",

@@ -50,8 +50,7 @@ def _arctangent(study: Study) -> Erratum:
         "arctangents of quotients",
         "Four-quadrant arctangents: atan2(B, A), atan2(± √(A^2 + B^2 − C^2), C), atan2(μ + a_4s_24, λ + a_4c_24).",
         f"With arctangents of quotients {open_ones} of {len(gaps)} samples do not close (by up to {max(gaps):.2f} m); "
-        f"with "
-        f"four-quadrant ones all do, to {right:.0e} m.",
+        f"with four-quadrant ones all do, to {right:.0e} m.",
         max(gaps),
     )
 
@@ -77,12 +76,10 @@ def _form(study: Study) -> Erratum:
         "Table I",
         "radii without the quadratic form that gave them",
         "Theorem 2's radius depends on how ψ is brought to degree two and on the scales of the unknowns; the formula "
-        "is "
-        "reproduced, the digits are not.",
+        "is reproduced, the digits are not.",
         f"The closest form found, absolute link angles with unit scales, gives {closest} where the table has {papers}. "
         f"Every printed radius is far inside the exact square ({', '.join(f'{one.exact:.2f}°' for one in found)}), so "
-        f"none "
-        "is wrong.",
+        "none is wrong.",
         found[0].closest,
     )
 
@@ -126,7 +123,6 @@ def _order(study: Study) -> Erratum:
         "q′ = (q_1, q_2, q_3, q_4)",
         f"Not an erratum, but where it shows: Pinocchio orders q′ by depth first, {ours}.",
         "This page puts everything into the paper's order by the joints' names. Beyond it, "
-        "`mechanism.tree.joint(name).q` "
-        "is where a joint sits in q′.",
+        "`mechanism.tree.joint(name).q` is where a joint sits in q′.",
         0.0,
     )

@@ -74,12 +74,10 @@ def figure9(study: Study) -> Item:
         "Fig. 9",
         "Experiment 1: q, q̇ and u against time",
         "Under (28) with K_p = diag(11, 11) and K_v = diag(0.65, 0.60) the goal is reached within approximately 0.3 "
-        "s. The "
-        "feedforward was g(q_d) and the Coulomb friction estimated at q_d.",
+        "s. The feedforward was g(q_d) and the Coulomb friction estimated at q_d.",
         f"`ccpin.simulate`: the ideal robot (dashed), and the bench (solid) with friction {_friction()}, 4096 counts a "
         f"turn, a 100 Hz filter, 1 kHz and one sample of delay, {ESTIMATE} N m of friction compensated. The paper "
-        f"gives no "
-        "figures for friction and electronics; these are plausible ones.",
+        "gives no figures for friction and electronics; these are plausible ones.",
         "the time into ±5 % of the move (±3°), bench and ideal, and the stated 0.3 s",
         max(abs(ideal - STATED), abs(bench - STATED)),
         "s",
@@ -158,10 +156,8 @@ def why_slower(slow: dict[str, complex], narrow: float, slowest: float) -> str:
     return (
         f"Without friction the way back takes {narrow:.3f} s into ±2°: linearised about q_i the loop has poles "
         f"{_complex(slow['q_i'])} 1/s, a damping ratio of {ratio['q_i']:.2f} (at q_f {ratio['q_f']:.2f}), so its "
-        f"second "
-        f"swing leaves that band once more. It is too small for ±5 %, and the bench's friction takes it away: the "
-        f"slowest "
-        f"move there takes {slowest:.3f} s."
+        "second swing leaves that band once more. It is too small for ±5 %, and the bench's friction takes it away: "
+        f"the slowest move there takes {slowest:.3f} s."
     )
 
 

@@ -11,8 +11,7 @@ from ccpin.paper.reproduction import Reproduction
 TITLE = "Modeling and Set Point Control of Closed-Chain Mechanisms, recomputed"
 SOURCE = (
     "F. H. Ghorbel, O. Chételat, R. Gunawardana, R. Longchamp: Modeling and Set Point Control of Closed-Chain "
-    "Mechanisms: "
-    "Theory and Experiment. IEEE Transactions on Control Systems Technology 8(5), 2000."
+    "Mechanisms: Theory and Experiment. IEEE Transactions on Control Systems Technology 8(5), 2000."
 )
 ABSENT = "(1), (4)–(6), (8), (15), (16), (20), (21), (26), (29), (32), (34)"
 _TABS = ("paper", "ccpin", "difference")
@@ -56,12 +55,10 @@ def _summary(found: Reproduction) -> Section:
     agreeing = sum(item.agrees for item in items)
     words = (
         f"{agreeing} of {len(items)} items agree with the paper within the bounds stated beside them. Each is "
-        f"computed anew "
-        "when this page is made: nothing on it is a stored result. The printed side is written out from the paper's "
-        "formulas with NumPy alone and imports nothing of what it is compared with.",
+        "computed anew when this page is made: nothing on it is a stored result. The printed side is written out from "
+        "the paper's formulas with NumPy alone and imports nothing of what it is compared with.",
         f"ccpin cites the equations below by their numbers. The paper's other numbers, {ABSENT}, are not cited by it, "
-        f"and "
-        "nothing is claimed about them here.",
+        "and nothing is claimed about them here.",
     )
     head = ("item", "what", "largest difference", "bound", "why that bound")
     return Section(

@@ -7,13 +7,14 @@ from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 from ccpin.pages import versions
-from ccpin.paper import control, domain, experiments, modeling, robot
+from ccpin.paper import control, domain, experiments, modeling, reduced, robot
 from ccpin.paper.errata import errata
 from ccpin.paper.item import Erratum, Item
 from ccpin.paper.study import Study
 
 CHAPTERS: tuple[tuple[str, Callable[[Study], Iterator[Item]]], ...] = (
-    ("The reduced model", modeling.items),
+    ("Free system and constraints", modeling.items),
+    ("The reduced model", reduced.items),
     ("The Rice Planar Delta Robot", robot.items),
     ("The domain Ω", domain.items),
     ("PD control", control.items),

@@ -39,8 +39,7 @@ def _figures(study: Study) -> Item:
         "Open and closed chains, the robot, cut open and annotated",
         "A planar parallel robot beside a serial one; the RPDR, a five-bar with two motors; the free system with the "
         "loop cut at the end effector, so that the tips E of link 3 and F of link 4 come apart; lengths a_i, centres "
-        "of "
-        "mass l_ci, angles q_i.",
+        "of mass l_ci, angles q_i.",
         "`ccpin info rpdr`; the drawings are made from the model's own numbers.",
         "the gap E − F of the drawing on the right of Fig. 2 and the printed φ (31)",
         apart(gap, printed.phi(study.to_paper(opened))),
@@ -187,8 +186,7 @@ def _sigma(study: Study) -> Item:
         "σ of the RPDR",
         "q_4 and q_3 in closed form; the sign of a root is the assembly mode.",
         "`model.sigma(q, near)` by Newton's method. The modes are told apart by the sign of sin(q_1 + q_3 − q_2 − "
-        "q_4); "
-        "the paper's experiments are in the positive one.",
+        "q_4); the paper's experiments are in the positive one.",
         "q_3 and q_4 at the samples of both assembly modes, the arctangents read as four-quadrant ones",
         study.largest(difference),
         "rad",
@@ -215,8 +213,7 @@ def _determinant(study: Study) -> Item:
         "det ψ_q′",
         "Where the RPDR is singular",
         "det ψ_q′ vanishes where q_1 + q_3 − q_2 − q_4 = kπ: links 3 and 4 stretched (odd k) or on one another (even "
-        "k). "
-        "The printed formula lacks the factor a_3a_4.",
+        "k). The printed formula lacks the factor a_3a_4.",
         "The determinant of `model.parametrization.psi_jacobian`.",
         "|det ψ_q′| and a_3a_4 |sin(q_1 + q_3 − q_2 − q_4)|",
         apart(np.abs(ours), factor * np.abs(sines)),

@@ -97,10 +97,8 @@ def _atlas(mechanism: Mechanism, atlas: Atlas, curves: tuple[SingularCurve, ...]
     shares = ", ".join(f"{100 * getattr(atlas, f'{share}_fraction'):.2f} % {share}" for share in _SHARES)
     words = (
         f"The reference's branch in {len(atlas.lower)} boxes, edges halved up to {settings.depth} times: {shares} of "
-        f"the "
-        "region of the coordinates. Certified is proved; undecided is neither proved nor refuted, and shrinks with "
-        "more "
-        "halving (`ccpin domain … --atlas --depth`); empty is proved to hold no closed configuration."
+        "the region of the coordinates. Certified is proved; undecided is neither proved nor refuted, and shrinks with "
+        "more halving (`ccpin domain … --atlas --depth`); empty is proved to hold no closed configuration."
     )
     if not atlas.complete:
         words += " The map was interrupted; what it lacks is unreached."
@@ -121,10 +119,8 @@ def _slices(model: ReducedModel, settings: Settings) -> str:
     pairs = list(combinations(range(mechanism.n), 2))[:_SLICES]
     words = (
         f"With {mechanism.n} independent coordinates there is no plane to draw an atlas in. Instead, slices through "
-        f"the "
-        f"reference: 1/κ(ψ_q′) over two coordinates, the others held, followed along lines from the middle. It is "
-        f"sampled "
-        f"at {settings.grid} × {settings.grid} points, not proved; white is where σ was not reached."
+        "the reference: 1/κ(ψ_q′) over two coordinates, the others held, followed along lines from the middle. It is "
+        f"sampled at {settings.grid} × {settings.grid} points, not proved; white is where σ was not reached."
     )
     return paragraphs(words) + figure(_slice_figure(model, pairs, settings.grid), "Slices through the reference (+).")
 

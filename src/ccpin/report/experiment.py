@@ -68,8 +68,7 @@ def run(model: ReducedModel, settings: Settings) -> Experiment:
     else:
         words = (
             f"From rest to a goal under PD with simple gravity compensation (28), gains for {settings.frequency:g} "
-            f"rad/s "
-            "at the goal."
+            "rad/s at the goal."
         )
     usual = _RELEASED if goal is None else _DRIVEN
     options: dict[str, Any] = {"rtol": 1e-7, "atol": 1e-9, "sample_period": _SAMPLES}
