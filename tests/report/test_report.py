@@ -135,11 +135,18 @@ def test_the_command(tmp_path, capsys):
     assert "it is a folder" in capsys.readouterr().err
 
 
-def test_a_file_of_somebody_elses(tmp_path):
-    """A mechanism with many coordinates and a floating base, as its file is."""
-    file = SHARED / "cassie_closed_chain.xml"
-    if not file.is_file():
+@pytest.mark.parametrize("name", ["cassie_closed_chain.xml", "mini_cheetah_leg.urdf"])
+def test_a_file_of_somebody_elses(name, tmp_path):
+    """Many coordinates, a floating base, continuous joints, an open chain: as the file is."""
+    if not (SHARED / name).is_file():
         pytest.skip("other people's models are not beside the project")
-    page, done = written(str(file), tmp_path)
+    page, done = written(str(SHARED / name), tmp_path)
     assert "What it is" in page
     assert done.failed == {}
+
+
+def test_nothing_moves(tmp_path):
+    """A mechanism held still: the page says so where the motion would be, and is there for the rest."""
+    done = report.write(ccpin.load("four_bar", locked=["crank"]), tmp_path / "page.html", QUICK)
+    assert set(done.failed) == {"experiment"}
+    assert "nothing moves" in (tmp_path / "page.html").read_text(encoding="utf-8")

@@ -113,9 +113,10 @@ def _atlas(mechanism: Mechanism, atlas: Atlas, curves: tuple[SingularCurve, ...]
 def _slices(model: ReducedModel, settings: Settings) -> str:
     mechanism = model.mechanism
     if not scalar(mechanism):
-        return paragraphs(
-            "Slices are drawn for coordinates that are plain numbers; here some are rotations as a whole."
+        words = (
+            "Slices are drawn for coordinates stored as one number each; here some are not (continuous joints, balls)."
         )
+        return paragraphs(words)
     pairs = list(combinations(range(mechanism.n), 2))[:_SLICES]
     words = (
         f"With {mechanism.n} independent coordinates there is no plane to draw an atlas in. Instead, slices through "

@@ -16,7 +16,7 @@ from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism import Mechanism
 from ccpin.pages import embedded, figure, paragraphs, table
 from ccpin.plotting import plot_lyapunov, plot_motion
-from ccpin.report.settings import Settings, scalar, sliding, value
+from ccpin.report.settings import Settings, scalar, value
 from ccpin.simulation import Trajectory, lyapunov_along, set_point_metrics
 from ccpin.simulation.simulate import simulate
 from ccpin.visualization import animate, snapshot
@@ -79,10 +79,10 @@ def run(model: ReducedModel, settings: Settings) -> Experiment:
 def beside(model: ReducedModel, start: Array) -> Array | None:
     """A goal near a start, the way to it well conditioned and within the limits; ``None`` if none is found."""
     mechanism = model.mechanism
-    if not scalar(mechanism) or not model.n:
+    if not model.n:
         return None
     size = _PART * mechanism.constraints().extent
-    step = np.array([size if sliding(mechanism, name) else _STEP for name in mechanism.independent])
+    step = np.array([size if way.startswith("t") else _STEP for way in _ways(mechanism)])
     alternating = np.where(np.arange(model.n) % 2, -1.0, 1.0)
     near = model.at(start)
     low, high = mechanism.position_limits
@@ -91,13 +91,19 @@ def beside(model: ReducedModel, start: Array) -> Array | None:
             reached = near
             try:
                 for part in np.linspace(0.0, 1.0, _WAY)[1:]:
-                    reached = model.at(start + part * scale * signs * step, reached)
+                    reached = model.at(model.coordinates.integrate(start, part * scale * signs * step), reached)
                     if reached.rcond < _KEPT * near.rcond or np.any((reached.q_free < low) | (reached.q_free > high)):
                         raise CcpinError("not here")
             except CcpinError:
                 continue
             return reached.q
     return None
+
+
+def _ways(mechanism: Mechanism) -> list[str]:
+    """What each independent velocity does: slide (``t…``) or turn (``r…``)."""
+    parts = [mechanism.tree.split(name) for name in mechanism.independent]
+    return [way for joint, part in parts for way in ((part,) if part else mechanism.tree.joint(joint).kind.steps)]
 
 
 def experiment(model: ReducedModel, found: Experiment) -> str:
@@ -109,16 +115,13 @@ def experiment(model: ReducedModel, found: Experiment) -> str:
     if found.goal is not None:
         metrics = set_point_metrics(motion, model, found.goal)
         settled = "not within ±2° at the end" if metrics.settling_time is None else f"{metrics.settling_time:.3f} s"
-        rows = [
-            (
-                f"`{name}`",
-                value(mechanism, name, motion.q[0, k]),
-                value(mechanism, name, found.goal[k]),
-                value(mechanism, name, over),
+        if scalar(mechanism):
+            parts.append(
+                table(
+                    ("coordinate", "from", "to", "overshoot"),
+                    _moved(mechanism, motion.q[0], found.goal, metrics.overshoot),
+                )
             )
-            for k, (name, over) in enumerate(zip(mechanism.independent, metrics.overshoot, strict=True))
-        ]
-        parts.append(table(("coordinate", "from", "to", "overshoot"), rows))
         peaks = ", ".join(
             f"`{name}` {peak:.3g}" for name, peak in zip(mechanism.actuated, metrics.peak_torque, strict=True)
         )
@@ -130,6 +133,12 @@ def experiment(model: ReducedModel, found: Experiment) -> str:
         history = lyapunov_along(found.law, motion)
         parts.append(figure(plot_lyapunov(motion.t, history), "The Lyapunov function and its rate along the motion."))
     return "".join(parts)
+
+
+def _moved(mechanism: Mechanism, start: Array, goal: Array, overshoot: Array) -> list[tuple[str, ...]]:
+    """Each coordinate's way: name, start, goal and overshoot."""
+    ends = zip(mechanism.independent, start, goal, overshoot, strict=True)
+    return [(f"`{name}`", *(value(mechanism, name, float(x)) for x in numbers)) for name, *numbers in ends]
 
 
 def _ended(motion: Trajectory) -> str:

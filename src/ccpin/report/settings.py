@@ -44,6 +44,6 @@ def value(mechanism: Mechanism, name: str, number: float) -> str:
 
 
 def scalar(mechanism: Mechanism) -> bool:
-    """Whether every independent coordinate is one plain number."""
+    """Whether every independent coordinate is stored as one plain number."""
     joints = [mechanism.tree.split(name) for name in mechanism.independent]
-    return all(component or mechanism.tree.joint(joint).kind.nv == 1 for joint, component in joints)
+    return all(component or mechanism.tree.joint(joint).kind.nq == 1 for joint, component in joints)
