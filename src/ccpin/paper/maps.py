@@ -81,24 +81,14 @@ def _panel(axes: Any, centre: Array, paper: float, ours: float, pose: Array, pap
 
 
 def _robot(axes: Any, q: Array, colour: str, line: str, width: float, label: str | None) -> None:
-    left, right = _line(q)
+    left, right = printed.arms(q)
     axes.plot(*np.vstack([left, right[::-1]]).T, line, color=colour, linewidth=width, label=label)
     axes.plot(*left[-1], "D", color=colour, markersize=3.5)
 
 
-def _line(q: Array) -> tuple[Array, Array]:
-    """Base, elbow and tip of each arm, of shape (3, 2)."""
-    arms = []
-    for first, second, base in ((0, 2, 0.0), (1, 3, printed.BASE)):
-        turn = np.array([q[first], q[first] + q[second]])
-        steps = printed.A[[first, second], None] * np.column_stack([np.cos(turn), np.sin(turn)])
-        arms.append(np.cumsum(np.vstack([[base, 0.0], steps]), axis=0))
-    return arms[0], arms[1]
-
-
 def _inset(axes: Any, pose: Array, papers: Array) -> None:
     """The end effector at the centre and at the paper's corners, enlarged, with its scale."""
-    tips = 1e3 * (np.array([_line(q)[0][-1] for q in papers]) - _line(pose)[0][-1])
+    tips = 1e3 * (np.array([printed.arms(q)[0][-1] for q in papers]) - printed.arms(pose)[0][-1])
     inset = axes.inset_axes((0.07, 0.08, 0.22, 0.31))
     inset.plot(*tips.T, "D", color=COLOURS[0], markersize=4)
     inset.plot(0.0, 0.0, "D", color="0.1", markersize=4)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ccpin.arrays import Array
+from ccpin.paper import printed
 from ccpin.paper.study import BAND, GOAL, START, Study
 from ccpin.plotting import plot_configurations
 from ccpin.plotting.style import COLOURS, drawing
@@ -31,25 +32,14 @@ def path_figure(study: Study) -> Figure:
     axes = figure.axes[0]
     moving = motion.t <= _MOVE
     poses = study.to_paper(motion.q_free[moving])
-    lines = [_line(q) for q in poses]
+    both = [printed.arms(q) for q in poses]
+    lines = [np.vstack([left, right[1::-1]]) for left, right in both]
     for line in lines[_EVERY::_EVERY]:
         axes.plot(*line.T, color="0.8", linewidth=1.0, zorder=1)
     axes.plot(*np.array([line[2] for line in lines]).T, color=COLOURS[3], linewidth=1.8, zorder=6, label="end effector")
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=3, frameon=False)
     return figure
-
-
-def _line(q: Array) -> Array:
-    """Base, elbow, tip, elbow, base of q′ in the paper's order, of shape (5, 2)."""
-    from ccpin.paper import printed
-
-    points = []
-    for first, second, base in ((0, 2, 0.0), (1, 3, printed.BASE)):
-        turn = np.array([q[first], q[first] + q[second]])
-        steps = printed.A[[first, second], None] * np.column_stack([np.cos(turn), np.sin(turn)])
-        points.append(np.cumsum(np.vstack([[base, 0.0], steps]), axis=0))
-    return np.vstack([points[0], points[1][1::-1]])
 
 
 def panels_figure(ideal: Trajectory, bench: Trajectory, goal: Array) -> Figure:

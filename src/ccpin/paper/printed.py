@@ -95,6 +95,16 @@ def potential(q: Array) -> float:
     return float(GRAVITY * height)
 
 
+def arms(q: Array) -> tuple[Array, Array]:
+    """Joint, elbow and tip of either arm in the plane (m), of shape (3, 2) each; the tips meet where φ = 0."""
+    found = []
+    for first, second, base in ((0, 2, 0.0), (1, 3, BASE)):
+        turn = np.array([q[first], q[first] + q[second]])
+        steps = A[[first, second], None] * np.column_stack([np.cos(turn), np.sin(turn)])
+        found.append(np.cumsum(np.vstack([[base, 0.0], steps]), axis=0))
+    return found[0], found[1]
+
+
 def elbow_offset(q: Array) -> tuple[Array, Array]:
     """(λ, μ): from elbow 1 to elbow 2 (m), for q of shape (..., 2)."""
     q1, q2 = np.moveaxis(np.asarray(q), -1, 0)

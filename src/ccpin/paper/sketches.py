@@ -32,18 +32,6 @@ def mechanism_drawings(q: Array, opened: Array) -> tuple[tuple[str, str, Figure]
     )
 
 
-def _arms(q: Array) -> tuple[Array, Array]:
-    """Joint, elbow and tip of each arm, of shape (3, 2)."""
-    arms = []
-    for first, second, base in ((0, 2, 0.0), (1, 3, printed.BASE)):
-        steps = [
-            printed.A[link] * np.array([np.cos(angle), np.sin(angle)])
-            for link, angle in ((first, q[first]), (second, q[first] + q[second]))
-        ]
-        arms.append(np.cumsum([[base, 0.0], *steps], axis=0))
-    return arms[0], arms[1]
-
-
 def _bare(axes: Any, title: str) -> None:
     axes.set(aspect="equal", xticks=[], yticks=[])
     axes.set_title(title, fontsize=11)
@@ -65,7 +53,7 @@ def _joint(axes: Any, point: Array, motor: bool) -> None:
 def _chains(q: Array) -> Figure:
     with drawing("An open and a closed kinematic chain", (9.6, 4.4), **_BARE) as figure:
         serial, parallel = figure.subplots(1, 2)
-        first, second = _arms(q)
+        first, second = printed.arms(q)
         _draw_arm(serial, first, (COLOURS[0], COLOURS[1]), motors=(0, 1))
         serial.plot(*first[2], "o", color=COLOURS[3], markersize=9, zorder=4)
         serial.set_xlim(-0.2, 0.3)
@@ -82,7 +70,7 @@ def _cut(q: Array, opened: Array) -> Figure:
         for axes, pose, title in zip(
             figure.subplots(1, 2), (q, opened), ("φ(q′) = 0", "φ(q′) = E − F ≠ 0"), strict=True
         ):
-            first, second = _arms(pose)
+            first, second = printed.arms(pose)
             for arm in (first, second):
                 _draw_arm(axes, arm, (COLOURS[0], COLOURS[1]))
             _tips(axes, first[2], second[2])
@@ -108,7 +96,7 @@ def _tips(axes: Any, e: Array, f: Array) -> None:
 def _annotated(q: Array) -> Figure:
     with drawing("The Rice Planar Delta Robot", (8.4, 7.6), **_BARE) as figure:
         axes = figure.add_subplot()
-        arms = _arms(q)
+        arms = printed.arms(q)
         axes.plot([-0.07, printed.BASE + 0.07], [0.0, 0.0], color="0.6", linewidth=1.0, zorder=1)
         for arm, (near, far), outward in zip(arms, ((0, 2), (1, 3)), (-1.0, 1.0), strict=True):
             _draw_arm(axes, arm, (COLOURS[0], COLOURS[1]))
