@@ -1,37 +1,21 @@
-"""Fig. 7: the extreme configurations of Ω around the four centres of Table I.
-
-Each drawing shows the RPDR at a centre and at the four corners of the square that Theorem 2 certifies around it.
-"""
+"""Fig. 7: the extreme configurations of Ω around the four centres of Table I, by our radii and by the paper's."""
 
 import sys
 from pathlib import Path
 
-import numpy as np
-
-import ccpin
-from ccpin import plotting
-from ccpin.domain import theorem2_radius
+from ccpin import paper, plotting
 
 OUT = Path("out/domain")
-CENTRES = np.radians([[-108.0, -72.0], [-108.0, -48.0], [-108.0, -120.0], [-70.0, -110.0]])
-CORNERS = np.array([[0, 0], [-1, -1], [-1, 1], [1, -1], [1, 1]])
-LABELS = ["centre", "(−, −)", "(−, +)", "(+, −)", "(+, +)"]
 
 
 def main(out: Path = OUT) -> None:
-    """Compute the radii and draw the corners."""
-    mechanism = ccpin.load("rpdr")
-    model = ccpin.ReducedModel(mechanism)
-    panels = []
-    for centre in CENTRES:
-        q_free = model.sigma(centre)
-        radius = theorem2_radius(mechanism, q_free)
-        corners = model.sigma_many(centre + radius * CORNERS, q_free)
-        first, second = np.degrees(centre)
-        panels.append((f"({first:.0f}°, {second:.0f}°), r = {np.degrees(radius):.2f}°", corners))
-        print(panels[-1][0])
-    figure = plotting.plot_configuration_panels(mechanism, panels, LABELS, "RPDR, extreme configurations of Ω (Fig. 7)")
-    plotting.save(figure, out / "fig7.png")
+    """Compute the radii and draw the corners of the squares that Theorem 2 certifies."""
+    study = paper.Study()
+    item = paper.figure7(study)
+    for drawing in item.drawings:
+        plotting.save(drawing.figure, out / f"{drawing.name}.png")
+    for row in paper.radii(study):
+        print(f"({row.centre[0]:.0f}°, {row.centre[1]:.0f}°): r = {row.theorem2:.2f}° ours, {row.paper:g}° the paper's")
     print(f"figure in {out}/")
 
 

@@ -30,6 +30,9 @@ ORDER = (
     "validated",
     "visualization",
     "plotting",
+    "pages",
+    "paper",
+    "report",
     "gym",
 )
 OF_NO_ROOM = (("scripts",), ("docs",))  # tests of what is no part of the package

@@ -11,7 +11,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ccpin import control, description, domain, dynamics, errors, plotting, simulation, validated, visualization
+    from ccpin import (
+        control,
+        description,
+        domain,
+        dynamics,
+        errors,
+        paper,
+        plotting,
+        report,
+        simulation,
+        validated,
+        visualization,
+    )
     from ccpin.description import LoopClosure, MechanismDescription
     from ccpin.dynamics import EndEffector, ReducedModel, State
     from ccpin.errors import CcpinError
@@ -40,7 +52,9 @@ __all__ = [
     "dynamics",
     "errors",
     "load",
+    "paper",
     "plotting",
+    "report",
     "simulate",
     "simulation",
     "sweep",

@@ -55,13 +55,13 @@ def test_configurations_are_drawn_in_plane_and_in_space(name, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["figure.png"]
 
 
-def test_pictures_have_150_dots_an_inch(rpdr, swing, tmp_path):
-    """A saved PNG has 150 dots per inch of the figure's size, and says so."""
+def test_pictures_have_300_dots_an_inch(rpdr, swing, tmp_path):
+    """A saved PNG has 300 dots per inch of the figure's size, and says so."""
     for figure in (plotting.plot_motion(swing, rpdr), plotting.plot_configurations(rpdr, [rpdr.q_reference], ["a"])):
         plotting.save(figure, tmp_path / "figure.png")
         with Image.open(tmp_path / "figure.png") as picture:
-            assert np.allclose(picture.size, 150.0 * figure.get_size_inches(), rtol=0, atol=1)
-            assert np.allclose(picture.info["dpi"], 150.0, atol=0.02)  # PNG counts dots a metre
+            assert np.allclose(picture.size, 300.0 * figure.get_size_inches(), rtol=0, atol=1)
+            assert np.allclose(picture.info["dpi"], 300.0, atol=0.02)  # PNG counts dots a metre
 
 
 def test_a_figure_that_cannot_be_written_is_an_error(rpdr, tmp_path):

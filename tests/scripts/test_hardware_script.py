@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ccpin.cli import main
+from ccpin.paper import BENCH
 from tests.support.loading import script
 from tests.support.paper import MOVE_OPTIONS
 
@@ -17,8 +18,7 @@ MOTORS = ["--saturation", "12", "12", "--delay-samples", "1"]
 
 def test_the_hardware_experiment(tmp_path, capsys):
     """Every run reaches its goal in about the paper's 0.3 s; friction leaves the error it explains, the ideal none."""
-    hardware = script("hardware")
-    hardware.main(tmp_path)
+    script("hardware").main(tmp_path)
     assert "friction alone explains" in capsys.readouterr().out
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert set(metrics) == {"ideal", "bench", "bench_towards_goal", "bench_by_error"}
@@ -28,7 +28,7 @@ def test_the_hardware_experiment(tmp_path, capsys):
         assert (tmp_path / f"fig9_{name}.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     left = {name: np.max(metric["steady_state_error"]) for name, metric in metrics.items()}
     assert left["ideal"] < 1e-4 < left["bench_by_error"] < left["bench"]
-    assert np.all(np.max(metrics["bench"]["peak_torque"]) <= hardware.SAMPLING.saturation)
+    assert np.all(np.max(metrics["bench"]["peak_torque"]) <= BENCH["sampling"].saturation)
 
 
 def test_the_bench_from_the_command_line(capsys):

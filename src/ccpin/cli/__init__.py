@@ -13,6 +13,8 @@ from ccpin.cli.convert import add_convert
 from ccpin.cli.doctor import add_doctor
 from ccpin.cli.domain import add_domain
 from ccpin.cli.info import add_info, add_modes
+from ccpin.cli.paper import add_paper
+from ccpin.cli.report import add_report
 from ccpin.cli.simulate import add_simulate
 from ccpin.cli.view import add_view
 from ccpin.errors import CcpinError
@@ -45,6 +47,16 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"ccpin {version}")
     add_completion(parser)
     commands = parser.add_subparsers(dest="command", required=True, metavar="command", parser_class=Command)
-    for add in (add_info, add_modes, add_simulate, add_domain, add_view, add_convert, add_doctor):
+    for add in (
+        add_info,
+        add_modes,
+        add_simulate,
+        add_domain,
+        add_view,
+        add_convert,
+        add_report,
+        add_paper,
+        add_doctor,
+    ):
         add(commands)
     return parser

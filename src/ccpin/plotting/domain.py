@@ -140,7 +140,8 @@ def _curves(axes: Any, curves: Sequence[SingularCurve], **style: float) -> None:
 
 def _window(axes: Any, names: Sequence[str], lower: ArrayLike, upper: ArrayLike) -> None:
     limits = dict(zip(("xlim", "ylim"), np.column_stack([lower, upper]), strict=True))
-    axes.set(xlabel=f"{names[0]} [°]", ylabel=f"{names[1]} [°]", aspect="equal", **limits)
+    words = dict(zip(("xlabel", "ylabel"), (f"$q_{k + 1}$ ({name}) [°]" for k, name in enumerate(names)), strict=True))
+    axes.set(aspect="equal", **words, **limits)
 
 
 def _rectangle(axes: Any, lower: Array, upper: Array, name: str) -> None:

@@ -18,6 +18,9 @@ from ccpin.simulation.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_ROOM = 0.82
+"""Of a box in space, so that its labels are within the figure."""
+
 
 def plot_motion(
     trajectory: Trajectory, mechanism: Mechanism | HasMechanism, goal: ArrayLike | None = None, title: str | None = None
@@ -112,7 +115,7 @@ def plot_configuration_panels(
     Args:
         mechanism: What is drawn.
         panels: A heading and the configurations q′ of each drawing.
-        labels: What each configuration of a drawing is called.
+        labels: What each configuration of a drawing is called; one alone gets no legend.
         title: The figure's title.
 
     Raises:
@@ -131,10 +134,15 @@ def plot_configuration_panels(
                 colour = COLOURS[i % len(COLOURS)]
                 _draw(axes, mechanism, q_free, plane, colour, label)
             axes.set_aspect("equal", adjustable="datalim" if plane is not None else "box")
+            if plane is None:
+                axes.set_box_aspect(np.ptp(np.reshape(axes.get_w_lims(), (3, 2)), axis=1), zoom=_ROOM)
+                axes.locator_params(nbins=5)
             labelled = zip("xyz", _axis_names(plane), strict=False)
-            axes.set(**{f"{axis}label": f"{name} [m]" for axis, name in labelled})
+            pad = 4.0 if plane is not None else 9.0
+            for axis, name in labelled:
+                getattr(axes, f"set_{axis}label")(f"{name} [m]", labelpad=pad)
             axes.set_title(above, fontsize=11)
-            if k == 0:
+            if k == 0 and len(labels) > 1:
                 axes.legend(loc="best", framealpha=0.85, edgecolor="none")
     return figure
 

@@ -92,7 +92,8 @@ def plot_sublevel(
             mark, word = ("s", "in B₂") if certificate.contains(point) else ("D", "outside of B₂")
             axes.plot(*(point * scale), mark, color="0.15", label=f"start {k + 1}: {word}")
         units = ("m" if value == 1.0 else "°" for value in scale)
-        xlabel, ylabel = (f"{name} [{unit}]" for name, unit in zip(mechanism.independent, units, strict=True))
+        named = enumerate(zip(mechanism.independent, units, strict=True), start=1)
+        xlabel, ylabel = (f"$q_{k}$ ({name}) [{unit}]" for k, (name, unit) in named)
         axes.set(xlabel=xlabel, ylabel=ylabel)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
     return figure

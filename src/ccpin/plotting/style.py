@@ -21,7 +21,7 @@ STYLE = {
     "grid.alpha": 0.3,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "figure.dpi": 150,  # kept by the figure, unlike savefig.dpi, so that it counts whenever and however it is saved
+    "figure.dpi": 300,  # kept by the figure, unlike savefig.dpi, so that it counts whenever and however it is saved
 }
 
 

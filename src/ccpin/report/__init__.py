@@ -1,0 +1,8 @@
+"""One self-contained page about any mechanism: what it is, where it holds, its modes, an experiment, its animation."""
+
+from __future__ import annotations
+
+from ccpin.report.page import PARTS, Report, write
+from ccpin.report.settings import Settings
+
+__all__ = ["PARTS", "Report", "Settings", "write"]

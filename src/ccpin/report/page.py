@@ -1,0 +1,120 @@
+"""The report as a whole: each part computed, said to be impossible with the reason where it is, and written."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+
+from ccpin.dynamics import ReducedModel
+from ccpin.errors import CcpinError
+from ccpin.files import writable_target, write_atomically
+from ccpin.mechanism import Mechanism
+from ccpin.mechanism.mechanism import HasMechanism, mechanism_of
+from ccpin.pages import Section, bullets, paragraphs, preformatted, render, versions
+from ccpin.report import domain, experiment, identity, modes
+from ccpin.report.settings import Settings
+
+T = TypeVar("T")
+PARTS = ("what it is", "experiment", "animation", "assembly modes", "domain")
+"""What is computed, in this order."""
+
+
+class Report(NamedTuple):
+    """What was written.
+
+    Attributes:
+        path: The page.
+        seconds: By part.
+        failed: Why a part is missing, by part; empty where all are there.
+    """
+
+    path: Path
+    seconds: dict[str, float]
+    failed: dict[str, str]
+
+
+def write(
+    mechanism: Mechanism | HasMechanism,
+    path: str | Path,
+    settings: Settings | None = None,
+    *,
+    command: str | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Report:
+    """Write one self-contained page about a mechanism.
+
+    Args:
+        mechanism: The mechanism, or its model.
+        path: The page, .html.
+        settings: What it may cost and which motion it shows.
+        command: The command line that repeats it, where there is one.
+        progress: Called with the name of each of `PARTS` before it is computed.
+
+    Raises:
+        InvalidInputError: The page cannot be written; a start or goal is malformed.
+    """
+    mechanism, settings = mechanism_of(mechanism), Settings() if settings is None else settings
+    target = writable_target(path)
+    work = _Work(progress)
+    model = ReducedModel(mechanism)
+    about = work.part("what it is", lambda: identity.identity(model))
+    asked = settings.start is not None or settings.goal is not None
+    moved = work.part("experiment", lambda: experiment.run(model, settings), required=asked)
+    shown = work.failure("experiment") if moved is None else experiment.experiment(model, moved)
+    scene = work.part("animation", lambda: experiment.animation(mechanism, None if moved is None else moved.motion))
+    found = work.part("assembly modes", lambda: modes.modes(model, settings))
+    where = work.part("domain", lambda: domain.domain(model, settings))
+    sections = [
+        Section("what", "What it is", about or work.failure("what it is")),
+        Section("animation", "In motion", scene or work.failure("animation")),
+        Section("domain", "Where the model holds", where or work.failure("domain")),
+        Section("modes", "Assembly modes", found or work.failure("assembly modes")),
+        Section("experiment", "An experiment", shown),
+        Section("repeat", "To repeat this page", _repeat(mechanism, settings, command, work.seconds)),
+    ]
+    page = render(f"{mechanism.name}", "A closed-chain mechanism, as ccpin loads it.", sections)
+    write_atomically(target, "w", lambda file: file.write(page))
+    return Report(target, work.seconds, work.failed)
+
+
+class _Work:
+    """Runs the parts, keeps their times and the reasons of those that failed."""
+
+    def __init__(self, progress: Callable[[str], None] | None) -> None:
+        self.seconds: dict[str, float] = {}
+        self.failed: dict[str, str] = {}
+        self._progress = progress
+
+    def part(self, name: str, compute: Callable[[], T], required: bool = False) -> T | None:
+        """What a part computes, or ``None`` where it cannot be had."""
+        if self._progress is not None:
+            self._progress(name)
+        began = time.perf_counter()
+        try:
+            return compute()
+        except CcpinError as error:
+            if required:
+                raise
+            self.failed[name] = str(error)
+            return None
+        finally:
+            self.seconds[name] = time.perf_counter() - began
+
+    def failure(self, name: str) -> str:
+        """Why a part is missing, as HTML."""
+        return paragraphs(f"This part cannot be had here: {self.failed.get(name, 'it was not computed')}.")
+
+
+def _repeat(mechanism: Mechanism, settings: Settings, command: str | None, seconds: dict[str, float]) -> str:
+    lines = preformatted(command) if command is not None else ""
+    facts = [f"{name}: `{told}`" for name, told in versions()]
+    facts += [
+        f"`{name}`: `{np.asarray(told).tolist()}`" for name, told in settings._asdict().items() if told is not None
+    ]
+    facts += [f"source: `{mechanism.description.source or 'built in Python'}`"]
+    facts += [f"{name}: {spent:.1f} s" for name, spent in seconds.items()]
+    return lines + bullets(facts)
