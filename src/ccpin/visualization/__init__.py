@@ -17,7 +17,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.visualization.annotations import Tracked, draw_forces, draw_ghosts, draw_trace, name_joints
 from ccpin.visualization.film import FILMS, PAGES, STILLS, Shot, write
-from ccpin.visualization.live import LiveRecorder, Server, Viewer
+from ccpin.visualization.live import LiveRecorder, Viewer, serve_scene
 from ccpin.visualization.page import Recorder, render_page
 from ccpin.visualization.playback import (
     HasForce,
@@ -30,7 +30,7 @@ from ccpin.visualization.playback import (
 )
 from ccpin.visualization.scene import Scene
 
-__all__ = ["FILMS", "PAGES", "STILLS", "HasForce", "Scene", "Viewer", "animate", "snapshot", "view"]
+__all__ = ["FILMS", "PAGES", "STILLS", "HasForce", "Scene", "Viewer", "animate", "play", "snapshot", "view"]
 
 
 def animate(
@@ -132,7 +132,7 @@ def view(
         if q_free is not None and np.ndim(q_free) == 2:
             raise InvalidInputError("q_free is a trajectory, of shape (T, nq); give its times t, of shape (T,), too")
         scene = _pose(mechanism, recorder, q_free)
-    return Viewer(scene, Server(render_page(words, (), live=True), recorder), open_browser)
+    return Viewer(scene, serve_scene(render_page(words, (), live=True), recorder), open_browser)
 
 
 def _name(mechanism: Mechanism) -> str:
@@ -177,13 +177,32 @@ def _play(
     loop: bool,
 ) -> tuple[Scene, int]:
     """A scene that plays a trajectory, and its number of frames."""
+    scene = _scene(mechanism, recorder)
+    name_joints(scene)
+    return scene, play(scene, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=loop)
+
+
+def play(
+    scene: Scene,
+    t: ArrayLike,
+    q_free: ArrayLike,
+    *,
+    fps: float = 30,
+    speed: float = 1.0,
+    trace: Tracked | None = None,
+    forces: Sequence[HasForce] = (),
+    loop: bool = True,
+) -> int:
+    """Play a trajectory in a scene, with its path, ghosts of its ends and forces; return its number of frames.
+
+    Arguments and errors as for `animate`.
+    """
+    mechanism = scene.mechanism
     poses = checked_poses(mechanism, q_free)
     times = checked_times(t, len(poses))
     moments = frame_times(times, fps, speed)
     frames = sample(mechanism, times, poses, moments)
-    scene = _scene(mechanism, recorder)
     scene.frame_camera(frames)
-    name_joints(scene)
     if trace is not None:
         every = math.ceil(TRACED_SAMPLES / len(moments))
         between = finer(moments, every)
@@ -193,4 +212,4 @@ def _play(
     draw_ghosts(scene, {"start": frames[0], "goal": frames[-1]})
     scene.animate(frames, fps, loop)
     scene.tell("clock", {"start": float(times[0]), "end": float(times[-1]), "speed": speed, "fps": fps})
-    return scene, len(frames)
+    return len(frames)

@@ -124,8 +124,8 @@ function writeNames(frame) {
   written.map(entry => ({ ...entry, seen: entry.at.clone().project(viewer.camera) }))
     .sort((a, b) => b.seen.y - a.seen.y)
     .forEach(({ kind, text, seen }, index) => {
-      const span = holder.children[index], x = (1 + seen.x) * innerWidth / 2 + 10;
-      let y = (1 - seen.y) * innerHeight / 2 - 10;
+      const span = holder.children[index], x = (1 + seen.x) * pane.clientWidth / 2 + 10;
+      let y = (1 - seen.y) * pane.clientHeight / 2 - 10;
       const width = 7 * text.length + 12;
       while (taken.some(other => Math.abs(other.y - y) < 20 && x < other.x + other.width && other.x < x + width)) y += 20;
       taken.push({ x, y, width });
