@@ -29,6 +29,7 @@ ORDER = (
     "validated",
     "visualization",
     "plotting",
+    "studio",
     "gym",
 )
 OUTERMOST = ("__init__", "cli", "__main__")  # public names, then what calls them

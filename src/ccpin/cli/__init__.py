@@ -13,6 +13,7 @@ from ccpin.cli.doctor import add_doctor
 from ccpin.cli.domain import add_domain
 from ccpin.cli.info import add_info, add_modes
 from ccpin.cli.simulate import add_simulate
+from ccpin.cli.studio import add_studio
 from ccpin.cli.view import add_view
 from ccpin.errors import CcpinError
 
@@ -43,6 +44,6 @@ def _parser() -> argparse.ArgumentParser:
     version = sys.modules["ccpin"].__version__  # type: ignore[attr-defined]  # of the package this one is a part of
     parser.add_argument("--version", action="version", version=f"ccpin {version}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="command")
-    for add in (add_info, add_modes, add_simulate, add_domain, add_view, add_convert, add_doctor):
+    for add in (add_info, add_modes, add_simulate, add_domain, add_view, add_studio, add_convert, add_doctor):
         add(commands)
     return parser

@@ -30,7 +30,7 @@ from ccpin.visualization.playback import (
 )
 from ccpin.visualization.scene import Scene
 
-__all__ = ["FILMS", "PAGES", "STILLS", "HasForce", "Scene", "Viewer", "animate", "play", "snapshot", "view"]
+__all__ = ["FILMS", "PAGES", "STILLS", "HasForce", "Scene", "Viewer", "animate", "name_of", "play", "snapshot", "view"]
 
 
 def animate(
@@ -76,7 +76,7 @@ def animate(
     shot = Shot(path, (*PAGES, *FILMS), size, fps)
     recorder = Recorder()
     frames = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=True)[1]
-    return write(shot, render_page(heading(title, _name(mechanism)), recorder.commands), frames, progress)
+    return write(shot, render_page(heading(title, name_of(mechanism)), recorder.commands), frames, progress)
 
 
 def snapshot(
@@ -96,7 +96,7 @@ def snapshot(
     shot = Shot(path, (*PAGES, *STILLS), size)
     recorder = Recorder()
     _pose(mechanism, recorder, q_free)
-    return write(shot, render_page(heading(title, _name(mechanism)), recorder.commands), 1)
+    return write(shot, render_page(heading(title, name_of(mechanism)), recorder.commands), 1)
 
 
 def view(
@@ -122,7 +122,7 @@ def view(
         CcpinError: No loopback port can be opened.
     """
     mechanism = mechanism_of(mechanism)
-    words = heading(title, _name(mechanism))
+    words = heading(title, name_of(mechanism))
     recorder = LiveRecorder()
     if t is not None:
         if q_free is None:
@@ -135,7 +135,7 @@ def view(
     return Viewer(scene, serve_scene(render_page(words, (), live=True), recorder), open_browser)
 
 
-def _name(mechanism: Mechanism) -> str:
+def name_of(mechanism: Mechanism) -> str:
     """What a file is called; where it is called as any might be, its folder; else the mechanism's own name."""
     source = Path(mechanism.description.source or mechanism.name)
     return source.parent.name or mechanism.name if source.stem in ANYTHING else source.stem

@@ -1,0 +1,39 @@
+"""The studio: a mechanism in the browser, moved by hand through σ, with the map of Ω and experiments beside it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.studio.cache import Cache
+from ccpin.studio.server import Studio
+from ccpin.studio.session import Session
+from ccpin.studio.subject import Subject
+
+__all__ = ["Session", "Studio", "Subject", "studio"]
+
+
+def studio(
+    mechanism: Mechanism | HasMechanism,
+    *,
+    port: int = 0,
+    open_browser: bool = True,
+    title: str | None = None,
+    cache: str | Path | None = None,
+) -> Studio:
+    """Open a studio on the loopback interface; it serves from a thread until it is closed.
+
+    Args:
+        mechanism: From `ccpin.load`, or a model of it.
+        port: Where; 0 for any that is free.
+        open_browser: Whether to open it in the machine's browser.
+        title: Heading; default the name of the mechanism's file.
+        cache: Folder in which atlases are kept by the mechanism's fingerprint; default ``$CCPIN_CACHE``, else ``ccpin``
+            in the user's cache folder.
+
+    Raises:
+        InvalidInputError: It is no mechanism.
+        CcpinError: The port cannot be opened, or the mechanism has no closed, nonsingular reference.
+    """
+    kept = Cache(None if cache is None else Path(cache))
+    return Studio(Subject(mechanism_of(mechanism), title, kept), port, open_browser)
