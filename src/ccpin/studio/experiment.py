@@ -7,14 +7,14 @@ from typing import Any, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from ccpin.arrays import Array, choice, number, positive, vector
+from ccpin.arrays import Array, choice, positive, vector
 from ccpin.control.laws import PDFullGravity, PDSimpleGravity
 from ccpin.control.references import PointToPoint
 from ccpin.control.stability.gains import local_gains
 from ccpin.control.tracking import ComputedTorque
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
-from ccpin.errors import CcpinError
+from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.simulation.samples import Names
 from ccpin.simulation.stepper import Simulator
 from ccpin.simulation.trajectory import Trajectory, joined
@@ -22,8 +22,8 @@ from ccpin.studio.jobs import Job
 
 LawName = Literal["simple", "full", "computed"]
 LAWS: dict[LawName, str] = {
-    "simple": "PD, simple gravity compensation (28)",
-    "full": "PD, full gravity compensation (30)",
+    "simple": "(28) simple gravity",
+    "full": "(30) full gravity",
     "computed": "computed torque",
 }
 SAMPLES = 1500
@@ -54,8 +54,10 @@ class Plan(NamedTuple):
         """
         choice(asked.get("law"), "law", get_args(LawName))
         n = goal.model.n
-        duration = positive(asked.get("duration"), "the duration", f"a number of seconds up to {LONGEST:g}")  # type: ignore[arg-type]
-        number(LONGEST - duration, "what is left of the longest duration (60 s)")
+        words = f"a number of seconds up to {LONGEST:g}"
+        duration = positive(asked.get("duration"), "duration", words)
+        if duration > LONGEST:
+            raise InvalidInputError(f"duration = {duration:g} must be {words}")
         gains = [vector(asked.get(name), name, n) for name in ("K_p", "K_v")]  # type: ignore[arg-type]
         return cls(asked["law"], goal, *gains, duration)
 

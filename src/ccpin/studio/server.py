@@ -15,6 +15,8 @@ from ccpin.visualization.live import Server
 from ccpin.visualization.page import Recorder
 
 LARGEST_MESSAGE = 1 << 20
+LAST_WORK = 5.0
+"""Seconds in which cancelled work ends when the studio closes."""
 LOOPBACK_NAMES = r"127\.0\.0\.1|localhost"
 
 
@@ -57,7 +59,10 @@ class Studio:
 
     def close(self) -> None:
         """Cancel all work, stop the server and its thread; does nothing the second time."""
+        sessions = [socket.session for socket in tuple(self._sessions)]
         self._server.close()
+        for session in sessions:
+            session.wait(LAST_WORK)
         self._closed.set()
 
     def __enter__(self) -> Studio:

@@ -107,7 +107,7 @@ class Subject:
         """World frames of the moving bodies, column by column, in the order told."""
         frames = scene.frames(q_free)
         moving = [frame for body, frame in zip(scene.bodies, frames, strict=True) if body.joint > 0]
-        return [frame.T.ravel().tolist() for frame in moving]
+        return [np.round(frame.T.ravel(), 9).tolist() for frame in moving]
 
     def facts(self, state: State) -> dict[str, Any]:
         """The live numbers: q, q′ by joint, ‖φ‖, 1/κ(ψ), D, g, and which joints are beyond their limits."""

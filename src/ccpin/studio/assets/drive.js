@@ -1,5 +1,5 @@
 // Dials, live numbers, modes: what is driven, and where it is.
-const here = { q: facts.dials.map(() => 0), stopped: null };
+const here = { q: facts.dials.map(() => 0), stopped: null, pose: null };
 const DEGREE = 180 / Math.PI;
 const unitOf = dial => dial.angle ? "°" : "mm", factorOf = dial => dial.angle ? DEGREE : 1000;
 const order = latest();
@@ -46,16 +46,43 @@ function show(pose) {
     facts.bodies.forEach((path, k) => viewer.set_transform(split(path), pose.bodies[k]));
     viewer.render();
     viewer.needs_render = false;
+    pace(performance.now());
   }
   here.q = pose.facts.q;
   here.stopped = pose.stopped;
-  glow(pose.stopped !== null);
-  if (byId("stopped").textContent !== (pose.stopped ?? "")) byId("stopped").textContent = pose.stopped ?? "";
-  showDials();
-  showFacts(pose.facts);
-  showModes(pose.mode);
-  for (const tell of moved) tell();
+  if (!here.pose) requestAnimationFrame(tell);
+  here.pose = pose;
   return pose;
+}
+
+function tell() {                        // the numbers, after the picture
+  const { facts: numbers, stopped, mode } = here.pose;
+  here.pose = null;
+  glow(stopped !== null);
+  if (byId("stopped").textContent !== (stopped ?? "")) byId("stopped").textContent = stopped ?? "";
+  showDials();
+  showFacts(numbers);
+  showModes(mode);
+  for (const heard of moved) heard();
+}
+
+const SLOW = 60;                         // ms from a picture to the next: from then on it is coarse while it is driven
+const coarse = { on: false, gap: 0 };
+const fine = later(250, () => setCoarse(false));
+function pace(drawn) {                   // machines that draw in software keep up with the hand, and draw finely once it rests
+  requestAnimationFrame(() => requestAnimationFrame(() => {
+    coarse.gap += 0.3 * (performance.now() - drawn - coarse.gap);
+    if (coarse.gap > SLOW) setCoarse(true);
+  }));
+  fine();
+}
+
+function setCoarse(wanted) {
+  if (coarse.on === wanted) return;
+  coarse.on = wanted;
+  viewer.renderer.setPixelRatio(wanted ? 0.5 : devicePixelRatio);
+  viewer.renderer.shadowMap.autoUpdate = !wanted;
+  viewer.set_dirty();
 }
 
 function glow(stopped) {

@@ -1,5 +1,5 @@
 // A point of the mechanism to take hold of: dragged in its plane, or in the plane that faces the camera.
-const grip = { at: facts.handles[0], ball: null, held: null };
+const grip = { at: facts.handles[0], ball: null, held: null, place: new THREE.Vector3() };
 const ray = new THREE.Raycaster();
 
 function makeGrip() {
@@ -26,9 +26,10 @@ function makeGrip() {
 function standGrip() {                   // where it is, as large as 9 pixels
   const { camera } = viewer, body = node(grip.at.body).object;
   body.updateWorldMatrix(true, false);
-  grip.ball.position.set(...grip.at.point);
-  body.localToWorld(grip.ball.position);
-  const far = grip.ball.position.distanceTo(camera.position);
+  body.localToWorld(grip.place.set(...grip.at.point));
+  viewer.scene.updateMatrixWorld();
+  grip.ball.position.copy(viewer.scene.worldToLocal(grip.place.clone()));
+  const far = grip.place.distanceTo(camera.position);
   const pixel = 2 * far * Math.tan(camera.fov * Math.PI / 360) / camera.zoom / pane.clientHeight;
   grip.ball.scale.setScalar((grip.held ? 11 : 9) * pixel);
 }
@@ -40,7 +41,7 @@ function aimAt(event) {
 }
 
 function take(event) {
-  const seen = grip.ball.position.clone().project(viewer.camera), box = pane.getBoundingClientRect();
+  const seen = grip.place.clone().project(viewer.camera), box = pane.getBoundingClientRect();
   const x = box.left + (1 + seen.x) * box.width / 2, y = box.top + (1 - seen.y) * box.height / 2;
   if (event.button || Math.hypot(event.clientX - x, event.clientY - y) > 16) return;
   event.stopPropagation();
@@ -48,7 +49,7 @@ function take(event) {
   const root = node(facts.root).object, towards = viewer.camera.getWorldDirection(new THREE.Vector3());
   const plane = facts.normal ? new THREE.Vector3(...facts.normal).transformDirection(root.matrixWorld) : towards;
   const chosen = Math.abs(plane.dot(towards)) > 0.2 ? plane : towards;
-  grip.held = new THREE.Plane().setFromNormalAndCoplanarPoint(chosen, grip.ball.position);
+  grip.held = new THREE.Plane().setFromNormalAndCoplanarPoint(chosen, grip.place);
   pane.style.cursor = "grabbing";
 }
 

@@ -24,6 +24,11 @@ const sampleAt = time => {               // the motion's sample nearest to a tim
   return time - t[low] < t[high] - time ? low : high;
 };
 
+const brief = value => { // as short as a scale needs
+  const plain = String(+value.toPrecision(6)), short = Math.abs(value) < 1e-3 || plain.length > 6;
+  return (value && short ? value.toExponential(1).replace(".0e", "e") : plain).replaceAll("-", "−");
+};
+
 function paintPlot({ canvas, title, rows, names, levels }) {
   const brush = canvas.getContext("2d"), scale = devicePixelRatio, { t } = motion.now;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
@@ -33,7 +38,7 @@ function paintPlot({ canvas, title, rows, names, levels }) {
   const values = [...rows.flat().filter(value => value !== null), ...levels];
   let low = Math.min(...values), high = Math.max(...values);
   if (!values.length) [low, high] = [0, 1];
-  const spare = 0.06 * (high - low) || 0.1 * Math.abs(high) || 1;
+  const spare = Math.max(0.06 * (high - low), 0.05 * Math.abs(high + low) * (high - low < 1e-6), 1e-7);
   [low, high] = [low - spare, high + spare];
   const x = time => ROOM.left + (time - t[0]) / (t.at(-1) - t[0] || 1) * (width - ROOM.left - ROOM.right);
   const y = value => ROOM.top + (high - value) / (high - low) * (height - ROOM.top - ROOM.bottom);
@@ -43,7 +48,7 @@ function paintPlot({ canvas, title, rows, names, levels }) {
   brush.textAlign = "right";
   for (const value of values.length ? ticks(low, high, (height - 50) / 28, false) : []) {
     brush.strokeRect(ROOM.left, Math.round(y(value)) + 0.5, width - ROOM.left - ROOM.right, 0);
-    brush.fillText(digits(value), ROOM.left - 5, y(value));
+    brush.fillText(brief(value), ROOM.left - 5, y(value));
   }
   brush.textBaseline = "top";
   brush.textAlign = "center";

@@ -21,3 +21,4 @@ if (link.offline) {
     squareSoon();
   });
 }
+Object.assign(window, { studioHere: here, studioDrive: drive });   // for who measures, and for scripts
