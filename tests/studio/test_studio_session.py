@@ -56,7 +56,7 @@ def subjects(tmp_path_factory):
 
 @pytest.mark.parametrize("name", ["rpdr", "delta", "stewart", "four_bar", "slider_crank", "planar_3rrr"])
 def test_driving_is_sigma(subjects, name):
-    """A drive ends at σ(q) on the session's branch, bodies where the scene puts them, ‖φ‖ at rounding, D and g the model's."""
+    """A drive ends at σ(q) on the session's branch, bodies, ‖φ‖, D and g are the model's there."""
     desk = Desk(subjects(name))
     model, q = desk.subject.model, np.array(desk.order("hello")["facts"]["q"])
     q = q + 0.01
@@ -250,7 +250,7 @@ def test_experiments_are_simulate(subjects, law):
     assert motion["status"] == "finished"
     model = desk.subject.model
     plan = experiment.Plan.of(asked, model.at(goal))
-    whole = ccpin.simulate(model, experiment._law(plan, model.at(start)), start, duration=0.8)
+    whole = ccpin.simulate(model, experiment.law_of(model, plan, model.at(start)), start, duration=0.8)
     assert motion["t"][-1] == pytest.approx(0.8)
     assert [row[-1] for row in motion["q"]] == pytest.approx(whole.q[-1], abs=1e-7)
     assert np.abs(np.array([row[-1] for row in motion["q"]]) - goal).max() < 0.05

@@ -26,7 +26,7 @@ from ccpin.studio.jobs import Job
 MOST = 3
 """Coordinates up to which atlases are made."""
 GRID = 61
-"""Points along an edge of a sampled slice; of a sublevel set's, three times as many in each direction would do no more."""
+"""Points along an edge of what is sampled."""
 
 
 class Cells(NamedTuple):
@@ -201,16 +201,16 @@ def flood(
         job: Asked whether to go on.
         grid: Points along an edge.
     """
-    lines = [np.linspace(*window[:, k], grid) for k in range(2)]
+    x, y = (np.linspace(window[0, k], window[1, k], grid) for k in range(2))
     values = dials.values(here.q)
-    start = tuple(int(np.abs(line - values[axis]).argmin()) for line, axis in zip(lines, axes, strict=True))
+    start = tuple(int(np.abs(line - values[axis]).argmin()) for line, axis in zip((x, y), axes, strict=True))
     found = np.full((grid, grid), np.nan)
     seen, front = {start}, deque([(start, here)])
     while front:
         (i, j), near = front.popleft()
         job.check()
         point = values.copy()
-        point[list(axes)] = lines[0][i], lines[1][j]
+        point[list(axes)] = x[i], y[j]
         try:
             state = model.at(dials.q(point), near)
         except (ConvergenceError, SingularConfigurationError):
@@ -223,10 +223,12 @@ def flood(
             if cell not in seen and all(0 <= c < grid for c in cell):
                 seen.add(cell)
                 front.append((cell, state))
-    return Slice(*lines, found)
+    return Slice(x, y, found)
 
 
-def sublevel(law: PDSimpleGravity, dials: Dials, axes: tuple[int, ...], window: Array, level: float, job: Job) -> list[Array]:
+def sublevel(
+    law: PDSimpleGravity, dials: Dials, axes: tuple[int, ...], window: Array, level: float, job: Job
+) -> list[Array]:
     """The edge of {𝒱(q, 0) < level} around q_d in two coordinates, the others at q_d: closed lines of shape (k, 2)."""
     from contourpy import contour_generator
 

@@ -1,4 +1,4 @@
-"""Experiments from here to there under (28), (30) or computed torque, and motions driven by hand, as plots show them."""
+"""Experiments from here to there under (28), (30) or computed torque, and motions driven by hand, for plots."""
 
 from __future__ import annotations
 
@@ -58,16 +58,16 @@ class Plan(NamedTuple):
         duration = positive(asked.get("duration"), "duration", words)
         if duration > LONGEST:
             raise InvalidInputError(f"duration = {duration:g} must be {words}")
-        gains = [vector(asked.get(name), name, n) for name in ("K_p", "K_v")]  # type: ignore[arg-type]
-        return cls(asked["law"], goal, *gains, duration)
+        K_p, K_v = (vector(asked.get(name), name, n) for name in ("K_p", "K_v"))  # type: ignore[arg-type]
+        return cls(asked["law"], goal, K_p, K_v, duration)
 
 
-def offered_gains(goal: State, law: LawName) -> tuple[Array, Array]:
+def offered_gains(model: ReducedModel, goal: State, law: LawName) -> tuple[Array, Array]:
     """Diagonal gains for `BANDWIDTH` at a goal, of shape (n,) each."""
-    n = goal.model.n
+    n = model.n
     if law == "computed":
         return np.full(n, BANDWIDTH**2), np.full(n, 2 * BANDWIDTH)
-    K_p, K_v = local_gains(goal.model, goal.q, frequency=BANDWIDTH, guess=goal.q_free)  # type: ignore[arg-type]
+    K_p, K_v = local_gains(model, goal.q, frequency=BANDWIDTH, guess=goal.q_free)
     return np.diag(K_p).copy(), np.diag(K_v).copy()
 
 
@@ -89,15 +89,14 @@ class Motion(NamedTuple):
     goal: Array | None
 
 
-def run(plan: Plan, start: State, job: Job) -> Motion:
+def run(model: ReducedModel, plan: Plan, start: State, job: Job) -> Motion:
     """Simulate from rest at `start`.
 
     Raises:
         CcpinError: The law cannot be used here, or it ended before its first sample.
         Cancelled: Nobody waits any more.
     """
-    model = start.model
-    law = _law(plan, start)
+    law = law_of(model, plan, start)
     simulator = Simulator(model, law)
     simulator.reset(start)
     period = max(1e-3, plan.duration / SAMPLES)
@@ -115,8 +114,8 @@ def run(plan: Plan, start: State, job: Job) -> Motion:
     return Motion(LAWS[plan.law], trajectory, _lyapunov(law, trajectory), energy, plan.goal.q)
 
 
-def _law(plan: Plan, start: State) -> PDSimpleGravity | PDFullGravity | ComputedTorque:
-    model = start.model
+def law_of(model: ReducedModel, plan: Plan, start: State) -> PDSimpleGravity | PDFullGravity | ComputedTorque:
+    """The law that a plan names."""
     if plan.law == "computed":
         reference = PointToPoint(model, start.q, plan.goal.q, MOVING * plan.duration)
         return ComputedTorque(model, reference, plan.K_p, plan.K_v, start)

@@ -90,12 +90,11 @@ def _rank(name: str) -> int:
 def _places(mechanism: Mechanism) -> list[tuple[str, tuple[str, Array]]]:
     """(name, (link, point)) of moving links at their centres of mass and of loops' points, which come to overrule."""
     moving = {name for name, at in mechanism.tree.attachments.items() if at.joint > 0}
-    places = []
+    places: list[tuple[str, tuple[str, Array]]] = []
     for closure in mechanism.closures:
-        for link, placement in ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b)):
-            if link in moving:
-                places.append((closure.name, (link, placement[:3, 3])))
-                break
+        ends = ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b))
+        carried = [(name, placement[:3, 3]) for name, placement in ends if name in moving]
+        places += [(closure.name, end) for end in carried[:1]]
     named = {name for name, _ in places}
     for link in mechanism.description.links:
         if link.name in moving and link.name not in named:

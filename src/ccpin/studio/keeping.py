@@ -42,8 +42,13 @@ def told_motion(motion: Motion, subject: Subject, commands: list[bytes]) -> dict
         "energy": motion.energy,
         "goal": goal,
         "closure": float(samples.closure_error.max()),
-        "commands": [base64.b64encode(command).decode("ascii") for command in commands],
+        "commands": encoded(commands),
     }
+
+
+def encoded(commands: list[bytes]) -> list[str]:
+    """MeshCat's commands as text."""
+    return [base64.b64encode(command).decode("ascii") for command in commands]
 
 
 def _plain(values: Array) -> list[float | None]:

@@ -22,7 +22,7 @@ def studio_page(
         title: Its heading.
         commands: MeshCat's commands of the scene.
         told: What the page knows from the start (`Subject.told`).
-        replay: Messages it hears when it is opened, instead of asking a server; ``None``: it asks the server it is from.
+        replay: Messages it hears when it is opened, in place of a server; ``None``: it asks the server it is from.
     """
     script = "\n".join(_asset(name) for name in SCRIPTS)
     data = f"const facts = {_json(told)}, replay = {_json(replay)};"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ccpin.arrays import Array, whole
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.theorem3 import certify_law
+from ccpin.domain.singularities import SingularCurve
 from ccpin.domain.theorem2.theorem2 import theorem2_radius
 from ccpin.dynamics.modes import ModeSearch, assembly_modes
 from ccpin.dynamics.state import State
@@ -26,6 +27,7 @@ from ccpin.studio.experiment import Motion, Plan
 from ccpin.studio.jobs import Job, Jobs, Message
 from ccpin.studio.subject import Subject, Tap, Told
 from ccpin.visualization import play
+from ccpin.visualization.annotations import draw_ghosts
 
 LONGEST_RECORD = 600.0
 MODES_BUDGET = 30.0
@@ -71,6 +73,7 @@ class Session:
             "mode": self._take_mode,
             "goal": self._set_goal,
             "gains": self._offer_gains,
+            "frame": self._frame,
             "chart": self._chart,
             "slice": self._slice,
             "square": self._square,
@@ -98,8 +101,7 @@ class Session:
             answer = {"kind": "error", "words": str(error)}
         except Exception as error:  # a defect; the page says so and stays alive
             answer = {"kind": "error", "words": f"{type(error).__name__}: {error}"}
-        if answer is not None:
-            self._send({**answer, "id": number})
+        self._send({**({"kind": "begun"} if answer is None else answer), "id": number})
 
     def close(self) -> None:
         """Nobody is there any more: all work is cancelled."""
@@ -147,6 +149,12 @@ class Session:
         bodies = self.subject.bodies(self._scene, self.here.q_free)
         return {"kind": "pose", "bodies": bodies, "facts": facts, "stopped": stopped, "mode": self._branches.told()}
 
+    def _frame(self, message: Message) -> Message:
+        """Views from which all of it is seen, where it has left the frame."""
+        self._tap.take()
+        self._scene.keep_in_frame(self.here.q_free)
+        return {"kind": "frame", "commands": keeping.encoded(self._tap.take())}
+
     # Assembly modes.
 
     def _find_modes(self, message: Message) -> None:
@@ -181,10 +189,10 @@ class Session:
                 charted = chart.charted(subject.model, here, subject.cache, job)
             except CcpinError as error:
                 words = str(error)
-                return lambda: self._keep({"kind": "chart", "cells": None, "curves": [], "words": words})
+                return lambda: self._keep({"kind": "chart", "cells": None, "curves": [], "words": words, "done": True})
             self._take_chart(job, charted)
             curves = chart.curves(subject.model, subject.cache, job)
-            return lambda: self._keep(self._told_chart(charted, [curve.q.tolist() for curve in curves], curves))
+            return lambda: self._keep({**self._told_chart(charted, curves), "done": True})
 
         self._jobs.start("chart", work)
 
@@ -193,10 +201,10 @@ class Session:
         with self._lock:
             job.check()
             self._charted = charted
-            self._send(self._keep(self._told_chart(charted, [], ())))
+            self._send({**self._told_chart(charted, ()), "done": False})
 
-    def _told_chart(self, charted: Charted, lines: list[Any], curves: tuple[Any, ...]) -> Message:
-        told = [{"kind": curve.kind, "q": line} for curve, line in zip(curves, lines, strict=True)]
+    def _told_chart(self, charted: Charted, curves: tuple[SingularCurve, ...]) -> Message:
+        told = [{"kind": curve.kind, "q": curve.q.tolist()} for curve in curves]
         cells = charted.cells
         flat = cells if cells.lower.shape[1] <= 2 else None
         share = f"{len(cells.status):,} cells, {100 * float(cells.certified):.1f} % certified"
@@ -280,18 +288,19 @@ class Session:
         given = message.get("q")
         model = self.subject.model
         self.goal = self.here if given is None else model.at(self.subject.dials.q(given), self.here)
-        bodies = self.subject.bodies(self._scene, self.goal.q_free)
-        return self._keep({"kind": "goal", "q": self.subject.dials.values(self.goal.q).tolist(), "bodies": bodies})
+        draw_ghosts(self._scene, {"goal": self.goal.q_free})
+        values = self.subject.dials.values(self.goal.q).tolist()
+        return self._keep({"kind": "goal", "q": values, "commands": keeping.encoded(self._tap.take())})
 
     def _offer_gains(self, message: Message) -> Message:
-        K_p, K_v = experiment.offered_gains(self.goal, message.get("law", "simple"))
+        K_p, K_v = experiment.offered_gains(self.subject.model, self.goal, message.get("law", "simple"))
         return {"kind": "gains", "K_p": K_p.tolist(), "K_v": K_v.tolist()}
 
     def _simulate(self, message: Message) -> None:
-        plan, start = Plan.of(message, self.goal), self.here
+        model, plan, start = self.subject.model, Plan.of(message, self.goal), self.here
 
         def work(job: Job) -> Callable[[], Message]:
-            motion = experiment.run(plan, start, job)
+            motion = experiment.run(model, plan, start, job)
             return lambda: self._show(motion)
 
         self._jobs.start("simulate", work)

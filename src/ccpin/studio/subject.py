@@ -21,6 +21,9 @@ from ccpin.visualization.annotations import name_joints
 from ccpin.visualization.camera import plane_normal
 from ccpin.visualization.page import Recorder
 
+SLACK = 1e-9
+"""How far (rad, m) a joint may be beyond its limit without a word."""
+
 
 class Tap(Recorder):
     """A recorder of which the commands since the last look can be taken."""
@@ -126,10 +129,9 @@ class Subject:
 
     def _limited(self) -> list[tuple[str, int, float, float]]:
         lower, upper = self.mechanism.position_limits
-        joints = [joint for joint in self.mechanism.tree.joints if joint.kind.nq == 1]
-        limited = [(joint.name, joint.q.start, float(lower[joint.q.start]), float(upper[joint.q.start])) for joint in joints]
-        slack = 1e-9
-        return [(name, i, low - slack, high + slack) for name, i, low, high in limited if np.isfinite([low, high]).any()]
+        plain = [(joint.name, joint.q.start) for joint in self.mechanism.tree.joints if joint.kind.nq == 1]
+        limited = [(name, i, float(lower[i]) - SLACK, float(upper[i]) + SLACK) for name, i in plain]
+        return [joint for joint in limited if np.isfinite(joint[2:]).any()]
 
 
 Told = Callable[[dict[str, Any]], None]

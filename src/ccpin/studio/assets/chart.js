@@ -180,7 +180,7 @@ function paintScales(box) {
     }
     pen.textAlign = "center";
     pen.textBaseline = k ? "middle" : "alphabetic";
-    const name = `${dial.name} [${unitOf(dial)}]`;
+    const name = fitting(dial.name, ` [${unitOf(dial)}]`, k ? box.height : box.width + 60);
     if (!k) pen.fillText(name, box.x + box.width / 2, box.y + box.height + 29);
     else {
       pen.save();
@@ -190,6 +190,12 @@ function paintScales(box) {
       pen.restore();
     }
   });
+}
+
+function fitting(name, rest, room) {
+  let text = name;
+  while (text.length > 3 && pen.measureText(text + rest).width > room) text = `${text.slice(0, -2)}…`;
+  return text + rest;
 }
 
 function ticks(low, high, most, angle) { // round numbers; degrees in parts of a turn
@@ -208,7 +214,7 @@ function paintSoon() {
 
 // What Python says of the map.
 on("chart", message => {
-  idle("chart");
+  if (message.done) idle("chart");
   chart.cells = unpack(message.cells) ?? (facts.dials.length > 2 || !message.cells ? null : chart.cells);
   chart.known = Boolean(message.region);
   if (message.curves.length || !chart.curves.length) chart.curves = message.curves;
@@ -230,7 +236,8 @@ on("sublevel", message => {
   say(message.level > 0 ? `𝒱 < ${digits(message.level)} J. ${message.words}` : message.words, message.verdict !== "proven");
   showLegend();
 });
-on("goal", ({ q, bodies }) => {
+on("goal", ({ q, commands }) => {
+  play3(commands);
   Object.assign(chart, { goal: q, level: null });
   byId("goal").textContent = q.map((value, k) => `${(value * factorOf(facts.dials[k])).toFixed(facts.dials[k].angle ? 1 : 0)}`
     .replace("-", "−")).slice(0, 3).join(", ") + (q.length > 3 ? ", …" : ` ${unitOf(facts.dials[0])}`);
@@ -239,11 +246,13 @@ on("goal", ({ q, bodies }) => {
 
 function showLegend() {
   const entries = chart.cells ? [...LEGEND] : chart.samples ? [["sampled 1/κ(ψ): high", "hsl(140 38% 72%)"], ["low", "hsl(20 38% 58%)"]] : [];
-  const lines = [chart.curves.length && ["singular", INK.fold], chart.square?.radius > 0 && ["Theorem 2", INK.square],
+  const lines = [chart.curves.some(({ q }) => q.length > 1) && ["singular", INK.fold],
+    chart.curves.some(({ q }) => q.length === 1) && ["self-motion", "#2970bd", "50%"], chart.square?.radius > 0 && ["Theorem 2", INK.square],
     chart.level?.lines.length && ["𝒱 < c", INK.level], chart.goal && ["goal", INK.goal]].filter(Boolean);
-  byId("legend").replaceChildren(...[...entries, ...lines].map(([name, colour], k) => {
+  byId("legend").replaceChildren(...[...entries, ...lines].map(([name, colour, round], k) => {
     const entry = document.createElement("span"), mark = document.createElement("i");
     mark.style[k < entries.length ? "background" : "border"] = k < entries.length ? colour : `2px solid ${colour}`;
+    if (round) mark.style.borderRadius = round;
     entry.append(mark, name);
     return entry;
   }));
@@ -255,7 +264,13 @@ const sliceSoon = later(120, () => { // more coordinates than two: the slice thr
   if (link.offline || flat() || (facts.dials.length === 2 && chart.cells)) return;
   ask({ do: "slice", axes: chart.axes });
 });
-const squareSoon = later(200, () => { if (!link.offline) ask({ do: "square" }); });
+const squareSoon = later(200, () => {    // once it rests: Theorem 2's square, and the views that show it all
+  if (link.offline) return;
+  ask({ do: "square" });
+  ask({ do: "frame" });
+});
+on("frame", ({ commands }) => play3(commands));
+const play3 = commands => commands.forEach(command => viewer.handle_command_bytearray(bytes(command)));
 const chartAnew = () => {
   Object.assign(chart, { cells: null, curves: [], words: "" });
   begin("chart", { do: "chart" });
@@ -267,6 +282,7 @@ moved.push(paintSoon, squareSoon, () => {
 });
 
 function listenChart() {
+  byId("sheet").classList.toggle("flat", flat());
   const selects = [byId("axis-x"), byId("axis-y")];
   byId("axes").hidden = facts.dials.length < 3;
   selects.forEach((select, k) => {

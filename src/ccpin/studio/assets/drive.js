@@ -1,5 +1,5 @@
 // Dials, live numbers, modes: what is driven, and where it is.
-const here = { q: facts.dials.map(() => 0), stopped: null, pose: null };
+const here = { q: facts.dials.map(() => 0), stopped: null, pose: null, held: null };
 const DEGREE = 180 / Math.PI;
 const unitOf = dial => dial.angle ? "°" : "mm", factorOf = dial => dial.angle ? DEGREE : 1000;
 const order = latest();
@@ -15,8 +15,11 @@ function makeDials() {
     slider.setAttribute("aria-label", dial.name);
     field.setAttribute("aria-label", `${dial.name}, ${unitOf(dial)}`);
     slider.oninput = () => drive(here.q.map((value, i) => i === k ? Number(slider.value) : value));
+    slider.onpointerdown = () => { here.held = slider; };
+    slider.onpointerup = slider.onpointercancel = () => { here.held = null; showDials(); };
     field.onchange = () => {
       const value = Number(field.value.replace(unitOf(dial), "").replace("−", "-").trim());
+      field.blur();
       if (Number.isFinite(value)) drive(here.q.map((old, i) => i === k ? value / factorOf(dial) : old));
       else showDials();
     };
@@ -28,7 +31,7 @@ function makeDials() {
 function showDials() {
   for (const [k, row] of [...byId("dials").children].entries()) {
     const [field, slider] = row.querySelectorAll("input"), dial = facts.dials[k];
-    if (slider !== document.activeElement || here.settled) slider.value = here.q[k];
+    if (slider !== here.held) slider.value = here.q[k];
     if (field !== document.activeElement)
       field.value = `${(here.q[k] * factorOf(dial)).toFixed(dial.angle ? 2 : 1)} ${unitOf(dial)}`.replace("-", "−");
   }
@@ -46,6 +49,7 @@ function show(pose) {
     facts.bodies.forEach((path, k) => viewer.set_transform(split(path), pose.bodies[k]));
     viewer.render();
     viewer.needs_render = false;
+    here.drawn?.();
     pace(performance.now());
   }
   here.q = pose.facts.q;
@@ -73,8 +77,8 @@ function pace(drawn) {                   // machines that draw in software keep 
   requestAnimationFrame(() => requestAnimationFrame(() => {
     coarse.gap += 0.3 * (performance.now() - drawn - coarse.gap);
     if (coarse.gap > SLOW) setCoarse(true);
+    fine();
   }));
-  fine();
 }
 
 function setCoarse(wanted) {
@@ -95,8 +99,8 @@ function glow(stopped) {
   viewer.set_dirty();
 }
 
-const digits = value => Math.abs(value) >= 1e-3 && Math.abs(value) < 1e5 || value === 0
-  ? (+value.toPrecision(4)).toString().replace("-", "−") : value.toExponential(2).replaceAll("-", "−");
+const digits = (value, most = 4) => Math.abs(value) >= 1e-3 && Math.abs(value) < 1e5 || value === 0
+  ? (+value.toPrecision(most)).toString().replace("-", "−") : value.toExponential(most - 2).replaceAll("-", "−");
 const cell = text => `<td>${String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;")}</td>`;
 
 function showFacts({ phi, rcond, D, g, q_free: joints, beyond }) {
@@ -105,11 +109,12 @@ function showFacts({ phi, rcond, D, g, q_free: joints, beyond }) {
     `<td><meter min="0" max="1" low="0.45" high="0.6" optimum="1" value="${share}"></meter></td></tr>` +
     `<tr><td>‖φ‖</td><td>${phi.toExponential(1).replace("-", "−")}</td><td></td></tr>` +
     (beyond.length ? `<tr><td>beyond limits</td><td colspan="2">${beyond.map(name => name.replace(/</g, "&lt;")).join(", ")}</td></tr>` : "");
+  const most = g.length > 3 ? 3 : 4;
   byId("model").classList.toggle("wide", g.length > 3);
-  byId("model").innerHTML = `<tr>${cell("g")}${g.map(value => cell(digits(value))).join("")}</tr>` +
-    D.map((row, k) => `<tr>${cell(k ? "" : "D")}${row.map(value => cell(digits(value))).join("")}</tr>`).join("");
+  byId("model").innerHTML = `<tr>${cell("g")}${g.map(value => cell(digits(value, most))).join("")}</tr>` +
+    D.map((row, k) => `<tr>${cell(k ? "" : "D")}${row.map(value => cell(digits(value, most))).join("")}</tr>`).join("");
   if (byId("joints").parentElement.open)
-    byId("joints").innerHTML = joints.map(([name, ...q]) => `<tr>${[name, ...q.map(digits)].map(cell).join("")}</tr>`).join("");
+    byId("joints").innerHTML = joints.map(([name, ...q]) => `<tr>${[name, ...q.map(value => digits(value))].map(cell).join("")}</tr>`).join("");
 }
 
 function showModes({ signs, own }) {

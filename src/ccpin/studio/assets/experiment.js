@@ -28,7 +28,7 @@ on("cancelled", ({ job }) => idle(job));
 on("pose", message => { if (link.offline) show(message); });
 on("motion", said => {
   idle("simulate");
-  for (const command of said.commands) viewer.handle_command_bytearray(bytes(command));
+  play3(said.commands);
   makePlots(said);
   say(`${said.title}: ${said.status}, ${said.words}; largest ‖φ‖ ${said.closure.toExponential(1)}`, said.status !== "finished");
   for (const id of ["npz", "csv"]) byId(id).disabled = link.offline;

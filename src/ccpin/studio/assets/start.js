@@ -1,4 +1,14 @@
-// Everything put together; offline, what the page was told last.
+// Everything put together; offline, what the page was told last. Scripts in the page drive by `studio`.
+window.studio = { facts, link, here, chart, motion, on, ask, drive,
+  placeOf: q => {                        // where a q is on the map, in the window's pixels
+    const at = sheet.getBoundingClientRect(), [x, y] = place(chosen(q));
+    return [at.left + x, at.top + y];
+  },
+  gripAt: () => {                        // where the handle is, in the window's pixels
+    const at = pane.getBoundingClientRect(), seen = grip.place.clone().project(viewer.camera);
+    return [at.left + (1 + seen.x) * at.width / 2, at.top + (1 - seen.y) * at.height / 2];
+  },
+  drawn: () => new Promise(done => { here.drawn = done; }) };             // resolves when the next pose has been drawn
 makeDials();
 listenChart();
 listenExperiment();
@@ -21,4 +31,3 @@ if (link.offline) {
     squareSoon();
   });
 }
-Object.assign(window, { studioHere: here, studioDrive: drive });   // for who measures, and for scripts
