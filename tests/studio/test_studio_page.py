@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import sys
 import time
 
 import numpy as np
@@ -14,7 +15,7 @@ from ccpin.studio import studio
 from tests.support.browser import click, opened, pixels, settle
 from tests.support.places import SHARED
 
-WIDTH, HEIGHT = 1400, 900
+WIDTH, HEIGHT = 1100, 700
 
 
 @pytest.fixture(scope="module")
@@ -61,12 +62,6 @@ def box(page, selector):
     return page.evaluate(expression + ".getBoundingClientRect())")
 
 
-def ready(page):
-    """The session has answered and the chart has come."""
-    until(page, "studio.link.socket?.readyState === 1 && studio.here.q.some(value => value !== 0) || studio.here.at")
-    until(page, "document.getElementById('charted').textContent !== ''", 300)
-
-
 def dial(k, kind="text"):
     return f".dial:nth-child({k + 1}) input[type={kind}]"
 
@@ -85,15 +80,9 @@ def watched(page):
 
 def drawn_frames(page):
     """World frames of the bodies as the page draws them."""
-    script = (
-        "studio.facts.bodies.map(path => viewer.scene_tree.find(path.split('/').filter(p => p)).object.matrix.elements)"
-    )
-    page.evaluate("viewer.scene.updateMatrixWorld(true)")
-    return (
-        np.array(page.evaluate(f"JSON.parse(JSON.stringify({script}.map(m => [...m])))"))
-        .reshape(-1, 4, 4)
-        .transpose(0, 2, 1)
-    )
+    found = "viewer.scene_tree.find(path.split('/').filter(part => part)).object"
+    matrices = f"studio.facts.bodies.map(path => {found}).map(body => (body.updateMatrix(), [...body.matrix.elements]))"
+    return np.array(page.evaluate(matrices)).reshape(-1, 4, 4).transpose(0, 2, 1)
 
 
 MECHANISMS = ["rpdr", "delta", "stewart", "5bar_linkage_iso3d"]
@@ -185,8 +174,8 @@ def test_the_whole_of_it(folder):
         t = page.evaluate("studio.motion.now.t[studio.motion.at]")
         assert 0.2 < t < 0.5
         until(page, f"Math.abs(studio.here.q[0] - studio.motion.now.q[0][studio.motion.at]) < 1e-9 && {t} > 0")
-        hands = page.evaluate("[...document.querySelectorAll('.plot .cursor')].map(h => h.style.left)")
-        assert len(set(hands)) == 1
+        hands = page.evaluate("[...document.querySelectorAll('.plot .cursor')].map(h => parseFloat(h.style.left))")
+        assert np.ptp(hands) < 1 < min(hands)  # columns may differ by their border
 
         click(page, "#certify")
         until(page, "studio.chart.level !== null", 300)
@@ -243,7 +232,7 @@ def test_nothing_is_cut_off(size, folder):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["rpdr", "delta"])
 def test_a_drive_is_drawn_within_30_ms(name, folder, capsys):
-    """From a slider's move to the closed mechanism handed to the graphics driver: median of 60 moves, as the page has it."""
+    """From a slider's move to the closed mechanism handed to the graphics driver: the median of 60 moves."""
     script = """(async () => { const times = [];
       for (let k = 0; k < 60; k++) { const slider = document.querySelector('.dial input[type=range]');
         const began = performance.now();
@@ -259,5 +248,5 @@ def test_a_drive_is_drawn_within_30_ms(name, folder, capsys):
         settle(page, 500)
         times = page.evaluate(script)
         with capsys.disabled():
-            print(f"\n{name}: median {np.median(times):.1f} ms, 90 % below {np.quantile(times, 0.9):.1f} ms")
+            sys.stdout.write(f"\n{name}: median {np.median(times):.1f} ms, 90 % below {np.quantile(times, 0.9):.1f} ms")
         assert np.median(times) < 30

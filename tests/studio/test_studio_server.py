@@ -144,8 +144,9 @@ def test_ports(rpdr, opened, tmp_path):
     port = int(opened.url.rstrip("/").rpartition(":")[2])
     with pytest.raises(CcpinError, match=f"127.0.0.1:{port}"):
         studio(rpdr, port=port, open_browser=False, cache=tmp_path)
-    with pytest.raises(CcpinError, match="could not start"):
-        studio(rpdr, port=70000, open_browser=False, cache=tmp_path)
+    for none in (70000, -1, 1.5, True):
+        with pytest.raises(InvalidInputError, match="port"):
+            studio(rpdr, port=none, open_browser=False, cache=tmp_path)
     with pytest.raises(InvalidInputError, match="mechanism"):
         studio(7, open_browser=False)
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ccpin.arrays import whole
+from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.studio.cache import Cache
 from ccpin.studio.server import Studio
@@ -11,6 +13,8 @@ from ccpin.studio.session import Session
 from ccpin.studio.subject import Subject
 
 __all__ = ["Session", "Studio", "Subject", "studio"]
+
+LAST_PORT = 65535
 
 
 def studio(
@@ -32,8 +36,10 @@ def studio(
             in the user's cache folder.
 
     Raises:
-        InvalidInputError: It is no mechanism.
+        InvalidInputError: It is no mechanism, or no port.
         CcpinError: The port cannot be opened, or the mechanism has no closed, nonsingular reference.
     """
+    if whole(port, "port", 0) > LAST_PORT:
+        raise InvalidInputError(f"port = {port} must be a whole number up to {LAST_PORT}")
     kept = Cache(None if cache is None else Path(cache))
     return Studio(Subject(mechanism_of(mechanism), title, kept), port, open_browser)
