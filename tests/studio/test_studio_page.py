@@ -133,6 +133,7 @@ def test_the_whole_of_it(folder):
         asked = watched(page)
         until(page, "studio.chart.cells !== null")
         session = next(iter(one._sessions)).session
+        settle(page, 100)
         picture = pixels(page)
         left, top, width, height = (int(value) for value in box(page, "#omega"))
         sheet = picture[top : top + height, left : left + width]

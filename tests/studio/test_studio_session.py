@@ -418,3 +418,10 @@ def test_dials_of_every_kind_of_coordinate():
         assert all(dial.lower <= value <= dial.upper for dial, value in zip(dials.each, reference, strict=True))
         with pytest.raises(InvalidInputError, match="finite numbers"):
             dials.q([0.0])
+
+
+def test_what_cannot_move_is_refused():
+    """A mechanism of mobility 0 has nothing to drive."""
+    locked = ccpin.load("four_bar", locked=["crank"])
+    with pytest.raises(ccpin.errors.UnsupportedMechanismError, match="nothing to drive"):
+        Subject(locked)

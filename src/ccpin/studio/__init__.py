@@ -37,7 +37,8 @@ def studio(
 
     Raises:
         InvalidInputError: It is no mechanism, or no port.
-        CcpinError: The port cannot be opened, or the mechanism has no closed, nonsingular reference.
+        UnsupportedMechanismError: The mechanism has mobility 0.
+        CcpinError: The port cannot be opened.
     """
     if whole(port, "port", 0) > LAST_PORT:
         raise InvalidInputError(f"port = {port} must be a whole number up to {LAST_PORT}")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import json
 import math
+import re
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -73,7 +74,8 @@ def exported(
 ) -> dict[str, Any]:
     """The page as one file: its scene, and all that it has been told, which it tells itself when it is opened."""
     text = studio_page(subject.title, commands, subject.told(scene), replay=json.loads(json.dumps(shown)))
-    return _file(f"{subject.title}.html", text.encode())
+    name = re.sub(r"[^\w.-]+", "_", subject.title) or "studio"
+    return _file(f"{name}.html", text.encode())
 
 
 def _file(name: str, content: bytes) -> dict[str, Any]:

@@ -10,6 +10,7 @@ import numpy as np
 from ccpin.arrays import Array, heading
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
+from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism.alike import Likeness
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.studio.cache import Cache
@@ -49,6 +50,9 @@ class Subject:
         title: Heading; default the name of the mechanism's file.
         cache: Where atlases are kept.
 
+    Raises:
+        UnsupportedMechanismError: The mechanism has mobility 0.
+
     Attributes:
         mechanism, model, dials, cache: As given, and made of it.
         handles: What can be dragged, by name, the likeliest first.
@@ -58,6 +62,8 @@ class Subject:
     """
 
     def __init__(self, mechanism: Mechanism, title: str | None = None, cache: Cache | None = None) -> None:
+        if not mechanism.n:
+            raise UnsupportedMechanismError(f"{mechanism.name} has mobility 0: there is nothing to drive")
         self.mechanism = mechanism
         self.model = ReducedModel(mechanism)
         self.dials = Dials(self.model)

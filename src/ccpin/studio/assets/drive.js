@@ -103,6 +103,7 @@ const digits = (value, most = 4) => Math.abs(value) >= 1e-3 && Math.abs(value) <
   ? (+value.toPrecision(most)).toString().replace("-", "−") : value.toExponential(most - 2).replaceAll("-", "−");
 const cell = text => `<td>${String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;")}</td>`;
 
+const MATRIX = 7;                        // coordinates up to which D is shown whole
 function showFacts({ phi, rcond, D, g, q_free: joints, beyond }) {
   const share = Math.max(0, Math.min(1, 1 + Math.log10(Math.max(rcond, 1e-12)) / 6));   // a millionth: empty
   byId("facts").innerHTML = `<tr><td>1/κ(ψ)</td><td>${rcond.toExponential(2).replace("-", "−")}</td>` +
@@ -110,8 +111,9 @@ function showFacts({ phi, rcond, D, g, q_free: joints, beyond }) {
     `<tr><td>‖φ‖</td><td>${phi.toExponential(1).replace("-", "−")}</td><td></td></tr>` +
     (beyond.length ? `<tr><td>beyond limits</td><td colspan="2">${beyond.map(name => name.replace(/</g, "&lt;")).join(", ")}</td></tr>` : "");
   const most = g.length > 3 ? 3 : 4;
-  byId("model").classList.toggle("wide", g.length > 3);
-  byId("model").innerHTML = `<tr>${cell("g")}${g.map(value => cell(digits(value, most))).join("")}</tr>` +
+  byId("model").classList.toggle("wide", g.length > 3 && g.length <= MATRIX);
+  byId("model").innerHTML = g.length > MATRIX ? `<tr>${["", "g", "D diagonal"].map(cell).join("")}</tr>` + g.map((value, k) =>
+    `<tr>${[facts.dials[k].name, digits(value), digits(D[k][k])].map(cell).join("")}</tr>`).join("") : `<tr>${cell("g")}${g.map(value => cell(digits(value, most))).join("")}</tr>` +
     D.map((row, k) => `<tr>${cell(k ? "" : "D")}${row.map(value => cell(digits(value, most))).join("")}</tr>`).join("");
   if (byId("joints").parentElement.open)
     byId("joints").innerHTML = joints.map(([name, ...q]) => `<tr>${[name, ...q.map(value => digits(value))].map(cell).join("")}</tr>`).join("");
