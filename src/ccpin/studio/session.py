@@ -310,6 +310,7 @@ class Session:
         self._motion = motion
         samples = motion.trajectory
         first = next(iter(self.subject.handles), None)
+        self._scene.stop()
         if len(samples.t) > 1:
             play(self._scene, samples.t, samples.q_free, fps=FPS, loop=False, trace=self._trace(first))
         return self._keep(keeping.told_motion(motion, self.subject, self._tap.take()))

@@ -1,14 +1,15 @@
 // The map of Ω in two coordinates (or one): what is proved or sampled, and where the mechanism is. Drag it to drive.
 const sheet = byId("omega"), pen = sheet.getContext("2d");
 const chart = { axes: facts.dials.length > 1 ? [0, 1] : [0], window: null, cells: null, curves: [], square: null, level: null,
-  goal: null, layer: null, words: "" };
+  goal: null, layer: null, zoom: null, words: "" };
 const COLOURS = { 0: "#f2d16b", 1: "#d1541f", 2: "#9ccb9f", 3: "#d1541f", 4: "#e4e7eb" };
 const LEGEND = [["certified", "#9ccb9f"], ["undecided", "#d1541f"], ["not reached", "#f2d16b"], ["empty", "#e4e7eb"]];
 const INK = { here: "#16202b", goal: "#2e8b57", square: "#2970bd", level: "#7b2d8e", fold: "#8a2f0b", path: "#3d4a58" };
 
 const dialAt = k => facts.dials[chart.axes[k]];
 const flat = () => chart.axes.length === 1;
-function view2() {                       // the window of the map in its two coordinates; one coordinate is a strip
+const view2 = () => chart.zoom ?? whole2();
+function whole2() {                      // the whole of the map in its two coordinates; one coordinate is a strip
   const low = chart.axes.map(k => facts.dials[k].lower), high = chart.axes.map(k => facts.dials[k].upper);
   const { region } = chart.cells ?? {};
   const ends = region ?? [low, high];
@@ -24,25 +25,40 @@ function frame2() {                      // pixels: where the window lies on the
 }
 
 function place(q) {                      // a point of the two coordinates on the sheet, in pixels
-  const [low, high] = view2(), box = frame2();
+  const [low, high] = view2(), [first, last] = whole2(), box = frame2();
   const turned = q.map((value, k) => {
-    const width = high[k] - low[k];
-    return dialAt(k)?.angle && width > 6.28 ? value - width * Math.floor((value - low[k]) / width) : value;
+    const width = last[k] - first[k];
+    return dialAt(k)?.angle && width > 6.28 ? value - width * Math.floor((value - first[k]) / width) : value;
   });
   const y = flat() ? 0.5 : (turned[1] - low[1]) / (high[1] - low[1]);
   return [box.x + box.width * (turned[0] - low[0]) / (high[0] - low[0]), box.y + box.height * (1 - y)];
 }
 
-function pointAt(event) {                // q under the pointer: the two coordinates replaced
+function under(event) {                  // the two coordinates under the pointer
   const [low, high] = view2(), box = frame2(), at = sheet.getBoundingClientRect();
   const share = [(event.clientX - at.left - box.x) / box.width, 1 - (event.clientY - at.top - box.y) / box.height];
-  const q = [...here.q];
+  return share.map((one, k) => low[k] + Math.min(Math.max(one, 0), 1) * (high[k] - low[k]));
+}
+
+function pointAt(event) {                // q under the pointer: the two coordinates replaced, in the turn they are in
+  const [first, last] = whole2(), point = under(event), q = [...here.q];
   chart.axes.forEach((axis, k) => {
-    const width = high[k] - low[k], value = low[k] + Math.min(Math.max(share[k], 0), 1) * width;
-    const turns = facts.dials[axis].angle && width > 6.28 ? Math.floor((here.q[axis] - low[k]) / width) : 0;
-    q[axis] = value + turns * width;     // the turn that the mechanism is in
+    const width = last[k] - first[k];
+    const turns = facts.dials[axis].angle && width > 6.28 ? Math.floor((here.q[axis] - first[k]) / width) : 0;
+    q[axis] = point[k] + turns * width;
   });
   return q;
+}
+
+function zoom(event) {                   // about the pointer, down to a thousandth and back to the whole
+  event.preventDefault();
+  const [low, high] = view2(), [first, last] = whole2(), point = under(event), factor = 1.0015 ** event.deltaY;
+  const wide = last.map((value, k) => Math.max((high[k] - low[k]) * factor, 1e-3 * (value - first[k])));
+  const start = point.map((value, k) => value - (value - low[k]) / (high[k] - low[k]) * wide[k]);
+  const inside = start.map((value, k) => Math.min(Math.max(value, first[k]), last[k] - wide[k]));
+  chart.zoom = wide[0] >= last[0] - first[0] ? null : flat() ? [[inside[0], 0], [inside[0] + wide[0], 1]]
+    : [inside, inside.map((value, k) => value + wide[k])];
+  paintSoon();
 }
 
 function unpack(cells) {
@@ -53,7 +69,7 @@ function unpack(cells) {
 
 function layer() {                       // cells and samples, drawn once for each size of the sheet
   const box = frame2(), scale = devicePixelRatio;
-  const key = [box.width, box.height, scale].join();
+  const key = [box.width, box.height, scale, view2()].join();
   if (chart.layer?.key === key && chart.layer.of === (chart.cells ?? chart.samples)) return chart.layer.canvas;
   const canvas = Object.assign(document.createElement("canvas"),
     { width: Math.max(1, box.width * scale), height: Math.max(1, box.height * scale) });
@@ -292,7 +308,7 @@ function listenChart() {
       const other = selects[1 - k];
       if (other.value === select.value) other.value = chart.axes[k];
       chart.axes = selects.map(one => Number(one.value));
-      Object.assign(chart, { cells: null, samples: null, others: "" });
+      Object.assign(chart, { cells: null, samples: null, others: "", zoom: null });
       paintSoon();
       sliceSoon();
     };
@@ -304,5 +320,7 @@ function listenChart() {
     drive(pointAt(event));
   };
   sheet.onpointermove = event => { if (sheet.hasPointerCapture(event.pointerId)) drive(pointAt(event)); };
+  sheet.addEventListener("wheel", zoom, { passive: false });
+  sheet.ondblclick = () => { chart.zoom = null; paintSoon(); };
   new ResizeObserver(paintSoon).observe(sheet);
 }

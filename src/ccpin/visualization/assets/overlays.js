@@ -1,11 +1,11 @@
 // What is drawn over and beside the mechanism: its path as far as it has gone, ghosts of start and goal, names, forces.
 const split = path => path.split("/").filter(part => part);
 const node = path => viewer.scene_tree.find(split(path));
-const made = { trace: null, ghosts: null, arrows: null };                  // and from which words of Python's
+const made = { trace: null, whole: null, ghosts: null, arrows: null };                  // and from which words of Python's
 
 function showTrace(frame) {
   const trace = told("trace");
-  if (made.trace) made.trace.parent.visible = Boolean(trace.path) && shown.trace;
+  if (made.trace?.parent) made.trace.parent.visible = Boolean(trace.path) && shown.trace;
   if (!trace.path) return;
   const mesh = node(trace.path).find(["<object>"]).object;
   if (!mesh.geometry) return;
@@ -14,6 +14,8 @@ function showTrace(frame) {
     const whole = new THREE.Mesh(mesh.geometry.clone(), mesh.material.clone());
     Object.assign(whole.material, { transparent: true, opacity: 0.16, depthWrite: false });
     mesh.castShadow = mesh.receiveShadow = false;
+    made.whole?.removeFromParent();      // of the motion before
+    made.whole = whole;
     mesh.parent.add(whole);
   }
   mesh.parent.visible = shown.trace;
