@@ -281,8 +281,7 @@ def test_recording_keeps_what_was_driven(subjects, tmp_path):
     for k in range(12):
         desk.order("drive", q=[-1.57 + 0.02 * k, -1.57])
         time.sleep(0.005)
-    motion = desk.order("record")
-    assert motion["kind"] == "motion"
+    motion = desk.result("motion", "record")
     assert [row[-1] for row in motion["q"]] == pytest.approx([-1.57 + 0.22, -1.57])
     assert motion["closure"] < 1e-10
     saved = desk.order("save", format="npz")
@@ -292,7 +291,7 @@ def test_recording_keeps_what_was_driven(subjects, tmp_path):
     assert loaded.q[-1] == pytest.approx(desk.session.here.q)
     assert desk.order("save", format="exe")["kind"] == "error"
     desk.order("record")
-    assert "fewer than three" in desk.order("record")["words"]
+    assert "fewer than three" in desk.result("motion", "record")["words"]
 
 
 def test_the_exported_page_needs_nothing(subjects):

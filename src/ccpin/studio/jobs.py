@@ -38,7 +38,12 @@ class Job:
         if time.monotonic() - self._told < QUIET:
             return
         self._told = time.monotonic()
-        self._tell({"kind": "progress", "job": self.name, "share": share, "words": words})
+        self.tell({"kind": "progress", "job": self.name, "share": share, "words": words})
+
+    def tell(self, message: Message) -> None:
+        """Give a part of the result before the rest; errors as for `check`."""
+        self.check()
+        self._tell(message)
 
     def check(self) -> None:
         """Go on, or raise `Cancelled`."""

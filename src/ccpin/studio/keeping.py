@@ -15,15 +15,17 @@ import numpy as np
 from ccpin.arrays import Array, choice
 from ccpin.studio.experiment import Motion
 from ccpin.studio.page import studio_page
-from ccpin.studio.subject import Subject
-from ccpin.visualization import Scene
+from ccpin.studio.subject import Subject, Tap
+from ccpin.visualization import Scene, play
 
 PLOTTED = 1500
 """Samples of a motion that a page is given, at most."""
+FPS, FRAMES = 30.0, 900.0
+"""Of a motion as it is played, at most."""
 FORMATS = ("npz", "csv")
 
 
-def told_motion(motion: Motion, subject: Subject, commands: list[bytes]) -> dict[str, Any]:
+def told_motion(motion: Motion, subject: Subject) -> dict[str, Any]:
     """The samples that plots show, and MeshCat's commands that play them; ``sample`` counts the motion's own."""
     samples = motion.trajectory
     chosen = np.unique(np.linspace(0, len(samples.t) - 1, PLOTTED).astype(int))
@@ -43,8 +45,20 @@ def told_motion(motion: Motion, subject: Subject, commands: list[bytes]) -> dict
         "energy": motion.energy,
         "goal": goal,
         "closure": float(samples.closure_error.max()),
-        "commands": encoded(commands),
+        "commands": encoded(_played(motion, subject)),
     }
+
+
+def _played(motion: Motion, subject: Subject) -> list[bytes]:
+    """MeshCat's commands that play a motion in a scene of the subject, with the path of its first handle."""
+    tap, samples = Tap(), motion.trajectory
+    scene = subject.scene(tap)
+    tap.take()
+    scene.stop()
+    if len(samples.t) > 1:
+        fps = min(FPS, FRAMES / max(float(samples.t[-1] - samples.t[0]), 1e-3))
+        play(scene, samples.t, samples.q_free, fps=fps, loop=False, trace=next(iter(subject.handles), None))
+    return tap.take()
 
 
 def encoded(commands: list[bytes]) -> list[str]:

@@ -2,37 +2,27 @@
 
 from __future__ import annotations
 
-import base64
 import json
 import threading
 import time
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ccpin.arrays import Array, whole
-from ccpin.control.laws import PDSimpleGravity
-from ccpin.control.stability.theorem3 import certify_law
-from ccpin.domain.singularities import SingularCurve
-from ccpin.domain.theorem2.theorem2 import theorem2_radius
+from ccpin.arrays import whole
 from ccpin.dynamics.modes import ModeSearch, assembly_modes
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, ConvergenceError, InvalidInputError, SingularConfigurationError, UnreachableError
-from ccpin.studio import chart, experiment, keeping
+from ccpin.studio import experiment, keeping
 from ccpin.studio.branches import Branches
-from ccpin.studio.chart import Cells, Charted
 from ccpin.studio.experiment import Motion, Plan
 from ccpin.studio.jobs import Job, Jobs, Message
+from ccpin.studio.maps import Maps
 from ccpin.studio.subject import Subject, Tap, Told
-from ccpin.visualization import play
 from ccpin.visualization.annotations import draw_ghosts
 
 LONGEST_RECORD = 600.0
 MODES_BUDGET = 30.0
 """Seconds, of a recording and of a search for modes."""
-FPS = 30.0
 
 
 class Session:
@@ -61,7 +51,7 @@ class Session:
         self.here: State = subject.reference
         self.goal: State = subject.reference
         self._branches = Branches.unknown()
-        self._charted: Charted | None = None
+        self._maps = Maps(self, self._jobs, self._keep)
         self._motion: Motion | None = None
         self._record: list[tuple[float, State]] | None = None
         self._shown: dict[str, Message] = {}
@@ -74,10 +64,7 @@ class Session:
             "goal": self._set_goal,
             "gains": self._offer_gains,
             "frame": self._frame,
-            "chart": self._chart,
-            "slice": self._slice,
-            "square": self._square,
-            "sublevel": self._sublevel,
+            **self._maps.orders,
             "simulate": self._simulate,
             "at": self._at,
             "record": self._recording,
@@ -176,110 +163,9 @@ class Session:
         return {"kind": "modes", "mode": branches.told(), "words": reason}
 
     def _take_mode(self, message: Message) -> Message:
-        self.here, self._charted = self._branches.take(message.get("mode"), self.here), None
+        self.here = self._branches.take(message.get("mode"), self.here)
+        self._maps.forget()
         return self._pose()
-
-    # The map.
-
-    def _chart(self, message: Message) -> None:
-        here, subject = self.here, self.subject
-
-        def work(job: Job) -> Callable[[], Message]:
-            try:
-                charted = chart.charted(subject.model, here, subject.cache, job)
-            except CcpinError as error:
-                words = str(error)
-                return lambda: self._keep({"kind": "chart", "cells": None, "curves": [], "words": words, "done": True})
-            self._take_chart(job, charted)
-            curves = chart.curves(subject.model, subject.cache, job)
-            return lambda: self._keep({**self._told_chart(charted, curves), "done": True})
-
-        self._jobs.start("chart", work)
-
-    def _take_chart(self, job: Job, charted: Charted) -> None:
-        """The cells at once; the singular curves take longer."""
-        with self._lock:
-            job.check()
-            self._charted = charted
-            self._send({**self._told_chart(charted, ()), "done": False})
-
-    def _told_chart(self, charted: Charted, curves: tuple[SingularCurve, ...]) -> Message:
-        told = [{"kind": curve.kind, "q": curve.q.tolist()} for curve in curves]
-        cells = charted.cells
-        flat = cells if cells.lower.shape[1] <= 2 else None
-        share = f"{len(cells.status):,} cells, {100 * float(cells.certified):.1f} % certified"
-        words = f"{share}, from the cache" if charted.cached else share
-        region = cells.region.tolist()
-        return {"kind": "chart", "cells": _packed(flat), "curves": told, "words": words, "region": region}
-
-    def _slice(self, message: Message) -> Message | None:
-        """The map in two of more coordinates: cells of an atlas at once, samples from a thread."""
-        axes, here = self._axes(message), self.here
-        subject, values = self.subject, self.subject.dials.values(self.here.q)
-        if self._charted is not None and len(self._charted.cells.region[0]) == len(values):
-            cells = self._charted.cells.across(axes, values)
-            return self._keep({"kind": "slice", "axes": axes, "cells": _packed(cells), "samples": None})
-        window = self._window(axes)
-
-        def work(job: Job) -> Callable[[], Message]:
-            job.progress(None, "sampling the slice")
-            found = chart.flood(subject.model, subject.dials, here, axes, window, lambda state: state.rcond, job)
-            value = [[None if np.isnan(one) else float(one) for one in row] for row in found.value]
-            samples = {"x": found.x.tolist(), "y": found.y.tolist(), "value": value}
-            return lambda: self._keep({"kind": "slice", "axes": axes, "cells": None, "samples": samples})
-
-        self._jobs.start("slice", work)
-        return None
-
-    def _axes(self, message: Message) -> tuple[int, ...]:
-        given, n = message.get("axes"), len(self.subject.dials.each)
-        axes = tuple(given) if isinstance(given, list) else ()
-        good = all(isinstance(k, int) and not isinstance(k, bool) and 0 <= k < n for k in axes)
-        if len(axes) != 2 or not good or axes[0] == axes[1]:
-            raise InvalidInputError(f"'axes' must be two different numbers from 0 to {n - 1}")
-        return axes
-
-    def _window(self, axes: tuple[int, ...]) -> Array:
-        each = self.subject.dials.each
-        return np.array([[each[k].lower for k in axes], [each[k].upper for k in axes]])
-
-    def _square(self, message: Message) -> None:
-        """Theorem 2's square about where the mechanism is."""
-        here, subject = self.here, self.subject
-
-        def work(job: Job) -> Callable[[], Message]:
-            try:
-                radius, words = theorem2_radius(subject.mechanism, here.q_free), ""
-            except CcpinError as error:
-                radius, words = 0.0, str(error)
-            radius = radius if np.isfinite(radius) else 0.0
-            centre = subject.dials.values(here.q).tolist()
-            return lambda: self._keep({"kind": "square", "centre": centre, "radius": radius, "words": words})
-
-        self._jobs.start("square", work)
-
-    def _sublevel(self, message: Message) -> None:
-        """Theorem 3's 𝒱 < c about the goal under (28): c certified, its edge sampled."""
-        plan = Plan.of({**message, "law": "simple"}, self.goal)
-        axes = self._axes(message)
-        subject, window = self.subject, self._window(axes)
-        atlas = None if self._charted is None else self._charted.atlas
-
-        def work(job: Job) -> Callable[[], Message]:
-            job.progress(None, "Theorem 3: how far 𝒱 < c is proved")
-            law = PDSimpleGravity(subject.model, plan.goal, plan.K_p, plan.K_v)
-            own = atlas if atlas is not None and atlas.contains(subject.dials.values(law.q_d)) else None
-            found = certify_law(law, own)
-            job.check()
-            lines: list[Array] = []
-            if found.level > 0:
-                lines = chart.sublevel(law, subject.dials, axes, window, found.level, job)
-            edge = [line.tolist() for line in lines]
-            words = f"{found.verdict}: {found.reason}"
-            told = {"kind": "sublevel", "axes": axes, "level": found.level, "lines": edge, "words": words}
-            return lambda: self._keep({**told, "verdict": found.verdict})
-
-        self._jobs.start("sublevel", work)
 
     # Experiments.
 
@@ -298,26 +184,21 @@ class Session:
 
     def _simulate(self, message: Message) -> None:
         model, plan, start = self.subject.model, Plan.of(message, self.goal), self.here
+        self._perform("simulate", lambda job: experiment.run(model, plan, start, job))
+
+    def _perform(self, name: str, make: Callable[[Job], Motion]) -> None:
+        """Make a motion, and what plots and picture need of it, in a thread."""
 
         def work(job: Job) -> Callable[[], Message]:
-            motion = experiment.run(model, plan, start, job)
-            return lambda: self._show(motion)
+            motion = make(job)
+            told = keeping.told_motion(motion, self.subject)
+            return lambda: self._show(motion, told)
 
-        self._jobs.start("simulate", work)
+        self._jobs.start(name, work)
 
-    def _show(self, motion: Motion) -> Message:
-        """A motion for the plots, and MeshCat's commands that play it."""
+    def _show(self, motion: Motion, told: Message) -> Message:
         self._motion = motion
-        samples = motion.trajectory
-        first = next(iter(self.subject.handles), None)
-        self._scene.stop()
-        if len(samples.t) > 1:
-            play(self._scene, samples.t, samples.q_free, fps=FPS, loop=False, trace=self._trace(first))
-        return self._keep(keeping.told_motion(motion, self.subject, self._tap.take()))
-
-    def _trace(self, name: str | None) -> str | None:
-        known = {*self.subject.mechanism.tree.attachments, *(c.name for c in self.subject.mechanism.closures)}
-        return name if name in known else None
+        return self._keep(told)
 
     def _at(self, message: Message) -> Message:
         """Where the motion shown is at a sample: the mechanism is there from now on."""
@@ -335,9 +216,9 @@ class Session:
             self._record = [(time.monotonic(), self.here)]
             return {"kind": "recording", "on": True}
         record, self._record = self._record, None
-        self._send({"kind": "recording", "on": False})
-        times, states = [at for at, _ in record], [state for _, state in record]
-        return self._show(experiment.recorded(self.subject.model, times, states))
+        times, states, model = [at for at, _ in record], [state for _, state in record], self.subject.model
+        self._perform("record", lambda job: experiment.recorded(model, times, states))
+        return {"kind": "recording", "on": False}
 
     def _save(self, message: Message) -> Message:
         if self._motion is None:
@@ -375,15 +256,3 @@ def _object(text: str | bytes) -> Message:
     if not isinstance(message, dict):
         raise InvalidInputError("a message must be a JSON object with 'do'")
     return message
-
-
-def _packed(cells: Cells | None) -> Message | None:
-    """Cells as base64 of float32 (lower, upper) and bytes (status)."""
-    if cells is None:
-        return None
-
-    def text(array: NDArray[Any]) -> str:
-        return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")
-
-    corners = np.concatenate([cells.lower, cells.upper], axis=1).astype(np.float32)
-    return {"corners": text(corners), "status": text(cells.status), "region": cells.region.tolist()}
