@@ -16,6 +16,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.studio import Session, Subject, experiment
 from ccpin.studio.branches import Branches
 from ccpin.studio.cache import Cache, fingerprint
+from ccpin.studio.chart import Charted, cells_of
 from ccpin.studio.dials import Dials
 from ccpin.studio.jobs import Cancelled, Jobs
 from tests.support.places import SHARED
@@ -225,9 +226,11 @@ def test_the_sublevel_is_certified_and_its_edge_is_at_c(subjects):
     desk = Desk(subjects("rpdr"))
     gains = desk.order("gains", law="simple")
     what = {"axes": [0, 1], "K_p": gains["K_p"], "K_v": gains["K_v"], "duration": 1.0}
-    found = desk.result("sublevel", "sublevel", **what)
     model, goal = desk.subject.model, desk.session.goal
-    certificate = ccpin.control.certify_set_point(model, goal.q, gains["K_p"], gains["K_v"])
+    atlas = domain.certify(desk.subject.mechanism, goal.q, (goal.q - 0.5, goal.q + 0.5))
+    desk.session._maps.charted = Charted(cells_of(atlas), atlas, False)
+    found = desk.result("sublevel", "sublevel", **what)
+    certificate = ccpin.control.certify_set_point(model, goal.q, gains["K_p"], gains["K_v"], atlas)
     assert found["level"] == pytest.approx(certificate.level)
     assert found["verdict"] == certificate.verdict == "proven"
     (edge,) = found["lines"]

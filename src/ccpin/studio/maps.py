@@ -76,7 +76,7 @@ class Maps:
 
     def _take_chart(self, job: Job, charted: Charted) -> None:
         """The cells at once; the singular curves take longer."""
-        job.tell({**_told_chart(charted, ()), "done": False})
+        job.tell(self._keep({**_told_chart(charted, ()), "done": False}))
         self.charted = charted
 
     def _slice(self, message: Message) -> Message | None:

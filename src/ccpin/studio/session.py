@@ -165,6 +165,7 @@ class Session:
     def _take_mode(self, message: Message) -> Message:
         self.here = self._branches.take(message.get("mode"), self.here)
         self._maps.forget()
+        self._withdraw("chart", "slice", "square", "sublevel")
         return self._pose()
 
     # Experiments.
@@ -174,6 +175,7 @@ class Session:
         given = message.get("q")
         model = self.subject.model
         self.goal = self.here if given is None else model.at(self.subject.dials.q(given), self.here)
+        self._withdraw("sublevel")
         draw_ghosts(self._scene, {"goal": self.goal.q_free})
         values = self.subject.dials.values(self.goal.q).tolist()
         return self._keep({"kind": "goal", "q": values, "commands": keeping.encoded(self._tap.take())})
@@ -229,13 +231,18 @@ class Session:
         """The page as it is, as one file that needs no server."""
         self._scene.place(self.here.q_free)
         self._tap.take()
-        shown = [*self._shown.values(), self._pose()]
+        shown = [*sorted(self._shown.values(), key=lambda message: message["kind"] != "chart"), self._pose()]
         return keeping.exported(self.subject, self._scene, self._tap.commands, shown)
 
     def _cancel(self, message: Message) -> Message:
         job = str(message.get("job"))
         self._jobs.cancel(job)
         return {"kind": "cancelled", "job": job}
+
+    def _withdraw(self, *kinds: str) -> None:
+        """What holds no longer."""
+        for kind in kinds:
+            self._shown.pop(kind, None)
 
     def _keep(self, message: Message) -> Message:
         """A message, also for who exports the page."""
