@@ -22,9 +22,9 @@ class Cancelled(Exception):  # noqa: N818 - not an error: nobody waits any more
 class Job:
     """One piece of work under way; what it calls now and then to tell how far it is, and to hear whether to go on."""
 
-    def __init__(self, name: str, tell: Callable[[Message], None]) -> None:
+    def __init__(self, name: str, tell: Callable[[Message], None], lock: threading.RLock) -> None:
         self.name = name
-        self._tell = tell
+        self._tell, self._lock = tell, lock
         self._unwanted = threading.Event()
         self._told = -math.inf
 
@@ -38,12 +38,13 @@ class Job:
         if time.monotonic() - self._told < QUIET:
             return
         self._told = time.monotonic()
-        self.tell({"kind": "progress", "job": self.name, "share": share, "words": words})
+        self._tell({"kind": "progress", "job": self.name, "share": share, "words": words})
 
-    def tell(self, message: Message) -> None:
-        """Give a part of the result before the rest; errors as for `check`."""
-        self.check()
-        self._tell(message)
+    def hand_over(self, part: Callable[[], Message]) -> None:
+        """Do what a part of the result asks for and tell it, before the rest is there; errors as for `check`."""
+        with self._lock:
+            self.check()
+            self._tell(part())
 
     def check(self) -> None:
         """Go on, or raise `Cancelled`."""
@@ -75,7 +76,7 @@ class Jobs:
     def start(self, name: str, work: Callable[[Job], Callable[[], Message]]) -> None:
         """Begin work in a thread. It returns what to do with its result, which is done only if it is still wanted."""
         self.cancel(name)
-        job = Job(name, self._send)
+        job = Job(name, self._send, self._lock)
         thread = threading.Thread(target=self._run, args=(job, work), name=f"ccpin-{name}", daemon=True)
         self._running[name] = job, thread
         thread.start()

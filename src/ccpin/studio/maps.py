@@ -68,16 +68,16 @@ class Maps:
             except CcpinError as error:
                 words = str(error)
                 return lambda: self._keep({"kind": "chart", "cells": None, "curves": [], "words": words, "done": True})
-            self._take_chart(job, charted)
+            job.hand_over(lambda: self._take_chart(charted))
             curves = chart.curves(subject.model, subject.cache, job)
             return lambda: self._keep({**_told_chart(charted, curves), "done": True})
 
         self._jobs.start("chart", work)
 
-    def _take_chart(self, job: Job, charted: Charted) -> None:
+    def _take_chart(self, charted: Charted) -> Message:
         """The cells at once; the singular curves take longer."""
-        job.tell(self._keep({**_told_chart(charted, ()), "done": False}))
         self.charted = charted
+        return self._keep({**_told_chart(charted, ()), "done": False})
 
     def _slice(self, message: Message) -> Message | None:
         """The map in two of more coordinates: cells of an atlas at once, samples from a thread."""
