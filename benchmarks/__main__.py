@@ -13,7 +13,7 @@ from benchmarks.measured import Measured, Options
 from benchmarks.table import table
 from benchmarks.targets import checked
 
-PARTS = ("models", "families", "batches", "memory", "simulated", "accuracy", "atlas", "load", "walks")
+PARTS = ("models", "families", "batches", "memory", "simulated", "accuracy", "atlas", "certificates", "load", "walks")
 PEOPLES_MODELS = ("cassie_like", "digit_like")
 
 

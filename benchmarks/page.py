@@ -16,8 +16,9 @@ CPU time of one process, the Python call included; everyone is taken in turn wit
 median of the rounds. In brackets: the ratio to the peer's time, the median of the rounds; the peer is Pinocchio's
 `constraintDynamics` (for ∂q̈ its derivatives, for batches a Python loop over it, for a step `mj_step`, ours being
 error-controlled at 1e-9, for the paper's move MuJoCo's RK4 at 1e-4). `native` is a model or State with the compiled
-core behind it, `kernel alone` that core itself, `numpy` the NumPy reference ([native.md](native.md)). Made,
-from the project's root with its test extra installed, by
+core behind it, `kernel alone` that core itself (at one State, whose q′ it closes once; `another q′ each time` closes
+it in every call), `numpy` the NumPy reference ([native.md](native.md)). Made, from the project's root with its test
+extra installed, by
 
     export OPENBLAS_NUM_THREADS=1
     python -m benchmarks --others FOLDER --check --json docs/benchmarks.json
@@ -43,6 +44,7 @@ fitted to the members of 24 joints and more, every round for itself.""",
     "simulated": """The paper's move with the set-point law (28): CPU time, and the largest error in q at 1,001 samples
 against the closed forms (31)–(40) integrated to 1e-13.""",
     "accuracy": "The worst of all samples.",
+    "certificates": "What is proved of σ over a region, in shares that sum to 100 %; CPU time, taken once.",
     "atlas": "Certified maps, squares, balls and paths; CPU time, taken once.",
     "load": "A file read, checked, closed and analysed.",
     "walks": "What a walk of ccpin's own passes through.",

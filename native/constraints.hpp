@@ -11,19 +11,20 @@ namespace ccpin {
 // What one cluster holds at a configuration.
 struct ClusterState {
   std::vector<Row> rows, row_rates;    // of the loops; the rates after `Parametrization::bias`
-  std::vector<double> J;               // rows × width
+  std::vector<double> J;               // rows × width, columns in their places
   std::vector<double> A, diagonal;     // memory of the factor
   std::vector<int> pivot;
   std::vector<double> residual, gap;   // −φ and component gaps; gaps of the whole joints
   std::vector<double> right, step;     // right sides; a Newton step
   std::vector<double> rho, bias;       // ρ (width × n) and ρ̇ q̇ (width)
+  std::vector<double> probe;           // ψ_q′⁻¹ B (unknowns × 2) for a B of no structure
   Factor factor;
 
   explicit ClusterState(const Cluster& c)
       : rows(c.loop_rows), row_rates(c.loop_rows), J(size_t(c.rows()) * c.width()), A(size_t(c.rows()) * c.unknowns()),
         diagonal(c.unknowns()), pivot(c.unknowns()), residual(c.rows()), gap(c.direct.size()),
-        right(std::max(c.n(), c.rows() * std::max(1, 2 * c.n()))), step(c.width()), rho(size_t(c.width()) * c.n()),
-        bias(c.width()) {
+        right(std::max(c.n(), c.rows() * 2 * std::max(1, c.n()))), step(c.width()), rho(size_t(c.width()) * c.n()),
+        bias(c.width()), probe(2 * c.unknowns()) {
     for (size_t k = 0; k < c.direct.size(); ++k) rho[size_t(c.direct[k]) * c.n() + k] = 1;
   }
   ClusterState(ClusterState&&) = default;
@@ -41,12 +42,13 @@ class Constraints : public Kinematics {
 
   // φ (m) and φ_q′ (m × n′, row-major) at any configuration.
   void value(const double* q, double* phi, double* jacobian) {
+    closed_ = false;
     std::copy(q, q + m.nq, q_free.begin());
     std::fill(jacobian, jacobian + size_t(m.m) * m.nv, 0.);
     for_phi_rows([&](const Cluster& c, const ClusterState& s, int local, int global) {
       phi[global] = -s.residual[local];
       for (int col = 0; col < c.width(); ++col)
-        jacobian[size_t(global) * m.nv + c.columns[col]] = s.J[size_t(local) * c.width() + col];
+        jacobian[size_t(global) * m.nv + c.columns[col]] = s.J[size_t(local) * c.width() + c.place[col]];
     });
   }
 
@@ -58,12 +60,14 @@ class Constraints : public Kinematics {
   }
 
  protected:
+  bool closed_ = false;  // whether all here, ρ included, is that of a closed q_free
+
   // Joints, −φ and the gaps to q (null: none wanted) of one cluster. Returns the largest residual.
   double residuals(const Cluster& c, ClusterState& s, const double* q) {
     place_cluster(c);
     int row = 0;
     for (int i : c.loops) {
-      loop_rows(m.loops[i], ends(m.loops[i]), s.rows.data() + row, s.residual.data() + row);
+      loop_rows(m.loops[i], place_ends(m.loops[i]), s.rows.data() + row, s.residual.data() + row);
       for (const int end = row + m.loops[i].size; row < end; ++row) s.residual[row] = -s.residual[row];
     }
     for (int i : c.couplings) coupling_jacobian(m.couplings[i], c, s, row++);
@@ -84,8 +88,8 @@ class Constraints : public Kinematics {
       const Loop& loop = m.loops[i];
       for (const int end = row + loop.size; row < end; ++row) {
         double* J = s.J.data() + size_t(row) * c.width();
-        for (const Column& k : loop.columns_a) J[k.local] = dot(s.rows[row].a, S[k.component]);
-        for (const Column& k : loop.columns_b) J[k.local] = dot(s.rows[row].b, S[k.component]);
+        for (const Column& k : loop.columns_a) J[k.place] = dot(s.rows[row].a, S[k.component]);
+        for (const Column& k : loop.columns_b) J[k.place] = dot(s.rows[row].b, S[k.component]);
       }
     }
     const int n = c.unknowns();
@@ -93,8 +97,8 @@ class Constraints : public Kinematics {
       for (int r : b.rows) {
         const double* J = s.J.data() + size_t(r) * c.width();
         double* A = s.A.data() + size_t(r) * n;
-        for (int k = b.first; k < b.end; ++k) A[k] = J[c.dependent[k]];
-        for (int k = c.pattern.shared; k < n && &b != &c.pattern.blocks.back(); ++k) A[k] = J[c.dependent[k]];
+        for (int k = b.first; k < b.end; ++k) A[k] = J[k];
+        for (int k = c.pattern.shared; k < n && &b != &c.pattern.blocks.back(); ++k) A[k] = J[k];
       }
     s.factor.factorize();
   }
@@ -136,9 +140,9 @@ class Constraints : public Kinematics {
   void coupling_jacobian(const Coupling& coupling, const Cluster& c, ClusterState& s, int row) const {
     double* J = s.J.data() + size_t(row) * c.width();
     double total = 0;
-    for (const CouplingTerm& t : coupling.terms) J[m.column_of[t.v]] = 0;
+    for (const CouplingTerm& t : coupling.terms) J[c.place[m.column_of[t.v]]] = 0;
     for (const CouplingTerm& t : coupling.terms)
-      total += slope(t, q_free.data(), 0), J[m.column_of[t.v]] += slope(t, q_free.data(), 1);
+      total += slope(t, q_free.data(), 0), J[c.place[m.column_of[t.v]]] += slope(t, q_free.data(), 1);
     s.residual[row] = -(coupling.modulus > 0 ? std::remainder(total, coupling.modulus) : total);
   }
 
@@ -146,7 +150,8 @@ class Constraints : public Kinematics {
     const Joint& joint = m.joints[k.joint];
     double along[6], unused[6];
     component_row(k, q_free.data() + joint.q, nullptr, along, unused);
-    std::copy(along, along + joint.nv, s.J.data() + (size_t(row) * c.width() + m.column_of[joint.v]));
+    double* J = s.J.data() + size_t(row) * c.width();
+    for (int i = 0; i < joint.nv; ++i) J[c.place[m.column_of[joint.v] + i]] = along[i];
     s.residual[row] = q ? component_gap(k, q) : 0;
   }
 };

@@ -43,6 +43,7 @@ class Derivatives {
     const size_t size = size_t(m_.n) * m_.n;
     std::fill(dq, dq + size, 0.), std::fill(dv, dv + size, 0.), std::fill(D, D + size, 0.);
     r_.inverse(v, a, tau_.data(), pushes);
+    r_.twists();
     hang(pushes);
     for (size_t j = 1; j < m_.joints.size(); ++j) bodies_[j] = Composite(r_.body[j].Y, r_.body[j].V);
     for (size_t k = 0; k < m_.clusters.size(); ++k) {

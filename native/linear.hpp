@@ -2,9 +2,21 @@
 #pragma once
 #include <algorithm>
 #include <cmath>
+#include <type_traits>
 #include <vector>
 
 namespace ccpin {
+
+// f(n), with an n known to the compiler where it is small.
+template <class F> void with_width(int n, F&& f) {
+  switch (n) {
+    case 1: return f(std::integral_constant<int, 1>());
+    case 2: return f(std::integral_constant<int, 2>());
+    case 3: return f(std::integral_constant<int, 3>());
+    case 6: return f(std::integral_constant<int, 6>());
+    default: return f(n);
+  }
+}
 
 // Where a cluster's matrix is not zero. Each loop has unknowns of its own, that occur in its rows only, and shares the
 // others (those of a platform) with other loops: a bordered block diagonal. Eliminating each block's own unknowns within
@@ -47,10 +59,7 @@ struct Factor {
   // x (rows × k, row-major) becomes the solution, unknown i in row slots[i].
   void solve(double* x, int k) const {
     if (rows != n) qr_solve(x, k);
-    else if (k == 1) lu_solve(x, [] { return 1; });
-    else if (k == 2) lu_solve(x, [] { return 2; });
-    else if (k == 3) lu_solve(x, [] { return 3; });
-    else lu_solve(x, [k] { return k; });
+    else with_width(k, [&](auto width) { lu_solve(x, width); });
   }
 
   // The least-norm solution x (rows) of Aᵀ x = y (n).
@@ -112,8 +121,7 @@ struct Factor {
     });
     whole ? judge(low, high) : judge(0, 1);
   }
-  template <class K> void lu_solve(double* x, K width) const {  // of a width known to the compiler, where it is small
-    const auto k = width();
+  template <class K> void lu_solve(double* x, K k) const {
     for_steps([&](const Block&, int c, const int* left, int count) {
       if (pivot[c] != left[0]) std::swap_ranges(x + pivot[c] * k, x + pivot[c] * k + k, x + left[0] * k);
       for (int r = 1; r < count; ++r) subtract(x + left[r] * k, row(left[r])[c], x + left[0] * k, k);
@@ -125,7 +133,7 @@ struct Factor {
       for_earlier(b, c, [&](int r, int) { subtract(x + r * k, row(r)[c], y, k); });
     });
   }
-  static void subtract(double* x, double f, const double* y, int k) {  // x −= f y
+  template <class K> static void subtract(double* x, double f, const double* y, K k) {  // x −= f y
     if (f != 0)
       for (int i = 0; i < k; ++i) x[i] -= f * y[i];
   }

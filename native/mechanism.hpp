@@ -27,7 +27,7 @@ struct LoopRow { Form form; std::vector<Product> products; };
 
 struct Alignment { Vec3 a, b; };            // a of A and b of B, whose product is positive where closed the right way round
 
-struct Column { int component, local; };    // a component of q̇′, and its local column in the cluster
+struct Column { int component, local, place; };  // a component of q̇′, its local column in the cluster, and its place in J
 
 // One closure: its rows of φ as data (ccpin.kinematics.rows), its ends and the paths to them.
 struct Loop {
@@ -39,6 +39,7 @@ struct Loop {
   std::vector<Column> columns_a, columns_b;  // of the joints on these paths
   int row, size;                            // window of φ
   int base = 0;                             // the joint that carries the loop's cluster
+  bool turns = false;                       // whether its rows have vectors fixed in A or B
 };
 
 struct CouplingTerm { int q, v; bool wrapped; std::vector<double> coefficients; double reference; };
@@ -60,6 +61,7 @@ struct Cluster {
   std::vector<int> loops, couplings, coordinates;
   std::vector<int> columns;                 // which component of q̇′ each local column is
   std::vector<int> dependent, direct;       // local columns solved for; and those that are components of q̇ themselves
+  std::vector<int> place;                   // by local column: its place in J, which has the dependent ones first
   Pattern pattern;                          // of J's dependent columns
   std::vector<int> whole, components;       // its coordinates of the two kinds
   std::vector<int> independent;             // components of q̇, in the order of ρ's columns: direct ones first

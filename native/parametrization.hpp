@@ -15,7 +15,7 @@ constexpr int kMaxNewton = 16;
 // A closed point, as a start: its ρ spares Newton the first evaluation.
 struct ClosedPoint {
   std::vector<double> q_free;
-  std::vector<std::vector<double>> rho;  // by cluster
+  std::vector<std::vector<double>> rho, probe;  // by cluster
   std::vector<int> sign;
 };
 
@@ -23,35 +23,48 @@ class Parametrization : public Tangent {
  public:
   explicit Parametrization(const Mechanism& mechanism) : Tangent(mechanism) {
     q_start_.resize(m.n_q), q_ahead_.resize(m.n_q), line_.resize(m.n), here_.resize(m.nq);
+    for (const Cluster& c : m.clusters) open_by_.resize(std::max(open_by_.size(), size_t(c.phi_rows())));
   }
 
   // σ(q) from a start; false where the trusted path does not lead there. With `rho` false: q′ alone.
   bool sigma(const double* q, const double* start, bool rho = true) {
-    wants_rho_ = rho;
+    closed_ = false, wants_rho_ = rho;
     for (size_t k = 0; k < m.clusters.size(); ++k)
-      if (!solve(m.clusters[k], states[k], q, start, nullptr, 0)) return false;
+      if (!solve(m.clusters[k], states[k], q, start, nullptr)) return false;
+    closed_ = rho;
     return true;
   }
   bool sigma(const double* q, const ClosedPoint& near, bool rho = true) {
-    wants_rho_ = rho;
-    for (size_t k = 0; k < m.clusters.size(); ++k)
-      if (!solve(m.clusters[k], states[k], q, near.q_free.data(), near.rho[k].data(), near.sign[k])) return false;
+    closed_ = false, wants_rho_ = rho;
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      before_ = near.probe[k];
+      const Known known{near.rho[k].data(), near.sign[k]};
+      if (!solve(m.clusters[k], states[k], q, near.q_free.data(), &known)) return false;
+    }
+    closed_ = rho;
     return true;
   }
-  void remember(ClosedPoint& point) const {
+  // The closed point, after ρ was asked for.
+  void remember(ClosedPoint& point) {
     point.q_free = q_free;
-    point.rho.resize(states.size()), point.sign.resize(states.size());
-    for (size_t k = 0; k < states.size(); ++k) point.rho[k] = states[k].rho, point.sign[k] = states[k].factor.sign;
+    point.rho.resize(states.size()), point.probe.resize(states.size()), point.sign.resize(states.size());
+    for (size_t k = 0; k < states.size(); ++k) {
+      probe(m.clusters[k], states[k]);
+      point.rho[k] = states[k].rho, point.probe[k] = states[k].probe, point.sign[k] = states[k].factor.sign;
+    }
   }
 
-  // ρ at a configuration that is closed already; false where it is singular.
+  // ρ at a configuration that is closed already; false where it is singular. Asked again at the same one, bit for bit, or
+  // where σ has just led, it is there: a State's questions all come with its q′.
   bool at(const double* q_closed) {
+    if (closed_ && std::memcmp(q_closed, q_free.data(), sizeof(double) * m.nq) == 0) return true;
+    closed_ = false;
     std::copy(q_closed, q_closed + m.nq, q_free.begin());
     for (size_t k = 0; k < m.clusters.size(); ++k) {
       linearize(m.clusters[k], states[k], nullptr);
       if (!finish(m.clusters[k], states[k])) return false;
     }
-    return true;
+    return closed_ = true;
   }
 
   // q = α(q′).
@@ -64,41 +77,43 @@ class Parametrization : public Tangent {
   }
 
  private:
-  std::vector<double> q_start_, q_ahead_, line_, here_;
+  struct Known { const double* rho; int sign; };  // of a closed start; its probe is `before_`
+  std::vector<double> q_start_, q_ahead_, line_, here_, before_;
+  std::vector<double> open_by_;  // −φ of an open start,
+  double opening_ = 0;           // and how much of it shall be left
   bool wants_rho_ = true;
 
-  bool solve(const Cluster& c, ClusterState& s, const double* q, const double* start, const double* rho, int sign) {
+  bool solve(const Cluster& c, ClusterState& s, const double* q, const double* start, const Known* known) {
     bool open = false;
-    if (newton(c, s, q, start, rho, sign, open)) return true;
-    if (rho) return walk(c, s, q, start);
+    if (newton(c, s, q, start, known, open)) return true;
     if (open && !close_start(c, s, start)) return false;
     return walk(c, s, q, open ? here_.data() : start);
   }
 
   // One trusted Newton solve on ψ̄ (11): its second correction is at most an eighth of the first, no step is longer than
-  // one, and det ψ_q′ keeps its sign. Where ρ at a closed start is known, the first step is ρ Δq.
+  // one, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B changes by half of itself at most. Where ρ at a closed start is known, the first step is ρ Δq.
   //
   // A factor serves two corrections (Shamanskii's method, of third order). The second one, ψ̄ anew but ψ_q′ that of the
   // iterate before, is taken where it is at most a sixteenth of the first: with h half of ω‖Δ₁‖ it is at most h‖Δ₁‖, and
   // Newton's own at most h/(1 − 2h)‖Δ₁‖, so that he would trust the step too (Deuflhard, Newton Methods for Nonlinear
   // Problems, 2004, sec. 2.1). A third is taken where it will be the last. Where q′ alone is wanted the solution needs no
   // ψ_q′ of its own if the last one's inverse times the way since is so small that the determinant cannot vanish on it.
-  bool newton(const Cluster& c, ClusterState& s, const double* q, const double* start, const double* rho, int sign,
-              bool& open) {
+  bool newton(const Cluster& c, ClusterState& s, const double* q, const double* start, const Known* known, bool& open) {
     copy_cluster(c, start, q_free.data());
-    const int first = rho && c.n() ? 1 : 0;
+    const int first = known && c.n() ? 1 : 0;
+    int sign = first ? known->sign : 0;
     double last = 0;
     if (first) {
-      last = tangent_step(c, s, q, rho);
+      last = tangent_step(c, s, q, known->rho);
       if (!(last <= kLargestMove)) return false;
       move(c, s.step.data());
     }
     int served = 0;              // corrections that the factor at hand has made
     double inverse = 0, way = 0;  // the size of its inverse, and the length of these
     for (int iteration = first; iteration < kMaxNewton; ++iteration) {
-      const double size = residuals(c, s, q);
+      const double size = opening_ > 0 ? residuals_left(c, s, q) : residuals(c, s, q);
       const bool closed = size <= m.tolerance || (iteration && last <= kNoise && size <= 100 * m.tolerance);
-      if (served && closed && !wants_rho_ && inverse * way <= kStill) return true;
+      if (served && closed && !wants_rho_ && inverse * way <= kStill) return regular_since(before_, s);
       if (served && !closed && last > kNoise) {
         const double length = newton_step(c, s);
         if (length <= kChord * last && (served == 1 || length * length <= last * m.tolerance)) {
@@ -113,13 +128,15 @@ class Parametrization : public Tangent {
         for (int r = 0; r < c.phi_rows(); ++r) open |= std::abs(s.residual[r]) > kOpenStart;
       }
       if (too_singular(c, s) || s.factor.sign != sign) return false;
-      if (closed) return finish(c, s);
+      if (iteration == 0 || closed) inverse = probe(c, s);
+      if (iteration == 0) before_ = s.probe;
+      if (closed) return finish(c, s) && regular_since(before_, s);
       const double length = newton_step(c, s);
       if (!(length <= kLargestMove)) return false;
       if (iteration && length > kContraction * last && length > kNoise) return false;
       last = way = length;
       served = s.factor.ratio >= kSuspiciousPivots;
-      inverse = inverse_size(c, s);
+      if (iteration && !wants_rho_) inverse = probe(c, s);
       move(c, s.step.data());
     }
     return false;
@@ -141,14 +158,16 @@ class Parametrization : public Tangent {
 
   double newton_step(const Cluster& c, ClusterState& s) const {
     double* right = s.right.data();
-    for (int r = 0; r < c.rows(); ++r) {
+    const int rows = c.rows(), direct = int(c.direct.size());
+    const double *J = s.J.data() + c.unknowns(), *gap = s.gap.data();
+    for (int r = 0; r < rows; ++r, J += c.width()) {
       double sum = s.residual[r];
-      for (size_t k = 0; k < c.direct.size(); ++k) sum -= s.J[size_t(r) * c.width() + c.direct[k]] * s.gap[k];
+      for (int k = 0; k < direct; ++k) sum -= J[k] * gap[k];
       right[r] = sum;
     }
     s.factor.solve(right, 1);
     scatter(c, right, 1, s.step.data());
-    for (size_t k = 0; k < c.direct.size(); ++k) s.step[c.direct[k]] = s.gap[k];
+    for (int k = 0; k < direct; ++k) s.step[c.direct[k]] = gap[k];
     double length = 0;
     for (double x : s.step) length += x * x;
     return std::sqrt(length);
@@ -158,20 +177,26 @@ class Parametrization : public Tangent {
     for (int j : c.joints) retract(m.joints[j].kind, q_free.data() + m.joints[j].q, step + m.column_of[m.joints[j].v]);
   }
 
-  // Along the straight line from α(start) to q, in steps that Newton trusts.
+  // Along the straight line from α(start) to q.
   bool walk(const Cluster& c, ClusterState& s, const double* q, const double* start) {
     alpha(start, q_start_.data());
     for (int i : c.coordinates) {
       const Coordinate& k = m.coordinates[i];
       coordinate_difference(k, q_start_.data() + k.q, q + k.q, line_.data() + k.v);
     }
+    return follow(c, s, start, [&](double ahead) {
+      for (int i : c.coordinates) target(m.coordinates[i], q, ahead);
+    });
+  }
+  // In steps that Newton trusts, from a start to q_ahead_ as f(1) sets it.
+  template <class F> bool follow(const Cluster& c, ClusterState& s, const double* start, F&& f) {
     copy_cluster(c, start, here_.data());
     double done = 0, stride = 0.5;
     bool open = false;
     while (stride >= kShortestStep) {
       const double ahead = std::min(1.0, done + stride);
-      for (int i : c.coordinates) target(m.coordinates[i], q, ahead);
-      if (!newton(c, s, q_ahead_.data(), here_.data(), nullptr, 0, open)) {
+      f(ahead);
+      if (!newton(c, s, q_ahead_.data(), here_.data(), nullptr, open)) {
         stride *= 0.5;
         continue;
       }
@@ -190,25 +215,25 @@ class Parametrization : public Tangent {
     coordinate_retract(k, q_ahead_.data() + k.q, step);
   }
 
-  // Closes an open guess at its own q, into `here_`; false where it is too far open.
+  // Closes an open guess at its own q, into `here_`: φ goes to zero along a straight line; false where that is blocked.
   bool close_start(const Cluster& c, ClusterState& s, const double* start) {
-    alpha(start, q_start_.data());
+    alpha(start, q_ahead_.data());
     copy_cluster(c, start, q_free.data());
-    double last = 1;
-    int sign = 0;
-    for (int iteration = 0; iteration < kMaxNewton; ++iteration) {
-      const double size = linearize(c, s, q_start_.data());
-      if (iteration == 0) sign = s.factor.sign;
-      if (too_singular(c, s) || s.factor.sign != sign) return false;
-      if (size <= m.tolerance || (last <= kNoise && size <= 100 * m.tolerance)) {
-        copy_cluster(c, q_free.data(), here_.data());
-        return true;
-      }
-      last = newton_step(c, s);
-      if (!(last <= kLargestMove)) return false;
-      move(c, s.step.data());
-    }
-    return false;
+    residuals(c, s, nullptr);
+    std::copy_n(s.residual.begin(), c.phi_rows(), open_by_.begin());
+    const bool closed = follow(c, s, start, [&](double ahead) { opening_ = 1 - ahead; });
+    opening_ = 0;
+    if (closed) copy_cluster(c, q_free.data(), here_.data());
+    return closed;
+  }
+  // The same as `residuals`, with what φ shall be.
+  double residuals_left(const Cluster& c, ClusterState& s, const double* q) {
+    residuals(c, s, q);
+    double size = 0;
+    for (int r = 0; r < c.phi_rows(); ++r) s.residual[r] -= opening_ * open_by_[r];
+    for (double r : s.residual) size = std::max(size, std::abs(r));
+    for (double g : s.gap) size = std::max(size, std::abs(g));
+    return size;
   }
 };
 

@@ -8,9 +8,10 @@
 //   τ = Σ_j X_jᵀ f_j       (recursive Newton–Euler: Featherstone 2008, table 5.1).
 //
 // Forward dynamics is the articulated-body algorithm (ibid., table 7.1) with clusters for joints: with I_jᴬ the
-// articulated inertia of body j, U = Σ I_jᴬ X_j and D = Σ X_jᵀ I_jᴬ X_j (summed over subtrees as ρᵀSᵀ Σ I_jᴬ X_j, which is
-// cheaper), the carrier feels Σ I_jᴬ − U D⁻¹ Uᵀ and
-// Σ f_j + U D⁻¹ (τ − Σ X_jᵀ f_j) (Chignoli et al. 2023). Gravity is an acceleration −g₀ of the world.
+// articulated inertia of body j, U = Σ I_jᴬ X_j and D = Σ X_jᵀ I_jᴬ X_j, the carrier feels Σ I_jᴬ − U D⁻¹ Uᵀ and
+// Σ f_j + U D⁻¹ (τ − Σ X_jᵀ f_j) (Chignoli et al. 2023). Gravity is an acceleration −g₀ of the world. X_j is not needed for
+// it: with Iᶜ_s the sum over what component s of q̇′ moves within the cluster, U = Σ Iᶜ_s S_s ρ_s and D = ρᵀHρ with
+// H_st = S_tᵀ Iᶜ_s S_s for each t on the way from s to the carrier (composite rigid bodies, ibid., table 6.2).
 #pragma once
 #include "parametrization.hpp"
 #include "wrenches.hpp"
@@ -25,7 +26,7 @@ class ReducedModel : public Parametrization {
     Force f;                           // what its motion asks for, and what clusters hanging on it pass down
   };
   std::vector<Body> body;              // by joint
-  std::vector<Motion> X;               // n twists a joint, from x_offset
+  std::vector<Motion> X;               // n twists a joint, from x_offset, after `twists`
   std::vector<int> x_offset;           // by joint
   std::vector<int> offset;             // by cluster: its window of v_free and a_free
   std::vector<double> v_free, a_free;  // q̇′ = ρ q̇ and q̈′ = ρ q̈ + ρ̇ q̇, cluster by cluster
@@ -34,15 +35,24 @@ class ReducedModel : public Parametrization {
 
   explicit ReducedModel(const Mechanism& mechanism)
       : Parametrization(mechanism), body(m.joints.size()), x_offset(m.joints.size()), v_free(m.nv), a_free(m.nv),
-        tau_free(m.nv), subtree(m.joints.size()), articulated_(m.joints.size()), moved_(m.joints.size()) {
-    int columns = 0, x = 0, width = 0, total = 0;
+        tau_free(m.nv), subtree(m.joints.size()), composite_(m.joints.size()), heavy_(m.carries),
+        articulated_(m.joints.size()), moved_(m.joints.size()) {
+    int columns = 0, x = 0, width = 0, total = 0, scratch = 0;
     for (const Cluster& c : m.clusters) {
       offset.push_back(width), width += c.width();
       d_offset_.push_back(columns), columns += c.n() * c.n();
       n_offset_.push_back(total), total += c.n();
-      for (int j : c.joints) x_offset[j] = x, x += c.n();
+      for (int j : c.joints) {
+        x_offset[j] = x, x += c.n();
+        for (int s = 0; s < m.joints[j].nv; ++s)
+          if (m.joints[j].stiffness || m.joints[j].damping[s])
+            passive_.push_back({int(offset.size()) - 1, m.column_of[m.joints[j].v] + s, j, s});
+      }
+      for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j)
+        if (const int parent = m.joints[*j].parent; parent != c.parent) heavy_[parent] |= heavy_[*j];
+      scratch = std::max({scratch, 6 * c.n(), c.width()});
     }
-    X.resize(x), W_.resize(x), D_.resize(columns), tau_.resize(m.n), a_.resize(m.n), U_.resize(m.n);
+    X.resize(x), D_.resize(columns), tau_.resize(m.n), a_.resize(m.n), U_.resize(m.n), scratch_.resize(scratch);
   }
 
   // q̈ (22), after `sigma` or `at`; false where D is not positive definite.
@@ -56,7 +66,8 @@ class ReducedModel : public Parametrization {
       for (int i = 0; i < c.n(); ++i) tau_[c.independent[i]] -= states[k].rho[size_t(col) * c.n() + i] * force;
     });
     for (size_t j = 1; j < m.joints.size(); ++j)
-      if (m.carries[j]) articulated_[j] = matrix(body[j].Y);
+      if (heavy_[j]) articulated_[j] = matrix(body[j].Y);
+      else composite_[j] = body[j].Y;
     for (int k = int(m.clusters.size()) - 1; k >= 0; --k)
       if (!articulate(k)) return false;
     for (size_t k = 0; k < m.clusters.size(); ++k) accelerate(int(k), a);
@@ -78,7 +89,7 @@ class ReducedModel : public Parametrization {
     for (int k = int(m.clusters.size()) - 1; k >= 0; --k) gather(k, g, true);
   }
 
-  // g (25), where the bodies' inertias and X are those of the last `forward`, `inverse` or `Terms::matrices`.
+  // g (25), where the bodies' inertias are those of the last `forward`, `inverse` or `Terms::matrices`.
   void gravity(double* g) {
     for (const Cluster& c : m.clusters) {
       const Motion A0 = carrier_acceleration(c);
@@ -157,7 +168,7 @@ class ReducedModel : public Parametrization {
     }
   }
 
-  // Inertias, X, V, A and the wrenches they ask for. `moving`: with ρ̇ q̇; a null: q̈ = 0.
+  // Inertias, V, A and the wrenches they ask for. `moving`: with ρ̇ q̇; a null: q̈ = 0.
   void move_bodies(bool moving, const double* a) {
     for (size_t k = 0; k < m.clusters.size(); ++k) {
       const Cluster& c = m.clusters[k];
@@ -166,23 +177,38 @@ class ReducedModel : public Parametrization {
       const double* v = v_free.data() + offset[k];
       double* acceleration = a_free.data() + offset[k];
       if (moving) bias(c, s, v);
-      else std::fill(s.bias.begin(), s.bias.end(), 0.);
+      else travel(c, v), std::fill(s.bias.begin(), s.bias.end(), 0.);
       for (int col = 0; col < c.width(); ++col) {
         acceleration[col] = s.bias[col];
         if (a)
           for (int i = 0; i < n; ++i) acceleration[col] += s.rho[size_t(col) * n + i] * a[c.independent[i]];
       }
-      const Motion V0 = carrier_velocity(c), A0 = carrier_acceleration(c);
-      for (int j : c.joints) {
-        const int parent = m.joints[j].parent;
-        const bool first = parent == c.parent;
-        add_twists(c, s, j);
+      const Motion V0 = carrier_velocity(c);
+      accelerate_bodies(c, carrier_acceleration(c), acceleration);
+      for (int j : c.joints) {  // A = A₀ + V₀ × (V − V₀) + the cluster's own
         Body& b = body[j];
-        const Motion turn = own(j, v);
-        b.V = (first ? V0 : body[parent].V) + turn;
-        b.A = (first ? A0 : body[parent].A) + cross(b.V, turn) + own(j, acceleration);
+        b.V = relative[j].V, b.A = moved_[j] + relative[j].A;
+        if (c.parent) b.A += cross(V0, b.V), b.V += V0;
         b.Y = inertia_of(j);
         b.f = b.Y * b.A + cross(b.V, b.Y * b.V);
+      }
+    }
+  }
+
+  // X of every body, after `sigma` or `at`: that of the joint's parent and its own columns'.
+  void twists() {
+    for (size_t k = 0; k < m.clusters.size(); ++k) {
+      const Cluster& c = m.clusters[k];
+      const int n = c.n();
+      for (int j : c.joints) {
+        const Joint& joint = m.joints[j];
+        Motion* twist = X.data() + x_offset[j];
+        const Motion* parent = joint.parent == c.parent ? nullptr : X.data() + x_offset[joint.parent];
+        for (int i = 0; i < n; ++i) twist[i] = parent ? parent[i] : Motion();
+        for (int l = 0; l < joint.nv; ++l) {
+          const double* rho = states[k].rho.data() + size_t(m.column_of[joint.v] + l) * n;
+          for (int i = 0; i < n; ++i) twist[i] += S[joint.v + l] * rho[i];
+        }
       }
     }
   }
@@ -206,15 +232,10 @@ class ReducedModel : public Parametrization {
     return spring + joint.damping[s] * rate;
   }
 
-  // The same of every joint that has either, with its cluster and column.
+  // The same of every component that has either, with its cluster and column.
   template <class F> void for_passive(F&& f) const {
-    for (size_t k = 0; k < m.clusters.size(); ++k)
-      for (int j : m.clusters[k].joints)
-        for (int s = 0; s < m.joints[j].nv; ++s)
-          if (m.joints[j].stiffness || m.joints[j].damping[s]) {
-            const int col = m.column_of[m.joints[j].v] + s;
-            f(int(k), col, passive(m.joints[j], s, v_free[offset[k] + col]));
-          }
+    for (const Passive& p : passive_)
+      f(p.cluster, p.column, passive(m.joints[p.joint], p.component, v_free[offset[p.cluster] + p.column]));
   }
 
   // Adds ρᵀB′ρ v.
@@ -239,21 +260,21 @@ class ReducedModel : public Parametrization {
   }
 
  private:
+  struct Passive { int cluster, column, joint, component; };
+  std::vector<Passive> passive_;               // components with a spring or a damper
   std::vector<double> D_, tau_, a_, scratch_;  // D of each cluster, then its Cholesky factor; ρᵀSᵀu; q̈ cluster by cluster
-  std::vector<Force> U_, W_;                   // n a cluster; n a joint: what its subtree's inertias make of X
-  std::vector<Mat6, Eigen::aligned_allocator<Mat6>> articulated_;
-  std::vector<Motion> moved_;                  // what a body gains in acceleration over its bias
+  std::vector<Force> U_;                       // n a cluster
+  std::vector<RigidInertia> composite_;        // by joint: Iᶜ, where no other cluster hangs on what it moves
+  std::vector<char> heavy_;                    // by joint: whether one does
+  std::vector<Mat6, Eigen::aligned_allocator<Mat6>> articulated_;  // then Iᶜ, of articulated inertias
+  std::vector<Motion> moved_;                  // what a body's acceleration gains by its carrier's and by Σ S q̈′
   std::vector<int> d_offset_, n_offset_;
 
-  // X_j: that of the joint's parent and its own columns'.
-  void add_twists(const Cluster& c, const ClusterState& s, int j) {
-    const Joint& joint = m.joints[j];
-    const int n = c.n();
-    Motion* twist = X.data() + x_offset[j];
-    for (int i = 0; i < n; ++i) twist[i] = joint.parent == c.parent ? Motion() : X[x_offset[joint.parent] + i];
-    for (int k = 0; k < joint.nv; ++k) {
-      const double* rho = s.rho.data() + size_t(m.column_of[joint.v] + k) * n;
-      for (int i = 0; i < n; ++i) twist[i] += S[joint.v + k] * rho[i];
+  // `moved_` of a cluster's bodies, where their carrier gains A0 and the cluster's components of q̈′ (local columns) are a.
+  void accelerate_bodies(const Cluster& c, const Motion& A0, const double* a) {
+    for (int j : c.joints) {
+      const int parent = m.joints[j].parent;
+      moved_[j] = (parent == c.parent ? A0 : moved_[parent]) + own(j, a);
     }
   }
 
@@ -303,37 +324,28 @@ class ReducedModel : public Parametrization {
     RigidInertia light;
     std::fill(D, D + n * n, 0.), std::fill(U, U + n, Force());
     for (int i = 0; i < n; ++i) t[i] = tau_[c.independent[i]];
-    for (int j : c.joints) {
-      const bool heavy = m.carries[j];
-      for (int i = x_offset[j]; i < x_offset[j] + n; ++i) W_[i] = heavy ? apply(articulated_[j], X[i]) : body[j].Y * X[i];
-      if (c.parent && heavy) inertia += articulated_[j];
-      if (c.parent && !heavy) light += body[j].Y;
-    }
-    if (c.parent) inertia += matrix(light);
     for (auto j = c.joints.rbegin(); j != c.joints.rend(); ++j) {
       const Joint& joint = m.joints[*j];
-      const Force* W = W_.data() + x_offset[*j];
-      for (int s = 0; s < joint.nv; ++s) {
-        const int col = m.column_of[joint.v] + s;
-        const double *rho = states[k].rho.data() + size_t(col) * n, arm = joint.armature[s];
-        const double effort = dot(body[*j].f, S[joint.v + s]) + arm * states[k].bias[col];
-        for (int i = 0; i < n; ++i) {
-          const double column = dot(W[i], S[joint.v + s]) + arm * rho[i];
-          for (int l = 0; l <= i; ++l) D[i * n + l] += column * rho[l];
-          t[i] -= rho[i] * effort;
-        }
+      with_width(n, [&](auto width) {
+        for (int s = 0; s < joint.nv; ++s) add_component(c, k, *j, s, width, D, t, U);
+      });
+      if (joint.parent != c.parent) {
+        body[joint.parent].f += body[*j].f;
+        if (!heavy_[joint.parent]) composite_[joint.parent] += composite_[*j];
+        else articulated_[joint.parent] += heavy_[*j] ? articulated_[*j] : matrix(composite_[*j]);
+      } else if (c.parent) {
+        passed += body[*j].f;
+        if (heavy_[*j]) inertia += articulated_[*j];
+        else light += composite_[*j];
       }
-      const bool first = joint.parent == c.parent;
-      (first ? passed : body[joint.parent].f) += body[*j].f;
-      Force* below = first ? U : W_.data() + x_offset[joint.parent];
-      if (!first || c.parent)
-        for (int i = 0; i < n; ++i) below[i] += W[i];
     }
+    for (int i = 0; i < n; ++i)
+      for (int l = 0; l <= i; ++l) D[i * n + l] += D[l * n + i];
     if (!cholesky(D, n)) return false;
     cholesky_solve(D, n, t, 1);
     if (!c.parent) return true;
-    scratch_.resize(size_t(n) * 6);  // D⁻¹ Uᵀ, n × 6
-    for (int i = 0; i < n; ++i) Eigen::Map<Vec6>{scratch_.data() + i * 6} = vector(U[i]);
+    inertia += matrix(light);
+    for (int i = 0; i < n; ++i) Eigen::Map<Vec6>{scratch_.data() + i * 6} = vector(U[i]);  // then D⁻¹ Uᵀ, n × 6
     cholesky_solve(D, n, scratch_.data(), 6);
     for (int i = 0; i < n; ++i) {
       inertia.noalias() -= vector(U[i]) * Eigen::Map<Eigen::Matrix<double, 1, 6>>(scratch_.data() + i * 6);
@@ -344,6 +356,33 @@ class ReducedModel : public Parametrization {
     return true;
   }
 
+  // What one component s of a joint adds to τ − ρᵀSᵀf, to U, and to Σ ρ_s (½ H_ss ρ_s + Σ H_st ρ_t)ᵀ (t on the way from s to
+  // the carrier), which D is with its transpose.
+  template <class N> void add_component(const Cluster& c, int k, int j, int s, N width, double* D, double* t, Force* U) {
+    const Joint& joint = m.joints[j];
+    const auto n = width;
+    const int col = m.column_of[joint.v] + s;
+    const double *all = states[k].rho.data(), *rho = all + size_t(col) * n, arm = joint.armature[s];
+    const Motion& own = S[joint.v + s];
+    const Force F = heavy_[j] ? apply(articulated_[j], own) : composite_[j] * own;
+    const double half = 0.5 * (dot(F, own) + arm), effort = dot(body[j].f, own) + arm * states[k].bias[col];
+    double* __restrict y = scratch_.data();
+    for (int i = 0; i < n; ++i) y[i] = half * rho[i];
+    for (int before = j, end = s; before != c.parent; before = m.joints[before].parent, end = m.joints[before].nv) {
+      const double* other = all + size_t(m.column_of[m.joints[before].v]) * n;
+      for (int l = 0; l < end; ++l, other += n) {
+        const double H = dot(F, S[m.joints[before].v + l]);
+        for (int i = 0; i < n; ++i) y[i] += H * other[i];
+      }
+    }
+    for (int i = 0; i < n; ++i, D += n) {
+      for (int l = 0; l < n; ++l) D[l] += rho[i] * y[l];
+      t[i] -= rho[i] * effort;
+    }
+    if (c.parent)
+      for (int i = 0; i < n; ++i) U[i] += F * rho[i];
+  }
+
   // q̈ of one cluster, its carrier's acceleration known: D⁻¹(τ − Σ X_jᵀ f_j − Uᵀ A₀).
   void accelerate(int k, double* a) {
     const Cluster& c = m.clusters[k];
@@ -352,17 +391,18 @@ class ReducedModel : public Parametrization {
     Motion moved;
     if (c.parent) {
       moved = in_frame(pose[c.parent], moved_[c.parent]);
-      scratch_.resize(std::max(1, n));
       for (int i = 0; i < n; ++i) scratch_[i] = dot(U_[n_offset_[k] + i], moved);
       cholesky_solve(D_.data() + d_offset_[k], n, scratch_.data(), 1);
       for (int i = 0; i < n; ++i) t[i] -= scratch_[i];
     }
     for (int i = 0; i < n; ++i) a[c.independent[i]] = t[i];
     if (!c.carries) return;
-    for (int j : c.joints) {
-      moved_[j] = moved;
-      for (int i = 0; i < n; ++i) moved_[j] += X[x_offset[j] + i] * t[i];
+    for (int col = 0; col < c.width(); ++col) {
+      const double* rho = states[k].rho.data() + size_t(col) * n;
+      scratch_[col] = 0;
+      for (int i = 0; i < n; ++i) scratch_[col] += rho[i] * t[i];
     }
+    accelerate_bodies(c, moved, scratch_.data());
   }
 
   // ρᵀSᵀu.
@@ -392,7 +432,7 @@ class ReducedModel : public Parametrization {
     for (size_t i = 0; i < direct; ++i) tau[c.direct[i]] -= u[c.independent[i]];
     for (size_t i = direct; i < size_t(c.n()); ++i)
       for (int col = 0; col < c.width(); ++col)
-        tau[col] -= s.J[(c.phi_rows() + i - direct) * c.width() + col] * u[c.independent[i]];
+        tau[col] -= s.J[(c.phi_rows() + i - direct) * c.width() + c.place[col]] * u[c.independent[i]];
   }
 };
 

@@ -45,7 +45,7 @@ struct Force {
 inline Force operator+(Force a, const Force& b) { return a += b; }
 inline Force operator-(const Force& a, const Force& b) { return {a.f - b.f, a.t - b.t}; }
 inline Force operator*(const Force& a, double s) { return {a.f * s, a.t * s}; }
-inline double dot(const Force& a, const Motion& b) { return a.f.dot(b.v) + a.t.dot(b.w); }
+inline double dot(const Force& a, const Motion& b) { return (a.f.cwiseProduct(b.v) + a.t.cwiseProduct(b.w)).sum(); }
 
 // a × b on twists, a ×* f on wrenches; (a ×* f)·b = −f·(a × b).
 inline Motion cross(const Motion& a, const Motion& b) { return {a.w.cross(b.v) + a.v.cross(b.w), a.w.cross(b.w)}; }

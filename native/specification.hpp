@@ -122,10 +122,14 @@ class Reader {
     const std::vector<int> ends = integers(t[0], 3);
     l.a = joint_number(ends[0], true), l.b = joint_number(ends[1], true), l.ancestor = joint_number(ends[2], true);
     l.frame_a = pose(t[1]), l.frame_b = pose(t[2]);
-    for (nb::handle h : sequence(t[3])) l.rows.push_back(row(h));
+    for (nb::handle h : sequence(t[3])) {
+      l.rows.push_back(row(h));
+      for (const Product& p : l.rows.back().products)
+        for (const Frame frame : {p.x.frame, p.y.frame}) l.turns |= frame == Frame::A || frame == Frame::B;
+    }
     for (nb::handle h : sequence(t[4])) {
       const nb::tuple pair = tuple(h, 2);
-      l.alignment.push_back({vec(pair[0]), vec(pair[1])});
+      l.alignment.push_back({vec(pair[0]), vec(pair[1])}), l.turns = true;
     }
     l.path_a = path(t[5], l.ancestor, l.a), l.path_b = path(t[6], l.ancestor, l.b);
     require(!l.path_a.empty() || !l.path_b.empty(), "a closure joins two frames of one body");
@@ -187,6 +191,7 @@ class Reader {
     choose_columns(c);
     require(c.rows() >= c.unknowns(), "a cluster has fewer rows than unknowns");
     find_pattern(c);
+    place_columns(c);
     m_.clusters.push_back(c);
   }
 
@@ -226,7 +231,7 @@ class Reader {
   std::vector<Column> columns(const std::vector<int>& path) const {
     std::vector<Column> found;
     for (int j : path)
-      for (int k = m_.joints[j].v; k < m_.joints[j].v + m_.joints[j].nv; ++k) found.push_back({k, m_.column_of[k]});
+      for (int k = m_.joints[j].v; k < m_.joints[j].v + m_.joints[j].nv; ++k) found.push_back({k, m_.column_of[k], 0});
     return found;
   }
 
@@ -269,6 +274,17 @@ class Reader {
     p.slots.insert(p.slots.end(), last.rows.begin(), last.rows.begin() + (last.end - last.first));
     p.blocks.push_back(last);
     c.dependent = order;
+  }
+
+  // J's columns: the dependent ones in the order of elimination, then the direct ones.
+  void place_columns(Cluster& c) {
+    c.place.assign(c.width(), 0);
+    int place = 0;
+    for (const auto& columns : {c.dependent, c.direct})
+      for (int col : columns) c.place[col] = place++;
+    for (int i : c.loops)
+      for (auto* columns : {&m_.loops[i].columns_a, &m_.loops[i].columns_b})
+        for (Column& k : *columns) k.place = c.place[k.local];
   }
 
   void choose_columns(Cluster& c) const {

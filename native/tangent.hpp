@@ -7,6 +7,8 @@ namespace ccpin {
 // Below this reciprocal condition number nothing is answered: the reference, whose limit is 1e-10, decides and explains.
 // It is computed only where pivots or ρ say that it could matter.
 constexpr double kSingular = 1e-9, kSuspiciousPivots = 1e-6, kSuspiciousRho = 1e5;
+constexpr double kTurn = 0.5;      // of ψ_q′⁻¹ B: the most that a trusted step changes of it,
+constexpr double kRounded = 2;     // and of its square times the tolerance of closed points: the most it may be
 
 class Tangent : public Constraints {
  public:
@@ -42,12 +44,13 @@ class Tangent : public Constraints {
 
   // γ = ρ̇ q̇ = −ψ_q′⁻¹ ψ̇_q′ q̇′ over one cluster's columns, for q̇′ = v.
   void bias(const Cluster& c, ClusterState& s, const double* v) {
+    travel(c, v);
     if (!c.rows()) return;
     double* change = s.right.data();
     int row = 0;
     for (int i : c.loops) {
       const Loop& loop = m.loops[i];
-      const Moving a = travel(loop.path_a, v), b = travel(loop.path_b, v);
+      const Moving a = along(loop, loop.a), b = along(loop, loop.b);
       loop_row_rates(loop, ends(loop), a.V, b.V, s.row_rates.data() + row);
       for (const int end = row + loop.size; row < end; ++row) {
         const Row &W = s.rows[row], &dW = s.row_rates[row];
@@ -74,9 +77,8 @@ class Tangent : public Constraints {
     for (int i : c.loops) {
       const Loop& loop = m.loops[i];
       for (int side = 0; side < 2; ++side) {
-        Motion V;
         for (int j : side ? loop.path_b : loop.path_a) {
-          V += own(j, v);
+          const Motion V = along(loop, j).V;
           for (int k = m.joints[j].v; k < m.joints[j].v + m.joints[j].nv; ++k) {
             const Motion change = cross(V, S[k]);
             for (int r = row; r < row + loop.size; ++r)
@@ -100,6 +102,7 @@ class Tangent : public Constraints {
 
   // φ̇_q′ (m × n′, row-major) along q̇′, at any configuration.
   void rate(const double* q, const double* v_free, double* out) {
+    closed_ = false;
     std::copy(q, q + m.nq, q_free.begin());
     std::fill(out, out + size_t(m.m) * m.nv, 0.);
     for (size_t k = 0; k < m.clusters.size(); ++k) {
@@ -134,8 +137,11 @@ class Tangent : public Constraints {
 
   // Rows of a solution to the dependent columns of a width × n matrix.
   static void scatter(const Cluster& c, const double* solution, int n, double* out) {
-    for (int k = 0; k < c.unknowns(); ++k)
-      std::copy_n(solution + size_t(c.pattern.slots[k]) * n, n, out + size_t(c.dependent[k]) * n);
+    for (int k = 0; k < c.unknowns(); ++k) {
+      const double* from = solution + size_t(c.pattern.slots[k]) * n;
+      double* to = out + size_t(c.dependent[k]) * n;
+      for (int i = 0; i < n; ++i) to[i] = from[i];
+    }
   }
 
  protected:
@@ -147,16 +153,30 @@ class Tangent : public Constraints {
     for (double x : s.rho) largest = std::max(largest, std::abs(x));
     return (s.factor.ratio >= kSuspiciousPivots && largest <= kSuspiciousRho) || cluster_rcond(c, s) >= kSingular;
   }
-  // How large ψ_q′⁻¹ is, told from one solution with a right side of no structure.
-  double inverse_size(const Cluster& c, ClusterState& s) const {
+  // ψ_q′⁻¹ B for a B of two columns without structure, and so how large ψ_q′⁻¹ is.
+  double probe(const Cluster& c, ClusterState& s) const {
     double x = 0.5, largest = 0;
-    for (int r = 0; r < c.rows(); ++r) {
-      x = 3.9 * x * (1 - x);
-      s.right[r] = r % 2 ? x + 0.1 : -x - 0.1;
-    }
-    s.factor.solve(s.right.data(), 1);
-    for (int slot : c.pattern.slots) largest = std::max(largest, std::abs(s.right[slot]));
+    for (int r = 0; r < c.rows(); ++r)
+      for (int k = 0; k < 2; ++k) {
+        x = 3.9 * x * (1 - x);
+        s.right[2 * r + k] = (k ? r / 2 : r) % 2 ? x + 0.1 : -x - 0.1;
+      }
+    s.factor.solve(s.right.data(), 2);
+    for (int i = 0; i < c.unknowns(); ++i)
+      for (int k = 0; k < 2; ++k) {
+        s.probe[2 * i + k] = s.right[2 * c.pattern.slots[i] + k];
+        largest = std::max(largest, std::abs(s.probe[2 * i + k]));
+      }
     return largest;
+  }
+  // Whether ψ_q′ was regular on the way here, by that of the start, and rounding decides at neither end.
+  bool regular_since(const std::vector<double>& before, const ClusterState& s) const {
+    double change = 0, size = 0, here = 0;
+    for (size_t k = 0; k < before.size(); ++k) {
+      const double d = s.probe[k] - before[k];
+      change += d * d, size += before[k] * before[k], here += s.probe[k] * s.probe[k];
+    }
+    return change <= kTurn * kTurn * size && std::max(size, here) * m.tolerance <= kRounded;
   }
   bool too_singular(const Cluster& c, ClusterState& s) {
     if (s.factor.ratio >= kSuspiciousPivots) return false;
@@ -180,10 +200,12 @@ class Tangent : public Constraints {
   void solve_rho(const Cluster& c, ClusterState& s) const {
     const int n = c.n(), direct = int(c.direct.size());
     double* right = s.right.data();
-    for (int r = 0; r < c.rows(); ++r) {
-      for (int k = 0; k < direct; ++k) right[size_t(r) * n + k] = -s.J[size_t(r) * c.width() + c.direct[k]];
-      for (int k = direct; k < n; ++k) right[size_t(r) * n + k] = r == c.phi_rows() + k - direct ? 1. : 0.;
+    const double* J = s.J.data() + c.unknowns();
+    for (int r = 0; r < c.rows(); ++r, J += c.width(), right += n) {
+      for (int k = 0; k < direct; ++k) right[k] = -J[k];
+      for (int k = direct; k < n; ++k) right[k] = r == c.phi_rows() + k - direct ? 1. : 0.;
     }
+    right = s.right.data();
     s.factor.solve(right, n);
     scatter(c, right, n, s.rho.data());
   }
@@ -200,9 +222,9 @@ class Tangent : public Constraints {
       for (int k = 0; k < count; ++k) sum += std::abs(x[size_t(k) * stride]);
       return sum;
     };
-    for (int k : c.dependent) psi = std::max(psi, column(s.J.data() + k, c.rows(), c.width()));
+    for (int k = 0; k < c.unknowns(); ++k) psi = std::max(psi, column(s.J.data() + k, c.rows(), c.width()));
     for (size_t k = 0; k < c.direct.size(); ++k) {
-      psi = std::max(psi, 1 + column(s.J.data() + c.direct[k], c.rows(), c.width()));
+      psi = std::max(psi, 1 + column(s.J.data() + c.unknowns() + k, c.rows(), c.width()));
       inverse = std::max(inverse, column(s.rho.data() + k, c.width(), c.n()));
     }
     const int rows = c.rows();

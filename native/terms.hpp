@@ -40,6 +40,7 @@ class Terms {
     const int n = m_.n;
     r_.spread(v);
     r_.move_bodies(true, nullptr);
+    r_.twists();
     std::fill(D, D + size_t(n) * n, 0.), std::fill(C, C + size_t(n) * n, 0.);
     std::fill(rho, rho + size_t(m_.nv) * n, 0.), std::fill(rho_dot, rho_dot + size_t(m_.nv) * n, 0.);
     for (size_t k = 0; k < m_.clusters.size(); ++k) rates(int(k), D, C, rho, rho_dot);

@@ -72,7 +72,7 @@ def test_certificates_and_forces_follow(mechanism):
     assert domain.theorem2_radius(mechanism, mechanism.q_reference) > 0
     assert domain.kantorovich_radius(mechanism, mechanism.q_reference) > 0
     path = domain.certify_path(mechanism, [[-0.5], [0.5]], tube=0.01)
-    assert path.complete
+    assert path.verdict == "proven"
     assert_close(path.sigma(0.5), np.array([0.0, elbow(0.0)]), 1e-12, scale=1.0)
     (load,) = ccpin.simulation.forces.closure_forces_at(model, [0.4], [0.2], [0.1])
     assert load.force[0, 0] == pytest.approx(0.0, abs=1e-12)

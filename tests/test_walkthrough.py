@@ -89,7 +89,7 @@ def test_sigma_is_certified(name, backend, monkeypatch):
     atlas = domain.certify(mechanism, start, (start - 0.1, start + 0.1))
     assert (atlas.certified_fraction, atlas.single_valued) == (1.0, True)
     path = domain.certify_path(mechanism, [start, goal])
-    assert path.complete, path.reason
+    assert path.verdict == "proven", path.reason
     sigma = ccpin.ReducedModel(mechanism).sigma(goal)
     np.testing.assert_allclose(path.sigma(1.0), sigma, rtol=0, atol=1e-9)
 

@@ -288,12 +288,14 @@ def _visualization(b):
     moving = still | {"t": [0, 0.1], "q_free": [b.q_free, b.q_free], "fps": 30, "trace": None, "speed": 1.0}
     moving |= {"forces": (), "size": None}
     live = {"mechanism": b.whole, "q_free": b.q_free, "t": None, "title": None, "fps": 30, "open_browser": False}
+    inside = {name: value for name, value in live.items() if name != "open_browser"} | {"height": 300}
 
     def view(**given):
         visualization.view(**given).close()
 
     return {
         "animate": (visualization.animate, moving),
+        "embed": (visualization.embed, inside),
         "snapshot": (visualization.snapshot, still),
         "view": (view, live),
     }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import cycle
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from benchmarks.timing import Timing, in_turn
 PART = "models"
 ACCELERATION, TERMS, SIGMA = "q̈ at a known q′", "D, C, g at a known q′", "σ from 1e-2 rad away"
 WITH_SIGMA, STEP, DERIVATIVES = "q̈ with σ from 1e-2 rad away", "a step of 1 ms", "∂q̈ at a known q′"
-KERNEL = "kernel alone"
+KERNEL, ANEW = "kernel alone", "kernel, another q′ each time"
 DIFFERENCES = "central differences, native"
 ERROR = "q̈′ differs from the reference's by"
 STEP_OF_DIFFERENCES = 1e-6
@@ -49,6 +50,7 @@ def figures(subject: str, mechanism: ccpin.Mechanism, options: Options) -> Itera
         calls |= {(quantity, who): call for quantity, call in ours(model, at).items()}
         if who == NATIVE:
             calls[ACCELERATION, KERNEL] = lambda core=model.core: core.forward_dynamics(at.q_free, at.v, at.u)
+            calls[ACCELERATION, ANEW] = anew(model, at)  # what a State closes once is closed by each call
             calls[STEP, NATIVE] = Stepping(model, at)
     calls[DERIVATIVES, DIFFERENCES] = lambda: central_differences(next(iter(models.values())), at)
     adding = (add_pinocchio, add_mujoco, add_drake)
@@ -74,6 +76,12 @@ def ours(model: ccpin.ReducedModel, at: Place) -> dict[str, Callable[[], object]
         WITH_SIGMA: lambda: model.forward_dynamics(at.q, at.v, at.u, at.near),
         DERIVATIVES: lambda: state.forward_dynamics_derivatives(at.v, at.u),
     }
+
+
+def anew(model: ccpin.ReducedModel, at: Place) -> Callable[[], object]:
+    """The kernel's q̈ at two closed configurations in turn."""
+    core, places = model.core, cycle((at.q_free, at.near))
+    return lambda: core.forward_dynamics(next(places), at.v, at.u)
 
 
 class Stepping:

@@ -222,4 +222,4 @@ def test_simulate_keeps_to_limits(capsys):
     beyond = [(one["joint"], one["limit"]) for one in exceeded if one["quantity"] == "effort"]
     assert beyond == [("joint1", 30.0), ("joint2", 30.0)]
     assert main([*asked, "--motor-lag", "0.002"]) == 1
-    assert "sampling=" in json.loads(capsys.readouterr().out)["message"]
+    assert "--motor-lag: needs a sampled loop" in json.loads(capsys.readouterr().out)["message"]

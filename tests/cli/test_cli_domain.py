@@ -83,8 +83,9 @@ def test_workers_give_the_same_atlas(tmp_path, capsys):
     here, there = Atlas.load(tmp_path / "here.npz"), Atlas.load(tmp_path / "there.npz")
     for name, array in here.boxes._asdict().items():
         assert np.array_equal(array, getattr(there.boxes, name)), name
-    assert main([*request, "--workers", "0"]) == 1
-    assert "at least 1" in capsys.readouterr().out
+    with pytest.raises(SystemExit, match="2"):
+        main([*request, "--workers", "0"])
+    assert "argument --workers: must be a whole number, 1 or more" in capsys.readouterr().err
 
 
 def test_a_dask_cluster_gives_the_same_atlas(tmp_path, capsys):

@@ -8,13 +8,14 @@ from scipy.optimize import brentq
 import ccpin
 from ccpin.domain import certify_path
 from ccpin.domain.boxes import verify
-from ccpin.domain.path import chord_of, pieces_of
+from ccpin.domain.pieces import chord_of, pieces_of
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
 from tests.oracles import delta as delta_oracle
 from tests.oracles import rpdr as oracle
 from tests.oracles import stewart as stewart_oracle
 from tests.oracles.geometry import rot_x, rot_y, rot_z, wrap
 from tests.support.paper import GOAL, START
+from tests.support.singular import least_singular_value
 
 WAYPOINTS = np.array([START, *np.radians([(-120.0, -100.0), (-100.0, -140.0)]), GOAL])
 
@@ -40,8 +41,8 @@ def rpdr_closed(q_free):
 def test_straight_move_of_the_case_study(rpdr, bounds):
     """The paper's move from (−150°, −160°) to (−90°, −100°) is certified with a tube of two degrees."""
     path = certify_path(rpdr, WAYPOINTS[[0, -1]], tube=np.radians(2.0), bounds=bounds)
-    assert path.complete
-    assert path.reason == ""
+    assert path.verdict == "proven"
+    assert path.reason.startswith("σ stays on its branch")
     assert path.reached == 1.0
     assert np.all(verify(path.problem, path.boxes))
     for t in np.linspace(0.0, 1.0, 23):
@@ -55,7 +56,7 @@ def test_splines(rpdr, make):
     """σ along a spline is the closed form's, on the spline exactly and at its knots too."""
     spline = make(np.array([0.0, 1.0, 2.5, 3.0]), WAYPOINTS)
     path = certify_path(rpdr, spline)
-    assert path.complete
+    assert path.verdict == "proven"
     t = np.linspace(0.0, 3.0, 101)
     found = path.sigma(t)
     assert np.abs(found[:, [0, 2]] - spline(t)).max() < 1e-14
@@ -66,7 +67,7 @@ def test_boxes_cover_the_tube(rpdr):
     """Every point of the tube about a spline lies in a box at its parameter, and each box's σ there closes."""
     spline, tube = CubicSpline([0.0, 1.0, 2.5, 3.0], WAYPOINTS), np.array([0.02, 0.01])
     path = certify_path(rpdr, spline, tube)
-    assert path.complete
+    assert path.verdict == "proven"
     rng, independent = np.random.default_rng(0), path.problem.system.independent
     for t in rng.uniform(0.0, 3.0, 300):
         q = spline(t) + tube * rng.choice([-1.0, 1.0], 2)
@@ -96,9 +97,12 @@ def test_stops_where_the_rpdr_stretches(rpdr, tube):
     ends = np.radians([(-108.0, -72.0), (-108.0, 0.0)])
     path = certify_path(rpdr, ends, tube)
     exact = brentq(lambda s: oracle.elongation(ends[0] + s * (ends[1] - ends[0])) - 1.0, 0.0, 1.0)
-    assert not path.complete
+    assert path.verdict != "proven"
     assert exact - 4.0 * tube - 1e-5 < path.reached < exact
-    assert ("tube" if tube else "singularity") in path.reason
+    assert path.verdict == "refuted"
+    assert path.witness.kind == "singular"
+    assert "the branch is singular in the tube" in path.reason
+    assert abs(oracle.elongation(path.witness.q) - 1.0) < 10.0 * path.witness.error
     assert path.rcond < 0.1
     with pytest.raises(InvalidInputError, match="certified for parameters"):
         path.sigma(exact)
@@ -112,9 +116,12 @@ def test_stops_at_the_coincident_elbows(rpdr):
     q1, q2, q3, q4 = oracle.sigma(ends[0], 1.0)
     guess = np.array([q1, q3, q2, q4])
     blocked = certify_path(rpdr, ends, 0.0, guess)
-    assert not blocked.complete
+    assert blocked.verdict != "proven"
     assert 0.5 - 1e-3 < blocked.reached < 0.5
-    assert certify_path(rpdr, ends + [aside, aside], 1e-3, guess).complete
+    assert blocked.verdict == "undecided"
+    assert blocked.witness is None
+    assert "boxes of" in blocked.reason
+    assert certify_path(rpdr, ends + [aside, aside], 1e-3, guess).verdict == "proven"
 
 
 def test_gough_stewart_translation_and_rotation(stewart):
@@ -129,7 +136,7 @@ def test_gough_stewart_translation_and_rotation(stewart):
     for poses in moves.values():
         knots = np.linspace(0.0, 1.0, len(poses))
         path = certify_path(stewart, CubicSpline(knots, [legs(stewart, *pose) for pose in poses]), 1e-3)
-        assert path.complete
+        assert path.verdict == "proven"
         for t, pose in zip(knots, poses, strict=True):
             expected = stewart_oracle.inverse(np.asarray(pose[0]), pose[1])
             assert np.abs(wrap(path.sigma(t) - [expected[name] for name in names])).max() < 1e-9
@@ -149,7 +156,7 @@ def test_gough_stewart_singularity(stewart):
         return np.linalg.det(np.hstack([vectors, np.cross(0.4 * base, vectors)]))
 
     exact = brentq(determinant, 1.2, 2.0, xtol=1e-14)
-    assert not path.complete
+    assert path.verdict != "proven"
     assert exact - 2e-3 < path.reached < exact + 1e-9
     assert "singularity" in path.reason
 
@@ -160,7 +167,7 @@ def test_delta_path():
     turns = np.linspace(0.0, 2.0 * np.pi, 25)
     arms = 0.2 * np.cos(turns[:, None] + np.array([0.0, 2.0, 4.0]) * np.pi / 3.0)
     path = certify_path(mechanism, arms, 1e-3)
-    assert path.complete
+    assert path.verdict == "proven"
     assert np.abs(path.sigma(24.0) - path.sigma(0.0)).max() < 1e-12
     for k in range(0, 25, 6):
         assert np.abs(path.sigma(float(k))[:3] - delta_oracle.forward(arms[k])).max() < 1e-9
@@ -185,3 +192,18 @@ def test_bad_input(rpdr):
         certify_path(rpdr, np.radians([(180.0, 0.0), (170.0, 0.0)]))
     with pytest.raises((SingularConfigurationError, UnreachableError)):
         certify_path(rpdr, np.array([oracle.coincident_elbows(), np.zeros(2)]))
+
+
+@pytest.mark.parametrize("name", ["planar_3rrr", "stewart"])
+def test_a_fold_refutes_a_straight_path(name):
+    """Paths far beyond the workspace meet a fold: the witness is singular, lies on the path and before its end."""
+    mechanism = ccpin.load(name)
+    start = np.array(ccpin.domain.scalar_coordinates_at(mechanism, mechanism.q_reference))
+    way = np.random.default_rng(4).uniform(-3.0, 3.0, mechanism.n)
+    path = certify_path(mechanism, [start, start + way], 1e-4)
+    assert (path.verdict, path.witness.kind) == ("refuted", "singular")
+    assert np.abs(mechanism.constraints().residual(path.witness.q_free)).max() < 1e-9
+    assert least_singular_value(mechanism, path.witness.q_free) < 1e-7
+    along = (path.witness.q - start) @ way / (way @ way)
+    assert np.abs(path.witness.q - start - along * way).max() < 1e-4 + 1e-9
+    assert path.reached - 1e-3 < along < 1.0

@@ -35,7 +35,7 @@ def test_atlas_and_path_are_the_closed_form(gripper):
     atlas = domain.certify(gripper, [0.0], ([-0.6], [0.6]))
     assert (atlas.certified_fraction, atlas.single_valued, len(atlas.lower)) == (1.0, True, 1)
     path = domain.certify_path(gripper, [[-0.5], [0.6]])
-    assert path.complete
+    assert path.verdict == "proven"
     for drive in (-0.5, 0.05, 0.6):
         expected = closed_form(gripper, drive)
         np.testing.assert_allclose(atlas.sigma([drive]), expected, rtol=0, atol=1e-12)
@@ -62,7 +62,7 @@ def test_wheels_that_turn_for_ever(backend, monkeypatch):
     monkeypatch.setenv("CCPIN_BACKEND", backend)
     mechanism = ccpin.load(_pair("continuous", (0.0, 3.0)), independent=["first"])
     path = domain.certify_path(mechanism, [[0.0], [2.0], [4.0], [6.5]])
-    assert path.complete
+    assert path.verdict == "proven"
     wheel = mechanism.tree.joint("second").q
     np.testing.assert_allclose(path.sigma(3.0)[wheel], [np.cos(19.5), np.sin(19.5)], rtol=0, atol=1e-12)
 

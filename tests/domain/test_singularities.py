@@ -7,6 +7,7 @@ import ccpin
 from ccpin.domain import serial_singularities, singularities, singularity_distance
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 from tests.oracles import rpdr as oracle
+from tests.support.singular import least_singular_value
 
 
 @pytest.fixture(scope="module")
@@ -91,3 +92,14 @@ def test_serial_singularities_of_unknown_links_are_refused(rpdr):
         serial_singularities(rpdr, "nosuch")
     with pytest.raises(UnsupportedMechanismError, match="planar"):
         serial_singularities(ccpin.load("delta"), "platform")
+
+
+def test_verdicts_of_curves(rpdr, curves):
+    """all of the fold is proved, self-motions are undecided; at the fold's points the proof is as near."""
+    verdicts = {curve.kind: curve.verdict for curve in curves}
+    assert verdicts == {"fold": "proven", "self-motion": "undecided"}
+    fold = next(curve for curve in curves if curve.kind == "fold")
+    off = np.array([abs(oracle.elongation(q) - 1.0) for q in fold.q])
+    assert np.all(off <= 10.0 * fold.error)
+    assert fold.error.max() < 1e-9
+    assert all(least_singular_value(rpdr, q_free) < 1e-9 for q_free in fold.q_free[::50])

@@ -158,6 +158,38 @@ def test_results_do_not_depend_on_what_was_asked_before(delta):
 
 
 @native_only
+@pytest.mark.parametrize("name", ["rpdr", "delta", "stewart", "hexa"])
+def test_a_configuration_asked_about_again_is_as_if_new(name):
+    """What the core keeps of the last q′ gives the bits of a kernel that never saw it, whatever came between."""
+    model = reference_model(ccpin.load(name))
+    rng = np.random.default_rng(4)
+    start = model.alpha(model.mechanism.q_reference)
+    kernel = native.kernel(model.mechanism)
+    Q = [model.coordinates.integrate(start, 0.02 * rng.normal(size=model.n)) for _ in range(3)]
+    closed = [kernel.closed_point(None, q)[0] for q in Q]
+    v, u = rng.normal(size=model.n), rng.normal(size=model.n_actuated)
+    fresh = [native.kernel(model.mechanism).forward_dynamics(x, v, u) for x in closed]
+    rates = [native.kernel(model.mechanism).terms(x, v)[3] for x in closed]
+    between = [
+        lambda: kernel.sigma(Q[1]),  # ends at another point, without ρ
+        lambda: kernel.constraints(rng.normal(size=model.mechanism.nq)),
+        lambda: kernel.constraint_rate(closed[2], rng.normal(size=model.mechanism.n_free)),
+        lambda: kernel.sigma(np.full(model.nq, 9.0)),
+        lambda: kernel.rcond(closed[1]),
+        lambda: kernel.closed_point(None, Q[0]),
+        lambda: kernel.sigma_many(np.array(Q), None),
+        lambda: kernel.forward_dynamics_derivatives(closed[0], v, u),
+        lambda: None,
+    ]
+    for step in between * 2:
+        for k in (0, 0, 1):
+            assert np.array_equal(kernel.forward_dynamics(closed[k], v, u), fresh[k])
+            step()
+            assert np.array_equal(kernel.forward_dynamics(closed[k], v, u), fresh[k])
+            assert np.array_equal(kernel.terms(closed[k], v)[3], rates[k])
+
+
+@native_only
 def test_ctrl_c_ends_a_batch(delta):
     """A batch of minutes stops within a second of SIGINT."""
     _, kernel, Q, V, U = delta

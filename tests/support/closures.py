@@ -61,4 +61,4 @@ def two_arms(arms, kind):
 def closed_problem(name, bounds):
     mechanism = ccpin.load(name)
     system = closure_system(mechanism, mechanism.q_reference)
-    return problem_of(system, bounds), system.chart.theta(mechanism.q_reference)
+    return problem_of(system, bounds), system.theta(mechanism.q_reference)

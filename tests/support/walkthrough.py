@@ -2,10 +2,14 @@
 
 from pathlib import Path
 
+from tests.support.places import ROOT
+
 FILES = Path(__file__).parent / "files"
+SHOWN = {"ankle": ROOT / "docs" / "howto"}
+"""Those that a page of the documentation shows."""
 NAMES = ("rssr", "ankle", "gripper", "gas_spring_leg")
 
 
 def file(name):
     """The URDF of a name."""
-    return FILES / f"{name}.urdf"
+    return SHOWN.get(name, FILES) / f"{name}.urdf"

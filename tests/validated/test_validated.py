@@ -16,6 +16,7 @@ from ccpin.kinematics.tree import build_tree
 from tests.oracles import rpdr as oracle
 from tests.support.limp import Limp
 from tests.support.loading import script
+from tests.support.singular import least_singular_value
 from tests.support.strategies import Growth
 
 flint = pytest.importorskip("flint")
@@ -202,7 +203,7 @@ def test_a_start_that_cannot_be_closed_is_refused(rpdr_model):
 
 def test_encloses_what_an_integrator_computes(enclosure, motion):
     """Every sample of the move lies in the sharp box at its time (to the integrator's accuracy) and in the step's."""
-    assert enclosure.status == "enclosed"
+    assert enclosure.verdict == "proven"
     assert enclosure.times[-1] >= 0.1
     for t, q_free, v in zip(motion.t, motion.q_free, motion.v, strict=True):
         assert enclosure.contains(t, q_free, v, tolerance=1e-9)
@@ -269,9 +270,12 @@ def test_a_motion_into_a_singularity_is_followed_almost_there(rpdr_model):
     stopped = enclose(rpdr_model, None, q0, v0, 0.5, order=20, tolerance=1e-14, shortest_step=2.0**-11)
     singular = ccpin.simulate(rpdr_model, Limp(2), q0, v0, duration=0.5, singular_rcond=3e-3)
     assert singular.status == "singular"
-    assert stopped.status == "stopped"
+    assert stopped.verdict == "refuted"
     assert 0.8 * singular.t[-1] < stopped.times[-1] < singular.t[-1] + 2e-3
-    assert f"t = {stopped.times[-1]:.9g} s" in stopped.message
+    assert stopped.witness.kind == "singular"
+    assert np.abs(rpdr_model.mechanism.constraints().residual(stopped.witness.q_free)).max() < 1e-9
+    assert least_singular_value(rpdr_model.mechanism, stopped.witness.q_free) < 10 * stopped.witness.error + 1e-9
+    assert oracle.elongation(stopped.witness.q) == pytest.approx(1.0, abs=1e-8)
     assert stopped.determinant[-1] < 0.3 * stopped.determinant[0]
     assert np.all(stopped.determinant > 0)
 
@@ -280,7 +284,7 @@ def test_energy_is_constant_along_undamped_swinging(rpdr_model):
     """Without torque the energy's ball holds the energy of the start at all times."""
     swing = enclose(rpdr_model, None, np.radians([-108.0, -120.0]), [1.0, -1.0], 0.2)
     start = swing.energy(0.0)
-    assert swing.status == "enclosed"
+    assert swing.verdict == "proven"
     for t in np.linspace(0.0, 0.2, 21):
         assert swing.energy(t).contains(start.mid())
         assert swing.energy(t).rad() < 1e-14
@@ -319,14 +323,14 @@ def test_other_mechanisms(name):
     controller = ccpin.control.PDSimpleGravity(model, q + 0.05, np.full(model.n, 5.0), np.full(model.n, 0.5))
     found = enclose(model, controller, q, None, 0.01, order=16, tolerance=1e-14, pieces=4)
     sample = accurately(model, controller, q, None, 0.01)
-    assert found.status == "enclosed"
+    assert found.verdict == "proven"
     assert all(found.contains(*state, tolerance=1e-9) for state in zip(sample.t, sample.q_free, sample.v, strict=True))
 
 
 def test_the_papers_move_is_certified(rpdr_model, law):
     """From 𝒱 = 13.1 J the move is proven to reach 𝒱 < 2.9 J on q_d's branch; an integrator agrees with T and 𝒱."""
     move = certify_move(rpdr_model, law, START, arrival=2.9)
-    assert move.covered
+    assert move.verdict == "proven"
     assert not move.rigorous  # a plain number
     assert move.lyapunov_start == pytest.approx(law.lyapunov(START, np.zeros(2)), abs=1e-9)
     sample = accurately(rpdr_model, law, START, None, move.time)
@@ -338,17 +342,31 @@ def test_the_papers_move_is_certified(rpdr_model, law):
 def test_moves_that_are_not_proven_say_why(rpdr_model, law):
     """Too little time, and a state on the other assembly mode, however large the level: not covered."""
     early = certify_move(rpdr_model, law, START, arrival=2.9, duration=0.05)
-    assert not early.covered
-    assert "not proven to arrive" in early.message
+    assert early.verdict == "undecided"
+    assert "not proven to arrive" in early.reason
     other = oracle.sigma(GOAL, -1.0)[FREE]
     wrong = certify_move(rpdr_model, law, GOAL, arrival=1e3, duration=0.002, guess=other)
-    assert not wrong.covered
-    assert "branch" in wrong.message
+    assert wrong.verdict == "undecided"
+    assert "branch" in wrong.reason
+
+
+def test_a_move_whose_energy_is_too_low_is_refuted(rpdr_model):
+    """With gains too small to hold the arms up 𝒱 falls below 0, by the reference's figures too: it cannot arrive."""
+    raised = np.radians([20.0, -160.0])  # ∂g/∂q has the eigenvalue −0.63 N m/rad there
+    weak = ccpin.control.PDSimpleGravity(rpdr_model, raised, 0.3, 0.1)
+    slope = rpdr_model.gravity_derivative(weak.q_d, weak.q_free_d)
+    start = raised + 0.2 * np.linalg.eigh(slope)[1][:, 0]
+    move = certify_move(rpdr_model, weak, start, arrival=1.0, duration=0.05)
+    assert (move.verdict, move.witness.kind) == ("refuted", "state")
+    at = move.enclosure.at(move.time)
+    assert np.abs(at.q_free - move.witness.q_free).max() < 1e-12
+    assert weak.lyapunov(move.witness.q, at.v, at.q_free) < 0.0
+    assert "never rises" in move.reason
 
 
 def test_spread_of_a_certified_move(rpdr_model, law):
     """Every start within 1e-6 rad and rad/s is covered too."""
-    assert certify_move(rpdr_model, law, START, arrival=2.9, spread=1e-6, pieces=32).covered
+    assert certify_move(rpdr_model, law, START, arrival=2.9, spread=1e-6, pieces=32).verdict == "proven"
 
 
 @pytest.mark.slow
@@ -356,7 +374,7 @@ def test_from_the_papers_start_to_rest(rpdr_model, law):
     """With Theorem 3's own certificate the whole statement is proven: from 13.1 J into B₂ and to rest at q_d."""
     certificate = certify_law(law)
     move = certify_move(rpdr_model, law, START, arrival=certificate)
-    assert move.covered
+    assert move.verdict == "proven"
     assert move.rigorous
     assert move.lyapunov < certificate.level < move.lyapunov_start
     at = move.enclosure.at(move.time)
@@ -368,7 +386,7 @@ def test_the_whole_move_is_enclosed(rpdr_model, law):
     """0.6 s of the paper's move, to rest within 1e-2 rad of the goal, agrees with the integrator throughout."""
     whole = enclose(rpdr_model, law, START, None, 0.6, pieces=32)
     sample = accurately(rpdr_model, law, START, None, 0.6)
-    assert whole.status == "enclosed"
+    assert whole.verdict == "proven"
     assert all(whole.contains(*state, tolerance=1e-9) for state in zip(sample.t, sample.q_free, sample.v, strict=True))
     np.testing.assert_allclose(whole.at(0.6).q_free[[0, 2]], GOAL, rtol=0, atol=1e-2)
 
@@ -381,7 +399,7 @@ def test_a_spatial_mechanism_is_enclosed():
     controller = ccpin.control.PDSimpleGravity(model, q + 0.1, np.full(3, 5.0), np.full(3, 0.5))
     found = enclose(model, controller, q, None, 0.02, order=20, tolerance=1e-14, pieces=4)
     sample = accurately(model, controller, q, None, 0.02)
-    assert found.status == "enclosed"
+    assert found.verdict == "proven"
     assert all(found.contains(*state, tolerance=1e-9) for state in zip(sample.t, sample.q_free, sample.v, strict=True))
 
 
@@ -457,4 +475,4 @@ def test_script(capsys):
     assert script("certified_move").main(2.9)
     said = capsys.readouterr().out
     assert "rigorous: True" in said
-    assert said.count(": covered, T = 0.1") == 2
+    assert said.count(": proven, T = 0.1") == 2

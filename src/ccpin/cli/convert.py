@@ -6,15 +6,21 @@ import argparse
 import json
 from typing import Any
 
+import shtab
+
+from ccpin.cli.command import complete
 from ccpin.cli.options import add_mechanism, load
 from ccpin.description.writers import FORMATS
 
 
 def add_convert(commands: Any) -> None:
     """The command and its options."""
-    parser = commands.add_parser("convert", help="write the mechanism as URDF+, SDFormat, MJCF or a toolbox robot.yaml")
+    what = "write the mechanism as URDF+, SDFormat, MJCF or a toolbox robot.yaml"
+    example = "example: ccpin convert rpdr --out rpdr.xml"
+    parser = commands.add_parser("convert", help=what, description=what, epilog=example)
     add_mechanism(parser)
-    parser.add_argument("--out", required=True, metavar="FILE", help="the file to write; .urdf, .sdf, .xml or .yaml")
+    written = "the file to write; .urdf, .sdf, .xml or .yaml"
+    complete(parser.add_argument("--out", required=True, metavar="FILE", help=written), shtab.FILE)
     parser.add_argument("--to", choices=FORMATS, help="the format, where the suffix does not tell it")
     parser.set_defaults(run=_convert)
 

@@ -25,7 +25,8 @@ _EXTRA = re.compile(r"""extra\s*==\s*["']([^"']+)""")
 def add_doctor(commands: Any) -> None:
     """The command and its options."""
     help_text = "versions, cores, compiled core, compiler, browser, and a mechanism's meshes where one is named"
-    parser = commands.add_parser("doctor", help=help_text)
+    example = "example: ccpin doctor delta --json"
+    parser = commands.add_parser("doctor", help=help_text, description=help_text, epilog=example)
     add_mechanism(parser, optional=True)
     parser.set_defaults(run=_doctor)
 

@@ -10,32 +10,46 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shtab
 
 from ccpin.arrays import Array
+from ccpin.cli.command import complete, count, index
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
-from ccpin.cli.progress import progress_bar
+from ccpin.cli.progress import busy, progress_bar
 from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
+_EXAMPLES = """\
+example: ccpin domain rpdr --centre-deg -108 -72
+         ccpin domain rpdr --lower-deg -110 -75 --upper-deg -105 -70 --plot figures"""
 _BAR = "{l_bar}{bar}| {n:.1f} % certified, {postfix}"
-SHARES = ("certified", "undecided", "unreached", "empty")
+SHARES = ("certified", "empty", "singular", "undecided", "unreached")
 
 
 def add_domain(commands: Any) -> None:
     """The command and its options."""
-    parser = commands.add_parser("domain", help="where the model holds: certified radii, an atlas, singular curves")
+    what = "where the model holds: certified radii, an atlas, singular curves"
+    parser = commands.add_parser("domain", help=what, description=what, epilog=_EXAMPLES)
     add_mechanism(parser)
-    add_vector(parser, "centre", "independent coordinates to certify about (default: the reference's)")
+    add_vector(
+        parser,
+        "centre",
+        "independent coordinates to certify about (default: the middle of the region, else the reference's)",
+    )
     add_vector(parser, "lower", "lower corner of a region to map")
     add_vector(parser, "upper", "upper corner of a region to map")
     parser.add_argument("--atlas", action="store_true", help="map the whole q-space (or --lower … --upper …), n ≤ 3")
-    parser.add_argument("--depth", type=int, metavar="N", help="how often an edge of the region may be halved")
-    parser.add_argument("--checkpoint", type=Path, metavar="DIR", help="keep finished chunks there; a rerun resumes")
-    parser.add_argument("--workers", type=int, metavar="N", help="share the work among N processes (default: this one)")
+    parser.add_argument("--depth", type=index, metavar="N", help="how often an edge of the region may be halved")
+    kept = "keep finished chunks there; a rerun resumes"
+    complete(parser.add_argument("--checkpoint", type=Path, metavar="DIR", help=kept), shtab.DIRECTORY)
+    parser.add_argument(
+        "--workers", type=count, metavar="N", help="share the work among N processes (default: this one)"
+    )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="run on a Dask cluster, e.g. tcp://127.0.0.1:8786")
-    parser.add_argument("--save", type=Path, metavar="NPZ", help="write the atlas")
-    parser.add_argument("--plot", type=Path, metavar="DIR", help="write figures there (n = 2)")
+    complete(parser.add_argument("--save", type=Path, metavar="NPZ", help="write the atlas"), shtab.FILE)
+    drawn = "write figures there (n = 2)"
+    complete(parser.add_argument("--plot", type=Path, metavar="DIR", help=drawn), shtab.DIRECTORY)
     parser.set_defaults(run=_domain)
 
 
@@ -43,18 +57,22 @@ def _domain(options: argparse.Namespace) -> int:
     from ccpin import domain
 
     mechanism = load(options)
-    centre = vector(options, "centre", mechanism)
-    q_free = mechanism.q_reference if centre is None else ReducedModel(mechanism).sigma(centre)
+    region = _region(options, mechanism)
+    model, centre = ReducedModel(mechanism), vector(options, "centre", mechanism)
+    if centre is None and region is not None and model.nq == model.n:
+        centre = np.mean(region, axis=0)
+    q_free = mechanism.q_reference if centre is None else model.sigma(centre)
     centre = domain.scalar_coordinates_at(mechanism, q_free)
-    theorem = domain.theorem2(mechanism, q_free)
+    with busy(options.json, "proving squares about the centre"):
+        theorem = domain.theorem2(mechanism, q_free)
+        one_box = domain.kantorovich_radius(mechanism, q_free, bounds="auto")
     result: dict[str, Any] = {
         "centre": centre.tolist(),
         "q_free": q_free.tolist(),
         "theorem2_radius": theorem.radius,
         "theorem2_form": theorem.description,
-        "kantorovich_radius": domain.kantorovich_radius(mechanism, q_free, bounds="auto"),
+        "kantorovich_radius": one_box,
     }
-    region = _region(options, mechanism)
     atlas, mapped = None, options.atlas or region is not None or options.plot
     if mapped or mechanism.n <= 2 or options.save:
         depth = options.depth if mapped else 0
@@ -74,20 +92,21 @@ def _domain(options: argparse.Namespace) -> int:
     if atlas is not None and options.save is not None:
         atlas.save(options.save)
     if atlas is not None and options.plot is not None:
-        _plot_domain(mechanism, atlas, options.plot)
+        with busy(options.json, "tracing singular curves and drawing"):
+            _plot_domain(mechanism, atlas, options.plot)
     print(json.dumps(result, indent=2) if options.json else _domain_in_words(mechanism, result))
     return 0 if atlas is None or atlas.complete else 130
 
 
 def _region(options: argparse.Namespace, mechanism: Mechanism) -> tuple[Array, Array] | None:
-    lower, upper = vector(options, "lower", mechanism), vector(options, "upper", mechanism)
+    lower, upper = (vector(options, name, mechanism, scalar=True) for name in ("lower", "upper"))
     if (lower is None) != (upper is None):
-        raise InvalidInputError("a region needs both its lower and its upper corner")
+        raise InvalidInputError("a region needs both its corners, --lower and --upper (or --lower-deg and --upper-deg)")
     return None if lower is None or upper is None else (lower, upper)
 
 
 def _atlas_facts(atlas: Any) -> dict[str, Any]:
-    facts = (*(f"{share}_fraction" for share in SHARES), "single_valued", "complete")
+    facts = (*(f"{share}_fraction" for share in SHARES), "single_valued", "complete", "verdict", "reason")
     return {"radius": atlas.radius, "boxes": len(atlas.lower)} | {name: getattr(atlas, name) for name in facts}
 
 
@@ -137,6 +156,7 @@ def _domain_in_words(mechanism: Mechanism, result: dict[str, Any]) -> str:
         atlas = result["atlas"]
         shares = ", ".join(f"{100 * atlas[f'{share}_fraction']:.3f} % {share}" for share in SHARES)
         lines += [size("atlas", atlas["radius"]), f"atlas: {atlas['boxes']} boxes; {shares} of the region"]
+        lines += [f"{atlas['verdict']}: {atlas['reason']}"]
         lines += [] if atlas["single_valued"] else ["warning: not single-valued; some shared faces are unglued"]
         lines += [] if atlas["complete"] else ["interrupted: what is listed is certified, the rest was not reached"]
     return "\n".join(lines)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from ccpin.cli.command import count, positive
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import progress_bar
 from ccpin.description.joint_kinds import JOINT_KINDS
@@ -22,7 +23,8 @@ _BAR = "{l_bar}{bar}| {n_fmt} of {total_fmt} starts without news, {postfix}"
 
 def add_info(commands: Any) -> None:
     """The command and its options."""
-    parser = commands.add_parser("info", help="what was loaded: sizes, mobility, joints, conditioning")
+    what = "what was loaded: sizes, mobility, joints, conditioning"
+    parser = commands.add_parser("info", help=what, description=what, epilog="example: ccpin info rpdr")
     add_mechanism(parser)
     parser.set_defaults(run=_info)
 
@@ -34,12 +36,16 @@ def _info(options: argparse.Namespace) -> None:
 
 def add_modes(commands: Any) -> None:
     """The command and its options."""
-    parser = commands.add_parser("modes", help="the assembly modes over a given q")
+    what = "the assembly modes over a given q"
+    example = "example: ccpin modes rpdr --q-deg -100 -80"
+    parser = commands.add_parser("modes", help=what, description=what, epilog=example)
     add_mechanism(parser)
     add_vector(parser, "q", "independent coordinates (default: the reference's)")
-    parser.add_argument("--budget", type=float, metavar="S", help="stop after so many seconds (default: no limit)")
-    parser.add_argument("--patience", type=int, default=60, metavar="N", help="end after N closed starts without news")
-    parser.add_argument("--limit", type=int, default=2000, metavar="N", help="stop after N starts (default 2000)")
+    parser.add_argument("--budget", type=positive, metavar="S", help="stop after so many seconds (default: no limit)")
+    parser.add_argument(
+        "--patience", type=count, default=60, metavar="N", help="end after N closed starts without news"
+    )
+    parser.add_argument("--limit", type=count, default=2000, metavar="N", help="stop after N starts (default 2000)")
     parser.set_defaults(run=_modes)
 
 

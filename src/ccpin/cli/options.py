@@ -6,21 +6,36 @@ import argparse
 from typing import Any, get_args
 
 import numpy as np
+import shtab
 
 from ccpin.arrays import Array
+from ccpin.cli.command import MECHANISM, complete, index, nonnegative, positive
+from ccpin.cli.progress import busy
 from ccpin.control.sampling import Sampling
 from ccpin.description import FORMATS
+from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism import load as load_mechanism
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.limits import Effort, Limits, Position, Velocity
 from ccpin.simulation.motors import MotorModel
 
+_SAMPLED = (
+    "encoder_counts",
+    "velocity_cutoff_hz",
+    "saturation",
+    "delay_samples",
+    "encoder_noise",
+    "motor_lag",
+    "motor_rate",
+)
+"""What means something in a sampled loop only."""
+
 
 def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> None:
     """The mechanism and what overrides its file."""
     what = "a file (URDF with loops, SDF, robot.yaml, MJCF) or an installed model's name"
-    parser.add_argument("mechanism", help=what, nargs="?" if optional else None)
+    complete(parser.add_argument("mechanism", help=what, nargs="?" if optional else None), MECHANISM)
     parser.add_argument("--independent", nargs="+", metavar="JOINT", help="independent joints, in the order of q")
     parser.add_argument("--actuated", nargs="+", metavar="JOINT", help="actuated joints, in the order of u")
     still = "joints, or components as ball:rx, to hold still at the reference"
@@ -30,31 +45,34 @@ def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> No
     near = "the pose to close near: one of the file's by name, or joint=value … in rad and m"
     parser.add_argument("--reference", nargs="+", metavar="POSE", help=near)
     wide = "error of the file's lengths and angles, relative to a loop's size (default 1e-5)"
-    parser.add_argument("--geometry-tolerance", type=float, metavar="PART", help=wide)
+    parser.add_argument("--geometry-tolerance", type=nonnegative, metavar="PART", help=wide)
     parser.add_argument("--floating-base", action="store_true", help="free the root link")
     parser.add_argument("--format", choices=FORMATS, help="instead of telling it from the content")
     parser.add_argument("--model", metavar="NAME", help="which model of an SDF file, where it holds several")
-    parser.add_argument("--include-root", metavar="DIR", help="folder an SDF or MJCF file may include from (its own)")
+    below = "folder an SDF or MJCF file may include from (its own)"
+    complete(parser.add_argument("--include-root", metavar="DIR", help=below), shtab.DIRECTORY)
     parser.add_argument("--xacro-arg", nargs="+", metavar="NAME:=VALUE", default=[], help="arguments of a xacro file")
     parser.add_argument("--json", action="store_true", help="print machine-readable JSON (SI units, radians)")
 
 
 def load(options: argparse.Namespace) -> Mechanism:
     """The mechanism the options name."""
-    return load_mechanism(
-        options.mechanism,
-        independent=options.independent,
-        actuated=options.actuated,
-        locked=options.locked,
-        free=options.free,
-        reference=_pose(options.reference),
-        **({} if options.geometry_tolerance is None else {"geometry_tolerance": options.geometry_tolerance}),
-        floating_base=options.floating_base,
-        format=options.format,
-        model=options.model,
-        include_root=options.include_root,
-        xacro_arguments=_xacro_arguments(options.xacro_arg),
-    )
+    reference, xacro_arguments = _pose(options.reference), _xacro_arguments(options.xacro_arg)
+    with busy(options.json, f"loading {options.mechanism}"):
+        return load_mechanism(
+            options.mechanism,
+            independent=options.independent,
+            actuated=options.actuated,
+            locked=options.locked,
+            free=options.free,
+            reference=reference,
+            **({} if options.geometry_tolerance is None else {"geometry_tolerance": options.geometry_tolerance}),
+            floating_base=options.floating_base,
+            format=options.format,
+            model=options.model,
+            include_root=options.include_root,
+            xacro_arguments=xacro_arguments,
+        )
 
 
 def _xacro_arguments(written: list[str]) -> dict[str, str]:
@@ -96,14 +114,20 @@ def add_vector(parser: argparse.ArgumentParser, name: str, help_text: str) -> No
     group.add_argument(f"--{name}-deg", nargs="+", type=float, metavar="DEG", help=f"{help_text}, degrees")
 
 
-def vector(options: argparse.Namespace, name: str, mechanism: Mechanism) -> Array | None:
+def vector(options: argparse.Namespace, name: str, mechanism: Mechanism, scalar: bool = False) -> Array | None:
     """A vector option in SI units, from whichever of its two spellings was used; ``None`` where neither was.
 
+    It has one number a velocity where `scalar` says so, else as many as q has.
+
     Raises:
-        InvalidInputError: Degrees are given where an independent coordinate is no plain angle.
+        InvalidInputError: There are too few or too many numbers, or degrees are given where an independent coordinate
+            is no plain angle.
     """
     plain, degrees = getattr(options, name), getattr(options, f"{name}_deg")
     if degrees is None:
+        if plain is not None:
+            wanted = mechanism.n if scalar else mechanism.parametrization().coordinates.nq
+            _counted(f"--{name}", plain, wanted, mechanism)
         return None if plain is None else np.array(plain, dtype=np.float64)
     for coordinate in mechanism.independent:
         joint, component = mechanism.tree.split(coordinate)
@@ -114,68 +138,84 @@ def vector(options: argparse.Namespace, name: str, mechanism: Mechanism) -> Arra
                 f"({kind.name}) is none: give --{name} in rad and m, a continuous joint as its "
                 "cosine and sine"
             )
+    _counted(f"--{name}-deg", degrees, mechanism.n, mechanism)
     return np.asarray(np.radians(degrees), dtype=np.float64)
+
+
+def _counted(option: str, values: list[float], wanted: int, mechanism: Mechanism) -> None:
+    if len(values) != wanted:
+        what = f"takes {wanted} number{'s' if wanted != 1 else ''}, of {', '.join(mechanism.independent)}"
+        raise InvalidInputError(f"{option} {what}, not {len(values)}")
 
 
 def add_bench(parser: argparse.ArgumentParser) -> None:
     """What makes a simulated bench a real one: friction, sampling, encoders, filter, delay, limits, motors."""
     bench = parser.add_argument_group("the bench as it is", "each off by default but the motors' limits of effort")
-    bench.add_argument("--friction-coulomb", nargs="+", type=float, metavar="F", help="N m or N, one or n")
-    bench.add_argument("--friction-viscous", nargs="+", type=float, metavar="B", help="N m s/rad or N s/m, one or n")
-    bench.add_argument("--sample-rate", type=float, metavar="HZ", help="run the law as a sampled loop")
-    bench.add_argument("--encoder-counts", nargs="+", type=float, metavar="N", help="counts per turn (or metre)")
-    bench.add_argument("--velocity-cutoff-hz", type=float, metavar="HZ", help="low-pass filter of the velocity")
-    bench.add_argument("--saturation", nargs="+", type=float, metavar="U", help="largest effort, one or one a motor")
-    bench.add_argument("--delay-samples", type=int, default=0, metavar="K", help="samples from encoder to effort")
-    bench.add_argument("--encoder-noise", nargs="+", type=float, metavar="S", help="standard deviation, rad or m")
-    bench.add_argument("--seed", type=int, default=0, metavar="N", help="of the noise")
+    bench.add_argument("--friction-coulomb", nargs="+", type=nonnegative, metavar="F", help="N m or N, one or n")
+    bench.add_argument(
+        "--friction-viscous", nargs="+", type=nonnegative, metavar="B", help="N m s/rad or N s/m, one or n"
+    )
+    bench.add_argument("--sample-rate", type=positive, metavar="HZ", help="run the law as a sampled loop")
+    bench.add_argument("--encoder-counts", nargs="+", type=positive, metavar="N", help="counts per turn (or metre)")
+    bench.add_argument("--velocity-cutoff-hz", type=positive, metavar="HZ", help="low-pass filter of the velocity")
+    bench.add_argument("--saturation", nargs="+", type=positive, metavar="U", help="largest effort, one or one a motor")
+    bench.add_argument("--delay-samples", type=index, default=0, metavar="K", help="samples from encoder to effort")
+    bench.add_argument("--encoder-noise", nargs="+", type=nonnegative, metavar="S", help="standard deviation, rad or m")
+    bench.add_argument("--seed", type=index, default=0, metavar="N", help="of the noise")
     for name, words in (("position", Position), ("velocity", Velocity), ("effort", Effort)):
         usual = getattr(Limits(), name)
         bench.add_argument(f"--{name}-limits", choices=get_args(words), default=usual, help=f"default {usual}")
-    bench.add_argument("--motor-lag", type=float, default=0.0, metavar="S", help="time constant of the current loops")
     bench.add_argument(
-        "--motor-rate", type=float, default=np.inf, metavar="R", help="fastest change of an effort a second"
+        "--motor-lag", type=nonnegative, default=0.0, metavar="S", help="time constant of the current loops"
+    )
+    bench.add_argument(
+        "--motor-rate", type=positive, default=np.inf, metavar="R", help="fastest change of an effort a second"
     )
 
 
-def bench_settings(options: argparse.Namespace, n: int) -> dict[str, Any]:
+def bench_settings(options: argparse.Namespace, model: ReducedModel) -> dict[str, Any]:
     """The `friction`, `sampling`, `limits` and `motors` arguments of `simulate`.
 
     Raises:
-        InvalidInputError: An option of the sampled loop without --sample-rate, or a rate that is not positive.
+        InvalidInputError: An option of the sampled loop without --sample-rate, or one of a wrong length.
     """
     settings: dict[str, Any] = {
         "limits": Limits(options.position_limits, options.velocity_limits, options.effort_limits),
         "motors": MotorModel(lag=options.motor_lag, rate=options.motor_rate),
     }
-    if options.friction_coulomb is not None or options.friction_viscous is not None:
-        levels = (options.friction_coulomb, options.friction_viscous)
-        settings["friction"] = tuple([0.0] * n if level is None else each(level, n) for level in levels)
-    sampled = {
-        "encoder_counts": _numbers(options.encoder_counts),
-        "velocity_cutoff": options.velocity_cutoff_hz,
-        "saturation": _numbers(options.saturation),
-        "encoder_noise": _numbers(options.encoder_noise),
-    }
+    levels = [each(options, name, model.n) for name in ("friction_coulomb", "friction_viscous")]
+    if any(level is not None for level in levels):
+        settings["friction"] = tuple((0.0,) * model.n if level is None else level for level in levels)
     if options.sample_rate is None:
-        if options.delay_samples or any(value is not None for value in sampled.values()):
-            raise InvalidInputError("encoders, noise, velocity filter, saturation and delay belong to --sample-rate")
+        wanted = [_spelt(name) for name in _SAMPLED if getattr(options, name) not in (None, 0, 0.0, np.inf)]
+        if wanted:
+            raise InvalidInputError(f"{', '.join(wanted)}: needs a sampled loop; give its --sample-rate too")
         return settings
-    if not options.sample_rate > 0:
-        raise InvalidInputError(f"--sample-rate {options.sample_rate} must be positive")
     settings["sampling"] = Sampling(
         1.0 / options.sample_rate,
+        encoder_counts=each(options, "encoder_counts", model.n),
+        velocity_cutoff=options.velocity_cutoff_hz,
+        saturation=each(options, "saturation", model.n_actuated),
         delay=options.delay_samples,
+        encoder_noise=each(options, "encoder_noise", model.n) or 0.0,
         seed=options.seed,
-        **{name: value for name, value in sampled.items() if value is not None},
     )
     return settings
 
 
-def each(values: list[float], n: int) -> list[float]:
-    """The numbers of an option that takes one or n, as n."""
-    return values * n if len(values) == 1 else values
+def each(options: argparse.Namespace, name: str, n: int) -> tuple[float, ...] | None:
+    """The numbers of an option that takes one or n, as n; ``None`` where it was not used.
+
+    Raises:
+        InvalidInputError: There are others than one or n.
+    """
+    values: list[float] | None = getattr(options, name)
+    if values is None:
+        return None
+    if len(values) not in (1, n):
+        raise InvalidInputError(f"{_spelt(name)} takes one number or {n}, not {len(values)}")
+    return tuple(values if len(values) == n else values * n)
 
 
-def _numbers(values: list[float] | None) -> float | list[float] | None:
-    return values[0] if values is not None and len(values) == 1 else values
+def _spelt(name: str) -> str:
+    return f"--{name.replace('_', '-')}"

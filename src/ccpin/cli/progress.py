@@ -4,8 +4,38 @@ from __future__ import annotations
 
 import contextlib
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from typing import Any
+
+_PATIENCE = 1.0
+"""Seconds after which somebody who waits wants to know what for."""
+
+
+@contextlib.contextmanager
+def busy(quiet: bool, what: str) -> Iterator[None]:
+    """What is done and for how long, once it takes more than a second; nothing where no terminal shows it."""
+    if quiet or not sys.stderr.isatty():
+        yield
+        return
+    done = threading.Event()
+    teller = threading.Thread(target=_tell, args=(what, done), daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        done.set()
+        teller.join()
+
+
+def _tell(what: str, done: threading.Event) -> None:
+    if done.wait(_PATIENCE):
+        return
+    from tqdm import tqdm
+
+    with tqdm(desc=what, bar_format="{desc} … {elapsed}", leave=False) as bar:
+        while not done.wait(0.5):
+            bar.refresh()
 
 
 @contextlib.contextmanager

@@ -8,9 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shtab
 
 from ccpin.arrays import Array
-from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, load, vector
+from ccpin.cli.command import complete, count, nonnegative, positive
+from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, each, load, vector
+from ccpin.cli.progress import busy
 from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity, local_gains
 from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
@@ -20,10 +23,15 @@ from ccpin.simulation import METHODS, Settling, SupervisedMotion, Trajectory, ex
 from ccpin.simulation import simulate as run_simulation
 from ccpin.simulation.metrics import set_point_metrics
 
+_EXAMPLES = """\
+example: ccpin simulate rpdr --goal-deg -90 -100 --out out
+         ccpin simulate rpdr --start-deg -150 -160 --goal-deg -90 -100 --kp 11 --kv 0.65 0.60 --cycles 1 --wait 0.1"""
+
 
 def add_simulate(commands: Any) -> None:
     """The command and its options."""
-    parser = commands.add_parser("simulate", help="a set-point motion, once or in cycles, with figures and data")
+    what = "a set-point motion, once or in cycles, with figures and data"
+    parser = commands.add_parser("simulate", help=what, description=what, epilog=_EXAMPLES)
     add_mechanism(parser)
     add_vector(parser, "start", "where the motion starts at rest (default: the reference)")
     add_vector(parser, "goal", "the set point (default: the start)")
@@ -31,21 +39,22 @@ def add_simulate(commands: Any) -> None:
     parser.add_argument(
         "--kp",
         nargs="+",
-        type=float,
+        type=positive,
         metavar="K",
         help="proportional gains: n, or one where all q are angles or all lengths (default: for 10 rad/s at the goal)",
     )
-    parser.add_argument("--kv", nargs="+", type=float, metavar="K", help="velocity gains, alike (default: critical)")
-    parser.add_argument("--duration", type=float, default=1.0, metavar="S", help="seconds (default 1)")
-    parser.add_argument("--cycles", type=int, metavar="N", help="go to the goal and back N times")
-    parser.add_argument("--wait", type=float, default=2.5, metavar="S", help="wait at each end of a cycle")
-    parser.add_argument("--settle-deg", type=float, default=1.0, metavar="DEG", help="a cycle's band of arrival")
-    parser.add_argument("--settle-speed", type=float, default=0.01, metavar="V", help="and its speed, rad/s or m/s")
-    parser.add_argument("--band-deg", type=float, default=2.0, metavar="DEG", help="band of the settling time")
+    parser.add_argument("--kv", nargs="+", type=positive, metavar="K", help="velocity gains, alike (default: critical)")
+    parser.add_argument("--duration", type=positive, default=1.0, metavar="S", help="seconds (default 1)")
+    parser.add_argument("--cycles", type=count, metavar="N", help="go to the goal and back N times")
+    parser.add_argument("--wait", type=nonnegative, default=2.5, metavar="S", help="wait at each end of a cycle")
+    parser.add_argument("--settle-deg", type=positive, default=1.0, metavar="DEG", help="a cycle's band of arrival")
+    parser.add_argument("--settle-speed", type=positive, default=0.01, metavar="V", help="and its speed, rad/s or m/s")
+    parser.add_argument("--band-deg", type=positive, default=2.0, metavar="DEG", help="band of the settling time")
     parser.add_argument("--method", choices=METHODS, default="RK45", help="SciPy's integrator")
-    parser.add_argument("--rtol", type=float, default=1e-9)
-    parser.add_argument("--atol", type=float, default=1e-11)
-    parser.add_argument("--out", type=Path, metavar="DIR", help="write figures, CSV, npz, metrics and animation there")
+    parser.add_argument("--rtol", type=positive, default=1e-9, help="relative tolerance (default 1e-9)")
+    parser.add_argument("--atol", type=positive, default=1e-11, help="absolute tolerance (default 1e-11)")
+    written = "write figures, CSV, npz, metrics and animation there"
+    complete(parser.add_argument("--out", type=Path, metavar="DIR", help=written), shtab.DIRECTORY)
     add_bench(parser)
     parser.set_defaults(run=_simulate)
 
@@ -56,14 +65,16 @@ def _simulate(options: argparse.Namespace) -> int:
     start, goal = vector(options, "start", mechanism), vector(options, "goal", mechanism)
     start = model.alpha(mechanism.q_reference) if start is None else start
     goal = start if goal is None else goal
-    settings = {"method": options.method, "rtol": options.rtol, "atol": options.atol} | bench_settings(options, model.n)
+    settings = {"method": options.method, "rtol": options.rtol, "atol": options.atol} | bench_settings(options, model)
     if options.cycles is None:
         law = _law(model, options, goal, model.sigma(start))
-        trajectory = run_simulation(model, law, start, duration=options.duration, **settings)
+        with busy(options.json, "simulating"):
+            trajectory = run_simulation(model, law, start, duration=options.duration, **settings)
         moves = [(goal, trajectory)]
         goals = np.broadcast_to(goal, trajectory.q.shape)
     else:
-        motion = _cycles(model, options, start, goal, settings)
+        with busy(options.json, "simulating"):
+            motion = _cycles(model, options, start, goal, settings)
         trajectory, moves = motion.trajectory, [(move.goal, move.trajectory) for move in motion.moves]
         goals = np.array([next(m.goal for m in motion.moves if t <= m.end) for t in trajectory.t])
     band = np.radians(options.band_deg)
@@ -71,7 +82,8 @@ def _simulate(options: argparse.Namespace) -> int:
     result = {name: getattr(trajectory, name) for name in ("status", "message", "evaluations")} | {"moves": metrics}
     result["exceeded"] = [one._asdict() for one in exceeded(model, trajectory)]
     if options.out is not None:
-        _write(options.out, mechanism, trajectory, goals, result)
+        with busy(options.json, "drawing"):
+            _write(options.out, mechanism, trajectory, goals, result)
     print(
         json.dumps(result, indent=2) if options.json else _motion_in_words(mechanism, trajectory, result, options.out)
     )
@@ -86,15 +98,18 @@ def _law(model: ReducedModel, options: argparse.Namespace, goal: Array, q_free: 
         return law(model, goal, *local_gains(model, goal, guess=q_free), q_free)
     if options.kp is None or options.kv is None:
         raise InvalidInputError("--kp and --kv belong together (one for each independent velocity, or one number)")
-    kp, kv = (gains[0] if len(gains) == 1 else gains for gains in (options.kp, options.kv))
-    return law(model, goal, kp, kv, q_free)
+    return law(model, goal, _gain(options, "kp", model.n), _gain(options, "kv", model.n), q_free)
+
+
+def _gain(options: argparse.Namespace, name: str, n: int) -> float | tuple[float, ...]:
+    """One number as it is, so that its unit is checked; else n."""
+    gains = each(options, name, n) or ()
+    return gains[0] if len(getattr(options, name)) == 1 else gains
 
 
 def _cycles(
     model: ReducedModel, options: argparse.Namespace, start: Array, goal: Array, settings: dict[str, Any]
 ) -> SupervisedMotion:
-    if options.cycles < 1:
-        raise InvalidInputError("--cycles must be at least 1")
     return supervise(
         model,
         lambda target, q_free: _law(model, options, target, q_free),

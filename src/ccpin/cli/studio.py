@@ -12,7 +12,8 @@ from ccpin.cli.options import add_mechanism, load
 
 def add_studio(commands: Any) -> None:
     """The command and its options."""
-    parser = commands.add_parser("studio", help="move the mechanism by hand in the browser, with map and experiments")
+    what = "move the mechanism by hand in the browser, with map and experiments"
+    parser = commands.add_parser("studio", help=what, description=what, epilog="example: ccpin studio rpdr --port 8080")
     add_mechanism(parser)
     parser.add_argument("--port", type=int, default=0, metavar="N", help="serve there (default: any free port)")
     parser.add_argument("--no-browser", action="store_true", help="serve without opening a browser")

@@ -9,23 +9,34 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import shtab
+
+from ccpin.cli.command import complete, positive
 from ccpin.cli.options import add_mechanism, load
+from ccpin.cli.progress import busy
 from ccpin.errors import InvalidInputError
 from ccpin.simulation.forces import closure_forces
 from ccpin.simulation.trajectory import load_npz
 
+_EXAMPLES = """\
+example: ccpin view delta --out delta.html
+         ccpin simulate rpdr --goal-deg -100 -90 --duration 0.2 --out out
+         ccpin view rpdr --trajectory out/motion.npz --trace end_effector --forces --out motion.html"""
+
 
 def add_view(commands: Any) -> None:
     """The command and its options."""
-    parser = commands.add_parser("view", help="show the mechanism, or play a trajectory, in MeshCat")
+    what = "show the mechanism, or play a trajectory, in MeshCat"
+    parser = commands.add_parser("view", help=what, description=what, epilog=_EXAMPLES)
     add_mechanism(parser)
-    parser.add_argument("--trajectory", type=Path, metavar="NPZ", help="a motion.npz to play")
+    played = parser.add_argument("--trajectory", type=Path, metavar="NPZ", help="a motion.npz to play")
     written = "write a page (.html), a film (.mp4, .gif) or a picture (.png) instead of serving"
-    parser.add_argument("--out", type=Path, metavar="FILE", help=written)
+    for argument in (played, parser.add_argument("--out", type=Path, metavar="FILE", help=written)):
+        complete(argument, shtab.FILE)
     parser.add_argument("--trace", metavar="NAME", help="draw the path of a link or a loop's point")
     parser.add_argument("--forces", action="store_true", help="draw the forces that the closures carry")
     parser.add_argument("--no-browser", action="store_true", help="serve without opening a browser")
-    parser.add_argument("--speed", type=float, default=1.0, help="playing speed (default 1)")
+    parser.add_argument("--speed", type=positive, default=1.0, help="playing speed (default 1)")
     parser.set_defaults(run=_view)
 
 
@@ -41,10 +52,11 @@ def _view(options: argparse.Namespace) -> None:
     elif options.trace is not None or options.forces:
         raise InvalidInputError("--trace and --forces go with --trajectory: a pose alone has neither path nor forces")
     if options.out is not None:
-        with progress_bar(options.json) as drawn:
-            if motion is None:
+        if motion is None:
+            with busy(options.json, "drawing"):
                 visualization.snapshot(mechanism, None, options.out)
-            else:
+        else:
+            with progress_bar(options.json) as drawn:
                 visualization.animate(mechanism, motion.t, motion.q_free, options.out, progress=drawn, **shown)
         print(json.dumps({"out": str(options.out)}) if options.json else f"wrote {options.out}")
         return

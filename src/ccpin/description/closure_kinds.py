@@ -96,7 +96,7 @@ class PlaneNormal(NamedTuple):
 
 def _same_point(normal: PlaneNormal) -> tuple[Row, ...]:
     """p_A = p_B: −e·gap for three axes e of C, the last along the normal."""
-    return tuple((Product(-1.0, Fixed("C", e), GAP),) for e in _plane_axes(normal.C))
+    return tuple((Product(-1.0, Fixed("C", e), GAP),) for e in plane_axes(normal.C))
 
 
 def _perpendicular(a: Array, b: Array) -> Row:
@@ -131,7 +131,7 @@ def _about_z(hint: Array | None) -> Array:
     return np.column_stack([np.cross(y, Z), y, Z])
 
 
-def _plane_axes(normal: Array | None) -> Array:
+def plane_axes(normal: Array | None) -> Array:
     """Three unit vectors, the last the normal, the coordinate axes where they span the plane (rows)."""
     if normal is None:
         return np.eye(3)

@@ -101,8 +101,8 @@ class Boxes(NamedTuple):
     kappa: Array
 
     def take(self, index: Indices | Mask) -> Boxes:
-        """The boxes chosen by an index or a mask."""
-        return rows_of(self, index)
+        """The boxes chosen by an index or a mask; these themselves where a mask has all."""
+        return self if index.dtype == np.bool_ and index.all() else rows_of(self, index)
 
     def without_rows(self, p: int) -> Boxes:
         """No boxes (B = 0), with p parameters."""

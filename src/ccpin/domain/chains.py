@@ -4,7 +4,8 @@ x_c is the tip of a serial chain: a point, or a fixed direction. Every closure r
 
 - a product w e·(p_B − p_A) with e fixed in the ancestor C is two chains rooted at C, with weights w e and −w e;
 - a product of a vector a fixed in frame A with one of frame B or with the gap is one chain rooted at frame A, which
-  runs up to C through the joints of A reversed and down to frame B, with weight w a; likewise with A and B changed.
+  runs up to C through the joints of A reversed and down to frame B, with weight w a; likewise with A and B changed;
+- a distance is kept by a rod (`rods`), whose angles are dependent coordinates behind the mechanism's own.
 
 The derivatives of a tip follow from its joints in the order root to tip, with axes a, origins o and
 b = a × (x − o) for a revolute joint of a point chain, a × x of a direction chain, a for a prismatic joint of a
@@ -28,8 +29,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Indices, Mask, numbers
-from ccpin.description.closure_kinds import Fixed, Gap, Vector
+from ccpin.description.closure_kinds import Fixed, Gap, Vector, plane_axes
 from ccpin.domain.chart import Chart, Elementary, chart_at, elementary_joints, independent_indices
+from ccpin.domain.rods import Rod, rod_length, rod_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.loops import ResolvedClosure
@@ -76,6 +78,7 @@ class ClosureSystem:
         scale: An upper bound of every length that enters φ apart from slides, for rounding margins (m).
         depth: The largest number of joints in a chain.
         chart: How θ and q′ correspond.
+        rods: The rods that keep distances; their angles come last in θ.
     """
 
     chains: tuple[Chain, ...]
@@ -88,6 +91,7 @@ class ClosureSystem:
     scale: float
     depth: int
     chart: Chart
+    rods: tuple[Rod, ...]
 
     @property
     def n(self) -> int:
@@ -101,8 +105,13 @@ class ClosureSystem:
 
     @property
     def n_free(self) -> int:
-        """n′, the size of θ."""
-        return self.chart.n_free
+        """The size of θ: n′, and the angles of rods."""
+        return int(self.couplings.shape[1])
+
+    def theta(self, q_free: Array) -> Array:
+        """θ of a configuration (nq,): the chart's, and where the rods point."""
+        theta = self.chart.theta(q_free)
+        return np.concatenate([theta, *(rod.angles(theta) for rod in self.rods)])
 
     @property
     def rounding(self) -> float:
@@ -137,24 +146,34 @@ def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
     constraints, chart = mechanism.constraints(), chart_at(mechanism, q_free)
     independent = independent_indices(mechanism, chart)
     _refuse_redundant(mechanism, constraints)
-    builder = _ChainCollector(mechanism, chart, constraints.size)
+    elementary, centre = elementary_joints(mechanism, chart), chart.theta(q_free)
+    rods: dict[int, Rod] = {}
+    for k, loop in enumerate(constraints.loops):
+        if (length := rod_length(loop)) is not None:
+            down = steps_along(elementary, loop.path_a), steps_along(elementary, loop.path_b)
+            first = max((rod.place.stop for rod in rods.values()), default=chart.n_free)
+            rods[k] = rod_of(loop, length, down, centre, first)
+    angles = sum(rod.place.stop - rod.place.start for rod in rods.values())
+    builder = _ChainCollector(elementary, chart.n_free + angles, constraints.size + angles)
     row = 0
-    for loop in constraints.loops:
-        builder.add_loop(loop, row)
-        row += loop.size
+    for k, loop in enumerate(constraints.loops):
+        row = builder.add_rod(loop, rods[k], row) if k in rods else builder.add_loop(loop, row)
     builder.add_couplings(constraints, row)
-    slides = np.array([slides for joint in chart.joints for slides in joint.kind.slides], dtype=np.bool_)
+    slides = np.array(
+        [slides for joint in chart.joints for slides in joint.kind.slides] + angles * [False], dtype=np.bool_
+    )
     return ClosureSystem(
         chains=tuple(builder.chains),
         couplings=builder.couplings,
         offset=builder.offset,
         moduli=builder.moduli,
         independent=independent,
-        dependent=np.setdiff1d(np.arange(chart.n_free), independent),
+        dependent=np.setdiff1d(np.arange(len(slides)), independent),
         periodic=~slides & ~np.any(builder.couplings != 0.0, axis=0),
         scale=_scale(builder),
         depth=max((len(chain.joints) for chain in builder.chains), default=0),
         chart=chart,
+        rods=tuple(rods.values()),
     )
 
 
@@ -187,24 +206,33 @@ def _largest_row(chain: Chain) -> float:
 class _ChainCollector:
     """Collects chains and rows in the order of `Constraints`."""
 
-    def __init__(self, mechanism: Mechanism, chart: Chart, rows: int) -> None:
-        self.elementary = elementary_joints(mechanism, chart)
+    def __init__(self, elementary: list[list[Elementary]], n_free: int, rows: int) -> None:
+        self.elementary = elementary
         self.rows = rows
         self.chains: list[Chain] = []
-        self.couplings = np.zeros((rows, chart.n_free))
+        self.couplings = np.zeros((rows, n_free))
         self.offset, self.moduli = np.zeros(rows), np.zeros(rows)
 
-    def add_loop(self, loop: ResolvedClosure, first: int) -> None:
-        """One loop's rows, chain by chain: products that share a root and a tip share a chain."""
+    def add_rod(self, loop: ResolvedClosure, rod: Rod, first: int) -> int:
+        """The rows p_B − (the rod's end) = 0, without that along the normal of a plane; the next row's number."""
+        axes = plane_axes(loop.normal)[: 2 if rod.planar else 3]
+        weights = np.zeros((self.rows, 3))
+        weights[first : first + len(axes)] = axes
+        self.add_chain([*rod.path_b], rod.frame_b[:3, 3], False, weights)
+        self.add_chain([*rod.path_a, *rod.steps()], rod.tip, False, -weights)
+        return first + len(axes)
+
+    def add_loop(self, loop: ResolvedClosure, first: int) -> int:
+        """One loop's rows: products that share a root and a tip share a chain; the next row's number."""
         tips: dict[tuple[str, str, bytes], tuple[Array, Array]] = {}
         for k, row in enumerate(loop.rows.rows, start=first):
             for weight, left, right in row:
                 root, other = (right, left) if isinstance(left, Gap) else (left, right)
                 if isinstance(root, Gap):
                     raise UnsupportedMechanismError(
-                        f"closure '{loop.closure.name}' keeps a distance: its row is quadratic in the chain, which the "
-                        "certificate does not bound; describe the rod as a link on a universal joint, closed by a "
-                        "spherical one"
+                        f"closure '{loop.closure.name}' ({loop.closure.kind}): a row with the gap squared that is no "
+                        "plain distance is not bounded; describe what keeps it as a link on a universal joint, closed "
+                        "by a spherical one"
                     )
                 for sign, end, tip in _ends(loop, root, other):
                     key = (root.frame, end, tip.tobytes())
@@ -216,6 +244,7 @@ class _ChainCollector:
         for (start, end, _), (tip, weights) in tips.items():
             path = [] if start == end else [*_reversed(frames[start], down[start]), *down[end]]
             self.add_chain(path, tip[:3], not tip[3], weights)
+        return first + loop.size
 
     def add_couplings(self, constraints: Constraints, row: int) -> None:
         for k, coupling in enumerate(constraints.couplings, start=row):
@@ -323,7 +352,7 @@ def seed_at_configuration(mechanism: Mechanism | HasMechanism, q_free: Array) ->
     parametrization = mechanism.parametrization()
     closed = parametrization.sigma(parametrization.coordinates.alpha(q_free), guess=q_free).q_free
     system = closure_system(mechanism, closed)
-    return Seed(system, system.chart.theta(closed))
+    return Seed(system, system.theta(closed))
 
 
 def scalar_coordinates_at(mechanism: Mechanism | HasMechanism, q_free: Array) -> Array:
@@ -362,6 +391,6 @@ def seed_at_coordinates(mechanism: Mechanism, q0: ArrayLike, guess: ArrayLike | 
     q = parametrization.coordinates.alpha(system.chart.configuration(theta))
     closed = parametrization.sigma(q, guess=start).q_free
     system = closure_system(mechanism, closed)
-    theta = system.chart.theta(closed)
+    theta = system.theta(closed)
     theta[system.independent] = q0
     return Seed(system, theta)

@@ -112,7 +112,8 @@ def independent_indices(mechanism: Mechanism, chart: Chart) -> NDArray[np.intp]:
         if turning and joint.kind.unit == 4:
             raise UnsupportedMechanismError(
                 f"'{name}' is independent and turns about several axes at once: a certified region is a box in "
-                "scalar coordinates, so name 1-dof joints (or planar and translation components) as independent"
+                "scalar coordinates, so name 1-dof joints (or planar and translation components) as independent, "
+                "and leave idle spins locked (load without free=)"
             )
         chosen += [names.index(component) for component in wanted]
     return np.array(chosen, dtype=np.intp)

@@ -55,6 +55,7 @@ class GravityBounds(NamedTuple):
         hessian: Of shape (B, n, n).
         remainder: Of shape (B,).
         variation: Symmetric, nonnegative, of shape (B, n, n).
+        turning: A bound of |ρ − D| entrywise, by chart rates, of shape (B, n′, n).
     """
 
     value: Array
@@ -62,6 +63,7 @@ class GravityBounds(NamedTuple):
     hessian: Array
     remainder: Array
     variation: Array
+    turning: Array
 
     @property
     def norm(self) -> Array:
@@ -103,12 +105,14 @@ def gravity_bounds(problem: Problem, potential: Potential, boxes: Boxes) -> Grav
     """Bounds over proved boxes of q-space (D's independent rows are I)."""
     box = _expand(problem, potential, boxes)
     rows = np.swapaxes(boxes.directions, 1, 2)
+    pull, eta = _slopes(box)
     return GravityBounds(
         value=box.value,
         gradient=apply(rows, box.slope[:, -1]),
         hessian=_symmetric(rows @ box.curvature[:, -1] @ boxes.directions),
         remainder=_remainder(box) * SLACK,
-        variation=_symmetric(_variation(box)) * SLACK,
+        variation=_symmetric(_variation(box, pull, eta)) * SLACK,
+        turning=np.abs(box.modes) @ eta * SLACK,
     )
 
 
@@ -170,16 +174,21 @@ def _remainder(box: _Expansion) -> Array:
     return np.asarray(total + box.margin[:, -1] * (1.0 + moves.sum(axis=1)) ** 2)
 
 
-def _variation(box: _Expansion) -> Array:
-    """The entrywise bound of ∂g/∂q − H, of shape (B, n, n).
+def _slopes(box: _Expansion) -> tuple[Array, Array]:
+    """|(f, L)_ζ − (I, 0)| on the tube, of shape (B, m + 1, m), and η ≥ |f_ζ⁻¹f_δ|, of shape (B, m, n)."""
+    m = box.modes.shape[2]
+    pull = _slope_bound(box, box.modes, np.eye(m + 1, m))
+    return pull, _inverse_bound(box.boxes, pull[:, :m], _slope_bound(box, box.boxes.directions, 0.0)[:, :m])
 
-    With η ≥ |f_ζ⁻¹f_δ| and P = |D| + |E|η ≥ |ρ| it is, term by term, the cross terms of ρᵀL_θθ(θ_c)ρ, PᵀΔ_L P, and
+
+def _variation(box: _Expansion, pull: Array, eta: Array) -> Array:
+    """The entrywise bound of ∂g/∂q − H, of shape (B, n, n), from what `_slopes` gives.
+
+    With P = |D| + |E|η ≥ |ρ| it is, term by term, the cross terms of ρᵀL_θθ(θ_c)ρ, PᵀΔ_L P, and
     |L_ζ||ζ″|.
     """
     m = box.modes.shape[2]
-    pull = _slope_bound(box, box.modes, np.eye(m + 1, m))
     defect = pull[:, :m]
-    eta = _inverse_bound(box.boxes, defect, _slope_bound(box, box.boxes.directions, 0.0)[:, :m])
     change = _curvature_change(box, eta)
     still = np.swapaxes(box.boxes.directions, 1, 2)[:, None] @ box.curvature[:, :m] @ box.boxes.directions[:, None]
     second = _inverse_bound(box.boxes, defect, np.abs(still) + change[:, :m])
@@ -296,10 +305,15 @@ def potential_of(mechanism: Mechanism, system: ClosureSystem, gravity: Array | N
         stack=stack_chains(tuple(chains), system.n_free, 1),
         forces=np.array([np.linalg.norm(chain.weights) for chain in chains]),
         lengths=np.array(lengths),
-        stiffness=np.array(joints.stiffness),
-        rest=np.array(joints.spring_reference),
+        stiffness=_padded(joints.stiffness, system.n_free),
+        rest=_padded(joints.spring_reference, system.n_free),
         rounding=(128.0 * (depth + 2) + 4.0 * system.n_free) * UNIT_ROUNDOFF,
     )
+
+
+def _padded(values: Array, size: int) -> Array:
+    """Values of the joints (n′,), zero for the angles of rods, of shape (size,)."""
+    return np.concatenate([values, np.zeros(size - len(values))])
 
 
 def potential_values(potential: Potential, theta: Array) -> PotentialValues:

@@ -12,25 +12,27 @@ be thought of as not meeting itself there: σ may be different the second time r
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from functools import reduce
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import BPoly, BSpline, PPoly
+from scipy.interpolate import BSpline, PPoly
 
-from ccpin.arrays import Array, joined, numbers
-from ccpin.domain.boxes import BoundsName, Boxes, Problem, certify_boxes, certify_points, closure_values, problem_of
+from ccpin.arrays import Array, numbers
+from ccpin.domain.boxes import BoundsName, Boxes, Problem, closure_values, problem_of
 from ccpin.domain.chains import seed_at_coordinates
-from ccpin.domain.newton import encloses, extrapolate, glued, newton, solve_in_boxes
-from ccpin.errors import InvalidInputError, SingularConfigurationError
+from ccpin.domain.newton import newton, solve_in_boxes
+from ccpin.domain.pieces import chord_of, pieces_of
+from ccpin.domain.refutation import empty_witness, singular_witness
+from ccpin.domain.verdict import Verdict, Witness
+from ccpin.domain.walker import SHORTEST, TRIES, Walker
+from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
-_TRIES = np.array([4.0, 2.0, 1.0, 0.5, 0.25])
-_SHORTEST = 1e-7
-_NEWTON = 12
+_AHEAD = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4])
+_BACK = (1, 3, 6, 12)
+_SAMPLES = 100
+_STRAIGHT = 1e-13  # the rounding that every chord's deviation is given
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +40,14 @@ class CertifiedPath:
     """What was proved of a path.
 
     Attributes:
-        complete: Whether the whole path is certified.
-        reached: The parameter up to which it is.
-        reason: Why it ends there; empty where complete.
+        verdict: ``"proven"``: σ stays on its branch along the whole tube. ``"refuted"``: it does not, as `witness`
+            shows: the branch meets a singular configuration in the tube (`ccpin.domain.refutation`), or some q of the
+            path has no closed configuration at all. ``"undecided"``: neither was proved.
+        reached: The parameter up to which the path is certified.
+        reason: The verdict in a sentence.
+        witness: Where the claim fails, if it was refuted.
         rcond: Reciprocal condition number of φ_y at `reached`.
+        tried: How many boxes were tried.
         times: Parameters between the boxes, of shape (B + 1,).
         tube: Half widths of the tube, of shape (n,).
         boxes: The boxes, in order.
@@ -49,10 +55,12 @@ class CertifiedPath:
         problem: The closures.
     """
 
-    complete: bool
+    verdict: Verdict
     reached: float
     reason: str
+    witness: Witness | None
     rcond: float
+    tried: int
     times: Array
     tube: Array
     boxes: Boxes
@@ -119,174 +127,85 @@ def certify_path(
     if not (np.all(np.isfinite(widths)) and np.all(widths >= 0.0)):
         raise InvalidInputError(f"tube must be a nonnegative number or {mechanism.n} of them; it is {tube!r}")
     seed = seed_at_coordinates(mechanism, pieces(pieces.x[0]), guess)
-    return _Walker(problem_of(seed.system, bounds), pieces, widths, seed.theta).walk()
+    walker = Walker(problem_of(seed.system, bounds), pieces, widths, seed.theta)
+    stopped = walker.walk()
+    witness = None if stopped is None else _refuted(walker, stopped)
+    return CertifiedPath(
+        verdict="proven" if stopped is None else "refuted" if witness else "undecided",
+        reached=walker.here,
+        reason=_reason(walker, stopped, witness),
+        witness=witness,
+        rcond=walker.rcond(),
+        tried=walker.tried,
+        times=np.array(walker.times),
+        tube=widths,
+        boxes=walker.boxes,
+        pieces=pieces,
+        problem=walker.problem,
+    )
 
 
-class _Stretch(NamedTuple):
-    """A box tried from the walker's place, and the parameter it leads to."""
+def _refuted(walker: Walker, knot: float) -> Witness | None:
+    """A place in the tube ahead at which the claim is proved to fail, seen from here or from some steps before."""
+    for steps in (0, *_BACK):
+        if steps < len(walker.times):
+            before = walker.back(steps)
+            found = singular_witness(before, _targets(before, min(knot, _next_knot(before))))
+            if found is not None:
+                return found
+    ahead = walker.pieces(np.linspace(walker.here, walker.pieces.x[-1], _SAMPLES))
+    return empty_witness(walker.problem, ahead)
 
-    box: Boxes
-    end: float
+
+def _next_knot(walker: Walker) -> float:
+    """Where the piece that the walker is about to enter ends."""
+    knots = walker.pieces.x
+    return float(knots[min(int(np.searchsorted(knots, walker.here, side="right")), len(knots) - 1)])
 
 
-class _Walker:
-    def __init__(self, problem: Problem, pieces: PPoly, tube: Array, theta: Array) -> None:
-        self.problem, self.pieces, self.tube, self.theta = problem, pieces, tube, theta
-        self.boxes: list[Boxes] = []
-        self.times = [float(pieces.x[0])]
-        point = certify_points(problem, theta[None])
-        if not point.proved[0]:
-            raise SingularConfigurationError(
-                "the path starts too close to a singular configuration", q_free=theta, rcond=self.rcond()
+def _targets(walker: Walker, knot: float) -> list[Array]:
+    """Points q such that the segment from the walker's place to them lies in the tube, the more likely ones first.
+
+    Ahead on the path, and at the tube's corner on either side of the image of the fold that is near: its normal is
+    uᵀφ_q, u the left singular vector of φ_y's smallest singular value.
+    """
+    system, here = walker.problem.system, walker.here
+    jacobian = closure_values(walker.problem, walker.theta[None])[1][0]
+    normal = np.linalg.svd(jacobian[:, system.dependent])[0][:, -1] @ jacobian[:, system.independent]
+    corner = walker.tube * np.sign(normal)
+    corners = [side * corner for side in (1.0, -1.0)] if np.any(corner) else []
+    start, ahead, targets = walker.theta[system.independent], list[Array](), list[Array]()
+    for end in here + (knot - here) * _AHEAD:
+        chord = chord_of(walker.pieces, here, float(end))
+        if np.all(chord.deviation <= np.maximum(walker.tube, _STRAIGHT)):
+            ahead = ahead or [chord.end]
+            room = max(
+                0.0,
+                1.0
+                - float(
+                    np.max(chord.deviation / np.maximum(walker.tube, 1e-300), where=walker.tube > 0.0, initial=0.0)
+                ),
             )
-        self.point = point.boxes
+            targets += [chord.end + room * aside for aside in corners]
+    return [*ahead, *(start + aside for aside in corners), *targets]
 
-    def walk(self) -> CertifiedPath:
-        """Step after step, each as long as can be proved, until the end or until no step can."""
-        knots = self.pieces.x
-        span = float(knots[-1] - knots[0])
-        stride, reason = 0.25 * float(knots[1] - knots[0]), ""
-        for knot in knots[1:]:
-            while self.times[-1] < knot:
-                step = self.step(knot, stride * _TRIES, self.tube)
-                if step is not None:
-                    stride = max(step.end - self.times[-1], 0.5 * stride)
-                    self.accept(step)
-                elif stride > _SHORTEST * span:
-                    stride *= 0.125
-                else:
-                    reason = self.explain(knot, stride)
-                    break
-            if reason:
-                break
-        return self.result(reason)
 
-    def step(self, knot: float, strides: Array, tube: Array) -> _Stretch | None:
-        """The longest stretch from here, to the next knot at most, that can be proved and glued to what came before."""
-        system, here = self.problem.system, self.times[-1]
-        ends = np.unique(np.minimum(here + strides, knot))
-        ends = ends[ends > here]
-        if not ends.size:
-            return None
-        chords = [chord_of(self.pieces, here, end) for end in ends]
-        centre = np.array([0.5 * (chord.start + chord.end) for chord in chords])
-        across = np.array([np.column_stack([0.5 * (chord.end - chord.start), np.eye(system.n)]) for chord in chords])
-        half = np.array([np.concatenate([[1.0], tube + chord.deviation]) for chord in chords])
-        with np.errstate(all="ignore"):
-            found = newton(
-                self.problem, extrapolate(self.problem, self.theta, centre - self.theta[system.independent]), _NEWTON
-            )
-        attempt = certify_boxes(self.problem, found.theta, half, across)
-        proved = np.flatnonzero(attempt.proved & found.settled)
-        for k in proved[::-1]:
-            box = attempt.boxes.take(np.array([k]))
-            if self.continues(box, chords[k]):
-                return _Stretch(box, float(ends[k]))
-        return None
-
-    def continues(self, box: Boxes, chord: Chord) -> bool:
-        """Whether a box carries the solution of the last one (or of the start) at their common parameter."""
-        offset = chord.start - (box.centre[0] - box.directions[0, :, 0])[self.problem.system.independent]
-        delta = np.append(-1.0, offset)[None]
-        if not self.boxes:
-            ball = self.point.centre, self.point.radius, self.point.modes
-            return bool(encloses(self.problem, box, delta, *ball)[0])
-        return bool(glued(self.problem, self.boxes[-1], np.eye(1, delta.size), box, delta)[0])
-
-    def accept(self, step: _Stretch) -> None:
-        """Go to the end of a proved stretch."""
-        self.boxes.append(step.box)
-        self.times.append(step.end)
-        self.theta = solve_in_boxes(self.problem, step.box, np.eye(1, 1 + len(self.tube))).theta[0]
-
-    def explain(self, knot: float, stride: float) -> str:
-        """Why no step is possible here."""
-        place = f"at parameter {self.times[-1]:.9g}, q = {self.theta[self.problem.system.independent].tolist()}"
-        narrow = self.step(knot, stride * _TRIES, np.zeros_like(self.tube))
-        condition = f"the reciprocal condition number of φ_y is {self.rcond():.1e}"
-        if narrow is not None:
-            return (
-                f"a tube of half width {self.tube.max():.3g} meets a singularity (or is too wide) {place}: {condition}"
-            )
-        return f"the path runs into a singularity or the end of the workspace {place}: {condition}"
-
-    def rcond(self) -> float:
-        """Reciprocal condition number (2-norm) of φ_y here."""
-        jacobian = closure_values(self.problem, self.theta[None])[1][0][:, self.problem.system.dependent]
-        singular = np.linalg.svd(jacobian, compute_uv=False)
-        return float(singular[-1] / singular[0])
-
-    def result(self, reason: str) -> CertifiedPath:
-        """What was proved."""
-        return CertifiedPath(
-            complete=not reason,
-            reached=self.times[-1],
-            reason=reason,
-            rcond=self.rcond(),
-            times=np.array(self.times),
-            tube=self.tube,
-            boxes=joined([self.point.without_rows(1 + self.problem.system.n), *self.boxes]),
-            pieces=self.pieces,
-            problem=self.problem,
+def _reason(walker: Walker, knot: float | None, witness: Witness | None) -> str:
+    """The verdict in a sentence: what was spent, and what more would do."""
+    spent = f"{len(walker.times) - 1} boxes of {walker.tried} tried"
+    if knot is None:
+        return f"σ stays on its branch along the whole tube: {spent}"
+    if witness is not None and witness.kind == "empty":
+        return f"the path leaves the workspace: no configuration closes the loops at q = {witness.q.tolist()}"
+    if witness is not None:
+        return (
+            f"the branch is singular in the tube, at q = {witness.q.tolist()} (to {witness.error:.1e}); it is "
+            f"certified up to parameter {walker.here:.9g}"
         )
-
-
-# Paths in q-space as polynomial pieces, with bounds of how far a piece strays from its chord.
-
-_CONTINUOUS = 1e-9
-
-
-class Chord(NamedTuple):
-    """A stretch of one piece: end points (n,), and how far it strays from the straight line between them, (n,)."""
-
-    start: Array
-    end: Array
-    deviation: Array
-
-
-def pieces_of(path: ArrayLike | PPoly | BSpline, n: int) -> PPoly:
-    """Read a polyline (waypoints of shape (K, n), parameter 0 … K − 1) or a SciPy spline with values of shape (n,).
-
-    Raises:
-        InvalidInputError: It has the wrong shape, is not finite, or jumps.
-    """
-    if isinstance(path, BSpline):
-        path = _polynomials(path, path.k, np.unique(path.t[path.k : len(path.t) - path.k]))
-    if isinstance(path, PPoly):
-        knots, coefficients = np.asarray(path.x, dtype=np.float64), np.asarray(path.c, dtype=np.float64)
-        if coefficients.ndim != 3 or coefficients.shape[2] != n:
-            raise InvalidInputError(f"the spline's values must have shape ({n},); its coefficients have {path.c.shape}")
-        long = np.flatnonzero(np.diff(knots) > 0.0)
-        knots, coefficients = np.append(knots[long], knots[long[-1] + 1]), coefficients[:, long]
-    else:
-        points = numbers(path, "path")
-        if points.ndim != 2 or points.shape[1] != n or len(points) < 2:
-            raise InvalidInputError(f"a path is at least two waypoints of shape (K, {n}); it has shape {points.shape}")
-        knots, coefficients = np.arange(len(points), dtype=np.float64), np.stack([np.diff(points, axis=0), points[:-1]])
-    if not (np.all(np.isfinite(coefficients)) and np.all(np.isfinite(knots))):
-        raise InvalidInputError("the path is not finite")
-    ends = reduce(lambda total, c: total * np.diff(knots)[:-1, None] + c, coefficients[:, :-1])
-    jumps = np.abs(ends - coefficients[-1, 1:]).max(axis=1, initial=0.0)
-    if np.any(jumps > _CONTINUOUS):
-        worst = int(np.argmax(jumps))
-        raise InvalidInputError(f"the path jumps by {jumps[worst]:.3g} at parameter {knots[worst + 1]:.6g}")
-    return PPoly(coefficients, knots)
-
-
-def _polynomials(spline: BSpline | PPoly, degree: int, knots: Array) -> PPoly:
-    """A spline by its Taylor coefficients at each knot, one polynomial between two distinct knots."""
-    coefficients = [spline(knots[:-1], nu=k) / math.factorial(k) for k in reversed(range(degree + 1))]
-    return PPoly(np.array(coefficients), knots)
-
-
-def chord_of(pieces: PPoly, start: float, end: float) -> Chord:
-    """The stretch from parameter `start` to `end`, both of one piece.
-
-    In Bernstein form the polynomial is a convex combination of its coefficients b_i, and the chord of the
-    coefficients of the line, b_0 + (i/d)(b_d − b_0): their largest difference bounds the deviation.
-    """
-    degree = len(pieces.c) - 1
-    bernstein = BPoly.from_power_basis(_polynomials(pieces, degree, np.array([start, end]))).c[:, 0]
-    line = np.linspace(bernstein[0], bernstein[-1], degree + 1)
-    rounding = 1e-14 * (1.0 + np.abs(bernstein).max(axis=0))
-    return Chord(bernstein[0], bernstein[-1], np.abs(bernstein - line).max(axis=0) + rounding)
+    place = f"at parameter {walker.here:.9g}, q = {walker.theta[walker.problem.system.independent].tolist()}"
+    condition = f"the reciprocal condition number of φ_y is {walker.rcond():.1e}; {spent}"
+    span = float(walker.pieces.x[-1] - walker.pieces.x[0])
+    if walker.step(knot, SHORTEST * span * TRIES, np.zeros_like(walker.tube)) is not None:
+        width = f"a tube of half width {walker.tube.max():.3g}"
+        return f"{width} is too wide {place}: {condition}; a narrower tube= goes farther"
+    return f"no box could be proved {place}: {condition}; a path that keeps clear of the singularity there would do"

@@ -27,6 +27,10 @@ from numpy.typing import ArrayLike
 from scipy import optimize
 
 from ccpin.arrays import Array, numbers, positive, whole
+from ccpin.domain.boxes import problem_of
+from ccpin.domain.chains import closure_system
+from ccpin.domain.folds import fold_directions, singular_points
+from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
@@ -36,6 +40,7 @@ from ccpin.mechanism.outline import plane_of_motion
 
 RowFunction = Callable[[Array, Array], tuple[Array, Array]]
 _SOLVED = 1e-11
+_NEAR = 1e-6
 
 
 CurveKind = Literal["fold", "self-motion", "serial"]
@@ -50,12 +55,24 @@ class SingularCurve(NamedTuple):
         q: Image in the independent coordinates, of shape (k, 2); one row for a self-motion.
         q_free: Configurations, of shape (k, nq).
         closed: Whether the curve returns to its start (turns of 2π of a joint not counted).
+        error: How near each point is to a configuration proved to be singular (Theorem S of `ccpin.domain.folds`), rad
+            or m; NaN where none is proved: on serial curves, self-motions, and where a fold is not simple. Of shape
+            (k,).
     """
 
     kind: CurveKind
     q: Array
     q_free: Array
     closed: bool
+    error: Array
+
+    @property
+    def verdict(self) -> Verdict:
+        """``"proven"`` where every point is next to a configuration proved to be singular, else ``"undecided"``.
+
+        That there are no other curves is never claimed, and no point is a claim that could be refuted.
+        """
+        return "proven" if bool(np.isfinite(self.error).all()) else "undecided"
 
 
 class SingularityDistance(NamedTuple):
@@ -81,7 +98,7 @@ def singularities(
     """All singular curves met from deterministic starts, folds first.
 
     The search is sampled: a curve that no start leads to is missed; every curve returned satisfies the equations
-    above to 1e-11 at each point.
+    above to 1e-11 at each point, and `error` says how near that is to a configuration proved to be singular.
 
     Args:
         mechanism: With n = 2, plain scalar joints (revolute, prismatic) and no redundant rows.
@@ -96,7 +113,20 @@ def singularities(
     mechanism = mechanism_of(mechanism)
     selection = mechanism.parametrization().coordinates.jacobian(mechanism.q_reference)
     rows = selection, np.zeros_like(selection)
-    return _all_curves(_SingularEquations(mechanism, lambda q_free, w: rows), starts, step, limit, progress)
+    curves = _all_curves(_SingularEquations(mechanism, lambda q_free, w: rows), starts, step, limit, progress)
+    return tuple(curve._replace(error=_proved_near(mechanism, curve)) for curve in curves)
+
+
+def _proved_near(mechanism: Mechanism, curve: SingularCurve) -> Array:
+    """The distances from a curve's points to configurations proved to be singular, of shape (k,)."""
+    problem = problem_of(closure_system(mechanism, mechanism.q_reference), "reach")
+    theta = np.array([problem.system.theta(q_free) for q_free in curve.q_free])
+    best = np.full(len(theta), np.nan)
+    for directions in fold_directions(problem, theta):
+        found = singular_points(problem, theta, directions)
+        distance = np.abs(found.theta - theta).max(axis=1) + found.error
+        best = np.fmin(best, np.where(found.proved & (distance <= _NEAR), distance, np.nan))
+    return best
 
 
 def serial_singularities(
@@ -283,13 +313,13 @@ class _SingularEquations:
         if len(points) < 3:
             return None
         configurations = np.array(points)[:, : self.n_free]
-        q = configurations[:, self.independent]
+        q, unknown = configurations[:, self.independent], np.full(len(points), np.nan)
         if self.kind is not None:
-            return SingularCurve(self.kind, q, configurations, closed)
+            return SingularCurve(self.kind, q, configurations, closed, unknown)
         if np.ptp(q, axis=0).max() < 1e-7:
             turned = self._turned(configurations[:1])[:, self.independent]
-            return SingularCurve("self-motion", turned, configurations, closed)
-        return SingularCurve("fold", q, configurations, closed)
+            return SingularCurve("self-motion", turned, configurations, closed, unknown)
+        return SingularCurve("fold", q, configurations, closed, unknown)
 
     def _one_way(self, start: Array, tangent: Array, step: float, limit: int) -> tuple[list[Array], bool]:
         points, here, h = [start], start, step

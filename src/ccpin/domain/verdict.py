@@ -1,9 +1,32 @@
-"""The three verdicts of a check: what is known, and what only was not found out."""
+"""The three verdicts of a check: what is known, and what only was not found out.
+
+Every certificate of ccpin answers with `verdict`, and with `reason`, a sentence that says what was found, what it cost
+and, where nothing was decided, which argument to raise. A refutation comes with a `witness` that anyone can check.
+"""
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Literal, NamedTuple
+
+from ccpin.arrays import Array
 
 Verdict = Literal["proven", "refuted", "undecided"]
 """``"proven"``: a theorem's hypotheses were checked. ``"refuted"``: they fail, and the result holds a witness.
 ``"undecided"``: neither was shown with the work allowed; the result says what was spent and what more would do."""
+
+
+class Witness(NamedTuple):
+    """Where a claim about σ fails.
+
+    Attributes:
+        kind: ``"singular"``: a closed configuration with singular ψ_q′ is on the branch; ``"empty"``: no closed
+            configuration has this q; ``"state"``: a motion is in a state from which the claim cannot hold.
+        q: The independent coordinates, of shape (n,), in the scalar coordinates of certificates.
+        q_free: The configuration, of shape (nq,); ``None`` where there is none.
+        error: The exact one is this near in every coordinate (rad, m); 0 where it is exact.
+    """
+
+    kind: Literal["singular", "empty", "state"]
+    q: Array
+    q_free: Array | None
+    error: float

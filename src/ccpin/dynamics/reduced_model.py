@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, instance, positive, vector
+from ccpin.displays import table
 from ccpin.dynamics.batches import Failures, completed, rows, together
 from ccpin.dynamics.derivatives import (
     ForwardDynamicsDerivatives,
@@ -80,6 +81,23 @@ class ReducedModel:
 
     def __repr__(self) -> str:
         return f"ReducedModel({self.mechanism!r})"
+
+    def _repr_html_(self) -> str:
+        """A small table for notebooks: what q and u are, and the reduced model at the reference."""
+        mechanism, there = self.mechanism, self.at(self.alpha(self.mechanism.q_reference))
+        numbers = {"q": there.q, "D": there.D, "g": there.g}
+        return table(
+            [
+                (
+                    "reduced model of",
+                    f"{mechanism.name}: D q̈ + C q̇ + g = u (22), n = {self.n} of n′ = {mechanism.n_free}",
+                ),
+                ("q", ", ".join(mechanism.independent)),
+                ("u", ", ".join(mechanism.actuated)),
+                *((f"{name} at the reference", np.array2string(x, precision=4)) for name, x in numbers.items()),
+                ("1/κ(ψ) there", f"{there.rcond:.3g}"),
+            ]
+        )
 
     def at(self, q: ArrayLike | State, near: Near = None) -> State:
         """The closed configuration q′ = σ(q) (12) on a branch, with the reduced model there.

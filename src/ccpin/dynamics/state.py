@@ -207,12 +207,13 @@ class State:
             SingularConfigurationError: D is not positive definite so near a singularity.
             UnsupportedMechanismError: D is not positive definite (bodies without mass or inertia).
         """
-        answer = None
+        answer: Array | None = None
         if loads is None:
-            answer = self.model.core.forward_dynamics(self.q_free, v, u, None, self._rows(wrenches))
+            rows = None if wrenches is None else self._rows(wrenches)
+            answer = self.model.core.forward_dynamics(self.reference.q_free, v, u, None, rows)
         if answer is None:
             return self.reference.forward_dynamics(self._velocity(v), self._effort(u), wrenches, self._loads(loads))
-        return np.asarray(answer)
+        return answer
 
     def inverse_dynamics(self, v: ArrayLike, a: ArrayLike, wrenches: Wrenches | None = None) -> Array:
         """The actuated joints' efforts u with ρᵀSᵀu = D q̈ + C q̇ + damping q̇ + g − ρᵀJᵀw (22), of shape (motors,).

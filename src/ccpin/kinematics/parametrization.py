@@ -7,20 +7,25 @@ solves the same equations exactly.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, Indices
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
+from ccpin.kinematics.clusters import clusters
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.linear import Factor, factorize
 from ccpin.kinematics.points import moved
+from ccpin.kinematics.tree import Tree
 
 SINGULAR_RCOND = 1e-10
 _CONTRACTION = 0.125
+_TURN = 0.5
+_ROUNDED = 2.0
 _NOISE = 1e-9
 _SHORTEST_STEP = 2.0**-30
 _LARGEST_MOVE = 1.0
@@ -34,12 +39,14 @@ class ClosedPoint(NamedTuple):
         q_free: q′, of shape (nq,).
         factor: The factorised ψ_q′(q′).
         rho: ρ(q′), of shape (n′, n).
+        probe: ψ_q′⁻¹ B for the B of `Parametrization.regular_between`, of shape (n′, 2).
         constraints: φ and φ_q′ there.
     """
 
     q_free: Array
     factor: Factor
     rho: Array
+    probe: Array
     constraints: ConstraintValue
 
 
@@ -94,6 +101,8 @@ class Parametrization:
         tolerance = 1e-14 * max(1.0, _reach(self.model))
         self.rules = NewtonRules(tolerance, _MOST_STEPS, stalled=100 * tolerance)
         self.turnable = any(loop.turnable for loop in constraints.loops)
+        self._unstructured = np.random.default_rng(0).uniform(-1.0, 1.0, (len(self._unit), 2))
+        self._cluster_of = _clusters_of(coordinates.tree, constraints)
 
     def psi_jacobian(self, q_free: Array) -> Array:
         """ψ_q′ = [φ_q′; α_q′] (10), of shape (m + n, n′)."""
@@ -135,11 +144,12 @@ class Parametrization:
         """q′ = σ(q) (12), on the branch of `guess`.
 
         Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A step is trusted only if its second
-        Newton correction is at most an eighth of the first and det ψ_q′ keeps its sign: with ω the affine-covariant
-        Lipschitz constant of ψ_q′, half of ω‖Δ₁‖ is estimated by ‖Δ₂‖/‖Δ₁‖, so this is a quarter of the largest
-        value for which the Newton–Kantorovich theorem gives one solution, continuously connected to the guess.
-        Where it does not hold, σ walks along the straight line from α(guess) to q in shorter steps. The path
-        depends on q and guess only.
+        Newton correction is at most an eighth of the first, det ψ_q′ keeps its sign, and ψ_q′ is `regular_between` its
+        ends: with ω the affine-covariant Lipschitz constant of ψ_q′, half of ω‖Δ₁‖ is estimated by ‖Δ₂‖/‖Δ₁‖, so the
+        first is a quarter of the largest value for which the Newton–Kantorovich theorem gives one solution,
+        continuously connected to the guess; the last sees what the correction, by a symmetry, does not. Where one does
+        not hold, σ walks along the straight line from α(guess) to q in shorter steps; an open guess is closed first,
+        likewise, by letting φ vanish along a straight line. The path depends on q and guess only.
 
         Args:
             q: Independent coordinates, of shape (model.nq,).
@@ -151,10 +161,10 @@ class Parametrization:
             SingularConfigurationError: q itself is singular.
             InvalidInputError: The guess cannot be closed, or only with a closure's axes turned end for end.
         """
-        solve = self.newton(self.q_reference if guess is None else guess, q, self.rules)
+        start = self.q_reference if guess is None else guess
+        solve = self.newton(start, q, self.rules)
         point = solve.point
         if point is None:
-            start = guess.q_free if isinstance(guess, ClosedPoint) else self.q_reference if guess is None else guess
             point = self._walk(self._closed_start(start) if solve.started_open else start, q)
         if isinstance(guess, np.ndarray) and self.turnable and not self.constraints.aligned(point.q_free):
             raise InvalidInputError(
@@ -163,67 +173,105 @@ class Parametrization:
             )
         return point
 
-    def _walk(self, start: Array, q: Array) -> ClosedPoint:
+    def _walk(self, start: Array | ClosedPoint, q: Array) -> ClosedPoint:
+        """σ(q) along the straight line from α(start), step by step."""
         coordinates = self.coordinates
-        q_start = coordinates.alpha(start)
+        q_start = coordinates.alpha(_configuration(start))
         line = coordinates.difference(q_start, q)
-        here: Array | ClosedPoint = start
-        done, stride = 0.0, 0.5
-        while stride >= _SHORTEST_STEP:
-            ahead = min(1.0, done + stride)
+
+        def step(here: Array | ClosedPoint, ahead: float) -> ClosedPoint | None:
             target = q if ahead == 1.0 else coordinates.integrate(q_start, ahead * line)
-            point = self.newton(here, target, self.rules).point
-            if point is None:
-                stride *= 0.5
-                continue
-            if ahead == 1.0:
-                return point
-            here, done, stride = point, ahead, 2.0 * stride
-        if isinstance(here, ClosedPoint):
-            here = here.q_free
-        rcond = self.rcond(here)
+            return self.newton(here, target, self.rules).point
+
+        here, done = _follow(step, start)
+        if done == 1.0:
+            assert isinstance(here, ClosedPoint)
+            return here
+        reached = _configuration(here)
+        rcond = self.rcond(reached)
         left = float(np.linalg.norm((1.0 - done) * line))
         if left <= 1e-6:
             raise SingularConfigurationError(
                 f"q = {_show(q)} is a singular configuration: the independent coordinates do not fix the motion "
                 f"there (reciprocal condition number of ψ_q′ {rcond:.1e} at a distance of {left:.1e})",
-                q_free=here,
+                q_free=reached,
                 rcond=rcond,
             )
-        reached = coordinates.alpha(here)
+        q_reached = coordinates.alpha(reached)
         raise UnreachableError(
             f"q = {_show(q)} cannot be reached from q = {_show(q_start)} along a straight line: it is blocked by a "
-            f"singularity or the end of the workspace after {100 * done:.2f} % of the way, at q = {_show(reached)} "
+            f"singularity or the end of the workspace after {100 * done:.2f} % of the way, at q = {_show(q_reached)} "
             f"(reciprocal condition number of ψ_q′ {rcond:.1e}); pass a guess nearer to it if another way exists",
             q=q,
-            q_reached=reached,
+            q_reached=q_reached,
             fraction=done,
             rcond=rcond,
         )
 
-    def newton(self, start: Array | ClosedPoint, q: Array, rules: NewtonRules) -> NewtonSolve:
-        """Newton's method on ψ̄(q′, q) = 0 (11) from a start, given up where it is not to be trusted.
+    def _closed_start(self, start: Array | ClosedPoint) -> ClosedPoint:
+        """Close an open guess at its own q: φ goes to zero along a straight line, step by step.
+
+        Raises:
+            InvalidInputError: It is too far open for that.
+        """
+        q_free = _configuration(start)
+        q, phi = self.coordinates.alpha(q_free), self.constraints.residual(q_free)
+
+        def step(here: Array | ClosedPoint, ahead: float) -> ClosedPoint | None:
+            return self.newton(here, q, self.rules, (1.0 - ahead) * phi).point
+
+        here, done = _follow(step, start)
+        if done == 1.0:
+            assert isinstance(here, ClosedPoint)
+            return here
+        raise InvalidInputError(
+            f"the guess is open by {self.constraints.misfit(phi)} and cannot be closed at its own q = {_show(q)}; "
+            "pass a closed configuration of the branch wanted"
+        )
+
+    def regular_between(self, before: Array, after: Array) -> bool:
+        """Whether ψ_q′ stays regular between two near configurations, by Y = ψ_q′⁻¹ B at each, cluster by cluster.
+
+        Where ψ_q′ becomes singular Y grows beyond all bounds and comes back with the other sign, for every B that is
+        not orthogonal to a left null vector there; B has no structure, so that none is, and two columns, so that such a
+        vector may turn past one on the way. A step is to change half of Y at most. And |Y| tells ‖ψ_q′⁻¹‖: where its
+        square times the rounding of closed configurations is not small, they are known no better than the distance to
+        the next branch.
+        """
+        sizes, here, changes = (
+            np.bincount(self._cluster_of, np.einsum("ij,ij->i", x, x)) for x in (before, after, after - before)
+        )
+        rounded = float(max(sizes.max(initial=0.0), here.max(initial=0.0))) * self.rules.tolerance
+        return rounded <= _ROUNDED and bool(np.all(changes <= _TURN**2 * sizes))
+
+    def newton(
+        self, start: Array | ClosedPoint, q: Array, rules: NewtonRules, open_by: Array | float = 0.0
+    ) -> NewtonSolve:
+        """Newton's method on ψ̄(q′, q) = [φ; 0] (11), φ being `open_by`, given up where it is not to be trusted.
 
         Pure: the same arguments give the same answer. The time it takes is bounded by `most_steps` + 1 evaluations and
         factorisations of ψ_q′. A closed point spares the first.
         """
         known = start if isinstance(start, ClosedPoint) else None
         q_free: Array = start.q_free if isinstance(start, ClosedPoint) else start.copy()
-        sign, last, residual, started_open = 0, np.inf, np.inf, False
+        sign, last, residual, started_open, probe = 0, np.inf, np.inf, False, np.zeros((0, 2))
         for steps in range(rules.most_steps + 1):
             if known is not None and not steps:
                 point, factor = known.constraints, known.factor
             else:
                 point = self.constraints.value(q_free)
                 factor = factorize(self._stacked(point))
-            gap = self._gap(point, q)
+            gap = self._gap(point, q, open_by)
             residual = float(np.abs(gap).max(initial=0.0))
             if not steps:
                 sign, started_open = factor.sign, bool(np.abs(point.phi).max(initial=0.0) > 1e-6)
+                probe = factor.solve(self._unstructured) if known is None else known.probe
             if factor.rcond < SINGULAR_RCOND or factor.sign != sign:
                 break
             if residual <= rules.tolerance or (last <= rules.noise and residual <= rules.stalled):
-                return NewtonSolve(self._closed_point(point, factor), steps, residual, started_open)
+                found = self._closed_point(point, factor)
+                trusted = found if self.regular_between(probe, found.probe) else None
+                return NewtonSolve(trusted, steps, residual, started_open)
             if steps == rules.most_steps:
                 break
             step = factor.solve(gap)
@@ -237,26 +285,10 @@ class Parametrization:
         """ψ_q′ (10), of shape (m + n, n′)."""
         return np.concatenate([point.jacobian, self.coordinates.jacobian(point.q_free)])
 
-    def _gap(self, point: ConstraintValue, q: Array) -> Array:
-        """−ψ̄(q′, q) = [−φ; q − α(q′)] (11)."""
+    def _gap(self, point: ConstraintValue, q: Array, open_by: Array | float) -> Array:
+        """−ψ̄(q′, q) = [open_by − φ; q − α(q′)] (11)."""
         missing = self.coordinates.difference(self.coordinates.alpha(point.q_free), q)
-        return np.concatenate([-point.phi, missing])
-
-    def _closed_start(self, start: Array) -> Array:
-        """Close an open guess at its own q.
-
-        Raises:
-            InvalidInputError: It is too far open for that.
-        """
-        q = self.coordinates.alpha(start)
-        solve = self.newton(start, q, self.rules._replace(contraction=np.inf))
-        if solve.point is not None:
-            return solve.point.q_free
-        open_by = self.constraints.misfit(self.constraints.residual(start))
-        raise InvalidInputError(
-            f"the guess is open by {open_by} and cannot be closed at its own q = {_show(q)}; "
-            "pass a closed configuration of the branch wanted"
-        )
+        return np.concatenate([open_by - point.phi, missing])
 
     def _closed_point(self, point: ConstraintValue, factor: Factor) -> ClosedPoint:
         if factor.rcond < SINGULAR_RCOND:
@@ -266,7 +298,38 @@ class Parametrization:
                 q_free=point.q_free,
                 rcond=factor.rcond,
             )
-        return ClosedPoint(point.q_free, factor, factor.solve(self._unit), point)
+        return ClosedPoint(point.q_free, factor, factor.solve(self._unit), factor.solve(self._unstructured), point)
+
+
+def _follow(
+    step: Callable[[Array | ClosedPoint, float], ClosedPoint | None], start: Array | ClosedPoint
+) -> tuple[Array | ClosedPoint, float]:
+    """Where a path leads in steps, each half as long where it is not trusted, and how much of it: 1, all."""
+    here, done, stride = start, 0.0, 0.5
+    while stride >= _SHORTEST_STEP:
+        ahead = min(1.0, done + stride)
+        point = step(here, ahead)
+        if point is None:
+            stride *= 0.5
+            continue
+        here, done, stride = point, ahead, 2.0 * stride
+        if ahead == 1.0:
+            break
+    return here, done
+
+
+def _configuration(start: Array | ClosedPoint) -> Array:
+    return start.q_free if isinstance(start, ClosedPoint) else start
+
+
+def _clusters_of(tree: Tree, constraints: Constraints) -> Indices:
+    """The cluster of each component of q̇′."""
+    owner = [joint.number for joint in tree.joints for _ in range(joint.v.start, joint.v.stop)]
+    ties = [[*loop.path_a, *loop.path_b] for loop in constraints.loops]
+    ties += [[owner[term.idx_v] for term in coupling.terms] for coupling in constraints.couplings]
+    found = clusters([0, *(joint.parent for joint in tree.joints)], ties)
+    number = {joint: k for k, cluster in enumerate(found) for joint in cluster.joints}
+    return np.array([number[joint] for joint in owner], dtype=np.intp)
 
 
 def _reach(model: pin.Model) -> float:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from html import escape
 from pathlib import Path
 from typing import Protocol
 
@@ -13,6 +12,7 @@ import pinocchio as pin
 from ccpin.arrays import Array, Record, frozen
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
 from ccpin.description.writers import write_description
+from ccpin.displays import table
 from ccpin.errors import (
     InvalidInputError,
     UnsupportedMechanismError,
@@ -189,9 +189,7 @@ class Mechanism(Record):
     def _repr_html_(self) -> str:
         """A small table for notebooks."""
         gravity = ", ".join(f"{g:g}" for g in self.description.gravity)
-        rows = [*self._summary(), ("gravity", f"({gravity}) m/s²"), *(("note", note) for note in self.notes)]
-        cells = (f"<tr><th>{escape(key)}</th><td>{escape(value)}</td></tr>" for key, value in rows)
-        return f"<table>{''.join(cells)}</table>"
+        return table([*self._summary(), ("gravity", f"({gravity}) m/s²"), *(("note", note) for note in self.notes)])
 
     def _summary(self) -> list[tuple[str, str]]:
         """What identifies the mechanism to its reader, in words."""

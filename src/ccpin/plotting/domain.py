@@ -59,7 +59,7 @@ def plot_singularities(
 def plot_atlas(
     mechanism: Mechanism | HasMechanism, atlas: Atlas, curves: Sequence[SingularCurve] = (), title: str | None = None
 ) -> Figure:
-    """The certified boxes of an atlas for n = 2 with what is undecided, unreached and empty, under singular curves."""
+    """An atlas for n = 2: what is certified, undecided, singular, unreached and empty, under singular curves."""
     from matplotlib.collections import PolyCollection
     from matplotlib.patches import Patch
 
@@ -116,6 +116,7 @@ def plot_radius_map(
 _STATUS_COLOURS = (
     ("certified", (CellStatus.CERTIFIED,), "#9ccb9f"),
     ("undecided", (CellStatus.UNDECIDED, CellStatus.CANDIDATE), "#d1541f"),
+    ("singular", (CellStatus.SINGULAR,), "#7a3b8f"),
     ("unreached", (CellStatus.UNREACHED,), "#f2d16b"),
     ("empty", (CellStatus.EMPTY,), "#e4e7eb"),
 )

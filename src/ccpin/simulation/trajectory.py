@@ -10,6 +10,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from ccpin.arrays import Array, instance
+from ccpin.displays import curves, table
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
@@ -61,6 +62,23 @@ class Trajectory(NamedTuple):
 
     def __repr__(self) -> str:
         return f"Trajectory({self.status} at {self.t[-1]:.6g} s, {len(self.t)} samples, n = {self.v.shape[1]})"
+
+    def _repr_html_(self) -> str:
+        """A small table and the curves of q and u for notebooks."""
+        rows = [
+            ("motion", f"{self.message} ({self.status})"),
+            ("samples", f"{len(self.t)}, {self.evaluations} evaluations in {self.wall_time:.3g} s"),
+            ("q at the end", np.array2string(self.q[-1], precision=6)),
+            ("largest |u|", np.array2string(np.abs(self.u).max(axis=0, initial=0.0), precision=4)),
+            ("largest closure error", f"{self.closure_error.max():.1e}"),
+            *((f"at {event.t:.6g} s", event.name) for event in self.events),
+        ]
+        drawn = [
+            curves(self.t, columns, [f"{symbol} {name}" for name in names])
+            for symbol, columns, names in (("q", self.q, self.names.q), ("u", self.u, self.names.u))
+            if columns.size
+        ]
+        return table(rows) + "".join(drawn)
 
     @property
     def changes(self) -> int:

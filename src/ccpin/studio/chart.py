@@ -15,7 +15,7 @@ from ccpin.domain.atlas.atlas import Atlas, Progress, certify
 from ccpin.domain.atlas.cells import region_of
 from ccpin.domain.boxes import problem_of
 from ccpin.domain.chains import scalar_coordinates_at, seed_at_coordinates
-from ccpin.domain.singularities import SingularCurve, singularities
+from ccpin.domain.singularities import singularities
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, ConvergenceError, SingularConfigurationError, UnsupportedMechanismError
@@ -129,7 +129,14 @@ def _over_reference(model: ReducedModel, here: State) -> Array:
         return here.q_free
 
 
-def curves(model: ReducedModel, cache: Cache, job: Job) -> tuple[SingularCurve, ...]:
+class Line(NamedTuple):
+    """A singular curve as far as it is drawn: its kind, and its image in q, of shape (k, 2)."""
+
+    kind: str
+    q: Array
+
+
+def curves(model: ReducedModel, cache: Cache, job: Job) -> tuple[Line, ...]:
     """The singular curves of a mechanism with two coordinates, from the cache where they are there; else none.
 
     Raises:
@@ -146,7 +153,8 @@ def curves(model: ReducedModel, cache: Cache, job: Job) -> tuple[SingularCurve, 
     with cache.alone(key, job.check):
         kept = cache.load(key)
         if kept is not None:
-            return tuple(_curve(kept, k) for k in range(len(kept["kind"])))
+            kinds = enumerate(kept["kind"])
+            return tuple(Line(str(kind), np.asarray(kept[f"q{k}"], dtype=np.float64)) for k, kind in kinds)
         try:
             found = singularities(
                 mechanism,
@@ -156,12 +164,7 @@ def curves(model: ReducedModel, cache: Cache, job: Job) -> tuple[SingularCurve, 
             return ()
         packed = {f"q{k}": np.asarray(curve.q) for k, curve in enumerate(found)}
         cache.save(key, {"kind": np.array([curve.kind for curve in found], dtype="U12"), **packed})
-    return found
-
-
-def _curve(kept: dict[str, NDArray[np.generic]], k: int) -> SingularCurve:
-    """A curve as far as it is drawn: its image in q."""
-    return SingularCurve(str(kept["kind"][k]), np.asarray(kept[f"q{k}"], dtype=np.float64), np.zeros((0, 0)), False)  # type: ignore[arg-type]
+    return tuple(Line(curve.kind, curve.q) for curve in found)
 
 
 class Slice(NamedTuple):

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.theorem3 import certify_law
-from ccpin.domain.singularities import SingularCurve
 from ccpin.domain.theorem2.theorem2 import theorem2_radius
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.studio import chart
-from ccpin.studio.chart import Cells, Charted
+from ccpin.studio.chart import Cells, Charted, Line
 from ccpin.studio.experiment import Plan
 from ccpin.studio.jobs import Job, Jobs, Message
 from ccpin.studio.subject import Subject
@@ -149,7 +148,7 @@ class Maps:
         self._jobs.start("sublevel", work)
 
 
-def _told_chart(charted: Charted, curves: tuple[SingularCurve, ...]) -> Message:
+def _told_chart(charted: Charted, curves: tuple[Line, ...]) -> Message:
     told = [{"kind": curve.kind, "q": curve.q.tolist()} for curve in curves]
     cells = charted.cells
     flat = cells if cells.lower.shape[1] <= 2 else None

@@ -35,6 +35,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import positive
 from ccpin.control.laws import PDSimpleGravity
+from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
@@ -57,6 +58,10 @@ from ccpin.validated.step import Field, Options, Step, march, start_box
 
 _MARGIN = 1e-9  # relative; the level's own 𝒱 uses a V(q_d) and g(q_d) rounded to doubles
 _RETRY = 0.9
+_NEVER = (
+    "at t = {:.6g} s 𝒱 < {:.6g} J, below its value 0 at the set point, and 𝒱 never rises: the motion does not arrive"
+)
+_MORE = "more pieces=, a higher order= or precision= may do more"
 
 
 class Certificate(Protocol):
@@ -76,9 +81,12 @@ class MoveCertificate:
     """What was proven of a move.
 
     Attributes:
-        covered: Whether the theorem's hypotheses were proven: the motion converges to the set point.
-        message: The result in a sentence, with what failed where something did.
-        time: T in seconds (the end of the enclosure where not covered).
+        verdict: ``"proven"``: the theorem's hypotheses hold, the motion converges to the set point. ``"refuted"``: it
+            does not, as 𝒱 < 0 at T: 𝒱 never rises along the motion, and is 0 at the set point. ``"undecided"``:
+            neither.
+        reason: The verdict in a sentence, with what was spent and what more would do.
+        witness: The state at T that refutes (its velocity is the enclosure's).
+        time: T in seconds (the end of the enclosure where undecided).
         lyapunov_start: A lower bound of 𝒱 at the start, in joules.
         lyapunov: An upper bound of 𝒱 at T, in joules.
         level: c in joules.
@@ -86,8 +94,9 @@ class MoveCertificate:
         enclosure: The motion up to T.
     """
 
-    covered: bool
-    message: str
+    verdict: Verdict
+    reason: str
+    witness: Witness | None
     time: float
     lyapunov_start: float
     lyapunov: float
@@ -143,17 +152,21 @@ def certify_move(
     if not isinstance(law, PDSimpleGravity):
         raise InvalidInputError("the level certified is about PD with simple gravity compensation: pass that law")
     model, (level, rigorous) = model_of(model), _level(arrival, law)
+    sampled = not rigorous and not isinstance(arrival, int | float)
     options = checked_options(duration, precision, Options(order, tolerance, pieces, SHORTEST_STEP, np.inf))
     with flint().ctx.workprec(precision):
         loop = closed_loop(model, law)
         start = exact_start(model, loop, q0, v0, guess, spread)
         goal = _goal(loop, law, level)
         run = _run(loop, start, goal, duration, options)
-        enclosure = collect(loop, start, run.steps, run.reason, precision)
+        if run.verdict == "proven" and sampled:
+            run = run._replace(verdict="undecided", reason=f"{run.reason}, but that level was only sampled: certify it")
+        enclosure = collect(loop, start, run.steps, run.stopped, precision)
         end = start_box(run.steps[-1].end) if run.steps else start
         return MoveCertificate(
-            run.covered,
-            run.message,
+            run.verdict,
+            run.reason,
+            _witness(loop, end) if run.verdict == "refuted" else None,
             float(enclosure.times[-1]),
             lower(_lyapunov(loop, goal, start)),
             upper(_lyapunov(loop, goal, end)),
@@ -164,29 +177,42 @@ def certify_move(
 
 
 class _Outcome(NamedTuple):
-    covered: bool
-    message: str
-    steps: list[Step]
+    verdict: Verdict
     reason: str
+    steps: list[Step]
+    stopped: str
 
 
 def _run(loop: ClosedLoop, start: Sequence[Ball], goal: _Goal, duration: float, options: Options) -> _Outcome:
-    """Step until 1.–4. hold."""
+    """Step until 1.–4. hold, or until 𝒱 < 0."""
     steps: list[Step] = []
     time, ask_below, missing = 0.0, goal.level, "𝒱 is not below the level"
+    if (value := upper(_lyapunov(loop, goal, start))) < 0.0:
+        return _Outcome("refuted", _NEVER.format(time, value), steps, "")
     for step in march(regular(loop), start, duration, options):
         if not isinstance(step, Step):
-            return _Outcome(False, f"rigour stops at t = {time:.9g} s: {step.reason}", steps, step.reason)
+            told = f"rigour stops at t = {time:.9g} s after {len(steps)} steps: {step.reason}"
+            return _Outcome("undecided", f"{told}; {_MORE}", steps, step.reason)
         steps.append(step)
         time += step.length
         end = start_box(step.end)
         value = upper(_lyapunov(loop, goal, end))
+        if value < 0.0:
+            return _Outcome("refuted", _NEVER.format(time, value), steps, "")
         if value < ask_below:
             missing = _unconnected(loop, end, goal, options)
             if not missing:
-                return _Outcome(True, f"from t = {time:.6g} s on the motion is in B₂: 𝒱 < {value:.6g} J", steps, "")
+                return _Outcome("proven", f"from t = {time:.6g} s on the motion is in B₂: 𝒱 < {value:.6g} J", steps, "")
             ask_below = _RETRY * value
-    return _Outcome(False, f"not proven to arrive within {time:.6g} s: {missing}", steps, "")
+    told = f"not proven to arrive within {time:.6g} s and {len(steps)} steps: {missing}"
+    return _Outcome("undecided", f"{told}; a longer duration= or {_MORE}", steps, "")
+
+
+def _witness(loop: ClosedLoop, end: Sequence[Ball]) -> Witness:
+    """The middle of a box of states."""
+    q_free = np.array([float(x.mid()) for x in end[: loop.n_free]])
+    error = max(upper(abs(x - ball(c))) for x, c in zip(end, q_free.tolist(), strict=False))
+    return Witness("state", q_free[list(loop.independent)], q_free, error)
 
 
 def _unconnected(loop: ClosedLoop, end: Sequence[Ball], goal: _Goal, options: Options) -> str:

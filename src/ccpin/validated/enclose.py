@@ -15,17 +15,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, number, numbers, positive, step_or_infinite, vector, whole
-from ccpin.control.laws import ControlLaw
+from ccpin.control.laws import ControlLaw, NoTorque
+from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import ConvergenceError, InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.validated.balls import Ball, around, ball, bounds, determinant, flint, hull, lower, upper
+from ccpin.validated.balls import Ball, around, ball, bounds, flint, hull, lower, upper
+from ccpin.validated.crossing import Crossing, crossing, signed_determinant
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
 from ccpin.validated.series import values
 from ccpin.validated.step import QUANTUM, Field, Options, Step, evaluate, march, start_box, start_of
@@ -60,8 +62,11 @@ class Enclosure:
         q_free_lower, q_free_upper: A box around q′ during each step, of shape (K, n′).
         v_lower, v_upper: A box around q̇ during each step, of shape (K, n).
         determinant: A lower bound of |det ψ_q′| on each step's box, positive, of shape (K,).
-        status: "enclosed": over the whole time asked for; "stopped": up to ``times[-1]``.
-        message: What that means, with the reason where rigour stopped.
+        verdict: ``"proven"``: the motion is closed and nonsingular over the whole time asked for. ``"refuted"``: it
+            meets a singular configuration within that time, `witness` (`ccpin.validated.crossing`; free motions only).
+            ``"undecided"``: it is enclosed up to ``times[-1]``, and what comes then is not known.
+        reason: The verdict in a sentence, with what stopped the enclosure and which argument to raise.
+        witness: The singular configuration met, where refuted.
         precision: Working precision in bits.
         loop: The programs that were integrated.
         steps: What was proven of each step, in balls.
@@ -78,8 +83,9 @@ class Enclosure:
     v_lower: Array
     v_upper: Array
     determinant: Array
-    status: Literal["enclosed", "stopped"]
-    message: str
+    verdict: Verdict
+    reason: str
+    witness: Witness | None
     precision: int
     loop: ClosedLoop
     steps: tuple[Step, ...]
@@ -174,7 +180,11 @@ def enclose(
                 reason = step.reason
                 break
             steps.append(step)
-        return collect(loop, start, steps, reason, precision)
+        met = None
+        if reason and steps and (law is None or isinstance(law, NoTorque)):
+            since = sum(step.length for step in steps)
+            met = crossing(model, loop, start_box(steps[-1].end), since, duration - since, options)
+        return collect(loop, start, steps, reason, precision, met)
 
 
 def checked_options(duration: float, precision: int, options: Options) -> Options:
@@ -223,23 +233,32 @@ def regular(loop: ClosedLoop) -> Field:
 
 def determinant_bound(loop: ClosedLoop, box: Sequence[Ball]) -> float:
     """A lower bound of |det ψ_q′| on a box of states: up to its sign, ψ_q′'s determinant is that of ∂φ/∂y."""
-    size = len(loop.dependent)
-    if not size:
-        return 1.0
-    return lower(ball(determinant(flint().arb_mat(size, size, values(loop.jacobian, box))).abs_lower()))
+    return lower(ball(signed_determinant(loop, box).abs_lower()))
 
 
-def collect(loop: ClosedLoop, start: Sequence[Ball], steps: Sequence[Step], reason: str, precision: int) -> Enclosure:
-    """The enclosure that proven steps make; `reason` says why it ended early, if it did."""
+def collect(
+    loop: ClosedLoop,
+    start: Sequence[Ball],
+    steps: Sequence[Step],
+    reason: str,
+    precision: int,
+    met: Crossing | None = None,
+) -> Enclosure:
+    """The enclosure that proven steps make; `reason` says why it ended early, if it did, `met` what it then met."""
     nodes = [_bounds(start_box(s), loop.n_free) for s in (start_of(start), *(step.end for step in steps))]
     columns: StateBox = StateBox(*(frozen(column) for column in zip(*nodes, strict=True)))
     during = [bounds(hull(step.boxes)) for step in steps]
     size = loop.n_free + loop.n
     below, above = np.moveaxis(np.reshape(during, (len(steps), 2, size)), 1, 0)
     times = np.concatenate([[0.0], np.cumsum([step.length for step in steps])])
-    message = f"enclosed for {times[-1]:.9g} s in {len(steps)} steps"
-    if reason:
-        message = f"rigour stops at t = {times[-1]:.9g} s after {len(steps)} steps: {reason}"
+    told = f"closed and nonsingular for {times[-1]:.9g} s, in {len(steps)} steps"
+    if met is not None:
+        told = f"the motion is singular at a time between t = {met.after:.9g} s and {met.before:.9g} s"
+    elif reason:
+        told = (
+            f"rigour stops at t = {times[-1]:.9g} s after {len(steps)} steps: {reason}; more pieces=, a higher order= "
+            "or precision=, or a smaller shortest_step= may lead farther"
+        )
     split = loop.n_free
     return Enclosure(
         **columns._asdict(),
@@ -249,8 +268,9 @@ def collect(loop: ClosedLoop, start: Sequence[Ball], steps: Sequence[Step], reas
         v_lower=frozen(below[:, split:]),
         v_upper=frozen(above[:, split:]),
         determinant=frozen([step.quantity for step in steps]),
-        status="stopped" if reason else "enclosed",
-        message=message,
+        verdict="refuted" if met else "undecided" if reason else "proven",
+        reason=told,
+        witness=met.witness if met else None,
         precision=precision,
         loop=loop,
         steps=tuple(steps),

@@ -8,14 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import heading
+from ccpin.arrays import heading, whole
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.visualization.annotations import Tracked, draw_forces, draw_ghosts, draw_trace, name_joints
+from ccpin.visualization.embedded import Embedded
 from ccpin.visualization.film import FILMS, PAGES, STILLS, Shot, write
 from ccpin.visualization.live import LiveRecorder, Viewer, serve_scene
 from ccpin.visualization.page import Recorder, render_page
@@ -30,7 +32,21 @@ from ccpin.visualization.playback import (
 )
 from ccpin.visualization.scene import Scene
 
-__all__ = ["FILMS", "PAGES", "STILLS", "HasForce", "Scene", "Viewer", "animate", "name_of", "play", "snapshot", "view"]
+__all__ = [
+    "FILMS",
+    "PAGES",
+    "STILLS",
+    "Embedded",
+    "HasForce",
+    "Scene",
+    "Viewer",
+    "animate",
+    "embed",
+    "name_of",
+    "play",
+    "snapshot",
+    "view",
+]
 
 
 def animate(
@@ -79,6 +95,27 @@ def animate(
     return write(shot, render_page(heading(title, name_of(mechanism)), recorder.commands), frames, progress)
 
 
+def embed(
+    mechanism: Mechanism | HasMechanism,
+    q_free: ArrayLike | None = None,
+    t: ArrayLike | None = None,
+    *,
+    title: str | None = None,
+    fps: float = 30,
+    trace: Tracked | None = None,
+    forces: Sequence[HasForce] = (),
+    speed: float = 1.0,
+    height: int = 480,
+) -> Embedded:
+    """The page of a pose or of a trajectory as the value of a notebook's cell; it needs no network and no server.
+
+    Arguments and errors as for `view`; `height` is that of its frame in pixels.
+    """
+    mechanism, recorder = mechanism_of(mechanism), Recorder()
+    _show(mechanism, recorder, q_free, t, fps=fps, speed=speed, trace=trace, forces=forces, loop=True)
+    return Embedded(render_page(heading(title, name_of(mechanism)), recorder.commands), whole(height, "height"))
+
+
 def snapshot(
     mechanism: Mechanism | HasMechanism,
     q_free: ArrayLike | None,
@@ -124,14 +161,7 @@ def view(
     mechanism = mechanism_of(mechanism)
     words = heading(title, name_of(mechanism))
     recorder = LiveRecorder()
-    if t is not None:
-        if q_free is None:
-            raise InvalidInputError("t is given without q_free; a trajectory needs both")
-        scene = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=loop)[0]
-    else:
-        if q_free is not None and np.ndim(q_free) == 2:
-            raise InvalidInputError("q_free is a trajectory, of shape (T, nq); give its times t, of shape (T,), too")
-        scene = _pose(mechanism, recorder, q_free)
+    scene = _show(mechanism, recorder, q_free, t, fps=fps, speed=speed, trace=trace, forces=forces, loop=loop)
     return Viewer(scene, serve_scene(render_page(words, (), live=True), recorder), open_browser)
 
 
@@ -158,6 +188,19 @@ def _pose(mechanism: Mechanism, recorder: Recorder, q_free: ArrayLike | None) ->
     name_joints(scene)
     scene.place(pose)
     return scene
+
+
+def _show(
+    mechanism: Mechanism, recorder: Recorder, q_free: ArrayLike | None, t: ArrayLike | None, **playing: Any
+) -> Scene:
+    """A scene that plays a trajectory where times are given, else shows one configuration."""
+    if t is not None:
+        if q_free is None:
+            raise InvalidInputError("t is given without q_free; a trajectory needs both")
+        return _play(mechanism, recorder, t, q_free, **playing)[0]
+    if q_free is not None and np.ndim(q_free) == 2:
+        raise InvalidInputError("q_free is a trajectory, of shape (T, nq); give its times t, of shape (T,), too")
+    return _pose(mechanism, recorder, q_free)
 
 
 TRACED_SAMPLES = 400

@@ -17,8 +17,12 @@ from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.files import writable_target, write_atomically
 from ccpin.visualization.browser import Page
 
-PAGES, FILMS, STILLS = (".html", ".htm"), (".mp4", ".gif"), (".png",)
-"""The endings there are: of self-contained web pages, of films, of pictures."""
+PAGES = (".html", ".htm")
+"""The endings of self-contained web pages."""
+FILMS = (".mp4", ".gif")
+"""The endings of films."""
+STILLS = (".png",)
+"""The endings of pictures."""
 SIZES = {".mp4": (1280, 720), ".gif": (800, 450), ".png": (1280, 720)}
 LARGEST = 8192
 GIF_FPS = 50.0

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from ccpin.errors import CcpinError
+from ccpin.visualization.embedded import frame
 from ccpin.visualization.page import Recorder
 from ccpin.visualization.playback import checked_pose
 
@@ -135,6 +136,10 @@ class Viewer:
     def url(self) -> str:
         """The page's address, on the loopback interface."""
         return self._server.url
+
+    def _repr_html_(self) -> str:
+        """The live page in a notebook's frame."""
+        return frame(f'src="{self.url}"', 480)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from ccpin.control.stability.set_point_cells import cells_of_atlas
 from ccpin.control.stability.well import Well
 from ccpin.domain import certify
 from ccpin.dynamics import closed_loop_derivative, linearize
-from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
+from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.simulation import lyapunov_along
 from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, START
@@ -232,7 +232,7 @@ def test_range_over_a_part_of_a_box(seed, n, convex):
     rng = np.random.default_rng(seed)
     root = rng.standard_normal((n, n))
     hessian = root @ root.T + 0.05 * np.eye(n) if convex else root + root.T
-    well = Well(rng.standard_normal(n), 0.3, 2.0 * rng.standard_normal(n), hessian, 1e-3, 1.0)
+    well = Well(rng.standard_normal(n), 0.3, 2.0 * rng.standard_normal(n), hessian, 1e-3, 1.0, np.inf)
     lower = well.centre - rng.uniform(0.0, 1.0, n)
     upper = lower + rng.uniform(0.0, 2.0, n) * (rng.random(n) < 0.8)
     found = well.range_over(lower, upper)
@@ -327,10 +327,34 @@ def test_bad_input_is_refused(rpdr_model):
         certify_law(law, np.zeros((3, 2)))
     with pytest.raises(InvalidInputError, match=r"a mechanism .* or a ReducedModel is needed, not str"):
         certify_set_point("rpdr", GOAL, K_P, K_V)
-    other = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint3"], actuated=["joint1", "joint2"]))
-    q_d = other.alpha(other.mechanism.q_reference)
-    with pytest.raises(UnsupportedMechanismError, match="motors on the independent"):
-        certify_law(PDSimpleGravity(other, q_d, K_P, K_V))
+
+
+@pytest.mark.parametrize("motors", [("joint3", "joint4"), ("joint3", "joint2"), ("joint1", "joint2", "joint4")])
+def test_motors_elsewhere_than_on_the_coordinates(motors):
+    """B₂ is that of motors on q, and over its cells the bound on ρᵀSᵀ's least singular value is never exceeded."""
+    model = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint2"], actuated=list(motors)))
+    certificate = certify_set_point(model, GOAL, K_P, K_V, budget=Budget(8, 60))
+    assert certificate.verdict == "proven"
+    rng, store = np.random.default_rng(2), certificate._region.store
+    for number in certificate._region.members[::3]:
+        cell = store[number]
+        assert 0.0 < cell.well.effort < np.inf
+        for q in rng.uniform(cell.lower, cell.upper, (8, 2)):
+            state = model.at(q, certificate.law.near)
+            least = np.linalg.svd(state.reference.transmission, compute_uv=False)[-1]
+            assert cell.well.effort <= least + 1e-12
+
+
+def test_where_motors_lose_their_grip_the_set_ends():
+    """Motors on joints 1 and 3 lose their grip where arm 2 turns back; no member cell holds such q."""
+    model = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint2"], actuated=["joint1", "joint3"]))
+    certificate = certify_set_point(model, GOAL, [60.0, 60.0], K_V, budget=Budget(9, 400))
+    rng = np.random.default_rng(3)
+    for lower, upper in zip(*certificate.cells, strict=True):
+        for q in rng.uniform(lower, upper, (3, 2)):
+            state = model.at(q, certificate.law.near)
+            assert np.linalg.svd(state.reference.transmission, compute_uv=False)[-1] > 0.0
+    assert certificate.verdict == "proven"
 
 
 # ---- other domains --------------------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """Quadratic systems, and ψ of a mechanism as one: against sympy, φ itself and det ψ_q′."""
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pinocchio as pin
@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 
 import ccpin
 from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Joint, Link, MechanismDescription
-from ccpin.domain import QuadraticSystem
+from ccpin.domain import QuadraticSystem, theorem2
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
 from ccpin.domain.theorem2.system import Polynomial
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from tests.oracles import rpdr as closed_form
 from tests.oracles.finite_differences import assert_close, derivative
+from tests.support.rods import rod_ankle, rod_stewart
 from tests.support.strategies import ROWS, Growth, mechanisms
 from tests.support.walkthrough import file
 
@@ -369,3 +370,24 @@ def test_planar_loops_are_affine_in_absolute_directions(rpdr):
     """With absolute directions the only quadratic monomials of the RPDR are those of the unit circles."""
     system = quadratic_form(rpdr, rpdr.q_reference, "absolute").system
     assert system.v.tolist() == [4.0] * 4 + [0.0] * 4
+
+
+@pytest.mark.parametrize("make", [rod_stewart, partial(rod_stewart, "cranks"), rod_ankle], ids=str)
+def test_floating_joints_and_distances(make):
+    """The closure rows of lifts of open configurations are φ's, and σ's lifts over the certified cube are its roots."""
+    mechanism = ccpin.load(make())
+    found, rng = theorem2(mechanism, mechanism.q_reference), np.random.default_rng(9)
+    form = quadratic_form(mechanism, mechanism.q_reference, found.form)
+    for _ in range(20):
+        moved = pin.integrate(mechanism.pin_model, mechanism.q_reference, rng.uniform(-0.4, 0.4, mechanism.n_free))
+        values = form.system.value(form.lift(moved))
+        assert np.abs(values[form.closures] - mechanism.constraints().residual(moved)).max() < 1e-12
+        assert np.abs(values[: form.closures.start]).max() < 1e-12
+    assert found.verdict == "proven"
+    assert found.radius > 1e-3
+    parametrization = mechanism.parametrization()
+    q0 = parametrization.coordinates.alpha(mechanism.q_reference)
+    for _ in range(20):
+        q = q0 + found.radius * rng.uniform(-0.999, 0.999, mechanism.n)
+        lift = form.lift(parametrization.sigma(q).q_free) / found.weights
+        assert np.abs(lift - found.centre).max() < found.uniqueness

@@ -12,9 +12,10 @@ import ccpin
 from ccpin.description import Coupling, CouplingTerm, Joint, Link, LoopClosure, MechanismDescription
 from ccpin.domain import theorem2, theorem2_radius
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
-from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import rpdr as closed_form
 from tests.support.places import SHARED
+from tests.support.singular import least_singular_value
 from tests.support.strategies import Growth, mechanisms
 
 SQUARE = ("rpdr", "four_bar", "slider_crank", "planar_3rrr", "delta", "stewart", "hexa")
@@ -334,9 +335,19 @@ def test_singular_configuration(rpdr):
     half = closed_form.A3 + closed_form.A4
     q1 = np.arccos((closed_form.C - half) / (2.0 * closed_form.A1))  # symmetric, elbows 2 a₃ apart
     paper = np.array([q1, np.pi - q1, -q1, q1])
-    with pytest.raises(SingularConfigurationError) as caught:
-        theorem2(rpdr, configuration(rpdr, paper))
-    assert caught.value.rcond < 1e-9
+    found = theorem2(rpdr, configuration(rpdr, paper))
+    assert (found.verdict, found.radius) == ("refuted", 0.0)
+    assert np.abs(rpdr.constraints().residual(found.witness.q_free)).max() < 1e-9
+    assert least_singular_value(rpdr, found.witness.q_free) < 1e-9 + 10 * found.witness.error
+    assert np.abs(found.witness.q_free - configuration(rpdr, paper)).max() < 1e-6
+
+
+def test_undecided_at_a_cusp(rpdr):
+    """Where the elbows coincide the links turn freely: no fold is to be proved, and none is claimed."""
+    q1, q2 = -closed_form.coincident_elbows()
+    found = theorem2(rpdr, configuration(rpdr, closed_form.sigma((q1 + 1e-10, q2 - 1e-10), 1.0)))
+    assert (found.verdict, found.radius, found.witness) == ("undecided", 0.0, None)
+    assert "kantorovich_radius" in found.reason
 
 
 @pytest.mark.parametrize(

@@ -239,7 +239,9 @@ class CellStore:
     def _settle(self, numbers: list[int], boxes: Boxes) -> None:
         """Give cells their boxes and bound U over them."""
         centres = boxes.centre[:, self.problem.system.independent]
-        found = wells(self.law, centres, boxes.half, gravity_bounds(self.problem, self.potential, boxes))
+        found = wells(
+            self.law, centres, boxes.half, boxes.directions, gravity_bounds(self.problem, self.potential, boxes)
+        )
         for row, (number, well) in enumerate(zip(numbers, found, strict=True)):
             cell = self.cells[number]
             cell.box, cell.well, cell.state = boxes.take(np.array([row])), well, "proved"

@@ -8,7 +8,8 @@ With Φ the modes, (K_p + ∂g/∂q)Φ = DΦΩ², ΦᵀDΦ = I, the gain K_v = �
 in x = Φz: every mode has the damping ratio ζ.
 
 At rest at q the law asks for K_p q̃ + g(q_d), at most Σ_j |K_p,ij| max|q̃_j| + |g_i(q_d)| over the domain: what that is
-beyond a motor's limit cannot be had from everywhere in it, and Theorem 3 knows of no limits.
+beyond a motor's limit cannot be had from everywhere in it, and Theorem 3 knows of no limits. Where the motors are not
+on the independent joints, their share of that is taken with (ρᵀSᵀ)⁺ at q_d.
 """
 
 from __future__ import annotations
@@ -158,7 +159,7 @@ def suggest_gains(
     damper, frequencies = _damped(mass, stiffness + slope_here, damping)
     farthest = np.maximum(np.abs(law.q_d - lower), np.abs(upper - law.q_d))
     motors = model.mechanism.motors
-    effort = (np.abs(stiffness) @ farthest + np.abs(law.gravity_d)) / np.abs(motors.gears)
+    effort = _leverage(law) @ (np.abs(stiffness) @ farthest + np.abs(law.gravity_d))
     effort_limit = np.abs(motors.limits).min(axis=1)
     rigorous = isinstance(domain, Atlas)
     return Gains(
@@ -173,6 +174,12 @@ def suggest_gains(
         verdict="proven" if rigorous else "undecided",
         reason=f"{_what_limits(slope, rigorous)}; {_what_is_asked(model, effort, effort_limit)}",
     )
+
+
+def _leverage(law: PDSimpleGravity) -> Array:
+    """|(ρᵀSᵀ)⁺| at q_d: what each motor gives for one unit of each generalized force, of shape (motors, n)."""
+    transmission = law.near.reference.transmission
+    return np.eye(law.model.n) if transmission is None else np.asarray(np.abs(np.linalg.pinv(transmission)))
 
 
 def _what_limits(slope: SlopeBound, rigorous: bool) -> str:

@@ -30,7 +30,7 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
         InvalidInputError: The atlas is another mechanism's, or q_d is not in it, or on another branch.
     """
     mechanism = law.model.mechanism
-    if atlas.names != tuple(mechanism.independent) or atlas.problem.system.n_free != mechanism.n_free:
+    if atlas.names != tuple(mechanism.independent) or atlas.problem.system.chart.n_free != mechanism.n_free:
         raise InvalidInputError(
             f"the atlas is over {', '.join(atlas.names)}; the law's coordinates are {', '.join(mechanism.independent)}"
         )
@@ -39,7 +39,7 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
     if not around.size:
         raise InvalidInputError(f"the set point {law.q_d} is not in the atlas; certify one around it")
     boxes = atlas.boxes.take(around)
-    theta = np.tile(system.chart.theta(law.q_free_d), (len(around), 1))
+    theta = np.tile(system.theta(law.q_free_d), (len(around), 1))
     theta[:, system.independent] = law.q_d
     delta = law.q_d - boxes.centre[:, system.independent]
     if not np.all(encloses(atlas.problem, boxes, delta, theta, np.zeros((len(around), system.m)))):
@@ -78,10 +78,11 @@ def cells_around(law: PDSimpleGravity, gain: float, budget: Budget) -> CellStore
         boxes = trials.box(factor)
         well = trials.well(boxes) if boxes is not None else None
         if boxes is not None and well is not None:
-            height = _height(well, boxes.half[0]) if well.beta < gain else -1.0
+            good = well.beta < gain and well.effort > 0.0
+            height = _height(well, boxes.half[0]) if good else -1.0
             if best is None or height > level:
                 best, level = boxes, height
-            if (not single and well.beta < gain) or 0.0 < height < 0.5 * level:
+            if (not single and good) or 0.0 < height < 0.5 * level:
                 break
         factor *= _SHRINK
     if best is None:
@@ -118,7 +119,7 @@ class _Trials:
     def well(self, boxes: Boxes) -> Well:
         """U over a box."""
         bounds = gravity_bounds(self._problem, self._potential, boxes)
-        return wells(self._law, self._law.q_d[None], boxes.half, bounds)[0]
+        return wells(self._law, self._law.q_d[None], boxes.half, boxes.directions, bounds)[0]
 
 
 def _height(well: Well, half: Array) -> float:

@@ -6,7 +6,9 @@ positive definite, D positive definite and q̃ = q_d − q in plain (scalar) coo
     𝒱(q, q̇) = ½ q̇ᵀDq̇ + U(q),        U(q) = V(σ(q)) − V(q_d) + q̃ᵀg(q_d) + ½ q̃ᵀK_p q̃.
 
 Let G be compact, σ smooth and nonsingular on a neighbourhood of it (G ⊂ Ω), q_d in its interior, c > 0 with U ≥ c on
-G's boundary, and 𝒬 the connected component of {U < c} that holds q_d, so that 𝒬 ⊂ G (`flood`). Suppose
+G's boundary, and 𝒬 the connected component of {U < c} that holds q_d, so that 𝒬 ⊂ G (`flood`). Suppose that ρᵀSᵀ has
+rank n on 𝒬, so that the motors, wherever they sit, exert the generalized force that the law asks for (least singular
+value positive over every cell, `well`), and
 
     ‖∂g/∂q‖₂ ≤ β on 𝒬        and        β < k,    k the least eigenvalue of K_p (the least k_pi where K_p is diagonal).
 
@@ -57,7 +59,7 @@ _BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
 _ONE_BOX = Budget(0, 1)
 _LIMITS = {
     "domain": "the edge of the domain",
-    "gain": "where ‖∂g/∂q‖ is not below the gains",
+    "gain": "where ‖∂g/∂q‖ is not below the gains (or motors elsewhere than on q lose their grip)",
     "budget": "the number of cells allowed",
     "depth": "how often a cell may be halved",
 }
@@ -234,7 +236,7 @@ def certify_law(
 
     Raises:
         InvalidInputError: Another law, or q_d is not in the domain or not on its branch.
-        UnsupportedMechanismError: Coordinates that are not plain numbers, other joints actuated than independent, or
+        UnsupportedMechanismError: Coordinates that are not plain numbers, motors on joints of several freedoms, or
             closures that cannot be certified (a plain region works for these).
         UnreachableError, SingularConfigurationError: σ does not exist on all of a plain region.
     """
@@ -257,11 +259,11 @@ def certify_law(
     else:
         store = cells_of_atlas(law, domain)
         method = f"the {own} boxes of an atlas, halved where needed"
-    found = Flood(store, lambda well: well.beta < gain, budget).run(law.q_d)
+    found = Flood(store, lambda well: well.beta < gain and well.effort > 0.0, budget).run(law.q_d)
     level_domain, region, proved = found.level, _members(store, found, law.q_d), store.proved
     if found.limit in ("gain", "depth"):
         more = budget._replace(cells=budget.cells + store.proved)
-        level_domain = max(level_domain, Flood(store, lambda well: True, more).run(law.q_d).level)
+        level_domain = max(level_domain, Flood(store, lambda well: well.effort > 0.0, more).run(law.q_d).level)
     return SetPointCertificate(
         law=law,
         level=found.level,
@@ -322,10 +324,11 @@ def _check(law: PDSimpleGravity) -> None:
     if not isinstance(law, PDSimpleGravity):
         raise InvalidInputError("Theorem 3 is about PD with simple gravity compensation: pass a PDSimpleGravity law")
     mechanism, coordinates = law.model.mechanism, law.model.coordinates
-    if mechanism.actuated != mechanism.independent:
+    plural = [name for name in mechanism.actuated if mechanism.tree.joint(mechanism.tree.split(name)[0]).kind.nv != 1]
+    if plural and mechanism.actuated != mechanism.independent:
         raise UnsupportedMechanismError(
-            f"Theorem 3 needs motors on the independent joints {', '.join(mechanism.independent)}; those of "
-            f"{mechanism.name} sit on {', '.join(mechanism.actuated)}: load it with independent= set to the motors"
+            f"{mechanism.name}: Theorem 3 is certified for motors on 1-dof joints; '{plural[0]}' has several freedoms: "
+            "load it with independent= set to the motors"
         )
     if not (coordinates.scalar and coordinates.constant):
         raise UnsupportedMechanismError(

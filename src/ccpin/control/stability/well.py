@@ -20,7 +20,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
 _ROUNDING = 1e-12
-_SWEEPS = 12
+_SWEEPS, _SETTLED = 200, 1e-4
 
 
 class Range(NamedTuple):
@@ -34,6 +34,9 @@ class Range(NamedTuple):
 class Well(NamedTuple):
     """|U(q_c + δ) − (value + gradient·δ + ½ δᵀ hessian δ)| ≤ remainder over one box, and ‖∂g/∂q‖₂ ≤ beta there.
 
+    So is the least singular value of ρᵀSᵀ at least `effort`, if that is positive: every generalized force is one that
+    motors can exert.
+
     Attributes:
         centre: q_c, of shape (n,).
         value: In joules.
@@ -41,6 +44,7 @@ class Well(NamedTuple):
         hessian: K_p + ∂g/∂q at the centre, of shape (n, n).
         remainder: In joules.
         beta: In N m/rad (or N/m).
+        effort: Infinite where the motors sit on the independent joints.
     """
 
     centre: Array
@@ -49,6 +53,7 @@ class Well(NamedTuple):
     hessian: Array
     remainder: float
     beta: float
+    effort: float
 
     def range_over(self, lower: Array, upper: Array) -> Range:
         """Bounds of min U over the part [lower, upper] of the box (degenerate edges allowed).
@@ -80,16 +85,19 @@ class Well(NamedTuple):
         """Minimise the quadratic over the box one coordinate after the other."""
         point = point.copy()
         for _ in range(_SWEEPS if free.size > 1 else 1):
+            before = point.copy()
             for k in free:
                 slope = self.gradient[k] + self.hessian[k] @ point
                 point[k] = min(max(point[k] - slope / self.hessian[k, k], low[k]), high[k])
+            if np.all(np.abs(point - before) <= _SETTLED * (high - low)):
+                break
         return point
 
 
-def wells(law: PDSimpleGravity, centres: Array, half: Array, bounds: GravityBounds) -> list[Well]:
-    """U over B boxes with centres and half-widths (B, n)."""
+def wells(law: PDSimpleGravity, centres: Array, half: Array, slopes: Array, bounds: GravityBounds) -> list[Well]:
+    """U over B boxes with centres and half-widths (B, n), and D (B, n′, n), σ's slopes at the centres."""
     potential_d = law.model.energy(law.q_d, np.zeros(law.model.n), law.q_free_d).potential
-    norms, found = bounds.norm, []
+    norms, efforts, found = bounds.norm, _efforts(law, slopes, bounds.turning), []
     for k, centre in enumerate(centres):
         error = law.q_d - centre
         parts = np.array(
@@ -105,9 +113,25 @@ def wells(law: PDSimpleGravity, centres: Array, half: Array, bounds: GravityBoun
                 hessian=bounds.hessian[k] + law.K_p,
                 remainder=float(bounds.remainder[k] + rounding),
                 beta=float(norms[k]),
+                effort=float(efforts[k]),
             )
         )
     return found
+
+
+def _efforts(law: PDSimpleGravity, slopes: Array, turning: Array) -> Array:
+    """Lower bounds of the least singular value of S ρ over boxes: ρ is within `turning` of D, the slopes, (B,).
+
+    By Weyl's inequality singular values move by at most ‖|S| turning‖, of which the Frobenius norm is a bound.
+    """
+    mechanism = law.model.mechanism
+    if mechanism.actuated == mechanism.independent:
+        return np.full(len(slopes), np.inf)
+    motors = mechanism.actuation
+    driven = motors @ slopes[:, : mechanism.n_free]
+    moved = np.linalg.norm(np.abs(motors) @ turning[:, : mechanism.n_free], axis=(1, 2))
+    singular = np.linalg.svd(driven, compute_uv=False)
+    return np.asarray(singular[:, -1] - _ROUNDING * singular[:, 0] - moved)
 
 
 # U and ‖∂g/∂q‖ on a grid over a region: estimates, where nothing is proved.

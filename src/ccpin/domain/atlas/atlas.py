@@ -7,7 +7,8 @@ true, the boxes on the two sides of every shared face carry the same σ: it is o
 the boxes (angles modulo 2π), whatever the way from q₀. Nonsingularity alone would not say so: a mechanism may
 change assembly mode without meeting a singularity, and the faces where that shows are listed in `unglued`.
 
-What is not claimed. Undecided cells are those not proved at the depth allowed; unreached cells were not tried, as
+What is not claimed. Undecided cells are those not proved at the depth allowed; singular ones those of them over which a
+closed configuration is proved to be singular (`atlas.singular`), on whatever branch; unreached cells were not tried, as
 no neighbour is certified (σ may exist there, on this branch or another). Empty cells are proved to hold no closed
 configuration at all (`atlas.empty`). Limits of dependent joints are not looked at.
 """
@@ -17,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,19 +26,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ccpin.arrays import Array, Mask, numbers, whole
+from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store as atlas_store
 from ccpin.domain.atlas.build import AtlasBuilder
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, Cells, CellStatus, CellTree, Corners, Region, region_of
 from ccpin.domain.atlas.empty import prove_empty
 from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
+from ccpin.domain.atlas.singular import mark_singular, refuting
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
 from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import newton, solve_in_boxes
+from ccpin.domain.verdict import Verdict, Witness
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 _DEPTHS = {1: 14, 2: 12, 3: 6}
-_TOLERANCES = {1: 1e-5, 2: 1e-4, 3: 2e-3}
+_TOLERANCES = {1: 1e-5, 2: 2e-5, 3: 2e-3}
+_MANY_DEPTH, _MANY_TOLERANCE = 3, 0.5
 
 
 class Progress(NamedTuple):
@@ -80,10 +86,66 @@ class Atlas:
         share = f"{len(self.boxes.centre)} certified boxes, {100 * self.certified_fraction:.4g} % of the region"
         return f"Atlas({', '.join(self.names)}: {share}{done})"
 
+    def _repr_html_(self) -> str:
+        """A small table for notebooks, with a map where there are two coordinates."""
+        shown = table(
+            [
+                ("atlas of", ", ".join(self.names) + ("" if self.complete else " (interrupted)")),
+                ("certified", f"{100 * self.certified_fraction:.4g} % of the region in {len(self.boxes.centre)} boxes"),
+                ("radius about q₀", f"{self.radius:.6g} (rad or m)"),
+                ("q₀", np.array2string(self.q0, precision=6)),
+                ("one function σ", "yes" if self.single_valued else f"{len(self.unglued)} shared faces are unglued"),
+            ]
+        )
+        if len(self.names) != 2:
+            return shown
+        corners = self.region.lower, self.region.upper
+        return shown + boxes(self.lower, self.upper, corners, self.region.reduce(self.q0[None])[0])
+
     @property
     def single_valued(self) -> bool:
         """Whether all shared faces are glued, so that σ is one continuous function on the certified set."""
         return not len(self.unglued)
+
+    @cached_property
+    def witness(self) -> Witness | None:
+        """A place of the region proved to have no σ, or one that is singular."""
+        return None if self._whole else refuting(self.problem, self.tree, self.region, self.boxes)
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the claim that σ is one smooth, nonsingular function on all of the region.
+
+        ``"refuted"`` where `witness` shows a place at which it is not; ``"undecided"``: no
+        such place was proved either.
+        """
+        if self._whole:
+            return "proven"
+        return "undecided" if self.witness is None else "refuted"
+
+    @property
+    def _whole(self) -> bool:
+        return self.certified_fraction == 1.0 and self.single_valued
+
+    @property
+    def reason(self) -> str:
+        """The verdict in a sentence."""
+        spent = f"{len(self.boxes.kappa)} boxes certify {100 * self.certified_fraction:.4g} % of the region"
+        if self.verdict == "proven":
+            return f"σ is one smooth, nonsingular function on the region: {spent}"
+        if self.witness is not None:
+            what = (
+                "no configuration closes the loops"
+                if self.witness.kind == "empty"
+                else "σ meets a singular configuration"
+            )
+            return f"{what} at q = {self.witness.q.tolist()}; {spent}"
+        if not self.single_valued:
+            return f"{len(self.unglued)} faces are not glued, so σ may have several values; {spent}"
+        left = 100 * (self.undecided_fraction + self.singular_fraction)
+        told = "the work was interrupted" if not self.complete else "a larger max_depth= decides more of what was tried"
+        beyond = 100 * self.unreached_fraction
+        return f"{spent}, {left:.4g} % was tried without a proof, {beyond:.4g} % was not reached: {told}"
 
     @property
     def lower(self) -> Array:
@@ -107,8 +169,13 @@ class Atlas:
 
     @property
     def undecided_fraction(self) -> float:
-        """The share of the region tried without a proof."""
+        """The share of the region tried without a proof of anything."""
         return self.fraction(CellStatus.UNDECIDED, CellStatus.CANDIDATE)
+
+    @property
+    def singular_fraction(self) -> float:
+        """The share of the region in cells that hold the q of a configuration proved to be singular."""
+        return self.fraction(CellStatus.SINGULAR)
 
     @property
     def unreached_fraction(self) -> float:
@@ -223,16 +290,17 @@ def certify(
 ) -> Atlas:
     """Prove σ on as much of a region as can be reached from q₀.
 
-    First the largest square about q₀ is certified (to 0.1 % or better for n ≤ 2), then the rest of the region.
+    First the largest square about q₀ is certified (to 0.1 % or better for n ≤ 2, roughly for n > 3), then the rest
+    of the region.
 
     Args:
-        mechanism: A mechanism (or its model) with up to three scalar independent coordinates.
+        mechanism: A mechanism (or its model) with scalar independent coordinates; beyond three a region must be given.
         q0: The seed, of shape (n,) (rad, m).
         region: (lower, upper), the bounds of the coordinates, each of shape (n,); default a full turn for a joint whose
             limits allow it, the limits otherwise. A full turn closes on itself.
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         max_depth: How often an edge of the region may be halved (0: the square only); default 14, 12, 6 for n = 1,
-            2, 3.
+            2, 3, and 3 beyond.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
         workers: How many processes to start for the work; default none: all is done in this one. A script that asks
             for more than one needs the guard ``if __name__ == "__main__":``.
@@ -245,18 +313,20 @@ def certify(
         The atlas; after Ctrl-C what was certified so far, with ``complete`` False.
 
     Raises:
-        UnsupportedMechanismError: More than three coordinates, redundant rows, or closures that cannot be bounded.
+        UnsupportedMechanismError: More than three coordinates and no region, redundant rows, or closures that cannot
+            be bounded.
         InvalidInputError: q₀, region, max_depth or workers is malformed.
         UnreachableError, SingularConfigurationError: σ(q₀) does not exist on the branch, or is singular.
     """
     mechanism = mechanism_of(mechanism)
-    if mechanism.n > max(_DEPTHS):
+    if mechanism.n > max(_DEPTHS) and region is None:
         raise UnsupportedMechanismError(
-            f"{mechanism.name} has {mechanism.n} independent coordinates; maps are drawn for up to {max(_DEPTHS)}. Use "
-            "kantorovich_radius for a ball or certify_path for a path"
+            f"{mechanism.name} has {mechanism.n} independent coordinates; beyond {max(_DEPTHS)} a map is of a region= "
+            "that is given, some times kantorovich_radius wide (its cells double with every halving of every edge). "
+            "certify_path is for moves"
         )
     seed = seed_at_coordinates(mechanism, q0, guess)
-    depth = _DEPTHS[mechanism.n] if max_depth is None else whole(max_depth, "max_depth", 0)
+    depth = _DEPTHS.get(mechanism.n, _MANY_DEPTH) if max_depth is None else whole(max_depth, "max_depth", 0)
     if not depth < LEVELS:
         raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
     problem = problem_of(seed.system, bounds)
@@ -266,10 +336,11 @@ def certify(
         runner = Runner(problem, chosen, checkpoint, flag)
         builder = AtlasBuilder(problem, seed.theta, area, runner, progress and _reporter(progress))
         try:
-            builder.certify_square(_TOLERANCES[mechanism.n])
+            builder.certify_square(_TOLERANCES.get(mechanism.n, _MANY_TOLERANCE))
             if depth:
                 builder.certify_region(depth)
                 prove_empty(problem.system, builder.tree, area, depth)
+                mark_singular(problem, builder.tree, area, builder.boxes)
         except Stopped:
             complete = False
     return Atlas(

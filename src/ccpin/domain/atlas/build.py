@@ -155,11 +155,11 @@ class AtlasBuilder:
         if tried.size:
             found = self._prove(cells[tried], rows_of(origins, tried))
             stretch[tried] = found.stretch
-            proved = np.flatnonzero(found.proved)
-            glued = proved[self._glued_to_origin(rows_of(origins, tried[proved]), found.boxes.take(proved))]
-            accepted[tried[glued]] = True
-            self.tree.box[cells[accepted]] = len(self.boxes.kappa) + np.arange(len(glued))
-            self.proved.add(found.boxes.take(glued))
+            boxes, proved = found.boxes.take(found.proved), tried[found.proved]
+            glued = self._glued_to_origin(rows_of(origins, proved), boxes)
+            accepted[proved[glued]] = True
+            self.tree.box[cells[accepted]] = len(self.boxes.kappa) + np.arange(np.count_nonzero(glued))
+            self.proved.add(boxes.take(glued))
         self.tree.status[cells[accepted]] = CellStatus.CERTIFIED
         children = self._split(cells[~accepted], stretch[~accepted], smallest[~accepted])
         self._origins.add(_Origins.unknown(len(children), len(self.q0)))
@@ -219,7 +219,7 @@ class AtlasBuilder:
         if rows.size:
             parents = self.boxes.take(origins.box[rows])
             at_parent = self._delta(parents, origins.at_box[rows])
-            result[rows] = self._glue(parents, at_parent, boxes.take(rows), delta[rows])
+            result[rows] = self._glue(parents, at_parent, boxes.take(origins.box >= 0), delta[rows])
         for k in np.flatnonzero(origins.box < 0):
             one, ball = slice(k, k + 1), (self._point.centre, self._point.radius, self._point.modes)
             result[one] = encloses(self.problem, rows_of(boxes, one), delta[one], *ball)

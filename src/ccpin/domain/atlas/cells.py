@@ -27,7 +27,7 @@ _SLACK = 1e-9
 
 
 class CellStatus(IntEnum):
-    """What is known of a cell."""
+    """What is known of a cell; `SINGULAR`: a closed configuration over one of its q is proved to be singular."""
 
     UNREACHED = 0
     CANDIDATE = 1
@@ -35,6 +35,7 @@ class CellStatus(IntEnum):
     UNDECIDED = 3
     EMPTY = 4
     SPLIT = 5
+    SINGULAR = 6
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,11 +14,12 @@ from ccpin.arrays import frozen
 from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.domain.boxes import Problem, problem_of
 from ccpin.domain.chains import Chain, ClosureSystem
-from ccpin.domain.chart import Chart, ChartJoint
+from ccpin.domain.chart import Chart, ChartJoint, Elementary
+from ccpin.domain.rods import Rod
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 
-FORMAT = "ccpin-atlas-1"
+FORMAT = "ccpin-atlas-2"
 NamedArrays = dict[str, NDArray[np.generic]]
 _SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 
@@ -55,12 +56,18 @@ def pack_problem(problem: Problem) -> tuple[dict[str, Any], NamedArrays]:
     """A problem as a header and arrays."""
     system = problem.system
     arrays: NamedArrays = {f"system_{name}": getattr(system, name) for name in _SYSTEM_ARRAYS}
+    rods: list[dict[str, Any]] = []
     for k, chain in enumerate(system.chains):
         for name, value in chain._asdict().items():
             arrays[f"chain{k}_{name}"] = np.asarray(value)
     for k, joint in enumerate(system.chart.joints):
         arrays[f"joint{k}_reference"] = joint.reference
+    for k, rod in enumerate(system.rods):
+        numbers, paths = _pack_rod(rod)
+        arrays |= {f"rod{k}_{name}": array for name, array in numbers.items()}
+        rods.append(paths)
     header = {
+        "rods": rods,
         "chains": len(system.chains),
         "scale": system.scale,
         "depth": system.depth,
@@ -88,6 +95,36 @@ def unpack_problem(header: dict[str, Any], arrays: NamedArrays) -> Problem:
         scale=header["scale"],
         depth=header["depth"],
         chart=Chart(joints, header["nq"], header["n_free"]),
+        rods=tuple(
+            _unpack_rod(rod, {n[len(f"rod{k}_") :]: a for n, a in arrays.items() if n.startswith(f"rod{k}_")})
+            for k, rod in enumerate(header["rods"])
+        ),
         **named,
     )
     return problem_of(system, "planar" if header["planar"] else "reach")
+
+
+def _pack_rod(rod: Rod) -> tuple[NamedArrays, dict[str, Any]]:
+    """A rod as arrays and plain numbers."""
+    arrays: NamedArrays = {"reference": rod.reference, "frame_a": rod.frame_a, "frame_b": rod.frame_b}
+    header: dict[str, Any] = {"place": [rod.place.start, rod.place.stop], "length": rod.length}
+    for end, path in (("a", rod.path_a), ("b", rod.path_b)):
+        arrays[f"placements_{end}"] = np.array([step.placement for step in path]).reshape(-1, 4, 4)
+        arrays[f"axes_{end}"] = np.array([step.axis for step in path]).reshape(-1, 3)
+        header[f"steps_{end}"] = [[bool(step.prismatic), int(step.position)] for step in path]
+    return arrays, header
+
+
+def _unpack_rod(header: dict[str, Any], arrays: dict[str, Any]) -> Rod:
+    """The rod that `_pack_rod` packed."""
+    path_a, path_b = (
+        tuple(
+            Elementary(placement, axis, prismatic, position)
+            for placement, axis, (prismatic, position) in zip(
+                arrays[f"placements_{end}"], arrays[f"axes_{end}"], header[f"steps_{end}"], strict=True
+            )
+        )
+        for end in ("a", "b")
+    )
+    frame_a, frame_b = arrays["frame_a"], arrays["frame_b"]
+    return Rod(slice(*header["place"]), header["length"], arrays["reference"], path_a, path_b, frame_a, frame_b)

@@ -12,14 +12,14 @@ Rot(a, θ_k) times a constant, and a whole planar chain is affine in the (cos θ
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array, skew
-from ccpin.description.joint_kinds import JOINT_KINDS, JointKind
+from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.description.rotations import quaternion_matrix
 from ccpin.domain.theorem2.system import Polynomial, combine
 from ccpin.domain.theorem2.unknowns import (
@@ -34,10 +34,10 @@ from ccpin.domain.theorem2.unknowns import (
     turned,
     without_noise,
 )
-from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.tree import Tree, TreeJoint
 
 PARALLEL = 1e-13
+_TURNS = ("rx", "ry", "rz")
 _Rotation = Sequence[tuple[Polynomial, Array]]  # Σ polynomial · matrix, equal to a rotation
 
 
@@ -52,23 +52,61 @@ class Run(NamedTuple):
     axis: Array
 
 
-def tree_joints(tree: Tree) -> dict[int, TreeJoint]:
-    """Every movable joint by its number, its placement's rotation without noise."""
-    joints = {}
+class SimpleTree(NamedTuple):
+    """A tree of slides, turns and balls, every joint of several steps (planar, floating, …) cut into these.
+
+    Attributes:
+        joints: Its joints by their numbers.
+        parts: The numbers of each of the mechanism's joints' parts, root side first; of the world (0) none but 0.
+    """
+
+    joints: dict[int, TreeJoint]
+    parts: dict[int, tuple[int, ...]]
+
+    def path(self, joints: Iterable[int]) -> list[int]:
+        """The parts of joints one behind the other."""
+        return [part for joint in joints for part in self.parts[joint]]
+
+
+def simple_tree(tree: Tree) -> SimpleTree:
+    """A mechanism's tree in parts, the rotations of placements without noise."""
+    joints: dict[int, TreeJoint] = {}
+    parts: dict[int, tuple[int, ...]] = {0: (0,)}
     for joint in tree.joints:
         placement = joint.placement.copy()
         placement[:3, :3] = without_noise(placement[:3, :3])
-        joints[joint.number] = replace(joint, placement=placement)
-    return joints
+        parent, numbers = parts[joint.parent][-1], list[int]()
+        for part in _parts(joint):
+            number = len(joints) + 1
+            joints[number] = replace(part, number=number, parent=parent, placement=placement)
+            numbers.append(number)
+            parent, placement = number, np.eye(4)
+        parts[joint.number] = tuple(numbers)
+    return SimpleTree(joints, parts)
+
+
+def _parts(joint: TreeJoint) -> list[TreeJoint]:
+    """A joint as slides, turns (on the circle where it is kept there) and a ball, in their order."""
+    kind, start = joint.kind, joint.q.start
+    if kind.nv == 1 or kind.steps == _TURNS:
+        return [joint]
+    ball = kind.unit == 4
+    plain = kind.nv - (3 if ball else 0)
+    parts = []
+    for k, axis in enumerate(kind.directions(joint.axis)[:plain]):
+        circle = kind.unit == 2 and k == plain - 1
+        name = "prismatic" if kind.slides[k] else "continuous" if circle else "revolute"
+        window = slice(start + k, start + k + 1 + circle)
+        part = replace(joint, name=f"{joint.name}:{kind.components[k]}", kind=JOINT_KINDS[name], q=window, axis=axis)
+        parts.append(part)
+    if ball:
+        parts.append(replace(joint, kind=JOINT_KINDS["spherical"], q=slice(start + plain, start + plain + 4)))
+    return parts
 
 
 def _angular(joint: TreeJoint) -> bool:
     """Whether one angle is all it has."""
     return joint.kind.nv == 1 and not joint.kind.sliding
-
-
-def _covered(kind: JointKind) -> bool:
-    return kind.nv == 1 or kind.steps == ("rx", "ry", "rz")
 
 
 def find_runs(joints: dict[int, TreeJoint], on_loops: set[int], ancestors: set[int], merge: bool) -> dict[int, Run]:
@@ -101,9 +139,6 @@ class Kinematics:
         runs: From `find_runs`.
         active: Joints that occur in a closure or a coupling.
         q_free: The centre, of shape (nq,).
-
-    Raises:
-        UnsupportedMechanismError: An active joint is planar or floating.
     """
 
     def __init__(self, joints: dict[int, TreeJoint], runs: dict[int, Run], active: list[int], q_free: Array) -> None:
@@ -114,12 +149,6 @@ class Kinematics:
         self._rotations: dict[int, _Rotation] = {}
         self._slides: dict[int, float] = {}
         for j in active:
-            if not _covered(joints[j].kind):
-                covered = ", ".join(name for name, kind in JOINT_KINDS.items() if _covered(kind))
-                raise UnsupportedMechanismError(
-                    f"Theorem 2 is implemented for {covered} joints; joint '{joints[j].name}' is "
-                    f"{joints[j].kind.name} and lies on a loop"
-                )
             self._introduce(j, q_free)
 
     def _introduce(self, j: int, q_free: Array) -> None:

@@ -26,7 +26,7 @@ from ccpin.arrays import Array, frozen
 from ccpin.description.closure_kinds import Gap
 from ccpin.description.closure_kinds import Vector as ClosureVector
 from ccpin.description.joint_kinds import split_component
-from ccpin.domain.theorem2.chain import Kinematics, find_runs, tree_joints
+from ccpin.domain.theorem2.chain import Kinematics, SimpleTree, find_runs, simple_tree
 from ccpin.domain.theorem2.couplings import coupling_row
 from ccpin.domain.theorem2.system import Polynomial, QuadraticSystem, combine
 from ccpin.domain.theorem2.unknowns import NOISE, Unknowns, Vector, plus
@@ -74,24 +74,25 @@ def quadratic_form(mechanism: Mechanism, q_free: Array, form: Form) -> Quadratic
     Joints on no loop and in no coupling do not enter: they move freely, whatever the others do.
 
     Raises:
-        UnsupportedMechanismError: φ holds redundant rows; an active joint is planar or floating; an independent
-            coordinate is one component of a joint; a coupling is not algebraic.
+        UnsupportedMechanismError: φ holds redundant rows; an independent coordinate is one component of a rotation
+            vector; a coupling is not algebraic.
         InvalidInputError: An unknown form.
     """
     if form not in FORMS:
         raise InvalidInputError(f"unknown quadratic form '{form}'; those are {', '.join(FORMS)}")
     constraints = mechanism.constraints()
     _check_square(mechanism, constraints)
-    joints = tree_joints(mechanism.tree)
-    numbers = {joint.name: j for j, joint in joints.items()}
-    on_loops = {j for loop in constraints.loops for j in (*loop.path_a, *loop.path_b)}
+    tree = simple_tree(mechanism.tree)
+    parts = {joint.name: tree.parts[joint.number] for joint in mechanism.tree.joints}
+    numbers = {joint.name: number for number, joint in tree.joints.items()}
+    on_loops = {j for loop in constraints.loops for j in tree.path((*loop.path_a, *loop.path_b))}
     coupled = {numbers[term.joint] for coupling in mechanism.couplings for term in coupling.terms}
-    ancestors = {loop.ancestor for loop in constraints.loops}
-    runs = find_runs(joints, on_loops, ancestors, merge=form == "absolute")
-    kinematics = Kinematics(joints, runs, sorted(on_loops | coupled), q_free)
-    closures = [row for loop in constraints.loops for row in _closure_rows(kinematics, loop)]
+    ancestors = {tree.parts[loop.ancestor][-1] for loop in constraints.loops}
+    runs = find_runs(tree.joints, on_loops, ancestors, merge=form == "absolute")
+    kinematics = Kinematics(tree.joints, runs, sorted(on_loops | coupled), q_free)
+    closures = [row for loop in constraints.loops for row in _closure_rows(kinematics, loop, tree)]
     closures += [coupling_row(kinematics, coupling, numbers, q_free) for coupling in mechanism.couplings]
-    last, kinds = _last_rows(kinematics, mechanism.independent, numbers)
+    last, kinds = _last_rows(kinematics, mechanism.independent, parts, numbers)
     identities = kinematics.unknowns.identities()
     rows = [row.cleaned(NOISE) for row in (*identities, *closures, *last)]
     system = QuadraticSystem.from_polynomials(kinematics.unknowns.names, rows, free=len(last))
@@ -103,7 +104,7 @@ def quadratic_form(mechanism: Mechanism, q_free: Array, form: Form) -> Quadratic
         closures=window,
         coordinates=kinds,
         unknowns=kinematics.unknowns,
-        error=COEFFICIENT_ERROR + 16.0 * _rigidity_defect(joints, constraints.loops),
+        error=COEFFICIENT_ERROR + 16.0 * _rigidity_defect(tree.joints, constraints.loops),
     )
 
 
@@ -125,9 +126,9 @@ def _rigidity_defect(joints: dict[int, TreeJoint], loops: Sequence[ResolvedClosu
     return max([*axes, *(float(np.abs(turn.T @ turn - np.eye(3)).max()) for turn in turns)])
 
 
-def _closure_rows(kinematics: Kinematics, loop: ResolvedClosure) -> list[Polynomial]:
+def _closure_rows(kinematics: Kinematics, loop: ResolvedClosure, tree: SimpleTree) -> list[Polynomial]:
     """The rows of φ of one loop, in their order there."""
-    chains = {"A": list(loop.path_a), "B": list(loop.path_b), "C": []}
+    chains = {"A": tree.path(loop.path_a), "B": tree.path(loop.path_b), "C": []}
     frames = {"A": loop.frame_a, "B": loop.frame_b, "C": np.eye(4)}
     ends = [kinematics.carried(chains[end], frames[end][:3, 3], point=True) for end in ("A", "B")]
     gap = plus(ends[1], ends[0], -1.0)
@@ -142,26 +143,26 @@ def _closure_rows(kinematics: Kinematics, loop: ResolvedClosure) -> list[Polynom
 
 
 def _last_rows(
-    kinematics: Kinematics, independent: tuple[str, ...], numbers: dict[str, int]
+    kinematics: Kinematics, independent: tuple[str, ...], parts: dict[str, tuple[int, ...]], numbers: dict[str, int]
 ) -> tuple[list[Polynomial], tuple[str, ...]]:
     """The last n equations, and the kind of each: ``angle``, ``displacement`` or ``rotation``."""
     rows: list[Polynomial] = []
     kinds: list[str] = []
     for name in independent:
-        joint, component = split_component(name, numbers)
-        variables = kinematics.variables.get(numbers[joint])
-        if variables is None:
-            continue
-        if component:
+        joint, component = split_component(name, parts)
+        if component and name not in numbers:
             raise UnsupportedMechanismError(
                 f"'{name}' is one component of a rotation vector, which is no polynomial of the quaternion; make the "
                 "whole joint independent, or other joints"
             )
-        kind = kinematics.joints[numbers[joint]].kind
-        if kind.nv == 1 and kind.sliding:
-            rows, kinds = [*rows, variables[0]], [*kinds, "displacement"]
-        elif kind.unit == 4:
-            rows, kinds = [*rows, *(x.scaled(2.0) for x in variables[:3])], [*kinds, *3 * ["rotation"]]
-        else:
-            rows, kinds = [*rows, kinematics.turn(numbers[joint])[1]], [*kinds, "angle"]
+        for j in (numbers[name],) if component else parts[joint]:
+            variables, kind = kinematics.variables.get(j), kinematics.joints[j].kind
+            if variables is None:
+                continue
+            if kind.nv == 1 and kind.sliding:
+                rows, kinds = [*rows, variables[0]], [*kinds, "displacement"]
+            elif kind.unit == 4:
+                rows, kinds = [*rows, *(x.scaled(2.0) for x in variables[:3])], [*kinds, *3 * ["rotation"]]
+            else:
+                rows, kinds = [*rows, kinematics.turn(j)[1]], [*kinds, "angle"]
     return rows, tuple(kinds)

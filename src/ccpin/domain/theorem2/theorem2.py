@@ -35,32 +35,36 @@ joints that enter: ν = 0. Joints that do not enter (on no loop, in no coupling)
 themselves, free wherever those are defined.
 (d) Two such σ agree at q₀ and locally everywhere ((c)), so they agree on the cube. ∎
 
-**Hypotheses and rounding.** φ square (no redundant rows), all loop joints revolute, continuous, prismatic or
-spherical; checked when the form is generated. With A a computed inverse of J(z₀) and κ ≥ ‖I − A J(z₀)‖, κ < 1,
-‖J(z₀)⁻¹X‖ ≤ ‖A X‖/(1 − κ); the residual at the centre shortens the step allowed. The coefficients are taken to be
-within 1e-12 of exact relative to the largest row sum of coefficients (the chain products leave some 1e-15, and
-coefficients below 1e-14 are dropped; where placements are rotations to a lesser accuracy, that is added): a
-perturbation e with |e(z₀)|, ‖e_z(z₀)‖ and its v bounded accordingly is added to residual, κ and v. Norms are
-inflated and the radius deflated by 1e-9.
+**Hypotheses and rounding.** φ square (no redundant rows), joints of slides, turns and balls (a planar joint is two
+slides and a turn, a floating one three slides and a ball); checked when the form is generated. With A a computed
+inverse of J(z₀) and κ ≥ ‖I − A J(z₀)‖, κ < 1, ‖J(z₀)⁻¹X‖ ≤ ‖A X‖/(1 − κ); the residual at the centre shortens the step
+allowed. The coefficients are taken to be within 1e-12 of exact relative to the largest row sum of coefficients (the
+chain products leave some 1e-15, and coefficients below 1e-14 are dropped; where placements are rotations to a lesser
+accuracy, that is added): a perturbation e with |e(z₀)|, ‖e_z(z₀)‖ and its v bounded accordingly is added to residual,
+κ and v. Norms are inflated and the radius deflated by 1e-9.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
 from ccpin.arrays import Array, frozen
-from ccpin.domain.chains import checked_configuration
+from ccpin.domain.boxes import problem_of
+from ccpin.domain.chains import checked_configuration, closure_system
+from ccpin.domain.folds import fold_directions, singular_points
 from ccpin.domain.theorem2.form import FORMS, Form, QuadraticForm, quadratic_form
 from ccpin.domain.theorem2.system import QuadraticSystem
-from ccpin.errors import InvalidInputError, SingularConfigurationError
+from ccpin.domain.verdict import Verdict, Witness
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 Scaling = Literal["unit", "weighted"]
 
 _CLOSED = 1e-8
+_NEAR = 1e-6
 _INFLATE = 1.0 + 1e-9
 _DESCRIPTIONS: dict[str, str] = {
     "angles": "one (cos, sin) for each joint's own angle from the centre",
@@ -73,8 +77,13 @@ class Theorem2Result:
     """What Theorem 2 certifies about a closed configuration.
 
     Attributes:
-        radius: ϱ in joint coordinates, maximum norm (rad, m): σ is unique and nonsingular on ‖q − q₀‖∞ < ϱ; infinite
-            where no independent coordinate enters a loop.
+        verdict: ``"proven"``: σ is unique and nonsingular on ‖q − q₀‖∞ < ϱ, ϱ > 0. ``"refuted"``: a configuration
+            within 1e-6 of this one is proved to be singular (`ccpin.domain.folds`), so no radius beyond that exists.
+            ``"undecided"``: neither.
+        reason: The verdict in a sentence.
+        witness: The singular configuration, where refuted.
+        radius: ϱ in joint coordinates, maximum norm (rad, m); 0 where nothing is proved, infinite where no independent
+            coordinate enters a loop.
         radius_quadratic: r, the radius in the last n right sides (sines, metres, doubled quaternion vectors).
         v: Theorem 2's vector of the system used, of shape (N,).
         c: The largest of v.
@@ -86,6 +95,9 @@ class Theorem2Result:
         uniqueness: 1/ω: no other solution has its scaled unknowns this near to the centre (maximum norm).
     """
 
+    verdict: Verdict
+    reason: str
+    witness: Witness | None
     radius: float
     radius_quadratic: float
     v: Array
@@ -117,7 +129,7 @@ class CentreBounds(NamedTuple):
 def theorem2_radius(mechanism: Mechanism | HasMechanism, q_free: Array) -> float:
     """The radius ϱ of Theorem 2 in joint coordinates (rad, m, maximum norm) about a closed q′.
 
-    The better of the quadratic forms offered; see `theorem2` for which, and for what is raised.
+    The better of the quadratic forms offered, 0.0 where nothing is proved; see `theorem2`, also for what is raised.
     """
     return theorem2(mechanism, q_free).radius
 
@@ -139,7 +151,6 @@ def theorem2(
 
     Raises:
         UnsupportedMechanismError: No quadratic form is available (the message says why).
-        SingularConfigurationError: ψ_q′ is singular there, or too nearly so for any radius.
         InvalidInputError: The configuration has the wrong size, is not finite or is open; an unknown option.
     """
     forms = FORMS if form == "best" else (form,)
@@ -147,8 +158,34 @@ def theorem2(
         raise InvalidInputError(f"unknown scaling '{scaling}'; those are {', '.join(get_args(Scaling))}")
     mechanism = mechanism_of(mechanism)
     q_free = _checked(mechanism, q_free)
-    results = [_apply(quadratic_form(mechanism, q_free, one), scaling, q_free) for one in forms]
-    return max(results, key=lambda result: result.radius)
+    results = [_apply(quadratic_form(mechanism, q_free, one), scaling) for one in forms]
+    best = max(results, key=lambda result: result.radius)
+    witness = None if best.radius > 0.0 else _singular_at(mechanism, q_free)
+    if witness is None:
+        return best
+    reason = (
+        f"a configuration within {_NEAR:g} of this one is singular (known to {witness.error:.1e}): there is no radius"
+    )
+    return replace(best, verdict="refuted", reason=reason, witness=witness)
+
+
+def _singular_at(mechanism: Mechanism, q_free: Array) -> Witness | None:
+    """A configuration proved to be singular within 1e-6 of a closed one in every coordinate of the chart."""
+    try:
+        system = closure_system(mechanism, q_free)
+    except UnsupportedMechanismError:
+        return None
+    problem, theta = problem_of(system, "reach"), system.theta(q_free)
+    directions = fold_directions(problem, theta[None])[:, 0]
+    found = singular_points(problem, np.tile(theta, (len(directions), 1)), directions)
+    near = found.proved & (np.abs(found.theta - theta).max(axis=1) + found.error <= _NEAR)
+    if not near.any():
+        return None
+    k = int(np.flatnonzero(near)[np.argmin(found.error[near])])
+    singular = found.theta[k]
+    return Witness(
+        "singular", singular[system.independent].copy(), system.chart.configuration(singular), float(found.error[k])
+    )
 
 
 def bounds_at(system: QuadraticSystem, centre: Array, weights: Array, relative_error: float) -> CentreBounds | None:
@@ -195,26 +232,23 @@ def _checked(mechanism: Mechanism, q_free: Array) -> Array:
     return q_free
 
 
-def _apply(form: QuadraticForm, scaling: Scaling, q_free: Array) -> Theorem2Result:
+def _apply(form: QuadraticForm, scaling: Scaling) -> Theorem2Result:
     system, centre = form.system, form.centre
     weights = np.ones(system.size)
     bounds = bounds_at(system, centre, weights, form.error)
     if bounds is not None and scaling == "weighted":
         weights = best_weights(system, centre)
         bounds = bounds_at(system, centre, weights, form.error)
-    if bounds is None or not bounds.radius > 0.0:
-        rcond = 1.0 / float(np.linalg.cond(system.jacobian(centre), 1))
-        raise SingularConfigurationError(
-            "the configuration is singular, or too nearly so for a radius: the quadratic system's Jacobian has a "
-            f"reciprocal condition number of {rcond:.1e}",
-            q_free=q_free,
-            rcond=rcond,
-        )
-    r = bounds.radius
+    r = 0.0 if bounds is None else max(bounds.radius, 0.0)
     joint = {"angle": float(np.arcsin(min(r, 1.0))), "displacement": r, "rotation": min(r, np.pi / np.sqrt(3.0))}
     scaled = system.rescaled(weights)
+    bend = 0.0 if bounds is None else bounds.bend
+    radius = min((joint[kind] for kind in form.coordinates), default=np.inf) / _INFLATE if r > 0.0 else 0.0
     return Theorem2Result(
-        radius=min((joint[kind] for kind in form.coordinates), default=np.inf) / _INFLATE,
+        verdict="proven" if radius > 0.0 else "undecided",
+        reason=_reason(system, centre, radius),
+        witness=None,
+        radius=radius,
         radius_quadratic=r,
         v=frozen(scaled.v),
         c=scaled.c,
@@ -223,7 +257,17 @@ def _apply(form: QuadraticForm, scaling: Scaling, q_free: Array) -> Theorem2Resu
         system=scaled,
         weights=frozen(weights),
         centre=frozen(centre / weights),
-        uniqueness=1.0 / (bounds.bend * _INFLATE) if bounds.bend else np.inf,
+        uniqueness=0.0 if not r > 0.0 else 1.0 / (bend * _INFLATE) if bend else np.inf,
+    )
+
+
+def _reason(system: QuadraticSystem, centre: Array, radius: float) -> str:
+    if radius > 0.0:
+        return f"σ is unique and nonsingular on the open cube of half width {radius:.6g}"
+    rcond = 1.0 / float(np.linalg.cond(system.jacobian(centre), 1))
+    return (
+        f"the quadratic system's Jacobian has a reciprocal condition number of {rcond:.1e}, too little for a radius "
+        "beside rounding: kantorovich_radius and certify come nearer to singularities"
     )
 
 

@@ -1,0 +1,71 @@
+"""A command's parser, and the numbers that options take: what is wrong with one is said beside the option's name."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import shtab
+
+from ccpin.description import installed_models
+
+N = TypeVar("N", int, float)
+
+EXIT_CODES = """\
+exit codes: 0 done; 1 it cannot be done, said in one sentence (with --json as an object); 2 wrong usage; 130 interrupted
+completion: ccpin --print-completion bash > ~/.local/share/bash-completion/completions/ccpin   (or zsh, tcsh)"""
+
+
+class Command(argparse.ArgumentParser):
+    """A parser whose description and examples (its epilog) keep their lines."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**{"formatter_class": argparse.RawDescriptionHelpFormatter} | options)
+
+
+def add_completion(parser: argparse.ArgumentParser) -> None:
+    """``--print-completion``: a script for the shell; mechanisms complete to installed models and files."""
+    models = " ".join(installed_models())
+    preamble = {
+        "bash": f'_ccpin_mechanisms() {{ compgen -W "{models}" -- "$1"; compgen -f -- "$1"; }}',
+        "zsh": f"_ccpin_mechanisms() {{ _alternative 'models:model:({models})' 'files:file:_files' }}",
+    }
+    shtab.add_argument_to(parser, preamble=preamble, help="print a completion script for the shell")
+
+
+def complete(argument: argparse.Action, what: Mapping[str, Any]) -> None:
+    """Say how an option's value completes: `shtab.FILE`, `shtab.DIRECTORY` or `MECHANISM`."""
+    argument.complete = what  # type: ignore[attr-defined]  # the name shtab looks for
+
+
+MECHANISM = {"bash": "_ccpin_mechanisms", "zsh": "_ccpin_mechanisms", "tcsh": "f"}
+
+
+def positive(text: str) -> float:
+    """A number above 0."""
+    return _read(text, float, "a number above 0", lambda value: 0.0 < value < float("inf"))
+
+
+def nonnegative(text: str) -> float:
+    """A number, 0 or above."""
+    return _read(text, float, "a number, 0 or more", lambda value: 0.0 <= value < float("inf"))
+
+
+def count(text: str) -> int:
+    """A whole number above 0."""
+    return _read(text, int, "a whole number, 1 or more", lambda value: value >= 1)
+
+
+def index(text: str) -> int:
+    """A whole number, 0 or above."""
+    return _read(text, int, "a whole number, 0 or more", lambda value: value >= 0)
+
+
+def _read(text: str, kind: Callable[[str], N], what: str, allowed: Callable[[N], bool]) -> N:
+    with contextlib.suppress(ValueError):
+        value = kind(text)
+        if allowed(value):
+            return value
+    raise argparse.ArgumentTypeError(f"must be {what}, not {text}")

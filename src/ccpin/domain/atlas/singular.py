@@ -1,0 +1,109 @@
+"""Cells over which a closed configuration is proved to be singular, and what refutes that σ reaches all of a region.
+
+An undecided cell beside a certified one is searched along lines from σ there: across the image of the fold that is near
+(its normal is uᵀφ_q, u the left singular vector of φ_y's smallest singular value) and along each coordinate. Where
+Theorem S of `ccpin.domain.folds` proves a singular configuration, the cell that holds its q is a neighbourhood of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.interpolate import PPoly
+
+from ccpin.arrays import Array, Indices, rows_of
+from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of
+from ccpin.domain.boxes import Boxes, Problem
+from ccpin.domain.folds import SingularPoints, fold_directions, singular_points
+from ccpin.domain.newton import encloses, newton, predict
+from ccpin.domain.refutation import singular_witness
+from ccpin.domain.verdict import Witness
+from ccpin.domain.walker import Walker
+from ccpin.errors import SingularConfigurationError
+
+_CHUNK = 20_000_000
+_NEWTON = 12
+_TRIED = 8
+
+
+def mark_singular(problem: Problem, tree: CellTree, region: Region, boxes: Boxes) -> None:
+    """Tell undecided cells that hold the q of a singular configuration from those of which nothing is known."""
+    contacts = _beside_certified(tree, region, CellStatus.UNDECIDED)
+    size = max(1, _CHUNK // (problem.system.m * problem.system.n_free**2 * 8))
+    for first in range(0, len(contacts.cell), size):
+        part = rows_of(contacts, slice(first, first + size))
+        start = _sigma_at(problem, tree, region, boxes, part)
+        for directions in fold_directions(problem, start):
+            rows = np.flatnonzero(tree.status[part.cell] == CellStatus.UNDECIDED)
+            if rows.size:
+                found = singular_points(problem, start[rows], directions[rows])
+                _mark(tree, region, found, problem.system.independent, np.abs(directions[rows]).max(axis=1))
+
+
+def refuting(problem: Problem, tree: CellTree, region: Region, boxes: Boxes) -> Witness | None:
+    """A place of the region at which σ is proved not to exist or to be singular, or ``None``."""
+    leaves = tree.leaves()
+    empty = leaves[tree.status[leaves] == CellStatus.EMPTY]
+    if empty.size:
+        largest = empty[int(np.argmax(np.prod(tree.size[empty].astype(np.float64), axis=1)))]
+        q = region.position(tree.lower[largest] + 0.5 * tree.size[largest])
+        return Witness("empty", np.asarray(q), None, 0.0)
+    contacts = _beside_certified(tree, region, CellStatus.SINGULAR)
+    for k in range(min(_TRIED, len(contacts.cell))):
+        one = rows_of(contacts, slice(k, k + 1))
+        theta = _sigma_at(problem, tree, region, boxes, one)[0]
+        known = boxes.take(tree.box[one.leaf])
+        delta = region.position(one.at_leaf) - known.centre[:, problem.system.independent]
+        found = _witness_from(problem, tree, region, theta, int(one.cell[0]), (known, delta))
+        if found is not None:
+            return found
+    return None
+
+
+def _witness_from(
+    problem: Problem, tree: CellTree, region: Region, theta: Array, cell: int, known: tuple[Boxes, Array]
+) -> Witness | None:
+    """A singular configuration between θ, σ in a certified box at parameters δ, and the far corners of a cell."""
+    lower = region.position(tree.lower[cell])
+    upper = region.position(tree.lower[cell] + tree.size[cell])
+    q = theta[problem.system.independent]
+    targets = [np.where(side, upper, lower) for side in _corners(len(q))]
+    still = PPoly(np.stack([np.zeros((1, len(q))), q[None]]), np.array([0.0, 1.0]))
+    try:
+        walker = Walker(problem, still, np.zeros(len(q)), theta)
+    except SingularConfigurationError:
+        return None
+    same = encloses(problem, *known, walker.point.centre, walker.point.radius, walker.point.modes)
+    return singular_witness(walker, targets) if same[0] else None
+
+
+def _corners(n: int) -> list[Array]:
+    return [np.array([(k >> i) & 1 for i in range(n)], dtype=np.bool_) for k in range(2**n)]
+
+
+def _beside_certified(tree: CellTree, region: Region, status: CellStatus) -> Contacts:
+    """For each leaf of a status that touches a certified one, the largest face they share."""
+    leaves = tree.leaves()
+    contacts = contacts_of(tree, region, leaves[tree.status[leaves] == status])
+    rows = np.flatnonzero(tree.status[contacts.leaf] == CellStatus.CERTIFIED)
+    order = rows[np.lexsort((contacts.leaf[rows], -contacts.area[rows], contacts.cell[rows]))]
+    first = order[np.flatnonzero(np.diff(contacts.cell[order], prepend=-1))]
+    return rows_of(contacts, first)
+
+
+def _sigma_at(problem: Problem, tree: CellTree, region: Region, boxes: Boxes, contacts: Contacts) -> Array:
+    """σ at the faces' middles as the certified sides have it, to rounding, q in the uncertified sides' coordinates."""
+    known = boxes.take(tree.box[contacts.leaf])
+    delta = region.position(contacts.at_leaf) - known.centre[:, problem.system.independent]
+    theta = newton(problem, predict(problem, known, delta), _NEWTON).theta
+    theta[:, problem.system.independent] = region.position(contacts.at_cell)
+    return theta
+
+
+def _mark(tree: CellTree, region: Region, found: SingularPoints, independent: Indices, stretch: Array) -> None:
+    """Mark the undecided leaves that hold a singular q with its error."""
+    q, error = found.theta[:, independent], (found.error * np.maximum(1.0, stretch))[:, None]
+    inside = found.proved & np.all(np.isfinite(q), axis=1)
+    q, error = q[inside], error[inside]
+    low, high = (tree.locate(region.cell_coordinates(q + side * error)) for side in (-1.0, 1.0))
+    cells = low[(low == high) & (low >= 0)]
+    tree.status[cells[tree.status[cells] == CellStatus.UNDECIDED]] = CellStatus.SINGULAR

@@ -1,0 +1,47 @@
+"""Every block of code in README and documentation runs as it is printed, page after page."""
+
+import pytest
+
+from ccpin import visualization
+from ccpin.description import CLOSURE_KINDS
+from tests.support.browser import chromium
+from tests.support.documents import PAGES, alike, blocks, needs, run
+
+KNOWN = {"python", "console", "sh", "text", "xml", "yaml", "toml", "cpp"}
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_of_its_own(tmp_path, monkeypatch):
+    """An empty folder, servers that are not waited for, and a table of closure kinds that a page may add to."""
+    kinds = dict(CLOSURE_KINDS)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr("webbrowser.open", lambda url: True)
+    monkeypatch.setattr(visualization.Viewer, "wait", lambda viewer: None)
+    yield
+    CLOSURE_KINDS.clear()
+    CLOSURE_KINDS.update(kinds)
+
+
+@pytest.mark.parametrize("page", PAGES.values(), ids=list(PAGES))
+def test_a_page_runs(page):
+    """Files, programs, commands and what they print, in the page's order."""
+    for package in needs(page):
+        if package == "chromium":
+            chromium()
+        else:
+            pytest.importorskip(package, reason=f"the page's code needs {package}")
+    run(page)
+
+
+def test_every_block_says_what_it_is():
+    """A block in a language nobody runs or compares would go untested."""
+    for page in PAGES.values():
+        for block in blocks(page):
+            assert block.language in KNOWN or block.title, f"{page}:{block.line}: {block.language}"
+
+
+def test_dots_stand_for_anything():
+    """What a page shows of an output is compared but for its dots."""
+    assert alike("n = 2\nin 0.31 s\n", "n = 2\nin … s")
+    assert not alike("n = 3\nin 0.31 s\n", "n = 2\nin … s")
