@@ -30,7 +30,7 @@ def main(out: Path = OUT) -> None:
     print(f"V at the paper's start {_degrees(paper.START)}: {found.start:.3f} J, {_word(certificate, paper.START)}")
     print(f"furthest start towards it that is covered: {_degrees(found.near)}")
     if found.move is not None:
-        print(f"the paper's start by validated integration: covered {found.move.covered}, from {found.move.time:.3f} s")
+        print(f"the paper's start by validated integration: {found.move.verdict}, from {found.move.time:.3f} s")
     for name, q in (("paper", paper.START), ("inside", found.near)):
         trajectory = ccpin.simulate(study.model, law, q, duration=DURATION, sample_period=2e-3)
         history = lyapunov_along(law, trajectory)

@@ -33,6 +33,7 @@ ORDER = (
     "pages",
     "paper",
     "report",
+    "studio",
     "gym",
 )
 OF_NO_ROOM = (("scripts",), ("docs",))  # tests of what is no part of the package

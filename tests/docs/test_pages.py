@@ -4,6 +4,7 @@ import pytest
 
 from ccpin import visualization
 from ccpin.description import CLOSURE_KINDS
+from ccpin.studio import Studio
 from tests.support.browser import chromium
 from tests.support.documents import PAGES, alike, blocks, needs, run
 
@@ -17,7 +18,9 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr("webbrowser.open", lambda url: True)
-    monkeypatch.setattr(visualization.Viewer, "wait", lambda viewer: None)
+    monkeypatch.setenv("CCPIN_CACHE", str(tmp_path / "cache"))
+    for served in (visualization.Viewer, Studio):
+        monkeypatch.setattr(served, "wait", lambda opened: None)
     yield
     CLOSURE_KINDS.clear()
     CLOSURE_KINDS.update(kinds)

@@ -44,7 +44,7 @@ def opened(url: str, width: int = 900, height: int = 600) -> Iterator[Page]:
     with Page(url, width, height) as page:
         settle(page)
         yield page
-        assert not page.problems, page.problems
+        assert not page.problems, page.problems[:5]
 
 
 def settle(page: Page, milliseconds: int = 0) -> None:

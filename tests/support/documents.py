@@ -99,7 +99,7 @@ def typed(command, where):
     program, *arguments = shlex.split(command)
     out = io.StringIO()
     with contextlib.redirect_stdout(out):
-        if program == "ccpin":
+        if program == "ccpin" and arguments[0] not in MINUTES:
             try:
                 code = main(arguments)
             except SystemExit as end:  # --help, --version, --print-completion
@@ -107,10 +107,13 @@ def typed(command, where):
             assert code == 0, f"{where}: `{command}` ends with {code}"
         elif program == "python" and arguments[0].endswith(".py"):
             runpy.run_path(arguments[0], run_name="__main__")
-        else:
+        elif program != "ccpin":
             assert program in OTHERS, f"{where}: nobody runs `{command}`"
             OTHERS[program](arguments)
     return out.getvalue()
+
+
+MINUTES = ("paper",)  # its own tests run it
 
 
 def _installs(arguments):

@@ -16,6 +16,7 @@ from ccpin.cli.info import add_info, add_modes
 from ccpin.cli.paper import add_paper
 from ccpin.cli.report import add_report
 from ccpin.cli.simulate import add_simulate
+from ccpin.cli.studio import add_studio
 from ccpin.cli.view import add_view
 from ccpin.errors import CcpinError
 
@@ -53,6 +54,7 @@ def _parser() -> argparse.ArgumentParser:
         add_simulate,
         add_domain,
         add_view,
+        add_studio,
         add_convert,
         add_report,
         add_paper,

@@ -88,7 +88,12 @@ class SingularityDistance(NamedTuple):
 
 
 def singularities(
-    mechanism: Mechanism | HasMechanism, *, starts: int = 120, step: float = 0.02, limit: int = 4000
+    mechanism: Mechanism | HasMechanism,
+    *,
+    starts: int = 120,
+    step: float = 0.02,
+    limit: int = 4000,
+    progress: Callable[[int, int], None] | None = None,
 ) -> tuple[SingularCurve, ...]:
     """All singular curves met from deterministic starts, folds first.
 
@@ -100,6 +105,7 @@ def singularities(
         starts: Number of starts spread over the joints' circles and ranges.
         step: Arclength between points, rad or m.
         limit: Largest number of points of one curve.
+        progress: Called before each start with the starts done and their number; what it raises ends the search.
 
     Raises:
         UnsupportedMechanismError: n ≠ 2, joints with nq ≠ nv, components as coordinates, or redundant rows.
@@ -107,7 +113,7 @@ def singularities(
     mechanism = mechanism_of(mechanism)
     selection = mechanism.parametrization().coordinates.jacobian(mechanism.q_reference)
     rows = selection, np.zeros_like(selection)
-    curves = _all_curves(_SingularEquations(mechanism, lambda q_free, w: rows), starts, step, limit)
+    curves = _all_curves(_SingularEquations(mechanism, lambda q_free, w: rows), starts, step, limit, progress)
     return tuple(curve._replace(error=_proved_near(mechanism, curve)) for curve in curves)
 
 
@@ -161,11 +167,19 @@ def serial_singularities(
     return _all_curves(_SingularEquations(mechanism, rows, "serial"), starts, step, limit)
 
 
-def _all_curves(equations: _SingularEquations, starts: int, step: float, limit: int) -> tuple[SingularCurve, ...]:
+def _all_curves(
+    equations: _SingularEquations,
+    starts: int,
+    step: float,
+    limit: int,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[SingularCurve, ...]:
     starts, step, limit = whole(starts, "starts"), positive(step, "step"), whole(limit, "limit")
     generator = np.random.default_rng(20004)
     curves: list[SingularCurve] = []
-    for _ in range(starts):
+    for done in range(starts):
+        if progress is not None:
+            progress(done, starts)
         found = equations.solve_from(generator)
         if found is None or any(equations.lies_on(found, curve) for curve in curves):
             continue

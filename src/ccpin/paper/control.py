@@ -112,7 +112,7 @@ def _theorem_three(study: Study) -> Item:
     closed = "python-flint is not installed: pip install 'ccpin[validated]'"
     if move is not None:
         closed = (
-            f"{'covered' if move.covered else 'not covered'}: at {move.time:.3f} s the enclosure of the exact motion "
+            f"{move.verdict}: at {move.time:.3f} s the enclosure of the exact motion "
             f"lies in B₂, 𝒱 < {move.lyapunov:.3f} J"
         )
     return Item(

@@ -87,7 +87,7 @@ def _form(study: Study) -> Erratum:
 def _start(found: Theorem3Facts) -> Erratum:
     certificate, move = found.certificate, found.move
     closed = "With python-flint installed, `certify_move` encloses the exact motion from there."
-    if move is not None and move.covered:
+    if move is not None and move.verdict == "proven":
         closed = (
             f"What closes it: `certify_move` encloses the exact motion from the paper's start, proves that it meets no "
             f"singularity and that after {move.time:.3f} s it is inside B_2, where Theorem 3 takes over."

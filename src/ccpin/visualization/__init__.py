@@ -19,7 +19,7 @@ from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.visualization.annotations import Tracked, draw_forces, draw_ghosts, draw_trace, name_joints
 from ccpin.visualization.embedded import Embedded
 from ccpin.visualization.film import FILMS, PAGES, STILLS, Shot, write
-from ccpin.visualization.live import LiveRecorder, Server, Viewer
+from ccpin.visualization.live import LiveRecorder, Viewer, serve_scene
 from ccpin.visualization.page import Recorder, render_page
 from ccpin.visualization.playback import (
     HasForce,
@@ -42,6 +42,8 @@ __all__ = [
     "Viewer",
     "animate",
     "embed",
+    "name_of",
+    "play",
     "snapshot",
     "view",
 ]
@@ -90,7 +92,7 @@ def animate(
     shot = Shot(path, (*PAGES, *FILMS), size, fps)
     recorder = Recorder()
     frames = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=True)[1]
-    return write(shot, render_page(heading(title, _name(mechanism)), recorder.commands), frames, progress)
+    return write(shot, render_page(heading(title, name_of(mechanism)), recorder.commands), frames, progress)
 
 
 def embed(
@@ -111,7 +113,7 @@ def embed(
     """
     mechanism, recorder = mechanism_of(mechanism), Recorder()
     _show(mechanism, recorder, q_free, t, fps=fps, speed=speed, trace=trace, forces=forces, loop=True)
-    return Embedded(render_page(heading(title, _name(mechanism)), recorder.commands), whole(height, "height"))
+    return Embedded(render_page(heading(title, name_of(mechanism)), recorder.commands), whole(height, "height"))
 
 
 def snapshot(
@@ -131,7 +133,7 @@ def snapshot(
     shot = Shot(path, (*PAGES, *STILLS), size)
     recorder = Recorder()
     _pose(mechanism, recorder, q_free)
-    return write(shot, render_page(heading(title, _name(mechanism)), recorder.commands), 1)
+    return write(shot, render_page(heading(title, name_of(mechanism)), recorder.commands), 1)
 
 
 def view(
@@ -157,13 +159,13 @@ def view(
         CcpinError: No loopback port can be opened.
     """
     mechanism = mechanism_of(mechanism)
-    words = heading(title, _name(mechanism))
+    words = heading(title, name_of(mechanism))
     recorder = LiveRecorder()
     scene = _show(mechanism, recorder, q_free, t, fps=fps, speed=speed, trace=trace, forces=forces, loop=loop)
-    return Viewer(scene, Server(render_page(words, (), live=True), recorder), open_browser)
+    return Viewer(scene, serve_scene(render_page(words, (), live=True), recorder), open_browser)
 
 
-def _name(mechanism: Mechanism) -> str:
+def name_of(mechanism: Mechanism) -> str:
     """What a file is called; where it is called as any might be, its folder; else the mechanism's own name."""
     source = Path(mechanism.description.source or mechanism.name)
     return source.parent.name or mechanism.name if source.stem in ANYTHING else source.stem
@@ -218,13 +220,32 @@ def _play(
     loop: bool,
 ) -> tuple[Scene, int]:
     """A scene that plays a trajectory, and its number of frames."""
+    scene = _scene(mechanism, recorder)
+    name_joints(scene)
+    return scene, play(scene, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=loop)
+
+
+def play(
+    scene: Scene,
+    t: ArrayLike,
+    q_free: ArrayLike,
+    *,
+    fps: float = 30,
+    speed: float = 1.0,
+    trace: Tracked | None = None,
+    forces: Sequence[HasForce] = (),
+    loop: bool = True,
+) -> int:
+    """Play a trajectory in a scene, with its path, ghosts of its ends and forces; return its number of frames.
+
+    Arguments and errors as for `animate`.
+    """
+    mechanism = scene.mechanism
     poses = checked_poses(mechanism, q_free)
     times = checked_times(t, len(poses))
     moments = frame_times(times, fps, speed)
     frames = sample(mechanism, times, poses, moments)
-    scene = _scene(mechanism, recorder)
     scene.frame_camera(frames)
-    name_joints(scene)
     if trace is not None:
         every = math.ceil(TRACED_SAMPLES / len(moments))
         between = finer(moments, every)
@@ -234,4 +255,4 @@ def _play(
     draw_ghosts(scene, {"start": frames[0], "goal": frames[-1]})
     scene.animate(frames, fps, loop)
     scene.tell("clock", {"start": float(times[0]), "end": float(times[-1]), "speed": speed, "fps": fps})
-    return scene, len(frames)
+    return len(frames)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 import webbrowser
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
@@ -49,7 +50,8 @@ class LiveRecorder(Recorder):
             self._sockets.discard(socket)
 
     def hang_up(self) -> None:
-        """Close all connections; called on the event loop."""
+        """Close all connections and forward nothing any more; called on the event loop."""
+        self.loop = None
         for socket in tuple(self._sockets):
             socket.close()
 
@@ -60,15 +62,25 @@ class LiveRecorder(Recorder):
 
 
 class Server:
-    """Serves one page, which connects to ``/scene``, and the recorded scene on a free loopback port, until closed.
+    """Serves a Tornado application on the loopback interface, in a thread, until closed.
+
+    Args:
+        application: Makes it, given the event loop it runs on.
+        hang_up: Closes its connections; called on the event loop.
+        port: Where; 0 for any that is free.
+
+    Attributes:
+        url: The address of its root.
 
     Raises:
-        CcpinError: No loopback port can be opened.
+        CcpinError: The port cannot be opened.
     """
 
-    def __init__(self, text: str, recorder: LiveRecorder) -> None:
+    def __init__(
+        self, application: Callable[[asyncio.AbstractEventLoop], Any], hang_up: Callable[[], None], port: int = 0
+    ) -> None:
         self.url = ""
-        self._text, self._recorder = text, recorder
+        self._application, self._hang_up, self._port = application, hang_up, port
         self._loop = asyncio.new_event_loop()
         self._stop = asyncio.Event()
         self._ready = threading.Event()
@@ -76,7 +88,8 @@ class Server:
         self._thread = threading.Thread(target=self._run, name="ccpin-viewer", daemon=True)
         self._thread.start()
         if not self._ready.wait(TIMEOUT) or not self.url:
-            raise CcpinError(f"the viewer's web server could not start on {LOOPBACK}: {self._failure}")
+            where = f"{LOOPBACK}:{port}" if port else LOOPBACK
+            raise CcpinError(f"the web server could not start on {where}: {self._failure}")
 
     def close(self) -> None:
         """Stop serving; does nothing the second time."""
@@ -88,26 +101,24 @@ class Server:
         asyncio.set_event_loop(self._loop)
         try:
             self._loop.run_until_complete(self._serve())
-        except (OSError, asyncio.TimeoutError) as error:
+        except (OSError, OverflowError, asyncio.TimeoutError) as error:
             self._failure = error
         finally:
             self._ready.set()
-            self._recorder.loop = None
             self._loop.close()
 
     async def _serve(self) -> None:
         from tornado.httpserver import HTTPServer
         from tornado.netutil import bind_sockets
 
-        sockets = bind_sockets(0, LOOPBACK)
-        server = HTTPServer(_application(self._text, self._recorder))
+        sockets = bind_sockets(self._port, LOOPBACK)
+        server = HTTPServer(self._application(self._loop))
         server.add_sockets(sockets)
         self.url = f"http://{LOOPBACK}:{sockets[0].getsockname()[1]}/"
-        self._recorder.loop = self._loop
         self._ready.set()
         await self._stop.wait()
         server.stop()
-        self._recorder.hang_up()
+        self._hang_up()
         await asyncio.wait_for(server.close_all_connections(), TIMEOUT / 4)
 
 
@@ -170,6 +181,16 @@ def _write(socket: Any, packed: bytes) -> None:
         socket.write_message(packed, binary=True)
     except WebSocketClosedError:
         socket.close()
+
+
+def serve_scene(text: str, recorder: LiveRecorder) -> Server:
+    """Serve one page, which connects to ``/scene``, and the recorded scene on a free loopback port, until closed."""
+
+    def application(loop: asyncio.AbstractEventLoop) -> Any:
+        recorder.loop = loop
+        return _application(text, recorder)
+
+    return Server(application, recorder.hang_up)
 
 
 def _application(text: str, recorder: LiveRecorder) -> Any:

@@ -7,7 +7,7 @@ import html
 import json
 import re
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 
 class Recorder:
@@ -53,7 +53,18 @@ REPLAY = """for (const command of commands)
   viewer.handle_command_bytearray(Uint8Array.from(atob(command), c => c.charCodeAt(0)));"""
 
 
-def render_page(title: str, commands: tuple[bytes, ...], live: bool = False) -> str:
+class Beside(NamedTuple):
+    """What a page has besides the scene: its markup, its style, and what its script does once the scene runs."""
+
+    markup: str = ""
+    style: str = ""
+    script: str = ""
+
+
+ALONE = Beside()
+
+
+def render_page(title: str, commands: tuple[bytes, ...], live: bool = False, beside: Beside = ALONE) -> str:
     """The web page: MeshCat's own viewer, ccpin's stage and player, the commands; no outside references.
 
     A live page carries no commands: it receives them over a web socket from the server it came from.
@@ -64,9 +75,11 @@ def render_page(title: str, commands: tuple[bytes, ...], live: bool = False) -> 
     encoded = json.dumps([base64.b64encode(command).decode("ascii") for command in commands])
     parts = {
         "@MESHCAT@": viewer.read_text(encoding="utf-8"),
-        "@STYLE@": _asset("page.css"),
+        "@STYLE@": _asset("page.css") + beside.style,
         "@SCRIPT@": "\n".join(_asset(name) for name in SCRIPTS),
         "@TITLE@": html.escape(title),
+        "@BESIDE@": beside.markup,
+        "@AFTER@": beside.script,
         "@START@": CONNECT if live else f"const commands = {encoded};\n{REPLAY}",
     }
     return re.sub("|".join(parts), lambda found: parts[found.group()], _asset("page.html"))

@@ -1,11 +1,11 @@
 // What is drawn over and beside the mechanism: its path as far as it has gone, ghosts of start and goal, names, forces.
 const split = path => path.split("/").filter(part => part);
 const node = path => viewer.scene_tree.find(split(path));
-const made = { trace: null, ghosts: null, arrows: null };                  // and from which words of Python's
+const made = { trace: null, whole: null, ghosts: null, arrows: null };                  // and from which words of Python's
 
 function showTrace(frame) {
   const trace = told("trace");
-  if (made.trace) made.trace.parent.visible = Boolean(trace.path) && shown.trace;
+  if (made.trace?.parent) made.trace.parent.visible = Boolean(trace.path) && shown.trace;
   if (!trace.path) return;
   const mesh = node(trace.path).find(["<object>"]).object;
   if (!mesh.geometry) return;
@@ -14,6 +14,8 @@ function showTrace(frame) {
     const whole = new THREE.Mesh(mesh.geometry.clone(), mesh.material.clone());
     Object.assign(whole.material, { transparent: true, opacity: 0.16, depthWrite: false });
     mesh.castShadow = mesh.receiveShadow = false;
+    made.whole?.removeFromParent();      // of the motion before
+    made.whole = whole;
     mesh.parent.add(whole);
   }
   mesh.parent.visible = shown.trace;
@@ -124,8 +126,8 @@ function writeNames(frame) {
   written.map(entry => ({ ...entry, seen: entry.at.clone().project(viewer.camera) }))
     .sort((a, b) => b.seen.y - a.seen.y)
     .forEach(({ kind, text, seen }, index) => {
-      const span = holder.children[index], x = (1 + seen.x) * innerWidth / 2 + 10;
-      let y = (1 - seen.y) * innerHeight / 2 - 10;
+      const span = holder.children[index], x = (1 + seen.x) * pane.clientWidth / 2 + 10;
+      let y = (1 - seen.y) * pane.clientHeight / 2 - 10;
       const width = 7 * text.length + 12;
       while (taken.some(other => Math.abs(other.y - y) < 20 && x < other.x + other.width && other.x < x + width)) y += 20;
       taken.push({ x, y, width });

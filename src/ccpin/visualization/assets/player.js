@@ -116,7 +116,7 @@ function listen() {
   }
   addEventListener("keydown", event => {
     const press = KEYS[event.key.length === 1 ? event.key.toLowerCase() : event.key];
-    if (!press || event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.(".dg, select")) return;
+    if (!press || event.ctrlKey || event.metaKey || event.altKey || event.target.closest?.(".dg, select, textarea, input:not(#scrub)")) return;
     event.preventDefault();
     press();
   });
@@ -156,6 +156,7 @@ function film(frame) {                   // for who renders a film: one frame, w
 function prepare() {                     // before MeshCat hears the first command
   paint = viewer.render.bind(viewer);
   viewer.render = draw;
+  fitted();
   lit();
   handWatched();
   listen();

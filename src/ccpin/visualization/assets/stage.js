@@ -1,6 +1,7 @@
 // The stage: MeshCat's viewer with an environment to reflect, shadows, and a ground that fades into the distance.
 const THREE = MeshCat.THREE;
-const viewer = new MeshCat.Viewer(document.getElementById("pane"));
+const pane = document.getElementById("pane");
+const viewer = new MeshCat.Viewer(pane);
 const told = name => viewer.scene_tree.find(["ccpin", name]).object.userData;     // what Python says of `name`
 const shown = { labels: 0, trace: true, ghosts: true, arrows: true, ground: true };
 
@@ -28,6 +29,12 @@ function dress(object) {                 // colours are as people see them; thre
       material.userData.dressed = true;
     }
   });
+}
+
+function fitted() {                      // to its pane, whatever else is on the page; MeshCat alone would take the window
+  const fit = viewer.set_3d_pane_size.bind(viewer);
+  viewer.set_3d_pane_size = (width = pane.clientWidth, height = pane.clientHeight) => fit(width, height);
+  new ResizeObserver(() => viewer.set_3d_pane_size()).observe(pane);
 }
 
 function lit() {

@@ -4,7 +4,7 @@ const view = { name: "iso", told: null, touched: false, flight: null, window: ""
 
 function pose(name) {
   const { target, position, fit } = told("views")[name];
-  const [width, height, share] = fit, aspect = innerWidth / innerHeight;
+  const [width, height, share] = fit, aspect = pane.clientWidth / pane.clientHeight;
   const zoom = share * Math.tan(viewer.camera.fov * Math.PI / 360) / Math.max(height, width / aspect);
   return { target: new THREE.Vector3(...target), position: new THREE.Vector3(...position), zoom };
 }
@@ -41,7 +41,7 @@ function fly() {                         // along an arc about the target
 function keepFramed() {                  // a new window or a motion that has left the frame; not against the user's hand
   const views = told("views");
   if (!views.iso) return;
-  const size = `${innerWidth}x${innerHeight}`, first = view.told === null;
+  const size = `${pane.clientWidth}x${pane.clientHeight}`, first = view.told === null;
   if (views === view.told && size === view.window) return;
   const grown = views !== view.told && !first;
   Object.assign(view, { told: views, window: size });
@@ -50,7 +50,7 @@ function keepFramed() {                  // a new window or a motion that has le
 
 function handWatched() {                 // from the first drag or turn of the wheel on the view is the user's own
   for (const event of ["pointerdown", "wheel"])
-    document.getElementById("pane").addEventListener(event, () => {
+    pane.addEventListener(event, () => {
       Object.assign(view, { touched: true, flight: null });
     }, { passive: true });
 }
