@@ -372,7 +372,9 @@ def test_planar_loops_are_affine_in_absolute_directions(rpdr):
     assert system.v.tolist() == [4.0] * 4 + [0.0] * 4
 
 
-@pytest.mark.parametrize("make", [rod_stewart, partial(rod_stewart, "cranks"), rod_ankle], ids=["stewart", "cranks", "ankle"])
+@pytest.mark.parametrize(
+    "make", [rod_stewart, partial(rod_stewart, "cranks"), rod_ankle], ids=["stewart", "cranks", "ankle"]
+)
 def test_floating_joints_and_distances(make):
     """The closure rows of lifts of open configurations are φ's, and σ's lifts over the certified cube are its roots."""
     mechanism = ccpin.load(make())
