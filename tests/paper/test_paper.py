@@ -32,6 +32,7 @@ def found():
         yield paper.reproduce(told.append), told
 
 
+@pytest.mark.slow
 def test_every_item_is_within_its_bound(found):
     """Every numbered item agrees with the paper; each bound has a reason, each is told of once."""
     whole, told = found
@@ -43,6 +44,7 @@ def test_every_item_is_within_its_bound(found):
     assert all(item.reason and item.compared and item.paper and item.ours for item in whole.items)
 
 
+@pytest.mark.slow
 def test_bounds_are_not_generous(found):
     """Identities are held to rounding or to their difference quotients; the rest to printed digits or to nothing."""
     printed_digits = {"Fig. 6": 5e-4, "Fig. 8": 5e-3, "Fig. 9": 0.05}
@@ -108,6 +110,7 @@ def test_the_worked_example_would_fail_with_another_c(monkeypatch):
     assert not next(domain_items.items(paper.Study())).agrees
 
 
+@pytest.mark.slow
 def test_the_errata_rest_on_numbers(found):
     """Each by the number its evidence rests on, from elsewhere."""
     by_place = {}
@@ -121,6 +124,7 @@ def test_the_errata_rest_on_numbers(found):
     assert by_place["Experiment 2"][0].value == pytest.approx(0.452, abs=2e-3)
 
 
+@pytest.mark.slow
 def test_theorem_three_and_what_closes_the_gap(found):
     """The paper's start is outside of B₂, and the enclosure of its motion ends inside."""
     facts = dict(next(item for item in found[0].items if item.number == "Theorem 3").facts)
@@ -130,6 +134,7 @@ def test_theorem_three_and_what_closes_the_gap(found):
     assert facts["the paper's start by validated integration"].startswith("proven")
 
 
+@pytest.mark.slow
 def test_the_page(found, tmp_path):
     """Every item with its three tabs, every figure loaded, nothing asked of the network, nothing on the console."""
     whole = found[0]
@@ -153,6 +158,7 @@ def test_the_page(found, tmp_path):
         assert [name for name in asked if not name.startswith("data:")] == []
 
 
+@pytest.mark.slow
 def test_the_command(found, tmp_path, monkeypatch, capsys):
     """A page and a table, or JSON without a bare NaN; the exit code tells whether all agrees."""
     whole = found[0]

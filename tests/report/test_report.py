@@ -27,11 +27,15 @@ def written(mechanism, folder, settings=QUICK):
     ("name", "words"),
     [
         ("rpdr", ["2 independent motions", "certified boxes", "Singular curves", "assembly mode"]),
-        ("four_bar", ["one independent motion", "boxes, edges halved up to 3 times"]),
+        pytest.param(
+            "four_bar", ["one independent motion", "boxes, edges halved up to 3 times"], marks=pytest.mark.slow
+        ),
         ("slider_crank", ["one independent motion", "boxes, edges halved up to 3 times"]),
-        ("delta", ["3 independent motions", "Slices through the reference"]),
-        ("stewart", ["6 independent motions", "Slices through the reference", "not proved"]),
-        ("bennett", ["one independent motion"]),
+        pytest.param("delta", ["3 independent motions", "Slices through the reference"], marks=pytest.mark.slow),
+        pytest.param(
+            "stewart", ["6 independent motions", "Slices through the reference", "not proved"], marks=pytest.mark.slow
+        ),
+        pytest.param("bennett", ["one independent motion"], marks=pytest.mark.slow),
     ],
 )
 def test_reports_of_the_zoo(name, words, tmp_path):
@@ -50,6 +54,7 @@ def _titles(page):
     return "certified boxes" if "The atlas; + is the reference." in page else ""
 
 
+@pytest.mark.slow
 def test_a_page_in_a_browser(tmp_path):
     """The animation within plays, every figure loads, nothing is asked of the network, the console is clean."""
     _, done = written("stewart", tmp_path)
@@ -135,6 +140,7 @@ def test_the_command(tmp_path, capsys):
     assert "it is a folder" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cassie_closed_chain.xml", "mini_cheetah_leg.urdf"])
 def test_a_file_of_somebody_elses(name, tmp_path):
     """Many coordinates, a floating base, continuous joints, an open chain: as the file is."""

@@ -88,7 +88,7 @@ def drawn_frames(page):
 MECHANISMS = ["rpdr", "delta", "stewart", "5bar_linkage_iso3d"]
 
 
-@pytest.mark.parametrize("name", MECHANISMS)
+@pytest.mark.parametrize("name", ["rpdr", *(pytest.param(name, marks=pytest.mark.slow) for name in MECHANISMS[1:])])
 def test_driven_through(name, folder):
     """Typing, the slider, the map and the handle move a mechanism that stays closed; the console stays clean."""
     if name not in MECHANISMS[:3] and not SHARED.is_dir():
@@ -126,6 +126,7 @@ def test_driven_through(name, folder):
         session.close()
 
 
+@pytest.mark.slow
 def test_the_whole_of_it(folder):
     """The RPDR: map, edge, modes, goal, simulate, scrub, 𝒱 < c, record, export, and the exported page offline."""
     mechanism = ccpin.load("rpdr")
@@ -216,6 +217,7 @@ def test_the_whole_of_it(folder):
         assert asked == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(1400, 900), (1100, 700)])
 def test_nothing_is_cut_off(size, folder):
     """No panel overflows sideways, every control is in its panel, and the stage keeps at least 40 % of the width."""

@@ -106,17 +106,21 @@ def test_each_tab_has_its_own_session(opened):
 
 def test_a_closed_tab_cancels_its_work(opened):
     """The search of a tab that has gone ends."""
+    others = set(threading.enumerate())  # of tests before
 
     async def begin(connection):
         return await answer(connection, do="chart")
 
+    def searching():
+        return [thread for thread in set(threading.enumerate()) - others if thread.name == "ccpin-chart"]
+
     assert talk(opened, begin)["kind"] == "begun"
     deadline = time.monotonic() + 60
     while time.monotonic() < deadline:
-        if not any(thread.name == "ccpin-chart" for thread in threading.enumerate()):
+        if not searching():
             break
         time.sleep(0.05)
-    assert not any(thread.name == "ccpin-chart" for thread in threading.enumerate())
+    assert not searching()
     assert opened.sessions == 0
 
 

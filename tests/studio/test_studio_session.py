@@ -145,9 +145,9 @@ def test_a_mode_found_by_nobody_is_one_of_its_own(subjects):
     assert Branches.unknown().told()["signs"] == []
 
 
-def test_the_chart_is_the_atlas_and_is_kept(subjects):
+def test_the_chart_is_the_atlas_and_is_kept(tmp_path):
     """The cells are those of `certify`; a second session gets them from the cache, and of the other mode others."""
-    subject = subjects("four_bar")
+    subject = Subject(ccpin.load("four_bar"), cache=Cache(tmp_path))
     chart = Desk(subject).result("chart", "chart")
     atlas = domain.certify(subject.mechanism, subject.dials.values(subject.reference.q))
     cells = np.frombuffer(base64.b64decode(chart["cells"]["corners"]), dtype=np.float32).reshape(-1, 2, 1)

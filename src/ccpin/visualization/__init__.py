@@ -42,8 +42,6 @@ __all__ = [
     "Viewer",
     "animate",
     "embed",
-    "name_of",
-    "play",
     "snapshot",
     "view",
 ]
