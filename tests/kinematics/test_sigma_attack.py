@@ -66,7 +66,7 @@ def test_five_bar_keeps_its_mode(rpdr_model, size):
         for _, q_free in answers(rpdr_model, queries, guess):
             assert np.sin(rpdr.fold(to_paper(rpdr_model.mechanism, q_free))) * mode > 0
             seen += 1
-    assert seen > 10 * size
+    assert seen >= 3 * size  # of 15 or 150 queries each
 
 
 @pytest.mark.parametrize("size", SIZES)
