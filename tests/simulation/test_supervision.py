@@ -281,8 +281,8 @@ def test_an_interrupted_journal_has_the_rest_in_memory(rpdr_model, tmp_path):
 
 def test_cost_is_linear_and_memory_flat(rpdr_model, tmp_path):
     """Ten times the moves cost about ten times the CPU time, and no more memory, with a journal."""
-    costs = []
-    for count in (20, 200):
+    costs, fewest = [], 20 if ccpin.backend().name == "native" else 2  # the reference takes a second for each
+    for count in (fewest, 10 * fewest):
         began = time.process_time()
         cycles(rpdr_model, tmp_path / f"{count}.moves", count)
         costs.append((time.process_time() - began) / count)
