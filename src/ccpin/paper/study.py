@@ -19,9 +19,11 @@ from ccpin.simulation.simulate import simulate
 
 NAMES = ("joint1", "joint2", "joint3", "joint4")
 """The paper's order of q′, by the joints' names in the file."""
-START, GOAL = (frozen(np.radians(q)) for q in ([-150.0, -160.0], [-90.0, -100.0]))
+START = frozen(np.radians([-150.0, -160.0]))
+GOAL = frozen(np.radians([-90.0, -100.0]))
 """Both moves' ends: also the lower and the upper corner of the region 𝒟."""
-K_P, K_V = (11.0, 11.0), (0.65, 0.60)
+K_P = (11.0, 11.0)
+K_V = (0.65, 0.60)
 CENTRES = frozen(np.radians([[-108.0, -72.0], [-108.0, -48.0], [-108.0, -120.0], [-70.0, -110.0]]))
 """Of Table I, the sign of q2 read negative."""
 RADII = (3.5, 0.13, 1.7, 0.31)
