@@ -101,6 +101,16 @@ function layGround() {                   // at the lowest point of the motion; i
 function showGround() {
   if (ground.group) ground.group.visible = shown.ground;
   document.getElementById("scale").hidden = !shown.ground;
-  for (const [name, factor] of [["AmbientLight", 0], ["Fill", 0.35]])    // the room lights instead
-    viewer.scene_tree.find(["Lights", name]).object.visible = factor > 0;
+  viewer.scene_tree.find(["Lights", "AmbientLight"]).object.visible = plain.on;          // else the room lights
+}
+
+const plain = { on: false, room: null };
+function drawPlainly(on) {               // no room to reflect, no shadows, no ghosts
+  if (plain.on === on) return;
+  const { scene } = viewer;
+  plain.on = on;
+  plain.room ??= scene.environment;
+  scene.environment = on ? null : plain.room;
+  if (ground.light) ground.light.castShadow = !on;
+  viewer.set_dirty();
 }
