@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
+from ccpin.control.stability.flood import Flooded
 from ccpin.control.stability.theorem3 import certify_law
 from ccpin.domain.theorem2.theorem2 import theorem2_radius
 from ccpin.dynamics.state import State
@@ -135,8 +136,7 @@ class Maps:
             job.progress(None, "Theorem 3: how far 𝒱 < c is proved")
             law = PDSimpleGravity(subject.model, plan.goal, plan.K_p, plan.K_v)
             own = atlas if atlas is not None and atlas.contains(subject.dials.values(law.q_d)) else None
-            found = certify_law(law, own)
-            job.check()
+            found = certify_law(law, own, progress=lambda done: _tell(job, done))
             lines: list[Array] = []
             if found.level > 0:
                 lines = chart.sublevel(law, subject.dials, axes, window, found.level, job)
@@ -146,6 +146,10 @@ class Maps:
             return lambda: self._keep({**told, "verdict": found.verdict})
 
         self._jobs.start("sublevel", work)
+
+
+def _tell(job: Job, done: Flooded) -> None:
+    job.progress(None, f"Theorem 3: 𝒱 < {done.level:.3g} J is proved, {done.cells} cells")
 
 
 def _told_chart(charted: Charted, curves: tuple[Line, ...]) -> Message:

@@ -17,10 +17,10 @@ from ccpin.studio.cache import Cache
 from ccpin.studio.dials import Dials
 from ccpin.studio.experiment import LAWS
 from ccpin.studio.handles import Handle, handles_of
-from ccpin.visualization import Scene, name_of
 from ccpin.visualization.annotations import name_joints
 from ccpin.visualization.camera import plane_normal
 from ccpin.visualization.page import Recorder
+from ccpin.visualization.scene import Scene, name_of
 
 SLACK = 1e-9
 """How far (rad, m) a joint may be beyond its limit without a word."""
