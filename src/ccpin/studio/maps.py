@@ -38,14 +38,17 @@ class Maps:
         place: Where the mechanism and its goal are.
         jobs: Runs what takes long.
         keep: Notes a message for who exports the page, and returns it.
+        withdraw: Forgets the message of a kind.
 
     Attributes:
         charted: What is proved of the mechanism's branch, as soon as it is.
         orders: What to do at which word.
     """
 
-    def __init__(self, place: Place, jobs: Jobs, keep: Callable[[Message], Message]) -> None:
-        self._place, self._jobs, self._keep = place, jobs, keep
+    def __init__(
+        self, place: Place, jobs: Jobs, keep: Callable[[Message], Message], withdraw: Callable[[str], None]
+    ) -> None:
+        self._place, self._jobs, self._keep, self._withdraw = place, jobs, keep, withdraw
         self.charted: Charted | None = None
         self.orders: dict[str, Callable[[Message], Message | None]] = {
             "chart": self._chart,
@@ -75,7 +78,9 @@ class Maps:
         self._jobs.start("chart", work)
 
     def _take_chart(self, charted: Charted) -> Message:
-        """The cells at once; the singular curves take longer."""
+        """The cells at once, in place of samples; the singular curves take longer."""
+        self._jobs.cancel("slice")
+        self._withdraw("slice")
         self.charted = charted
         return self._keep({**_told_chart(charted, ()), "done": False})
 
