@@ -130,7 +130,7 @@ def _slices(model: ReducedModel, settings: Settings) -> str:
 def _slice_figure(model: ReducedModel, pairs: list[tuple[int, int]], grid: int) -> Figure:
     mechanism = model.mechanism
     size = (3.5 * len(pairs) + 0.6, 3.5)
-    with drawing(f"{mechanism.name}: 1/κ(ψ_q′) about the reference", size, **{"axes.grid": False}) as figure_:
+    with drawing(f"{mechanism.title}: 1/κ(ψ_q′) about the reference", size, **{"axes.grid": False}) as figure_:
         every = figure_.subplots(1, len(pairs), squeeze=False)[0]
         surveys = [survey(model, pair, grid) for pair in pairs]
         top = max(float(np.nanmax(values)) for _, _, values in surveys)

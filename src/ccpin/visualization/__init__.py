@@ -22,7 +22,7 @@ from ccpin.visualization.live import LiveRecorder, Viewer, serve_scene
 from ccpin.visualization.page import Recorder, render_page
 from ccpin.visualization.playback import HasForce, checked_pose
 from ccpin.visualization.playing import play
-from ccpin.visualization.scene import Scene, name_of
+from ccpin.visualization.scene import Scene
 
 __all__ = [
     "FILMS",
@@ -82,7 +82,7 @@ def animate(
     shot = Shot(path, (*PAGES, *FILMS), size, fps)
     recorder = Recorder()
     frames = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=True)[1]
-    return write(shot, render_page(heading(title, name_of(mechanism)), recorder.commands), frames, progress)
+    return write(shot, render_page(heading(title, mechanism.title), recorder.commands), frames, progress)
 
 
 def embed(
@@ -103,7 +103,7 @@ def embed(
     """
     mechanism, recorder = mechanism_of(mechanism), Recorder()
     _show(mechanism, recorder, q_free, t, fps=fps, speed=speed, trace=trace, forces=forces, loop=True)
-    return Embedded(render_page(heading(title, name_of(mechanism)), recorder.commands), whole(height, "height"))
+    return Embedded(render_page(heading(title, mechanism.title), recorder.commands), whole(height, "height"))
 
 
 def snapshot(
@@ -123,7 +123,7 @@ def snapshot(
     shot = Shot(path, (*PAGES, *STILLS), size)
     recorder = Recorder()
     _pose(mechanism, recorder, q_free)
-    return write(shot, render_page(heading(title, name_of(mechanism)), recorder.commands), 1)
+    return write(shot, render_page(heading(title, mechanism.title), recorder.commands), 1)
 
 
 def view(
@@ -149,7 +149,7 @@ def view(
         CcpinError: No loopback port can be opened.
     """
     mechanism = mechanism_of(mechanism)
-    words = heading(title, name_of(mechanism))
+    words = heading(title, mechanism.title)
     recorder = LiveRecorder()
     scene = _show(mechanism, recorder, q_free, t, fps=fps, speed=speed, trace=trace, forces=forces, loop=loop)
     return Viewer(scene, serve_scene(render_page(words, (), live=True), recorder), open_browser)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,8 +33,6 @@ MARGIN, CLEARANCE = 0.1, 0.02
 HIDDEN = ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX", "/Lights/FillLight")
 TOP, BOTTOM = [0.98, 0.985, 0.99], [0.86, 0.89, 0.925]
 AMBIENT = 0.5
-ANYTHING = ("robot", "model", "scene", "assembly")
-"""What a file of any mechanism might be called."""
 LIGHTS = {"Key": ([-0.45, 0.9, 1.0], 0.40), "Fill": ([0.9, 0.25, 0.5], 0.22), "Rim": ([0.1, 0.6, -1.0], 0.20)}
 """Directions towards the lights as the camera sees them (right, up, towards the viewer), and their intensities."""
 
@@ -193,12 +190,6 @@ class Scene:
             shown = {"metadata": {}, "object": light}
             self.visualizer.window.send(Command(type="set_object", path=f"/Lights/{name}", object=shown))
             self._set_property(f"/Lights/{name}/<object>", "castShadow", name == "Key")
-
-
-def name_of(mechanism: Mechanism) -> str:
-    """What a file is called; where it is called as any might be, its folder; else the mechanism's own name."""
-    source = Path(mechanism.description.source or mechanism.name)
-    return source.parent.name or mechanism.name if source.stem in ANYTHING else source.stem
 
 
 def node_name(name: str) -> str:
