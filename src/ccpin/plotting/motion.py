@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 _ABREAST = 3
 """Columns of a motion's panels in a row."""
+_LONG = 12
+"""Letters from which on a name has a line of its own beside a panel."""
 _TICKS = 5
 """Along the longest axis of a picture in space."""
 _ROOM = 0.82
@@ -69,7 +71,8 @@ def plot_motion(
                     panel.plot(trajectory.t, scale * goals[:, k], "--", color="0.35", linewidth=1.0, label="set point")
                     if k == 0:
                         panel.legend(loc="best", framealpha=0.85, edgecolor="none")
-                panel.set_ylabel(f"{quantity} of {name} [{unit}]" if not effort else f"effort at {name} [{unit}]")
+                where = "at" if effort else "of"
+                panel.set_ylabel(f"{quantity} {where}{' ' if len(name) < _LONG else chr(10)}{name} [{unit}]")
                 if row == 2:
                     panel.set_xlabel("time [s]")
                     panel.tick_params(labelbottom=True)
