@@ -95,6 +95,13 @@ function painted(gl, began, whole) {     // machines that draw in software keep 
   if (coarse.waits) paintPose();
 }
 
+function beginCoarsely() {               // where it is known to be drawn in software: the first picture at once, the fine one after it
+  const gl = viewer.renderer.getContext(), about = gl.getExtension("WEBGL_debug_renderer_info");
+  if (!about || !/swiftshader|llvmpipe|software/i.test(gl.getParameter(about.UNMASKED_RENDERER_WEBGL))) return;
+  coarse.took = [2 * SLOW, 2 * SLOW];
+  setCoarse(true);
+}
+
 function setCoarse(wanted) {             // fewer pixels, and what is drawn plainly: a tenth of the work
   if (coarse.on === wanted) return;
   coarse.on = wanted;

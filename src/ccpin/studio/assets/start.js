@@ -9,6 +9,7 @@ window.studio = { facts, link, here, chart, motion, on, ask, drive,
     return [at.left + (1 + seen.x) * at.width / 2, at.top + (1 - seen.y) * at.height / 2];
   },
   drawn: () => new Promise(done => { here.drawn = done; }) };             // resolves when the next pose has been drawn
+beginCoarsely();
 makeDials();
 listenChart();
 listenExperiment();
@@ -21,6 +22,7 @@ if (link.offline) {
   document.body.classList.add("offline");
   document.querySelectorAll(".side input, .side button, .side select").forEach(one => { one.disabled = true; });
   replay.forEach(heard);
+  fine();
   say("An exported page: the motion plays and scrubs; driving needs ccpin studio.");
 } else {
   connect(async () => {
