@@ -22,7 +22,6 @@ if (link.offline) {
   document.body.classList.add("offline");
   document.querySelectorAll(".side input, .side button, .side select").forEach(one => { one.disabled = true; });
   replay.forEach(heard);
-  fine();
   say("An exported page: the motion plays and scrubs; driving needs ccpin studio.");
 } else {
   connect(async () => {
