@@ -70,7 +70,7 @@ function tell() {                        // the numbers, after the picture
 }
 
 const SLOW = 60;                         // ms a fine picture may take: beyond, it is coarse while it is driven
-const COARSE = 0.4;                      // pixels of the picture to one of the window then
+const COARSE = 0.33;                     // pixels of the picture to one of the window then
 const coarse = { on: false, took: [0, 0], sync: null, waits: false };       // the last two fine pictures; one may be a hiccup
 const fine = later(250, () => { setCoarse(false); paintPose(); });
 function paintPose() {                   // at once, unless the graphics driver is at the picture before: then the newest after it
