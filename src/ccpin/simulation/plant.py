@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, records
 from ccpin.control.laws import ControlLaw, NoTorque
@@ -28,13 +27,9 @@ class EffortBounds(NamedTuple):
     lower: Array
     upper: Array
 
-    def hold(self, u: ArrayLike) -> bool:
-        """Whether they contain u (or u is none)."""
-        try:
-            efforts = np.asarray(u)
-            return bool(((efforts >= self.lower) & (efforts <= self.upper)).all())
-        except (TypeError, ValueError):
-            return False
+    def hold(self, u: Array) -> bool:
+        """Whether they contain u."""
+        return bool(((u >= self.lower) & (u <= self.upper)).all())
 
     def numbers(self) -> dict[str, list[float]]:
         """The same as the compiled core takes them."""
@@ -109,8 +104,16 @@ class Plant:
             loops.settle(inner.effort(t, state, v))
         return MotorCommands(inner, bounds, loops)
 
+    def saturation(self, commands: ContinuousCommands | SampledCommands | MotorCommands) -> SurfaceWatch | None:
+        """Tells where motors give less than they are asked for; ``None`` where they never do."""
+        if not isinstance(commands, MotorCommands) or not commands.bounded:
+            return None
+        names = self._motor_names()
+        surfaces = [Surface(f"{name}: saturated", f"{name}: within its limits") for name in names]
+        return SurfaceWatch(commands.margins, surfaces, pacing=False)
+
     def watches(self, commands: ContinuousCommands | SampledCommands | MotorCommands) -> list[Watch]:
-        """What is to be looked for."""
+        """What else is to be looked for."""
         watches: list[Watch] = []
         for one in self._pushing:
             watches.append(SurfaceWatch(one.gaps, [Surface(f"{name}: met", f"{name}: left") for name in one.names]))
@@ -120,10 +123,7 @@ class Plant:
             watches.append(SurfaceWatch(stops.gaps, [Surface(name, name) for name in stops.names], terminal=True))
         if self.limits.velocity == "end":
             watches.append(_speed_watch(mechanism))
-        names = [f"motor of '{motor.joint}'" for motor in mechanism.motors.each]
-        if isinstance(commands, MotorCommands) and commands.bounded:
-            surfaces = [Surface(f"{name}: saturated", f"{name}: within its limits") for name in names]
-            watches.append(SurfaceWatch(commands.margins, surfaces, pacing=False))
+        names = self._motor_names()
         if self._saturation.by_speed:
             surfaces = [Surface(f"{name}: near its speed limit", f"{name}: slower again") for name in names]
             watches.append(SurfaceWatch(self._saturation.headroom, surfaces, pacing=False))
@@ -139,6 +139,9 @@ class Plant:
                 )
             )
         return watches
+
+    def _motor_names(self) -> list[str]:
+        return [f"motor of '{motor.joint}'" for motor in self._model.mechanism.motors.each]
 
 
 class MotorCommands:
