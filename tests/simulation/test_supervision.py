@@ -18,6 +18,7 @@ from ccpin.control.online import OnlineLaw, OnlineSigma
 from ccpin.errors import InvalidInputError, UnreachableError
 from ccpin.simulation import Budget, Event, Settling, supervise
 from tests.support.paper import FRICTION, GOAL, K_P, K_V, START
+from tests.support.passive import case
 
 BENCH = Sampling(1e-3, encoder_counts=4096, velocity_cutoff=100.0, saturation=12.0, delay=1)
 ARRIVED = Settling(GOAL, band=1e-3, speed=1e-2, hold=0.02)
@@ -229,6 +230,42 @@ def test_a_journal_is_gone_on_with_to_the_last_bit(rpdr_model, tmp_path, bench):
     again = cycles(rpdr_model, path, 3, **options)
     assert again.stop.status == "finished"
     assert np.array_equal(again.trajectory.q, whole.q)
+
+
+def swings(journal, law, budget=None):
+    """Let go three times for a while, through changes of coordinates; nobody waits for anything to settle."""
+    model, v = case("five-bar")
+    start = model.alpha(model.mechanism.q_reference)
+    return supervise(
+        model,
+        lambda goal, q_free: law,
+        start,
+        [start] * 3,
+        wait=0.5,
+        settling=Settling(start, band=100.0, speed=1e3, hold=0.01),
+        wrenches={"left2": [0.0, 0.0, 0.0, 1.5, 0.0, 0.0]},
+        sample_period=0.01,
+        rtol=1e-8,
+        journal=journal,
+        budget=budget,
+    )
+
+
+@pytest.mark.parametrize("law", [None, lambda t, q, v: np.array([0.0, 0.1 * np.sin(t)])], ids=["none", "function"])
+def test_a_journal_is_gone_on_with_after_a_change_of_coordinates(tmp_path, law):
+    """Interrupted while in other coordinates than the model's, it goes on to the same bits, changes and all."""
+    whole, path = swings(None, law), tmp_path / "swings.moves"
+    assert whole.stop.status == "finished"
+    spent = np.array([move.trajectory.evaluations for move in whole.moves])
+    part = swings(path, law, Budget(evaluations=round(spent @ [1.0, 1.0, 0.9])))
+    assert part.stop.status == "exhausted"
+    assert len(part.moves) == 3
+    assert part.moves[0].trajectory.changes >= 1
+    assert part.moves[2].trajectory.events[-1].name.startswith("measured by ")
+    resumed = swings(path, law).trajectory
+    for name in ("t", "q", "v", "a", "u", "q_free"):
+        assert np.array_equal(getattr(resumed, name), getattr(whole.trajectory, name)), name
+    assert [event.t for event in resumed.events] == [event.t for event in whole.trajectory.events]
 
 
 def test_kill_9_costs_a_move_at_most(rpdr_model, tmp_path):

@@ -13,20 +13,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, number, positive
-from ccpin.control.laws import ControlLaw, Delayed
+from ccpin.control.laws import Delayed
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.budget import Budget
+from ccpin.simulation.commanding import LawLike, law_of
 from ccpin.simulation.journal import Journal, Move, Unfinished
 from ccpin.simulation.samples import Stop
 from ccpin.simulation.settling import Settling
 from ccpin.simulation.stepper import Simulator
 from ccpin.simulation.trajectory import Trajectory, joined
 
-LawTo = Callable[[Array, Array], ControlLaw]
+LawTo = Callable[[Array, Array], LawLike]
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def supervise(
 
     Args:
         model: The reduced model, or a mechanism.
-        law_to: Makes the law for a goal: (q_d, a configuration on the current branch) → law.
+        law_to: Makes the law for a goal: (q_d, a configuration on the current branch) → law, as for `Simulator`.
         q0: Start at rest, of shape (model.nq,).
         goals: The set points in order (repeat them for cycles).
         wait: Seconds to wait once settled (the settled band's hold time counts as waiting).
@@ -156,7 +157,7 @@ class _Supervisor:
         simulator, hold = self.simulator, self._rule.hold
         simulator.recall(simulator.memory())  # as a motion does that goes on from its journal
         start = simulator.t
-        simulator.law = Delayed(self._law_to(goal, simulator.state.q_free), start)
+        simulator.law = Delayed(law_of(simulator.model, self._law_to(goal, simulator.state.q_free)), start)
         motion = self._go(start + self._timeout, self._rule._replace(goal=goal))
         if motion.status != "settled":
             late = f"the move to {np.array2string(goal, precision=6)} had not settled after {self._timeout:.6g} s"
