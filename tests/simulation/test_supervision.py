@@ -234,7 +234,7 @@ def test_a_journal_is_gone_on_with_to_the_last_bit(rpdr_model, tmp_path, bench):
 
 def swings(journal, law, budget=None):
     """Let go three times for a while, through changes of coordinates; nobody waits for anything to settle."""
-    model, v = case("five-bar")
+    model = case("five-bar")[0]
     start = model.alpha(model.mechanism.q_reference)
     return supervise(
         model,

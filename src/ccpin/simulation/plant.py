@@ -183,7 +183,8 @@ class MotorCommands:
 
     def effort(self, t: float, state: State, v: Array) -> Array:
         """u as the motors exert it."""
-        return np.asarray(np.clip(self._reached(t, state, v), *self._between(state, v)))
+        lower, upper = self._between(state, v)
+        return np.minimum(np.maximum(self._reached(t, state, v), lower), upper)
 
     def margins(self, t: float, state: State, v: Array) -> Array:
         """How far each motor is from what it can give, negative where it gives less than it is asked for."""
@@ -220,6 +221,8 @@ class MotorCommands:
 
     def _between(self, state: State, v: Array) -> tuple[Array, Array]:
         pairs = [bounds.bounds(state, v) for bounds in self._bounds]
+        if len(pairs) == 1:
+            return pairs[0]
         lower = np.max([pair[0] for pair in pairs], axis=0, initial=-np.inf)
         return lower, np.min([pair[1] for pair in pairs], axis=0, initial=np.inf)
 

@@ -170,7 +170,7 @@ class Run:
         friction = self._nothing
         if self.contact.rubs:
             friction = self.contact.free_forces(state, v, drive)
-        a = self.contact.acceleration(state, v, drive)
+        a = self.contact.acceleration(state, v, lambda: drive)
         at = self.following.home.reading(state, v)
         return StateSample(
             t=float(t),
@@ -365,7 +365,7 @@ class Run:
         if not np.isfinite(x).all():
             raise ConvergenceError("the state is no longer finite")
         state, v = self.closed(x)
-        a = self.contact.acceleration(state, v, self.drive(min(t, self._latest), state, v))
+        a = self.contact.acceleration(state, v, lambda: self.drive(min(t, self._latest), state, v))
         return np.concatenate([self.model.coordinates.rate(state.q, v), a])
 
 
