@@ -60,7 +60,7 @@ def test_the_motion_is_that_of_the_descriptor_form(name, duration):
 
 
 def test_a_pendulum_closed_by_a_pin_is_the_double_pendulum():
-    """Three seconds of the hung bar, through a change of coordinates, against Lagrange's equations of its two angles."""
+    """Three seconds of the hung bar, through a change of coordinates, against Lagrange's equations of two angles."""
     model, run = released("hung bar", 3.0)
     (m1, l1, i1), (m2, l2, i2) = linkages.UPPER, linkages.LOWER
     coupling, g = 0.5 * m2 * l1 * l2, 9.81

@@ -222,7 +222,7 @@ def test_a_journal_is_gone_on_with_to_the_last_bit(rpdr_model, tmp_path, bench):
     path = tmp_path / "cycles.moves"
     cycles(rpdr_model, path, 2, **options)
     with path.open("ab") as file:
-        file.write(b"ccpinmv1 half a record")
+        file.write(b'{"npz": "half a record')
     resumed = cycles(rpdr_model, path, 3, **options)
     assert len(resumed.moves) == 6
     for name in ("t", "q", "v", "a", "u", "q_free"):

@@ -33,7 +33,7 @@ HUNG_BAR = """<mujoco model="hung_bar"><worldbody>
     <joint name="turn" axis="0 1 0"/><inertial pos="0.15 0 0" mass="0.5" diaginertia="0.004 0.004 0.004"/></body>
 </worldbody><equality><connect body1="upper" body2="lower" anchor="0.4 0 0"/></equality></mujoco>
 """
-"""A double pendulum as MuJoCo's own tests of `connect` have it: the lower bar free in the plane, pinned to the upper."""
+"""A double pendulum as MuJoCo's own tests of `connect` have it: the lower bar free in its plane, pinned to it."""
 
 
 def rssr():

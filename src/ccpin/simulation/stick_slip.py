@@ -184,7 +184,7 @@ class StickSlip:
         starts, _ = self._at_rest(self._known(state, v, drive))
         self._signs[rest] = starts
         self._rest = rest & (self._signs == 0)
-        self._locked = self._rest.any() and self._fixed(state, rows, self._rest)
+        self._locked = bool(self._rest.any()) and self._fixed(state, rows, self._rest)
         return v
 
     def halt(self, joints: Mask) -> None:

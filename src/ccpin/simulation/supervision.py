@@ -17,11 +17,12 @@ from ccpin.control.laws import Delayed
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError
+from ccpin.files import Journal
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.budget import Budget
 from ccpin.simulation.commanding import LawLike, law_of
-from ccpin.simulation.journal import Journal, Move, Unfinished
+from ccpin.simulation.journal import Move, Stored, Unfinished
 from ccpin.simulation.samples import Stop
 from ccpin.simulation.settling import Settling
 from ccpin.simulation.stepper import Simulator
@@ -105,16 +106,21 @@ def supervise(
     supervisor = _Supervisor(
         Simulator(model, **options), law_to, rule, wait, positive(timeout, "timeout"), sample_period, _Purse(budget)
     )
-    log: Journal | list[Move] = []
-    if journal is not None:
-        task = {"q0": np.asarray(q0).tolist(), "wait": wait, "timeout": timeout, "sample_period": sample_period}
-        task |= {"mechanism": model.mechanism.name, "settling": [float(x) for x in rule[1:]]}
-        task |= {name: repr(value) for name, value in options.items() if not callable(value)}
-        log = Journal(journal, task)
     supervisor.simulator.reset(q0, guess=guess)
-    if isinstance(log, Journal) and len(log):
-        supervisor.simulator.recall(log.carried())
-    return supervisor.visit(visited, log)
+    if journal is None:
+        return supervisor.visit(visited, [])
+    task = {"format": "ccpin-moves-2", "q0": np.asarray(q0).tolist(), "wait": wait, "timeout": timeout}
+    task |= {
+        "mechanism": model.mechanism.name,
+        "settling": [float(x) for x in rule[1:]],
+        "sample_period": sample_period,
+    }
+    task |= {name: repr(value) for name, value in options.items() if not callable(value)}
+    with Journal(journal, task) as records:
+        stored = Stored(records)
+        if len(stored):
+            supervisor.simulator.recall(stored.carried())
+        return supervisor.visit(visited, stored)
 
 
 class _Supervisor:
@@ -133,7 +139,7 @@ class _Supervisor:
         self.simulator, self._law_to, self._rule, self._wait = simulator, law_to, rule, wait
         self._timeout, self._sample_period, self._purse = timeout, sample_period, purse
 
-    def visit(self, goals: list[Array], log: Journal | list[Move]) -> SupervisedMotion:
+    def visit(self, goals: list[Array], log: Stored | list[Move]) -> SupervisedMotion:
         """Make the moves that the log has not."""
         for goal in goals[len(log) :]:
             try:
@@ -146,7 +152,7 @@ class _Supervisor:
                 return SupervisedMotion(log, Stop(kind, message, error))  # type: ignore[arg-type]
             if stop is not None:
                 return SupervisedMotion(Unfinished(log, move), stop)
-            if isinstance(log, Journal):
+            if isinstance(log, Stored):
                 log.append(move, self.simulator.memory())
             else:
                 log.append(move)
