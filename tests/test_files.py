@@ -1,5 +1,7 @@
 """Journals: what is in them is read again after whatever ended the writing."""
 
+import os
+
 import pytest
 
 from ccpin.errors import InvalidInputError
@@ -77,6 +79,28 @@ def test_two_do_not_write_one_journal(tmp_path):
     with Journal(path, HEADER) as second:
         second.append({"number": 1})
     assert (len(first), len(second), first[0], second[1]) == (1, 2, {"number": 0}, {"number": 1})
+
+
+@pytest.mark.parametrize("error", [OSError(28, "No space left on device"), KeyboardInterrupt()])
+def test_what_cannot_be_written_leaves_nothing(tmp_path, monkeypatch, error):
+    """A disk that is full, or Ctrl-C, half way through a line: the line is taken back, and the journal goes on."""
+    path, write = tmp_path / "numbers", os.write
+
+    def broken(file, data):
+        if len(data) < 10:
+            raise error
+        return write(file, data[: len(data) // 2])
+
+    with Journal(path, HEADER) as journal:
+        journal.append({"number": 0})
+        before = path.read_bytes()
+        monkeypatch.setattr(os, "write", broken)
+        with pytest.raises(KeyboardInterrupt if isinstance(error, KeyboardInterrupt) else InvalidInputError):
+            journal.append({"number": 1})
+        monkeypatch.undo()
+        assert path.read_bytes() == before
+        journal.append({"number": 2})
+    assert [record["number"] for record in written(path, 0)] == [0, 2]
 
 
 def test_a_file_changed_under_it_is_told(tmp_path):

@@ -7,6 +7,7 @@ import os
 import tempfile
 import weakref
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, overload
 
@@ -116,11 +117,11 @@ class Journal(Sequence[dict[str, Any]]):
         """Add a line; it is on the disk when this returns.
 
         Raises:
-            InvalidInputError: It cannot be written.
+            InvalidInputError: It cannot be written; nothing of it is left in the file.
         """
+        start = self._end
         self._write(record)
-        self._starts.append(self._end)
-        self._end = self._file.tell()
+        self._starts.append(start)
 
     def close(self) -> None:
         """Let others open it; what it holds can still be read."""
@@ -133,12 +134,19 @@ class Journal(Sequence[dict[str, Any]]):
         self.close()
 
     def _write(self, record: Mapping[str, Any]) -> None:
+        line, file = json.dumps(record).encode() + b"\n", self._file.fileno()
         try:
-            self._file.write(json.dumps(record).encode() + b"\n")
-            self._file.flush()
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            raise InvalidInputError(f"cannot write '{self._path}': {error}") from None
+            left = memoryview(line)
+            while left:
+                left = left[os.write(file, left) :]
+            os.fsync(file)
+        except BaseException as error:
+            with suppress(OSError):
+                os.ftruncate(file, self._end)
+            if isinstance(error, OSError):
+                raise InvalidInputError(f"cannot write '{self._path}': {error}") from None
+            raise
+        self._end += len(line)
 
     def _lock(self) -> None:
         try:
@@ -164,7 +172,6 @@ class Journal(Sequence[dict[str, Any]]):
         self._file.truncate(self._end)
         if not starts:
             self._write(header)
-            self._end = self._file.tell()
         self._starts = starts[1:]
 
     def _check(self, header: dict[str, Any], beginning: bytes | None) -> None:

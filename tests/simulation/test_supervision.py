@@ -342,6 +342,26 @@ class Ledger:
         return np.diff(np.array(self.rows), axis=0)
 
 
+def test_a_full_disk_loses_no_move(rpdr_model, tmp_path, monkeypatch):
+    """The move that could not be written is there with the cause; those before are in the file, to go on behind."""
+    path, sync, calls = tmp_path / "cycles.moves", os.fsync, []
+
+    def full(file):
+        calls.append(file)
+        if len(calls) == 3:  # the header, a move, and this
+            raise OSError(28, "No space left on device")
+        sync(file)
+
+    monkeypatch.setattr(os, "fsync", full)
+    part = cycles(rpdr_model, path, 2)
+    monkeypatch.undo()
+    assert (part.stop.status, type(part.stop.cause)) == ("failed", InvalidInputError)
+    assert "No space left" in part.stop.message
+    assert len(part.moves) == 2
+    assert part.moves[1].settled is not None
+    assert np.array_equal(cycles(rpdr_model, path, 2).trajectory.q, cycles(rpdr_model, None, 2).trajectory.q)
+
+
 @pytest.mark.parametrize("stored", [True, False])
 def test_cost_is_linear_and_memory_flat(rpdr_model, tmp_path, monkeypatch, stored):
     """The last moves copy, read and write what the first ones did; with a journal nothing of a move is kept.

@@ -88,8 +88,8 @@ def supervise(
 
     Returns:
         SupervisedMotion: Up to the last goal, or up to where the motion ended, with why: a move that did not settle, a
-        wait that a region, an event or a singularity ended, Ctrl-C, the budget, an exception of a law or of `law_to`
-        (the stop's `cause`).
+        wait that a region, an event or a singularity ended, Ctrl-C, the budget, an exception of a law or of `law_to`,
+        a journal that cannot be written (the stop's `cause`).
 
     Raises:
         InvalidInputError: No goals, a bad argument, a journal of another task.
@@ -152,11 +152,17 @@ class _Supervisor:
                 return SupervisedMotion(log, Stop(kind, message, error))  # type: ignore[arg-type]
             if stop is not None:
                 return SupervisedMotion(Unfinished(log, move), stop)
-            if isinstance(log, Stored):
-                log.append(move, self.simulator.memory())
-            else:
-                log.append(move)
+            try:
+                self._keep(log, move)
+            except (Exception, KeyboardInterrupt) as error:
+                return SupervisedMotion(Unfinished(log, move), Stop.broken_off(move.end, error))
         return SupervisedMotion(log, Stop("finished", f"{len(log)} moves, {self.simulator.t:.6g} s in all"))
+
+    def _keep(self, log: Stored | list[Move], move: Move) -> None:
+        if isinstance(log, Stored):
+            log.append(move, self.simulator.memory())
+        else:
+            log.append(move)
 
     def move(self, goal: Array) -> tuple[Move, Stop | None]:
         """One move and its wait, and why they ended early, if they did."""
