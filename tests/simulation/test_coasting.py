@@ -172,6 +172,21 @@ def test_steps_after_a_change_stay_in_the_core(name, monkeypatch):
     assert moving.evaluations > 0
 
 
+@pytest.mark.parametrize("name", ["RSSR", "hung bar"])
+def test_a_simulator_reset_steps_as_a_new_one(name):
+    """Through changes of coordinates and back to the first ones: the same bits and as many evaluations."""
+    model, v = case(name)
+    moving, found = simulator(name), []
+    u = np.full(model.n_actuated, 0.1)
+    for _ in range(2):
+        moving.reset(model.alpha(model.mechanism.q_reference), v)
+        samples = [moving.step(u, 5e-3) for _ in range(100)]
+        assert any(event.name.startswith("measured by") for event in moving.events)
+        found.append((np.array([sample.q_free for sample in samples]), moving.evaluations))
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    assert found[0][1] == found[1][1]
+
+
 @in_core
 def test_a_step_after_a_change_costs_no_more_than_twice():
     """Processor time of one step, the median of many, before and after the coordinates are changed."""
