@@ -29,13 +29,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, apply
+from ccpin.arrays import Array, Indices, Mask, apply, rows_of
 from ccpin.domain.bounds_reach import chain_reach
 from ccpin.domain.boxes import SLACK, Problem, closure_values, inverses, solve_many
 from ccpin.domain.chain_stack import Derivatives, derivatives, gather
 
 _STEPS, _STEPS_AHEAD = 40, 8
-_SETTLED = 1e-13
+_SETTLED = 1e-8  # a step after which Newton's next one is lost in rounding
 _LONGEST = 0.5
 _RADII = (2.0, 8.0, 64.0)
 _UNIT = 2.0**-53
@@ -65,6 +65,9 @@ class _Point(NamedTuple):
     theta: Array
     kernel: Array
     values: Derivatives
+
+    def take(self, rows: Indices) -> _Point:
+        return _Point(self.theta[rows], self.kernel[rows], rows_of(self.values, rows))
 
 
 class _System:
@@ -238,18 +241,21 @@ def _proved_within(equations: _System, point: _Point) -> Array:
     slope = equations.slope(point)
     inverse = inverses(slope)
     size = np.abs(inverse)
-    drift, rounding = equations.drift(point, np.zeros(len(slope)))
+    rounding = equations.drift(point, np.zeros(len(slope)))[1]
     weight = 1.0 + np.abs(point.kernel).sum(axis=1)
     value, count = equations.value(point), slope.shape[1]
     wrong = np.broadcast_to((weight * (rounding.max(axis=(1, 2)) + 4.0 * _UNIT))[:, None], value.shape)
     wrong = wrong + 8.0 * count * _UNIT * np.abs(value)
     left = np.max(np.abs(apply(inverse, value)) + apply(size, wrong), axis=1)
     defect = np.abs(np.eye(count) - inverse @ slope) + size @ (rounding + 8.0 * count * _UNIT * np.abs(slope))
-    found = np.full(len(slope), np.nan)
+    found, rows = np.full(len(slope), np.nan), np.flatnonzero(np.isfinite(left))
     for factor in _RADII:
-        radius = factor * left
-        drift = equations.drift(point, radius)[0]
-        kappa = (defect + size @ drift).sum(axis=2).max(axis=1)
-        proved = (left * SLACK + kappa * SLACK * radius < radius) & (kappa * SLACK < 1.0)
-        found = np.where(np.isnan(found) & proved, radius, found)
+        radius = factor * left[rows]
+        drift = equations.take(rows).drift(point.take(rows), radius)[0]
+        kappa = (defect[rows] + size[rows] @ drift).sum(axis=2).max(axis=1)
+        proved = (left[rows] * SLACK + kappa * SLACK * radius < radius) & (kappa * SLACK < 1.0)
+        found[rows[proved]] = radius[proved]
+        rows = rows[~proved]
+        if not rows.size:
+            break
     return found
