@@ -53,13 +53,17 @@ class Candidates(NamedTuple):
     slopes: Array
 
 
-def narrowed(problem: Problem, boxes: Candidates, inverse: bool) -> Candidates:
+def narrowed(
+    problem: Problem, boxes: Candidates, inverse: bool = False, singular: bool = False
+) -> Candidates:
     """The boxes that may hold closed configurations, their dependent coordinates narrowed (Proposition N).
 
     Args:
         problem: The closures.
         boxes: The boxes.
         inverse: Whether Ã ≈ φ_y⁻¹ at the centre, and S ≈ −φ_y⁻¹φ_q where that is of use; or Ã = I.
+        singular: Whether boxes on which φ_y is nonsingular are to be dropped too (`inverse` only): those with
+            |I − Ãφ_y|w < w on all of the box for some w > 0.
     """
     system, count, given = problem.system, len(boxes.cell), boxes
     with np.errstate(all="ignore"):
@@ -85,7 +89,7 @@ def narrowed(problem: Problem, boxes: Candidates, inverse: bool) -> Candidates:
     smaller = _within(problem, boxes, low, high)
     if inverse:
         with np.errstate(all="ignore"):
-            gone |= weights_of(bounds, np.zeros((count, system.m)))[1] < 1.0
+            gone |= singular & (weights_of(bounds, np.zeros((count, system.m)))[1] < 1.0)
         better = _size(problem, smaller, jacobian) < _SMALLER * _size(problem, given, jacobian)
         smaller = type(given)(*(np.where(_like(better, a), a, b) for a, b in zip(smaller, given, strict=True)))
     return rows_of(smaller, np.flatnonzero(~gone))

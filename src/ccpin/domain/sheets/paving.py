@@ -1,241 +1,262 @@
-"""A region of q-space in cells over each of which all closed configurations are known, by branch and prune.
+"""Branch and prune: what no box of all coordinates can be shown not to hold.
 
-Every cell starts with one candidate, a box of all coordinates: the cell and the whole range of each dependent one. A
-candidate is narrowed (Proposition N of `narrowing`), and dropped where that shows it to be empty. From what is left
-Newton's method leads to a closed configuration over the cell's centre; where Theorem K proves σ from there over the
-cell and Proposition U that nothing else is in the candidate, the candidate is done with and σ is among the cell's
-sheets. Other candidates are halved, and where the cell's own size is what makes them wide, the cell is (its sheets stay
-proved on either half). A cell without candidates is *complete*: its sheets are all there is over it, and if there
-are none, it is empty. So at the smallest cells the candidates left enclose every singular configuration over the region.
+A search starts with one candidate a cell: the cell and the whole range of each dependent coordinate. Candidates are
+narrowed (Proposition N of `narrowing`), dropped where that shows them to be empty of what is looked for, and halved.
 
-Branch and prune of generalized aspects is that of S. Caro, D. Chablat, A. Goldsztejn, D. Ishii and C. Jermann, "A branch
-and prune algorithm for the computation of generalized aspects of parallel robots", Artificial Intelligence 211, 2014.
+- `cover_singular` looks for *singular* closed configurations over a region: it also drops candidates on which φ_y is
+  shown to be nonsingular, and halves cells where their own size is what makes a candidate wide. The candidates left over the
+  smallest cells enclose all singular closed configurations over the region.
+- `all_solutions` looks for *all* closed configurations over points: it also drops candidates in which one is proved to
+  be the only one (Theorem K and Proposition U), and keeps that one.
+
+**Proposition C.** Over a connected union of cells without candidates every q has the same number of closed configurations
+in the ranges searched, provided that none lies on the edge of a range that is not a full turn.
+
+*Proof.* Above the union φ_y is nonsingular at every closed configuration, so they are locally smooth functions of q, and
+as the ranges are compact none appears or vanishes: their number is locally constant. ∎
+
+Branch and prune of the sheets of parallel robots is that of S. Caro, D. Chablat, A. Goldsztejn, D. Ishii and C. Jermann,
+"A branch and prune algorithm for the computation of generalized aspects of parallel robots", Artificial Intelligence
+211, 2014.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region
-from ccpin.domain.boxes import Boxes, Problem, certify_boxes, certify_points, closure_values
-from ccpin.domain.newton import encloses, newton, predict
+from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_boxes, closure_values
+from ccpin.domain.newton import newton
 from ccpin.domain.sheets.narrowing import Candidates, alone_in, narrowed
 
 _NEWTON = 12
 _WIDEST = 1.5  # rad: wider candidates are halved before Newton's method is tried from their middle
-_NEAR = 1e-6
-_RATIO = 4.0
-_CURVED = 0.5
+_RATIO, _CURVED = 2.0, 0.3
 _FLOOR = 1e-3
 _ROUNDS = 60
+_CHUNK = 1000
+_LEAST = 1e-9
+_EDGE, _NEAR = 1e-9, 1e-6
 
 
-class Members(NamedTuple):
-    """Which proved boxes carry a sheet over which cells: pairs, (K,) each, and σ over the cell's centre, (K, n′)."""
+class Ranges(NamedTuple):
+    """What is searched of the dependent coordinates: bounds of shape (m,); a full turn of those that are periodic."""
 
-    cell: Indices
-    box: Indices
-    theta: Array
+    lower: Array
+    upper: Array
 
 
-class Paver:
-    """Cells, sheets and candidates under construction.
+class Cover(NamedTuple):
+    """Cells of a region, and what may be singular.
 
     Attributes:
         tree: The cells.
-        members: The sheets over each leaf.
-        left: The candidates left over the smallest leaves.
+        left: Candidates that enclose all singular closed configurations over the region.
+        tried: How many candidates were tried.
     """
 
-    def __init__(self, problem: Problem, region: Region, ranges: tuple[Array, Array]) -> None:
-        self.problem, self.region, self.ranges = problem, region, ranges
-        self.tree = CellTree.whole(problem.system.n)
-        size = problem.system.n_free
-        none = np.zeros(0, dtype=np.intp)
-        self.boxes = certify_points(problem, np.zeros((1, size))).boxes.without_rows(problem.system.n)
-        self.members = Members(none, none, np.zeros((0, size)))
-        self.left = self._whole_candidates(none)
-        self.tried = 0
+    tree: CellTree
+    left: Candidates
+    tried: int
 
-    def run(self, depth: int, report: Callable[[], None] | None = None) -> None:
-        """Pave the region, halving each of its edges `depth` times at most."""
-        smallest = 1 << (LEVELS - depth)
-        waiting = self._whole_candidates(np.zeros(1, dtype=np.intp))
-        while waiting.cell.size:
-            waiting = self._settle(waiting)
-            cells = np.unique(waiting.cell)
-            size = self.tree.size[cells]
-            small = np.all(size <= smallest, axis=1)
-            last = np.isin(waiting.cell, cells[small])
-            self.left = joined([self.left, rows_of(waiting, last)])
-            waiting = self._halve_cells(rows_of(waiting, ~last), cells[~small])
-            self.waiting_n = len(waiting.cell)
-            if report is not None:
-                report()
 
-    def place(self, cells: Indices) -> tuple[Array, Array]:
-        """Centres and half widths of cells in q-space."""
-        size = self.tree.size[cells]
-        return self.region.position(self.tree.lower[cells] + 0.5 * size), 0.5 * self.region.width * (size / WHOLE)
+class Solutions(NamedTuple):
+    """Closed configurations over one q.
 
-    def _whole_candidates(self, cells: Indices) -> Candidates:
-        system = self.problem.system
-        centre = np.zeros((len(cells), system.n_free))
-        half = np.zeros_like(centre)
-        low, high = self.ranges
-        centre[:, system.dependent], half[:, system.dependent] = 0.5 * (low + high), 0.5 * (high - low) + 1e-12
-        centre[:, system.independent], half[:, system.independent] = self.place(cells)
-        return Candidates(cells, centre, half, np.zeros((len(cells), system.m, system.n)))
+    Attributes:
+        theta: Those that are proved, of shape (k, n′).
+        complete: Whether it is proved that there are no others in the ranges.
+    """
 
-    def _settle(self, waiting: Candidates) -> Candidates:
-        """Narrow, prove and halve candidates until only their cells' size is in the way."""
-        stuck = [rows_of(waiting, slice(0))]
+    theta: Array
+    complete: bool
+
+
+def cover_singular(
+    problem: Problem, region: Region, ranges: Ranges, depth: int, report: Callable[[CellTree], None] | None = None
+) -> Cover:
+    """Enclose all singular closed configurations over a region, halving each of its edges `depth` times at most."""
+    tree, smallest, tried = CellTree.whole(problem.system.n), 1 << (LEVELS - depth), 0
+    waiting = _whole(problem, ranges, np.zeros(1, dtype=np.intp), *place(tree, region, np.zeros(1, dtype=np.intp)))
+    left = [rows_of(waiting, slice(0))]
+    while waiting.cell.size:
+        stuck = [left[0]]
         for _ in range(_ROUNDS):
+            tried += len(waiting.cell)
+            waiting = _narrowed(problem, waiting, True)
             if not waiting.cell.size:
                 break
-            self.tried += len(waiting.cell)
-            waiting = narrowed(self.problem, waiting, False)
-            if not waiting.cell.size:
-                break
-            waiting = narrowed(self.problem, waiting, True)
-            if not waiting.cell.size:
-                break
-            cut, wide = self._cut(waiting)
-            stuck.append(rows_of(waiting, ~wide))
-            waiting = _halved(rows_of(waiting, wide), cut[wide])
-        return joined([*stuck, waiting])
-
-    def _cut(self, waiting: Candidates) -> tuple[Indices, Mask]:
-        """Along which coordinate each candidate would be halved, and whether that is due before its cell is halved."""
-        system = self.problem.system
-        jacobian = closure_values(self.problem, waiting.centre)[1]
-        column = np.abs(jacobian).max(axis=1)
-        column = np.maximum(column, _FLOOR * column.max(axis=1, keepdims=True))
-        moves = column * waiting.half
-        ours, cells = moves[:, system.dependent], moves[:, system.independent].max(axis=1, initial=0.0)
-        cut = np.argmax(ours, axis=1)
-        scale = column.max(axis=1)
-        return system.dependent[cut], ours.max(axis=1, initial=0.0) > np.maximum(_RATIO * cells, _CURVED * np.sqrt(scale * cells))
-
-    def _halve_cells(self, waiting: Candidates, cells: Indices) -> Candidates:
-        """Halve cells along their longest edge, and pass their sheets and candidates on."""
-        if not cells.size:
-            return waiting
-        jacobian = closure_values(self.problem, waiting.centre)[1][:, :, self.problem.system.independent]
-        stretch = np.zeros((len(cells), self.problem.system.n))
-        np.maximum.at(stretch, np.searchsorted(cells, waiting.cell), np.abs(jacobian).max(axis=1))
-        width = self.region.width * (self.tree.size[cells] / WHOLE)
-        children = self.tree.split(cells, np.argmax(stretch * width, axis=1))
-        system = self.problem.system
-        parts = []
-        for side in (0, 1):
-            child = children[side::2][np.searchsorted(cells, waiting.cell)]
-            centre, half = waiting.centre.copy(), waiting.half.copy()
-            place, half[:, system.independent] = self.place(child)
-            shift = place - centre[:, system.independent]
-            centre[:, system.independent] = place
-            centre[:, system.dependent] += apply(waiting.slopes, shift)
-            half[:, system.dependent] += 1e-15 * (1.0 + np.abs(centre[:, system.dependent]))
-            parts.append(Candidates(child, centre, half, waiting.slopes))
-        held = np.isin(self.members.cell, cells)
-        passed = rows_of(self.members, held)
-        at = np.searchsorted(cells, passed.cell)
-        self.members = joined(
-            [rows_of(self.members, ~held), *(self._placed(children[side::2][at], passed.box) for side in (0, 1))]
-        )
-        return joined(parts)
-
-    def _placed(self, cells: Indices, box: Indices) -> Members:
-        """Sheets over cells, with σ over the cells' centres."""
-        boxes = rows_of(self.boxes, box)
-        delta = self.place(cells)[0] - boxes.centre[:, self.problem.system.independent]
-        return Members(cells, box, newton(self.problem, predict(self.problem, boxes, delta), _NEWTON).theta)
-
-    def _done(self, waiting: Candidates) -> Mask:
-        """Prove σ from each candidate over its cell; whether that is all there is in the candidate."""
-        system = self.problem.system
-        done = np.zeros(len(waiting.cell), dtype=np.bool_)
-        angles = waiting.half[:, system.dependent][:, system.periodic[system.dependent]]
-        rows = np.flatnonzero(np.all(angles <= _WIDEST, axis=1))
-        if not rows.size:
-            return done
-        start = waiting.centre[rows].copy()
-        found = newton(self.problem, start, _NEWTON)
-        rows, theta = rows[found.settled], found.theta[found.settled]
-        held = rows_of(waiting, rows)
-        turns = np.round((theta - held.centre) / (2.0 * np.pi)) * system.periodic
-        turns[:, system.independent] = 0.0
-        theta = theta - 2.0 * np.pi * turns
-        tried = certify_boxes(self.problem, theta, held.half[:, system.independent], np.eye(system.n))
-        good = np.flatnonzero(tried.proved)
-        boxes, held, rows = tried.boxes.take(good), rows_of(held, good), rows[good]
-        if good.size:
-            known = self._enter(boxes, held.cell)
-            done[rows] = known & alone_in(self.problem, boxes, held)
-        return done
-
-    def _enter(self, boxes: Boxes, cells: Indices) -> Mask:
-        """Make proved boxes over cells sheets of theirs, unless their σ is there already; whether it is (always)."""
-        known = np.zeros(len(cells), dtype=np.bool_)
-        point = certify_points(self.problem, boxes.centre)
-        usable = point.proved
-        while True:
-            known |= self._same(boxes, point.boxes, cells, usable & ~known)
-            rows = np.flatnonzero(usable & ~known)
-            if not rows.size:
-                return known
-            first = rows[np.unique(cells[rows], return_index=True)[1]]
-            count = len(self.boxes.kappa)
-            self.boxes = joined([self.boxes, boxes.take(first)])
-            entered = Members(cells[first], count + np.arange(len(first)), boxes.centre[first])
-            self.members = joined([self.members, entered])
-            known[first] = True
-
-    def _same(self, boxes: Boxes, points: Boxes, cells: Indices, asked: Mask) -> Mask:
-        """Whether each box's σ is proved to be that of a sheet over its cell."""
-        result = np.zeros(len(cells), dtype=np.bool_)
-        rows, members = _pairs(cells, self.members.cell, asked)
-        system = self.problem.system
-        gap = boxes.centre[rows] - self.members.theta[members]
-        gap -= np.round(gap / (2.0 * np.pi)) * (2.0 * np.pi * system.periodic)
-        near = np.abs(gap).max(axis=1, initial=0.0) < _NEAR
-        rows, members = rows[near], members[near]
-        if rows.size:
-            known = rows_of(self.boxes, self.members.box[members])
-            ball = points.take(rows)
-            delta = ball.centre[:, system.independent] - known.centre[:, system.independent]
-            inside = encloses(self.problem, known, delta, ball.centre, ball.radius, ball.modes)
-            result[rows[inside]] = True
-        return result
+            cut, due = _cut(problem, waiting)
+            stuck.append(rows_of(waiting, ~due))
+            waiting = _halved(rows_of(waiting, due), cut[due])
+        waiting = joined([*stuck, waiting])
+        cells = np.unique(waiting.cell)
+        small = np.all(tree.size[cells] <= smallest, axis=1)
+        last = np.isin(waiting.cell, cells[small])
+        left.append(rows_of(waiting, last))
+        waiting = _halve_cells(problem, tree, region, rows_of(waiting, ~last), cells[~small])
+        if report is not None:
+            report(tree)
+    return Cover(tree, joined(left), tried)
 
 
-def _pairs(cells: Indices, of: Indices, asked: Mask) -> tuple[Indices, Indices]:
-    """Pairs (k, j) with cells[k] = of[j], for the k asked."""
-    order = np.argsort(of, kind="stable")
-    rows = np.flatnonzero(asked)
-    low = np.searchsorted(of[order], cells[rows], side="left")
-    high = np.searchsorted(of[order], cells[rows], side="right")
-    count = high - low
-    first = np.repeat(rows, count)
-    offset = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
-    return first, order[np.repeat(low, count) + offset]
+def all_solutions(problem: Problem, ranges: Ranges, q: Array) -> Solutions:
+    """All closed configurations over one q (n,), as far as that can be proved."""
+    n = problem.system.n
+    waiting = _whole(problem, ranges, np.zeros(1, dtype=np.intp), q[None], np.zeros((1, n)))
+    found = list[Boxes]()
+    for _ in range(_ROUNDS * problem.system.m):
+        waiting = _narrowed(problem, waiting, False)
+        if not waiting.cell.size:
+            break
+        waiting = rows_of(waiting, ~_solved(problem, waiting, found))
+        cut, due = _cut(problem, waiting)
+        if not np.all(due):
+            break
+        waiting = _halved(waiting, cut)
+    theta = np.array([box.centre[0] for box in found]).reshape(-1, problem.system.n_free)
+    apart = all(_different(problem, one, other) for one, other in combinations(found, 2))
+    return Solutions(theta, apart and not waiting.cell.size and not _on_edge(problem, ranges, theta))
+
+
+def _on_edge(problem: Problem, ranges: Ranges, theta: Array) -> bool:
+    """Whether a solution lies on the edge of a range that is no full turn."""
+    dependent = problem.system.dependent
+    y, slides = theta[:, dependent], ~problem.system.periodic[dependent]
+    near = np.minimum(np.abs(y - ranges.lower), np.abs(y - ranges.upper)) < _EDGE
+    return bool(np.any(near[:, slides]))
+
+
+def place(tree: CellTree, region: Region, cells: Indices) -> tuple[Array, Array]:
+    """Centres and half widths of cells in q-space, (K, n) each."""
+    size = tree.size[cells]
+    return region.position(tree.lower[cells] + 0.5 * size), 0.5 * region.width * (size / WHOLE)
+
+
+def _whole(problem: Problem, ranges: Ranges, cells: Indices, q: Array, width: Array) -> Candidates:
+    """One candidate a cell, with the whole ranges."""
+    system = problem.system
+    centre, half = np.zeros((2, len(cells), system.n_free))
+    centre[:, system.dependent] = 0.5 * (ranges.lower + ranges.upper)
+    half[:, system.dependent] = 0.5 * (ranges.upper - ranges.lower) + 1e-12
+    centre[:, system.independent], half[:, system.independent] = q, width
+    return Candidates(cells, centre, half, np.zeros((len(cells), system.m, system.n)))
+
+
+def _narrowed(problem: Problem, waiting: Candidates, singular: bool) -> Candidates:
+    """Candidates narrowed with both choices of Ã; those that cannot be singular dropped where that is asked."""
+    parts = [rows_of(waiting, slice(0))]
+    for first in range(0, len(waiting.cell), _CHUNK):
+        part = narrowed(problem, rows_of(waiting, slice(first, first + _CHUNK)))
+        if part.cell.size:
+            parts.append(narrowed(problem, part, inverse=True, singular=singular))
+    return joined(parts)
+
+
+def _cut(problem: Problem, waiting: Candidates) -> tuple[Indices, Mask]:
+    """Along which coordinate each candidate would be halved, and whether that is due before its cell is halved.
+
+    A candidate about a fold is as wide as the root of its cell, and need not be narrower.
+    """
+    system = problem.system
+    column = np.abs(closure_values(problem, waiting.centre)[1]).max(axis=1)
+    scale = column.max(axis=1, initial=0.0)
+    moves = np.maximum(column, _FLOOR * scale[:, None]) * waiting.half
+    ours, cells = moves[:, system.dependent], moves[:, system.independent].max(axis=1, initial=0.0)
+    cut = system.dependent[np.argmax(ours, axis=1)]
+    enough = np.maximum(_RATIO * cells, _CURVED * np.sqrt(scale * cells))
+    width = np.take_along_axis(waiting.half, cut[:, None], axis=1)[:, 0]
+    return cut, np.asarray((ours.max(axis=1, initial=0.0) > enough) & (width > _LEAST))
 
 
 def _halved(boxes: Candidates, cut: Indices) -> Candidates:
-    """Both halves of candidates."""
-    rows = np.arange(len(cut))
-    half = boxes.half.copy()
+    """Both halves of candidates, with some roundings to spare."""
+    rows, half = np.arange(len(cut)), boxes.half.copy()
     half[rows, cut] *= 0.5
     parts = []
     for side in (-1.0, 1.0):
-        centre = boxes.centre.copy()
+        centre, grown = boxes.centre.copy(), half.copy()
         centre[rows, cut] += side * half[rows, cut]
-        grown = half.copy()
-        grown[rows, cut] *= 1.0 + 4e-16
         grown[rows, cut] += 4e-16 * (1.0 + np.abs(centre[rows, cut]))
-        parts.append(Candidates(boxes.cell, centre, grown, boxes.slopes))
+        parts.append(boxes._replace(centre=centre, half=grown))
     return joined(parts)
+
+
+def _halve_cells(problem: Problem, tree: CellTree, region: Region, waiting: Candidates, cells: Indices) -> Candidates:
+    """Halve cells along the edge that moves φ most, and pass their candidates on."""
+    if not cells.size:
+        return waiting
+    system, at = problem.system, np.searchsorted(cells, waiting.cell)
+    jacobian = np.abs(closure_values(problem, waiting.centre)[1][:, :, system.independent]).max(axis=1)
+    stretch = np.zeros((len(cells), system.n))
+    np.maximum.at(stretch, at, jacobian)
+    children = tree.split(cells, np.argmax(stretch * (tree.size[cells] / WHOLE) * region.width, axis=1))
+    parts = []
+    for side in (0, 1):
+        child = children[side::2][at]
+        centre, half = waiting.centre.copy(), waiting.half.copy()
+        middle, half[:, system.independent] = place(tree, region, child)
+        moved = apply(waiting.slopes, middle - centre[:, system.independent])
+        centre[:, system.independent] = middle
+        centre[:, system.dependent] += moved
+        half[:, system.dependent] += 1e-15 * (1.0 + np.abs(centre[:, system.dependent]) + np.abs(moved))
+        parts.append(Candidates(child, centre, half, waiting.slopes))
+    return joined(parts)
+
+
+def _solved(problem: Problem, waiting: Candidates, found: list[Boxes]) -> Mask:
+    """Which candidates over one q hold a single closed configuration; it is added to those found if it is new."""
+    system = problem.system
+    done = np.zeros(len(waiting.cell), dtype=np.bool_)
+    angles = waiting.half[:, system.dependent][:, system.periodic[system.dependent]]
+    rows = np.flatnonzero(np.all(angles <= _WIDEST, axis=1))
+    ended = newton(problem, waiting.centre[rows], _NEWTON)
+    rows, theta = rows[ended.settled], ended.theta[ended.settled]
+    held = rows_of(waiting, rows)
+    turns = np.round((theta - held.centre) / (2.0 * np.pi)) * system.periodic
+    turns[:, system.independent] = 0.0
+    tried = certify_boxes(problem, theta - 2.0 * np.pi * turns, held.half[:, system.independent], np.eye(system.n))
+    good = np.flatnonzero(tried.proved)
+    if not good.size:
+        return done
+    boxes = tried.boxes.take(good)
+    alone = alone_in(problem, boxes, rows_of(held, good))
+    for k in np.flatnonzero(alone):
+        one = boxes.take(np.array([k]))
+        if not any(_same(problem, one, other) for other in found):
+            found.append(one)
+        done[rows[good[k]]] = True
+    return done
+
+
+def _same(problem: Problem, one: Boxes, other: Boxes) -> bool:
+    """Whether two boxes over one q are proved to carry the same configuration (Proposition U)."""
+    system = problem.system
+    centre = other.centre + _gap(problem, one, other)
+    if np.abs(centre - other.centre).max() > _NEAR:
+        return False
+    half = np.zeros_like(centre)
+    half[:, system.dependent] = _spread(one)
+    ball = Candidates(np.zeros(1, dtype=np.intp), centre, half, one.directions[:, system.dependent])
+    return bool(alone_in(problem, other, ball)[0])
+
+
+def _different(problem: Problem, one: Boxes, other: Boxes) -> bool:
+    """Whether two boxes over one q are proved to carry different configurations."""
+    gap = np.abs(_gap(problem, one, other)[:, problem.system.dependent])
+    return bool(np.any(gap > (_spread(one) + _spread(other)) * SLACK + 1e-13))
+
+
+def _gap(problem: Problem, one: Boxes, other: Boxes) -> Array:
+    gap = one.centre - other.centre
+    return np.asarray(gap - 2.0 * np.pi * np.round(gap / (2.0 * np.pi)) * problem.system.periodic)
+
+
+def _spread(box: Boxes) -> Array:
+    """How far a configuration may be from its box's centre, of shape (1, m)."""
+    return apply(np.abs(box.modes), box.radius)

@@ -1,0 +1,364 @@
+"""All sheets of σ over a region: how many closed configurations every q has, and how they hang together.
+
+What is claimed. The region is in cells. Over the *counted* ones it is proved how many closed configurations every q has, in
+the ranges of the dependent coordinates that were searched (Proposition C of `paving`); where there are none, the cell is
+empty. Over the *certified* ones each of them is a smooth function of q in a box of Theorem K, and boxes of neighbours
+are glued where they carry the same one. A *sheet* is a connected part of the nonsingular closed configurations, as far as boxes
+are glued (an aspect, in the literature on parallel robots). Most sheets have one configuration over each q. One that
+has several (`Sheet.layers`) goes round a cusp: the mechanism can go from one assembly mode to the other on it and meet
+no singularity (`SheetAtlas.way`). This is what an `Atlas` with `single_valued` false stands before.
+
+What is not claimed. All singular closed configurations over the region lie over the cells that are neither counted nor
+empty. *Singular* ones of them hold one that is proved (Theorem S of `folds`); of the *undecided* ones nothing is known. Two
+sheets told apart here may be one that is connected through undecided cells or outside of the region.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+from ccpin.arrays import Array, Indices, numbers, rows_of, whole
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Corners, Region, region_of
+from ccpin.domain.atlas.singular import mark_in_cells
+from ccpin.domain.boxes import BoundsName, Boxes, Problem, closure_values, problem_of
+from ccpin.domain.chains import ClosureSystem, Seed, closure_system
+from ccpin.domain.newton import newton, predict, solve_in_boxes
+from ccpin.domain.sheets.front import Front, Glued, Members, Part, glued_pairs, parts_of
+from ccpin.domain.sheets.narrowing import Candidates
+from ccpin.domain.sheets.paving import Ranges, all_solutions, cover_singular, place
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+
+_DEPTHS = {1: 10, 2: 7, 3: 4}
+_DEEPER = 3
+_COUNTED = 64
+_WAY = 1e-3
+
+
+class Sheet(NamedTuple):
+    """One sheet.
+
+    Attributes:
+        number: Its place among `SheetAtlas.sheets`, the largest first.
+        boxes: Its boxes, indices in `SheetAtlas.boxes`.
+        layers: The most configurations that it has over one q; above 1 it goes round a cusp.
+        area: Of its boxes, in radⁿ (metres for sliding coordinates), each layer counted.
+        sign: The sign of det φ_y on it.
+    """
+
+    number: int
+    boxes: Indices
+    layers: int
+    area: float
+    sign: int
+
+
+@dataclass(frozen=True, eq=False)
+class SheetAtlas:
+    """All sheets over a region; angles in radians.
+
+    Attributes:
+        names: The independent coordinates, in the order of q.
+        region: What was asked for.
+        problem: The closures.
+        tree: The cells.
+        boxes: The certified boxes, as Theorem K has them.
+        members: Which boxes lie over which cells.
+        glued: Which boxes carry the same σ at a common face.
+        count: How many closed configurations the q of a cell have; −1 where that is not proved. Of shape (cells,).
+        left: Boxes of all coordinates that enclose all singular closed configurations over the region.
+        ranges: What was searched of the dependent coordinates.
+    """
+
+    names: tuple[str, ...]
+    region: Region
+    problem: Problem
+    tree: CellTree
+    boxes: Boxes
+    members: Members
+    glued: Glued
+    count: NDArray[np.int64]
+    left: Candidates
+    ranges: Ranges
+
+    def __repr__(self) -> str:
+        return (
+            f"SheetAtlas({', '.join(self.names)}: {len(self.sheets)} sheets in {len(self.boxes.kappa)} boxes, "
+            f"{100 * self.counted_fraction:.4g} % of the region counted)"
+        )
+
+    @cached_property
+    def sheet_of(self) -> Indices:
+        """The sheet of each box, of shape (B,)."""
+        size = len(self.boxes.kappa)
+        labels = connected_components(self._graph, directed=False)[1] if size else np.zeros(0, dtype=np.intp)
+        area = np.bincount(labels, weights=self._areas, minlength=1)
+        rank = np.empty(len(area), dtype=np.intp)
+        rank[np.argsort(-area, kind="stable")] = np.arange(len(area))
+        return np.asarray(rank[labels])
+
+    @property
+    def _graph(self) -> coo_array:
+        size = len(self.boxes.kappa)
+        return coo_array((np.ones(len(self.glued.first)), (self.glued.first, self.glued.second)), shape=(size, size))
+
+    @property
+    def _areas(self) -> Array:
+        return np.asarray(np.prod(2.0 * self.boxes.half, axis=1))
+
+    @cached_property
+    def sheets(self) -> tuple[Sheet, ...]:
+        """The sheets, the largest first."""
+        system = self.problem.system
+        signs = np.sign(np.linalg.det(closure_values(self.problem, self.boxes.centre)[1][:, :, system.dependent]))
+        found = []
+        for k in range(int(self.sheet_of.max(initial=-1)) + 1):
+            boxes = np.flatnonzero(self.sheet_of == k)
+            cells = self.members.cell[np.isin(self.members.box, boxes)]
+            layers = int(np.bincount(cells).max())
+            found.append(Sheet(k, boxes, layers, float(self._areas[boxes].sum()), int(signs[boxes[0]])))
+        return tuple(found)
+
+    def fraction(self, *statuses: CellStatus) -> float:
+        """The share of the region in cells of the given statuses."""
+        leaves = self.tree.leaves()
+        return self._share(leaves[np.isin(self.tree.status[leaves], statuses)])
+
+    def _share(self, cells: Indices) -> float:
+        return float(np.prod(self.tree.size[cells] / WHOLE, axis=1).sum())
+
+    @property
+    def counted_fraction(self) -> float:
+        """The share of the region over which the number of closed configurations is proved, empty cells with it."""
+        leaves = self.tree.leaves()
+        return self._share(leaves[self.count[leaves] >= 0])
+
+    @property
+    def certified_fraction(self) -> float:
+        """The share of the region over which every closed configuration is in a certified box."""
+        return self.fraction(CellStatus.CERTIFIED)
+
+    @property
+    def empty_fraction(self) -> float:
+        """The share of the region proved to hold no closed configuration."""
+        return self.fraction(CellStatus.EMPTY)
+
+    @property
+    def singular_fraction(self) -> float:
+        """The share of the region in cells that are not counted and hold the q of a proved singular configuration."""
+        return self.fraction(CellStatus.SINGULAR)
+
+    @property
+    def undecided_fraction(self) -> float:
+        """The share of the region that is neither counted nor singular."""
+        return 1.0 - self.counted_fraction - self.singular_fraction
+
+    def number_of_solutions(self, q: ArrayLike) -> int | NDArray[np.int64]:
+        """How many closed configurations q (n,) has, −1 where that is not proved; for q of shape (K, n) an array (K,)."""
+        cells = self._cells(self._points(q))
+        found = np.where(cells >= 0, self.count[cells], -1)
+        return int(found[0]) if np.ndim(q) == 1 else found
+
+    def solutions(self, q: ArrayLike) -> tuple[Array, Indices]:
+        """All closed configurations over a certified q (n,): (k, nq), and the sheet of each, (k,).
+
+        Raises:
+            InvalidInputError: q is not certified.
+        """
+        theta, box = self._over(q)
+        return self.problem.system.chart.configuration(theta), self.sheet_of[box]
+
+    def sigma(self, q: ArrayLike, near: ArrayLike) -> Array:
+        """q′ over q (n,), of the closed configurations there the one nearest to a configuration, of shape (nq,).
+
+        Raises:
+            InvalidInputError: q is not certified, or nothing closes there.
+        """
+        found = self.solutions(q)[0]
+        if not len(found):
+            raise InvalidInputError(f"nothing closes at q = {np.asarray(q).tolist()}: the region is empty there")
+        chart = self.problem.system.chart
+        wanted = chart.theta(numbers(near, "near"))
+        gap = np.array([chart.theta(q_free) for q_free in found]) - wanted
+        periodic = self.problem.system.periodic[: gap.shape[1]]
+        gap -= 2.0 * np.pi * np.round(gap / (2.0 * np.pi)) * periodic
+        return np.asarray(found[int(np.argmin(np.linalg.norm(gap, axis=1)))])
+
+    def way(self, q: ArrayLike, start: int, end: int) -> Array:
+        """Waypoints (K, n) of a path from q to q that leads from one closed configuration over it to another.
+
+        The path stays within certified boxes of one sheet: `certify_path` of it, from the first one, proves the change
+        of assembly mode without a singularity.
+
+        Args:
+            q: A certified point, of shape (n,).
+            start: The first configuration, by its place among `solutions(q)`.
+            end: The other one.
+
+        Raises:
+            InvalidInputError: q is not certified, or the two are on different sheets.
+        """
+        box = self._over(q)[1]
+        first, last = int(box[start]), int(box[end])
+        order, before = breadth_first_order(self._graph.tocsr(), first, directed=False)
+        if last not in order:
+            raise InvalidInputError(
+                f"configurations {start} and {end} at q = {np.asarray(q).tolist()} are on different sheets"
+            )
+        chain = [last]
+        while chain[-1] != first:
+            chain.append(int(before[chain[-1]]))
+        return np.vstack([q, *self._between(chain[::-1]), q])
+
+    def _between(self, chain: list[int]) -> list[Array]:
+        """The middles of boxes and of the faces between them, angles unwound."""
+        centre, faces = self.boxes.centre[:, self.problem.system.independent], {}
+        for one, other, at_one, at_other in zip(*self.glued, strict=True):
+            faces[int(one), int(other)] = at_one, at_other
+            faces[int(other), int(one)] = at_other, at_one
+        points, shift = [centre[chain[0]]], np.zeros(len(self.names))
+        for one, other in zip(chain, chain[1:], strict=False):
+            here, there = faces[one, other]
+            points.append(here + shift)
+            shift = shift + here - there
+            points.append(centre[other] + shift)
+        return points
+
+    def _over(self, q: ArrayLike) -> tuple[Array, Indices]:
+        """θ of the closed configurations over a certified q, and their boxes."""
+        point = self._points(q)
+        cell = self._cells(point)
+        if len(point) != 1 or cell[0] < 0 or self.tree.status[cell[0]] not in (CellStatus.CERTIFIED, CellStatus.EMPTY):
+            raise InvalidInputError(f"q = {np.asarray(q).tolist()} is not one certified point of the region")
+        box = self.members.box[self.members.cell == cell[0]]
+        boxes = self.boxes.take(box)
+        delta = self.region.reduce(point) - boxes.centre[:, self.problem.system.independent]
+        theta = newton(self.problem, solve_in_boxes(self.problem, boxes, delta).theta, 1).theta
+        theta[:, self.problem.system.independent] = point
+        return theta, box
+
+    def _points(self, q: ArrayLike) -> Array:
+        points = np.atleast_2d(numbers(q, "q"))
+        if points.ndim != 2 or points.shape[1] != len(self.names) or not np.all(np.isfinite(points)):
+            raise InvalidInputError(f"q must have {len(self.names)} finite columns ({', '.join(self.names)})")
+        return points
+
+    def _cells(self, points: Array) -> Indices:
+        return self.tree.locate(self.region.cell_coordinates(points))
+
+
+def certify_sheets(
+    mechanism: Mechanism | HasMechanism,
+    region: Corners | None = None,
+    *,
+    max_depth: int | None = None,
+    bounds: BoundsName = "auto",
+) -> SheetAtlas:
+    """Find and certify every sheet of σ over a region.
+
+    All closed configurations are counted, those of every assembly mode: all angles of the dependent joints, and all
+    lengths of dependent slides within the joints' limits (without limits, within the sum of all lengths).
+
+    Args:
+        mechanism: A mechanism (or its model) with up to three scalar independent coordinates and revolute, prismatic,
+            universal, cylindrical or planar joints.
+        region: (lower, upper), the bounds of the coordinates, each of shape (n,); default as for `certify`.
+        max_depth: How often an edge of the region may be halved in the search for singular configurations;
+            default 10, 7, 4 for n = 1, 2, 3. Boxes about sheets may be halved three times more.
+        bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
+
+    Raises:
+        UnsupportedMechanismError: More than three coordinates, ball joints, distance closures, couplings of continuous
+            joints, redundant rows, or closures that cannot be bounded.
+        InvalidInputError: The region or max_depth is malformed.
+    """
+    mechanism = mechanism_of(mechanism)
+    system = closure_system(mechanism, mechanism.q_reference)
+    _refuse(mechanism, system)
+    depth = _DEPTHS[mechanism.n] if max_depth is None else whole(max_depth, "max_depth", 1)
+    if not depth + _DEEPER < LEVELS:
+        raise InvalidInputError(f"max_depth must be from 1 to {LEVELS - _DEEPER - 1}; it is {depth}")
+    problem, area = problem_of(system, bounds), _region(mechanism, system, region)
+    ranges = _ranges(mechanism, system)
+    cover = cover_singular(problem, area, ranges, depth)
+    tree, leaves = cover.tree, cover.tree.leaves()
+    open_cells = np.unique(cover.left.cell)
+    parts = _counted(problem, tree, area, ranges, np.setdiff1d(leaves, open_cells))
+    tree.status[leaves] = CellStatus.UNDECIDED
+    front = Front(problem, area, tree, parts, depth + _DEEPER)
+    front.run()
+    count = np.full(len(tree.child), -1, dtype=np.int64)
+    known = front.part >= 0
+    count[known] = np.array([len(part.theta) for part in parts] or [0], dtype=np.int64)[front.part[known]]
+    first = np.unique(cover.left.cell, return_index=True)[1]
+    mark_in_cells(problem, tree, area, open_cells, cover.left.centre[first])
+    return SheetAtlas(
+        names=tuple(mechanism.independent),
+        region=area,
+        problem=problem,
+        tree=tree,
+        boxes=front.boxes,
+        members=front.members,
+        glued=glued_pairs(problem, area, tree, front.members, front.boxes),
+        count=count,
+        left=cover.left,
+        ranges=ranges,
+    )
+
+
+def _refuse(mechanism: Mechanism, system: ClosureSystem) -> None:
+    """What cannot be searched exhaustively."""
+    why = None
+    if not 1 <= mechanism.n <= max(_DEPTHS):
+        why = f"it has {mechanism.n} independent coordinates, and sheets are for one to three"
+    elif any(joint.kind.unit == 4 for joint in system.chart.joints):
+        why = "it has ball joints, whose turns have no range to be searched; model them as universal ones where that will do"
+    elif system.rods:
+        why = "distance closures stand for rods with two angles, which say the same twice"
+    elif np.any(system.moduli):
+        why = "it has couplings of continuous joints"
+    if why is not None:
+        raise UnsupportedMechanismError(f"{mechanism.name}: its sheets cannot be counted: {why}")
+
+
+def _region(mechanism: Mechanism, system: ClosureSystem, region: Corners | None) -> Region:
+    theta = system.theta(mechanism.q_reference)
+    if region is not None:
+        low, high = (np.asarray(numbers(side, "region"), dtype=np.float64) for side in region)
+        if low.shape == high.shape == (system.n,):
+            theta[system.independent] = 0.5 * (low + high)
+    return region_of(mechanism, Seed(system, theta), region)
+
+
+def _ranges(mechanism: Mechanism, system: ClosureSystem) -> Ranges:
+    """Full turns, the limits of slides, and where those have none the sum of all lengths."""
+    model, middle = mechanism.tree.model, system.theta(mechanism.q_reference)
+    low, high = middle - np.pi, middle + np.pi
+    slides = np.flatnonzero(~system.periodic)
+    low[slides], high[slides] = -system.scale, system.scale
+    for joint in system.chart.joints:
+        index = joint.v.start
+        if joint.kind.nq == 1 and not system.periodic[index]:
+            limits = model.lowerPositionLimit[joint.q.start], model.upperPositionLimit[joint.q.start]
+            low[index], high[index] = max(low[index], limits[0]), min(high[index], limits[1])
+    return Ranges(low[system.dependent], high[system.dependent])
+
+
+def _counted(problem: Problem, tree: CellTree, region: Region, ranges: Ranges, regular: Indices) -> list[Part]:
+    """The largest parts of the regular cells, with all solutions over one q of each where that was proved."""
+    parts = []
+    for cells in parts_of(tree, region, regular)[:_COUNTED]:
+        largest = int(cells[int(np.argmax(np.prod(tree.size[cells] / WHOLE, axis=1)))])
+        q = place(tree, region, np.array([largest]))[0][0]
+        found = all_solutions(problem, ranges, q)
+        if found.complete:
+            parts.append(Part(cells, largest, found.theta))
+    return parts
