@@ -3,7 +3,8 @@
 A *part* is a connected union of cells over which no configuration is singular, so that every q of it has as many closed
 configurations as one that was counted (Proposition C of `paving`). A cell is certified when as many boxes of Theorem K
 are proved over it, each glued at a common face to a box of a certified neighbour, no two to the same one. Neighbours'
-boxes carry different solutions, so these do, and they are all there is over the cell.
+boxes carry different solutions, so these do, and they are all there is over the cell. Over the other cells, those that
+hold a fold of some sheets, the sheets that have none there are carried on one by one, as far as Theorem K goes.
 """
 
 from __future__ import annotations
@@ -70,6 +71,7 @@ class Front:
         none = np.zeros(0, dtype=np.intp)
         self.boxes = certify_points(problem, np.zeros((1, problem.system.n_free))).boxes.without_rows(problem.system.n)
         self.members = Members(none, none)
+        self._passed = set[tuple[int, int]]()
         self.part = np.full(len(tree.child), -1, dtype=np.intp)
         for k, part in enumerate(parts):
             self.part[part.cells] = k
@@ -80,6 +82,8 @@ class Front:
         for k in range(len(self.parts)):
             self._first(k)
         while self._wave():
+            pass
+        while self._pass():
             pass
 
     def _first(self, k: int) -> None:
@@ -93,10 +97,10 @@ class Front:
         point = certify_points(self.problem, part.theta)
         while True:
             items = np.repeat(cell, len(part.theta))
-            found = self._proved(items, part.theta, part.theta)
+            found, proved = self._proved(items, part.theta, part.theta)
             delta = q - found.centre[:, self.problem.system.independent]
             ball = point.boxes.centre, point.boxes.radius, point.boxes.modes
-            good = self._is_proved & encloses(self.problem, found, np.tile(delta[:1], (len(items), 1)), *ball)
+            good = proved & encloses(self.problem, found, np.tile(delta[:1], (len(items), 1)), *ball)
             if np.all(good & point.proved):
                 self._accept(items, found)
                 return
@@ -120,22 +124,61 @@ class Front:
 
     def _try(self, contacts: Contacts) -> None:
         rows, origin = self._over(contacts.leaf)
-        items, parents = contacts.cell[rows], self.boxes.take(origin)
-        independent = self.problem.system.independent
-        at_parent = self.region.position(contacts.at_leaf[rows]) - parents.centre[:, independent]
-        start = predict(self.problem, parents, at_parent)
-        start[:, independent] = self.region.position(contacts.at_cell[rows])
-        found = self._proved(items, start, parents.centre)
-        good = self._is_proved.copy()
-        at_cell = self.region.position(contacts.at_cell[rows]) - found.centre[:, independent]
-        tried = np.flatnonzero(good)
-        good[tried] = glued(
-            self.problem, parents.take(tried), at_parent[tried], found.take(tried), at_cell[tried]
-        )
+        items, found, good = self._continued(rows_of(contacts, rows), origin)
         failed = np.unique(items[~good])
         kept = ~np.isin(items, failed)
         self._accept(items[kept], found.take(kept))
         self._split(failed)
+
+    def _pass(self) -> bool:
+        """Carry single sheets on over cells that are not certified; whether any box was new."""
+        leaves = self.tree.leaves()
+        status = self.tree.status
+        still = leaves[(status[leaves] != CellStatus.CERTIFIED) & (status[leaves] != CellStatus.EMPTY)]
+        contacts = contacts_of(self.tree, self.region, still)
+        contacts = rows_of(contacts, np.isin(contacts.leaf, self.members.cell))
+        rows, origin = self._over(contacts.leaf)
+        fresh = np.array([(int(c), int(b)) not in self._passed for c, b in zip(contacts.cell[rows], origin, strict=True)])
+        if not np.any(fresh):
+            return False
+        rows, origin = rows[fresh], origin[fresh]
+        self._passed.update(zip(contacts.cell[rows].tolist(), origin.tolist(), strict=True))
+        items, found, good = self._continued(rows_of(contacts, rows), origin)
+        items, found = items[good], found.take(good)
+        before = len(self.boxes.kappa)
+        while items.size:
+            new = ~self._known(items, found)
+            items, found = items[new], found.take(new)
+            first = np.unique(items, return_index=True)[1]
+            self._add(items[first], found.take(first))
+        return len(self.boxes.kappa) > before
+
+    def _known(self, cells: Indices, boxes: Boxes) -> Mask:
+        """Whether boxes carry the σ of one that their cell has."""
+        rows, other = self._over(cells)
+        at = place(self.tree, self.region, cells[rows])[0]
+        same = _near(self.problem, (boxes.take(rows), at), (self.boxes.take(other), at))
+        rows, other, at = rows[same], other[same], at[same]
+        independent = self.problem.system.independent
+        one, known = boxes.take(rows), self.boxes.take(other)
+        result = np.zeros(len(cells), dtype=np.bool_)
+        if rows.size:
+            agree = glued(self.problem, one, at - one.centre[:, independent], known, at - known.centre[:, independent])
+            result[rows[agree]] = True
+        return result
+
+    def _continued(self, contacts: Contacts, origin: Indices) -> tuple[Indices, Boxes, Mask]:
+        """Boxes over cells from one box each beyond a common face; which are proved and glued to it."""
+        items, parents = contacts.cell, self.boxes.take(origin)
+        independent = self.problem.system.independent
+        at_parent = self.region.position(contacts.at_leaf) - parents.centre[:, independent]
+        start = predict(self.problem, parents, at_parent)
+        start[:, independent] = self.region.position(contacts.at_cell)
+        found, good = self._proved(items, start, parents.centre)
+        at_cell = self.region.position(contacts.at_cell) - found.centre[:, independent]
+        tried = np.flatnonzero(good)
+        good[tried] = glued(self.problem, parents.take(tried), at_parent[tried], found.take(tried), at_cell[tried])
+        return items, found, good
 
     def _over(self, cells: Indices) -> tuple[Indices, Indices]:
         """Pairs (k, box) of cells and the boxes they have."""
@@ -145,18 +188,20 @@ class Front:
         offset = np.arange(len(rows)) - np.repeat(np.cumsum(count) - count, count)
         return rows, self.members.box[np.repeat(low, count) + offset]
 
-    def _proved(self, cells: Indices, start: Array, turn_to: Array) -> Boxes:
-        """Boxes over cells from configurations near them; `_is_proved` tells which are."""
+    def _proved(self, cells: Indices, start: Array, turn_to: Array) -> tuple[Boxes, Mask]:
+        """Boxes over cells from configurations near them, and which are proved."""
         centre, half = place(self.tree, self.region, cells)
         data, parts = CellsToProve(centre, half, start, turn_to), []
         for first in range(0, len(cells), _CHUNK):
             parts.append(prove(self.problem, rows_of(data, slice(first, first + _CHUNK))))
         found = joined(parts)
-        self._is_proved = found.proved
-        return found.boxes
+        return found.boxes, found.proved
 
     def _accept(self, cells: Indices, boxes: Boxes) -> None:
         self.tree.status[cells] = CellStatus.CERTIFIED
+        self._add(cells, boxes)
+
+    def _add(self, cells: Indices, boxes: Boxes) -> None:
         count = len(self.boxes.kappa)
         self.boxes = joined([self.boxes, boxes])
         members = joined([self.members, Members(cells, count + np.arange(len(cells)))])
@@ -186,7 +231,7 @@ def glued_pairs(problem: Problem, region: Region, tree: CellTree, members: Membe
     """All pairs of boxes on the two sides of a face that are proved to carry the same σ there."""
     cells = np.unique(members.cell)
     contacts = contacts_of(tree, region, cells)
-    both = np.flatnonzero((tree.status[contacts.leaf] == CellStatus.CERTIFIED) & contacts.upper)
+    both = np.flatnonzero(np.isin(contacts.leaf, cells) & contacts.upper)
     contacts = rows_of(contacts, both)
     at_cell, at_leaf = region.position(contacts.at_cell), region.position(contacts.at_leaf)
     low = [np.searchsorted(members.cell, side, side="left") for side in (contacts.cell, contacts.leaf)]
@@ -198,7 +243,7 @@ def glued_pairs(problem: Problem, region: Region, tree: CellTree, members: Membe
     offset = np.arange(len(face)) - np.repeat(np.cumsum(count[0] * count[1]) - count[0] * count[1], count[0] * count[1])
     first = members.box[low[0][face] + offset // np.maximum(count[1][face], 1)]
     second = members.box[low[1][face] + offset % np.maximum(count[1][face], 1)]
-    near = _near(problem, boxes, (first, at_cell[face]), (second, at_leaf[face]))
+    near = _near(problem, (boxes.take(first), at_cell[face]), (boxes.take(second), at_leaf[face]))
     first, second, face = first[near], second[near], face[near]
     same = np.zeros(len(face), dtype=np.bool_)
     independent = problem.system.independent
@@ -216,13 +261,12 @@ def glued_pairs(problem: Problem, region: Region, tree: CellTree, members: Membe
     return Glued(first[same], second[same], at_cell[face], at_leaf[face])
 
 
-def _near(problem: Problem, boxes: Boxes, one: tuple[Indices, Array], other: tuple[Indices, Array]) -> Mask:
+def _near(problem: Problem, one: tuple[Boxes, Array], other: tuple[Boxes, Array]) -> Mask:
     """Whether two boxes' solutions at two spellings of one q agree as computed: the others need no proof tried."""
-    values = []
-    for number, q in (one, other):
-        part = boxes.take(number)
-        delta = q - part.centre[:, problem.system.independent]
-        values.append(newton(problem, predict(problem, part, delta), _NEWTON).theta)
-    gap = (values[0] - values[1])[:, problem.system.dependent]
-    gap -= 2.0 * np.pi * np.round(gap / (2.0 * np.pi)) * problem.system.periodic[problem.system.dependent]
+    values, dependent = [], problem.system.dependent
+    for boxes, q in (one, other):
+        delta = q - boxes.centre[:, problem.system.independent]
+        values.append(newton(problem, predict(problem, boxes, delta), _NEWTON).theta[:, dependent])
+    gap = values[0] - values[1]
+    gap -= 2.0 * np.pi * np.round(gap / (2.0 * np.pi)) * problem.system.periodic[dependent]
     return np.asarray(np.abs(gap).max(axis=1, initial=0.0) < _NEAR)
