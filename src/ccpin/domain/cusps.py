@@ -46,6 +46,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, apply
+from ccpin.domain.atlas.cells import Corners, corners_of
 from ccpin.domain.bounds_reach import chain_reach
 from ccpin.domain.boxes import SLACK, Problem, inverses, problem_of
 from ccpin.domain.chain_stack import Derivatives, derivatives, gather, third_along
@@ -185,7 +186,10 @@ def _along(hessian: Array, v: Array) -> Array:
 
 
 def cusps(
-    mechanism: Mechanism | HasMechanism, curves: Sequence[SingularCurve] | None = None
+    mechanism: Mechanism | HasMechanism,
+    region: Corners | None = None,
+    *,
+    curves: Sequence[SingularCurve] | None = None,
 ) -> tuple[Cusp, ...]:
     """The cusps on curves of folds, each proved to exist.
 
@@ -194,10 +198,12 @@ def cusps(
     Args:
         mechanism: With n = 2, plain scalar joints and no redundant rows; hold joints still with ``load(locked=…)`` for
             a slice of a mechanism with more.
+        region: (lower, upper), bounds of the coordinates within which they are wanted, each of shape (2,).
         curves: From `singularities`; by default all that it finds.
 
     Raises:
         UnsupportedMechanismError: As for `singularities`.
+        InvalidInputError: The region is malformed.
     """
     mechanism = mechanism_of(mechanism)
     folds = [curve for curve in (singularities(mechanism) if curves is None else curves) if curve.kind == "fold"]
@@ -206,9 +212,11 @@ def cusps(
     for curve in folds:
         theta = np.array([problem.system.theta(q_free) for q_free in curve.q_free])
         found += proved_cusps(problem, theta[_turning(problem, theta, curve.closed)])
+    low, high = (np.full(2, -np.inf), np.full(2, np.inf)) if region is None else corners_of(region, mechanism.independent)
     kept: list[Cusp] = []
     for cusp in found:
-        if not any(_same(problem, cusp, other) for other in kept):
+        inside = np.all((cusp.q >= low) & (cusp.q <= high))
+        if inside and not any(_same(problem, cusp, other) for other in kept):
             kept.append(cusp)
     return tuple(kept)
 

@@ -61,6 +61,21 @@ class Sheet(NamedTuple):
     sign: int
 
 
+class ModeChange(NamedTuple):
+    """A path in q that ends where it begins, in another assembly mode, and stays in certified boxes of one sheet.
+
+    Attributes:
+        path: Waypoints, of shape (K, n); the last q is the first (turns of 2π of a periodic coordinate not counted).
+        start, end: The closed configurations at its ends, of shape (nq,) each.
+        sheet: The sheet's number.
+    """
+
+    path: Array
+    start: Array
+    end: Array
+    sheet: int
+
+
 @dataclass(frozen=True, eq=False)
 class SheetAtlas:
     """All sheets over a region; angles in radians.
@@ -217,6 +232,24 @@ class SheetAtlas:
         while chain[-1] != first:
             chain.append(int(before[chain[-1]]))
         return np.vstack([q, *self._between(chain[::-1]), q])
+
+    def mode_change(self) -> ModeChange:
+        """A change of assembly mode without a singularity, on the largest sheet that goes round a cusp.
+
+        Raises:
+            InvalidInputError: No sheet has two configurations over one certified q.
+        """
+        for sheet in self.sheets:
+            pairs = self.members.cell[np.isin(self.members.box, sheet.boxes)]
+            cells, layers = np.unique(pairs, return_counts=True)
+            cells = cells[(layers > 1) & (self.tree.status[cells] == CellStatus.CERTIFIED)]
+            if cells.size:
+                largest = cells[int(np.argmax(np.prod(self.tree.size[cells] / WHOLE, axis=1)))]
+                q = place(self.tree, self.region, np.array([largest]))[0][0]
+                found, numbers_of = self.solutions(q)
+                first, last = np.flatnonzero(numbers_of == sheet.number)[:2]
+                return ModeChange(self.way(q, int(first), int(last)), found[first], found[last], sheet.number)
+        raise InvalidInputError("no sheet has two configurations over one certified q of the region")
 
     def _between(self, chain: list[int]) -> list[Array]:
         """The middles of boxes and of the faces between them, angles unwound."""
