@@ -213,10 +213,14 @@ def cusps(
         theta = np.array([problem.system.theta(q_free) for q_free in curve.q_free])
         found += proved_cusps(problem, theta[_turning(problem, theta, curve.closed)])
     low, high = (np.full(2, -np.inf), np.full(2, np.inf)) if region is None else corners_of(region, mechanism.independent)
+    return distinct(problem, [cusp for cusp in found if np.all((cusp.q >= low) & (cusp.q <= high))])
+
+
+def distinct(problem: Problem, found: Sequence[Cusp]) -> tuple[Cusp, ...]:
+    """Each cusp once: those that agree modulo 2π are the same."""
     kept: list[Cusp] = []
     for cusp in found:
-        inside = np.all((cusp.q >= low) & (cusp.q <= high))
-        if inside and not any(_same(problem, cusp, other) for other in kept):
+        if not any(_same(problem, cusp, other) for other in kept):
             kept.append(cusp)
     return tuple(kept)
 
@@ -262,13 +266,18 @@ def proved_cusps(problem: Problem, theta: Array) -> list[Cusp]:
 
 def _solved(equations: _Equations, x: Array) -> Array:
     """Newton's method, its steps shortened to at most 0.5 in any unknown."""
+    x, active = x.copy(), np.arange(len(x))
     for _ in range(_STEPS):
-        point = equations.at(x)
-        step = -apply(inverses(equations.slope(point)), equations.value(point))
-        length = np.max(np.abs(step), axis=1, keepdims=True)
-        if not np.any(length > _SETTLED * (1.0 + np.abs(x).max(axis=1, keepdims=True))):
+        part = _Equations(equations.problem, equations.pairing[active])
+        point = part.at(x[active])
+        step = -apply(inverses(part.slope(point)), part.value(point))
+        length = np.max(np.abs(step), axis=1)
+        going = np.isfinite(length)
+        step, length, active = step[going], length[going], active[going]
+        x[active] += step * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))[:, None]
+        active = active[length > _SETTLED * (1.0 + np.abs(x[active]).max(axis=1))]
+        if not active.size:
             break
-        x = x + step * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))
     return x
 
 

@@ -15,7 +15,6 @@ sheets told apart here may be one that is connected through undecided cells or o
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -25,12 +24,13 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from ccpin.arrays import Array, Indices, numbers, rows_of, whole
+from ccpin.arrays import Array, Indices, numbers, whole
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Corners, Region, region_of
 from ccpin.domain.atlas.singular import mark_in_cells
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, closure_values, problem_of
 from ccpin.domain.chains import ClosureSystem, Seed, closure_system
-from ccpin.domain.newton import newton, predict, solve_in_boxes
+from ccpin.domain.cusps import Cusp, distinct, proved_cusps
+from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.domain.sheets.front import Front, Glued, Members, Part, glued_pairs, parts_of
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.paving import Ranges, all_solutions, cover_singular, place
@@ -40,7 +40,7 @@ from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 _DEPTHS = {1: 10, 2: 7, 3: 4}
 _DEEPER = 3
 _COUNTED = 64
-_WAY = 1e-3
+_PART = 500
 
 
 class Sheet(NamedTuple):
@@ -232,6 +232,22 @@ class SheetAtlas:
         while chain[-1] != first:
             chain.append(int(before[chain[-1]]))
         return np.vstack([q, *self._between(chain[::-1]), q])
+
+    def cusps(self) -> tuple[Cusp, ...]:
+        """Cusps over the region, looked for from every cell that may hold one and proved (Theorem C of `cusps`).
+
+        All there are lie over cells that are not counted; that none of those holds another is not claimed.
+
+        Raises:
+            UnsupportedMechanismError: The atlas has not two coordinates.
+        """
+        if len(self.names) != 2:
+            raise UnsupportedMechanismError(f"cusps are points for two coordinates; the atlas has {len(self.names)}")
+        starts = self.left.centre[np.unique(self.left.cell, return_index=True)[1]]
+        problem = self.problem._replace(phasors=None)
+        found = [cusp for k in range(0, len(starts), _PART) for cusp in proved_cusps(problem, starts[k : k + _PART])]
+        inside = self._cells(np.array([cusp.q for cusp in found]).reshape(-1, 2)) >= 0
+        return distinct(problem, [cusp for cusp, within in zip(found, inside, strict=True) if within])
 
     def mode_change(self) -> ModeChange:
         """A change of assembly mode without a singularity, on the largest sheet that goes round a cusp.
