@@ -36,6 +36,7 @@ from ccpin.domain.atlas.singular import mark_singular, refuting
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
 from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import newton, solve_in_boxes
+from ccpin.domain.sheets.emptiness import search_empty
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
@@ -340,6 +341,7 @@ def certify(
             if depth:
                 builder.certify_region(depth)
                 prove_empty(problem.system, builder.tree, area, depth)
+                search_empty(problem, builder.tree, area, depth)
                 mark_singular(problem, builder.tree, area, builder.boxes)
         except Stopped:
             complete = False

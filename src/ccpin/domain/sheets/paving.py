@@ -82,18 +82,18 @@ def cover_singular(
 ) -> Cover:
     """Enclose all singular closed configurations over a region, halving each of its edges `depth` times at most."""
     tree, smallest, tried = CellTree.whole(problem.system.n), 1 << (LEVELS - depth), 0
-    waiting = _whole(problem, ranges, np.zeros(1, dtype=np.intp), *place(tree, region, np.zeros(1, dtype=np.intp)))
+    waiting = whole_candidates(problem, ranges, np.zeros(1, dtype=np.intp), *place(tree, region, np.zeros(1, dtype=np.intp)))
     left = [rows_of(waiting, slice(0))]
     while waiting.cell.size:
         stuck = [left[0]]
         for _ in range(_ROUNDS):
             tried += len(waiting.cell)
-            waiting = _narrowed(problem, waiting, True)
+            waiting = narrowed_both(problem, waiting, True)
             if not waiting.cell.size:
                 break
-            cut, due = _cut(problem, waiting)
+            cut, due = to_halve(problem, waiting)
             stuck.append(rows_of(waiting, ~due))
-            waiting = _halved(rows_of(waiting, due), cut[due])
+            waiting = halved(rows_of(waiting, due), cut[due])
         waiting = joined([*stuck, waiting])
         cells = np.unique(waiting.cell)
         small = np.all(tree.size[cells] <= smallest, axis=1)
@@ -108,17 +108,17 @@ def cover_singular(
 def all_solutions(problem: Problem, ranges: Ranges, q: Array) -> Solutions:
     """All closed configurations over one q (n,), as far as that can be proved."""
     n = problem.system.n
-    waiting = _whole(problem, ranges, np.zeros(1, dtype=np.intp), q[None], np.zeros((1, n)))
+    waiting = whole_candidates(problem, ranges, np.zeros(1, dtype=np.intp), q[None], np.zeros((1, n)))
     found = list[Boxes]()
     for _ in range(_ROUNDS * problem.system.m):
-        waiting = _narrowed(problem, waiting, False)
+        waiting = narrowed_both(problem, waiting, False)
         if not waiting.cell.size:
             break
         waiting = rows_of(waiting, ~_solved(problem, waiting, found))
-        cut, due = _cut(problem, waiting)
+        cut, due = to_halve(problem, waiting)
         if not np.all(due):
             break
-        waiting = _halved(waiting, cut)
+        waiting = halved(waiting, cut)
     theta = np.array([box.centre[0] for box in found]).reshape(-1, problem.system.n_free)
     apart = all(_different(problem, one, other) for one, other in combinations(found, 2))
     return Solutions(theta, apart and not waiting.cell.size and not _on_edge(problem, ranges, theta))
@@ -138,7 +138,7 @@ def place(tree: CellTree, region: Region, cells: Indices) -> tuple[Array, Array]
     return region.position(tree.lower[cells] + 0.5 * size), 0.5 * region.width * (size / WHOLE)
 
 
-def _whole(problem: Problem, ranges: Ranges, cells: Indices, q: Array, width: Array) -> Candidates:
+def whole_candidates(problem: Problem, ranges: Ranges, cells: Indices, q: Array, width: Array) -> Candidates:
     """One candidate a cell, with the whole ranges."""
     system = problem.system
     centre, half = np.zeros((2, len(cells), system.n_free))
@@ -148,7 +148,7 @@ def _whole(problem: Problem, ranges: Ranges, cells: Indices, q: Array, width: Ar
     return Candidates(cells, centre, half, np.zeros((len(cells), system.m, system.n)))
 
 
-def _narrowed(problem: Problem, waiting: Candidates, singular: bool) -> Candidates:
+def narrowed_both(problem: Problem, waiting: Candidates, singular: bool) -> Candidates:
     """Candidates narrowed with both choices of Ã; those that cannot be singular dropped where that is asked."""
     parts = [rows_of(waiting, slice(0))]
     for first in range(0, len(waiting.cell), _CHUNK):
@@ -158,7 +158,7 @@ def _narrowed(problem: Problem, waiting: Candidates, singular: bool) -> Candidat
     return joined(parts)
 
 
-def _cut(problem: Problem, waiting: Candidates) -> tuple[Indices, Mask]:
+def to_halve(problem: Problem, waiting: Candidates) -> tuple[Indices, Mask]:
     """Along which coordinate each candidate would be halved, and whether that is due before its cell is halved.
 
     A candidate about a fold is as wide as the root of its cell, and need not be narrower.
@@ -174,7 +174,7 @@ def _cut(problem: Problem, waiting: Candidates) -> tuple[Indices, Mask]:
     return cut, np.asarray((ours.max(axis=1, initial=0.0) > enough) & (width > _LEAST))
 
 
-def _halved(boxes: Candidates, cut: Indices) -> Candidates:
+def halved(boxes: Candidates, cut: Indices) -> Candidates:
     """Both halves of candidates, with some roundings to spare."""
     rows, half = np.arange(len(cut)), boxes.half.copy()
     half[rows, cut] *= 0.5
@@ -195,10 +195,15 @@ def _halve_cells(problem: Problem, tree: CellTree, region: Region, waiting: Cand
     jacobian = np.abs(closure_values(problem, waiting.centre)[1][:, :, system.independent]).max(axis=1)
     stretch = np.zeros((len(cells), system.n))
     np.maximum.at(stretch, at, jacobian)
-    children = tree.split(cells, np.argmax(stretch * (tree.size[cells] / WHOLE) * region.width, axis=1))
-    parts = []
+    tree.split(cells, np.argmax(stretch * (tree.size[cells] / WHOLE) * region.width, axis=1))
+    return handed_down(problem, tree, region, waiting)
+
+
+def handed_down(problem: Problem, tree: CellTree, region: Region, waiting: Candidates) -> Candidates:
+    """The candidates over the two halves of their cells, which are split."""
+    system, parts = problem.system, []
     for side in (0, 1):
-        child = children[side::2][at]
+        child = tree.child[waiting.cell] + side
         centre, half = waiting.centre.copy(), waiting.half.copy()
         middle, half[:, system.independent] = place(tree, region, child)
         moved = apply(waiting.slopes, middle - centre[:, system.independent])
