@@ -36,7 +36,7 @@ def problem(mechanism):
 def test_the_cusps_of_a_slice_are_the_triple_roots(slice_):
     """All six of positive leg lengths, each as near as it says."""
     found = domain.cusps(slice_[0], POSITIVE, curves=slice_[1])
-    expected = oracle.cusps(0.1498, grid=40)
+    expected = oracle.cusps(0.1498, grid=60)
     assert len(found) == len(expected) == 6
     for cusp in found:
         assert np.abs(cusp.q - expected).max(axis=1).min() < 1e-7

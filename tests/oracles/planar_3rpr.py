@@ -66,7 +66,11 @@ def cusps(rho1, grid=120):
         alpha, phi = at[..., 0], at[..., 1]
         b1 = rho1 * np.exp(1j * alpha)
         lengths = np.stack(
-            [np.full(alpha.shape, rho1), np.abs(b1 + D1 * np.exp(1j * phi) - A2), np.abs(b1 + B3 * np.exp(1j * phi) - A3)],
+            [
+                np.full(alpha.shape, rho1),
+                np.abs(b1 + D1 * np.exp(1j * phi) - A2),
+                np.abs(b1 + B3 * np.exp(1j * phi) - A3),
+            ],
             axis=-1,
         )
         c, order = coefficients(lengths), np.arange(-3, 4)
@@ -77,7 +81,9 @@ def cusps(rho1, grid=120):
     at = np.stack(np.meshgrid(angles, angles), axis=-1).reshape(-1, 2)
     for _ in range(60):
         value, step = residual(at)[0], 1e-6
-        slope = np.stack([(residual(at + step * e)[0] - residual(at - step * e)[0]) / (2 * step) for e in np.eye(2)], axis=2)
+        slope = np.stack(
+            [(residual(at + step * e)[0] - residual(at - step * e)[0]) / (2 * step) for e in np.eye(2)], axis=2
+        )
         with np.errstate(all="ignore"):
             move = -np.linalg.solve(slope + 1e-300 * np.eye(2), value[..., None])[..., 0]
         at = at + move * np.minimum(1.0, 0.2 / np.maximum(np.abs(move).max(axis=1, keepdims=True), 1e-300))

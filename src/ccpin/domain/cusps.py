@@ -116,7 +116,10 @@ class _Equations:
         dependent = self.problem.system.dependent
         slope = point.values.jacobian[:, :, dependent]
         bent = _along(point.values.hessian, self._whole(point.v))[:, :, dependent]
-        paired = [np.sum(self.pairing * point.v, axis=1, keepdims=True) - 1.0, np.sum(self.pairing * point.w, 1)[:, None]]
+        paired = [
+            np.sum(self.pairing * point.v, axis=1, keepdims=True) - 1.0,
+            np.sum(self.pairing * point.w, 1)[:, None],
+        ]
         third = apply(bent, point.v) + apply(slope, point.w)
         return np.concatenate([point.values.phi, apply(slope, point.v), paired[0], third, paired[1]], axis=1)
 
@@ -212,7 +215,9 @@ def cusps(
     for curve in folds:
         theta = np.array([problem.system.theta(q_free) for q_free in curve.q_free])
         found += proved_cusps(problem, theta[_turning(problem, theta, curve.closed)])
-    low, high = (np.full(2, -np.inf), np.full(2, np.inf)) if region is None else corners_of(region, mechanism.independent)
+    low, high = (
+        (np.full(2, -np.inf), np.full(2, np.inf)) if region is None else corners_of(region, mechanism.independent)
+    )
     return distinct(problem, [cusp for cusp in found if np.all((cusp.q >= low) & (cusp.q <= high))])
 
 

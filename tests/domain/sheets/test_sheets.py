@@ -44,7 +44,7 @@ def slice_():
 @pytest.fixture(scope="module")
 def atlas(slice_):
     """Its sheets about a cusp."""
-    return domain.certify_sheets(slice_, REGION, max_depth=4)
+    return domain.certify_sheets(slice_, REGION, max_depth=5)
 
 
 def test_counts_are_those_of_the_sextic(atlas):
@@ -132,12 +132,23 @@ def test_a_sheet_goes_round_the_cusp(atlas, slice_):
     assert np.allclose(change.path[0], change.path[-1])
 
 
-def test_an_atlas_that_is_not_single_valued_is_explained(slice_, atlas):
-    """About the same cusp `certify` finds faces it cannot glue; the sheets have two layers there."""
-    change = atlas.mode_change()
-    one = domain.certify(slice_, change.path[0], REGION, guess=change.start, max_depth=7)
-    assert not one.single_valued
-    assert atlas.sheets[change.sheet].layers == 2
+def test_sheets_touch_at_folds(atlas, slice_):
+    """Every fold is singular, and a step off it the sextic has two roots more on one side than on the other."""
+    found = atlas.folds(60)
+    assert len(found) > 10
+    constraints, independent = slice_.constraints(), atlas.problem.system.independent
+    for fold in found:
+        value = constraints.value(fold.q_free)
+        dependent = np.delete(value.jacobian, independent, axis=1)
+        left, singular, _ = np.linalg.svd(dependent)
+        assert np.abs(value.phi).max() < 1e-9
+        assert singular[-1] < 1e-7 * singular[0]
+        normal = left[:, -1] @ value.jacobian[:, independent]
+        sides = fold.q + 2e-5 * np.outer([-1.0, 1.0], normal / np.linalg.norm(normal))
+        modes = oracle.modes(with_first_leg(sides), near=1e-7)[0]
+        assert abs(int(modes[0]) - int(modes[1])) == 2
+        signs = {atlas.sheets[number].sign for number in fold.sheets}
+        assert signs == {-1, 1}
 
 
 def test_the_five_bar_has_two_modes_or_none(rpdr):
@@ -153,6 +164,15 @@ def test_the_five_bar_has_two_modes_or_none(rpdr):
     assert [sheet.sign for sheet in atlas.sheets] in ([1, -1], [-1, 1])
 
 
+def test_the_five_bar_folds_where_it_is_stretched(rpdr):
+    """Its two modes touch at the stretched loop, √(λ² + μ²) = a₃ + a₄."""
+    atlas = domain.certify_sheets(rpdr, (np.full(2, -np.pi), np.full(2, np.pi)), max_depth=5)
+    found = atlas.folds(40)
+    assert {fold.sheets for fold in found} == {(0, 1)}
+    q = np.array([fold.q for fold in found])
+    assert np.abs(np.hypot(*five_bar.elbow_offset(q.T)) - five_bar.A3 - five_bar.A4).max() < 1e-7
+
+
 @pytest.mark.parametrize("name", ["slider_crank", "four_bar"])
 def test_cranks_have_two_sheets_all_the_way_round(name):
     """Both assembly modes of a crank that turns, all of the turn certified."""
@@ -164,7 +184,7 @@ def test_cranks_have_two_sheets_all_the_way_round(name):
 
 def test_the_cusp_is_found_from_the_cells_left(atlas):
     """The one of the slice's six that lies over the region."""
-    expected = oracle.cusps(LEG1, grid=40)
+    expected = oracle.cusps(LEG1, grid=60)
     inside = expected[np.all((expected > REGION[0]) & (expected < REGION[1]), axis=1)]
     found = atlas.cusps()
     assert len(found) == len(inside) == 1

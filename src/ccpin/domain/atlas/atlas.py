@@ -341,7 +341,7 @@ def certify(
             if depth:
                 builder.certify_region(depth)
                 prove_empty(problem.system, builder.tree, area, depth)
-                search_empty(problem, builder.tree, area, depth)
+                search_empty(problem, builder.tree, area, depth, len(builder.boxes.kappa))
                 mark_singular(problem, builder.tree, area, builder.boxes)
         except Stopped:
             complete = False

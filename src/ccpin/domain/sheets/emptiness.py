@@ -25,24 +25,24 @@ from ccpin.domain.newton import newton
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.paving import Ranges, halved, handed_down, narrowed_both, place, to_halve, whole_candidates
 
-_BUDGET = 300_000
+_BUDGET = 20  # candidates a box: about as much work as the boxes took
 _ROUNDS = 12
 _NEWTON = 12
 _WORTH = 1e-3
 _ORTHONORMAL = 1e-9
 
 
-def search_empty(problem: Problem, tree: CellTree, region: Region, depth: int) -> None:
+def search_empty(problem: Problem, tree: CellTree, region: Region, depth: int, boxes: int) -> None:
     """Mark unreached cells as empty where an exhaustive search proves it, halving them `depth` times at most.
 
-    It ends early where its budget of candidates is spent; what it had no time for stays unreached. Nothing is tried
+    It ends early where its budget, so many candidates for each of the atlas's boxes, is spent; what it had no time for stays unreached. Nothing is tried
     where less than a thousandth of the region is unreached.
     """
     ranges = all_values(problem.system, np.maximum(np.abs(region.lower), np.abs(region.upper)))
     if ranges is None or _share(tree) < _WORTH:
         return
     root = np.zeros(1, dtype=np.intp)
-    waiting, budget = whole_candidates(problem, ranges, root, *place(tree, region, root)), _BUDGET
+    waiting, budget = whole_candidates(problem, ranges, root, *place(tree, region, root)), _BUDGET * boxes
     searched = root
     while searched.size and budget > 0:
         waiting, spent = _settled(problem, waiting, budget)
@@ -135,7 +135,9 @@ def _slide_bound(system: ClosureSystem, chain: Chain, j: int, travel: Array) -> 
     first = int(np.argmin(chain.prismatic)) if not np.all(chain.prismatic) else len(chain.joints)
     leading = [k for k in range(first) if chain.joints[k] in sliding]
     known = {int(chain.joints[k]) for k in leading}
-    foreign = any(int(i) in sliding and not (other is chain and int(i) in known) for other in others for i in other.joints)
+    foreign = any(
+        int(i) in sliding and not (other is chain and int(i) in known) for other in others for i in other.joints
+    )
     plain = not (np.any(system.couplings[rows]) or any(other.direction for other in others))
     if j not in known or foreign or not plain:
         return np.inf

@@ -138,7 +138,9 @@ class Front:
         contacts = contacts_of(self.tree, self.region, still)
         contacts = rows_of(contacts, np.isin(contacts.leaf, self.members.cell))
         rows, origin = self._over(contacts.leaf)
-        fresh = np.array([(int(c), int(b)) not in self._passed for c, b in zip(contacts.cell[rows], origin, strict=True)])
+        fresh = np.array(
+            [(int(c), int(b)) not in self._passed for c, b in zip(contacts.cell[rows], origin, strict=True)]
+        )
         if not np.any(fresh):
             return False
         rows, origin = rows[fresh], origin[fresh]

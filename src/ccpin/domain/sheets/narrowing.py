@@ -53,9 +53,7 @@ class Candidates(NamedTuple):
     slopes: Array
 
 
-def narrowed(
-    problem: Problem, boxes: Candidates, inverse: bool = False, singular: bool = False
-) -> Candidates:
+def narrowed(problem: Problem, boxes: Candidates, inverse: bool = False, singular: bool = False) -> Candidates:
     """The boxes that may hold closed configurations, their dependent coordinates narrowed (Proposition N).
 
     Args:

@@ -82,7 +82,9 @@ def cover_singular(
 ) -> Cover:
     """Enclose all singular closed configurations over a region, halving each of its edges `depth` times at most."""
     tree, smallest, tried = CellTree.whole(problem.system.n), 1 << (LEVELS - depth), 0
-    waiting = whole_candidates(problem, ranges, np.zeros(1, dtype=np.intp), *place(tree, region, np.zeros(1, dtype=np.intp)))
+    waiting = whole_candidates(
+        problem, ranges, np.zeros(1, dtype=np.intp), *place(tree, region, np.zeros(1, dtype=np.intp))
+    )
     left = [rows_of(waiting, slice(0))]
     while waiting.cell.size:
         stuck = [left[0]]

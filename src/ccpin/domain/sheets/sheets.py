@@ -25,7 +25,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ccpin.arrays import Array, Indices, numbers, whole
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Corners, Region, region_of
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Corners, Region, contacts_of, region_of
 from ccpin.domain.atlas.singular import mark_in_cells
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, closure_values, problem_of
 from ccpin.domain.chains import ClosureSystem, Seed, closure_system
@@ -34,6 +34,7 @@ from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.domain.sheets.front import Front, Glued, Members, Part, glued_pairs, parts_of
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.paving import Ranges, all_solutions, cover_singular, place
+from ccpin.domain.sheets.touching import Fold, cross, near_folds
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
@@ -248,6 +249,54 @@ class SheetAtlas:
         found = [cusp for k in range(0, len(starts), _PART) for cusp in proved_cusps(problem, starts[k : k + _PART])]
         inside = self._cells(np.array([cusp.q for cusp in found]).reshape(-1, 2)) >= 0
         return distinct(problem, [cusp for cusp, within in zip(found, inside, strict=True) if within])
+
+    def folds(self, most: int = 200) -> tuple[Fold, ...]:
+        """Folds at which two sheets are proved to touch (Proposition T of `touching`), each pair of sheets in turn.
+
+        Looked for from σ in the boxes beside cells where a sheet ends; which of them touch nowhere is not claimed.
+
+        Args:
+            most: How many places are tried.
+        """
+        cell, box = self._ends(whole(most, "most"))
+        boxes, width = self.boxes.take(box), self.region.width * (self.tree.size[cell] / WHOLE)
+        theta = newton(self.problem, boxes.centre, 1).theta
+        near, directions, rows = near_folds(self.problem, theta, width)
+        found = []
+        over = np.empty(len(self.boxes.kappa), dtype=np.intp)
+        over[self.members.box] = self.members.cell
+        for k in rows:
+            beside = self.members.box[self.members.cell == over[box[k]]]
+            fold = near.theta[k], near.kernel[k], float(near.error[k])
+            other = cross(
+                self.problem, (theta[k], self.boxes.take(box[[k]])), directions[k], fold, self.boxes.take(beside)
+            )
+            if other is not None:
+                pair = sorted((int(self.sheet_of[box[k]]), int(self.sheet_of[beside[other]])))
+                q = fold[0][self.problem.system.independent]
+                found.append(Fold(q, self.problem.system.chart.configuration(fold[0]), fold[2], (pair[0], pair[1])))
+        return tuple(found)
+
+    def _ends(self, most: int) -> tuple[Indices, Indices]:
+        """Boxes with a neighbouring cell to which their sheet was not carried on, and that cell, evenly chosen."""
+        leaves = self.tree.leaves()
+        still = leaves[
+            (self.tree.status[leaves] != CellStatus.CERTIFIED) & (self.tree.status[leaves] != CellStatus.EMPTY)
+        ]
+        contacts = contacts_of(self.tree, self.region, still)
+        joined_to = set(zip(self.glued.first.tolist(), self.glued.second.tolist(), strict=True))
+        joined_to |= {(second, first) for first, second in joined_to}
+        over: dict[int, list[int]] = {}
+        for cell, box in zip(self.members.cell.tolist(), self.members.box.tolist(), strict=True):
+            over.setdefault(cell, []).append(box)
+        ends = dict[int, int]()
+        for cell, leaf in zip(contacts.cell.tolist(), contacts.leaf.tolist(), strict=True):
+            for box in over.get(leaf, ()):
+                if not any((box, other) in joined_to for other in over.get(cell, ())):
+                    ends.setdefault(box, cell)
+        box = np.array(sorted(ends), dtype=np.intp)
+        box = box[:: max(1, -(-len(box) // most))]
+        return np.array([ends[int(b)] for b in box], dtype=np.intp), box
 
     def mode_change(self) -> ModeChange:
         """A change of assembly mode without a singularity, on the largest sheet that goes round a cusp.
