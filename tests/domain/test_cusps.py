@@ -1,4 +1,4 @@
-"""Cusps against the sextic's triple roots, their derivatives against differences, and what Theorem C must not accept."""
+"""Cusps against the sextic's triple roots, their derivatives against differences, and what must not be accepted."""
 
 import numpy as np
 import pytest

@@ -58,8 +58,8 @@ def closing_error(lengths, b1, phi):
 def cusps(rho1, grid=120):
     """The leg lengths (ρ₂, ρ₃) of all cusps of the slice ρ₁, of shape (K, 2).
 
-    A configuration with B₁ = ρ₁e^{iα} and platform angle φ has a triple root of g where g_φ = g_φφ = 0 at its own lengths.
-    Newton's method from a grid of (α, φ) finds those; its derivatives are differences.
+    A configuration with B₁ = ρ₁e^{iα} and platform angle φ has a triple root of g where g_φ = g_φφ = 0 at its own
+    lengths. Newton's method from a grid of (α, φ) finds those; its derivatives are differences.
     """
 
     def residual(at):
@@ -88,7 +88,7 @@ def cusps(rho1, grid=120):
             move = -np.linalg.solve(slope + 1e-300 * np.eye(2), value[..., None])[..., 0]
         at = at + move * np.minimum(1.0, 0.2 / np.maximum(np.abs(move).max(axis=1, keepdims=True), 1e-300))
     value, lengths = residual(at)
-    x, y, delta = _eliminated(lengths, at[:, 1])
+    delta = _eliminated(lengths, at[:, 1])[2]
     good = (np.abs(value).max(axis=1) < 1e-11) & (np.abs(delta) > 1e-5)
     found = []
     for one in lengths[good][:, 1:]:

@@ -9,7 +9,9 @@ from ccpin.domain.chains import scalar_coordinates_at
 from ccpin.domain.cusps import Cusp, cusps
 from ccpin.domain.one_box import kantorovich_radius, newton_steps
 from ccpin.domain.path import CertifiedPath, certify_path
-from ccpin.domain.sheets.sheets import ModeChange, Sheet, SheetAtlas, certify_sheets
+from ccpin.domain.sheets.search import certify_sheets
+from ccpin.domain.sheets.sheets import ModeChange, Sheet, SheetAtlas
+from ccpin.domain.sheets.touching import Fold
 from ccpin.domain.singularities import (
     SingularCurve,
     SingularityDistance,
@@ -25,6 +27,7 @@ __all__ = [
     "CellStatus",
     "CertifiedPath",
     "Cusp",
+    "Fold",
     "ModeChange",
     "QuadraticSystem",
     "Region",

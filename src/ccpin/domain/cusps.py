@@ -34,8 +34,8 @@ chain's tip of any order is at most ρ of its deepest joint), P = n′ and V = |
     |φ_θθv − φ_θθ(θ₀)v₀| ≤ |φ_θθ(θ₀)|1 r + τPrV,     likewise for w,
     |φ_θθθvv − φ_θθθ(θ₀)v₀v₀| ≤ τ(PV² + 2mV) r.
 
-Rounding: γ · magnitude for every entry of φ and its first two derivatives and twice that for the third, times 1 + |v₀|₁,
-1 + |w₀|₁ and |v₀|₁² where they enter.
+Rounding: γ · magnitude for every entry of φ and its first two derivatives and twice that for the third, times 1 +
+|v₀|₁, 1 + |w₀|₁ and |v₀|₁² where they enter.
 """
 
 from __future__ import annotations

@@ -1,14 +1,17 @@
-"""Sheets against closed forms: how many configurations there are, that they are, how they hang together, what is refused."""
+"""Sheets against closed forms: how many configurations there are, that they are, how they hang together."""
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import ccpin
 from ccpin import domain, plotting
 from ccpin.domain.sheets.paving import all_solutions
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from tests.oracles import cusped_3rpr as cusped
 from tests.oracles import planar_3rpr as oracle
 from tests.oracles import rpdr as five_bar
+from tests.oracles import slider_crank as sliding
 from tests.support.places import ROOT
 
 LEG1 = 0.1498
@@ -103,11 +106,14 @@ def test_shares_add_up(atlas):
 
 
 def test_singular_configurations_are_all_enclosed(atlas, slice_):
-    """Points of the fold curves over the region lie in the boxes that are left, whatever their configuration."""
-    system = atlas.problem.system
-    curves = domain.singularities(slice_, starts=6)
+    """Singular configurations by the closed form lie in the boxes that are left, whatever their assembly mode."""
+    system, names = atlas.problem.system, list(slice_.pin_model.names)[1:]
     seen = 0
-    for theta in (system.theta(q) for curve in curves if curve.kind == "fold" for q in curve.q_free):
+    for pose in singular_poses():
+        moved = cusped.displacements(pose)
+        values = {"swing1": moved["leg"], "turn": moved["turn"], "leg2": moved["rho2"] / 10, "leg3": moved["rho3"] / 10}
+        values |= {"swing2": moved["swing2"], "swing3": moved["swing3"]}
+        theta = np.array([values[name] for name in names])
         q = theta[system.independent]
         if np.all((q > REGION[0]) & (q < REGION[1])):
             gap = theta - atlas.left.centre
@@ -119,9 +125,19 @@ def test_singular_configurations_are_all_enclosed(atlas, slice_):
     assert seen > 20
 
 
+def singular_poses():
+    """(leg, turn) with det = 0 in closed form, on a grid of turns."""
+    angles = np.linspace(-np.pi, np.pi, 73)
+    for turn in np.linspace(-np.pi, np.pi, 400):
+        det = [np.linalg.det(cusped.jacobian((leg, turn))) for leg in angles]
+        for k in np.flatnonzero(np.sign(det[:-1]) != np.sign(det[1:])):
+            leg = brentq(lambda at, turn=turn: np.linalg.det(cusped.jacobian((at, turn))), *angles[k : k + 2])
+            yield np.array([leg, turn])
+
+
 def test_a_sheet_goes_round_the_cusp(atlas, slice_):
     """Its two layers are joined by a path that is proved to meet no singularity and ends in another assembly mode."""
-    assert [sheet.layers for sheet in atlas.sheets][0] == 2
+    assert atlas.sheets[0].layers == 2
     change = atlas.mode_change()
     proof = domain.certify_path(slice_, change.path, tube=1e-6, guess=change.start)
     assert proof.verdict == "proven"
@@ -180,6 +196,18 @@ def test_cranks_have_two_sheets_all_the_way_round(name):
     assert (atlas.certified_fraction, atlas.undecided_fraction) == (1.0, 0.0)
     assert [sheet.layers for sheet in atlas.sheets] == [1, 1]
     assert np.allclose([sheet.area for sheet in atlas.sheets], 2 * np.pi)
+
+
+def test_a_slide_counts_within_its_limits():
+    """A slider-crank whose slide ends at 0.1 m: the mode right of it counts where it is in reach, and only there."""
+    crank = ccpin.load("slider_crank", joints={"slider": {"lower": 0.1, "upper": 0.2}})
+    atlas = domain.certify_sheets(crank, ([-np.pi], [np.pi]))
+    q = np.random.default_rng(8).uniform(-np.pi, np.pi, (5000, 1))
+    counted, stroke = atlas.number_of_solutions(q), np.array([sliding.sigma(a)["slider"] for a in q[:, 0]])
+    known = counted >= 0
+    assert np.array_equal(counted[known], (stroke[known] > 0.1).astype(int))
+    assert 0.9 < known.mean() < 1.0
+    assert set(counted) == {-1, 0, 1}
 
 
 def test_the_cusp_is_found_from_the_cells_left(atlas):

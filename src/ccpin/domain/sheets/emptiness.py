@@ -4,9 +4,9 @@ All values of the dependent coordinates are searched over the cells of an atlas 
 those that no box certifies; a cell whose last candidate is dropped is empty. Angles are searched all the way round. A
 slide has no such range, but closed loops bound it:
 
-**Proposition L.** Let the chains of a closure's point rows read Σ_c W_c x_c + d = 0, let one of them begin with slides along
-a₁, …, a_k with W a_i orthonormal, and let no chain hold another dependent slide. Then in every closed configuration
-each of these slides is at most Σ_c ‖W_c‖(length of c without them) + |d|.
+**Proposition L.** Let the chains of a closure's point rows read Σ_c W_c x_c + d = 0, let one of them begin with slides
+along a₁, …, a_k with W a_i orthonormal, and let no chain hold another dependent slide. Then in every closed
+configuration each of these slides is at most Σ_c ‖W_c‖(length of c without them) + |d|.
 
 *Proof.* |s_i| ≤ |Σ s_i W a_i|, which is minus the sum of the rest. ∎
 
@@ -29,23 +29,25 @@ _BUDGET = 20  # candidates a box: about as much work as the boxes took
 _ROUNDS = 12
 _NEWTON = 12
 _WORTH = 1e-3
+_MOST = 8  # dependent coordinates: of more the search ends nowhere
 _ORTHONORMAL = 1e-9
 
 
 def search_empty(problem: Problem, tree: CellTree, region: Region, depth: int, boxes: int) -> None:
     """Mark unreached cells as empty where an exhaustive search proves it, halving them `depth` times at most.
 
-    It ends early where its budget, so many candidates for each of the atlas's boxes, is spent; what it had no time for stays unreached. Nothing is tried
-    where less than a thousandth of the region is unreached.
+    It ends early where its budget is spent, so many candidates for each of the atlas's boxes; what it had no time for
+    stays unreached. Nothing is tried where less than a thousandth of the region is unreached, nor for more than eight
+    dependent coordinates.
     """
     ranges = all_values(problem.system, np.maximum(np.abs(region.lower), np.abs(region.upper)))
-    if ranges is None or _share(tree) < _WORTH:
+    if ranges is None or problem.system.m > _MOST or _share(tree) < _WORTH:
         return
     root = np.zeros(1, dtype=np.intp)
     waiting, budget = whole_candidates(problem, ranges, root, *place(tree, region, root)), _BUDGET * boxes
     searched = root
     while searched.size and budget > 0:
-        waiting, spent = _settled(problem, waiting, budget)
+        waiting, spent = _settled(problem, ranges, waiting, budget)
         budget -= spent
         bare = np.setdiff1d(searched, waiting.cell)
         if budget > 0:
@@ -86,14 +88,14 @@ def _mark(tree: CellTree, cells: Indices) -> None:
         cells = np.concatenate([tree.child[cells[~leaf]], tree.child[cells[~leaf]] + 1])
 
 
-def _settled(problem: Problem, waiting: Candidates, budget: int) -> tuple[Candidates, int]:
+def _settled(problem: Problem, ranges: Ranges, waiting: Candidates, budget: int) -> tuple[Candidates, int]:
     """Candidates narrowed and halved until only their cells' size is in the way, and how many were tried."""
     stuck, spent = [rows_of(waiting, slice(0))], 0
     for _ in range(_ROUNDS):
         spent += len(waiting.cell)
         if not waiting.cell.size or spent > budget:
             break
-        waiting = narrowed_both(problem, waiting, False)
+        waiting = narrowed_both(problem, ranges, waiting)
         cut, due = to_halve(problem, waiting)
         stuck.append(rows_of(waiting, ~due))
         waiting = halved(rows_of(waiting, due), cut[due])

@@ -53,15 +53,15 @@ class Candidates(NamedTuple):
     slopes: Array
 
 
-def narrowed(problem: Problem, boxes: Candidates, inverse: bool = False, singular: bool = False) -> Candidates:
+def narrowed(problem: Problem, boxes: Candidates, inverse: bool = False, regular: Mask | None = None) -> Candidates:
     """The boxes that may hold closed configurations, their dependent coordinates narrowed (Proposition N).
 
     Args:
         problem: The closures.
         boxes: The boxes.
         inverse: Whether Ã ≈ φ_y⁻¹ at the centre, and S ≈ −φ_y⁻¹φ_q where that is of use; or Ã = I.
-        singular: Whether boxes on which φ_y is nonsingular are to be dropped too (`inverse` only): those with
-            |I − Ãφ_y|w < w on all of the box for some w > 0.
+        regular: Which boxes are to be dropped if φ_y is nonsingular on them too (`inverse` only): that is if
+            |I − Ãφ_y|w < w on all of the box for some w > 0. Of shape (K,); default none.
     """
     system, count, given = problem.system, len(boxes.cell), boxes
     with np.errstate(all="ignore"):
@@ -87,9 +87,10 @@ def narrowed(problem: Problem, boxes: Candidates, inverse: bool = False, singula
     smaller = _within(problem, boxes, low, high)
     if inverse:
         with np.errstate(all="ignore"):
-            gone |= singular & (weights_of(bounds, np.zeros((count, system.m)))[1] < 1.0)
+            if regular is not None:
+                gone |= regular & (weights_of(bounds, np.zeros((count, system.m)))[1] < 1.0)
         better = _size(problem, smaller, jacobian) < _SMALLER * _size(problem, given, jacobian)
-        smaller = type(given)(*(np.where(_like(better, a), a, b) for a, b in zip(smaller, given, strict=True)))
+        smaller = _chosen(better, smaller, given)
     return rows_of(smaller, np.flatnonzero(~gone))
 
 
@@ -99,8 +100,10 @@ def _size(problem: Problem, boxes: Candidates, jacobian: Array) -> Array:
     return np.asarray((np.abs(jacobian[:, :, dependent]).sum(axis=1) * boxes.half[:, dependent]).sum(axis=1))
 
 
-def _like(mask: Mask, array: Array | Indices) -> Mask:
-    return mask.reshape((-1,) + (1,) * (array.ndim - 1))
+def _chosen(first: Mask, one: Candidates, other: Candidates) -> Candidates:
+    """Rows of one where told, of the other elsewhere."""
+    centre, half = (np.where(first[:, None], a, b) for a, b in ((one.centre, other.centre), (one.half, other.half)))
+    return Candidates(one.cell, centre, half, np.where(first[:, None, None], one.slopes, other.slopes))
 
 
 def _leaning(problem: Problem, boxes: Candidates, slopes: Array) -> Candidates:

@@ -4,20 +4,22 @@ A search starts with one candidate a cell: the cell and the whole range of each 
 narrowed (Proposition N of `narrowing`), dropped where that shows them to be empty of what is looked for, and halved.
 
 - `cover_singular` looks for *singular* closed configurations over a region: it also drops candidates on which φ_y is
-  shown to be nonsingular, and halves cells where their own size is what makes a candidate wide. The candidates left over the
-  smallest cells enclose all singular closed configurations over the region.
+  shown to be nonsingular, and halves cells where their own size is what makes a candidate wide. Candidates at the
+  end of a range that is no full turn are kept even so. What is left over the smallest cells encloses all singular
+  closed configurations over the region, and all that lie on such an end.
 - `all_solutions` looks for *all* closed configurations over points: it also drops candidates in which one is proved to
-  be the only one (Theorem K and Proposition U), and keeps that one.
+  be the only one (Theorem K and Proposition U), and keeps that one if it lies in the ranges.
 
-**Proposition C.** Over a connected union of cells without candidates every q has the same number of closed configurations
-in the ranges searched, provided that none lies on the edge of a range that is not a full turn.
+**Proposition C.** Over a connected union of cells without candidates of `cover_singular` every q has the same number of
+closed configurations in the ranges searched.
 
-*Proof.* Above the union φ_y is nonsingular at every closed configuration, so they are locally smooth functions of q, and
-as the ranges are compact none appears or vanishes: their number is locally constant. ∎
+*Proof.* Above the union no closed configuration is singular or on the end of a range (a full turn has none), so they
+are locally smooth functions of q that stay within the ranges; as the ranges are compact none appears or
+vanishes: their number is locally constant. ∎
 
-Branch and prune of the sheets of parallel robots is that of S. Caro, D. Chablat, A. Goldsztejn, D. Ishii and C. Jermann,
-"A branch and prune algorithm for the computation of generalized aspects of parallel robots", Artificial Intelligence
-211, 2014.
+Branch and prune of the sheets of parallel robots is that of S. Caro, D. Chablat, A. Goldsztejn, D. Ishii and
+C. Jermann, "A branch and prune algorithm for the computation of generalized aspects of parallel robots", Artificial
+Intelligence 211, 2014.
 """
 
 from __future__ import annotations
@@ -90,7 +92,7 @@ def cover_singular(
         stuck = [left[0]]
         for _ in range(_ROUNDS):
             tried += len(waiting.cell)
-            waiting = narrowed_both(problem, waiting, True)
+            waiting = narrowed_both(problem, ranges, waiting, True)
             if not waiting.cell.size:
                 break
             cut, due = to_halve(problem, waiting)
@@ -113,25 +115,27 @@ def all_solutions(problem: Problem, ranges: Ranges, q: Array) -> Solutions:
     waiting = whole_candidates(problem, ranges, np.zeros(1, dtype=np.intp), q[None], np.zeros((1, n)))
     found = list[Boxes]()
     for _ in range(_ROUNDS * problem.system.m):
-        waiting = narrowed_both(problem, waiting, False)
+        waiting = narrowed_both(problem, ranges, waiting)
         if not waiting.cell.size:
             break
-        waiting = rows_of(waiting, ~_solved(problem, waiting, found))
+        waiting = rows_of(waiting, ~_solved(problem, ranges, waiting, found))
         cut, due = to_halve(problem, waiting)
         if not np.all(due):
             break
         waiting = halved(waiting, cut)
     theta = np.array([box.centre[0] for box in found]).reshape(-1, problem.system.n_free)
     apart = all(_different(problem, one, other) for one, other in combinations(found, 2))
-    return Solutions(theta, apart and not waiting.cell.size and not _on_edge(problem, ranges, theta))
+    return Solutions(theta, apart and not waiting.cell.size)
 
 
-def _on_edge(problem: Problem, ranges: Ranges, theta: Array) -> bool:
-    """Whether a solution lies on the edge of a range that is no full turn."""
-    dependent = problem.system.dependent
-    y, slides = theta[:, dependent], ~problem.system.periodic[dependent]
-    near = np.minimum(np.abs(y - ranges.lower), np.abs(y - ranges.upper)) < _EDGE
-    return bool(np.any(near[:, slides]))
+def _within(problem: Problem, ranges: Ranges, boxes: Boxes) -> tuple[Mask, Mask]:
+    """Which boxes' configurations lie within the ranges that are no full turns, and which beyond; some do not say."""
+    system = problem.system
+    slides = ~system.periodic[system.dependent]
+    y, spread = boxes.centre[:, system.dependent][:, slides], (_spread(boxes) + _EDGE)[:, slides]
+    low, high = ranges.lower[slides], ranges.upper[slides]
+    inside = np.all((y - spread >= low) & (y + spread <= high), axis=1)
+    return inside, np.any((y + spread < low) | (y - spread > high), axis=1)
 
 
 def place(tree: CellTree, region: Region, cells: Indices) -> tuple[Array, Array]:
@@ -150,14 +154,38 @@ def whole_candidates(problem: Problem, ranges: Ranges, cells: Indices, q: Array,
     return Candidates(cells, centre, half, np.zeros((len(cells), system.m, system.n)))
 
 
-def narrowed_both(problem: Problem, waiting: Candidates, singular: bool) -> Candidates:
-    """Candidates narrowed with both choices of Ã; those that cannot be singular dropped where that is asked."""
+def narrowed_both(problem: Problem, ranges: Ranges, waiting: Candidates, singular: bool = False) -> Candidates:
+    """Candidates narrowed with both choices of Ã, without those beyond the ranges.
+
+    Where singular ones are looked for, those that are nonsingular are dropped, unless they meet the end of a range that
+    is no full turn.
+    """
     parts = [rows_of(waiting, slice(0))]
     for first in range(0, len(waiting.cell), _CHUNK):
         part = narrowed(problem, rows_of(waiting, slice(first, first + _CHUNK)))
         if part.cell.size:
-            parts.append(narrowed(problem, part, inverse=True, singular=singular))
-    return joined(parts)
+            inner = ~_at_end(problem, ranges, part) if singular else None
+            parts.append(narrowed(problem, part, True, inner))
+    result = joined(parts)
+    low, high = _extent(problem, result)
+    return rows_of(result, ~np.any((low > ranges.upper + _EDGE) | (high < ranges.lower - _EDGE), axis=1))
+
+
+def _at_end(problem: Problem, ranges: Ranges, boxes: Candidates) -> Mask:
+    """Which boxes meet the end of a range that is no full turn."""
+    slides = ~problem.system.periodic[problem.system.dependent]
+    low, high = _extent(problem, boxes)
+    meets = (low <= ranges.lower + _EDGE) | (high >= ranges.upper - _EDGE)
+    return np.asarray(np.any(meets[:, slides], axis=1))
+
+
+def _extent(problem: Problem, boxes: Candidates) -> tuple[Array, Array]:
+    """Bounds of the dependent coordinates on boxes, of shape (K, m) each; of those on full turns none."""
+    system = problem.system
+    y, reach = boxes.centre[:, system.dependent], boxes.half[:, system.dependent]
+    reach = reach + apply(np.abs(boxes.slopes), boxes.half[:, system.independent])
+    reach = np.where(system.periodic[system.dependent], np.inf, reach)
+    return y - reach, y + reach
 
 
 def to_halve(problem: Problem, waiting: Candidates) -> tuple[Indices, Mask]:
@@ -216,8 +244,8 @@ def handed_down(problem: Problem, tree: CellTree, region: Region, waiting: Candi
     return joined(parts)
 
 
-def _solved(problem: Problem, waiting: Candidates, found: list[Boxes]) -> Mask:
-    """Which candidates over one q hold a single closed configuration; it is added to those found if it is new."""
+def _solved(problem: Problem, ranges: Ranges, waiting: Candidates, found: list[Boxes]) -> Mask:
+    """Which candidates over one q hold a single configuration; new ones within the ranges join those found."""
     system = problem.system
     done = np.zeros(len(waiting.cell), dtype=np.bool_)
     angles = waiting.half[:, system.dependent][:, system.periodic[system.dependent]]
@@ -232,10 +260,11 @@ def _solved(problem: Problem, waiting: Candidates, found: list[Boxes]) -> Mask:
     if not good.size:
         return done
     boxes = tried.boxes.take(good)
-    alone = alone_in(problem, boxes, rows_of(held, good))
+    inside, beyond = _within(problem, ranges, boxes)
+    alone = alone_in(problem, boxes, rows_of(held, good)) & (inside | beyond)
     for k in np.flatnonzero(alone):
         one = boxes.take(np.array([k]))
-        if not any(_same(problem, one, other) for other in found):
+        if inside[k] and not any(_same(problem, one, other) for other in found):
             found.append(one)
         done[rows[good[k]]] = True
     return done

@@ -1,22 +1,24 @@
 """All sheets of σ over a region: how many closed configurations every q has, and how they hang together.
 
-What is claimed. The region is in cells. Over the *counted* ones it is proved how many closed configurations every q has, in
-the ranges of the dependent coordinates that were searched (Proposition C of `paving`); where there are none, the cell is
-empty. Over the *certified* ones each of them is a smooth function of q in a box of Theorem K, and boxes of neighbours
-are glued where they carry the same one. A *sheet* is a connected part of the nonsingular closed configurations, as far as boxes
-are glued (an aspect, in the literature on parallel robots). Most sheets have one configuration over each q. One that
-has several (`Sheet.layers`) goes round a cusp: the mechanism can go from one assembly mode to the other on it and meet
-no singularity (`SheetAtlas.way`). This is what an `Atlas` with `single_valued` false stands before.
+What is claimed. The region is in cells. Over the *counted* ones it is proved how many closed configurations every q
+has, in the ranges of the dependent coordinates that were searched (Proposition C of `paving`); where there are none,
+the cell is empty. Over the *certified* ones each of them is a smooth function of q in a box of Theorem K, and boxes of
+neighbours are glued where they carry the same one. A *sheet* is a connected part of the nonsingular closed
+configurations, as far as boxes are glued (an aspect, in the literature on parallel robots). Most sheets have one
+configuration over each q. One that has several (`Sheet.layers`) goes round a cusp: the mechanism can go from one
+assembly mode to the other on it and meet no singularity (`SheetAtlas.way`). This is what an `Atlas` with
+`single_valued` false stands before.
 
 What is not claimed. All singular closed configurations over the region lie over the cells that are neither counted nor
-empty. *Singular* ones of them hold one that is proved (Theorem S of `folds`); of the *undecided* ones nothing is known. Two
-sheets told apart here may be one that is connected through undecided cells or outside of the region.
+empty. *Singular* ones of them hold one that is proved (Theorem S of `folds`); of the *undecided* ones nothing is
+known. Two sheets told apart here may be one that is connected through undecided cells or outside of the region.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -25,22 +27,16 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ccpin.arrays import Array, Indices, numbers, whole
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Corners, Region, contacts_of, region_of
-from ccpin.domain.atlas.singular import mark_in_cells
-from ccpin.domain.boxes import BoundsName, Boxes, Problem, closure_values, problem_of
-from ccpin.domain.chains import ClosureSystem, Seed, closure_system
+from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contacts_of
+from ccpin.domain.boxes import Boxes, Problem, closure_values
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
 from ccpin.domain.newton import newton, solve_in_boxes
-from ccpin.domain.sheets.front import Front, Glued, Members, Part, glued_pairs, parts_of
+from ccpin.domain.sheets.front import Glued, Members
 from ccpin.domain.sheets.narrowing import Candidates
-from ccpin.domain.sheets.paving import Ranges, all_solutions, cover_singular, place
+from ccpin.domain.sheets.paving import Ranges, place
 from ccpin.domain.sheets.touching import Fold, cross, near_folds
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
-_DEPTHS = {1: 10, 2: 7, 3: 4}
-_DEEPER = 3
-_COUNTED = 64
 _PART = 500
 
 
@@ -170,7 +166,8 @@ class SheetAtlas:
     @property
     def singular_fraction(self) -> float:
         """The share of the region in cells that are not counted and hold the q of a proved singular configuration."""
-        return self.fraction(CellStatus.SINGULAR)
+        leaves = self.tree.leaves()
+        return self._share(leaves[(self.tree.status[leaves] == CellStatus.SINGULAR) & (self.count[leaves] < 0)])
 
     @property
     def undecided_fraction(self) -> float:
@@ -178,7 +175,7 @@ class SheetAtlas:
         return 1.0 - self.counted_fraction - self.singular_fraction
 
     def number_of_solutions(self, q: ArrayLike) -> int | NDArray[np.int64]:
-        """How many closed configurations q (n,) has, −1 where that is not proved; for q of shape (K, n) an array (K,)."""
+        """How many closed configurations q (n,) has, −1 where that is not proved; an array (K,) for points (K, n)."""
         cells = self._cells(self._points(q))
         found = np.where(cells >= 0, self.count[cells], -1)
         return int(found[0]) if np.ndim(q) == 1 else found
@@ -232,7 +229,13 @@ class SheetAtlas:
         chain = [last]
         while chain[-1] != first:
             chain.append(int(before[chain[-1]]))
-        return np.vstack([q, *self._between(chain[::-1]), q])
+        points, turned = self._between(chain[::-1])
+        return np.vstack([np.asarray(q) - self._turns(q), *points, np.asarray(q) - self._turns(q) + turned])
+
+    def _turns(self, q: ArrayLike) -> Array:
+        """By how much q is turned out of the region."""
+        point = self._points(q)
+        return np.asarray((point - self.region.reduce(point))[0])
 
     def cusps(self) -> tuple[Cusp, ...]:
         """Cusps over the region, looked for from every cell that may hold one and proved (Theorem C of `cusps`).
@@ -316,19 +319,19 @@ class SheetAtlas:
                 return ModeChange(self.way(q, int(first), int(last)), found[first], found[last], sheet.number)
         raise InvalidInputError("no sheet has two configurations over one certified q of the region")
 
-    def _between(self, chain: list[int]) -> list[Array]:
-        """The middles of boxes and of the faces between them, angles unwound."""
+    def _between(self, chain: list[int]) -> tuple[list[Array], Array]:
+        """The middles of boxes and of the faces between them, angles unwound, and how far that went round."""
         centre, faces = self.boxes.centre[:, self.problem.system.independent], {}
         for one, other, at_one, at_other in zip(*self.glued, strict=True):
             faces[int(one), int(other)] = at_one, at_other
             faces[int(other), int(one)] = at_other, at_one
         points, shift = [centre[chain[0]]], np.zeros(len(self.names))
-        for one, other in zip(chain, chain[1:], strict=False):
+        for one, other in pairwise(chain):
             here, there = faces[one, other]
             points.append(here + shift)
             shift = shift + here - there
             points.append(centre[other] + shift)
-        return points
+        return points, shift
 
     def _over(self, q: ArrayLike) -> tuple[Array, Indices]:
         """θ of the closed configurations over a certified q, and their boxes."""
@@ -351,112 +354,3 @@ class SheetAtlas:
 
     def _cells(self, points: Array) -> Indices:
         return self.tree.locate(self.region.cell_coordinates(points))
-
-
-def certify_sheets(
-    mechanism: Mechanism | HasMechanism,
-    region: Corners | None = None,
-    *,
-    max_depth: int | None = None,
-    bounds: BoundsName = "auto",
-) -> SheetAtlas:
-    """Find and certify every sheet of σ over a region.
-
-    All closed configurations are counted, those of every assembly mode: all angles of the dependent joints, and all
-    lengths of dependent slides within the joints' limits (without limits, within the sum of all lengths).
-
-    Args:
-        mechanism: A mechanism (or its model) with up to three scalar independent coordinates and revolute, prismatic,
-            universal, cylindrical or planar joints.
-        region: (lower, upper), the bounds of the coordinates, each of shape (n,); default as for `certify`.
-        max_depth: How often an edge of the region may be halved in the search for singular configurations;
-            default 10, 7, 4 for n = 1, 2, 3. Boxes about sheets may be halved three times more.
-        bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
-
-    Raises:
-        UnsupportedMechanismError: More than three coordinates, ball joints, distance closures, couplings of continuous
-            joints, redundant rows, or closures that cannot be bounded.
-        InvalidInputError: The region or max_depth is malformed.
-    """
-    mechanism = mechanism_of(mechanism)
-    system = closure_system(mechanism, mechanism.q_reference)
-    _refuse(mechanism, system)
-    depth = _DEPTHS[mechanism.n] if max_depth is None else whole(max_depth, "max_depth", 1)
-    if not depth + _DEEPER < LEVELS:
-        raise InvalidInputError(f"max_depth must be from 1 to {LEVELS - _DEEPER - 1}; it is {depth}")
-    problem, area = problem_of(system, bounds), _region(mechanism, system, region)
-    ranges = _ranges(mechanism, system)
-    cover = cover_singular(problem, area, ranges, depth)
-    tree, leaves = cover.tree, cover.tree.leaves()
-    open_cells = np.unique(cover.left.cell)
-    parts = _counted(problem, tree, area, ranges, np.setdiff1d(leaves, open_cells))
-    tree.status[leaves] = CellStatus.UNDECIDED
-    front = Front(problem, area, tree, parts, depth + _DEEPER)
-    front.run()
-    count = np.full(len(tree.child), -1, dtype=np.int64)
-    known = front.part >= 0
-    count[known] = np.array([len(part.theta) for part in parts] or [0], dtype=np.int64)[front.part[known]]
-    first = np.unique(cover.left.cell, return_index=True)[1]
-    mark_in_cells(problem, tree, area, open_cells, cover.left.centre[first])
-    return SheetAtlas(
-        names=tuple(mechanism.independent),
-        region=area,
-        problem=problem,
-        tree=tree,
-        boxes=front.boxes,
-        members=front.members,
-        glued=glued_pairs(problem, area, tree, front.members, front.boxes),
-        count=count,
-        left=cover.left,
-        ranges=ranges,
-    )
-
-
-def _refuse(mechanism: Mechanism, system: ClosureSystem) -> None:
-    """What cannot be searched exhaustively."""
-    why = None
-    if not 1 <= mechanism.n <= max(_DEPTHS):
-        why = f"it has {mechanism.n} independent coordinates, and sheets are for one to three"
-    elif any(joint.kind.unit == 4 for joint in system.chart.joints):
-        why = "it has ball joints, whose turns have no range to be searched; model them as universal ones where that will do"
-    elif system.rods:
-        why = "distance closures stand for rods with two angles, which say the same twice"
-    elif np.any(system.moduli):
-        why = "it has couplings of continuous joints"
-    if why is not None:
-        raise UnsupportedMechanismError(f"{mechanism.name}: its sheets cannot be counted: {why}")
-
-
-def _region(mechanism: Mechanism, system: ClosureSystem, region: Corners | None) -> Region:
-    theta = system.theta(mechanism.q_reference)
-    if region is not None:
-        low, high = (np.asarray(numbers(side, "region"), dtype=np.float64) for side in region)
-        if low.shape == high.shape == (system.n,):
-            theta[system.independent] = 0.5 * (low + high)
-    return region_of(mechanism, Seed(system, theta), region)
-
-
-def _ranges(mechanism: Mechanism, system: ClosureSystem) -> Ranges:
-    """Full turns, the limits of slides, and where those have none the sum of all lengths."""
-    model, middle = mechanism.tree.model, system.theta(mechanism.q_reference)
-    low, high = middle - np.pi, middle + np.pi
-    slides = np.flatnonzero(~system.periodic)
-    low[slides], high[slides] = -system.scale, system.scale
-    for joint in system.chart.joints:
-        index = joint.v.start
-        if joint.kind.nq == 1 and not system.periodic[index]:
-            limits = model.lowerPositionLimit[joint.q.start], model.upperPositionLimit[joint.q.start]
-            low[index], high[index] = max(low[index], limits[0]), min(high[index], limits[1])
-    return Ranges(low[system.dependent], high[system.dependent])
-
-
-def _counted(problem: Problem, tree: CellTree, region: Region, ranges: Ranges, regular: Indices) -> list[Part]:
-    """The largest parts of the regular cells, with all solutions over one q of each where that was proved."""
-    parts = []
-    for cells in parts_of(tree, region, regular)[:_COUNTED]:
-        largest = int(cells[int(np.argmax(np.prod(tree.size[cells] / WHOLE, axis=1)))])
-        q = place(tree, region, np.array([largest]))[0][0]
-        found = all_solutions(problem, ranges, q)
-        if found.complete:
-            parts.append(Part(cells, largest, found.theta))
-    return parts

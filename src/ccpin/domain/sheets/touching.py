@@ -1,10 +1,10 @@
 """Where two sheets touch: a fold proved to lie between them.
 
-**Proposition T.** Along a straight line of q let boxes glued one behind the other carry a curve of closed configurations with
-one dependent coordinate as the parameter (`ccpin.domain.refutation` joins the line's rows to φ). Let its first point lie
-in a box of sheet A and its last in one of sheet B, and let a singular configuration proved by Theorem S of `folds`
-lie on it. Then this one is a simple fold of the line: beyond its q on the line two solutions near it have vanished, and on
-this side they lead to A and to B, on the curve.
+**Proposition T.** Along a straight line of q let boxes glued one behind the other carry a curve of closed
+configurations with one dependent coordinate as the parameter (`ccpin.domain.refutation` joins the line's rows to φ).
+Let its first point lie in a box of sheet A and its last in one of sheet B, and let a singular configuration proved by
+Theorem S of `folds` lie on it. Then this one is a simple fold of the line: beyond its q on the line two solutions near
+it have vanished, and on this side they lead to A and to B, on the curve.
 
 *Proof.* Theorem S proves that F of `folds` is regular at its solution, which says that the kernel of φ_y has one
 dimension and that s has a nonzero second derivative along the curve (Moore and Spence 1980). By uniqueness in the
@@ -21,7 +21,7 @@ from scipy.interpolate import PPoly
 from ccpin.arrays import Array, Indices
 from ccpin.domain.boxes import Boxes, Problem
 from ccpin.domain.folds import SingularPoints, fold_directions, singular_points
-from ccpin.domain.refutation import holds, line_problem, lies_in
+from ccpin.domain.refutation import holds, lies_in, line_problem
 from ccpin.domain.walker import Walker
 from ccpin.errors import SingularConfigurationError
 
