@@ -25,7 +25,7 @@ from ccpin.domain.newton import newton
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.paving import Ranges, halved, handed_down, narrowed_both, place, to_halve, whole_candidates
 
-_BUDGET = 20  # candidates a box: about as much work as the boxes took
+_BUDGET = 2_000_000
 _ROUNDS = 12
 _NEWTON = 12
 _WORTH = 1e-3
@@ -33,18 +33,17 @@ _MOST = 8  # dependent coordinates: of more the search ends nowhere
 _ORTHONORMAL = 1e-9
 
 
-def search_empty(problem: Problem, tree: CellTree, region: Region, depth: int, boxes: int) -> None:
+def search_empty(problem: Problem, tree: CellTree, region: Region, depth: int) -> None:
     """Mark unreached cells as empty where an exhaustive search proves it, halving them `depth` times at most.
 
-    It ends early where its budget is spent, so many candidates for each of the atlas's boxes; what it had no time for
-    stays unreached. Nothing is tried where less than a thousandth of the region is unreached, nor for more than eight
+    It ends early where its budget of two million candidates is spent; what it had no time for stays unreached. Nothing is tried where less than a thousandth of the region is unreached, nor for more than eight
     dependent coordinates.
     """
     ranges = all_values(problem.system, np.maximum(np.abs(region.lower), np.abs(region.upper)))
     if ranges is None or problem.system.m > _MOST or _share(tree) < _WORTH:
         return
     root = np.zeros(1, dtype=np.intp)
-    waiting, budget = whole_candidates(problem, ranges, root, *place(tree, region, root)), _BUDGET * boxes
+    waiting, budget = whole_candidates(problem, ranges, root, *place(tree, region, root)), _BUDGET
     searched = root
     while searched.size and budget > 0:
         waiting, spent = _settled(problem, ranges, waiting, budget)

@@ -5,8 +5,9 @@ has, in the ranges of the dependent coordinates that were searched (Proposition 
 the cell is empty. Over the *certified* ones each of them is a smooth function of q in a box of Theorem K, and boxes of
 neighbours are glued where they carry the same one. A *sheet* is a connected part of the nonsingular closed
 configurations, as far as boxes are glued (an aspect, in the literature on parallel robots). Most sheets have one
-configuration over each q. One that has several (`Sheet.layers`) goes round a cusp: the mechanism can go from one
-assembly mode to the other on it and meet no singularity (`SheetAtlas.way`). This is what an `Atlas` with
+configuration over each q. On one that has several (`Sheet.layers`) they change places along
+some way in q, round a cusp as a rule: the mechanism goes from one assembly mode to another and meets no singularity
+(`SheetAtlas.way`). This is what an `Atlas` with
 `single_valued` false stands before.
 
 What is not claimed. All singular closed configurations over the region lie over the cells that are neither counted nor
@@ -46,7 +47,8 @@ class Sheet(NamedTuple):
     Attributes:
         number: Its place among `SheetAtlas.sheets`, the largest first.
         boxes: Its boxes, indices in `SheetAtlas.boxes`.
-        layers: The most configurations that it has over one q; above 1 it goes round a cusp.
+        layers: The most configurations that it has over one certified cell; above 1 they change places along some way in q, round a
+            cusp as a rule.
         area: Of its boxes, in radⁿ (metres for sliding coordinates), each layer counted.
         sign: The sign of det φ_y on it.
     """
@@ -135,7 +137,8 @@ class SheetAtlas:
         for k in range(int(self.sheet_of.max(initial=-1)) + 1):
             boxes = np.flatnonzero(self.sheet_of == k)
             cells = self.members.cell[np.isin(self.members.box, boxes)]
-            layers = int(np.bincount(cells).max())
+            whole_cells = cells[self.tree.status[cells] == CellStatus.CERTIFIED]
+            layers = int(np.bincount(whole_cells).max(initial=1))
             found.append(Sheet(k, boxes, layers, float(self._areas[boxes].sum()), int(signs[boxes[0]])))
         return tuple(found)
 
