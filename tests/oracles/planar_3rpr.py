@@ -11,28 +11,35 @@ _C = (0.1704**2 + 0.2084**2 - 0.1654**2) / (2 * 0.1704 * 0.2084)
 B3 = 0.2084 * (_C + 1j * np.sqrt(1 - _C**2))
 
 
-def _eliminated(lengths, phi):
-    """(X, Y, Δ) with B₁ = (X + iY)/Δ for leg lengths (..., 3) and angles that broadcast with (...)."""
+SHAPE = A2, A3, D1, B3
+
+
+def _eliminated(lengths, phi, shape=SHAPE):
+    """(X, Y, Δ) with B₁ − A₁ = (X + iY)/Δ for leg lengths (..., 3) and angles that broadcast with (...)."""
+    a2, a3, d1, b3 = shape
     turn = np.exp(1j * phi)
-    u2, u3 = D1 * turn - A2, B3 * turn - A3
+    u2, u3 = d1 * turn - a2, b3 * turn - a3
     k2 = lengths[..., 1] ** 2 - lengths[..., 0] ** 2 - np.abs(u2) ** 2
     k3 = lengths[..., 2] ** 2 - lengths[..., 0] ** 2 - np.abs(u3) ** 2
     delta = 2.0 * (u2.real * u3.imag - u2.imag * u3.real)
     return k2 * u3.imag - k3 * u2.imag, u2.real * k3 - u3.real * k2, delta
 
 
-def coefficients(lengths):
-    """The Fourier coefficients c_{−3} … c_3 of g(φ) = X² + Y² − ρ₁²Δ², for lengths (K, 3), of shape (K, 7)."""
+def coefficients(lengths, shape=SHAPE):
+    """The Fourier coefficients c_{−3} … c_3 of g(φ) = X² + Y² − ρ₁²Δ², for lengths (K, 3), of shape (K, 7).
+
+    The shape is A₂ − A₁, A₃ − A₁ (of shape (K, 1), or one for all), B₂ − B₁ and B₃ − B₁ in the platform's frame.
+    """
     phi = 2.0 * np.pi * np.arange(8) / 8
-    x, y, delta = _eliminated(lengths[:, None], phi)
+    x, y, delta = _eliminated(lengths[:, None], phi, shape)
     g = x**2 + y**2 - lengths[:, None, 0] ** 2 * delta**2
     found = np.fft.fft(g, axis=1) / 8
     return np.concatenate([found[:, -3:], found[:, :4]], axis=1)
 
 
-def modes(lengths, near=1e-5):
+def modes(lengths, near=1e-5, shape=SHAPE):
     """How many assembly modes lengths (K, 3) have, (K,), and whether rounding could decide that, (K,)."""
-    c = coefficients(lengths)
+    c = coefficients(lengths, shape)
     companion = np.zeros((len(c), 6, 6), dtype=complex)
     companion[:, np.arange(1, 6), np.arange(5)] = 1.0
     companion[:, :, 5] = -c[:, :6] / c[:, 6:]

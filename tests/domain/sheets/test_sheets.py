@@ -10,6 +10,7 @@ from ccpin.domain.sheets.paving import all_solutions
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import cusped_3rpr as cusped
 from tests.oracles import planar_3rpr as oracle
+from tests.oracles import planar_3rrr as three_legs
 from tests.oracles import rpdr as five_bar
 from tests.oracles import slider_crank as sliding
 from tests.support.places import ROOT
@@ -196,6 +197,34 @@ def test_cranks_have_two_sheets_all_the_way_round(name):
     assert (atlas.certified_fraction, atlas.undecided_fraction) == (1.0, 0.0)
     assert [sheet.layers for sheet in atlas.sheets] == [1, 1]
     assert np.allclose([sheet.area for sheet in atlas.sheets], 2 * np.pi)
+
+
+@pytest.mark.slow
+def test_the_3rrr_changes_its_mode_round_a_cusp():
+    """With one motor held: counts at 100,000 points are those of the sextic, and a way round the cusp is proved."""
+    mechanism = ccpin.load("planar_3rrr", locked=["motor3"])
+    middle = np.array([-1.78, 1.0])
+    atlas = domain.certify_sheets(mechanism, (middle - 0.2, middle + 0.2), max_depth=7)
+    q = np.random.default_rng(9).uniform(middle - 0.2, middle + 0.2, (100_000, 2))
+    counted = atlas.number_of_solutions(q)
+    known = counted >= 0
+    expected, doubtful = knees_modes(q[known])
+    assert known.mean() > 0.9
+    assert not np.any((expected != counted[known]) & ~doubtful)
+    assert len(atlas.cusps()) == 1
+    change = atlas.mode_change()
+    assert domain.certify_path(mechanism, change.path, tube=1e-6, guess=change.start).verdict == "proven"
+
+
+def knees_modes(q):
+    """Assembly modes of the 3-RRR for its first two motors' angles (K, 2): the knees are the base of a 3-RPR."""
+    third = ccpin.ReducedModel(ccpin.load("planar_3rrr"))
+    angles = np.column_stack([q, np.full(len(q), third.alpha(third.mechanism.q_reference)[2])])
+    way = np.exp(1j * three_legs.DIRECTIONS)
+    knees = three_legs.BASE_RADIUS * way + three_legs.PROXIMAL * np.exp(1j * angles)
+    pins = three_legs.PLATFORM_RADIUS * way
+    shape = knees[:, 1:2] - knees[:, :1], knees[:, 2:] - knees[:, :1], pins[1] - pins[0], pins[2] - pins[0]
+    return oracle.modes(np.full((len(q), 3), three_legs.DISTAL), shape=shape)
 
 
 def test_a_slide_counts_within_its_limits():

@@ -36,8 +36,8 @@ _ORTHONORMAL = 1e-9
 def search_empty(problem: Problem, tree: CellTree, region: Region, depth: int) -> None:
     """Mark unreached cells as empty where an exhaustive search proves it, halving them `depth` times at most.
 
-    It ends early where its budget of two million candidates is spent; what it had no time for stays unreached. Nothing is tried where less than a thousandth of the region is unreached, nor for more than eight
-    dependent coordinates.
+    It ends early where its budget of two million candidates is spent; what it had no time for stays unreached. Nothing
+    is tried where less than a thousandth of the region is unreached, nor for more than eight dependent coordinates.
     """
     ranges = all_values(problem.system, np.maximum(np.abs(region.lower), np.abs(region.upper)))
     if ranges is None or problem.system.m > _MOST or _share(tree) < _WORTH:

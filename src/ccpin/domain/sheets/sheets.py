@@ -47,8 +47,8 @@ class Sheet(NamedTuple):
     Attributes:
         number: Its place among `SheetAtlas.sheets`, the largest first.
         boxes: Its boxes, indices in `SheetAtlas.boxes`.
-        layers: The most configurations that it has over one certified cell; above 1 they change places along some way in q, round a
-            cusp as a rule.
+        layers: The most configurations that it has over one certified cell; above 1 they change
+            places along some way in q, round a cusp as a rule.
         area: Of its boxes, in radⁿ (metres for sliding coordinates), each layer counted.
         sign: The sign of det φ_y on it.
     """
