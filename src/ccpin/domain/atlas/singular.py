@@ -120,7 +120,7 @@ def _mark(tree: CellTree, region: Region, found: SingularPoints, independent: In
 
 def mark_in_cells(problem: Problem, tree: CellTree, region: Region, cells: Indices, theta: Array) -> None:
     """Tell undecided cells that hold the q of a singular configuration, looked for from θ (B, n′), from others."""
-    for directions in fold_directions(problem, theta):
+    for directions in Folds.near(problem, theta).directions():
         rows = np.flatnonzero(tree.status[cells] == CellStatus.UNDECIDED)
         if rows.size:
             found = singular_points(problem, theta[rows], directions[rows])

@@ -153,6 +153,8 @@ class Front:
             items, found = items[new], found.take(new)
             first = np.unique(items, return_index=True)[1]
             self._add(items[first], found.take(first))
+            others = np.setdiff1d(np.arange(len(items)), first)
+            items, found = items[others], found.take(others)
         return len(self.boxes.kappa) > before
 
     def _known(self, cells: Indices, boxes: Boxes) -> Mask:

@@ -20,7 +20,7 @@ from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Indices
 from ccpin.domain.boxes import Boxes, Problem
-from ccpin.domain.folds import SingularPoints, fold_directions, singular_points
+from ccpin.domain.folds import Folds, SingularPoints, singular_points
 from ccpin.domain.refutation import holds, lies_in, line_problem
 from ccpin.domain.walker import Walker
 from ccpin.errors import SingularConfigurationError
@@ -48,7 +48,7 @@ class Fold(NamedTuple):
 
 def near_folds(problem: Problem, theta: Array, width: Array) -> tuple[SingularPoints, Array, Indices]:
     """Folds proved near configurations θ (B, n′), along the fold's normal, and the directions; those within reach."""
-    directions = fold_directions(problem, theta)[0]
+    directions = Folds.near(problem, theta).directions()[0]
     found = singular_points(problem, theta, directions)
     independent = problem.system.independent
     away = np.abs(found.theta[:, independent] - theta[:, independent])
