@@ -11,21 +11,15 @@ from ccpin.domain.chains import closure_system
 from ccpin.domain.cusps import _Equations, proved_cusps
 from ccpin.errors import UnsupportedMechanismError
 from tests.oracles import planar_3rpr as oracle
-from tests.support.places import ROOT
+from tests.support.legs import load_slice
 
 POSITIVE = np.array([[1e-3, 1e-3], [1.0, 1.0]])
-
-
-def load_slice(leg1):
-    """The 3-RPR of the how-to with its first leg held."""
-    pose = {"leg1": leg1, "leg2": 0.15, "leg3": 0.17}
-    return ccpin.load(ROOT / "docs/howto/planar_3rpr.urdf", locked=["leg1"], reference=pose)
 
 
 @pytest.fixture(scope="module")
 def slice_():
     """The slice at 14.98 cm and its singular curves."""
-    mechanism = load_slice(0.1498)
+    mechanism = load_slice()
     return mechanism, domain.singularities(mechanism, starts=12)
 
 
@@ -76,7 +70,7 @@ def test_third_derivatives_against_differences(name):
 
 def test_the_slope_and_its_drift():
     """F′ is the derivative of F, and Δ bounds how it changes on balls up to 1e-2."""
-    at = problem(load_slice(0.1498))
+    at = problem(load_slice())
     rng = np.random.default_rng(7)
     m, n = at.system.m, at.system.n
     for _ in range(20):

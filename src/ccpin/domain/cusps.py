@@ -45,7 +45,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, apply
+from ccpin.arrays import Array, apply, records
 from ccpin.domain.atlas.cells import Corners, corners_of
 from ccpin.domain.bounds_reach import chain_reach
 from ccpin.domain.boxes import SLACK, Problem, inverses, problem_of
@@ -209,7 +209,8 @@ def cusps(
         InvalidInputError: The region is malformed.
     """
     mechanism = mechanism_of(mechanism)
-    folds = [curve for curve in (singularities(mechanism) if curves is None else curves) if curve.kind == "fold"]
+    given = singularities(mechanism) if curves is None else records(curves, "curves", SingularCurve)
+    folds = [curve for curve in given if curve.kind == "fold"]
     problem = problem_of(closure_system(mechanism, mechanism.q_reference), "reach")
     found: list[Cusp] = []
     for curve in folds:

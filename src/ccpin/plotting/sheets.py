@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import heading, instance, matrix_rows
+from ccpin.arrays import heading, instance, matrix_rows, records
 from ccpin.domain.cusps import Cusp
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError
@@ -66,7 +66,7 @@ def plot_sheets(
             handles.append(Patch(facecolor=colour, label="not counted" if number < 0 else f"{number} configurations"))
         if path is not None:
             axes.plot(*(scale * matrix_rows(path, "path", 2)).T, color="black", linewidth=1.3)
-        for cusp in cusps:
+        for cusp in records(cusps, "cusps", Cusp):
             axes.plot(*(scale * cusp.q), "o", color="#d1541f", markersize=7)
         limits = np.column_stack([scale * atlas.region.lower, scale * atlas.region.upper])
         labels = [

@@ -8,9 +8,9 @@ from ccpin import domain
 from ccpin.domain import CellStatus
 from ccpin.domain.chains import closure_system
 from ccpin.domain.sheets.emptiness import all_values
-from tests.domain.sheets.test_sheets import WHOLE, load_slice, with_first_leg
 from tests.oracles import planar_3rpr as oracle
 from tests.oracles import planar_3rrr
+from tests.support.legs import WHOLE, load_slice, with_first_leg
 from tests.support.places import ROOT
 
 

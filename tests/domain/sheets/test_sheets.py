@@ -13,22 +13,9 @@ from tests.oracles import planar_3rpr as oracle
 from tests.oracles import planar_3rrr as three_legs
 from tests.oracles import rpdr as five_bar
 from tests.oracles import slider_crank as sliding
-from tests.support.places import ROOT
+from tests.support.legs import LEG1, WHOLE, load_slice, with_first_leg
 
-LEG1 = 0.1498
 REGION = np.array([[0.168, 0.247], [0.192, 0.271]])
-WHOLE = np.array([[0.03, 0.03], [0.4, 0.4]])
-
-
-def load_slice(**more):
-    """The 3-RPR of the how-to with its first leg held at 14.98 cm."""
-    pose = {"leg1": LEG1, "leg2": 0.15, "leg3": 0.17}
-    return ccpin.load(ROOT / "docs/howto/planar_3rpr.urdf", locked=["leg1"], reference=pose, **more)
-
-
-def with_first_leg(q):
-    """Leg lengths (K, 3) of points of the slice."""
-    return np.column_stack([np.full(len(q), LEG1), q])
 
 
 def wrong_counts(atlas, q):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ccpin.arrays import Indices, numbers, whole
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Corners, Region, region_of
+from ccpin.arrays import Indices, whole
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Corners, Region, corners_of, region_of
 from ccpin.domain.atlas.singular import mark_in_cells
 from ccpin.domain.boxes import BoundsName, Problem, problem_of
 from ccpin.domain.chains import ClosureSystem, Seed, closure_system
@@ -97,9 +97,7 @@ def _refuse(mechanism: Mechanism, system: ClosureSystem) -> None:
 def _region(mechanism: Mechanism, system: ClosureSystem, region: Corners | None) -> Region:
     theta = system.theta(mechanism.q_reference)
     if region is not None:
-        low, high = (np.asarray(numbers(side, "region"), dtype=np.float64) for side in region)
-        if low.shape == high.shape == (system.n,):
-            theta[system.independent] = 0.5 * (low + high)
+        theta[system.independent] = np.mean(corners_of(region, mechanism.independent), axis=0)
     return region_of(mechanism, Seed(system, theta), region)
 
 
