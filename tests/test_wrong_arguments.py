@@ -189,7 +189,7 @@ def _domain(b):
         ),
         "certify_sheets": (
             domain.certify_sheets,
-            {"mechanism": b.whole, "region": b.box, "max_depth": 2, "bounds": "auto"},
+            {"mechanism": b.whole, "region": b.box, "max_depth": 2, "budget": 1000, "bounds": "auto"},
         ),
         "cusps": (domain.cusps, {"mechanism": b.whole, "region": b.box, "curves": ()}),
         "certify_path": (

@@ -261,12 +261,20 @@ def test_a_map_is_drawn(atlas, slice_):
 
 
 @pytest.mark.parametrize(
-    ("name", "words"), [("stewart", "one to three"), ("bennett", "rows of rank"), ("hexa", "one to three")]
+    ("name", "words"), [("stewart", "one to three"), ("bennett", "rows of rank"), ("delta", "18 of its coordinates")]
 )
 def test_what_cannot_be_searched_is_refused(name, words):
     """Too many coordinates or redundant rows, with the reason."""
     with pytest.raises(UnsupportedMechanismError, match=words):
         domain.certify_sheets(ccpin.load(name))
+
+
+def test_a_budget_that_runs_out_leaves_cells_undecided(slice_):
+    """What was not come to is not counted, the shares add up, and what is counted is right."""
+    atlas = domain.certify_sheets(slice_, REGION, max_depth=5, budget=15_000)
+    assert atlas.undecided_fraction > 0.1
+    assert atlas.counted_fraction + atlas.singular_fraction + atlas.undecided_fraction == pytest.approx(1.0, abs=1e-12)
+    assert wrong_counts(atlas, np.random.default_rng(10).uniform(*REGION, (2000, 2)))[0] == 0
 
 
 def test_wrong_arguments_are_named(slice_):

@@ -23,13 +23,21 @@ from ccpin.domain.boxes import Problem, certify_boxes
 from ccpin.domain.chains import Chain, ClosureSystem
 from ccpin.domain.newton import newton
 from ccpin.domain.sheets.narrowing import Candidates
-from ccpin.domain.sheets.paving import Ranges, halved, handed_down, narrowed_both, place, to_halve, whole_candidates
+from ccpin.domain.sheets.paving import (
+    MOST_DEPENDENT,
+    Ranges,
+    halved,
+    handed_down,
+    narrowed_both,
+    place,
+    to_halve,
+    whole_candidates,
+)
 
 _BUDGET = 2_000_000
 _ROUNDS = 12
 _NEWTON = 12
 _WORTH = 1e-3
-_MOST = 8  # dependent coordinates: of more the search ends nowhere
 _ORTHONORMAL = 1e-9
 
 
@@ -40,7 +48,7 @@ def search_empty(problem: Problem, tree: CellTree, region: Region, depth: int) -
     is tried where less than a thousandth of the region is unreached, nor for more than eight dependent coordinates.
     """
     ranges = all_values(problem.system, np.maximum(np.abs(region.lower), np.abs(region.upper)))
-    if ranges is None or problem.system.m > _MOST or _share(tree) < _WORTH:
+    if ranges is None or problem.system.m > MOST_DEPENDENT or _share(tree) < _WORTH:
         return
     root = np.zeros(1, dtype=np.intp)
     waiting, budget = whole_candidates(problem, ranges, root, *place(tree, region, root)), _BUDGET

@@ -24,7 +24,6 @@ Intelligence 211, 2014.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from itertools import combinations
 from typing import NamedTuple
 
@@ -43,6 +42,10 @@ _FLOOR = 1e-3
 _ROUNDS = 60
 _CHUNK = 1000
 _LEAST = 1e-9
+_BUDGET = 300_000  # candidates over one q
+
+MOST_DEPENDENT = 8
+"""Dependent coordinates: the search of all values of more would not end."""
 _EDGE, _NEAR = 1e-9, 1e-6
 
 
@@ -59,12 +62,10 @@ class Cover(NamedTuple):
     Attributes:
         tree: The cells.
         left: Candidates that enclose all singular closed configurations over the region.
-        tried: How many candidates were tried.
     """
 
     tree: CellTree
     left: Candidates
-    tried: int
 
 
 class Solutions(NamedTuple):
@@ -79,11 +80,12 @@ class Solutions(NamedTuple):
     complete: bool
 
 
-def cover_singular(
-    problem: Problem, region: Region, ranges: Ranges, depth: int, report: Callable[[CellTree], None] | None = None
-) -> Cover:
-    """Enclose all singular closed configurations over a region, halving each of its edges `depth` times at most."""
-    tree, smallest, tried = CellTree.whole(problem.system.n), 1 << (LEVELS - depth), 0
+def cover_singular(problem: Problem, region: Region, ranges: Ranges, depth: int, budget: int) -> Cover:
+    """Enclose all singular closed configurations over a region, halving each of its edges `depth` times at most.
+
+    Once `budget` candidates were tried, all that wait are left as they are.
+    """
+    tree, smallest = CellTree.whole(problem.system.n), 1 << (LEVELS - depth)
     waiting = whole_candidates(
         problem, ranges, np.zeros(1, dtype=np.intp), *place(tree, region, np.zeros(1, dtype=np.intp))
     )
@@ -91,30 +93,28 @@ def cover_singular(
     while waiting.cell.size:
         stuck = [left[0]]
         for _ in range(_ROUNDS):
-            tried += len(waiting.cell)
-            waiting = narrowed_both(problem, ranges, waiting, True)
-            if not waiting.cell.size:
+            budget -= len(waiting.cell)
+            if not waiting.cell.size or budget < 0:
                 break
+            waiting = narrowed_both(problem, ranges, waiting, True)
             cut, due = to_halve(problem, waiting)
             stuck.append(rows_of(waiting, ~due))
             waiting = halved(rows_of(waiting, due), cut[due])
         waiting = joined([*stuck, waiting])
         cells = np.unique(waiting.cell)
-        small = np.all(tree.size[cells] <= smallest, axis=1)
+        small = np.all(tree.size[cells] <= smallest, axis=1) | (budget < 0)
         last = np.isin(waiting.cell, cells[small])
         left.append(rows_of(waiting, last))
         waiting = _halve_cells(problem, tree, region, rows_of(waiting, ~last), cells[~small])
-        if report is not None:
-            report(tree)
-    return Cover(tree, joined(left), tried)
+    return Cover(tree, joined(left))
 
 
 def all_solutions(problem: Problem, ranges: Ranges, q: Array) -> Solutions:
     """All closed configurations over one q (n,), as far as that can be proved."""
     n = problem.system.n
     waiting = whole_candidates(problem, ranges, np.zeros(1, dtype=np.intp), q[None], np.zeros((1, n)))
-    found = list[Boxes]()
-    for _ in range(_ROUNDS * problem.system.m):
+    found, budget = list[Boxes](), _BUDGET
+    while (budget := budget - len(waiting.cell)) > 0:
         waiting = narrowed_both(problem, ranges, waiting)
         if not waiting.cell.size:
             break

@@ -10,7 +10,7 @@ from ccpin.domain.atlas.singular import mark_in_cells
 from ccpin.domain.boxes import BoundsName, Problem, problem_of
 from ccpin.domain.chains import ClosureSystem, Seed, closure_system
 from ccpin.domain.sheets.front import Front, Part, glued_pairs, parts_of
-from ccpin.domain.sheets.paving import Ranges, all_solutions, cover_singular, place
+from ccpin.domain.sheets.paving import MOST_DEPENDENT, Ranges, all_solutions, cover_singular, place
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
@@ -25,6 +25,7 @@ def certify_sheets(
     region: Corners | None = None,
     *,
     max_depth: int | None = None,
+    budget: int = 3_000_000,
     bounds: BoundsName = "auto",
 ) -> SheetAtlas:
     """Find and certify every sheet of σ over a region.
@@ -38,10 +39,12 @@ def certify_sheets(
         region: (lower, upper), the bounds of the coordinates, each of shape (n,); default as for `certify`.
         max_depth: How often an edge of the region may be halved in the search for singular configurations;
             default 10, 7, 4 for n = 1, 2, 3. Boxes about sheets may be halved three times more.
+        budget: How many boxes of all coordinates may be tried in that search; cells that it did not come to are
+            undecided. Each dependent coordinate more multiplies what is needed.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
 
     Raises:
-        UnsupportedMechanismError: More than three coordinates, ball joints, distance closures, couplings of continuous
+        UnsupportedMechanismError: More than three coordinates or eight dependent ones, ball joints, distance closures, couplings of continuous
             joints, redundant rows, or closures that cannot be bounded.
         InvalidInputError: The region or max_depth is malformed.
     """
@@ -53,7 +56,7 @@ def certify_sheets(
         raise InvalidInputError(f"max_depth must be from 1 to {LEVELS - _DEEPER - 1}; it is {depth}")
     problem, area = problem_of(system, bounds), _region(mechanism, system, region)
     ranges = _ranges(mechanism, system)
-    cover = cover_singular(problem, area, ranges, depth)
+    cover = cover_singular(problem, area, ranges, depth, whole(budget, "budget"))
     tree, leaves = cover.tree, cover.tree.leaves()
     open_cells = np.unique(cover.left.cell)
     parts = _counted(problem, tree, area, ranges, np.setdiff1d(leaves, open_cells))
@@ -84,6 +87,8 @@ def _refuse(mechanism: Mechanism, system: ClosureSystem) -> None:
     why = None
     if not 1 <= mechanism.n <= max(_DEPTHS):
         why = f"it has {mechanism.n} independent coordinates, and sheets are for one to three"
+    elif system.m > MOST_DEPENDENT:
+        why = f"{system.m} of its coordinates depend, and the search of all their values ends for {MOST_DEPENDENT} or fewer"
     elif any(joint.kind.unit == 4 for joint in system.chart.joints):
         why = "it has ball joints, whose turns have no range to be searched; universal joints have"
     elif system.rods:
