@@ -271,8 +271,8 @@ def test_what_cannot_be_searched_is_refused(name, words):
 
 def test_a_budget_that_runs_out_leaves_cells_undecided(slice_):
     """What was not come to is not counted, the shares add up, and what is counted is right."""
-    atlas = domain.certify_sheets(slice_, REGION, max_depth=5, budget=15_000)
-    assert atlas.undecided_fraction > 0.1
+    atlas = domain.certify_sheets(slice_, REGION, max_depth=5, budget=8_000)
+    assert atlas.counted_fraction < 0.85
     assert atlas.counted_fraction + atlas.singular_fraction + atlas.undecided_fraction == pytest.approx(1.0, abs=1e-12)
     assert wrong_counts(atlas, np.random.default_rng(10).uniform(*REGION, (2000, 2)))[0] == 0
 

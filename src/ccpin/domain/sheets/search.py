@@ -44,8 +44,8 @@ def certify_sheets(
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
 
     Raises:
-        UnsupportedMechanismError: More than three coordinates or eight dependent ones, ball joints, distance closures, couplings of continuous
-            joints, redundant rows, or closures that cannot be bounded.
+        UnsupportedMechanismError: More than three coordinates or eight dependent ones, ball joints, distance closures,
+            couplings of continuous joints, redundant rows, or closures that cannot be bounded.
         InvalidInputError: The region or max_depth is malformed.
     """
     mechanism = mechanism_of(mechanism)
@@ -88,7 +88,7 @@ def _refuse(mechanism: Mechanism, system: ClosureSystem) -> None:
     if not 1 <= mechanism.n <= max(_DEPTHS):
         why = f"it has {mechanism.n} independent coordinates, and sheets are for one to three"
     elif system.m > MOST_DEPENDENT:
-        why = f"{system.m} of its coordinates depend, and the search of all their values ends for {MOST_DEPENDENT} or fewer"
+        why = f"{system.m} of its coordinates depend, and all values of more than {MOST_DEPENDENT} take too long"
     elif any(joint.kind.unit == 4 for joint in system.chart.joints):
         why = "it has ball joints, whose turns have no range to be searched; universal joints have"
     elif system.rods:
