@@ -43,6 +43,7 @@ class Bench:
         self.effector = ccpin.EndEffector(self.model, self.link)
         self.box = (self.q - 0.02, self.q + 0.02)
         self.atlas = domain.certify(self.whole, self.q, region=self.box)
+        self.sheets = domain.certify_sheets(self.whole, self.box, max_depth=2)
         self.certificate = control.certify_law(self.law, self.box)
 
     def methods(self, thing, skip=()):
@@ -186,6 +187,11 @@ def _domain(b):
             domain.certify,
             {"mechanism": b.whole, "q0": b.q, "region": b.box, "guess": None, "max_depth": 2, "bounds": "auto"},
         ),
+        "certify_sheets": (
+            domain.certify_sheets,
+            {"mechanism": b.whole, "region": b.box, "max_depth": 2, "budget": 1000, "bounds": "auto"},
+        ),
+        "cusps": (domain.cusps, {"mechanism": b.whole, "region": b.box, "curves": ()}),
         "certify_path": (
             domain.certify_path,
             {"mechanism": b.whole, "path": path, "tube": 1e-3, "guess": None, "bounds": "auto"},
@@ -311,6 +317,10 @@ def _plotting(b):
         "plot_configuration_panels": (plotting.plot_configuration_panels, poses | {"panels": [("a", [b.q_free])]}),
         "plot_lyapunov": (plotting.plot_lyapunov, {"t": b.run.t, "history": history, "level": None, "title": None}),
         "plot_atlas": (plotting.plot_atlas, area | {"atlas": b.atlas}),
+        "plot_sheets": (
+            plotting.plot_sheets,
+            {"mechanism": b.whole, "atlas": b.sheets, "cusps": (), "path": None, "title": None},
+        ),
         "plot_radius_map": (plotting.plot_radius_map, area | {"atlas": b.atlas, "resolution": 8}),
         "plot_singularities": (plotting.plot_singularities, area | {"regions": ()}),
         "plot_sublevel": (

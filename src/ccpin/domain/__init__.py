@@ -6,8 +6,12 @@ from ccpin.domain.atlas.atlas import Atlas, certify
 from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.chains import scalar_coordinates_at
+from ccpin.domain.cusps import Cusp, cusps
 from ccpin.domain.one_box import kantorovich_radius, newton_steps
 from ccpin.domain.path import CertifiedPath, certify_path
+from ccpin.domain.sheets.search import certify_sheets
+from ccpin.domain.sheets.sheets import ModeChange, Sheet, SheetAtlas
+from ccpin.domain.sheets.touching import Fold
 from ccpin.domain.singularities import (
     SingularCurve,
     SingularityDistance,
@@ -22,14 +26,21 @@ __all__ = [
     "Atlas",
     "CellStatus",
     "CertifiedPath",
+    "Cusp",
+    "Fold",
+    "ModeChange",
     "QuadraticSystem",
     "Region",
+    "Sheet",
+    "SheetAtlas",
     "SingularCurve",
     "SingularityDistance",
     "Theorem2Result",
     "certified_radius",
     "certify",
     "certify_path",
+    "certify_sheets",
+    "cusps",
     "kantorovich_radius",
     "newton_steps",
     "scalar_coordinates_at",

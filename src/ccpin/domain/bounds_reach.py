@@ -73,8 +73,8 @@ class ReachBounds(NamedTuple):
 def reach_bounds(stack: ChainStack, theta: Array, values: Derivatives, frame: Frame) -> ReachBounds:
     """Reach bounds of boxes centred at θ (B, n′) with the derivatives there."""
     linear = linear_part(frame, values.phi, values.jacobian)
-    count, m, _ = values.jacobian.shape
-    second = (frame.preconditioner @ values.hessian.reshape(count, m, -1)).reshape(values.hessian.shape)
+    count, m, size = values.jacobian.shape
+    second = (frame.preconditioner @ values.hessian.reshape(count, m, size**2)).reshape(values.hessian.shape)
     directions, half = frame.directions[:, None], frame.half[:, None]
     quadratic = np.abs(np.swapaxes(directions, 2, 3) @ (second @ directions))
     square = (half[..., None, :] @ quadratic @ half[..., None])[..., 0, 0]

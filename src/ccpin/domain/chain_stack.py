@@ -150,3 +150,15 @@ def _second(motion: StackMotion) -> Array:
     product = cross(motion.a[:, :, :, None], motion.b[:, :, None])
     upper = np.triu(np.ones(product.shape[2:4], dtype=np.bool_))
     return np.where(upper[:, :, None], product, np.swapaxes(product, 2, 3))
+
+
+def third_along(system: ClosureSystem, stack: ChainStack, theta: Array, turn: Array) -> Array:
+    """Σ_jk ∂³φ/∂θ_i∂θ_j∂θ_k v_j v_k at θ (B, n′) for v of shape (B, n′), of shape (B, m, n′)."""
+    motion, rates = move(stack, theta), gather(stack, turn)
+    k = stack.joints.shape[1]
+    first, middle, last = np.sort(np.indices((k, k, k)).reshape(3, -1), axis=0)
+    product = cross(motion.a[:, :, first], cross(motion.a[:, :, middle], motion.b[:, :, last]))
+    tensor = product.reshape(*motion.b.shape[:2], k, k, k, 3)
+    columns = np.einsum("bcijkx,bcj,bck->bcix", tensor, rates, rates) @ np.swapaxes(stack.weights, 1, 2)
+    flat = columns.reshape(len(theta), stack.joints.size, system.m)
+    return np.asarray(np.swapaxes(flat, 1, 2) @ stack.placement)

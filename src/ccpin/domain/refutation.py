@@ -103,13 +103,13 @@ def _on_branch(
     at = (singular[j] - start) / (end - start)
     k = int(np.clip(np.searchsorted(walker.times, at) - 1, 0, len(walker.times) - 2))
     boxes = walker.boxes.take(np.arange(k + 1))
-    if not _starts_in(problem, join, line, boxes.take(np.array([0]))):
+    if not lies_in(problem, join, line, boxes.take(np.array([0])), -1.0):
         return False
     low, high = _range_along(line, boxes, system.independent, theta, direction)
-    return low >= -delta and high <= 1.0 and _holds(line, boxes.take(np.array([k])), singular, error)
+    return low >= -delta and high <= 1.0 and holds(line, boxes.take(np.array([k])), singular, error)
 
 
-def _holds(line: Problem, box: Boxes, singular: Array, error: float) -> bool:
+def holds(line: Problem, box: Boxes, singular: Array, error: float) -> bool:
     """Whether the exact singular configuration, within `error` of the computed one, lies in a box's tube."""
     independent = line.system.independent
     along = float(box.directions[0, independent[0], 0])
@@ -124,12 +124,11 @@ def _holds(line: Problem, box: Boxes, singular: Array, error: float) -> bool:
     return bool(encloses(line, box, np.array([[s[0], 0.0]]), singular[None], reach[None])[0])
 
 
-def _starts_in(problem: Problem, join: Boxes, line: Problem, first: Boxes) -> bool:
-    """Whether the curve's first point lies over the join and in its tube."""
-    delta = np.array([[-1.0, 0.0]])
-    found = solve_in_boxes(line, first, delta)
+def lies_in(problem: Problem, join: Boxes, line: Problem, box: Boxes, side: float) -> bool:
+    """Whether the end of a box of the curve (−1: its first point, 1: its last) lies over the join and in its tube."""
+    found = solve_in_boxes(line, box, np.array([[side, 0.0]]))
     error = np.zeros(problem.system.n_free)
-    error[line.system.dependent] = (np.abs(first.modes[0]) @ found.error[0]) + 1e-15 * (
+    error[line.system.dependent] = (np.abs(box.modes[0]) @ found.error[0]) + 1e-15 * (
         1.0 + np.abs(found.theta[0][line.system.dependent])
     )
     theta, independent, dependent = found.theta[0], problem.system.independent, problem.system.dependent

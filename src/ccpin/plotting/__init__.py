@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from ccpin.plotting.domain import plot_atlas, plot_radius_map, plot_singularities
 from ccpin.plotting.motion import plot_configuration_panels, plot_configurations, plot_motion
+from ccpin.plotting.sheets import plot_sheets
 from ccpin.plotting.stability import plot_lyapunov, plot_sublevel
 from ccpin.plotting.style import COLOURS, STYLE, save
 
@@ -19,6 +20,7 @@ __all__ = [
     "plot_lyapunov",
     "plot_motion",
     "plot_radius_map",
+    "plot_sheets",
     "plot_singularities",
     "plot_sublevel",
     "save",

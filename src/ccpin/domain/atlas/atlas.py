@@ -5,12 +5,13 @@ first to the closed configuration at q₀. So through every certified q runs a c
 to σ(q) without meeting a singularity, and `Atlas.sigma` returns that continuation. Where, moreover, `single_valued` is
 true, the boxes on the two sides of every shared face carry the same σ: it is one continuous function on the union of
 the boxes (angles modulo 2π), whatever the way from q₀. Nonsingularity alone would not say so: a mechanism may
-change assembly mode without meeting a singularity, and the faces where that shows are listed in `unglued`.
+change assembly mode without meeting a singularity, and the faces where that shows are listed in `unglued`;
+`ccpin.domain.certify_sheets` then tells the layers apart.
 
 What is not claimed. Undecided cells are those not proved at the depth allowed; singular ones those of them over which a
 closed configuration is proved to be singular (`atlas.singular`), on whatever branch; unreached cells were not tried, as
 no neighbour is certified (σ may exist there, on this branch or another). Empty cells are proved to hold no closed
-configuration at all (`atlas.empty`). Limits of dependent joints are not looked at.
+configuration at all (`atlas.empty`, `sheets.emptiness`). Limits of dependent joints are not looked at.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from ccpin.domain.atlas.singular import mark_singular, refuting
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
 from ccpin.domain.chains import closure_system, seed_at_coordinates
 from ccpin.domain.newton import newton, solve_in_boxes
+from ccpin.domain.sheets.emptiness import search_empty
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
@@ -295,6 +297,7 @@ def certify(
     guess: Array | None = None,
     *,
     max_depth: int | None = None,
+    exhaustive: bool = False,
     bounds: BoundsName = "auto",
     workers: int | None = None,
     executor: Executor | None = None,
@@ -314,6 +317,8 @@ def certify(
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         max_depth: How often an edge of the region may be halved (0: the square only); default 14, 12, 6 for n = 1,
             2, 3, and 3 beyond.
+        exhaustive: Search all values of the dependent coordinates, up to eight, to prove cells empty of which the
+            triangle inequality says nothing; that takes several times as long as the boxes.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
         workers: How many processes to start for the work; default none: all is done in this one. A script that asks
             for more than one needs the guard ``if __name__ == "__main__":``.
@@ -353,6 +358,8 @@ def certify(
             if depth:
                 builder.certify_region(depth)
                 prove_empty(problem.system, builder.tree, area, depth)
+                if exhaustive:
+                    search_empty(problem, builder.tree, area, depth)
                 mark_singular(problem, builder.tree, area, builder.boxes)
         except Stopped:
             complete = False

@@ -116,3 +116,12 @@ def _mark(tree: CellTree, region: Region, found: SingularPoints, independent: In
     low, high = (tree.locate(region.cell_coordinates(q + side * error)) for side in (-1.0, 1.0))
     cells = low[(low == high) & (low >= 0)]
     tree.status[cells[tree.status[cells] == CellStatus.UNDECIDED]] = CellStatus.SINGULAR
+
+
+def mark_in_cells(problem: Problem, tree: CellTree, region: Region, cells: Indices, theta: Array) -> None:
+    """Tell undecided cells that hold the q of a singular configuration, looked for from θ (B, n′), from others."""
+    for directions in Folds.near(problem, theta).directions():
+        rows = np.flatnonzero(tree.status[cells] == CellStatus.UNDECIDED)
+        if rows.size:
+            found = singular_points(problem, theta[rows], directions[rows])
+            _mark(tree, region, found, problem.system.independent, np.abs(directions[rows]).max(axis=1))
