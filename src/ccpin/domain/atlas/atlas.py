@@ -35,6 +35,7 @@ from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
 from ccpin.domain.atlas.singular import mark_singular, refuting
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
 from ccpin.domain.chains import seed_at_coordinates
+from ccpin.domain.demands import meets
 from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
@@ -160,7 +161,7 @@ class Atlas:
     @property
     def area(self) -> float:
         """Length, area or volume of the certified set, in radⁿ (metres for sliding coordinates)."""
-        return self.fraction(CellStatus.CERTIFIED) * float(np.prod(self.region.width))
+        return self.fraction(CellStatus.CERTIFIED) * self.region.volume
 
     @property
     def certified_fraction(self) -> float:
@@ -226,8 +227,8 @@ class Atlas:
         return np.asarray(q_free[0] if np.ndim(q) == 1 else q_free)
 
     def verify(self) -> Mask:
-        """Check Theorem K for every box again, from its data alone, of shape (B,)."""
-        return verify(self.problem, self.boxes)
+        """Check Theorem K for every box again, and what else was asked, from its data alone, of shape (B,)."""
+        return verify(self.problem, self.boxes) & meets(self.problem, self.boxes)
 
     def save(self, path: str | Path) -> None:
         """Write the atlas to an npz file, whole or not at all."""
@@ -331,29 +332,59 @@ def certify(
         raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
     problem = problem_of(seed.system, bounds)
     area = region_of(mechanism, seed, region)
+    tolerance = _TOLERANCES.get(mechanism.n, _MANY_TOLERANCE)
+    work = Work(workers, executor, checkpoint, progress)
+    return survey(problem, seed.theta, tuple(mechanism.independent), area, depth, tolerance, work)
+
+
+class Work(NamedTuple):
+    """Who does the work of an atlas, where it is kept and who hears of it: the arguments of `certify` so named."""
+
+    workers: int | None = None
+    executor: Executor | None = None
+    checkpoint: str | Path | None = None
+    progress: Callable[[Progress], None] | None = None
+
+
+def survey(
+    problem: Problem,
+    seed: Array,
+    names: tuple[str, ...],
+    region: Region,
+    depth: int,
+    tolerance: float,
+    work: Work,
+) -> Atlas:
+    """The atlas of what can be proved of a region from a seed θ (n′,), the largest square about it first.
+
+    Edges of the square's cells are halved to `tolerance` times their distance from the seed, all others `depth` times.
+
+    Raises:
+        SingularConfigurationError: The seed is singular.
+    """
     complete = True
-    with stoppable() as flag, executor_for(executor, workers) as chosen:
-        runner = Runner(problem, chosen, checkpoint, flag)
-        builder = AtlasBuilder(problem, seed.theta, area, runner, progress and _reporter(progress))
+    with stoppable() as flag, executor_for(work.executor, work.workers) as chosen:
+        runner = Runner(problem, chosen, work.checkpoint, flag)
+        builder = AtlasBuilder(problem, seed, region, runner, work.progress and _reporter(work.progress))
         try:
-            builder.certify_square(_TOLERANCES.get(mechanism.n, _MANY_TOLERANCE))
+            builder.certify_square(tolerance)
             if depth:
                 builder.certify_region(depth)
-                prove_empty(problem.system, builder.tree, area, depth)
-                mark_singular(problem, builder.tree, area, builder.boxes)
+                prove_empty(problem.system, builder.tree, region, depth)
+                mark_singular(problem, builder.tree, region, builder.boxes)
         except Stopped:
             complete = False
     return Atlas(
-        names=tuple(mechanism.independent),
+        names=names,
         q0=builder.q0,
         radius=builder.radius(),
         boxes=builder.proved.trimmed(),
         unglued=np.concatenate(builder.unglued).astype(np.int64),
         complete=complete,
-        region=area,
+        region=region,
         problem=problem,
         tree=builder.tree,
-        seed=seed.theta,
+        seed=seed,
     )
 
 

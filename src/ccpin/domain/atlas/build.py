@@ -73,7 +73,7 @@ class AtlasBuilder:
         self.proved = Growing(self._point.without_rows(problem.system.n))
         self.unglued = [np.empty((0, 2), dtype=np.intp)]
         self._origins = Growing(_Origins.unknown(1, problem.system.n))
-        self._at_seed = (region.reduce(self.q0[None])[0] - region.lower) / region.width * WHOLE
+        self._at_seed = (region.reduce(self.q0[None])[0] - region.lower) / region.span * WHOLE
         self._reach_seed()
         size = problem.system.m * problem.system.n_free**2
         self._chunk = int(np.clip(500_000 // size, 32, 512))
@@ -109,16 +109,20 @@ class AtlasBuilder:
                 return
             order = np.lexsort((cells, distance))[:_NEAREST]
             chosen = np.sort(cells[order][distance[order] < limit])
-            longest = tolerance * self.distance(chosen)[:, None] / self.region.width
-            self.wave(chosen, np.maximum(longest * WHOLE, 1.0))
+            longest = tolerance * self.distance(chosen)[:, None] / self.region.span
+            self.wave(chosen, self._never_held(np.maximum(longest * WHOLE, 1.0)))
             blocked = chosen[self.tree.status[chosen] == CellStatus.UNDECIDED]
             limit = np.min(self.distance(blocked), initial=limit)
 
     def certify_region(self, depth: int) -> None:
         """Certify all that can be reached, halving each edge `depth` times at most."""
-        smallest = np.array(float(1 << (LEVELS - depth)))
+        smallest = self._never_held(np.full(len(self.q0), float(1 << (LEVELS - depth))))
         while (cells := self.candidates()).size:
-            self.wave(cells, np.broadcast_to(smallest, (len(cells), 1)))
+            self.wave(cells, np.tile(smallest, (len(cells), 1)))
+
+    def _never_held(self, smallest: Array) -> Array:
+        """Shortest edges (…, n), those of coordinates that are held at their whole."""
+        return np.where(self.region.held, float(WHOLE), smallest)
 
     def radius(self) -> float:
         """Half width of the largest square about the seed that is certified: the distance of the nearest other cell."""
@@ -130,7 +134,7 @@ class AtlasBuilder:
         """Half width of the largest square about the seed inside the region."""
         region = self.region
         edges = np.where(region.wrapped, 0.5 * region.width, np.minimum(self.q0 - region.lower, region.upper - self.q0))
-        return float(edges.min())
+        return float(edges[~region.held].min())
 
     def distance(self, cells: Indices) -> Array:
         """Distance of cells from the seed in the maximum norm, periodic coordinates the short way round."""
@@ -145,7 +149,7 @@ class AtlasBuilder:
         return self.region.position(lower), self.region.position(lower + self.tree.size[cells])
 
     def wave(self, cells: Indices, smallest: Array) -> None:
-        """Prove cells; split those that fail where an edge is longer than `smallest` (whole-number units, (K, 1))."""
+        """Prove cells; split those that fail where an edge is longer than `smallest` (whole-number units, (K, n))."""
         if not cells.size:
             return
         origins = rows_of(self._origins.rows, cells)
@@ -179,7 +183,7 @@ class AtlasBuilder:
             return np.zeros(len(cells), dtype=np.bool_)
         size, n = self.tree.size[cells], len(self.q0)
         boxes = np.maximum(origins.box, 0)
-        edges = 2.0 * self.boxes.half[boxes] / self.region.width * WHOLE
+        edges = np.where(self.region.held, WHOLE, 2.0 * self.boxes.half[boxes] / self.region.span * WHOLE)
         doublings = np.round(np.log2(size / edges).sum(axis=1))
         grown = self.boxes.kappa[boxes] * (1.0 + 1.0 / n) ** doublings
         divisible = np.any((size > smallest) & (size > 1), axis=1)

@@ -1,0 +1,201 @@
+"""The workspace of an end effector in its own coordinates, certified: what it can reach, hold and do there.
+
+**What is claimed** of every x of a certified cell: the mechanism has a closed configuration θ(x) with its end effector
+at x (the pose `task_space` gives x), it lies on the branch of the configuration started from, no joint exceeds its
+limits, the motors determine the motion (ψ_q′ is nonsingular), and 1/κ(J) is at least the dexterity asked for. Each cell
+is proved by Theorem K of `boxes` for Φ(x, θ) = 0 and by `demands`, and glued at a face to an earlier one; so through
+certified cells the end effector moves from the start to x without passing a singularity of either kind or a limit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.interpolate import PPoly
+
+from ccpin.arrays import Array, instance, number, numbers, whole
+from ccpin.domain.atlas.atlas import Atlas, Progress, Work, survey
+from ccpin.domain.atlas.cells import LEVELS, Corners, Region, corners_of
+from ccpin.domain.boxes import BoundsName, Demands, Problem, problem_of
+from ccpin.domain.chains import checked_configuration, closure_system
+from ccpin.domain.chart import independent_indices
+from ccpin.domain.task_space import TaskSpace, task_space
+from ccpin.domain.walker import Walker
+from ccpin.dynamics.end_effector import EndEffector
+from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
+from ccpin.mechanism.mechanism import Mechanism
+
+Limits = bool | Mapping[str, tuple[float, float]]
+
+_DEPTHS = {1: 12, 2: 9, 3: 6}
+_MANY_DEPTH, _TOLERANCE = 4, 0.5
+
+
+def certify_workspace(
+    end_effector: EndEffector,
+    region: Corners,
+    guess: ArrayLike | None = None,
+    *,
+    limits: Limits = True,
+    dexterity: float = 0.0,
+    length: float | None = None,
+    max_depth: int | None = None,
+    bounds: BoundsName = "auto",
+    workers: int | None = None,
+    executor: Executor | None = None,
+    checkpoint: str | Path | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> Atlas:
+    """Prove how much of a region of task space an end effector reaches, on one branch.
+
+    Args:
+        end_effector: The point of a link that is to get there.
+        region: (lower, upper) in the coordinates of `ccpin.domain.task_space`: positions in the world, metres, then
+            turns from how the end effector is turned in `guess`, radians. Where the two are equal a coordinate is held
+            (a slice); turns left out are held at 0.
+        guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
+        limits: Whether joints must keep the limits their file states; or limits (lower, upper) by joint that replace
+            or narrow these.
+        dexterity: The least 1/κ(J), J = ∂x/∂q the end effector's Jacobian by the independent coordinates.
+        length: What a turn by one radian counts as in κ, metres; needed where dexterity is asked for and x has turns.
+        max_depth: How often an edge of the region may be halved; default 12, 9, 6 for 1, 2, 3 coordinates that are not
+            held, and 4 beyond.
+        bounds: As for `ccpin.domain.certify`.
+        workers: As for `ccpin.domain.certify`.
+        executor: As for `ccpin.domain.certify`.
+        checkpoint: As for `ccpin.domain.certify`.
+        progress: As for `ccpin.domain.certify`.
+
+    Returns:
+        The atlas, over task coordinates: `Atlas.contains` and `Atlas.sigma` take x.
+
+    Raises:
+        UnsupportedMechanismError: The mechanism has no task space, or closures that cannot be certified.
+        InvalidInputError: An argument is malformed.
+        UnreachableError: No certified way leads from `guess` into the region.
+        SingularConfigurationError: `guess` is singular.
+    """
+    start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
+    area = _region(start.task, region)
+    theta = start.moved_to(_first(start.x, area))
+    free = int(np.count_nonzero(~area.held))
+    depth = _DEPTHS.get(free, _MANY_DEPTH) if max_depth is None else whole(max_depth, "max_depth", 0)
+    if not depth < LEVELS:
+        raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
+    work = Work(workers, executor, checkpoint, progress)
+    return survey(start.problem, theta, start.task.names, area, depth, _TOLERANCE, work)
+
+
+class TaskProblem:
+    """What is to be proved of an end effector, and a closed configuration to start from.
+
+    Attributes:
+        task: The task space.
+        problem: The closures, and what is asked besides.
+        theta: θ of the start, of shape (n′,).
+    """
+
+    def __init__(self, task: TaskSpace, problem: Problem, theta: Array) -> None:
+        self.task, self.problem, self.theta = task, problem, theta
+
+    @property
+    def x(self) -> Array:
+        """Task coordinates of the start, of shape (n,)."""
+        return self.theta[self.problem.system.independent]
+
+    def moved_to(self, x: Array) -> Array:
+        """θ at other task coordinates, where a certified straight way leads there.
+
+        Raises:
+            UnreachableError: None was proved.
+            SingularConfigurationError: The start is singular.
+        """
+        if np.array_equal(x, self.x):
+            return self.theta
+        pieces = PPoly(np.stack([(x - self.x)[None], self.x[None]]), np.array([0.0, 1.0]))
+        walker = Walker(self.problem, pieces, np.zeros(len(x)), self.theta)
+        if walker.walk() is not None:
+            place = walker.theta[self.problem.system.independent]
+            raise UnreachableError(
+                f"no certified way leads straight from x = {self.x.tolist()}, where the guess has the end effector, to "
+                f"{x.tolist()}: it ends at {place.tolist()}; give a guess nearer to the region",
+                q=x,
+                q_reached=place,
+                fraction=walker.here,
+                rcond=walker.rcond(),
+            )
+        theta = walker.theta.copy()
+        theta[self.problem.system.independent] = x
+        return theta
+
+
+def task_problem(
+    end_effector: EndEffector,
+    guess: ArrayLike | None,
+    limits: Limits,
+    dexterity: float,
+    length: float | None,
+    bounds: BoundsName,
+) -> TaskProblem:
+    """What `certify_workspace` is to prove, from its arguments."""
+    instance(end_effector, "end_effector", EndEffector, "an EndEffector")
+    mechanism = end_effector.model.mechanism
+    q_free = mechanism.q_reference if guess is None else checked_configuration(mechanism, guess)
+    parametrization = mechanism.parametrization()
+    q_free = parametrization.sigma(parametrization.coordinates.alpha(q_free), guess=q_free).q_free
+    task = task_space(end_effector, q_free)
+    system = closure_system(mechanism, q_free, task)
+    theta = np.concatenate([system.theta(q_free), task.x])
+    least = number(dexterity, "dexterity", "a number from 0 to below 1", -1e-300)
+    if not least < 1.0:
+        raise InvalidInputError(f"dexterity is 1/κ, a number from 0 to below 1; it is {dexterity!r}")
+    if least and length is None and not all(task.slides):
+        raise InvalidInputError(
+            f"dexterity of {', '.join(task.names)} mixes metres and radians: give length=, the metres a radian counts as"
+        )
+    units = np.where(task.slides, 1.0, 1.0 if length is None else length)
+    lower, upper = _limits(mechanism, limits, system.n_free)
+    demands = Demands(lower, upper, independent_indices(mechanism, system.chart), units, least)
+    return TaskProblem(task, problem_of(system, bounds)._replace(demands=demands), theta)
+
+
+def _region(task: TaskSpace, region: Corners) -> Region:
+    """The region asked for, turns left out held at 0."""
+    given = numbers(region, "region")
+    turns = len(task.names) - sum(task.slides)
+    if turns and given.shape == (2, sum(task.slides)):
+        given = np.concatenate([given, np.zeros((2, turns))], axis=1)
+    lower, upper = corners_of(given, task.names, slices=True)
+    return Region(lower, upper, np.zeros(len(lower), dtype=np.bool_))
+
+
+def _first(x: Array, region: Region) -> Array:
+    """Where the atlas starts: x itself where it lies in the region, its middle otherwise."""
+    inside = np.all((x >= region.lower) & (x <= region.upper))
+    return x if inside else 0.5 * (region.lower + region.upper)
+
+
+def _limits(mechanism: Mechanism, limits: Limits, size: int) -> tuple[Array, Array]:
+    """Limits of θ, of shape (size,) each.
+
+    Raises:
+        InvalidInputError: A name that is no joint with one displacement, or limits that are no interval.
+    """
+    lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
+    plain = {joint.name: joint for joint in mechanism.tree.joints if joint.kind.nq == 1}
+    if limits is not False:
+        low, high = mechanism.position_limits
+        for joint in plain.values():
+            lower[joint.v], upper[joint.v] = low[joint.q], high[joint.q]
+    for name, given in limits.items() if isinstance(limits, Mapping) else ():
+        if name not in plain:
+            raise InvalidInputError(f"limits: '{name}' is no joint with one displacement; these are {', '.join(plain)}")
+        bounds = numbers(given, f"limits of '{name}'")
+        if bounds.shape != (2,) or not bounds[0] < bounds[1]:
+            raise InvalidInputError(f"limits of '{name}' must be (lower, upper); they are {given!r}")
+        lower[plain[name].v], upper[plain[name].v] = bounds
+    return lower, upper
