@@ -294,7 +294,7 @@ def _attempt(problem: Problem, boxes: Boxes, roomy: bool) -> Tried:
     boxes.radius[:] = radius
     if candidates.size:
         bounds = bounds.take(candidates)
-        boxes.weight[candidates], boxes.kappa[candidates] = _weights(bounds, radius[candidates])
+        boxes.weight[candidates], boxes.kappa[candidates] = weights_for(bounds, radius[candidates])
         proved[candidates] = _holds(bounds, boxes.take(candidates))
     return Tried(boxes, proved)
 
@@ -333,8 +333,10 @@ def _radius(bounds: Bounds) -> Array:
     return found
 
 
-def _weights(bounds: Bounds, radius: Array) -> tuple[Array, Array]:
+def weights_for(bounds: Bounds, radius: Array) -> tuple[Array, Array]:
     """A w > 0 with Zw ≤ κw, κ < 1 where the spectral radius allows it, from w = (I − M)⁻¹(1 + t(1)) by power steps.
+
+    The inequality is checked with the factors that (K2) is, so where κ < 1 the spectral radius of Z is proved to be.
 
     Returns:
         w, of shape (B, m), and κ, of shape (B,).

@@ -3,16 +3,19 @@
 Setting. A box of `boxes` in the task space of `task_space`: θ(δ) = θ_c + Dδ + Eζ*(δ), |δ| ≤ h, |ζ*| ≤ R, with weights w
 and κ of Theorem K. Let F ≥ |f_δ(δ, ζ)| componentwise on the tube, f = ÃΦ(θ_c + Dδ + Eζ).
 
-**Theorem D.** With a = |E|w and t_j = max_i (F_ij/w_i)/(1 − κ), |θ_δ(δ) − D| ≤ a tᵀ everywhere in the box.
+**Motors.** Let q_d be the coordinates of θ that are the mechanism's independent ones, y those of its joints that depend on
+them, and y″ = (x, y). As φ does not depend on x, Φ_y″ is block triangular with the square blocks φ_y = ψ_q′'s and Φ_x on
+its diagonal. So where, for any matrices Ã″ and V″, |I − Ã″Φ_y″V″| ≤ Z″ on the tube and the spectral radius of Z″ is
+below 1, Φ_y″ is nonsingular there, and ψ_q′ with it.
 
-*Proof.* f(δ, ζ*(δ)) = 0 gives f_ζ ζ*_δ = −f_δ. As ‖I − f_ζ‖ ≤ κ in the norm ‖ζ‖ = max |ζ_i|/w_i, ‖f_ζ⁻¹‖ ≤ 1/(1 − κ), so
-the columns of ζ*_δ have norms of at most t_j, and θ_δ = D + Eζ*_δ. ∎
+**Theorem D.** Let Z ≥ |I − f_ζ| on the tube with spectral radius below 1, and let T ≥ 0 satisfy F + ZT ≤ T. Then
+|θ_δ(δ) − D| ≤ |E|T everywhere in the box.
 
-**Motors.** Let q_d be coordinates of θ that motors drive and K = ∂q_d/∂x their rows of θ_δ. As Φ_θ is nonsingular the
-mechanism's velocities are those of θ_δ ẋ, so the motors determine them, that is ψ_q′ is nonsingular for q = q_d, exactly
-where K has full column rank. With a matrix G ≈ K_c⁺ it has, if (|I − GK_c| + |G|a tᵀ)v < v for some v > 0: the matrix
-bounds |I − GK|, so that GK is nonsingular. The dexterity 1/κ(J) of J = ∂x/∂q_d is that of K; by Weyl's inequality it is
-at least (σ_min(K_c) − e)/(σ_max(K_c) + e), e = ‖a‖‖t‖ ≥ ‖K − K_c‖₂. Turns count times a length.
+*Proof.* f(δ, ζ*(δ)) = 0 gives ζ*_δ = −f_δ + (I − f_ζ)ζ*_δ, so |ζ*_δ| ≤ F + Z|ζ*_δ|, hence |ζ*_δ| ≤ (I − Z)⁻¹F ≤ T, as the
+inverse is nonnegative. ∎
+
+**Dexterity.** With K = ∂q_d/∂x the rows q_d of θ_δ and K_c those of D, 1/κ of J = ∂x/∂q_d = K⁻¹ is that of K and by
+Weyl's inequality at least (σ_min(K_c) − e)/(σ_max(K_c) + e), e ≥ ‖|E|T‖₂ the Frobenius norm. Turns count times a length.
 
 **Limits.** |θ − θ_c| ≤ |D|h + |E|R.
 
@@ -26,7 +29,8 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.arrays import Array, Mask, apply
-from ccpin.domain.boxes import SLACK, Boxes, Demands, Problem, bounds_of
+from ccpin.domain.bounds import Bounds
+from ccpin.domain.boxes import SLACK, Boxes, Demands, Problem, bounds_of, closure_values, inverses, weights_for
 
 _ROUNDING = 1e-12
 
@@ -38,9 +42,10 @@ def meets(problem: Problem, boxes: Boxes) -> Mask:
         return np.ones(len(boxes.kappa), dtype=np.bool_)
     low, high = reach(problem, boxes)
     within = np.all((low >= demands.lower) & (high <= demands.upper), axis=1)
-    rows = np.flatnonzero(within)
-    if rows.size and demands.driven.size:
-        within[rows] = dexterity(problem, boxes.take(rows)) >= max(demands.dexterity, np.nextafter(0.0, 1.0))
+    for holds in (regular, dexterous):
+        rows = np.flatnonzero(within)
+        if rows.size and demands.driven.size:
+            within[rows] = holds(problem, demands, boxes.take(rows))
     return np.asarray(within)
 
 
@@ -52,49 +57,78 @@ def reach(problem: Problem, boxes: Boxes) -> tuple[Array, Array]:
     return boxes.centre - spread, boxes.centre + spread
 
 
-def dexterity(problem: Problem, boxes: Boxes) -> Array:
-    """A lower bound of 1/κ(J) over proved boxes, of shape (B,); 0 where the motors are not proved to hold it.
-
-    It is at least the smallest positive number wherever ψ_q′ is proved to be nonsingular.
-    """
-    demands = problem.demands
-    assert demands is not None
-    with np.errstate(all="ignore"):
-        slope, across, along = _slopes(problem, boxes, demands)
-        inverse = np.linalg.pinv(slope)
-        gain = apply(np.abs(inverse), across)
-        vector = gain / gain.max(axis=1, keepdims=True) + 1e-3
-        left = np.abs(np.eye(slope.shape[2]) - inverse @ slope) + _ROUNDING
-        image = apply(left, vector) + gain * np.sum(along * vector, axis=1, keepdims=True)
-        regular = np.all(image * SLACK < vector, axis=1)
-        error = np.linalg.norm(across, axis=1) * np.linalg.norm(along, axis=1) * SLACK
-        sizes = np.linalg.svd(slope, compute_uv=False)
-        error = error + _ROUNDING * sizes[:, 0]
-        bound = (sizes[:, -1] - error) / (sizes[:, 0] + error) / SLACK
-    return np.where(regular, np.maximum(bound, np.nextafter(0.0, 1.0)), 0.0)
-
-
-def _slopes(problem: Problem, boxes: Boxes, demands: Demands) -> tuple[Array, Array, Array]:
-    """K_c (B, k, n), a (B, k) and t (B, n) of Theorem D, turns counted times a length."""
+def regular(problem: Problem, demands: Demands, boxes: Boxes) -> Mask:
+    """Whether ψ_q′ is proved to be nonsingular on the boxes' tubes, of shape (B,)."""
     system = problem.system
-    spread = np.zeros((len(boxes.kappa), system.n_free))
-    spread[:, system.dependent] = apply(np.abs(boxes.modes), boxes.weight)
-    norms = np.max(_first(problem, boxes) / boxes.weight[:, :, None], axis=1)
-    along = SLACK * norms / (1.0 - boxes.kappa[:, None]) / demands.units
-    return boxes.directions[:, demands.driven] / demands.units, SLACK * spread[:, demands.driven], along
+    others = np.setdiff1d(np.arange(system.n_free), demands.driven)
+    with np.errstate(all="ignore"):
+        slope = closure_values(problem, boxes.centre)[1][:, :, others]
+        modes = np.zeros((len(slope), system.n_free, system.m))
+        modes[:, others] = np.eye(system.m)
+        tube = _whole(problem, boxes)._replace(preconditioner=inverses(slope))
+        kappa = weights_for(bounds_of(problem, tube, modes), tube.radius)[1]
+    return np.asarray(kappa < 1.0)
+
+
+def dexterous(problem: Problem, demands: Demands, boxes: Boxes) -> Mask:
+    """Whether 1/κ(J) is proved to be what is asked for, of shape (B,)."""
+    if not demands.dexterity:
+        return np.ones(len(boxes.kappa), dtype=np.bool_)
+    low, high = singular_values(problem, demands, boxes)
+    return np.asarray(low >= SLACK * demands.dexterity * high)
+
+
+def singular_values(problem: Problem, demands: Demands, boxes: Boxes) -> tuple[Array, Array]:
+    """A lower bound of σ_min(K) and an upper one of σ_max(K), K = ∂q_d/∂x, over proved boxes, of shape (B,) each."""
+    with np.errstate(all="ignore"):
+        slope = boxes.directions[:, demands.driven] / demands.units
+        error = np.linalg.norm(_drift(problem, boxes)[:, demands.driven] / demands.units, axis=(1, 2))
+        sizes = np.linalg.svd(slope, compute_uv=False)
+        error = SLACK * error + _ROUNDING * sizes[:, 0]
+    finite = np.isfinite(error)
+    return np.where(finite, sizes[:, -1] - error, -np.inf), np.where(finite, sizes[:, 0] + error, np.inf)
+
+
+def _drift(problem: Problem, boxes: Boxes) -> Array:
+    """|E|T ≥ |θ_δ − D| of Theorem D, of shape (B, n′, n); not finite where no T is proved."""
+    system = problem.system
+    first, shrunk = _first(problem, boxes), _contraction(problem, boxes)
+    spread = np.linalg.solve(np.eye(system.m) - shrunk, first) * (1.0 + 1e-6) + 1e-300
+    proved = np.all(spread > 0.0, axis=(1, 2)) & np.all((first + shrunk @ spread) * SLACK <= spread, axis=(1, 2))
+    drift = np.zeros((len(first), system.n_free, system.n))
+    drift[:, system.dependent] = np.abs(boxes.modes) @ spread
+    drift[~proved] = np.nan
+    return drift
+
+
+def _whole(problem: Problem, boxes: Boxes) -> Boxes:
+    """The boxes' tubes as parameters alone: D and E side by side, (h, R), and R′ = 0."""
+    system = problem.system
+    modes = np.zeros((len(boxes.kappa), system.n_free, system.m))
+    modes[:, system.dependent] = boxes.modes
+    return boxes._replace(
+        directions=np.concatenate([boxes.directions, modes], axis=2),
+        half=np.concatenate([boxes.half, boxes.radius * SLACK], axis=1),
+        radius=np.zeros_like(boxes.radius),
+    )
+
+
+def _contraction(problem: Problem, boxes: Boxes) -> Array:
+    """Z ≥ |I − f_ζ| on the boxes' tubes, of shape (B, m, m)."""
+    bounds, count, m = bounds_of(problem, boxes), len(boxes.kappa), problem.system.m
+    return np.stack([_column(bounds, boxes.radius, k) for k in range(m)], axis=2).reshape(count, m, m)
+
+
+def _column(bounds: Bounds, radius: Array, k: int) -> Array:
+    """A column of Z, of shape (B, m)."""
+    image = bounds.contraction(radius, np.broadcast_to(np.eye(radius.shape[1])[k], radius.shape))
+    return np.asarray((image.matrix[:, :, k] + image.rest) * SLACK)
 
 
 def _first(problem: Problem, boxes: Boxes) -> Array:
     """F ≥ |f_δ| on the boxes' tubes, of shape (B, m, n)."""
-    system = problem.system
+    system, tube = problem.system, _whole(problem, boxes)
     count, n, m = len(boxes.kappa), system.n, system.m
-    modes = np.zeros((count, system.n_free, m))
-    modes[:, system.dependent] = boxes.modes
-    tube = boxes._replace(
-        directions=np.concatenate([boxes.directions, modes], axis=2),
-        half=np.concatenate([boxes.half, boxes.radius * SLACK], axis=1),
-        radius=np.zeros((count, m)),
-    )
     found = np.full((count, m, n), np.inf)
     for shift in (0, 1):
         places = (np.arange(n) + shift) % m
@@ -102,8 +136,7 @@ def _first(problem: Problem, boxes: Boxes) -> Array:
         columns[:, :, places] = boxes.directions
         bounds = bounds_of(problem, tube, columns)
         for j, place in enumerate(places):
-            image = bounds.contraction(tube.radius, np.broadcast_to(np.eye(m)[place], (count, m)))
-            bound = image.matrix[:, :, place] + image.rest
+            bound = _column(bounds, tube.radius, int(place))
             bound[:, place] = np.inf
             found[:, :, j] = np.minimum(found[:, :, j], bound)
-    return found * SLACK
+    return found

@@ -32,7 +32,7 @@ from ccpin.mechanism.mechanism import Mechanism
 Limits = bool | Mapping[str, tuple[float, float]]
 
 _DEPTHS = {1: 12, 2: 9, 3: 6}
-_MANY_DEPTH, _TOLERANCE = 4, 0.5
+_MANY_DEPTH = 4
 
 
 def certify_workspace(
@@ -87,7 +87,7 @@ def certify_workspace(
     if not depth < LEVELS:
         raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
     work = Work(workers, executor, checkpoint, progress)
-    return survey(start.problem, theta, start.task.names, area, depth, _TOLERANCE, work)
+    return survey(start.problem, theta, start.task.names, area, depth, None, work)
 
 
 class TaskProblem:

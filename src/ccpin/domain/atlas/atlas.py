@@ -352,12 +352,13 @@ def survey(
     names: tuple[str, ...],
     region: Region,
     depth: int,
-    tolerance: float,
+    tolerance: float | None,
     work: Work,
 ) -> Atlas:
     """The atlas of what can be proved of a region from a seed θ (n′,), the largest square about it first.
 
-    Edges of the square's cells are halved to `tolerance` times their distance from the seed, all others `depth` times.
+    Edges of the square's cells are halved to `tolerance` times their distance from the seed (``None``: no square comes
+    first), all others `depth` times.
 
     Raises:
         SingularConfigurationError: The seed is singular.
@@ -367,7 +368,8 @@ def survey(
         runner = Runner(problem, chosen, work.checkpoint, flag)
         builder = AtlasBuilder(problem, seed, region, runner, work.progress and _reporter(work.progress))
         try:
-            builder.certify_square(tolerance)
+            if tolerance is not None:
+                builder.certify_square(tolerance)
             if depth:
                 builder.certify_region(depth)
                 prove_empty(problem.system, builder.tree, region, depth)
