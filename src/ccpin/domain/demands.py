@@ -74,19 +74,20 @@ def dexterous(problem: Problem, demands: Demands, boxes: Boxes) -> Mask:
     """Whether 1/κ(J) is proved to be what is asked for, of shape (B,)."""
     if not demands.dexterity:
         return np.ones(len(boxes.kappa), dtype=np.bool_)
-    low, high = singular_values(problem, demands, boxes)
-    return np.asarray(low >= SLACK * demands.dexterity * high)
+    return np.asarray(conditioning(problem, demands, boxes)[0] >= demands.dexterity)
 
 
-def singular_values(problem: Problem, demands: Demands, boxes: Boxes) -> tuple[Array, Array]:
-    """A lower bound of σ_min(K) and an upper one of σ_max(K), K = ∂q_d/∂x, over proved boxes, of shape (B,) each."""
+def conditioning(problem: Problem, demands: Demands, boxes: Boxes) -> tuple[Array, Array]:
+    """Bounds of 1/κ(J) over proved boxes, of shape (B,) each; −∞ and ∞ where none are proved."""
     with np.errstate(all="ignore"):
         slope = boxes.directions[:, demands.driven] / demands.units
         error = np.linalg.norm(_drift(problem, boxes)[:, demands.driven] / demands.units, axis=(1, 2))
         sizes = np.linalg.svd(slope, compute_uv=False)
-        error = SLACK * error + _ROUNDING * sizes[:, 0]
-    finite = np.isfinite(error)
-    return np.where(finite, sizes[:, -1] - error, -np.inf), np.where(finite, sizes[:, 0] + error, np.inf)
+        least, most = sizes[:, -1], sizes[:, 0]
+        error = SLACK * error + _ROUNDING * most
+        low, high = (least - error) / (most + error), (least + error) / (most - error)
+    known = np.isfinite(error)
+    return np.where(known, low / SLACK, -np.inf), np.where(known & (error < most), high * SLACK, np.inf)
 
 
 def _drift(problem: Problem, boxes: Boxes) -> Array:

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from ccpin.arrays import Array, Mask, numbers, whole
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store as atlas_store
-from ccpin.domain.atlas.build import AtlasBuilder
+from ccpin.domain.atlas.build import AtlasBuilder, Shape
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, Cells, CellStatus, CellTree, Corners, Region, region_of
 from ccpin.domain.atlas.empty import prove_empty
 from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
@@ -354,6 +354,7 @@ def survey(
     depth: int,
     tolerance: float | None,
     work: Work,
+    shape: Shape | None = None,
 ) -> Atlas:
     """The atlas of what can be proved of a region from a seed θ (n′,), the largest square about it first.
 
@@ -366,7 +367,7 @@ def survey(
     complete = True
     with stoppable() as flag, executor_for(work.executor, work.workers) as chosen:
         runner = Runner(problem, chosen, work.checkpoint, flag)
-        builder = AtlasBuilder(problem, seed, region, runner, work.progress and _reporter(work.progress))
+        builder = AtlasBuilder(problem, seed, region, runner, work.progress and _reporter(work.progress), shape)
         try:
             if tolerance is not None:
                 builder.certify_square(tolerance)

@@ -44,6 +44,24 @@ class _Origins(NamedTuple):
         return cls(np.full(count, -1, dtype=np.intp), np.zeros((count, n)), np.zeros((count, n)))
 
 
+class Shape(NamedTuple):
+    """What is meant by the largest square about the seed.
+
+    Attributes:
+        weights: What distances along each coordinate count, of shape (n,); along one of weight 0 the square is as wide
+            as the region.
+        round: Whether it is a ball rather than a cube.
+    """
+
+    weights: Array
+    round: bool = False
+
+    def of(self, gaps: Array) -> Array:
+        """The distances of points with nonnegative coordinate differences (B, n), of shape (B,)."""
+        weighted = gaps * self.weights
+        return np.asarray(np.linalg.norm(weighted, axis=1) if self.round else np.max(weighted, axis=1, initial=0.0))
+
+
 class AtlasBuilder:
     """The state of an atlas under construction.
 
@@ -60,7 +78,9 @@ class AtlasBuilder:
         region: Region,
         runner: Runner,
         report: Callable[[CellTree], None] | None = None,
+        shape: Shape | None = None,
     ) -> None:
+        self.shape = Shape(np.ones(problem.system.n)) if shape is None else shape
         self.problem, self.seed, self.region, self.runner, self._report = problem, seed, region, runner, report
         self.q0 = seed[problem.system.independent]
         self.tree = CellTree.whole(problem.system.n)
@@ -109,8 +129,7 @@ class AtlasBuilder:
                 return
             order = np.lexsort((cells, distance))[:_NEAREST]
             chosen = np.sort(cells[order][distance[order] < limit])
-            longest = tolerance * self.distance(chosen)[:, None] / self.region.span
-            self.wave(chosen, self._never_held(np.maximum(longest * WHOLE, 1.0)))
+            self.wave(chosen, self._shortest(chosen, tolerance))
             blocked = chosen[self.tree.status[chosen] == CellStatus.UNDECIDED]
             limit = np.min(self.distance(blocked), initial=limit)
 
@@ -119,6 +138,12 @@ class AtlasBuilder:
         smallest = self._never_held(np.full(len(self.q0), float(1 << (LEVELS - depth))))
         while (cells := self.candidates()).size:
             self.wave(cells, np.tile(smallest, (len(cells), 1)))
+
+    def _shortest(self, cells: Indices, tolerance: float) -> Array:
+        """Edges below which cells are not halved, looking for the largest square, whole-number units, (K, n)."""
+        weights = self.shape.weights
+        across = self.distance(cells)[:, None] / np.where(weights > 0.0, weights * self.region.span, 1.0)
+        return self._never_held(np.maximum(tolerance * WHOLE * np.where(weights > 0.0, across, 1.0), 1.0))
 
     def _never_held(self, smallest: Array) -> Array:
         """Shortest edges (…, n), those of coordinates that are held at their whole."""
@@ -134,14 +159,14 @@ class AtlasBuilder:
         """Half width of the largest square about the seed inside the region."""
         region = self.region
         edges = np.where(region.wrapped, 0.5 * region.width, np.minimum(self.q0 - region.lower, region.upper - self.q0))
-        return float(edges[~region.held].min())
+        return float((edges * self.shape.weights)[~region.held & (self.shape.weights > 0.0)].min())
 
     def distance(self, cells: Indices) -> Array:
-        """Distance of cells from the seed in the maximum norm, periodic coordinates the short way round."""
+        """Distance of cells from the seed, by default in the maximum norm; periodic coordinates the short way round."""
         low, high = self.edges(cells)
         turn = np.where(self.region.wrapped, self.region.width, 0.0)
         gaps = [np.maximum(np.maximum(low - q, q - high), 0.0) for q in (self.q0 - turn, self.q0, self.q0 + turn)]
-        return np.asarray(np.max(np.min(gaps, axis=0), axis=1, initial=0.0))
+        return self.shape.of(np.min(gaps, axis=0))
 
     def edges(self, cells: Indices) -> tuple[Array, Array]:
         """Lower and upper corners of cells in q-space."""
