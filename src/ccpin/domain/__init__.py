@@ -6,6 +6,7 @@ from ccpin.domain.atlas.atlas import Atlas, certify
 from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.chains import scalar_coordinates_at
+from ccpin.domain.largest import LargestWorkspace, largest_ball, largest_cube
 from ccpin.domain.one_box import kantorovich_radius, newton_steps
 from ccpin.domain.path import CertifiedPath, certify_path
 from ccpin.domain.singularities import (
@@ -17,11 +18,13 @@ from ccpin.domain.singularities import (
 )
 from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.domain.theorem2.theorem2 import Theorem2Result, theorem2, theorem2_radius
+from ccpin.domain.workspace import certify_workspace
 
 __all__ = [
     "Atlas",
     "CellStatus",
     "CertifiedPath",
+    "LargestWorkspace",
     "QuadraticSystem",
     "Region",
     "SingularCurve",
@@ -30,7 +33,10 @@ __all__ = [
     "certified_radius",
     "certify",
     "certify_path",
+    "certify_workspace",
     "kantorovich_radius",
+    "largest_ball",
+    "largest_cube",
     "newton_steps",
     "scalar_coordinates_at",
     "serial_singularities",

@@ -9,7 +9,6 @@ workspace, so the true largest half width lies between `half` and `upper`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -24,14 +23,14 @@ from ccpin.domain.atlas.atlas import Atlas, Work, survey
 from ccpin.domain.atlas.build import Shape
 from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.boxes import BoundsName
-from ccpin.domain.obstacles import demand_witness
+from ccpin.domain.obstacles import demand_witnesses
 from ccpin.domain.verdict import Witness
 from ccpin.domain.workspace import Limits, TaskProblem, task_problem
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.errors import InvalidInputError
 
-_CELLS = 12
-_PUSHED = (1.0, 1.01, 1.03, 1.1, 1.3)
+_CELLS, _TRIED = 6, 24
+_PUSHED = 1.5
 _GROWN, _GROWTHS, _EDGE = 2.0, 6, 1e-6
 
 
@@ -66,14 +65,15 @@ class LargestWorkspace:
                 ("ball" if self.round else "cube", f"{'radius' if self.round else 'half width'} {self.half:.6g} m"),
                 ("centre", np.array2string(self.centre, precision=6)),
                 ("boxes", str(len(self.atlas.boxes.kappa))),
-                ("none larger than", f"{self.upper:.6g} m"),
             ]
         )
 
     @cached_property
     def obstacle(self) -> Witness | None:
         """A place outside, as near as was found, at which a straight move from the centre is proved to fail."""
-        return demand_witness(self.atlas.problem, self.atlas.seed, self._suspects())
+        found = demand_witnesses(self.atlas.problem, self.atlas.seed, self._suspects())
+        outside = (witness for witness in found if self._distance(witness.q) >= self.half)
+        return min(outside, key=lambda witness: self._distance(witness.q), default=None)
 
     @property
     def upper(self) -> float:
@@ -91,23 +91,20 @@ class LargestWorkspace:
     def _distance(self, x: Array) -> float:
         return float(self.shape.of(np.abs(x - self.centre)[None])[0])
 
-    def _suspects(self) -> Iterator[Array]:
-        """Corners of the nearest cells that were not proved, pushed outward little by little."""
+    def _suspects(self) -> list[Array]:
+        """Ends of lines from the centre through corners of the nearest cells that were not proved, some way beyond."""
         tree, region = self.atlas.tree, self.atlas.region
         leaves = tree.leaves()
         cells = leaves[tree.status[leaves] == CellStatus.UNDECIDED]
         low, high = region.position(tree.lower[cells]), region.position(tree.lower[cells] + tree.size[cells])
         away = self.shape.of(np.maximum(np.maximum(low - self.centre, self.centre - high), 0.0))
         order = np.argsort(away, kind="stable")[:_CELLS]
-        corners = np.array([np.where(side, high[k], low[k]) for k in order for side in _sides(region)])
+        corners = np.array([np.where(side, high[k], low[k]) for side in _sides(region) for k in order])
         if not len(corners):
-            return
-        for factor in _PUSHED:
-            pushed = self.centre + np.where(self.shape.weights > 0.0, factor, 1.0) * (corners - self.centre)
-            distance = self.shape.of(np.abs(pushed - self.centre))
-            for k in np.argsort(distance, kind="stable"):
-                if distance[k] >= self.half:
-                    yield pushed[k]
+            return []
+        pushed = self.centre + np.where(self.shape.weights > 0.0, _PUSHED, 1.0) * (corners - self.centre)
+        distance = self.shape.of(np.abs(pushed - self.centre))
+        return list(pushed[np.argsort(distance, kind="stable")[:: max(1, len(pushed) // _TRIED)]])
 
 
 def _sides(region: Region) -> list[Mask]:

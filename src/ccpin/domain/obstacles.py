@@ -13,7 +13,7 @@ none at its end. What fails at a point of the line fails on every convex set tha
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -24,28 +24,30 @@ from ccpin.domain.boxes import Boxes, Demands, Problem, certify_boxes, closure_v
 from ccpin.domain.demands import conditioning, reach, regular
 from ccpin.domain.newton import encloses, solve_in_boxes
 from ccpin.domain.refutation import empty_witness, singular_witness
-from ccpin.domain.verdict import Witness
+from ccpin.domain.verdict import Kind, Witness
 from ccpin.domain.walker import Walker
 from ccpin.errors import SingularConfigurationError
 
-_HALVINGS = 20
+_BACK = (12, 6)
+_STUCK = 3  # lines on which a singular configuration is looked for: a search takes seconds
+_HALVINGS = 12
 
 
-def demand_witness(problem: Problem, theta: Array, targets: Iterable[Array]) -> Witness | None:
-    """The first of the straight lines from θ (n′,) to some q (n,) at whose end a demand is proved to fail."""
-    demands = problem.demands
+def demand_witnesses(problem: Problem, theta: Array, targets: Iterable[Array]) -> Iterator[Witness]:
+    """Where demands are proved to fail on straight lines from θ (n′,) to some q (n,), one place a line where found."""
+    demands, stuck = problem.demands, 0
     plain = problem._replace(demands=None)
     for target in targets:
         walker = _walked(plain, theta, target)
-        if walker is None:
+        if walker is None or len(walker.times) < 2:
             continue
-        if walker.here < 1.0:
-            found = empty_witness(plain, target[None]) or singular_witness(walker, [target])
-        else:
-            found = None if demands is None else _failing(plain, demands, walker)
+        found = None if demands is None else _failing(plain, demands, walker)
+        if found is None and walker.here < 1.0:
+            found = empty_witness(plain, target[None])
+            if found is None and stuck < _STUCK:
+                found, stuck = _singular(walker, target), stuck + 1
         if found is not None:
-            return found
-    return None
+            yield found
 
 
 def _walked(problem: Problem, theta: Array, target: Array) -> Walker | None:
@@ -60,6 +62,16 @@ def _walked(problem: Problem, theta: Array, target: Array) -> Walker | None:
     return walker
 
 
+def _singular(walker: Walker, target: Array) -> Witness | None:
+    """A singular configuration on the rest of a line, seen from some steps before a walker's end."""
+    for steps in _BACK:
+        if steps < len(walker.times):
+            found = singular_witness(walker.back(steps), [target])
+            if found is not None:
+                return found
+    return None
+
+
 class _Place(NamedTuple):
     """Where a walker was at a parameter, enclosed in a box of no width."""
 
@@ -68,38 +80,39 @@ class _Place(NamedTuple):
 
 
 def _failing(problem: Problem, demands: Demands, walker: Walker) -> Witness | None:
-    """What is proved to fail where a walker ended."""
-    first, last = _place(problem, walker, 0.0), _place(problem, walker, 1.0)
-    if first is None or last is None:
+    """The first place found on a walker's way at which a demand is proved to fail, if one fails at its end."""
+    start = _place(problem, walker, 0.0)
+    sign = 0.0 if start is None or not demands.driven.size else _sign(problem, demands, start)
+    low, high = 0.0, walker.times[-1 if walker.here == 1.0 else max(1, len(walker.times) - 1 - _BACK[0])]
+    last = _place(problem, walker, high)
+    kind = None if last is None else _failure(problem, demands, last, sign)
+    if last is None or kind is None:
         return None
-    low, high = reach(problem, last.box)
-    q_free, error = problem.system.chart.configuration(last.box.centre[0]), float(np.max(high - low))
-    if np.any((low > demands.upper) | (high < demands.lower)):
-        return Witness("limit", last.q, q_free, error)
-    if not demands.driven.size:
-        return None
-    if conditioning(problem, demands, last.box)[1][0] < demands.dexterity:
-        return Witness("dexterity", last.q, q_free, error)
-    signs = [_sign(problem, demands, place) for place in (first, last)]
-    return _between(problem, demands, walker, signs[0]) if signs[0] * signs[1] < 0.0 else None
-
-
-def _between(problem: Problem, demands: Demands, walker: Walker, sign: float) -> Witness | None:
-    """Where det ψ_q′ changes its sign, by halving; ``None`` where that is nowhere proved."""
-    low, high, found = 0.0, 1.0, None
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
         place = _place(problem, walker, middle)
-        here = 0.0 if place is None else _sign(problem, demands, place)
-        if place is None or here == 0.0:
-            break
-        low, high = (middle, high) if here == sign else (low, middle)
-        found = place
-    if found is None:
+        here = None if place is None else _failure(problem, demands, place, sign)
+        if here is None or place is None:
+            low = middle
+        else:
+            high, last, kind = middle, place, here
+    bottom, top = reach(problem, last.box)
+    error = float(np.max(top - bottom))
+    if kind == "singular":
+        error += float(np.abs(last.q - walker.pieces(0.0)).max())
+    return Witness(kind, last.q, problem.system.chart.configuration(last.box.centre[0]), error)
+
+
+def _failure(problem: Problem, demands: Demands, place: _Place, sign: float) -> Kind | None:
+    """What is proved to fail at a place, det ψ_q′ having had a sign (0: unknown) at the start."""
+    low, high = reach(problem, place.box)
+    if np.any((low > demands.upper) | (high < demands.lower)):
+        return "limit"
+    if not demands.driven.size:
         return None
-    line = walker.pieces(high) - walker.pieces(low)
-    q_free = problem.system.chart.configuration(found.box.centre[0])
-    return Witness("singular", found.q, q_free, float(np.abs(line).max()))
+    if conditioning(problem, demands, place.box)[1][0] < demands.dexterity:
+        return "dexterity"
+    return "singular" if sign * _sign(problem, demands, place) < 0.0 else None
 
 
 def _place(problem: Problem, walker: Walker, at: float) -> _Place | None:

@@ -15,6 +15,9 @@ Verdict = Literal["proven", "refuted", "undecided"]
 ``"undecided"``: neither was shown with the work allowed; the result says what was spent and what more would do."""
 
 
+Kind = Literal["singular", "empty", "limit", "dexterity", "state"]
+
+
 class Witness(NamedTuple):
     """Where a claim about σ fails.
 
@@ -28,7 +31,7 @@ class Witness(NamedTuple):
         error: The exact one is this near in every coordinate (rad, m); 0 where it is exact.
     """
 
-    kind: Literal["singular", "empty", "limit", "dexterity", "state"]
+    kind: Kind
     q: Array
     q_free: Array | None
     error: float
