@@ -30,7 +30,7 @@ from ccpin.dynamics.end_effector import EndEffector
 from ccpin.errors import InvalidInputError
 
 _CELLS, _TRIED = 6, 24
-_PUSHED = 1.5
+_PUSHED = 4.0
 _GROWN, _GROWTHS, _EDGE = 2.0, 6, 1e-6
 
 

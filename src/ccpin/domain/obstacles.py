@@ -20,7 +20,7 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array
-from ccpin.domain.boxes import Boxes, Demands, Problem, certify_boxes, closure_values
+from ccpin.domain.boxes import Boxes, Demands, Problem, certify_boxes, certify_points, closure_values
 from ccpin.domain.demands import conditioning, reach, regular
 from ccpin.domain.newton import encloses, solve_in_boxes
 from ccpin.domain.refutation import empty_witness, singular_witness
@@ -123,11 +123,13 @@ def _place(problem: Problem, walker: Walker, at: float) -> _Place | None:
     delta = np.zeros((1, 1 + n))
     delta[0, 0] = 2.0 * (at - start) / (end - start) - 1.0
     theta = solve_in_boxes(problem, boxes, delta).theta
-    point = certify_boxes(problem, theta, np.zeros((1, n)), np.eye(n))
+    still = certify_boxes(problem, theta, np.zeros((1, n)), np.eye(n))
+    point = certify_points(problem, theta)
     ball = point.boxes.centre, point.boxes.radius, point.boxes.modes
-    if not point.proved[0] or not encloses(problem, boxes, delta, *ball)[0]:
+    in_both = encloses(problem, boxes, delta, *ball) & encloses(problem, still.boxes, np.zeros((1, n)), *ball)
+    if not (still.proved & point.proved & in_both)[0]:
         return None
-    return _Place(theta[0, problem.system.independent], point.boxes)
+    return _Place(theta[0, problem.system.independent], still.boxes)
 
 
 def _sign(problem: Problem, demands: Demands, place: _Place) -> float:
