@@ -386,7 +386,7 @@ class Kernel {
       std::vector<double> q(m.n_q);
       w->model.alpha(start, q.data());
       good = w->model.sigma(q.data(), start) && !(guess.given() && m.turnable && !w->model.aligned());
-      if (good) w->model.remember(near);
+      if (good) w->model.remember(near, true);
     }
     bool close(Workspace& w, Py_ssize_t row) const {
       const double* q = Q.data + row * kernel.m.n_q;

@@ -9,13 +9,14 @@ namespace ccpin {
 
 constexpr double kContraction = 0.125, kChord = 0.0625, kNoise = 1e-9;
 constexpr double kStill = 1e-3;  // of the inverse of ψ_q′ times the way since it was factorised
+constexpr double kStraight = 1e-6;  // shorter first corrections than this need no second derivative
 constexpr double kLargestMove = 1.0, kShortestStep = 0x1p-30, kOpenStart = 1e-6;
 constexpr int kMaxNewton = 16;
 
-// A closed point, as a start: its ρ spares Newton the first evaluation.
+// A closed point, as a start: its ρ spares Newton the first evaluation, and ∂²σ/∂q² the second where it was asked for.
 struct ClosedPoint {
   std::vector<double> q_free;
-  std::vector<std::vector<double>> rho, probe;  // by cluster
+  std::vector<std::vector<double>> rho, curvature, probe;  // by cluster
   std::vector<int> sign;
 };
 
@@ -38,19 +39,22 @@ class Parametrization : public Tangent {
     closed_ = false, wants_rho_ = rho;
     for (size_t k = 0; k < m.clusters.size(); ++k) {
       before_ = near.probe[k];
-      const Known known{near.rho[k].data(), near.sign[k]};
+      const Known known{near.rho[k].data(), near.curvature[k], near.sign[k]};
       if (!solve(m.clusters[k], states[k], q, near.q_free.data(), &known)) return false;
     }
     closed_ = rho;
     return true;
   }
-  // The closed point, after ρ was asked for.
-  void remember(ClosedPoint& point) {
+  // The closed point, after ρ was asked for; with ∂²σ/∂q², which pays where many q are asked for from it.
+  void remember(ClosedPoint& point, bool curved = false) {
     point.q_free = q_free;
-    point.rho.resize(states.size()), point.probe.resize(states.size()), point.sign.resize(states.size());
-    for (size_t k = 0; k < states.size(); ++k) {
-      probe(m.clusters[k], states[k]);
+    const size_t clusters = states.size();
+    point.rho.resize(clusters), point.curvature.resize(clusters), point.probe.resize(clusters), point.sign.resize(clusters);
+    for (size_t k = 0; k < clusters; ++k) {
+      finish(m.clusters[k], states[k], true);
       point.rho[k] = states[k].rho, point.probe[k] = states[k].probe, point.sign[k] = states[k].factor.sign;
+      point.curvature[k].clear();
+      if (curved) curvature(m.clusters[k], states[k], point.curvature[k]);
     }
   }
 
@@ -77,7 +81,8 @@ class Parametrization : public Tangent {
   }
 
  private:
-  struct Known { const double* rho; int sign; };  // of a closed start; its probe is `before_`
+  // Of a closed start, whose probe is `before_`; no curvature: not known.
+  struct Known { const double* rho; const std::vector<double>& curvature; int sign; };
   std::vector<double> q_start_, q_ahead_, line_, here_, before_;
   std::vector<double> open_by_;  // −φ of an open start,
   double opening_ = 0;           // and how much of it shall be left
@@ -91,21 +96,29 @@ class Parametrization : public Tangent {
   }
 
   // One trusted Newton solve on ψ̄ (11): its second correction is at most an eighth of the first, no step is longer than
-  // one, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B changes by half of itself at most. Where ρ at a closed start is known, the first step is ρ Δq.
+  // one, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B changes by half of itself at most. Where ρ at a closed start is known, the
+  // first step is ρ Δq, and where ∂²σ/∂q² is, ½ ρ̇ q̇ is ½ ∂²σ/∂q² Δq².
   //
-  // A factor serves two corrections (Shamanskii's method, of third order). The second one, ψ̄ anew but ψ_q′ that of the
-  // iterate before, is taken where it is at most a sixteenth of the first: with h half of ω‖Δ₁‖ it is at most h‖Δ₁‖, and
-  // Newton's own at most h/(1 − 2h)‖Δ₁‖, so that he would trust the step too (Deuflhard, Newton Methods for Nonlinear
-  // Problems, 2004, sec. 2.1). A third is taken where it will be the last. Where q′ alone is wanted the solution needs no
-  // ψ_q′ of its own if the last one's inverse times the way since is so small that the determinant cannot vanish on it.
+  // The first correction Δ is followed at once by ½ ρ̇ q̇ with q̇′ = Δ, which is what the next one would be to second order
+  // (Chebyshev's method, of third order): it must be an eighth of Δ at most, together with that next one.
+  //
+  // Later a factor serves two corrections (Shamanskii's method, of third order too). The second one, ψ̄ anew but ψ_q′ that
+  // of the iterate before, is taken where it is at most a sixteenth of the first: with h half of ω‖Δ₁‖ it is at most
+  // h‖Δ₁‖, and Newton's own at most h/(1 − 2h)‖Δ₁‖, so that he would trust the step too (Deuflhard, Newton Methods for
+  // Nonlinear Problems, 2004, sec. 2.1). Otherwise it is tried where corrections shrink so fast that it will be the last.
+  // Where q′ alone is wanted the solution needs no ψ_q′ of its own if the last one's inverse times the way since is so
+  // small that the determinant cannot vanish on it.
   bool newton(const Cluster& c, ClusterState& s, const double* q, const double* start, const Known* known, bool& open) {
     copy_cluster(c, start, q_free.data());
     const int first = known && c.n() ? 1 : 0;
     int sign = first ? known->sign : 0;
-    double last = 0;
+    double last = 0, bend = 0;            // a correction, and ½ ρ̇ q̇
+    double shrinking = 0, expected = 0;   // of corrections by the factor at hand, and how long the next is likely to be
     if (first) {
       last = tangent_step(c, s, q, known->rho);
       if (!(last <= kLargestMove)) return false;
+      if (last > kStraight && known->curvature.size()) bend = bend_known(c, s, known->curvature);
+      if (!trusted(bend, last)) return false;
       move(c, s.step.data());
     }
     int served = 0;              // corrections that the factor at hand has made
@@ -114,10 +127,11 @@ class Parametrization : public Tangent {
       const double size = opening_ > 0 ? residuals_left(c, s, q) : residuals(c, s, q);
       const bool closed = size <= m.tolerance || (iteration && last <= kNoise && size <= 100 * m.tolerance);
       if (served && closed && !wants_rho_ && inverse * way <= kStill) return regular_since(before_, s);
-      if (served && !closed && last > kNoise) {
+      if (served && !closed && last > kNoise && expected * shrinking <= m.tolerance) {
         const double length = newton_step(c, s);
-        if (length <= kChord * last && (served == 1 || length * length <= last * m.tolerance)) {
-          last = length, way += length, ++served;
+        if (length <= kChord * last && (served == 1 || length * shrinking <= m.tolerance)) {
+          shrinking = std::max(shrinking, length / last), expected = length * shrinking;
+          last = length, bend = 0, way += length, ++served;
           move(c, s.step.data());
           continue;
         }
@@ -128,18 +142,59 @@ class Parametrization : public Tangent {
         for (int r = 0; r < c.phi_rows(); ++r) open |= std::abs(s.residual[r]) > kOpenStart;
       }
       if (too_singular(c, s) || s.factor.sign != sign) return false;
-      if (iteration == 0 || closed) inverse = probe(c, s);
+      if (closed) return finish(c, s, true) && (iteration == 0 || regular_since(before_, s));
+      const double length = iteration && wants_rho_ ? newton_step(c, s) : probing_step(c, s, inverse);
       if (iteration == 0) before_ = s.probe;
-      if (closed) return finish(c, s) && regular_since(before_, s);
-      const double length = newton_step(c, s);
       if (!(length <= kLargestMove)) return false;
-      if (iteration && length > kContraction * last && length > kNoise) return false;
+      if (iteration && !trusted(bend + length, last)) return false;
+      bend = iteration || length <= kStraight ? 0 : bend_here(c, s);
+      if (!trusted(bend, length)) return false;
+      shrinking = 2 * bend / length, expected = bend * shrinking;
       last = way = length;
-      served = s.factor.ratio >= kSuspiciousPivots;
-      if (iteration && !wants_rho_) inverse = probe(c, s);
+      served = s.factor.ratio < kSuspiciousPivots ? 0 : bend > 0 ? 2 : 1;
       move(c, s.step.data());
     }
     return false;
+  }
+  static bool trusted(double next, double last) { return next <= kContraction * last || next <= kNoise; }
+
+  // Adds ½ ρ̇ q̇ with q̇′ the step to it, and returns its length: here, and by ∂²σ/∂q² at a closed start.
+  double bend_here(const Cluster& c, ClusterState& s) {
+    bias(c, s, s.step.data());
+    double length = 0;
+    for (int k = 0; k < c.width(); ++k) s.step[k] += 0.5 * s.bias[k], length += s.bias[k] * s.bias[k];
+    return 0.5 * std::sqrt(length);
+  }
+  double bend_known(const Cluster& c, ClusterState& s, const std::vector<double>& curvature) const {
+    const int n = c.n();
+    const double *dq = s.right.data(), *h = curvature.data();  // of `tangent_step`
+    double length = 0;
+    for (int col = 0; col < c.width(); ++col) {
+      double sum = 0;
+      for (int i = 0; i < n; ++i)
+        for (int j = 0; j <= i; ++j) sum += *h++ * dq[i] * dq[j];
+      s.step[col] += sum, length += sum * sum;
+    }
+    return std::sqrt(length);
+  }
+  // ∂²σ/∂qᵢ∂qⱼ for j ≤ i, halved where i = j: width × n(n + 1)/2, from ρ̇ q̇ with q̇ along eᵢ and eᵢ + eⱼ. After ρ.
+  void curvature(const Cluster& c, ClusterState& s, std::vector<double>& out) {
+    const int n = c.n(), pairs = n * (n + 1) / 2, width = c.width();
+    out.assign(size_t(width) * pairs, 0.);
+    std::vector<double> v(width);
+    const auto place = [&](int i, int j, int mixed) {
+      for (int col = 0; col < width; ++col) v[col] = s.rho[col * n + i] + (j < i ? s.rho[col * n + j] : 0);
+      bias(c, s, v.data());
+      for (int col = 0; col < width; ++col) out[size_t(col) * pairs + mixed] = 0.5 * s.bias[col];
+    };
+    const auto at = [](int i, int j) { return i * (i + 1) / 2 + j; };
+    for (int i = 0; i < n; ++i)
+      for (int j = 0; j <= i; ++j) place(i, j, at(i, j));
+    for (int col = 0; col < width; ++col) {
+      double* h = &out[size_t(col) * pairs];
+      for (int i = 0; i < n; ++i)
+        for (int j = 0; j < i; ++j) h[at(i, j)] -= h[at(i, i)] + h[at(j, j)];
+    }
   }
 
   double tangent_step(const Cluster& c, ClusterState& s, const double* q, const double* rho) {
@@ -157,17 +212,28 @@ class Parametrization : public Tangent {
   }
 
   double newton_step(const Cluster& c, ClusterState& s) const {
-    double* right = s.right.data();
+    newton_right(c, s, 1);
+    s.factor.solve(s.right.data(), 1);
+    return step_from(c, s, 1);
+  }
+  // The same, with a probe and the size of ψ_q′⁻¹ besides.
+  double probing_step(const Cluster& c, ClusterState& s, double& inverse) const {
+    newton_right(c, s, 3);
+    inverse = solve_beside_probe(c, s, 3);
+    return step_from(c, s, 3);
+  }
+  void newton_right(const Cluster& c, ClusterState& s, int stride) const {
     const int rows = c.rows(), direct = int(c.direct.size());
     const double *J = s.J.data() + c.unknowns(), *gap = s.gap.data();
     for (int r = 0; r < rows; ++r, J += c.width()) {
       double sum = s.residual[r];
       for (int k = 0; k < direct; ++k) sum -= J[k] * gap[k];
-      right[r] = sum;
+      s.right[size_t(r) * stride] = sum;
     }
-    s.factor.solve(right, 1);
-    scatter(c, right, 1, s.step.data());
-    for (int k = 0; k < direct; ++k) s.step[c.direct[k]] = gap[k];
+  }
+  double step_from(const Cluster& c, ClusterState& s, int stride) const {
+    scatter(c, s.right.data(), stride, 1, s.step.data());
+    for (size_t k = 0; k < c.direct.size(); ++k) s.step[c.direct[k]] = s.gap[k];
     double length = 0;
     for (double x : s.step) length += x * x;
     return std::sqrt(length);

@@ -12,7 +12,16 @@ constexpr double kRounded = 2;     // and of its square times the tolerance of c
 
 class Tangent : public Constraints {
  public:
-  using Constraints::Constraints;
+  explicit Tangent(const Mechanism& mechanism) : Constraints(mechanism) {
+    int rows = 0;
+    for (const Cluster& c : m.clusters) rows = std::max(rows, c.rows());
+    double x = 0.5;
+    for (int r = 0; r < rows; ++r)
+      for (int k = 0; k < 2; ++k) {
+        x = 3.9 * x * (1 - x);
+        unstructured_.push_back((k ? r / 2 : r) % 2 ? x + 0.1 : -x - 0.1);
+      }
+  }
 
   // Reciprocal condition number of ψ_q′ in the 1-norm, after `sigma` or `at`: ψ_q′ is a permuted block diagonal of the
   // clusters' [[A, B], [0, I]], whose inverse [[A⁻¹, −A⁻¹B], [0, I]] has ρ in it.
@@ -136,35 +145,34 @@ class Tangent : public Constraints {
   }
 
   // Rows of a solution to the dependent columns of a width × n matrix.
-  static void scatter(const Cluster& c, const double* solution, int n, double* out) {
+  static void scatter(const Cluster& c, const double* solution, int n, double* out) { scatter(c, solution, n, n, out); }
+  static void scatter(const Cluster& c, const double* solution, int stride, int n, double* out) {
     for (int k = 0; k < c.unknowns(); ++k) {
-      const double* from = solution + size_t(c.pattern.slots[k]) * n;
+      const double* from = solution + size_t(c.pattern.slots[k]) * stride;
       double* to = out + size_t(c.dependent[k]) * n;
       for (int i = 0; i < n; ++i) to[i] = from[i];
     }
   }
 
  protected:
-  // ρ of one cluster; false where ψ_q′ is too near singular to answer.
-  bool finish(const Cluster& c, ClusterState& s) {
+  // ρ of one cluster, and its probe where asked; false where ψ_q′ is too near singular to answer.
+  bool finish(const Cluster& c, ClusterState& s, bool probing = false) {
     if (!(s.factor.ratio > 0)) return false;
-    solve_rho(c, s);
+    solve_rho(c, s, probing);
     double largest = 0;
     for (double x : s.rho) largest = std::max(largest, std::abs(x));
     return (s.factor.ratio >= kSuspiciousPivots && largest <= kSuspiciousRho) || cluster_rcond(c, s) >= kSingular;
   }
-  // ψ_q′⁻¹ B for a B of two columns without structure, and so how large ψ_q′⁻¹ is.
-  double probe(const Cluster& c, ClusterState& s) const {
-    double x = 0.5, largest = 0;
-    for (int r = 0; r < c.rows(); ++r)
-      for (int k = 0; k < 2; ++k) {
-        x = 3.9 * x * (1 - x);
-        s.right[2 * r + k] = (k ? r / 2 : r) % 2 ? x + 0.1 : -x - 0.1;
-      }
-    s.factor.solve(s.right.data(), 2);
+  // ψ_q′⁻¹ B for a B of two columns without structure is solved beside other right sides: of the `stride` numbers in each
+  // row of s.right the last two are B's. Returns the largest entry, and so how large ψ_q′⁻¹ is.
+  double solve_beside_probe(const Cluster& c, ClusterState& s, int stride) const {
+    double* right = s.right.data() + stride - 2;
+    for (int r = 0; r < c.rows(); ++r, right += stride) right[0] = unstructured_[2 * r], right[1] = unstructured_[2 * r + 1];
+    s.factor.solve(s.right.data(), stride);
+    double largest = 0;
     for (int i = 0; i < c.unknowns(); ++i)
       for (int k = 0; k < 2; ++k) {
-        s.probe[2 * i + k] = s.right[2 * c.pattern.slots[i] + k];
+        s.probe[2 * i + k] = s.right[size_t(stride) * c.pattern.slots[i] + stride - 2 + k];
         largest = std::max(largest, std::abs(s.probe[2 * i + k]));
       }
     return largest;
@@ -181,12 +189,12 @@ class Tangent : public Constraints {
   bool too_singular(const Cluster& c, ClusterState& s) {
     if (s.factor.ratio >= kSuspiciousPivots) return false;
     if (!(s.factor.ratio > 0)) return true;
-    solve_rho(c, s);
+    solve_rho(c, s, false);
     return !(cluster_rcond(c, s) >= kSingular);
   }
 
  private:
-  std::vector<double> inverse_;
+  std::vector<double> inverse_, unstructured_;  // the latter is B, row-major
 
   template <class F> double component_rate(const Coordinate& k, const double* v, F&& f) const {
     const Joint& joint = m.joints[k.joint];
@@ -197,17 +205,18 @@ class Tangent : public Constraints {
     return sum;
   }
 
-  void solve_rho(const Cluster& c, ClusterState& s) const {
-    const int n = c.n(), direct = int(c.direct.size());
+  void solve_rho(const Cluster& c, ClusterState& s, bool probing) const {
+    const int n = c.n(), direct = int(c.direct.size()), stride = probing ? n + 2 : n;
     double* right = s.right.data();
     const double* J = s.J.data() + c.unknowns();
-    for (int r = 0; r < c.rows(); ++r, J += c.width(), right += n) {
+    for (int r = 0; r < c.rows(); ++r, J += c.width(), right += stride) {
       for (int k = 0; k < direct; ++k) right[k] = -J[k];
       for (int k = direct; k < n; ++k) right[k] = r == c.phi_rows() + k - direct ? 1. : 0.;
     }
     right = s.right.data();
-    s.factor.solve(right, n);
-    scatter(c, right, n, s.rho.data());
+    if (probing) solve_beside_probe(c, s, stride);
+    else s.factor.solve(right, n);
+    scatter(c, right, stride, n, s.rho.data());
   }
 
   struct Norms { double psi, inverse; };

@@ -31,10 +31,10 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply
 from ccpin.domain.bounds_reach import chain_reach
-from ccpin.domain.boxes import SLACK, Problem, closure_values, inverses
+from ccpin.domain.boxes import SLACK, Problem, closure_values, inverses, solve_many
 from ccpin.domain.chain_stack import Derivatives, derivatives, gather
 
-_STEPS = 40
+_STEPS, _STEPS_AHEAD = 40, 8
 _SETTLED = 1e-13
 _LONGEST = 0.5
 _RADII = (2.0, 8.0, 64.0)
@@ -128,48 +128,101 @@ class _System:
         return drift, rounding
 
 
-def singular_points(problem: Problem, theta: Array, directions: Array) -> SingularPoints:
+def singular_points(
+    problem: Problem, theta: Array, directions: Array, ahead: FoldAhead | None = None
+) -> SingularPoints:
     """Look for singular configurations along lines from approximate closed configurations, and prove those found.
 
     Args:
         problem: The closures.
         theta: Where to start, of shape (B, n′).
         directions: d, of shape (B, n).
+        ahead: Where they are expected (`Folds.along`): fewer steps are spent. Default: nothing is known.
     """
-    system, m = problem.system, problem.system.m
-    slope = closure_values(problem, theta)[1][:, :, system.dependent]
-    usable = np.isfinite(slope).all(axis=(1, 2))
-    weak = np.zeros((len(theta), m))
-    weak[usable] = np.linalg.svd(slope[usable])[2][:, -1]
+    system = problem.system
+    y = theta[:, system.dependent]
+    if ahead is None:
+        weak, along, steps = Folds.near(problem, theta).weak, np.zeros((len(theta), 1)), _STEPS
+    else:
+        weak, along, y, steps = ahead.weak, ahead.along[:, None], y + ahead.aside, _STEPS_AHEAD
     equations = _System(problem, theta[:, system.independent], directions, weak)
-    x = np.concatenate([np.zeros((len(theta), 1)), theta[:, system.dependent], weak], axis=1)
+    x = np.concatenate([along, y, weak], axis=1)
     with np.errstate(all="ignore"):
-        x = _solved(equations, x)
+        x = _solved(equations, x, steps)
         point = equations.at(x)
         error = _proved_within(equations, point)
     return SingularPoints(point.theta, x[:, 0], point.kernel, error, np.isfinite(error))
 
 
-def fold_directions(problem: Problem, theta: Array) -> Array:
-    """Lines to search along from θ (B, n′): across the fold that is near, then along each coordinate, (1 + n, B, n).
+class FoldAhead(NamedTuple):
+    """Where B lines are expected to cross the fold: s (B,), the move of y (B, m) and w (B, m)."""
 
-    The normal of a fold's image is uᵀφ_q, u the left singular vector of φ_y's smallest singular value.
+    along: Array
+    aside: Array
+    weak: Array
+
+
+class Folds(NamedTuple):
+    """The fold that is near each of B closed configurations θ, from one singular value decomposition of φ_y.
+
+    With φ_y w = σ u, σ the smallest singular value: φ(q + s d, y + α w) along u is σα + ½ b α² + a s to second order,
+    b = uᵀφ_yy w w and a = uᵀφ_q d. Its double root is the fold: α = −σ/b, s = σ²/(2ab).
+
+    Attributes:
+        left, weak: u and w, of shape (B, m); zero where φ is not finite.
+        value: σ, of shape (B,).
+        slope: uᵀφ_q, the normal of the fold's image, of shape (B, n).
     """
-    system = problem.system
-    jacobian = closure_values(problem, theta)[1]
-    left = np.linalg.svd(jacobian[:, :, system.dependent])[0][:, :, -1]
-    normal = (left[:, None] @ jacobian[:, :, system.independent])[:, 0]
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    return np.stack([normal, *(np.tile(row, (len(theta), 1)) for row in np.eye(system.n))])
+
+    left: Array
+    weak: Array
+    value: Array
+    slope: Array
+
+    @classmethod
+    def near(cls, problem: Problem, theta: Array) -> Folds:
+        """Of θ (B, n′)."""
+        system = problem.system
+        jacobian = closure_values(problem, theta)[1]
+        inner = jacobian[:, :, system.dependent]
+        usable = np.isfinite(inner).all(axis=(1, 2))
+        left, weak, value = np.zeros((len(theta), system.m)), np.zeros((len(theta), system.m)), np.zeros(len(theta))
+        u, values, w = np.linalg.svd(inner[usable])
+        left[usable], weak[usable], value[usable] = u[:, :, -1], w[:, -1], values[:, -1]
+        slope = np.zeros((len(theta), system.n))
+        slope[usable] = (u[:, None, :, -1] @ jacobian[usable][:, :, system.independent])[:, 0]
+        return cls(left, weak, value, slope)
+
+    def directions(self) -> Array:
+        """Lines to search along: across the fold, then along each coordinate, of shape (1 + n, B, n)."""
+        normal = self.slope / np.maximum(np.linalg.norm(self.slope, axis=1, keepdims=True), 1e-300)
+        return np.stack([normal, *(np.tile(row, (len(normal), 1)) for row in np.eye(normal.shape[1]))])
+
+    def bending(self, problem: Problem, theta: Array) -> Array:
+        """b, of shape (B,)."""
+        system = problem.system
+        with np.errstate(all="ignore"):
+            bent = derivatives(system, problem.stack, theta).hessian[:, :, system.dependent][..., system.dependent]
+            curved = (bent @ self.weak[:, None, :, None])[..., 0] @ self.weak[:, :, None]
+            bending: Array = np.sum(self.left * curved[..., 0], axis=1)
+        return bending
+
+    def along(self, bending: Array, directions: Array) -> FoldAhead:
+        """Where lines along directions (B, n) meet the fold, by b (B,); infinite where they run beside it."""
+        with np.errstate(all="ignore"):
+            across = np.sum(self.slope * directions, axis=1)
+            return FoldAhead(
+                self.value**2 / (2.0 * across * bending), -(self.value / bending)[:, None] * self.weak, self.weak
+            )
 
 
-def _solved(equations: _System, x: Array) -> Array:
+def _solved(equations: _System, x: Array, steps: int) -> Array:
     """Newton's method, its steps shortened to at most 0.5 in any unknown."""
     x, active = x.copy(), np.arange(len(x))
-    for _ in range(_STEPS):
+    for _ in range(steps):
         part = equations.take(active)
         point = part.at(x[active])
-        step = -apply(inverses(part.slope(point)), part.value(point))
+        step = -solve_many(part.slope(point), part.value(point))
         length = np.max(np.abs(step), axis=1)
         going = np.isfinite(length)
         step, length, active = step[going], length[going], active[going]

@@ -29,7 +29,7 @@ from scipy import optimize
 from ccpin.arrays import Array, numbers, positive, whole
 from ccpin.domain.boxes import problem_of
 from ccpin.domain.chains import closure_system
-from ccpin.domain.folds import fold_directions, singular_points
+from ccpin.domain.folds import Folds, singular_points
 from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import Near
@@ -122,7 +122,7 @@ def _proved_near(mechanism: Mechanism, curve: SingularCurve) -> Array:
     problem = problem_of(closure_system(mechanism, mechanism.q_reference), "reach")
     theta = np.array([problem.system.theta(q_free) for q_free in curve.q_free])
     best = np.full(len(theta), np.nan)
-    for directions in fold_directions(problem, theta):
+    for directions in Folds.near(problem, theta).directions():
         found = singular_points(problem, theta, directions)
         distance = np.abs(found.theta - theta).max(axis=1) + found.error
         best = np.fmin(best, np.where(found.proved & (distance <= _NEAR), distance, np.nan))

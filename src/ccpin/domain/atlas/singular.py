@@ -1,7 +1,7 @@
 """Cells over which a closed configuration is proved to be singular, and what refutes that σ reaches all of a region.
 
-An undecided cell beside a certified one is searched along lines from σ there: across the image of the fold that is near
-(its normal is uᵀφ_q, u the left singular vector of φ_y's smallest singular value) and along each coordinate. Where
+An undecided cell beside a certified one is searched along lines from σ there, across the fold that is near and along
+each coordinate, where `ccpin.domain.folds.Folds` expects the line to meet the fold in the cell or beside it. Where
 Theorem S of `ccpin.domain.folds` proves a singular configuration, the cell that holds its q is a neighbourhood of it.
 """
 
@@ -13,7 +13,7 @@ from scipy.interpolate import PPoly
 from ccpin.arrays import Array, Indices, rows_of
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of
 from ccpin.domain.boxes import Boxes, Problem
-from ccpin.domain.folds import SingularPoints, fold_directions, singular_points
+from ccpin.domain.folds import Folds, SingularPoints, singular_points
 from ccpin.domain.newton import encloses, newton, predict
 from ccpin.domain.refutation import singular_witness
 from ccpin.domain.verdict import Witness
@@ -21,6 +21,7 @@ from ccpin.domain.walker import Walker
 from ccpin.errors import SingularConfigurationError
 
 _CHUNK = 20_000_000
+_REACH = 2.0  # of a cell: how far beside it a fold is looked for
 _NEWTON = 12
 _TRIED = 8
 
@@ -32,10 +33,18 @@ def mark_singular(problem: Problem, tree: CellTree, region: Region, boxes: Boxes
     for first in range(0, len(contacts.cell), size):
         part = rows_of(contacts, slice(first, first + size))
         start = _sigma_at(problem, tree, region, boxes, part)
-        for directions in fold_directions(problem, start):
-            rows = np.flatnonzero(tree.status[part.cell] == CellStatus.UNDECIDED)
+        reach = _REACH * (
+            region.position(tree.lower[part.cell] + tree.size[part.cell]) - region.position(tree.lower[part.cell])
+        )
+        folds = Folds.near(problem, start)
+        bending = folds.bending(problem, start)
+        for directions in folds.directions():
+            ahead = folds.along(bending, directions)
+            with np.errstate(invalid="ignore"):
+                near = np.all(np.abs(ahead.along[:, None] * directions) <= reach, axis=1)
+            rows = np.flatnonzero(near & (tree.status[part.cell] == CellStatus.UNDECIDED))
             if rows.size:
-                found = singular_points(problem, start[rows], directions[rows])
+                found = singular_points(problem, start[rows], directions[rows], rows_of(ahead, rows))
                 _mark(tree, region, found, problem.system.independent, np.abs(directions[rows]).max(axis=1))
 
 

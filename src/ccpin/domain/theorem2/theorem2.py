@@ -54,7 +54,7 @@ import numpy as np
 from ccpin.arrays import Array, frozen
 from ccpin.domain.boxes import problem_of
 from ccpin.domain.chains import checked_configuration, closure_system
-from ccpin.domain.folds import fold_directions, singular_points
+from ccpin.domain.folds import Folds, singular_points
 from ccpin.domain.theorem2.form import FORMS, Form, QuadraticForm, quadratic_form
 from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.domain.verdict import Verdict, Witness
@@ -176,7 +176,7 @@ def _singular_at(mechanism: Mechanism, q_free: Array) -> Witness | None:
     except UnsupportedMechanismError:
         return None
     problem, theta = problem_of(system, "reach"), system.theta(q_free)
-    directions = fold_directions(problem, theta[None])[:, 0]
+    directions = Folds.near(problem, theta[None]).directions()[:, 0]
     found = singular_points(problem, np.tile(theta, (len(directions), 1)), directions)
     near = found.proved & (np.abs(found.theta - theta).max(axis=1) + found.error <= _NEAR)
     if not near.any():
