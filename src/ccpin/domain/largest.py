@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Mask, numbers, positive, vector
 from ccpin.displays import table
-from ccpin.domain.atlas.atlas import Atlas, Work, survey
+from ccpin.domain.atlas.atlas import Atlas, Effort, Work, survey
 from ccpin.domain.atlas.build import Shape
 from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.boxes import BoundsName
@@ -129,6 +129,7 @@ def largest_cube(
     limits: Limits = True,
     dexterity: float = 0.0,
     length: float | None = None,
+    seconds: float | None = None,
     bounds: BoundsName = "auto",
     work: Work | None = None,
 ) -> LargestWorkspace:
@@ -146,6 +147,7 @@ def largest_cube(
         limits: As for `certify_workspace`.
         dexterity: As for `certify_workspace`.
         length: As for `certify_workspace`.
+        seconds: When to stop, by the clock; the cube is then the largest found.
         bounds: As for `certify_workspace`.
         work: Workers, executor, checkpoint folder and progress, as in `certify_workspace`.
 
@@ -157,7 +159,7 @@ def largest_cube(
             `certify_workspace`; the centre must be reached.
     """
     start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
-    return _largest(start, _Asked(centre, tilt, within, tolerance, False), end_effector, work or Work())
+    return _largest(start, _Asked(centre, tilt, within, tolerance, seconds, False), end_effector, work or Work())
 
 
 def largest_ball(
@@ -171,12 +173,13 @@ def largest_ball(
     limits: Limits = True,
     dexterity: float = 0.0,
     length: float | None = None,
+    seconds: float | None = None,
     bounds: BoundsName = "auto",
     work: Work | None = None,
 ) -> LargestWorkspace:
     """The largest certified ball (disc, in a plane) of positions; see `largest_cube`, of which `within` is a radius."""
     start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
-    return _largest(start, _Asked(centre, tilt, within, tolerance, True), end_effector, work or Work())
+    return _largest(start, _Asked(centre, tilt, within, tolerance, seconds, True), end_effector, work or Work())
 
 
 class _Asked(NamedTuple):
@@ -186,6 +189,7 @@ class _Asked(NamedTuple):
     tilt: ArrayLike
     within: float | None
     tolerance: float
+    seconds: float | None
     round: bool
 
 
@@ -206,7 +210,7 @@ def _largest(start: TaskProblem, asked: _Asked, end_effector: EndEffector, work:
         half = np.where(slides, most, 0.0)
         half[~slides] = tilt
         region = Region(centre - half, centre + half, np.zeros(len(centre), dtype=np.bool_))
-        atlas = survey(start.problem, theta, start.task.names, region, 0, tolerance, work, shape)
+        atlas = survey(start.problem, theta, start.task.names, region, Effort(0, tolerance, None, asked.seconds), work, shape)
         if not atlas.complete or atlas.radius < most * (1.0 - _EDGE):
             break
         most *= _GROWN

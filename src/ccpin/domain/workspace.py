@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly
 
-from ccpin.arrays import Array, instance, number, numbers, whole
-from ccpin.domain.atlas.atlas import Atlas, Progress, Work, survey
-from ccpin.domain.atlas.cells import LEVELS, Corners, Region, corners_of
+from ccpin.arrays import Array, instance, number, numbers
+from ccpin.domain.atlas.atlas import Atlas, Progress, Work, effort_of, survey
+from ccpin.domain.atlas.cells import Corners, Region, corners_of
 from ccpin.domain.boxes import BoundsName, Demands, Problem, problem_of
 from ccpin.domain.chains import checked_configuration, closure_system
 from ccpin.domain.chart import independent_indices
@@ -44,6 +44,8 @@ def certify_workspace(
     dexterity: float = 0.0,
     length: float | None = None,
     max_depth: int | None = None,
+    fraction: float | None = None,
+    seconds: float | None = None,
     bounds: BoundsName = "auto",
     workers: int | None = None,
     executor: Executor | None = None,
@@ -64,6 +66,8 @@ def certify_workspace(
         length: What a turn by one radian counts as in κ, metres; needed where dexterity is asked for and x has turns.
         max_depth: How often an edge of the region may be halved; default 12, 9, 6 for 1, 2, 3 coordinates that are not
             held, and 4 beyond.
+        fraction: As for `ccpin.domain.certify`.
+        seconds: As for `ccpin.domain.certify`.
         bounds: As for `ccpin.domain.certify`.
         workers: As for `ccpin.domain.certify`.
         executor: As for `ccpin.domain.certify`.
@@ -83,11 +87,10 @@ def certify_workspace(
     area = _region(start.task, region)
     theta = start.moved_to(_first(start.x, area))
     free = int(np.count_nonzero(~area.held))
-    depth = _DEPTHS.get(free, _MANY_DEPTH) if max_depth is None else whole(max_depth, "max_depth", 0)
-    if not depth < LEVELS:
-        raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
-    work = Work(workers, executor, checkpoint, progress)
-    return survey(start.problem, theta, start.task.names, area, depth, None, work)
+    effort = effort_of(_DEPTHS.get(free, _MANY_DEPTH), max_depth, fraction, seconds, free)
+    return survey(
+        start.problem, theta, start.task.names, area, effort, Work(workers, executor, checkpoint, progress)
+    )
 
 
 class TaskProblem:

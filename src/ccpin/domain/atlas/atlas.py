@@ -25,7 +25,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array, Mask, numbers, whole
+from ccpin.arrays import Array, Mask, number, numbers, positive, whole
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store as atlas_store
 from ccpin.domain.atlas.build import AtlasBuilder, Shape
@@ -44,6 +44,7 @@ from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 _DEPTHS = {1: 14, 2: 12, 3: 6}
 _TOLERANCES = {1: 1e-5, 2: 2e-5, 3: 2e-3}
 _MANY_DEPTH, _MANY_TOLERANCE = 3, 0.5
+_FIRST_DEPTH, _DEEPEST, _MANY_DEEPEST = 4, 20, 10
 
 
 class Progress(NamedTuple):
@@ -283,6 +284,9 @@ def certify(
     guess: Array | None = None,
     *,
     max_depth: int | None = None,
+    resolution: float | None = None,
+    fraction: float | None = None,
+    seconds: float | None = None,
     bounds: BoundsName = "auto",
     workers: int | None = None,
     executor: Executor | None = None,
@@ -302,6 +306,12 @@ def certify(
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         max_depth: How often an edge of the region may be halved (0: the square only); default 14, 12, 6 for n = 1,
             2, 3, and 3 beyond.
+        resolution: How fine the largest square is sought: cells at its edge are halved to this share of their distance
+            from q₀; default 1e-5, 2e-5, 2e-3 for n = 1, 2, 3, and 0.5 beyond. What the radius falls short by is a few
+            times as much where the branch ends in a fold.
+        fraction: The share of the region (0 to 1) to be decided, certified or proved empty: edges are halved once more
+            until it is reached, or `max_depth`, whose default then is 20 for n ≤ 2 and 10 beyond.
+        seconds: When to stop, measured by the clock; what is proved by then is kept, as after Ctrl-C.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
         workers: How many processes to start for the work; default none: all is done in this one. A script that asks
             for more than one needs the guard ``if __name__ == "__main__":``.
@@ -311,12 +321,12 @@ def certify(
         progress: Called after every wave.
 
     Returns:
-        The atlas; after Ctrl-C what was certified so far, with ``complete`` False.
+        The atlas; after Ctrl-C, or when the time is over, what was certified so far, with ``complete`` False.
 
     Raises:
         UnsupportedMechanismError: More than three coordinates and no region, redundant rows, or closures that cannot
             be bounded.
-        InvalidInputError: q₀, region, max_depth or workers is malformed.
+        InvalidInputError: q₀, region, max_depth, resolution, fraction, seconds or workers is malformed.
         UnreachableError, SingularConfigurationError: σ(q₀) does not exist on the branch, or is singular.
     """
     mechanism = mechanism_of(mechanism)
@@ -327,14 +337,47 @@ def certify(
             "certify_path is for moves"
         )
     seed = seed_at_coordinates(mechanism, q0, guess)
-    depth = _DEPTHS.get(mechanism.n, _MANY_DEPTH) if max_depth is None else whole(max_depth, "max_depth", 0)
-    if not depth < LEVELS:
-        raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
+    effort = effort_of(_DEPTHS.get(mechanism.n, _MANY_DEPTH), max_depth, fraction, seconds, mechanism.n)
+    if resolution is None:
+        effort = effort._replace(tolerance=_TOLERANCES.get(mechanism.n, _MANY_TOLERANCE))
+    else:
+        effort = effort._replace(tolerance=positive(resolution, "resolution"))
     problem = problem_of(seed.system, bounds)
     area = region_of(mechanism, seed, region)
-    tolerance = _TOLERANCES.get(mechanism.n, _MANY_TOLERANCE)
-    work = Work(workers, executor, checkpoint, progress)
-    return survey(problem, seed.theta, tuple(mechanism.independent), area, depth, tolerance, work)
+    return survey(problem, seed.theta, tuple(mechanism.independent), area, effort, Work(workers, executor, checkpoint, progress))
+
+
+class Effort(NamedTuple):
+    """How far a survey goes.
+
+    Attributes:
+        depth: How often an edge of the region may be halved; 0: only the largest square is sought.
+        tolerance: Edges of the largest square's cells are halved to this share of their distance from the seed;
+            ``None``: no square comes first.
+        fraction: The share of the region to be decided, ``None``: all that can be at `depth`.
+        seconds: When to stop.
+    """
+
+    depth: int
+    tolerance: float | None = None
+    fraction: float | None = None
+    seconds: float | None = None
+
+
+def effort_of(usual: int, max_depth: int | None, fraction: float | None, seconds: float | None, n: int) -> Effort:
+    """The effort asked for, over n coordinates that are not held.
+
+    Raises:
+        InvalidInputError: An argument is malformed.
+    """
+    if fraction is not None:
+        usual = _DEEPEST if n <= 2 else _MANY_DEEPEST
+        if not 0.0 < number(fraction, "fraction") <= 1.0:
+            raise InvalidInputError(f"fraction is a share of the region, above 0 and at most 1; it is {fraction!r}")
+    depth = usual if max_depth is None else whole(max_depth, "max_depth", 0)
+    if not depth < LEVELS:
+        raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
+    return Effort(depth, None, fraction, None if seconds is None else positive(seconds, "seconds"))
 
 
 class Work(NamedTuple):
@@ -351,29 +394,24 @@ def survey(
     seed: Array,
     names: tuple[str, ...],
     region: Region,
-    depth: int,
-    tolerance: float | None,
+    effort: Effort,
     work: Work,
     shape: Shape | None = None,
 ) -> Atlas:
     """The atlas of what can be proved of a region from a seed θ (n′,), the largest square about it first.
 
-    Edges of the square's cells are halved to `tolerance` times their distance from the seed (``None``: no square comes
-    first), all others `depth` times.
-
     Raises:
         SingularConfigurationError: The seed is singular.
     """
     complete = True
-    with stoppable() as flag, executor_for(work.executor, work.workers) as chosen:
+    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
         runner = Runner(problem, chosen, work.checkpoint, flag)
         builder = AtlasBuilder(problem, seed, region, runner, work.progress and _reporter(work.progress), shape)
         try:
-            if tolerance is not None:
-                builder.certify_square(tolerance)
-            if depth:
-                builder.certify_region(depth)
-                prove_empty(problem.system, builder.tree, region, depth)
+            if effort.tolerance is not None:
+                builder.certify_square(effort.tolerance)
+            if effort.depth:
+                _cover(builder, effort)
                 mark_singular(problem, builder.tree, region, builder.boxes)
         except Stopped:
             complete = False
@@ -389,6 +427,19 @@ def survey(
         tree=builder.tree,
         seed=seed,
     )
+
+
+def _cover(builder: AtlasBuilder, effort: Effort) -> None:
+    """Certify and prove empty what can be, halving edges once more until the share asked for is decided."""
+    first = effort.depth if effort.fraction is None else min(_FIRST_DEPTH, effort.depth)
+    for depth in range(first, effort.depth + 1):
+        builder.certify_region(depth)
+        prove_empty(builder.problem.system, builder.tree, builder.region, depth)
+        tree = builder.tree
+        leaves = tree.leaves()
+        decided = leaves[np.isin(tree.status[leaves], (CellStatus.CERTIFIED, CellStatus.EMPTY))]
+        if effort.fraction is not None and np.prod(tree.size[decided] / WHOLE, axis=1).sum() >= effort.fraction:
+            return
 
 
 def _reporter(progress: Callable[[Progress], None]) -> Callable[[CellTree], None]:

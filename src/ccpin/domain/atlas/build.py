@@ -134,10 +134,23 @@ class AtlasBuilder:
             limit = np.min(self.distance(blocked), initial=limit)
 
     def certify_region(self, depth: int) -> None:
-        """Certify all that can be reached, halving each edge `depth` times at most."""
+        """Certify all that can be reached, halving each edge `depth` times at most; what was undecided is halved first."""
         smallest = self._never_held(np.full(len(self.q0), float(1 << (LEVELS - depth))))
+        self._halve_undecided(smallest)
         while (cells := self.candidates()).size:
             self.wave(cells, np.tile(smallest, (len(cells), 1)))
+
+    def _halve_undecided(self, smallest: Array) -> None:
+        """Halve the leaves that were tried in vain where they may be, and go on with the halves."""
+        added = len(self.tree.child) - len(self._origins.rows.box)  # where cells were proved empty in between
+        self._origins.add(_Origins.unknown(added, len(self.q0)))
+        leaves = self.tree.leaves()
+        cells = leaves[self.tree.status[leaves] == CellStatus.UNDECIDED]
+        if cells.size:
+            stretch = self._stretch(rows_of(self._origins.rows, cells))
+            children = self._split(cells, stretch, np.tile(smallest, (len(cells), 1)))
+            self._origins.add(_Origins.unknown(len(children), len(self.q0)))
+            self._spread(cells[:0], children)
 
     def _shortest(self, cells: Indices, tolerance: float) -> Array:
         """Edges below which cells are not halved, looking for the largest square, whole-number units, (K, n)."""
