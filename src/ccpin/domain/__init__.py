@@ -6,6 +6,7 @@ from ccpin.domain.atlas.atlas import Atlas, certify
 from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.chains import scalar_coordinates_at
+from ccpin.domain.design import Design, design, scaled_links
 from ccpin.domain.largest import LargestWorkspace, largest_ball, largest_cube
 from ccpin.domain.one_box import kantorovich_radius, newton_steps
 from ccpin.domain.path import CertifiedPath, certify_path
@@ -16,6 +17,7 @@ from ccpin.domain.singularities import (
     singularities,
     singularity_distance,
 )
+from ccpin.domain.task_space import JointSpace
 from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.domain.theorem2.theorem2 import Theorem2Result, theorem2, theorem2_radius
 from ccpin.domain.workspace import certify_workspace
@@ -24,6 +26,8 @@ __all__ = [
     "Atlas",
     "CellStatus",
     "CertifiedPath",
+    "Design",
+    "JointSpace",
     "LargestWorkspace",
     "QuadraticSystem",
     "Region",
@@ -34,11 +38,13 @@ __all__ = [
     "certify",
     "certify_path",
     "certify_workspace",
+    "design",
     "kantorovich_radius",
     "largest_ball",
     "largest_cube",
     "newton_steps",
     "scalar_coordinates_at",
+    "scaled_links",
     "serial_singularities",
     "singularities",
     "singularity_distance",

@@ -25,9 +25,11 @@ from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.boxes import BoundsName
 from ccpin.domain.obstacles import demand_witnesses
 from ccpin.domain.verdict import Witness
+from ccpin.domain.task_space import JointSpace
 from ccpin.domain.workspace import Limits, TaskProblem, task_problem
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.errors import InvalidInputError
+from ccpin.mechanism.mechanism import mechanism_of
 
 _CELLS, _TRIED = 6, 24
 _PUSHED = 4.0
@@ -42,6 +44,8 @@ class LargestWorkspace:
         centre: Task coordinates, of shape (n,).
         half: Half width of the cube, or radius of the ball, metres; 0 where nothing is certified.
         round: Whether it is a ball.
+        proportions: What the edges (or the ball's axes) are to one another, one number or one for each: the half
+            width found, times these.
         tilt: How far the turns reach to both sides of the centre's, of shape (turns,), radians.
         atlas: The certified cells; `complete` is False where Ctrl-C ended the search.
         shape: How distances from the centre are measured.
@@ -119,10 +123,11 @@ def _sides(region: Region) -> list[Mask]:
 
 
 def largest_cube(
-    end_effector: EndEffector,
+    end_effector: EndEffector | JointSpace,
     centre: ArrayLike,
     guess: ArrayLike | None = None,
     *,
+    proportions: ArrayLike = 1.0,
     tilt: ArrayLike = 0.0,
     within: float | None = None,
     tolerance: float = 0.02,
@@ -140,6 +145,8 @@ def largest_cube(
         centre: Its position in the middle (metres, in the world; two coordinates in a plane), or all task coordinates
             (`ccpin.domain.task_space`).
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
+        proportions: What the edges (or the ball's axes) are to one another, one number or one for each: the half
+            width found, times these.
         tilt: How far each turn is to reach to both sides of the centre's, one number or (turns,), radians; 0: held.
         within: A half width beyond which is not looked, metres; default beyond what the mechanism's lengths allow.
         tolerance: Cells are halved to this share of their distance from the centre: a smaller one comes nearer to the
@@ -159,14 +166,15 @@ def largest_cube(
             `certify_workspace`; the centre must be reached.
     """
     start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
-    return _largest(start, _Asked(centre, tilt, within, tolerance, seconds, False), end_effector, work or Work())
+    return _largest(start, _Asked(centre, proportions, tilt, within, tolerance, seconds, False), end_effector, work or Work())
 
 
 def largest_ball(
-    end_effector: EndEffector,
+    end_effector: EndEffector | JointSpace,
     centre: ArrayLike,
     guess: ArrayLike | None = None,
     *,
+    proportions: ArrayLike = 1.0,
     tilt: ArrayLike = 0.0,
     within: float | None = None,
     tolerance: float = 0.02,
@@ -179,13 +187,14 @@ def largest_ball(
 ) -> LargestWorkspace:
     """The largest certified ball (disc, in a plane) of positions; see `largest_cube`, of which `within` is a radius."""
     start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
-    return _largest(start, _Asked(centre, tilt, within, tolerance, seconds, True), end_effector, work or Work())
+    return _largest(start, _Asked(centre, proportions, tilt, within, tolerance, seconds, True), end_effector, work or Work())
 
 
 class _Asked(NamedTuple):
     """What was asked for, as it was given."""
 
     centre: ArrayLike
+    proportions: ArrayLike
     tilt: ArrayLike
     within: float | None
     tolerance: float
@@ -193,24 +202,34 @@ class _Asked(NamedTuple):
     round: bool
 
 
-def _largest(start: TaskProblem, asked: _Asked, end_effector: EndEffector, work: Work) -> LargestWorkspace:
-    slides = np.array(start.task.slides)
+def _reach(start: TaskProblem, end_effector: EndEffector | JointSpace) -> float:
+    """Where the search for the largest half width begins: half the loops' length, or a quarter turn."""
+    return 0.5 * mechanism_of(end_effector.model).constraints().extent if start.slides.any() else 0.5 * np.pi
+
+
+def _largest(start: TaskProblem, asked: _Asked, end_effector: EndEffector | JointSpace, work: Work) -> LargestWorkspace:
+    slides = start.slides if start.slides.any() else np.ones(len(start.names), dtype=np.bool_)
     given = numbers(asked.centre, "centre")
     if given.shape == (np.count_nonzero(slides),):
         given = np.concatenate([given, np.zeros(np.count_nonzero(~slides))])
-    centre = vector(given, f"centre ({', '.join(start.task.names)})", len(slides))
+    centre = vector(given, f"centre ({', '.join(start.names)})", len(slides))
     tilt = np.broadcast_to(numbers(asked.tilt, "tilt"), np.count_nonzero(~slides)).copy()
     if not np.all((tilt >= 0.0) & (tilt < np.pi / 2)):
         raise InvalidInputError(f"tilt must be from 0 to below π/2 rad; it is {asked.tilt!r}")
     tolerance = positive(asked.tolerance, "tolerance")
+    edges = np.broadcast_to(numbers(asked.proportions, "proportions"), np.count_nonzero(slides)).copy()
+    if not np.all((edges > 0.0) & (edges < np.inf)):
+        raise InvalidInputError(f"proportions must be positive numbers; they are {asked.proportions!r}")
     grows = asked.within is None
-    most = 0.5 * end_effector.model.mechanism.constraints().extent if grows else positive(asked.within, "within")
-    theta, shape = start.moved_to(centre), Shape(slides.astype(np.float64), asked.round)
+    most = _reach(start, end_effector) / float(edges.max()) if grows else positive(asked.within, "within")
+    weights = slides.astype(np.float64)
+    weights[slides] = 1.0 / edges
+    theta, shape = start.moved_to(centre), Shape(weights, asked.round)
     for _ in range(_GROWTHS if grows else 1):
-        half = np.where(slides, most, 0.0)
-        half[~slides] = tilt
+        half = np.zeros(len(centre))
+        half[slides], half[~slides] = most * edges, tilt
         region = Region(centre - half, centre + half, np.zeros(len(centre), dtype=np.bool_))
-        atlas = survey(start.problem, theta, start.task.names, region, Effort(0, tolerance, None, asked.seconds), work, shape)
+        atlas = survey(start.problem, theta, start.names, region, Effort(0, tolerance, None, asked.seconds), work, shape)
         if not atlas.complete or atlas.radius < most * (1.0 - _EDGE):
             break
         most *= _GROWN

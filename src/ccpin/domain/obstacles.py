@@ -135,14 +135,16 @@ def _place(problem: Problem, walker: Walker, at: float) -> _Place | None:
 def _sign(problem: Problem, demands: Demands, place: _Place) -> float:
     """The sign of det ψ_q′, 0 where it is not proved to be nonsingular.
 
-    The rows of φ alone: those in which no independent coordinate of the task space takes part.
+    Of φ's rows alone, without those that hold a carriage: no coordinate of a carriage takes part in them.
     """
     if not regular(problem, demands, place.box)[0]:
         return 0.0
     system = problem.system
+    joints = system.n_free - sum(rod.place.stop - rod.place.start for rod in system.rods)
+    carriage = system.independent if joints > system.chart.n_free else np.empty(0, dtype=np.intp)
     rows = np.ones(system.m, dtype=np.bool_)
     for chain in system.chains:
-        if np.isin(chain.joints, system.independent).any():
+        if np.isin(chain.joints, carriage).any():
             rows &= ~np.any(chain.weights != 0.0, axis=1)
-    others = np.setdiff1d(system.dependent, demands.driven)
+    others = np.setdiff1d(np.arange(system.n_free), np.union1d(demands.driven, carriage))
     return float(np.linalg.slogdet(closure_values(problem, place.box.centre)[1][0][np.ix_(rows, others)])[0])

@@ -31,11 +31,25 @@ from ccpin.description.closure_kinds import PlaneNormal, X, Y, Z, plane_axes, ro
 from ccpin.description.model import LoopClosure, frame
 from ccpin.domain.chart import Elementary
 from ccpin.dynamics.end_effector import EndEffector
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.loops import ResolvedClosure, plane_normal
 from ccpin.kinematics.tree import rest_poses
+from ccpin.mechanism.mechanism import Mechanism
 
 _LETTERS = "xyz"
+
+
+class JointSpace(NamedTuple):
+    """Joints of a mechanism as its task space, in place of an end effector: a foot's pitch and roll, say.
+
+    Attributes:
+        model: The reduced model, or a mechanism; its independent coordinates are what its motors are taken to drive.
+        names: As many joints with one displacement (or components of others) as it has independent coordinates.
+    """
+
+    model: ReducedModel | Mechanism
+    names: tuple[str, ...]
 
 
 class TaskSpace(NamedTuple):

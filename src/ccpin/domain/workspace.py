@@ -17,17 +17,18 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly
 
-from ccpin.arrays import Array, instance, number, numbers
+from ccpin.arrays import Array, Mask, number, numbers
 from ccpin.domain.atlas.atlas import Atlas, Progress, Work, effort_of, survey
 from ccpin.domain.atlas.cells import Corners, Region, corners_of
 from ccpin.domain.boxes import BoundsName, Demands, Problem, problem_of
-from ccpin.domain.chains import checked_configuration, closure_system
+from ccpin.domain.chains import ClosureSystem, checked_configuration, closure_system
 from ccpin.domain.chart import independent_indices
-from ccpin.domain.task_space import TaskSpace, task_space
+from ccpin.domain.task_space import JointSpace, task_space
 from ccpin.domain.walker import Walker
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import Mechanism, mechanism_of
+from ccpin.mechanism.siblings import with_independent
 
 Limits = bool | Mapping[str, tuple[float, float]]
 
@@ -36,7 +37,7 @@ _MANY_DEPTH = 4
 
 
 def certify_workspace(
-    end_effector: EndEffector,
+    end_effector: EndEffector | JointSpace,
     region: Corners,
     guess: ArrayLike | None = None,
     *,
@@ -55,7 +56,7 @@ def certify_workspace(
     """Prove how much of a region of task space an end effector reaches, on one branch.
 
     Args:
-        end_effector: The point of a link that is to get there.
+        end_effector: The point of a link that is to get there, or joints in its place (`JointSpace`).
         region: (lower, upper) in the coordinates of `ccpin.domain.task_space`: positions in the world, metres, then
             turns from how the end effector is turned in `guess`, radians. Where the two are equal a coordinate is held
             (a slice); turns left out are held at 0.
@@ -84,26 +85,27 @@ def certify_workspace(
         SingularConfigurationError: `guess` is singular.
     """
     start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
-    area = _region(start.task, region)
+    area = _region(start, region)
     theta = start.moved_to(_first(start.x, area))
     free = int(np.count_nonzero(~area.held))
     effort = effort_of(_DEPTHS.get(free, _MANY_DEPTH), max_depth, fraction, seconds, free)
     return survey(
-        start.problem, theta, start.task.names, area, effort, Work(workers, executor, checkpoint, progress)
+        start.problem, theta, start.names, area, effort, Work(workers, executor, checkpoint, progress)
     )
 
 
 class TaskProblem:
-    """What is to be proved of an end effector, and a closed configuration to start from.
+    """What is to be proved in a task space, and a closed configuration to start from.
 
     Attributes:
-        task: The task space.
+        names: The task coordinates, in order.
+        slides: Whether each is a length, of shape (n,).
         problem: The closures, and what is asked besides.
         theta: θ of the start, of shape (n′,).
     """
 
-    def __init__(self, task: TaskSpace, problem: Problem, theta: Array) -> None:
-        self.task, self.problem, self.theta = task, problem, theta
+    def __init__(self, names: tuple[str, ...], slides: Mask, problem: Problem, theta: Array) -> None:
+        self.names, self.slides, self.problem, self.theta = names, slides, problem, theta
 
     @property
     def x(self) -> Array:
@@ -137,7 +139,7 @@ class TaskProblem:
 
 
 def task_problem(
-    end_effector: EndEffector,
+    end_effector: EndEffector | JointSpace,
     guess: ArrayLike | None,
     limits: Limits,
     dexterity: float,
@@ -145,32 +147,51 @@ def task_problem(
     bounds: BoundsName,
 ) -> TaskProblem:
     """What `certify_workspace` is to prove, from its arguments."""
-    instance(end_effector, "end_effector", EndEffector, "an EndEffector")
-    mechanism = end_effector.model.mechanism
+    if not isinstance(end_effector, EndEffector | JointSpace):
+        raise InvalidInputError(f"end_effector must be an EndEffector or a JointSpace; it is {end_effector!r:.80}")
+    mechanism = mechanism_of(end_effector.model)
     q_free = mechanism.q_reference if guess is None else checked_configuration(mechanism, guess)
     parametrization = mechanism.parametrization()
     q_free = parametrization.sigma(parametrization.coordinates.alpha(q_free), guess=q_free).q_free
-    task = task_space(end_effector, q_free)
-    system = closure_system(mechanism, q_free, task)
-    theta = np.concatenate([system.theta(q_free), task.x])
+    names, slides, system, theta = _closures(end_effector, mechanism, q_free)
     least = number(dexterity, "dexterity", "a number from 0 to below 1", -1e-300)
     if not least < 1.0:
         raise InvalidInputError(f"dexterity is 1/κ, a number from 0 to below 1; it is {dexterity!r}")
-    if least and length is None and not all(task.slides):
+    if least and length is None and not slides.all() and slides.any():
         raise InvalidInputError(
-            f"dexterity of {', '.join(task.names)} mixes metres and radians: give length=, the metres a radian counts as"
+            f"dexterity of {', '.join(names)} mixes metres and radians: give length=, the metres a radian counts as"
         )
-    units = np.where(task.slides, 1.0, 1.0 if length is None else length)
+    units = np.where(slides, 1.0, 1.0 if length is None else length)
     lower, upper = _limits(mechanism, limits, system.n_free)
     demands = Demands(lower, upper, independent_indices(mechanism, system.chart), units, least)
-    return TaskProblem(task, problem_of(system, bounds)._replace(demands=demands), theta)
+    return TaskProblem(names, slides, problem_of(system, bounds)._replace(demands=demands), theta)
 
 
-def _region(task: TaskSpace, region: Corners) -> Region:
+def _closures(
+    end_effector: EndEffector | JointSpace, mechanism: Mechanism, q_free: Array
+) -> tuple[tuple[str, ...], Mask, ClosureSystem, Array]:
+    """The task coordinates, which of them are lengths, the closures over them, and θ at q′."""
+    if isinstance(end_effector, EndEffector):
+        task = task_space(end_effector, q_free)
+        system = closure_system(mechanism, q_free, task)
+        return task.names, np.array(task.slides), system, np.concatenate([system.theta(q_free), task.x])
+    sibling = with_independent(mechanism, tuple(end_effector.names), q_free)
+    if sibling.parametrization().coordinates.n != mechanism.n:
+        raise InvalidInputError(
+            f"{mechanism.name} has {mechanism.n} independent coordinates; a joint space needs as many, "
+            f"not {', '.join(end_effector.names)}"
+        )
+    system = closure_system(sibling, q_free)
+    slides = np.array([slide for joint in mechanism.tree.joints for slide in joint.kind.slides], dtype=np.bool_)
+    return sibling.independent, slides[system.independent], system, system.theta(q_free)
+
+
+def _region(task: TaskProblem, region: Corners) -> Region:
     """The region asked for, turns left out held at 0."""
     given = numbers(region, "region")
-    turns = len(task.names) - sum(task.slides)
-    if turns and given.shape == (2, sum(task.slides)):
+    slides = np.count_nonzero(task.slides)
+    turns = len(task.names) - slides
+    if turns and slides and given.shape == (2, slides):
         given = np.concatenate([given, np.zeros((2, turns))], axis=1)
     lower, upper = corners_of(given, task.names, slices=True)
     return Region(lower, upper, np.zeros(len(lower), dtype=np.bool_))
