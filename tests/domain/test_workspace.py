@@ -91,15 +91,18 @@ def within(rng, atlas_or_cube, count):
 
 def test_stewart_cube_holds_against_closed_forms(stewart, cube, rng):
     points = within(rng, cube, POINTS)
-    assert len(points) > 0.9 * POINTS and cube.half > 0.12
-    assert cube.atlas.verify().all() and cube.atlas.single_valued
+    assert len(points) > 0.9 * POINTS
+    assert cube.half > 0.12
+    assert cube.atlas.verify().all()
+    assert cube.atlas.single_valued
     attack_stewart(stewart, cube.atlas, points)
 
 
 def test_stewart_cube_is_nearly_as_large_as_can_be(stewart, cube):
     """A corner of the cube of half width `upper` has a leg beyond its limit, and that is the obstacle's."""
     obstacle = cube.obstacle
-    assert obstacle.kind == "limit" and cube.half <= cube.upper <= 1.08 * cube.half
+    assert obstacle.kind == "limit"
+    assert cube.half <= cube.upper <= 1.08 * cube.half
     exact = stewart_oracle.inverse(*stewart_at(obstacle.q))
     assert not inside(limits_of(stewart.model.mechanism), exact)
     grid = CENTRE + cube.upper * (1 + 1e-6) * np.array(np.meshgrid(*3 * [[-1, 0, 1]])).reshape(3, -1).T
@@ -111,7 +114,8 @@ def test_stewart_cube_with_tilt(stewart, rng):
     tilted = domain.largest_cube(stewart, CENTRE, tilt=[0.05, 0.05, 0.0], within=0.03, tolerance=0.5)
     assert tilted.half == pytest.approx(0.03, rel=1e-6)
     points = within(rng, tilted, 300)
-    assert np.abs(points[:, 3:5]).max() > 0.04 and np.all(points[:, 5] == 0.0)
+    assert np.abs(points[:, 3:5]).max() > 0.04
+    assert np.all(points[:, 5] == 0.0)
     attack_stewart(stewart, tilted.atlas, points)
 
 
@@ -119,7 +123,9 @@ def test_delta_workspace_against_inverse_kinematics(delta, rng):
     """At each x the atlas's arms lead the closed-form forward kinematics back to x, det of one sign."""
     middle = np.array([0.0, 0.0, -1.0])
     atlas = domain.certify_workspace(delta, (middle - 0.1, middle + 0.1))
-    assert atlas.certified_fraction == 1.0 and atlas.names == ("x", "y", "z") and atlas.verdict == "proven"
+    assert atlas.certified_fraction == 1.0
+    assert atlas.names == ("x", "y", "z")
+    assert atlas.verdict == "proven"
     joints = [delta.model.mechanism.tree.joint(name).q.start for name in delta_oracle.INDEPENDENT]
     points = within(rng, atlas, POINTS)
     arms = atlas.sigma(points)[:, joints]
@@ -140,7 +146,8 @@ def test_joint_limits_bound_the_workspace(delta):
     start = delta.solve(middle).q
     narrow = {name: (q - 0.1, q + 0.1) for name, q in zip(delta_oracle.INDEPENDENT, start, strict=True)}
     cube = domain.largest_cube(delta, middle, limits=narrow, tolerance=0.1)
-    assert 0.0 < cube.half < 0.06 and cube.obstacle.kind == "limit"
+    assert 0.0 < cube.half < 0.06
+    assert cube.obstacle.kind == "limit"
     arms = [delta.solve(middle + cube.half * np.array(c)).q for c in np.ndindex(2, 2, 2)]
     assert np.abs(np.array(arms) - start).max() < 0.1
 
@@ -155,7 +162,8 @@ def test_dexterity_is_kept(stewart, rng):
     length = 0.25
     least = 0.9 * conditioned(np.append(CENTRE, np.zeros(3)), length)
     cube = domain.largest_cube(stewart, CENTRE, dexterity=least, length=length, tolerance=0.5, within=0.04)
-    assert 0.005 < cube.half < 0.04 and cube.obstacle.kind == "dexterity"
+    assert 0.005 < cube.half < 0.04
+    assert cube.obstacle.kind == "dexterity"
     assert all(conditioned(x, length) >= least for x in within(rng, cube, 500))
     assert conditioned(cube.obstacle.q, length) < least
 
@@ -166,7 +174,8 @@ def test_conditioning_encloses(stewart):
     box = certify_boxes(start.problem, start.theta[None], half, np.eye(6))
     low, high = conditioning(start.problem, start.problem.demands, box.boxes)
     exact = conditioned(np.append(CENTRE, np.zeros(3)), 0.25)
-    assert low[0] <= exact <= high[0] and high[0] - low[0] < 0.1
+    assert low[0] <= exact <= high[0]
+    assert high[0] - low[0] < 0.1
 
 
 def test_planar_task_space(rng):
@@ -175,7 +184,8 @@ def test_planar_task_space(rng):
     x = task_problem(end_effector, None, True, 0.0, None, "auto").x
     width = np.array([0.02, 0.02, 0.05])
     atlas = domain.certify_workspace(end_effector, (x - width, x + width))
-    assert atlas.names == ("x", "z", "ry") and atlas.certified_fraction == 1.0
+    assert atlas.names == ("x", "z", "ry")
+    assert atlas.certified_fraction == 1.0
     for point in within(rng, atlas, 20):
         pose = end_effector.point.pose(atlas.sigma(point))
         np.testing.assert_allclose(pose[[0, 2], 3], point[:2], atol=1e-10)
@@ -185,7 +195,8 @@ def test_saved_with_its_demands(stewart, tmp_path):
     atlas = domain.certify_workspace(stewart, (CENTRE - 0.02, CENTRE + 0.02), max_depth=4)
     atlas.save(tmp_path / "atlas.npz")
     again = Atlas.load(tmp_path / "atlas.npz")
-    assert again.verify().all() and again.problem.demands is not None
+    assert again.verify().all()
+    assert again.problem.demands is not None
     tight = again.problem.demands._replace(upper=again.problem.demands.upper - 10.0)
     assert not Atlas(**{**vars(again), "problem": again.problem._replace(demands=tight)}).verify().any()
 

@@ -81,8 +81,8 @@ def design(
     names, lower, upper = _box(ranges)
     first = 0.5 * (lower + upper) if start is None else _started(start, names, lower, upper)
     search = _Search(build, figure, names, whole(evaluations, "evaluations"), progress)
-    # a simplex well inside the bounds: SciPy clips its own to them, where it may lose a direction
-    simplex = np.vstack([first, first + np.diag(np.where(first > 0.5 * (lower + upper), -_STEP, _STEP) * (upper - lower))])
+    inward = np.where(first > 0.5 * (lower + upper), -_STEP, _STEP)  # SciPy's own would be clipped to the bounds
+    simplex = np.vstack([first, first + np.diag(inward * (upper - lower))])
     complete = True
     try:
         minimize(
@@ -95,8 +95,10 @@ def design(
     except KeyboardInterrupt:
         complete = False
     if search.best is None:
-        reasons = sorted({trial.reason for trial in search.trials})
-        raise InvalidInputError(f"none of {len(search.trials)} proposals could be certified: {'; '.join(reasons)}")
+        last = search.trials[-1] if search.trials else Trial({}, 0.0, "interrupted")
+        raise InvalidInputError(
+            f"none of {len(search.trials)} proposals could be certified; the last, {last.dimensions}: {last.reason}"
+        )
     dimensions, value, certificate, subject = search.best
     return Design(dimensions, value, certificate, subject, tuple(search.trials), complete)
 
@@ -181,7 +183,9 @@ def _box(ranges: Mapping[str, Range]) -> tuple[tuple[str, ...], Array, Array]:
 
 def _started(start: Mapping[str, float], names: Sequence[str], lower: Array, upper: Array) -> Array:
     if set(start) != set(names):
-        raise InvalidInputError(f"start must give each of {', '.join(names)} and nothing else; it has {', '.join(start)}")
+        raise InvalidInputError(
+            f"start must give each of {', '.join(names)} and nothing else; it has {', '.join(start)}"
+        )
     first = numbers([start[name] for name in names], "start")
     if not np.all((first >= lower) & (first <= upper)):
         raise InvalidInputError(f"start = {dict(start)!r} lies outside of the ranges")

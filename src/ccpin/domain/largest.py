@@ -24,8 +24,8 @@ from ccpin.domain.atlas.build import Shape
 from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.boxes import BoundsName
 from ccpin.domain.obstacles import demand_witnesses
-from ccpin.domain.verdict import Witness
 from ccpin.domain.task_space import JointSpace
+from ccpin.domain.verdict import Witness
 from ccpin.domain.workspace import Limits, TaskProblem, task_problem
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.errors import InvalidInputError
@@ -166,7 +166,9 @@ def largest_cube(
             `certify_workspace`; the centre must be reached.
     """
     start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
-    return _largest(start, _Asked(centre, proportions, tilt, within, tolerance, seconds, False), end_effector, work or Work())
+    return _largest(
+        start, _Asked(centre, proportions, tilt, within, tolerance, seconds, False), end_effector, work or Work()
+    )
 
 
 def largest_ball(
@@ -187,7 +189,9 @@ def largest_ball(
 ) -> LargestWorkspace:
     """The largest certified ball (disc, in a plane) of positions; see `largest_cube`, of which `within` is a radius."""
     start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
-    return _largest(start, _Asked(centre, proportions, tilt, within, tolerance, seconds, True), end_effector, work or Work())
+    return _largest(
+        start, _Asked(centre, proportions, tilt, within, tolerance, seconds, True), end_effector, work or Work()
+    )
 
 
 class _Asked(NamedTuple):
@@ -211,13 +215,13 @@ def _largest(start: TaskProblem, asked: _Asked, end_effector: EndEffector | Join
     slides = start.slides if start.slides.any() else np.ones(len(start.names), dtype=np.bool_)
     given = numbers(asked.centre, "centre")
     if given.shape == (np.count_nonzero(slides),):
-        given = np.concatenate([given, np.zeros(np.count_nonzero(~slides))])
+        given = np.concatenate([given, np.zeros(int(np.count_nonzero(~slides)))])
     centre = vector(given, f"centre ({', '.join(start.names)})", len(slides))
-    tilt = np.broadcast_to(numbers(asked.tilt, "tilt"), np.count_nonzero(~slides)).copy()
+    tilt = np.broadcast_to(numbers(asked.tilt, "tilt"), int(np.count_nonzero(~slides))).copy()
     if not np.all((tilt >= 0.0) & (tilt < np.pi / 2)):
         raise InvalidInputError(f"tilt must be from 0 to below π/2 rad; it is {asked.tilt!r}")
     tolerance = positive(asked.tolerance, "tolerance")
-    edges = np.broadcast_to(numbers(asked.proportions, "proportions"), np.count_nonzero(slides)).copy()
+    edges = np.broadcast_to(numbers(asked.proportions, "proportions"), int(np.count_nonzero(slides))).copy()
     if not np.all((edges > 0.0) & (edges < np.inf)):
         raise InvalidInputError(f"proportions must be positive numbers; they are {asked.proportions!r}")
     grows = asked.within is None
@@ -229,7 +233,9 @@ def _largest(start: TaskProblem, asked: _Asked, end_effector: EndEffector | Join
         half = np.zeros(len(centre))
         half[slides], half[~slides] = most * edges, tilt
         region = Region(centre - half, centre + half, np.zeros(len(centre), dtype=np.bool_))
-        atlas = survey(start.problem, theta, start.names, region, Effort(0, tolerance, None, asked.seconds), work, shape)
+        atlas = survey(
+            start.problem, theta, start.names, region, Effort(0, tolerance, None, asked.seconds), work, shape
+        )
         if not atlas.complete or atlas.radius < most * (1.0 - _EDGE):
             break
         most *= _GROWN

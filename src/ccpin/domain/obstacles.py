@@ -31,23 +31,29 @@ from ccpin.errors import SingularConfigurationError
 _BACK = (12, 6)
 _STUCK = 3  # lines on which a singular configuration is looked for: a search takes seconds
 _HALVINGS = 12
+_SHARES = (0.3, 0.45, 0.65, 1.0)  # of a line: a demand that fails early spares the way to a singularity
 
 
 def demand_witnesses(problem: Problem, theta: Array, targets: Iterable[Array]) -> Iterator[Witness]:
     """Where demands are proved to fail on straight lines from θ (n′,) to some q (n,), one place a line where found."""
     demands, stuck = problem.demands, 0
     plain = problem._replace(demands=None)
+    q = theta[problem.system.independent]
     for target in targets:
-        walker = _walked(plain, theta, target)
-        if walker is None or len(walker.times) < 2:
-            continue
-        found = None if demands is None else _failing(plain, demands, walker)
-        if found is None and walker.here < 1.0:
-            found = empty_witness(plain, target[None])
-            if found is None and stuck < _STUCK:
-                found, stuck = _singular(walker, target), stuck + 1
-        if found is not None:
-            yield found
+        for share in _SHARES:
+            end = q + share * (target - q)
+            walker = _walked(plain, theta, end)
+            if walker is None or len(walker.times) < 2:
+                break
+            found = None if demands is None else _failing(plain, demands, walker)
+            if found is None and walker.here < 1.0:
+                found = empty_witness(plain, end[None])
+                if found is None and stuck < _STUCK:
+                    found, stuck = _singular(walker, end), stuck + 1
+            if found is not None:
+                yield found
+            if found is not None or walker.here < 1.0:
+                break
 
 
 def _walked(problem: Problem, theta: Array, target: Array) -> Walker | None:

@@ -91,10 +91,8 @@ def task_space(end_effector: EndEffector, q_free: Array) -> TaskSpace:
             "space (positions, or positions and turns), 2 or 3 of a motion in a plane; certify is for other coordinates"
         )
     axes = plane_axes(normal)[:positions]
-    if normal is None:
-        around, own = np.eye(3), (X, Y, Z)
-    else:
-        around, own = normal[None], (pose[:3, :3].T @ normal,)
+    around = np.eye(3) if normal is None else normal[None]
+    own = (X, Y, Z) if normal is None else (np.asarray(pose[:3, :3].T @ normal),)
     names = [f"{_named(axis, 'uv'[k % 2])}" for k, axis in enumerate(axes)]
     names += [f"r{_named(axis, 'n')}" for axis in around[:turns]]
     offset = pose[:3, 3] - axes.T @ (axes @ pose[:3, 3])

@@ -26,7 +26,7 @@ from ccpin.domain.chart import independent_indices
 from ccpin.domain.task_space import JointSpace, task_space
 from ccpin.domain.walker import Walker
 from ccpin.dynamics.end_effector import EndEffector
-from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
+from ccpin.errors import InvalidInputError, UnreachableError
 from ccpin.mechanism.mechanism import Mechanism, mechanism_of
 from ccpin.mechanism.siblings import with_independent
 
@@ -89,9 +89,7 @@ def certify_workspace(
     theta = start.moved_to(_first(start.x, area))
     free = int(np.count_nonzero(~area.held))
     effort = effort_of(_DEPTHS.get(free, _MANY_DEPTH), max_depth, fraction, seconds, free)
-    return survey(
-        start.problem, theta, start.names, area, effort, Work(workers, executor, checkpoint, progress)
-    )
+    return survey(start.problem, theta, start.names, area, effort, Work(workers, executor, checkpoint, progress))
 
 
 class TaskProblem:

@@ -344,7 +344,9 @@ def certify(
         effort = effort._replace(tolerance=positive(resolution, "resolution"))
     problem = problem_of(seed.system, bounds)
     area = region_of(mechanism, seed, region)
-    return survey(problem, seed.theta, tuple(mechanism.independent), area, effort, Work(workers, executor, checkpoint, progress))
+    return survey(
+        problem, seed.theta, tuple(mechanism.independent), area, effort, Work(workers, executor, checkpoint, progress)
+    )
 
 
 class Effort(NamedTuple):

@@ -109,7 +109,7 @@ def corners_of(region: Corners, names: Sequence[str], slices: bool = False) -> t
             f"a region is (lower, upper), each of shape ({n},) and finite: one bound a coordinate ({', '.join(names)})"
         )
     held = corners[1] == corners[0]
-    if np.any(corners[1] < corners[0]) or np.any(held) and not slices or np.all(held):
+    if np.any(corners[1] < corners[0]) or (np.any(held) and not slices) or np.all(held):
         raise InvalidInputError(
             f"the region's lower corner {corners[0].tolist()} must be below its upper corner {corners[1].tolist()}"
             + (" in one coordinate at least, and above it in none" if slices else "")
