@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import Executor
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -162,6 +163,8 @@ def task_problem(
     units = np.where(slides, 1.0, 1.0 if length is None else length)
     lower, upper = _limits(mechanism, limits, system.n_free)
     demands = Demands(lower, upper, independent_indices(mechanism, system.chart), units, least)
+    # a joint with a limit is no circle: gluing modulo 2π would let it go round beyond its limit
+    system = replace(system, periodic=system.periodic & ~np.isfinite(lower) & ~np.isfinite(upper))
     return TaskProblem(names, slides, problem_of(system, bounds)._replace(demands=demands), theta)
 
 

@@ -134,7 +134,7 @@ class AtlasBuilder:
             limit = np.min(self.distance(blocked), initial=limit)
 
     def certify_region(self, depth: int) -> None:
-        """Certify all that can be reached, halving each edge `depth` times at most; what was undecided is halved first."""
+        """Certify all that can be reached, each edge halved `depth` times at most, undecided cells first."""
         smallest = self._never_held(np.full(len(self.q0), float(1 << (LEVELS - depth))))
         self._halve_undecided(smallest)
         while (cells := self.candidates()).size:
