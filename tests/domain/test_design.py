@@ -29,7 +29,8 @@ def cranks_of(pitch, roll, crank=1.0, foot=1.0):
     """The two crank angles at which the rods fit, and the slopes (2, 2) by pitch and roll; NaN where none does.
 
     |heel − base − R_y(θ)(−c, 0, 0)| = rod, with (x, y, z) = heel − base, is
-    x cos θ − z sin θ = (rod² − c² − x² − y² − z²)/2c; of its two solutions the one with the crank level when the foot is.
+    x cos θ − z sin θ = (rod² − c² − x² − y² − z²)/2c; of its two solutions the one with
+    the crank level when the foot is.
     """
     angles, slopes = np.empty(2), np.empty((2, 2))
     c, turn = CRANK * crank, rot_y(pitch) @ rot_x(roll)

@@ -3,10 +3,10 @@
 Setting. A box of `boxes` in the task space of `task_space`: θ(δ) = θ_c + Dδ + Eζ*(δ), |δ| ≤ h, |ζ*| ≤ R. Let F ≥ |f_δ|
 and Z ≥ |I − f_ζ| componentwise on the tube |ζ| ≤ R, f = ÃΦ(θ_c + Dδ + Eζ).
 
-**Motors.** Let q_d be the mechanism's own independent coordinates and y″ all others in θ. If, for any matrices Ã″ and V″,
+**Motors.** Let q_d be the mechanism's own independent coordinates and y″ all others in θ. If, for any matrices Ã″, V″,
 |I − Ã″Φ_y″V″| ≤ Z″ on the tube with the spectral radius of Z″ below 1, then Φ_y″ is nonsingular there. Where x are
-joints, Φ is φ and that is ψ_q′'s own matrix. Where a carriage has x, φ does not depend on x, so Φ_y″ is block triangular
-with the square blocks of ψ_q′ and Φ_x on its diagonal: ψ_q′ is nonsingular as well.
+joints, Φ is φ and that is ψ_q′'s own matrix. Where a carriage has x, φ does not depend on x, so Φ_y″ is block
+triangular with the square blocks of ψ_q′ and Φ_x on its diagonal: ψ_q′ is nonsingular as well.
 
 **Theorem D.** If the spectral radius of Z is below 1 and F + ZT ≤ T for some T ≥ 0, |θ_δ(δ) − D| ≤ |E|T in the box.
 
