@@ -213,3 +213,31 @@ def test_wrong_arguments(stewart, delta):
     four_bar = ccpin.load(MODELS / "four_bar.urdf")
     with pytest.raises(UnsupportedMechanismError, match="task space"):
         domain.certify_workspace(ccpin.EndEffector(four_bar, list(four_bar.tree.attachments)[-1]), ([0.0], [1.0]))
+
+
+def test_a_region_beyond_limits_is_refuted(stewart):
+    """A region too wide for the legs is refuted by a pose at which the closed form has a leg beyond its limit."""
+    atlas = domain.certify_workspace(stewart, ([0.0, 0.0, 0.2], [0.01, 0.01, 0.5]), max_depth=5)
+    assert atlas.verdict == "refuted"
+    assert atlas.witness.kind == "limit"
+    assert "beyond its limits" in atlas.reason
+    assert not inside(limits_of(stewart.model.mechanism), stewart_oracle.inverse(*stewart_at(atlas.witness.q)))
+
+
+def test_slices_of_joint_space(stewart, rng):
+    """With four of six legs held the atlas is a slice; σ on it is the closed form's, and points off it are not in it."""
+    mechanism = stewart.model.mechanism
+    q = np.array([mechanism.q_reference[mechanism.tree.joint(name).q.start] for name in stewart_oracle.INDEPENDENT])
+    width = np.array([0.05, 0.05, 0.0, 0.0, 0.0, 0.0])
+    atlas = domain.certify(mechanism, q, (q - width, q + width), fraction=0.9)
+    assert atlas.certified_fraction >= 0.9
+    assert atlas.verify().all()
+    points = q + rng.uniform(-1.0, 1.0, (200, 6)) * width
+    points = points[atlas.contains(points)]
+    for point, q_free in zip(points[:20], atlas.sigma(points[:20]), strict=True):
+        pose = stewart.point.pose(q_free)
+        legs = stewart_oracle.leg_vectors(pose[:3, 3], pose[:3, :3])
+        np.testing.assert_allclose(np.linalg.norm(legs, axis=1) - stewart_oracle.CYLINDER, point, atol=1e-9)
+    assert not atlas.contains(q + 1e-3)
+    with pytest.raises(InvalidInputError, match="in one coordinate at least"):
+        domain.certify(mechanism, q, (q, q))

@@ -37,6 +37,7 @@ from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
 from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.demands import meets
 from ccpin.domain.newton import newton, solve_in_boxes
+from ccpin.domain.obstacles import demand_witnesses
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
@@ -44,6 +45,12 @@ from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 _DEPTHS = {1: 14, 2: 12, 3: 6}
 _TOLERANCES = {1: 1e-5, 2: 2e-5, 3: 2e-3}
 _MANY_DEPTH, _MANY_TOLERANCE = 3, 0.5
+_WITNESSES = 12
+_FAILURES = {
+    "empty": "no configuration closes the loops",
+    "limit": "a joint is beyond its limits",
+    "dexterity": "the end effector is less dexterous than was asked for",
+}
 _FIRST_DEPTH, _DEEPEST, _MANY_DEEPEST = 4, 20, 10
 
 
@@ -112,7 +119,10 @@ class Atlas:
     @cached_property
     def witness(self) -> Witness | None:
         """A place of the region proved to have no σ, or one that is singular."""
-        return None if self._whole else refuting(self.problem, self.tree, self.region, self.boxes)
+        if self._whole:
+            return None
+        found = refuting(self.problem, self.tree, self.region, self.boxes)
+        return next(demand_witnesses(self.problem, self.seed, self._undecided()), None) if found is None else found
 
     @property
     def verdict(self) -> Verdict:
@@ -125,6 +135,16 @@ class Atlas:
             return "proven"
         return "undecided" if self.witness is None else "refuted"
 
+    def _undecided(self) -> list[Array]:
+        """Middles of the largest cells undecided or not reached, where more than Theorem K was asked for."""
+        leaves = self.tree.leaves()
+        cells = leaves[np.isin(self.tree.status[leaves], (CellStatus.UNDECIDED, CellStatus.UNREACHED))]
+        if self.problem.demands is None:
+            return []
+        volume = np.prod(self.tree.size[cells].astype(np.float64), axis=1)
+        largest = cells[np.argsort(-volume, kind="stable")[:_WITNESSES]]
+        return list(self.region.position(self.tree.lower[largest] + 0.5 * self.tree.size[largest]))
+
     @property
     def _whole(self) -> bool:
         return self.certified_fraction == 1.0 and self.single_valued
@@ -136,11 +156,7 @@ class Atlas:
         if self.verdict == "proven":
             return f"σ is one smooth, nonsingular function on the region: {spent}"
         if self.witness is not None:
-            what = (
-                "no configuration closes the loops"
-                if self.witness.kind == "empty"
-                else "σ meets a singular configuration"
-            )
+            what = _FAILURES.get(self.witness.kind, "σ meets a singular configuration")
             return f"{what} at q = {self.witness.q.tolist()}; {spent}"
         if not self.single_valued:
             return f"{len(self.unglued)} faces are not glued, so σ may have several values; {spent}"
