@@ -225,7 +225,7 @@ def test_a_region_beyond_limits_is_refuted(stewart):
 
 
 def test_slices_of_joint_space(stewart, rng):
-    """With four of six legs held the atlas is a slice; σ on it is the closed form's, and points off it are not in it."""
+    """With four of six legs held the atlas is a slice; σ on it is the closed form's, and points off it are not in."""
     mechanism = stewart.model.mechanism
     q = np.array([mechanism.q_reference[mechanism.tree.joint(name).q.start] for name in stewart_oracle.INDEPENDENT])
     width = np.array([0.05, 0.05, 0.0, 0.0, 0.0, 0.0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ccpin.domain.atlas.atlas import Atlas, certify
+from ccpin.domain.atlas.atlas import Atlas, Work, certify
 from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.chains import scalar_coordinates_at
@@ -34,6 +34,7 @@ __all__ = [
     "SingularCurve",
     "SingularityDistance",
     "Theorem2Result",
+    "Work",
     "certified_radius",
     "certify",
     "certify_path",

@@ -147,6 +147,7 @@ def closure_system(mechanism: Mechanism, q_free: Array, task: TaskSpace | None =
             independent coordinate is not a scalar one.
     """
     constraints, chart = mechanism.constraints(), chart_at(mechanism, q_free)
+    independent = independent_indices(mechanism, chart) if task is None else np.empty(0, dtype=np.intp)
     _refuse_redundant(mechanism, constraints)
     elementary, centre = elementary_joints(mechanism, chart), chart.theta(q_free)
     rods: dict[int, Rod] = {}
@@ -158,9 +159,7 @@ def closure_system(mechanism: Mechanism, q_free: Array, task: TaskSpace | None =
     angles = sum(rod.place.stop - rod.place.start for rod in rods.values())
     slides = [slides for joint in chart.joints for slides in joint.kind.slides] + angles * [False]
     loops, rows = constraints.loops, constraints.size + angles
-    if task is None:
-        independent = independent_indices(mechanism, chart)
-    else:
+    if task is not None:
         independent = len(slides) + np.arange(len(task.names))
         elementary.append(task.steps_from(len(slides)))
         loops, rows, slides = (*loops, task.loop), rows + task.loop.size, [*slides, *task.slides]

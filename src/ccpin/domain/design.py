@@ -78,8 +78,11 @@ def design(
     Raises:
         InvalidInputError: Ranges or start are malformed, or no proposal could be certified.
     """
-    names, lower, upper = _box(ranges)
-    first = 0.5 * (lower + upper) if start is None else _started(start, names, lower, upper)
+    for name, given in (("build", build), ("figure", figure)):
+        if not callable(given):
+            raise InvalidInputError(f"{name} must be a function; it is {given!r:.80}")
+    names, lower, upper = _box(instance(ranges, "ranges", Mapping, "a mapping of names to (lower, upper)"))
+    first = 0.5 * (lower + upper) if start is None else _started(instance(start, "start", Mapping), names, lower, upper)
     search = _Search(build, figure, names, whole(evaluations, "evaluations"), progress)
     inward = np.where(first > 0.5 * (lower + upper), -_STEP, _STEP)  # SciPy's own would be clipped to the bounds
     simplex = np.vstack([first, first + np.diag(inward * (upper - lower))])
@@ -161,6 +164,7 @@ def scaled_links(
         DescriptionError: The source cannot be read.
     """
     description = source if isinstance(source, MechanismDescription) else read_description(source)
+    links = instance(links, "links", Mapping, "a mapping of dimensions to links")
     stretched = {name: tuple(instance(chosen, f"links of '{name}'", Sequence)) for name, chosen in links.items()}
 
     def build(dimensions: dict[str, float]) -> Mechanism:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Mask, numbers, positive, vector
+from ccpin.arrays import Array, Mask, instance, numbers, positive, vector
 from ccpin.displays import table
 from ccpin.domain.atlas.atlas import Atlas, Effort, Work, survey
 from ccpin.domain.atlas.build import Shape
@@ -206,37 +206,62 @@ class _Asked(NamedTuple):
     round: bool
 
 
+def _each(given: ArrayLike, name: str, count: int) -> Array:
+    """One number for each of some coordinates, from as many or from one for all."""
+    values = numbers(given, name)
+    return np.full(count, values) if not values.ndim else vector(values, name, count).copy()
+
+
 def _reach(start: TaskProblem, end_effector: EndEffector | JointSpace) -> float:
     """Where the search for the largest half width begins: half the loops' length, or a quarter turn."""
     return 0.5 * mechanism_of(end_effector.model).constraints().extent if start.slides.any() else 0.5 * np.pi
 
 
-def _largest(start: TaskProblem, asked: _Asked, end_effector: EndEffector | JointSpace, work: Work) -> LargestWorkspace:
-    slides = start.slides if start.slides.any() else np.ones(len(start.names), dtype=np.bool_)
+class _Goal(NamedTuple):
+    """What was asked for, checked: the centre (n,), half widths for a half width of 1 (n,), how far turns reach (n,)."""
+
+    centre: Array
+    edges: Array
+    tilt: Array
+
+    def region(self, half: float) -> Region:
+        reach = half * self.edges + self.tilt
+        return Region(self.centre - reach, self.centre + reach, np.zeros(len(reach), dtype=np.bool_))
+
+
+def _goal(start: TaskProblem, asked: _Asked) -> _Goal:
+    """Lengths make the cube, turns are tilt; in a space of turns alone they make the cube."""
+    across = start.slides if start.slides.any() else np.ones(len(start.names), dtype=np.bool_)
+    turns = int(np.count_nonzero(~across))
     given = numbers(asked.centre, "centre")
-    if given.shape == (np.count_nonzero(slides),):
-        given = np.concatenate([given, np.zeros(int(np.count_nonzero(~slides)))])
-    centre = vector(given, f"centre ({', '.join(start.names)})", len(slides))
-    tilt = np.broadcast_to(numbers(asked.tilt, "tilt"), int(np.count_nonzero(~slides))).copy()
+    if given.shape == (len(across) - turns,):
+        given = np.concatenate([given, np.zeros(turns)])
+    edges, tilt = np.zeros(len(across)), np.zeros(len(across))
+    edges[across], tilt[~across] = (
+        _each(asked.proportions, "proportions", len(across) - turns),
+        _each(asked.tilt, "tilt", turns),
+    )
+    if not np.all((edges[across] > 0.0) & (edges[across] < np.inf)):
+        raise InvalidInputError(f"proportions must be positive numbers; they are {asked.proportions!r:.80}")
     if not np.all((tilt >= 0.0) & (tilt < np.pi / 2)):
-        raise InvalidInputError(f"tilt must be from 0 to below π/2 rad; it is {asked.tilt!r}")
-    tolerance = positive(asked.tolerance, "tolerance")
-    edges = np.broadcast_to(numbers(asked.proportions, "proportions"), int(np.count_nonzero(slides))).copy()
-    if not np.all((edges > 0.0) & (edges < np.inf)):
-        raise InvalidInputError(f"proportions must be positive numbers; they are {asked.proportions!r}")
+        raise InvalidInputError(f"tilt must be from 0 to below π/2 rad; it is {asked.tilt!r:.80}")
+    return _Goal(vector(given, f"centre ({', '.join(start.names)})", len(across)), edges, tilt)
+
+
+def _largest(
+    start: TaskProblem, asked: _Asked, end_effector: EndEffector | JointSpace, work: Work | None
+) -> LargestWorkspace:
+    goal, effort = _goal(start, asked), Effort(0, positive(asked.tolerance, "tolerance"), None, asked.seconds)
+    if asked.seconds is not None:
+        positive(asked.seconds, "seconds")
+    work = Work() if work is None else instance(work, "work", Work)
     grows = asked.within is None
-    most = _reach(start, end_effector) / float(edges.max()) if grows else positive(asked.within, "within")
-    weights = slides.astype(np.float64)
-    weights[slides] = 1.0 / edges
-    theta, shape = start.moved_to(centre), Shape(weights, asked.round)
+    most = _reach(start, end_effector) / float(goal.edges.max()) if grows else positive(asked.within, "within")
+    weights = np.divide(1.0, goal.edges, out=np.zeros_like(goal.edges), where=goal.edges > 0.0)
+    theta, shape = start.moved_to(goal.centre), Shape(weights, asked.round)
     for _ in range(_GROWTHS if grows else 1):
-        half = np.zeros(len(centre))
-        half[slides], half[~slides] = most * edges, tilt
-        region = Region(centre - half, centre + half, np.zeros(len(centre), dtype=np.bool_))
-        atlas = survey(
-            start.problem, theta, start.names, region, Effort(0, tolerance, None, asked.seconds), work, shape
-        )
+        atlas = survey(start.problem, theta, start.names, goal.region(most), effort, work, shape)
         if not atlas.complete or atlas.radius < most * (1.0 - _EDGE):
             break
         most *= _GROWN
-    return LargestWorkspace(centre, atlas.radius, asked.round, tilt, atlas, shape)
+    return LargestWorkspace(goal.centre, atlas.radius, asked.round, goal.tilt[goal.edges == 0.0], atlas, shape)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly
 
-from ccpin.arrays import Array, Mask, number, numbers
+from ccpin.arrays import Array, Mask, number, numbers, positive
 from ccpin.domain.atlas.atlas import Atlas, Progress, Work, effort_of, survey
 from ccpin.domain.atlas.cells import Corners, Region, corners_of
 from ccpin.domain.boxes import BoundsName, Demands, Problem, problem_of
@@ -160,6 +160,7 @@ def task_problem(
         raise InvalidInputError(
             f"dexterity of {', '.join(names)} mixes metres and radians: give length=, the metres a radian counts as"
         )
+    length = None if length is None else positive(length, "length")
     units = np.where(slides, 1.0, 1.0 if length is None else length)
     lower, upper = _limits(mechanism, limits, system.n_free)
     demands = Demands(lower, upper, independent_indices(mechanism, system.chart), units, least)
@@ -210,6 +211,8 @@ def _limits(mechanism: Mechanism, limits: Limits, size: int) -> tuple[Array, Arr
     Raises:
         InvalidInputError: A name that is no joint with one displacement, or limits that are no interval.
     """
+    if not isinstance(limits, bool | Mapping):
+        raise InvalidInputError(f"limits must be True, False or (lower, upper) by joint; they are {limits!r:.80}")
     lower, upper = np.full(size, -np.inf), np.full(size, np.inf)
     plain = {joint.name: joint for joint in mechanism.tree.joints if joint.kind.nq == 1}
     if limits is not False:
