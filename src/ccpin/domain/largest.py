@@ -166,9 +166,7 @@ def largest_cube(
             `certify_workspace`; the centre must be reached.
     """
     start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
-    return _largest(
-        start, _Asked(centre, proportions, tilt, within, tolerance, seconds, False), end_effector, work or Work()
-    )
+    return _largest(start, _Asked(centre, proportions, tilt, within, tolerance, seconds, False), end_effector, work)
 
 
 def largest_ball(
@@ -189,9 +187,7 @@ def largest_ball(
 ) -> LargestWorkspace:
     """The largest certified ball (disc, in a plane) of positions; see `largest_cube`, of which `within` is a radius."""
     start = task_problem(end_effector, guess, limits, dexterity, length, bounds)
-    return _largest(
-        start, _Asked(centre, proportions, tilt, within, tolerance, seconds, True), end_effector, work or Work()
-    )
+    return _largest(start, _Asked(centre, proportions, tilt, within, tolerance, seconds, True), end_effector, work)
 
 
 class _Asked(NamedTuple):
@@ -218,7 +214,7 @@ def _reach(start: TaskProblem, end_effector: EndEffector | JointSpace) -> float:
 
 
 class _Goal(NamedTuple):
-    """What was asked for, checked: the centre (n,), half widths for a half width of 1 (n,), how far turns reach (n,)."""
+    """What was asked for, checked: the centre, the edges of a cube of half width 1, how far turns reach, (n,) each."""
 
     centre: Array
     edges: Array
@@ -237,10 +233,8 @@ def _goal(start: TaskProblem, asked: _Asked) -> _Goal:
     if given.shape == (len(across) - turns,):
         given = np.concatenate([given, np.zeros(turns)])
     edges, tilt = np.zeros(len(across)), np.zeros(len(across))
-    edges[across], tilt[~across] = (
-        _each(asked.proportions, "proportions", len(across) - turns),
-        _each(asked.tilt, "tilt", turns),
-    )
+    edges[across] = _each(asked.proportions, "proportions", len(across) - turns)
+    tilt[~across] = _each(asked.tilt, "tilt", turns)
     if not np.all((edges[across] > 0.0) & (edges[across] < np.inf)):
         raise InvalidInputError(f"proportions must be positive numbers; they are {asked.proportions!r:.80}")
     if not np.all((tilt >= 0.0) & (tilt < np.pi / 2)):
