@@ -47,15 +47,18 @@ NB_MODULE(_core, module) {
       .def("simulate", &Kernel::simulate, near, nb::arg("law"), nb::arg("run"), nb::arg("tableau"))
       .def(
           "held_motion",
-          [](Kernel& kernel, nb::dict tableau, double rtol, double atol, double longest, double singular,
-             ccpin::In pushes, nb::object leaving) {
-            return new HeldMotion(kernel, tableau, rtol, atol, longest, singular, pushes, leaving);
+          [](Kernel& kernel, const Kernel& home, nb::dict tableau, double rtol, double atol, double longest,
+             double singular, ccpin::In pushes, nb::object leaving) {
+            return new HeldMotion(kernel, home, tableau, rtol, atol, longest, singular, pushes, leaving);
           },
+          nb::arg("home"),
           nb::arg("tableau"), nb::arg("rtol"), nb::arg("atol"), nb::arg("max_step"), nb::arg("singular_rcond"), wrenches,
-          nb::arg("leaving") = nb::none(), nb::rv_policy::take_ownership, nb::keep_alive<0, 1>());
+          nb::arg("leaving") = nb::none(), nb::rv_policy::take_ownership, nb::keep_alive<0, 1>(),
+          nb::keep_alive<0, 2>());
   nb::class_<HeldMotion>(module, "HeldMotion")
       .def("start", &HeldMotion::start, arg("q_free"), arg("q"), arg("v"), nb::arg("first"), nb::arg("most"))
       .def("step", &HeldMotion::step, arg("u"), nb::arg("dt"))
+      .def("state", &HeldMotion::state)
       .def_prop_ro("evaluations", &HeldMotion::evaluations)
       .def_prop_ro("last_step", &HeldMotion::last_step);
   bind_certificates(module);

@@ -71,6 +71,23 @@ inline void coordinate_rate(const Coordinate& c, const double* q, const double* 
   else rate[0] = v[0];
 }
 
+// q = α(q′), q̇ = α_q′ q̇′ and q̈ = α_q′ q̈′ + α̇_q′ q̇′ in a mechanism's coordinates, wherever q′, q̇′ and q̈′ come from.
+struct FreeMotion { const double *q, *v, *a; };
+inline void read_coordinates(const Mechanism& m, const FreeMotion& free, double* q, double* v, double* a) {
+  double row[6], rate[6];
+  for (const Coordinate& c : m.coordinates) {
+    const Joint& joint = m.joints[c.joint];
+    const double *x = free.q + joint.q, *w = free.v + joint.v, *b = free.a + joint.v;
+    if (c.whole()) {
+      std::copy(x, x + c.nq, q + c.q), std::copy(w, w + c.nv, v + c.v), std::copy(b, b + c.nv, a + c.v);
+      continue;
+    }
+    component_row(c, x, w, row, rate);
+    q[c.q] = component(c, x), v[c.v] = a[c.v] = 0;
+    for (int k = 0; k < joint.nv; ++k) v[c.v] += row[k] * w[k], a[c.v] += row[k] * b[k] + rate[k] * w[k];
+  }
+}
+
 // Brings the circles and quaternions of q to unit length; false where one is far from it.
 inline bool normalize(const Mechanism& m, double* q) {
   for (const Coordinate& c : m.coordinates) {

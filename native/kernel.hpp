@@ -404,16 +404,20 @@ class Kernel {
   }
 };
 
-// A motion of a kernel's mechanism that is stepped with u held; one thread may use it at a time.
+// A motion of a kernel's mechanism that is stepped with u held, and told in the coordinates of `home`, its own or another
+// kernel of the same mechanism in other coordinates; one thread may use it at a time.
 class HeldMotion {
  public:
-  HeldMotion(Kernel& kernel, nb::dict tableau, double rtol, double atol, double longest, double singular, In wrenches,
-             nb::object leaving)
+  HeldMotion(Kernel& kernel, const Kernel& home, nb::dict tableau, double rtol, double atol, double longest,
+             double singular, In wrenches, nb::object leaving)
       : kernel_(kernel),
+        home_(home),
         space_(kernel.m),
         stepper_(space_, reading::checked([&] { return read_tableau(tableau); }), rtol, atol, longest, singular,
-                 pushes_of(wrenches, kernel.m), reading::checked([&] { return read_leaving(leaving, kernel.m); })) {
+                 pushes_of(wrenches, kernel.m), reading::checked([&] { return read_leaving(leaving, kernel.m); })),
+        free_(2 * kernel.m.nv) {
     reading::require(rtol > 0 && atol > 0 && longest > 0, "a tolerance or step is not positive");
+    reading::require(home.m.nq == kernel.m.nq && home.m.nv == kernel.m.nv, "the two kernels are of two mechanisms");
     rated_ = !leaving.is_none();
   }
 
@@ -424,26 +428,42 @@ class HeldMotion {
   bool start(In q_free, In q, In v, double first, double most) {
     ready_ = q.is_vector(kernel_.m.n_q) && v.is_vector(kernel_.m.n) && kernel_.close(space_.model, q_free, In());
     ready_ = ready_ && (most == INFINITY || rated_);
-    if (ready_) stepper_.start(q.data, v.data, first, most);
+    if (ready_) stepper_.start(q.data, v.data, first, most), certain_.assign(kernel_.m.n_q + kernel_.m.n, 0.);
     return ready_;
   }
-  // q, q̇, q̈, u, q′, |φ| after dt; None where only the reference can tell, and `start` must come before the next step.
+  // q, q̇, q̈ of `home`, u, q′, |φ| after dt; None where only the reference can tell, and `start` must come before the
+  // next step.
   nb::object step(In u, double dt) {
-    const Mechanism& m = kernel_.m;
+    const Mechanism &m = kernel_.m, &told = home_.m;
     if (!ready_ || !u.is_vector(m.motors) || !(dt > 0) || !std::isfinite(dt)) return nb::none();
-    ready_ = stepper_.step(u.data, dt);
+    const bool moved = &kernel_ != &home_;
+    ready_ = stepper_.step(u.data, dt) && (!moved || stepper_.free_motion(free_.data(), free_.data() + m.nv));
     if (!ready_) return nb::none();
-    const double* x = stepper_.state();
-    return nb::make_tuple(copy(x, m.n_q), copy(x + m.n_q, m.n), copy(stepper_.acceleration(), m.n),
-                          copy(u.data, m.motors), copy(space_.model.q_free.data(), m.nq), space_.model.closure());
+    const double *x = stepper_.state(), *x_free = space_.model.q_free.data();
+    std::copy(x, x + certain_.size(), certain_.begin());
+    double *q, *v, *a;
+    const nb::object arrays[] = {new_array({told.n_q}, q), new_array({told.n}, v), new_array({told.n}, a)};
+    if (moved) {
+      read_coordinates(told, {x_free, free_.data(), free_.data() + m.nv}, q, v, a);
+    } else {
+      std::copy(x, x + m.n_q, q), std::copy(x + m.n_q, x + m.n_q + m.n, v);
+      std::copy(stepper_.acceleration(), stepper_.acceleration() + m.n, a);
+    }
+    for (const nb::object& array : arrays) seal(array);
+    return nb::make_tuple(arrays[0], arrays[1], arrays[2], copy(u.data, m.motors), copy(x_free, m.nq),
+                          space_.model.closure());
   }
+  // (q, q̇) in the kernel's own coordinates after the last step that had an answer.
+  nb::object state() const { return copy(certain_.data(), Py_ssize_t(certain_.size())); }
   int evaluations() const { return stepper_.evaluations; }
   double last_step() const { return stepper_.last_step; }
 
  private:
   Kernel& kernel_;
+  const Kernel& home_;
   Workspace space_;
   Stepper stepper_;
+  std::vector<double> free_, certain_;
   bool rated_, ready_ = false;  // rated: there are weights to tell poor coordinates by
 
   static Pushes pushes_of(const In& wrenches, const Mechanism& m) {
@@ -451,11 +471,14 @@ class HeldMotion {
     reading::require(read_pushes(wrenches, m, pushes), "wrenches are not rows of ten numbers");
     return pushes;
   }
+  static void seal(const nb::object& array) {
+    PyArray_CLEARFLAGS(reinterpret_cast<PyArrayObject*>(array.ptr()), NPY_ARRAY_WRITEABLE);
+  }
   static nb::object copy(const double* from, Py_ssize_t count) {
     double* out;
     nb::object array = new_array({count}, out);
     std::copy(from, from + count, out);
-    PyArray_CLEARFLAGS(reinterpret_cast<PyArrayObject*>(array.ptr()), NPY_ARRAY_WRITEABLE);
+    seal(array);
     return array;
   }
 };

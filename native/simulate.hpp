@@ -332,7 +332,7 @@ class Stepper : public Follower {
   Stepper(Workspace& w, const Tableau& tableau, double rtol, double atol, double longest, double singular,
           const Pushes& pushes, const Leaving& leaving)
       : Follower(w, singular, longest, pushes, leaving), tableau_(tableau),
-        solver_(*this, tableau_, m_.n_q + m_.n, rtol, atol, longest) {}
+        solver_(*this, tableau_, m_.n_q + m_.n, rtol, atol, longest), scratch_(m_.n) {}
 
   // Begin where the model is closed; the coordinates are left where their leverage is more than `most`.
   void start(const double* q, const double* v, double first, double most) {
@@ -354,6 +354,13 @@ class Stepper : public Follower {
   }
   const double* state() const { return solver_.y.data(); }
   const double* acceleration() const { return solver_.slope() + m_.n_q; }
+  // q̇′ and q̈′ there, the latter by a q̈ computed anew; false: no answer.
+  bool free_motion(double* velocity, double* acceleration) {
+    std::vector<double>& a = scratch_;
+    if (!w_.model.forward(state() + m_.n_q, u_, a.data(), pushes_)) return false;
+    w_.model.free_motion(a.data(), velocity, acceleration);
+    return true;
+  }
 
   bool operator()(double, const double* state, double* rate) {
     ++evaluations;
@@ -363,6 +370,7 @@ class Stepper : public Follower {
  private:
   const Tableau tableau_;
   Integrator<Stepper> solver_;
+  std::vector<double> scratch_;
   const double* u_ = nullptr;
 };
 

@@ -19,6 +19,7 @@ ORDER = (
     "arrays",
     "files",
     "displays",
+    "auditing",
     "description",
     "kinematics",
     "mechanism",

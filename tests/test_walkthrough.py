@@ -9,8 +9,7 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.cli import main
-from ccpin.control import PDFullGravity, PDSimpleGravity, certify_set_point
-from ccpin.control.stability.flood import Budget
+from ccpin.control import Budget, PDFullGravity, PDSimpleGravity, certify_set_point
 from ccpin.dynamics import assembly_modes
 from ccpin.visualization import animate
 from tests.support.walkthrough import NAMES, file

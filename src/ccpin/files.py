@@ -6,9 +6,10 @@ import json
 import os
 import tempfile
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, overload
 
 from ccpin.errors import InvalidInputError
 
@@ -60,26 +61,27 @@ def write_atomically(path: str | Path, mode: str, write: Callable[[IO[Any]], obj
         Path(name).unlink(missing_ok=True)
 
 
-class Journal:
+class Journal(Sequence[dict[str, Any]]):
     """An append-only file of JSON lines, the first of which says what it is; made to be killed and opened again.
 
-    Each record is one write, flushed to the disk. A last line that was cut off is dropped when the file is opened.
-    While it is open no other process can open it as a journal (where the system has locks); processes forked
+    Each record is one write, synchronised with the disk. A last line that was cut off is dropped when the file is
+    opened. While it is open no other process can open it as a journal (where the system has locks); processes forked
     meanwhile do not hold it, so it is free when this one ends, however it ends.
+
+    Its records are read when they are asked for, also after `close`, so memory does not grow with the file.
 
     Args:
         path: The file; it and its folder are created where they are absent.
         header: What the first line must say.
 
-    Attributes:
-        records: What the file held when it was opened.
-
     Raises:
-        InvalidInputError: The file holds something else, is in use, or cannot be written.
+        InvalidInputError: The file holds something else, is in use, or cannot be read or written.
     """
 
     def __init__(self, path: str | Path, header: Mapping[str, Any]) -> None:
         self._path = writable_target(path)
+        self._starts: list[int] = []
+        self._end = 0
         try:
             self._file = open(self._path, "a+b")  # noqa: SIM115 - closed by `close`
         except OSError as error:
@@ -87,19 +89,42 @@ class Journal:
         _OPEN.add(self)
         try:
             self._lock()
-            self.records = self._read(dict(header))
+            self._read(dict(header))
         except BaseException:
             self._file.close()
             raise
 
+    def __len__(self) -> int:
+        return len(self._starts)
+
+    @overload
+    def __getitem__(self, place: int) -> dict[str, Any]: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> list[dict[str, Any]]: ...
+
+    def __getitem__(self, place: int | slice) -> dict[str, Any] | list[dict[str, Any]]:
+        if isinstance(place, slice):
+            return [self[k] for k in range(*place.indices(len(self)))]
+        try:
+            with self._path.open("rb") as file:
+                file.seek(self._starts[place])
+                return dict(json.loads(file.readline()))
+        except (OSError, ValueError, TypeError) as error:
+            raise InvalidInputError(f"'{self._path}' was changed while it was in use: {error}") from None
+
     def append(self, record: Mapping[str, Any]) -> None:
-        """Add a line; it is on the disk when this returns."""
-        self._file.write(json.dumps(record).encode() + b"\n")
-        self._file.flush()
-        os.fsync(self._file.fileno())
+        """Add a line; it is on the disk when this returns.
+
+        Raises:
+            InvalidInputError: It cannot be written; nothing of it is left in the file.
+        """
+        start = self._end
+        self._write(record)
+        self._starts.append(start)
 
     def close(self) -> None:
-        """Let others open it."""
+        """Let others open it; what it holds can still be read."""
         self._file.close()
 
     def __enter__(self) -> Journal:
@@ -107,6 +132,21 @@ class Journal:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+    def _write(self, record: Mapping[str, Any]) -> None:
+        line, file = json.dumps(record).encode() + b"\n", self._file.fileno()
+        try:
+            left = memoryview(line)
+            while left:
+                left = left[os.write(file, left) :]
+            os.fsync(file)
+        except BaseException as error:
+            with suppress(OSError):
+                os.ftruncate(file, self._end)
+            if isinstance(error, OSError):
+                raise InvalidInputError(f"cannot write '{self._path}': {error}") from None
+            raise
+        self._end += len(line)
 
     def _lock(self) -> None:
         try:
@@ -118,26 +158,51 @@ class Journal:
         except OSError:
             raise InvalidInputError(f"'{self._path}' is being written by another process") from None
 
-    def _read(self, header: dict[str, Any]) -> list[dict[str, Any]]:
+    def _read(self, header: dict[str, Any]) -> None:
+        """Find where the records begin; cut off what is behind the last whole one."""
+        starts, line = [], b""
         self._file.seek(0)
-        text = self._file.read()
-        whole = text[: text.rfind(b"\n") + 1]
-        try:
-            lines = [json.loads(line) for line in whole.splitlines()]
-        except ValueError:
-            lines = [None]
-        if (lines and lines[0] != header) or not (whole or json.dumps(header).encode().startswith(text)):
-            raise InvalidInputError(f"'{self._path}' holds something else than {header}: name another file")
-        self._file.truncate(len(whole))
-        if not lines:
-            self.append(header)
-        return lines[1:]
+        for line in self._file:
+            if line.endswith(b"\n"):
+                starts.append(self._end)
+                self._end += len(line)
+        if starts and _parsed(line) is None and len(starts) > 1 and line.endswith(b"\n"):
+            self._end = starts.pop()
+        self._check(header, beginning=line if not starts else None)
+        self._file.truncate(self._end)
+        if not starts:
+            self._write(header)
+        self._starts = starts[1:]
+
+    def _check(self, header: dict[str, Any], beginning: bytes | None) -> None:
+        """The first line says what it must; where none is whole, what there is is the beginning of one that does."""
+        if beginning is not None:
+            if json.dumps(header).encode().startswith(beginning):
+                return
+            raise InvalidInputError(f"'{self._path}' is no journal: name another file")
+        self._file.seek(0)
+        found, wanted = _parsed(self._file.readline()), json.loads(json.dumps(header))
+        if found is None:
+            raise InvalidInputError(f"'{self._path}' is no journal: name another file")
+        names = sorted(name for name in {*found, *wanted} if found.get(name) != wanted.get(name))
+        if names:
+            told = "; ".join(f"{name} is {found.get(name)} there and {wanted.get(name)} here" for name in names)
+            raise InvalidInputError(f"'{self._path}' is the journal of another task: {told}")
 
     def _let_go(self) -> None:
         """In a forked process: give up its copy of the file, which would hold the lock when this process is gone."""
         if not self._file.closed:
             with open(os.devnull, "r+b") as nowhere:
                 os.dup2(nowhere.fileno(), self._file.fileno(), inheritable=False)
+
+
+def _parsed(line: bytes) -> dict[str, Any] | None:
+    """A record; ``None`` where the line is none."""
+    try:
+        found = json.loads(line)
+    except ValueError:
+        return None
+    return found if isinstance(found, dict) else None
 
 
 _OPEN: weakref.WeakSet[Journal] = weakref.WeakSet()

@@ -136,6 +136,20 @@ def test_a_second_and_more_is_told_on_a_terminal_alone(capsys, monkeypatch):
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.parametrize(
+    "more", [["--duration", "0.2", "--friction-coulomb", "0.1"], ["--cycles", "1", "--wait", "0.1"]]
+)
+def test_simulate_tells_its_share(more, capsys, monkeypatch):
+    """A motion by its time, cycles by their moves: growing, from 0 to 100 %."""
+    monkeypatch.setattr("ccpin.cli.progress._PATIENCE", 0.0)
+    monkeypatch.setattr("ccpin.cli.progress._LOOK", 0.005)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
+    assert main(["simulate", "rpdr", "--start-deg", "-150", "-160", "--goal-deg", "-90", "-100", *more.split()]) == 0
+    shares = [int(share) for share in re.findall(r"simulating +(\d+) %", capsys.readouterr().err)]
+    assert shares == sorted(shares)
+    assert 0 <= shares[0] < shares[-1] <= 100
+
+
 def test_a_piped_command_writes_its_result_alone():
     """stdout is JSON, stderr is empty."""
     command = [sys.executable, "-m", "ccpin", "modes", "rpdr", "--json"]

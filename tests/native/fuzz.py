@@ -207,7 +207,7 @@ def _ask_for_runs(kernel: Any, near: np.ndarray, sizes: tuple[int, ...], rng: np
             "velocity": [0.0] * n, "held": [0.0] * n, "pending": [0.0] * (n * int(rng.integers(3))), "count": 0,
         }  # fmt: skip
     for tableau in TABLEAUX.values():
-        held = kernel.held_motion(tableau, 1e-6, 1e-8, np.inf, 1e-7, run["wrenches"], leaving)
+        held = kernel.held_motion(kernel, tableau, 1e-6, 1e-8, np.inf, 1e-7, run["wrenches"], leaving)
         held.start(near, _numbers(rng, n_q), _numbers(rng, n), 0.0, float(rng.choice([1e-3, 1e3, np.inf])))
         held.step(_numbers(rng, motors), 1e-3)
         kernel.simulate(near, law, run, tableau)

@@ -15,6 +15,7 @@ import ccpin
 from ccpin import native
 from ccpin.errors import InvalidInputError, UnderactuatedError
 from ccpin.kinematics.clusters import clusters
+from ccpin.simulation.in_core import TABLEAUX
 from tests.support.agreement import reference_model, relative
 
 native_only = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
@@ -242,3 +243,11 @@ def test_without_the_core_numpy_does_the_work():
         "else: raise SystemExit(1)\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@native_only
+def test_steps_are_told_in_coordinates_of_the_same_mechanism(delta):
+    """A motion of one mechanism has no reading in another's coordinates."""
+    core = ccpin.ReducedModel(ccpin.load("rpdr")).core
+    with pytest.raises(ValueError, match="two mechanisms"):
+        core.held_motion(delta[1], TABLEAUX["RK45"], 1e-9, 1e-11, np.inf, 1e-7)

@@ -33,6 +33,10 @@ def test_prismatic_coordinates_stay_in_metres():
     figure = plotting.plot_motion(motion, mechanism)
     assert "[m]" in figure.axes[0].get_ylabel()
     assert "[N]" in figure.axes[-1].get_ylabel()
+    places = [panel.get_subplotspec() for panel in figure.axes if panel.get_visible()]
+    assert len(places) == 3 * 6
+    assert {place.colspan.start for place in places} == {0, 1, 2}  # in two groups of three
+    assert np.allclose(figure.axes[9].lines[0].get_ydata(), motion.q[:, 3])
 
 
 def test_outline_is_the_kinematics(rpdr):

@@ -49,6 +49,15 @@ def test_reports_of_the_zoo(name, words, tmp_path):
     assert re.findall(r'(?:src|href)="(?!data:|#)[^"]*"', outside) == []
 
 
+def test_an_atlas_shares_sum_to_the_whole(tmp_path):
+    """What the page says of each kind of cell, singular ones included."""
+    page, _ = written("rpdr", tmp_path, QUICK._replace(depth=6))
+    shares = {kind: float(share) for share, kind in re.findall(r"([\d.]+) % (\w+)", page)}
+    assert set(shares) >= {"certified", "empty", "singular", "undecided", "unreached"}
+    assert shares["singular"] > 0.0
+    assert sum(shares.values()) == pytest.approx(100.0, abs=0.03)
+
+
 def _titles(page):
     """Words that are in figures only are looked for in captions; the atlas's are drawn."""
     return "certified boxes" if "The atlas; + is the reference." in page else ""

@@ -2,6 +2,7 @@
 
 import signal
 import threading
+import time
 from contextlib import contextmanager
 
 import numpy as np
@@ -148,6 +149,60 @@ def test_held_efforts_go_through_a_change(rpdr_model):
         for sample, q, v in zip(samples, whole.q[1:], whole.v[1:], strict=False):
             np.testing.assert_allclose(sample.q, q, rtol=0, atol=1e-8)
             np.testing.assert_allclose(sample.v, v, rtol=0, atol=1e-6)
+
+
+@in_core
+@pytest.mark.parametrize("name", ["five-bar", "RSSR", "Stewart", "strandbeest"])
+def test_steps_after_a_change_stay_in_the_core(name, monkeypatch):
+    """They integrate nothing in NumPy, and q, q̇, q̈, u and q′ are those of the run's own coordinates."""
+    whole, moving = simulator(name), simulator(name)
+    for each in (whole, moving):
+        each.advance(0.5)
+        assert each.state.model is not each.model
+    ends = [whole.advance(0.5 + 2e-3 * (k + 1)) for k in range(5)]
+    monkeypatch.setattr(Run, "advance", lambda *arguments, **options: pytest.fail("the core gave up"))
+    for end in ends:
+        sample = moving.step(np.zeros(moving.model.n_actuated), 2e-3)
+        assert sample.t == pytest.approx(end.t, abs=1e-14)
+        for ours, theirs in zip(sample[1:6], end[1:6], strict=True):
+            np.testing.assert_allclose(ours, theirs, rtol=0, atol=1e-8 * max(1.0, np.abs(theirs).max(initial=0.0)))
+    monkeypatch.undo()
+    assert moving.t == pytest.approx(ends[-1].t, abs=1e-14)
+    np.testing.assert_allclose(moving.sample().a, ends[-1].a, rtol=0, atol=1e-7 * np.abs(ends[-1].a).max())
+    assert moving.evaluations > 0
+
+
+@pytest.mark.parametrize("name", ["RSSR", "hung bar"])
+def test_a_simulator_reset_steps_as_a_new_one(name):
+    """Through changes of coordinates and back to the first ones: the same bits and as many evaluations."""
+    model, v = case(name)
+    moving, found = simulator(name), []
+    u = np.full(model.n_actuated, 0.1)
+    for _ in range(2):
+        moving.reset(model.alpha(model.mechanism.q_reference), v)
+        samples = [moving.step(u, 5e-3) for _ in range(100)]
+        assert any(event.name.startswith("measured by") for event in moving.events)
+        found.append((np.array([sample.q_free for sample in samples]), moving.evaluations))
+    np.testing.assert_array_equal(found[0][0], found[1][0])
+    assert found[0][1] == found[1][1]
+
+
+@in_core
+def test_a_step_after_a_change_costs_no_more_than_twice():
+    """Processor time of one step, the median of many, before and after the coordinates are changed."""
+    for name in ("five-bar", "Stewart"):
+        moving = simulator(name, method="RK45", rtol=1e-9, atol=1e-11)
+        u, costs = np.zeros(moving.model.n_actuated), []
+        for until in (0.02, 0.5):
+            moving.advance(until)
+            spent = []
+            for _ in range(201):
+                began = time.process_time()
+                moving.step(u, 1e-5)
+                spent.append(time.process_time() - began)
+            costs.append(np.median(spent))
+        assert moving.state.model is not moving.model
+        assert costs[1] < 2.0 * costs[0]
 
 
 @pytest.mark.parametrize("name", ["RSSR", "Stewart"])

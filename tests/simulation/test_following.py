@@ -3,13 +3,14 @@
 import numpy as np
 import pinocchio as pin
 import pytest
-from scipy.integrate import simpson
+from scipy.integrate import simpson, solve_ivp
 
 import ccpin
 from ccpin import native
 from ccpin.control import PDSimpleGravity
 from ccpin.control.sampling import Sampling
 from tests.oracles import descriptor
+from tests.support import linkages
 from tests.support.agreement import reference_model
 from tests.support.passive import CASES, STRETCHING, TIGHT, assert_it_goes_on, case, energies, free_velocity, released
 from tests.support.places import SHARED
@@ -56,6 +57,27 @@ def test_the_motion_is_that_of_the_descriptor_form(name, duration):
     changes, far, faster = apart(name, duration)
     assert changes >= 1
     assert max(far, faster) < 1e-6
+
+
+def test_a_pendulum_closed_by_a_pin_is_the_double_pendulum():
+    """Three seconds of the hung bar, through a change of coordinates, against Lagrange's equations of two angles."""
+    model, run = released("hung bar", 3.0)
+    (m1, l1, i1), (m2, l2, i2) = linkages.UPPER, linkages.LOWER
+    coupling, g = 0.5 * m2 * l1 * l2, 9.81
+
+    def derivative(t, x):
+        a, b, da, db = x
+        c, s = coupling * np.cos(a - b), coupling * np.sin(a - b)
+        mass = [[i1 + 0.25 * m1 * l1**2 + m2 * l1**2, c], [c, i2 + 0.25 * m2 * l2**2]]
+        pull = (0.5 * m1 + m2) * l1 * g * np.cos(a) - s * db**2, 0.5 * m2 * l2 * g * np.cos(b) + s * da**2
+        return np.concatenate([x[2:], np.linalg.solve(mass, pull)])
+
+    places = [model.mechanism.tree.joint(name).q.start for name in ("swing", "turn")]
+    angles = run.q_free[:, places]
+    start = np.concatenate([angles[0], np.zeros(2)])
+    found = solve_ivp(derivative, (0.0, 3.0), start, method="DOP853", rtol=1e-12, atol=1e-13, t_eval=run.t)
+    assert run.changes >= 1
+    np.testing.assert_allclose(angles, found.y[:2].T, rtol=0, atol=1e-6)
 
 
 @pytest.mark.slow
@@ -107,6 +129,18 @@ def test_coordinates_are_not_changed_to_and_fro():
     crank = run.q_free[:, mechanism.tree.joint("crank").q.start]
     assert np.ptp(crank) > 4 * np.pi
     assert run.changes == 1
+
+
+@pytest.mark.parametrize("method", ["RK45", "DOP853"])
+def test_coordinates_are_left_late_in_a_motion_too(method):
+    """At 1e7 s no step is shorter than 2e-8 s; the coordinates are left all the same, here by NumPy's integrators."""
+    model, v = case("five-bar")
+    slow = reference_model(model.mechanism, model.gravity_vector)
+    moving = ccpin.Simulator(slow, None, method=method)
+    moving.reset(model.alpha(model.mechanism.q_reference), v, t=1e7)
+    run = moving.run(1e7 + 0.5, sample_period=0.05)
+    assert (run.status, run.changes) == ("finished", 1)
+    assert run.closure_error.max() <= 1e-10
 
 
 # What is stated in the coordinates, and what is not.

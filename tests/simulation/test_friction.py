@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import linprog
 
 import ccpin
+from ccpin.control import Sampling
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.coordinates import component_names
 from ccpin.simulation import friction_force
@@ -48,6 +49,23 @@ def test_static_friction_holds(rpdr_model):
     assert motion.status == "finished"
     assert np.abs(motion.q - POSE).max() == 0.0
     assert np.abs(motion.v).max() == 0.0
+
+
+@pytest.mark.parametrize("sampling", [None, Sampling(2e-3)])
+def test_a_load_that_grows_in_place_lets_go(rpdr_model, sampling):
+    """A law that writes into one array is felt as one that makes them anew: what was at rest is looked at again."""
+    kept, motions = hold(rpdr_model, 0.9), []
+    start = kept.copy()
+
+    def growing(t, q, v):
+        kept[:] = start + [0.4 * t, 0.0]
+        return kept
+
+    for law in (growing, lambda t, q, v: start + [0.4 * t, 0.0]):
+        motions.append(ccpin.simulate(rpdr_model, law, POSE, duration=0.2, friction=MOTORS, sampling=sampling))
+    assert np.array_equal(motions[0].q, motions[1].q)
+    moved = motions[0].t[np.abs(motions[0].q[:, 0] - POSE[0]) > 0]
+    assert moved[0] == pytest.approx(0.1 * 0.2 / 0.4, abs=3.1e-3)  # where it exceeds its level, to a sample
 
 
 def test_a_held_mechanism_bears_the_load(rpdr_model):

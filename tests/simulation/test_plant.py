@@ -5,9 +5,12 @@ import pytest
 from scipy.optimize import brentq
 
 import ccpin
+from ccpin import native
 from ccpin.control import PDSimpleGravity, Sampling
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Contact, Disturbance, Limits, MotorModel, Push, Simulator
+from ccpin.simulation.run import Run
+from tests.support.agreement import reference_model
 from tests.support.carriage import carriage
 
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
@@ -164,6 +167,37 @@ def test_saturation_is_found_to_the_integrators_tolerance():
     motion = ccpin.simulate(model, lambda t, q, v: 20 - 200 * q, [0.0], duration=0.2, **TIGHT)
     assert names(motion)[0] == "motor of 'x': within its limits"
     assert motion.events[0].t == pytest.approx(np.sqrt(2 * 0.075 / 5), abs=1e-9)
+
+
+@pytest.mark.parametrize("backend", ["core", "numpy"])
+def test_steps_beyond_the_limits_are_steps_at_them(backend, monkeypatch):
+    """Commands of 3, 8, −9, −7 and 1 N to a motor of 5 N: 1 kg by the closed forms; u and events say what was cut off.
+
+    None of it needs the reference where there is a core.
+    """
+    model = carriage(effort=5.0)
+    if backend == "numpy":
+        model = reference_model(model.mechanism, model.gravity_vector)
+    elif native.backend().name == "native":
+        monkeypatch.setattr(Run, "advance", lambda *arguments, **options: pytest.fail("the core gave up"))
+    simulator = Simulator(model)
+    simulator.reset([0.0])
+    x = v = 0.0
+    for command, given in ((3.0, 3.0), (8.0, 5.0), (-9.0, -5.0), (-7.0, -5.0), (1.0, 1.0)):
+        sample = simulator.step([command], 0.01)
+        x, v = x + 0.01 * v + 0.5 * given * 1e-4, v + given * 0.01
+        assert (sample.q[0], sample.v[0], sample.a[0]) == pytest.approx((x, v, given), abs=1e-12)
+        assert sample.u[0] == given
+    assert [(event.name, round(event.t, 9)) for event in simulator.events] == [
+        ("motor of 'x': saturated", 0.01),
+        ("motor of 'x': within its limits", 0.04),
+    ]
+    assert simulator.events[1].q[0] == pytest.approx(x - 0.01 * v + 0.5e-4, abs=1e-12)
+    monkeypatch.undo()
+    for wrong in ([np.nan], [np.inf], [1.0, 2.0], 1.0, "1"):
+        with pytest.raises(InvalidInputError):
+            simulator.step(wrong, 0.01)
+    assert simulator.t == pytest.approx(0.05, abs=1e-15)
 
 
 def test_an_effort_of_zero_is_no_limit():

@@ -290,7 +290,7 @@ def test_a_law_that_fails_at_once_raises(rpdr_model):
 
 
 @pytest.mark.parametrize("method", ["RK45", "DOP853", "RK23", "Radau"])
-@pytest.mark.parametrize("options", [{}, {"rtol": 1e-12, "atol": 1e-13}])
+@pytest.mark.parametrize("options", [{}, {"rtol": 1e-12, "atol": 1e-13}, {"rtol": 1e-6, "atol": 1e-8}])
 def test_a_singularity_is_one_for_every_integrator(rpdr_model, method, options):
     """Thrown at the stretched loop the motion ends as singular, by all of them."""
     motion = ccpin.simulate(
@@ -298,6 +298,17 @@ def test_a_singularity_is_one_for_every_integrator(rpdr_model, method, options):
     )
     assert motion.status == "singular"
     assert motion.t[-1] == pytest.approx(0.057, abs=1e-3)
+
+
+@pytest.mark.parametrize("method", ["RK45", "DOP853"])
+def test_a_singularity_is_one_late_in_a_motion_too(rpdr_model, method):
+    """At 1e7 s, where no step can be shorter than 2e-8 s and integrators give up before they have come near."""
+    simulator = ccpin.Simulator(rpdr_model, Limp(2), method=method)
+    simulator.reset(np.radians([-108.0, -72.0]), [-8.0, 8.0], t=1e7)
+    motion = simulator.run(1e7 + 0.5, sample_period=0.1)
+    assert motion.status == "singular"
+    assert "the coordinates joint1, joint2 end, in which Limp is stated" in motion.message
+    assert motion.t[-1] - 1e7 == pytest.approx(0.057, abs=1e-3)
 
 
 @pytest.mark.parametrize("controller", [None, lambda t, q, v: np.zeros(2)])

@@ -179,11 +179,11 @@ def test_another_sweeps_file(tmp_path):
     path = tmp_path / "rows"
     sweep(parabola, CASES, path=path)
     before = path.read_bytes()
-    with pytest.raises(InvalidInputError, match="something else"):
+    with pytest.raises(InvalidInputError, match="another task: task is parabola there and drawn here"):
         sweep(drawn, CASES, path=path)
     assert path.read_bytes() == before
     Path(tmp_path / "text").write_text("dear diary")
-    with pytest.raises(InvalidInputError, match="something else"):
+    with pytest.raises(InvalidInputError, match="no journal"):
         sweep(parabola, CASES, path=tmp_path / "text")
 
 

@@ -212,6 +212,18 @@ def test_slices_follow_the_other_coordinates(subjects):
         assert desk.order("slice", axes=axes)["kind"] == "error"
 
 
+def test_what_is_proved_takes_the_place_of_samples(subjects):
+    """A slice sampled before there was an atlas is neither kept for an exported page nor told after the atlas."""
+    desk = Desk(subjects("rpdr"))
+    desk.result("slice", "slice", axes=[0, 1])
+    desk.order("slice", axes=[0, 1])
+    desk.result("chart", "chart")
+    assert desk.said[-1]["kind"] == "chart"
+    kinds = [message["kind"] for message in desk.said]
+    assert kinds.count("slice") == 1
+    assert '"kind": "slice"' not in base64.b64decode(desk.order("export")["content"]).decode()
+
+
 def test_the_square_is_theorem_2(subjects):
     """Its radius is `theorem2_radius` about where the mechanism is."""
     desk = Desk(subjects("rpdr"))

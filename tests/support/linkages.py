@@ -23,6 +23,18 @@ FIVE_BAR = """<mujoco model="five-bar"><compiler angle="radian"/><worldbody>
 """
 """A five-bar with two motors at its base, as MJCF."""
 
+UPPER, LOWER = (0.8, 0.4, 0.01), (0.5, 0.3, 0.004)
+"""Of the bars below: mass, length (the centre of mass is half way) and moment of inertia about that centre."""
+HUNG_BAR = """<mujoco model="hung_bar"><worldbody>
+  <body name="upper"><joint name="swing" axis="0 1 0"/>
+    <inertial pos="0.2 0 0" mass="0.8" diaginertia="0.01 0.01 0.01"/></body>
+  <body name="lower" pos="0.4 0 0">
+    <joint name="along" type="slide" axis="1 0 0"/><joint name="height" type="slide" axis="0 0 1"/>
+    <joint name="turn" axis="0 1 0"/><inertial pos="0.15 0 0" mass="0.5" diaginertia="0.004 0.004 0.004"/></body>
+</worldbody><equality><connect body1="upper" body2="lower" anchor="0.4 0 0"/></equality></mujoco>
+"""
+"""A double pendulum as MuJoCo's own tests of `connect` have it: the lower bar free in its plane, pinned to it."""
+
 
 def rssr():
     """A spatial four-bar: a crank, a rod on two ball joints, a rocker about an axis across the crank's."""

@@ -19,6 +19,13 @@ def five_bar():
     return ccpin.ReducedModel(ccpin.load(read_mjcf(linkages.FIVE_BAR.encode(), None))), np.array([4.0, -3.0])
 
 
+def hung_bar():
+    """MJCF, a double pendulum measured by the height of its pin, which turns back wherever the upper bar is upright."""
+    described = read_mjcf(linkages.HUNG_BAR.encode(), None)
+    mechanism = ccpin.load(described, independent=["height", "turn"], reference={"swing": 0.3, "turn": 0.1})
+    return ccpin.ReducedModel(mechanism), np.zeros(2)
+
+
 def rssr():
     """Measured by its rocker, which swings to and fro while the crank goes round, and by the rod's spin."""
     mechanism = ccpin.load(linkages.rssr(), independent=["rocker", "ball:rx"], free=["ball"])
@@ -52,6 +59,7 @@ def strandbeest():
 
 CASES = {
     "five-bar": five_bar,
+    "hung bar": hung_bar,
     "RSSR": rssr,
     "Stewart": stewart,
     "cassie_like": cassie,

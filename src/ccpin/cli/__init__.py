@@ -17,6 +17,7 @@ from ccpin.cli.paper import add_paper
 from ccpin.cli.report import add_report
 from ccpin.cli.simulate import add_simulate
 from ccpin.cli.studio import add_studio
+from ccpin.cli.verify import add_verify
 from ccpin.cli.view import add_view
 from ccpin.errors import CcpinError
 
@@ -53,6 +54,7 @@ def _parser() -> argparse.ArgumentParser:
         add_modes,
         add_simulate,
         add_domain,
+        add_verify,
         add_view,
         add_studio,
         add_convert,

@@ -10,6 +10,7 @@ import shtab
 
 from ccpin.cli.command import complete
 from ccpin.cli.options import add_mechanism, load
+from ccpin.cli.progress import busy
 from ccpin.description.writers import FORMATS
 
 
@@ -27,7 +28,8 @@ def add_convert(commands: Any) -> None:
 
 def _convert(options: argparse.Namespace) -> int:
     mechanism = load(options)
-    notes = mechanism.save(options.out, options.to)
+    with busy(options.json, "writing"):
+        notes = mechanism.save(options.out, options.to)
     if options.json:
         print(json.dumps({"written": options.out, "n": mechanism.n, "notes": notes}))
     else:

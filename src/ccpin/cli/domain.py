@@ -47,7 +47,15 @@ def add_domain(commands: Any) -> None:
         "--workers", type=count, metavar="N", help="share the work among N processes (default: this one)"
     )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="run on a Dask cluster, e.g. tcp://127.0.0.1:8786")
-    complete(parser.add_argument("--save", type=Path, metavar="NPZ", help="write the atlas"), shtab.FILE)
+    complete(
+        parser.add_argument(
+            "--save",
+            type=Path,
+            metavar="FILE",
+            help="write the atlas, a certificate for `ccpin verify` (.json, else npz)",
+        ),
+        shtab.FILE,
+    )
     drawn = "write figures there (n = 2)"
     complete(parser.add_argument("--plot", type=Path, metavar="DIR", help=drawn), shtab.DIRECTORY)
     parser.set_defaults(run=_domain)

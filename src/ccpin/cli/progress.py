@@ -10,16 +10,24 @@ from typing import Any
 
 _PATIENCE = 1.0
 """Seconds after which somebody who waits wants to know what for."""
+_LOOK = 0.5
+"""Seconds between two looks."""
 
 
 @contextlib.contextmanager
-def busy(quiet: bool, what: str) -> Iterator[None]:
-    """What is done and for how long, once it takes more than a second; nothing where no terminal shows it."""
+def busy(quiet: bool, what: str, share: Callable[[], float] | None = None) -> Iterator[None]:
+    """What is done and for how long, once it takes more than a second; nothing where no terminal shows it.
+
+    Args:
+        quiet: Whether nothing is to be shown whatever the terminal.
+        what: What is done, in a word.
+        share: How much of it is done, from 0 to 1, where that can be looked up; asked by another thread.
+    """
     if quiet or not sys.stderr.isatty():
         yield
         return
     done = threading.Event()
-    teller = threading.Thread(target=_tell, args=(what, done), daemon=True)
+    teller = threading.Thread(target=_tell, args=(what, share, done), daemon=True)
     teller.start()
     try:
         yield
@@ -28,13 +36,16 @@ def busy(quiet: bool, what: str) -> Iterator[None]:
         teller.join()
 
 
-def _tell(what: str, done: threading.Event) -> None:
+def _tell(what: str, share: Callable[[], float] | None, done: threading.Event) -> None:
     if done.wait(_PATIENCE):
         return
     from tqdm import tqdm
 
-    with tqdm(desc=what, bar_format="{desc} … {elapsed}", leave=False) as bar:
-        while not done.wait(0.5):
+    form = "{desc} … {elapsed}" if share is None else "{desc} {percentage:3.0f} %|{bar}| {elapsed}"
+    with tqdm(desc=what, total=1.0, bar_format=form, leave=False) as bar:
+        while not done.wait(_LOOK):
+            if share is not None:
+                bar.n = min(max(share(), 0.0), 1.0)
             bar.refresh()
 
 

@@ -19,8 +19,7 @@ from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.simulation import METHODS, Settling, SupervisedMotion, Trajectory, exceeded, supervise
-from ccpin.simulation import simulate as run_simulation
+from ccpin.simulation import METHODS, Settling, Simulator, SupervisedMotion, Trajectory, exceeded, supervise
 from ccpin.simulation.metrics import set_point_metrics
 
 _EXAMPLES = """\
@@ -68,13 +67,14 @@ def _simulate(options: argparse.Namespace) -> int:
     settings = {"method": options.method, "rtol": options.rtol, "atol": options.atol} | bench_settings(options, model)
     if options.cycles is None:
         law = _law(model, options, goal, model.sigma(start))
-        with busy(options.json, "simulating"):
-            trajectory = run_simulation(model, law, start, duration=options.duration, **settings)
+        simulator, until = Simulator(model, law, **settings), options.duration
+        simulator.reset(start)
+        with busy(options.json, "simulating", lambda: simulator.t / until):
+            trajectory = simulator.run(until)
         moves = [(goal, trajectory)]
         goals = np.broadcast_to(goal, trajectory.q.shape)
     else:
-        with busy(options.json, "simulating"):
-            motion = _cycles(model, options, start, goal, settings)
+        motion = _cycles(model, options, start, goal, settings)
         trajectory, moves = motion.trajectory, [(move.goal, move.trajectory) for move in motion.moves]
         goals = np.array([next(m.goal for m in motion.moves if t <= m.end) for t in trajectory.t])
     band = np.radians(options.band_deg)
@@ -110,15 +110,23 @@ def _gain(options: argparse.Namespace, name: str, n: int) -> float | tuple[float
 def _cycles(
     model: ReducedModel, options: argparse.Namespace, start: Array, goal: Array, settings: dict[str, Any]
 ) -> SupervisedMotion:
-    return supervise(
-        model,
-        lambda target, q_free: _law(model, options, target, q_free),
-        start,
-        [goal, start] * options.cycles,
-        wait=options.wait,
-        settling=Settling(goal, band=np.radians(options.settle_deg), speed=options.settle_speed),
-        **settings,
-    )
+    goals: list[Array] = [goal, start] * options.cycles
+    begun: list[Array] = []
+
+    def law_to(target: Array, q_free: Array) -> ControlLaw:
+        begun.append(target)
+        return _law(model, options, target, q_free)
+
+    with busy(options.json, "simulating", lambda: (len(begun) - 1) / len(goals)):
+        return supervise(
+            model,
+            law_to,
+            start,
+            goals,
+            wait=options.wait,
+            settling=Settling(goal, band=np.radians(options.settle_deg), speed=options.settle_speed),
+            **settings,
+        )
 
 
 def _write(out: Path, mechanism: Mechanism, trajectory: Trajectory, goals: Array, result: dict[str, Any]) -> None:

@@ -47,16 +47,17 @@ def _view(options: argparse.Namespace) -> None:
     motion = None if options.trajectory is None else load_npz(options.trajectory)
     shown: dict[str, Any] = {}
     if motion is not None:
-        forces = closure_forces(mechanism, motion) if options.forces else ()
+        with busy(options.json, "computing the forces"):
+            forces = closure_forces(mechanism, motion) if options.forces else ()
         shown = {"speed": options.speed, "trace": options.trace, "forces": forces}
     elif options.trace is not None or options.forces:
         raise InvalidInputError("--trace and --forces go with --trajectory: a pose alone has neither path nor forces")
     if options.out is not None:
-        if motion is None:
-            with busy(options.json, "drawing"):
+        film = options.out.suffix.lower() in visualization.FILMS
+        with progress_bar(options.json) if film else busy(options.json, "drawing") as drawn:
+            if motion is None:
                 visualization.snapshot(mechanism, None, options.out)
-        else:
-            with progress_bar(options.json) as drawn:
+            else:
                 visualization.animate(mechanism, motion.t, motion.q_free, options.out, progress=drawn, **shown)
         print(json.dumps({"out": str(options.out)}) if options.json else f"wrote {options.out}")
         return

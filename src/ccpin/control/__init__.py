@@ -7,15 +7,18 @@ from ccpin.control.online import OnlineLaw, OnlineReport, OnlineSigma, capped_si
 from ccpin.control.references import Hold, PointToPoint, Reference, ReferenceState, Waypoints, through_points
 from ccpin.control.sampling import Sampling
 from ccpin.control.servos import Servos
+from ccpin.control.stability.flood import Budget, Flooded
 from ccpin.control.stability.gains import Gains, local_gains, suggest_gains
 from ccpin.control.stability.theorem3 import SetPointCertificate, certify_law, certify_set_point
 from ccpin.control.stability.well import RegionSamples, sample_region
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw, WithSigmaError
 
 __all__ = [
+    "Budget",
     "ComputedTorque",
     "ControlLaw",
     "CoulombCompensation",
+    "Flooded",
     "Gains",
     "Hold",
     "NoTorque",

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import abc
 from collections.abc import Callable, Sequence
-from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,7 +33,7 @@ class ControlLaw(abc.ABC):
             numbers only. A simulation then goes on there; under any other law it ends.
     """
 
-    everywhere: ClassVar[bool] = False
+    everywhere: bool = False
 
     @abc.abstractmethod
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
@@ -120,7 +119,7 @@ class Delayed(ControlLaw):
     """
 
     def __init__(self, law: ControlLaw, start: float) -> None:
-        self.law, self.start = law, start
+        self.law, self.start, self.everywhere = law, start, law.everywhere
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
         """The law's efforts at t − start."""
@@ -140,6 +139,11 @@ class Delayed(ControlLaw):
         inside = t - self.start
         switch = self.law.next_switch(inside)
         return switch if switch is not None and switch + self.start <= t else inside
+
+
+def undelayed(law: ControlLaw) -> ControlLaw:
+    """A law itself, whatever clock it is on."""
+    return law.law if isinstance(law, Delayed) else law
 
 
 def next_of(times: Array, t: float) -> float:

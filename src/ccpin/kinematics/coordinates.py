@@ -86,6 +86,7 @@ class IndependentCoordinates:
         self.parts = self._resolve(names)
         self.nq = self.parts[-1].q.stop if self.parts else 0
         self.n = self.parts[-1].v.stop if self.parts else 0
+        self._units = [slice(p.q.stop - p.whole.unit, p.q.stop) for p in self.parts if p.whole is not None]
         self.scalar = all(part.whole is None for part in self.parts)
         selected = [part for part in self.parts if part.component is None]
         self.constant = len(selected) == len(self.parts)
@@ -236,22 +237,18 @@ class IndependentCoordinates:
     def normalize(self, q: Array) -> Array:
         """Bring circles and quaternions in q back to unit length."""
         result = q.copy()
-        for unit in self._units():
+        for unit in self._units:
             result[unit] = result[unit] / np.linalg.norm(result[unit])
         return result
 
     def off_manifold(self, q: Array) -> float:
         """How far the circles and quaternions in q are from unit length."""
-        return max((abs(float(np.linalg.norm(q[unit])) - 1.0) for unit in self._units()), default=0.0)
+        return max((abs(float(np.linalg.norm(q[unit])) - 1.0) for unit in self._units), default=0.0)
 
     def turned(self, q_free: Array) -> float:
         """The longest rotation vector of a joint whose single turns are coordinates, rad; at π they jump."""
         parts = [part for part in self.parts if part.component is not None and not part.wraps and not part.slides[0]]
         return max((float(np.linalg.norm(self._rotation_vector(p, q_free[p.q_free]))) for p in parts), default=0.0)
-
-    def _units(self) -> list[slice]:
-        """Where q holds circles and quaternions."""
-        return [slice(p.q.stop - p.whole.unit, p.q.stop) for p in self.parts if p.whole is not None]
 
     def _rotation_vector(self, part: Coordinate, q: Array) -> Array:
         """r of a joint's q: from the reference for a quaternion, from the circle's own zero otherwise."""

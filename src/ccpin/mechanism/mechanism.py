@@ -28,6 +28,10 @@ from ccpin.mechanism.pinocchio import constraint_models
 GEOMETRY_TOLERANCE = 1e-5
 
 
+_ANYTHING = ("robot", "model", "scene", "assembly")
+"""What a file of any mechanism might be called."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mechanism(Record):
     """A closed-chain mechanism: the free system, its closures, and which coordinates are independent.
@@ -60,6 +64,12 @@ class Mechanism(Record):
     def name(self) -> str:
         """The mechanism's name in its file."""
         return self.description.name
+
+    @property
+    def title(self) -> str:
+        """What heads its pictures: its file's name; where that could be any mechanism's, its folder's; else `name`."""
+        source = Path(self.description.source or self.name)
+        return source.parent.name or self.name if source.stem in _ANYTHING else source.stem
 
     @cached_property
     def pin_model(self) -> pin.Model:

@@ -157,6 +157,7 @@ class Kernel:
 
     def held_motion(
         self,
+        home: Kernel,
         tableau: dict[str, object],
         rtol: float,
         atol: float,
@@ -165,7 +166,10 @@ class Kernel:
         wrenches: ArrayLike | None = None,
         leaving: dict[str, object] | None = None,
     ) -> HeldMotion:
-        """A motion to be stepped with u held; `leaving` tells poor coordinates (`ccpin.simulation.following`)."""
+        """A motion to be stepped with u held, and told in the coordinates of `home`, the same mechanism's.
+
+        `leaving` tells poor coordinates (`ccpin.simulation.following`).
+        """
 
 class HeldMotion:
     """A motion that is stepped with u held; one thread may use it at a time.
@@ -184,7 +188,10 @@ class HeldMotion:
         """
 
     def step(self, u: ArrayLike, dt: float) -> tuple[Array, Array, Array, Array, Array, float] | None:
-        """q, q̇, q̈, u, q′ (read-only) and |φ| after dt; ``None``: the reference must tell, then `start` again."""
+        """q, q̇, q̈ of `home`, u, q′ (read-only) and |φ| after dt; ``None``: the reference tells, then `start` again."""
+
+    def state(self) -> Array:
+        """(q, q̇) in the kernel's own coordinates after the last step that had an answer."""
 
 Columns = tuple[Array, ...]  # the fields of ccpin.domain.boxes.Boxes
 

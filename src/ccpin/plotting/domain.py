@@ -42,7 +42,7 @@ def plot_singularities(
         title: The figure's title.
     """
     mechanism = mechanism_of(mechanism)
-    with drawing(heading(title, f"{mechanism.name}: singular configurations"), (6.8, 6.6)) as figure:
+    with drawing(heading(title, f"{mechanism.title}: singular configurations"), (6.8, 6.6)) as figure:
         axes = figure.add_subplot()
         _curves(axes, curves, markersize=8)
         for region in instance(regions, "regions", Sequence, "a sequence of (lower, upper, name)"):
@@ -71,7 +71,7 @@ def plot_atlas(
         [lower, np.column_stack([upper[:, 0], lower[:, 1]]), upper, np.column_stack([lower[:, 0], upper[:, 1]])], 1
     )
     status = atlas.tree.status[leaves]
-    title = heading(title, f"{mechanism_of(mechanism).name}: {len(atlas.lower)} certified boxes")
+    title = heading(title, f"{mechanism_of(mechanism).title}: {len(atlas.lower)} certified boxes")
     with drawing(title, (7.2, 7.2), **{"axes.grid": False}) as figure:
         axes = figure.add_subplot()
         handles = []
@@ -101,7 +101,7 @@ def plot_radius_map(
     first, second = np.meshgrid(*grids, indexing="ij")
     radius = np.degrees(certified_radius(atlas, np.column_stack([first.ravel(), second.ravel()]))).reshape(first.shape)
     lower, upper = np.degrees([region.lower, region.upper])
-    title = heading(title, f"{mechanism_of(mechanism).name}: radius of the certified square about each q")
+    title = heading(title, f"{mechanism_of(mechanism).title}: radius of the certified square about each q")
     with drawing(title, (7.6, 6.6), **{"axes.grid": False}) as figure:
         axes = figure.add_subplot()
         extent = (lower[0], upper[0], lower[1], upper[1])

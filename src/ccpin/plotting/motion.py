@@ -18,6 +18,12 @@ from ccpin.simulation.trajectory import Trajectory
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+_ABREAST = 3
+"""Columns of a motion's panels in a row."""
+_LONG = 12
+"""Letters from which on a name has a line of its own beside a panel."""
+_TICKS = 5
+"""Along the longest axis of a picture in space."""
 _ROOM = 0.82
 """Of a box in space, so that its labels are within the figure."""
 
@@ -27,7 +33,7 @@ def plot_motion(
 ) -> Figure:
     """Coordinates, velocities and efforts against time, one column a coordinate (the panels of Figs. 9 and 10).
 
-    Angles are drawn in degrees.
+    Angles are drawn in degrees. More than three coordinates stand in groups below one another.
 
     Args:
         trajectory: The motion.
@@ -41,18 +47,20 @@ def plot_motion(
     instance(trajectory, "trajectory", Trajectory)
     mechanism = mechanism_of(mechanism)
     columns = max(trajectory.q.shape[1], trajectory.u.shape[1])
-    title = heading(title, f"{mechanism.name}: {trajectory.message}")
+    title = heading(title, f"{mechanism.title}: {trajectory.message}")
     goals = None if goal is None else _goals(goal, trajectory)
-    with drawing(title, (max(7.0, 3.6 * columns), 7.2)) as figure:
-        axes = figure.subplots(3, columns, sharex=True, squeeze=False)
+    groups = -(-columns // _ABREAST)
+    wide = -(-columns // groups)
+    with drawing(title, (max(7.0, 3.6 * wide), 7.2 * groups)) as figure:
+        axes = figure.subplots(3 * groups, wide, sharex=True, squeeze=False)
         rows: tuple[tuple[str, Array, tuple[str, ...], bool], ...] = (
             ("position", trajectory.q, mechanism.independent, False),
             ("velocity", trajectory.v, mechanism.independent, False),
             ("effort", trajectory.u, mechanism.actuated, True),
         )
         for row, (quantity, values, names, effort) in enumerate(rows):
-            for k in range(columns):
-                panel = axes[row, k]
+            for k in range(groups * wide):
+                panel = axes[3 * (k // wide) + row, k % wide]
                 if k >= values.shape[1]:
                     panel.set_visible(False)
                     continue
@@ -63,9 +71,11 @@ def plot_motion(
                     panel.plot(trajectory.t, scale * goals[:, k], "--", color="0.35", linewidth=1.0, label="set point")
                     if k == 0:
                         panel.legend(loc="best", framealpha=0.85, edgecolor="none")
-                panel.set_ylabel(f"{quantity} of {name} [{unit}]" if not effort else f"effort at {name} [{unit}]")
+                where = "at" if effort else "of"
+                panel.set_ylabel(f"{quantity} {where}{' ' if len(name) < _LONG else chr(10)}{name} [{unit}]")
                 if row == 2:
                     panel.set_xlabel("time [s]")
+                    panel.tick_params(labelbottom=True)
         figure.align_ylabels(axes)
     return figure
 
@@ -126,7 +136,7 @@ def plot_configuration_panels(
     columns = min(2, len(drawings))
     rows = -(-len(drawings) // columns)
     size = (7.0 if columns == 1 else 5.2 * columns, 6.4 if rows == 1 else 4.4 * rows)
-    with drawing(heading(title, mechanism.name), size) as figure:
+    with drawing(heading(title, mechanism.title), size) as figure:
         for k, (above, configurations) in enumerate(drawings):
             projection = {} if plane is not None else {"projection": "3d"}
             axes: Any = figure.add_subplot(rows, columns, k + 1, **projection)
@@ -135,8 +145,10 @@ def plot_configuration_panels(
                 _draw(axes, mechanism, q_free, plane, colour, label)
             axes.set_aspect("equal", adjustable="datalim" if plane is not None else "box")
             if plane is None:
-                axes.set_box_aspect(np.ptp(np.reshape(axes.get_w_lims(), (3, 2)), axis=1), zoom=_ROOM)
-                axes.locator_params(nbins=5)
+                extents = np.ptp(np.reshape(axes.get_w_lims(), (3, 2)), axis=1)
+                axes.set_box_aspect(extents, zoom=_ROOM)
+                for axis, share in zip("xyz", extents / extents.max(), strict=True):
+                    axes.locator_params(axis, nbins=max(1, round(_TICKS * share)))
             labelled = zip("xyz", _axis_names(plane), strict=False)
             pad = 4.0 if plane is not None else 9.0
             for axis, name in labelled:

@@ -75,7 +75,7 @@ def plot_sublevel(
     points = list(matrix_rows(starts, "starts", 2)) if np.size(starts) else []  # type: ignore[arg-type]
     lower, upper = corners_of(_window(certificate, points) if window is None else window, mechanism.independent)
     scale = np.where([mechanism.tree.joint(name).kind.sliding for name in mechanism.independent], 1.0, np.degrees(1.0))
-    title = heading(title, f"{mechanism.name}: the potential well U and the set that Theorem 3 covers")
+    title = heading(title, f"{mechanism.title}: the potential well U and the set that Theorem 3 covers")
     with drawing(title, (7.2, 6.4)) as figure:
         axes = figure.add_subplot()
         _cells(axes, certificate, scale)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 _SLICES = 3
 _WIDEST = np.radians(60.0)
-_SHARES = ("certified", "undecided", "unreached", "empty")
+_SHARES = ("certified", "empty", "singular", "undecided", "unreached")
 
 
 def domain(model: ReducedModel, settings: Settings) -> str:
@@ -97,8 +97,9 @@ def _atlas(mechanism: Mechanism, atlas: Atlas, curves: tuple[SingularCurve, ...]
     shares = ", ".join(f"{100 * getattr(atlas, f'{share}_fraction'):.2f} % {share}" for share in _SHARES)
     words = (
         f"The reference's branch in {len(atlas.lower)} boxes, edges halved up to {settings.depth} times: {shares} of "
-        "the region of the coordinates. Certified is proved; undecided is neither proved nor refuted, and shrinks with "
-        "more halving (`ccpin domain … --atlas --depth`); empty is proved to hold no closed configuration."
+        "the region of the coordinates. Certified is proved; empty is proved to hold no closed configuration, singular "
+        "a singular one; undecided is neither proved nor refuted, and shrinks with more halving "
+        "(`ccpin domain … --atlas --depth`)."
     )
     if not atlas.complete:
         words += " The map was interrupted; what it lacks is unreached."
@@ -129,7 +130,7 @@ def _slices(model: ReducedModel, settings: Settings) -> str:
 def _slice_figure(model: ReducedModel, pairs: list[tuple[int, int]], grid: int) -> Figure:
     mechanism = model.mechanism
     size = (3.5 * len(pairs) + 0.6, 3.5)
-    with drawing(f"{mechanism.name}: 1/κ(ψ_q′) about the reference", size, **{"axes.grid": False}) as figure_:
+    with drawing(f"{mechanism.title}: 1/κ(ψ_q′) about the reference", size, **{"axes.grid": False}) as figure_:
         every = figure_.subplots(1, len(pairs), squeeze=False)[0]
         surveys = [survey(model, pair, grid) for pair in pairs]
         top = max(float(np.nanmax(values)) for _, _, values in surveys)

@@ -156,4 +156,4 @@ def animation(mechanism: Mechanism, motion: Trajectory | None) -> str:
         words = (
             "Drag to turn, scroll to come nearer; ? shows the keys. MeshCat draws it; nothing is loaded from elsewhere."
         )
-        return paragraphs(words) + embedded(page.read_text(encoding="utf-8"), f"{mechanism.name}, animated", 560)
+        return paragraphs(words) + embedded(page.read_text(encoding="utf-8"), f"{mechanism.title}, animated", 560)

@@ -108,8 +108,8 @@ def cut_open(mechanism: Mechanism) -> Figure:
     drawn = plot_configuration_panels(
         mechanism,
         [("closed", [mechanism.q_reference]), ("cut open", [opened])],
-        [mechanism.name],
-        f"{mechanism.name}: closed and cut open",
+        [mechanism.title],
+        f"{mechanism.title}: closed and cut open",
     )
     plane, axes = plane_of_motion(mechanism), drawn.axes[1]
     for loop in mechanism.constraints().loops:

@@ -35,7 +35,7 @@ def modes(model: ReducedModel, settings: Settings) -> str:
     drawn = found.modes[:_DRAWN]
     panels = [(f"mode {k}", [mode.q_free]) for k, mode in enumerate(drawn, start=1)]
     picture = (
-        plot_configuration_panels(mechanism, panels, [mechanism.name], f"{mechanism.name}: assembly modes")
+        plot_configuration_panels(mechanism, panels, [mechanism.title], f"{mechanism.title}: assembly modes")
         if drawn
         else None
     )

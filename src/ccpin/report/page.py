@@ -76,7 +76,7 @@ def write(
         Section("experiment", "An experiment", shown),
         Section("repeat", "To repeat this page", _repeat(mechanism, settings, command, work.seconds)),
     ]
-    page = render(f"{mechanism.name}", "A closed-chain mechanism, as ccpin loads it.", sections)
+    page = render(mechanism.title, "A closed-chain mechanism, as ccpin loads it.", sections)
     write_atomically(target, "w", lambda file: file.write(page))
     return Report(target, work.seconds, work.failed)
 

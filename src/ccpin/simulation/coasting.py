@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, NoTorque
+from ccpin.control.laws import ControlLaw, NoTorque, undelayed
 from ccpin.simulation.commanding import Held
 from ccpin.simulation.following import Following
 from ccpin.simulation.happenings import Moment
@@ -72,6 +72,7 @@ class Coasting:
 
     def effort(self, law: ControlLaw, motors: int) -> Array | None:
         """The constant u of a law; ``None`` where it has none, or where the motors cannot give it."""
+        law = undelayed(law)
         if not isinstance(law, Held) and type(law) is not NoTorque:
             return None
         u = law.effort if isinstance(law, Held) else np.zeros(motors)

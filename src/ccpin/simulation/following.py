@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, NoTorque
+from ccpin.control.laws import ControlLaw, NoTorque, undelayed
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.dynamics.wrenches import Pushes, Wrenches
@@ -76,6 +76,7 @@ class Following:
 
     def stated_under(self, law: ControlLaw) -> str | None:
         """The same under another law."""
+        law = undelayed(law)
         if not law.everywhere:
             return f"{type(law).__name__} is stated"
         if callable(self._wrenches):

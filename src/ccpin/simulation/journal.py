@@ -1,32 +1,24 @@
-"""A supervised motion on disk: an append-only file of whole moves, good to go on from after any kind of end.
+"""The moves of a supervised motion, in memory or on disk.
 
-The file is a row of records, each b"ccpinmv1", the length and the CRC-32 of what follows, and that: the first one
-the task as JSON, each other one the arrays of one move and of what the simulator carries after it, as npz. A record
-is written and synchronised before the next move begins. What a killed process left half written is cut off.
+On disk they are the records of a `ccpin.files.Journal`, whose header is the task: each has the arrays of one move and
+of what the simulator carries after it, as npz in base 64. A record is on the disk before the next move begins.
 """
 
 from __future__ import annotations
 
 import abc
+import base64
 import io
-import json
-import os
-import struct
-import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
-from typing import Any, NamedTuple, overload
+from typing import NamedTuple, overload
 
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.errors import InvalidInputError
-from ccpin.files import writable_target
+from ccpin.files import Journal
 from ccpin.simulation import saving
 from ccpin.simulation.trajectory import Trajectory
 
-_MAGIC = b"ccpinmv1"
-_HEAD = struct.Struct("<8sQI")
 _MOVE, _CARRIED = "move_", "carried_"
 
 
@@ -66,39 +58,18 @@ class _Moves(Sequence[Move], abc.ABC):
         """Move 0 ≤ number < len(self)."""
 
 
-class Journal(_Moves):
-    """The moves in a file, read when they are asked for.
+class Stored(_Moves):
+    """The whole moves in a journal, read when they are asked for.
 
     Args:
-        path: The file; made where it is absent, gone on with where it is there.
-        task: What the moves belong to, as JSON; a file of another task is refused.
-
-    Raises:
-        InvalidInputError: The file is no journal, or one of another task, or cannot be written.
+        journal: It; it may be closed once no more are appended.
     """
 
-    def __init__(self, path: str | Path, task: Mapping[str, Any]) -> None:
-        self._path = writable_target(path)
-        self._offsets: list[int] = []
-        self._end = 0
-        wanted = json.dumps(task, sort_keys=True).encode()
-        if not self._path.exists() or not self._path.stat().st_size:
-            self._append(wanted)
-            return
-        with self._path.open("rb") as file:
-            found = _record(file)
-            if found is None:
-                raise InvalidInputError(f"'{path}' is no journal of a supervised motion")
-            if found != wanted:
-                raise InvalidInputError(f"'{path}' is the journal of another task: {_difference(found, wanted)}")
-            self._end = file.tell()
-            while _record(file) is not None:
-                self._offsets.append(self._end)
-                self._end = file.tell()
-        os.truncate(self._path, self._end)
+    def __init__(self, journal: Journal) -> None:
+        self._journal = journal
 
     def __len__(self) -> int:
-        return len(self._offsets)
+        return len(self._journal)
 
     def _move(self, number: int) -> Move:
         arrays = self._arrays(number)
@@ -128,31 +99,11 @@ class Journal(_Moves):
         arrays |= {f"{_MOVE}{name}": np.array(number) for name, number in numbers.items()}
         payload = io.BytesIO()
         np.savez_compressed(payload, **arrays)  # type: ignore[arg-type]
-        start = self._end
-        self._append(payload.getvalue())
-        self._offsets.append(start)
+        self._journal.append({"npz": base64.b64encode(payload.getbuffer()).decode("ascii")})
 
     def _arrays(self, place: int) -> dict[str, Array]:
-        with self._path.open("rb") as file:
-            file.seek(self._offsets[place])
-            payload = _record(file)
-        if payload is None:
-            raise InvalidInputError(f"'{self._path}' was changed while it was in use")
-        with np.load(io.BytesIO(payload)) as stored:
+        with np.load(io.BytesIO(base64.b64decode(self._journal[place]["npz"]))) as stored:
             return {name: stored[name] for name in stored.files}
-
-    def _append(self, payload: bytes) -> None:
-        """Write a record behind the last one, and have it on the disk."""
-        try:
-            with self._path.open("ab") as file:
-                if file.tell() != self._end:
-                    raise InvalidInputError(f"'{self._path}' is written to by another process")
-                file.write(_HEAD.pack(_MAGIC, len(payload), zlib.crc32(payload)) + payload)
-                file.flush()
-                os.fsync(file.fileno())
-        except OSError as error:
-            raise InvalidInputError(f"cannot write '{self._path}': {error}") from None
-        self._end += _HEAD.size + len(payload)
 
 
 class Unfinished(_Moves):
@@ -171,24 +122,3 @@ class Unfinished(_Moves):
 
     def _move(self, number: int) -> Move:
         return self._last if number == len(self._whole) else self._whole[number]
-
-
-def _record(file: io.BufferedReader) -> bytes | None:
-    """The next record whole, or ``None``; the file is then where it was."""
-    place = file.tell()
-    head = file.read(_HEAD.size)
-    if len(head) == _HEAD.size:
-        magic, length, checksum = _HEAD.unpack(head)
-        if magic == _MAGIC and length <= os.fstat(file.fileno()).st_size - place:
-            payload = file.read(length)
-            if len(payload) == length and zlib.crc32(payload) == checksum:
-                return payload
-    file.seek(place)
-    return None
-
-
-def _difference(found: bytes, wanted: bytes) -> str:
-    """Which entries two tasks differ in."""
-    there, here = (json.loads(task) for task in (found, wanted))
-    names = sorted(name for name in {*there, *here} if there.get(name) != here.get(name))
-    return "; ".join(f"{name} is {there.get(name)} there and {here.get(name)} here" for name in names)

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, records
-from ccpin.control.laws import ControlLaw, NoTorque
+from ccpin.control.laws import ControlLaw, NoTorque, undelayed
 from ccpin.control.sampling import ContinuousCommands, SampledCommands
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
@@ -28,13 +27,9 @@ class EffortBounds(NamedTuple):
     lower: Array
     upper: Array
 
-    def hold(self, u: ArrayLike) -> bool:
-        """Whether they contain u (or u is none)."""
-        try:
-            efforts = np.asarray(u)
-            return bool(((efforts >= self.lower) & (efforts <= self.upper)).all())
-        except (TypeError, ValueError):
-            return False
+    def hold(self, u: Array) -> bool:
+        """Whether they contain u."""
+        return bool(((u >= self.lower) & (u <= self.upper)).all())
 
     def numbers(self) -> dict[str, list[float]]:
         """The same as the compiled core takes them."""
@@ -82,7 +77,7 @@ class Plant:
         Raises:
             InvalidInputError: They are not.
         """
-        if self.motors.held and not sampled and not isinstance(law, NoTorque):
+        if self.motors.held and not sampled and not isinstance(undelayed(law), NoTorque):
             raise InvalidInputError(
                 "motors with a lag or a rate need commands that are held: run the law with sampling=, or step(u, dt)"
             )
@@ -109,8 +104,16 @@ class Plant:
             loops.settle(inner.effort(t, state, v))
         return MotorCommands(inner, bounds, loops)
 
+    def saturation(self, commands: ContinuousCommands | SampledCommands | MotorCommands) -> SurfaceWatch | None:
+        """Tells where motors give less than they are asked for; ``None`` where they never do."""
+        if not isinstance(commands, MotorCommands) or not commands.bounded:
+            return None
+        names = self._motor_names()
+        surfaces = [Surface(f"{name}: saturated", f"{name}: within its limits") for name in names]
+        return SurfaceWatch(commands.margins, surfaces, pacing=False)
+
     def watches(self, commands: ContinuousCommands | SampledCommands | MotorCommands) -> list[Watch]:
-        """What is to be looked for."""
+        """What else is to be looked for."""
         watches: list[Watch] = []
         for one in self._pushing:
             watches.append(SurfaceWatch(one.gaps, [Surface(f"{name}: met", f"{name}: left") for name in one.names]))
@@ -120,10 +123,7 @@ class Plant:
             watches.append(SurfaceWatch(stops.gaps, [Surface(name, name) for name in stops.names], terminal=True))
         if self.limits.velocity == "end":
             watches.append(_speed_watch(mechanism))
-        names = [f"motor of '{motor.joint}'" for motor in mechanism.motors.each]
-        if isinstance(commands, MotorCommands) and commands.bounded:
-            surfaces = [Surface(f"{name}: saturated", f"{name}: within its limits") for name in names]
-            watches.append(SurfaceWatch(commands.margins, surfaces, pacing=False))
+        names = self._motor_names()
         if self._saturation.by_speed:
             surfaces = [Surface(f"{name}: near its speed limit", f"{name}: slower again") for name in names]
             watches.append(SurfaceWatch(self._saturation.headroom, surfaces, pacing=False))
@@ -139,6 +139,9 @@ class Plant:
                 )
             )
         return watches
+
+    def _motor_names(self) -> list[str]:
+        return [f"motor of '{motor.joint}'" for motor in self._model.mechanism.motors.each]
 
 
 class MotorCommands:
@@ -180,7 +183,8 @@ class MotorCommands:
 
     def effort(self, t: float, state: State, v: Array) -> Array:
         """u as the motors exert it."""
-        return np.asarray(np.clip(self._reached(t, state, v), *self._between(state, v)))
+        lower, upper = self._between(state, v)
+        return np.minimum(np.maximum(self._reached(t, state, v), lower), upper)
 
     def margins(self, t: float, state: State, v: Array) -> Array:
         """How far each motor is from what it can give, negative where it gives less than it is asked for."""
@@ -217,6 +221,8 @@ class MotorCommands:
 
     def _between(self, state: State, v: Array) -> tuple[Array, Array]:
         pairs = [bounds.bounds(state, v) for bounds in self._bounds]
+        if len(pairs) == 1:
+            return pairs[0]
         lower = np.max([pair[0] for pair in pairs], axis=0, initial=-np.inf)
         return lower, np.min([pair[1] for pair in pairs], axis=0, initial=np.inf)
 

@@ -28,6 +28,7 @@ from ccpin.simulation.plant import MotorCommands, Plant
 from ccpin.simulation.recorder import Recorder
 from ccpin.simulation.samples import CHANGED, Happening, StateSample, Stop
 from ccpin.simulation.stick_slip import Drive, StickSlip, StickSlipWatch
+from ccpin.simulation.surfaces import SurfaceWatch
 
 _CREEPING, _MOST_CREEPING, _CREEPING_RCOND = 1e-7, 200, 1e-3
 _SHORTEST_STEP = 1e-10
@@ -54,7 +55,7 @@ class Run:
         commands: Who commands the motors.
         contact: The joints with friction, in the coordinates of `following.home`.
         plant: Limits, contacts and motors.
-        watches: What is watched for.
+        watches: What is watched for. saturation: what of it tells where motors give less than they are asked for.
         following: Whose coordinates the motion is in.
         here: Where the motion begins, in the coordinates of `following.model`.
         coasting: What takes stretches under a constant effort to the compiled core, where it may.
@@ -63,6 +64,7 @@ class Run:
         model: The model in whose coordinates the motion is: the one given, or a sibling of it.
         here: The last moment that is certain. first_step: what the integrator would try next, s.
         evaluations: Of the equations of motion, so far.
+        saturation: As given.
     """
 
     def __init__(
@@ -75,6 +77,7 @@ class Run:
         following: Following,
         here: Moment,
         coasting: Coasting | None = None,
+        saturation: SurfaceWatch | None = None,
     ) -> None:
         self.following, self.model = following, following.model
         self.settings, self.commands = settings, commands
@@ -84,7 +87,8 @@ class Run:
         self.first_step: float | None = None
         mechanism = self.model.mechanism
         self._pushes = pushes_of(mechanism.tree, settings.wrenches)
-        self._own = watches
+        self.saturation = saturation
+        self._own = watches if saturation is None else (*watches, saturation)
         self._watches = self._all_watches()
         self._watched = any(watch.pacing for watch in self._watches)
         self._creeping, self._latest, self._settles = 0, np.inf, False
@@ -166,7 +170,7 @@ class Run:
         friction = self._nothing
         if self.contact.rubs:
             friction = self.contact.free_forces(state, v, drive)
-        a = self.contact.acceleration(state, v, drive)
+        a = self.contact.acceleration(state, v, lambda: drive)
         at = self.following.home.reading(state, v)
         return StateSample(
             t=float(t),
@@ -253,12 +257,13 @@ class Run:
         nanoseconds are an approach to a singularity, where accelerations grow without bound.
         """
         shortened: float | None = None
-        solver = self._solver(end, longest, self.first_step)
+        solver = None
         while self.here.t < end:
             try:
+                solver = solver or self._solver(end, longest, shortened or self.first_step)
                 message = solver.step()
                 if solver.status == "failed":
-                    return self._gave_up(f"the integrator failed at t = {self.here.t:.6g} s: {message}")
+                    return self._gave_up(record, f"the integrator failed at t = {self.here.t:.6g} s: {message}")
                 seen = bool(watches) or record.due_before(solver.t)
                 step = Step(self.here, float(solver.t), solver.dense_output() if seen else None, self.closed)
                 halts = [(at, watch) for watch in watches if (at := watch.look(step)) is not None]
@@ -269,7 +274,7 @@ class Run:
                 shortened = 0.25 * trial
                 if shortened < _SHORTEST_STEP:
                     return self._elsewhere(record, str(error), error)
-                solver = self._solver(end, longest, shortened)
+                solver = None
                 continue
             shortened, self.first_step = None, getattr(solver, "h_abs", None)
             record.within(step, min(reached, end - 2 * _slack(end)), self)
@@ -337,11 +342,14 @@ class Run:
         friction = (StickSlipWatch(self.contact, self.drive),) if self.contact.eventful else ()
         return (*friction, *self._own)
 
-    def _gave_up(self, message: str) -> Stop:
-        """The integrator found no step short enough: beside a singularity because of that."""
+    def _gave_up(self, record: Recorder, message: str) -> Stop | None:
+        """The integrator found no step short enough: beside a singularity because of that.
+
+        Late in a long motion it comes to this: at 1e7 s times are 2e-9 s apart, and steps of ten of these are no less.
+        """
         rcond = self.here.state.rcond
         if rcond < _CREEPING_RCOND:
-            return Stop("singular", f"at t = {self.here.t:.6g} s ψ_q′ is nearly singular (rcond {rcond:.1e})")
+            return self._elsewhere(record, f"ψ_q′ is nearly singular (rcond {rcond:.1e})")
         return Stop("failed", message)
 
     def _solver(self, end: float, longest: float, first_step: float | None) -> Any:
@@ -357,7 +365,7 @@ class Run:
         if not np.isfinite(x).all():
             raise ConvergenceError("the state is no longer finite")
         state, v = self.closed(x)
-        a = self.contact.acceleration(state, v, self.drive(min(t, self._latest), state, v))
+        a = self.contact.acceleration(state, v, lambda: self.drive(min(t, self._latest), state, v))
         return np.concatenate([self.model.coordinates.rate(state.q, v), a])
 
 

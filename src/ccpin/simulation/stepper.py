@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +20,7 @@ from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.native import Declining
 from ccpin.simulation.budget import Budget
 from ccpin.simulation.coasting import Coasting
 from ccpin.simulation.commanding import Held, LawLike, Sized, law_of
@@ -27,6 +28,7 @@ from ccpin.simulation.contact import Contact
 from ccpin.simulation.following import Following
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
 from ccpin.simulation.happenings import Event, EventWatch, Moment, RegionWatch, Watch
+from ccpin.simulation.holding import Holding
 from ccpin.simulation.in_core import TABLEAUX, run_in_core
 from ccpin.simulation.limits import Limits
 from ccpin.simulation.motors import MotorModel
@@ -39,10 +41,6 @@ from ccpin.simulation.settling import Settling, SettlingWatch
 from ccpin.simulation.stick_slip import StickSlip
 from ccpin.simulation.trajectory import Trajectory
 
-if TYPE_CHECKING:
-    from ccpin.native._core import HeldMotion
-
-_HELD = Held(np.empty(0))
 METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
 
 
@@ -135,17 +133,14 @@ class Simulator:
         self._plain = not (callable(wrenches) or region is not None or events or self._friction.names)
         self._plain = self._plain and self._plant.plain and (sampling is None or not np.any(sampling.encoder_noise))
         self._nothing = frozen(np.zeros(model.mechanism.n_free))
-        self._held: HeldMotion | None = None
+        self._holding: Holding | None = None
         self._coasting: Coasting | None = None
         if self._plain and sampling is None and method in TABLEAUX:
-            longest = np.inf if max_step is None else max_step
-            leaving = Following(model, self._law, wrenches).leaving() | {"most": 1.0}
-            tolerances = TABLEAUX[method], rtol, atol, longest, singular_rcond
-            self._held = model.core.held_motion(*tolerances, self._pushed, leaving)
             numbers = {"rtol": rtol, "atol": atol, "singular_rcond": singular_rcond, "wrenches": self._pushed}
             self._coasting = Coasting(method, numbers, self._plant.effort_bounds)
-        self._ahead: StateSample | None = None
-        self._counted = 0
+            if not isinstance(model.core, Declining):
+                numbers = numbers | {"max_step": np.inf if max_step is None else max_step}
+                self._holding = Holding(model, method, numbers, self._plant.effort_bounds)
         self._run: Run | None = None
         self.stop: Stop | None = None
         self.events: list[Happening] = []
@@ -236,9 +231,10 @@ class Simulator:
         watches += self._plant.watches(driven)
         contact = StickSlip(self.model, self._friction)
         parts = driven, contact, self._plant, tuple(watches), following
-        self._run = Run(self._settings, *parts, here, self._coasting)
-        self._ahead, self.stop, self.events = None, None, []
-        self._counted = 0 if self._held is None else self._held.evaluations
+        self._run = Run(self._settings, *parts, here, self._coasting, self._plant.saturation(driven))
+        self.stop, self.events = None, []
+        if self._holding is not None:
+            self._holding.begin()
 
     def step(self, u: ArrayLike | None, dt: float) -> StateSample:
         """Hold an effort for a while.
@@ -256,10 +252,12 @@ class Simulator:
             InvalidInputError: A bad argument.
             Exception: Whatever a law or an event raised. The simulator is then where its last certain moment was.
         """
-        if u is not None and self._held is not None and self._plant.effort_bounds.hold(u):
-            sample = self._step_in_core(self._held, u, dt)
-            if sample is not None:
-                return sample
+        if u is not None and self._holding is not None:
+            found = self._holding.step(self._begun, u, dt)
+            if found is not None:
+                self.stop, happened = None, found[1]
+                self.events += happened
+                return found[0]
         run = self._moving
         until = run.here.t + positive(dt, "dt")
         if u is None:
@@ -380,25 +378,6 @@ class Simulator:
         nothing = np.broadcast_to(self._nothing, (len(found.columns["t"]), len(self._nothing)))
         return {**found.columns, "friction": nothing, "limits": nothing}
 
-    def _step_in_core(self, held: HeldMotion, u: ArrayLike, dt: float) -> StateSample | None:
-        """One step with u held, or ``None`` where only the reference can tell."""
-        if self._ahead is None:
-            run = self._moving
-            t, state, v = run.here
-            most = np.inf if run.following.stated_under(_HELD) is not None else run.following.most
-            first_step = run.first_step or 0.0
-            if state.model is not self.model or not held.start(state.q_free, state.q, v, first_step, most):
-                return None
-        else:
-            t = self._ahead.t
-        answer = held.step(u, dt)
-        if answer is None:
-            return None
-        q, v, a, u, q_free, closure = answer
-        self.stop = None
-        self._ahead = StateSample(t + dt, q, v, a, u, q_free, self._nothing, self._nothing, closure)
-        return self._ahead
-
     # What it carries.
 
     def memory(self) -> dict[str, Array]:
@@ -426,17 +405,24 @@ class Simulator:
         run.commands.recall(memory)
 
     @property
+    def _begun(self) -> Run:
+        """The run, which the core's steps may be ahead of."""
+        if self._run is None:
+            raise InvalidInputError("the simulator has no motion yet: call reset(q, v) first")
+        return self._run
+
+    @property
     def _moving(self) -> Run:
         """The run, where the last call has left it."""
-        run, ahead, held = self._run, self._ahead, self._held
-        if run is None:
-            raise InvalidInputError("the simulator has no motion yet: call reset(q, v) first")
-        if ahead is not None and held is not None:
-            run.here = Moment(ahead.t, self.model.at(ahead.q, ahead.q_free), ahead.v)
-            run.first_step = held.last_step
-            run.evaluations += held.evaluations - self._counted
-            self._ahead, self._counted = None, held.evaluations
+        run = self._begun
+        if self._holding is not None:
+            self._holding.land(run)
         return run
+
+    @property
+    def _ahead(self) -> StateSample | None:
+        """The motion after the core's last step, where that is ahead of the run."""
+        return None if self._holding is None else self._holding.ahead
 
     def _later(self, until: float) -> None:
         if not (np.isfinite(until) and until > self.t):

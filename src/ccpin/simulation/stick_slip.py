@@ -43,6 +43,7 @@ _WITHIN = 1e-8
 _RELEASED = 1e-9
 _PULL = 50.0
 _MOST_EVENTS = 200
+_INDEPENDENT = 1e-2
 
 
 class FrictionForce(NamedTuple):
@@ -111,14 +112,18 @@ class Drive(NamedTuple):
 
 
 class _Known(NamedTuple):
-    """The dynamics under every force that is known: all but that of the joints at rest."""
+    """The dynamics under every force that is known: all but that of the joints at rest.
+
+    `mobility` is D⁻¹ρᵀ of the rubbing joints, of shape (n, k), `factor` the L of D = L Lᵀ.
+    """
 
     rows: Array
     rates: Array
     force: Array
-    inverse_mass: Array
+    mobility: Array
     a: Array
     bias: Array
+    factor: Array
 
 
 class StickSlip:
@@ -141,6 +146,8 @@ class StickSlip:
         self._signs = np.zeros(len(friction.names))
         self._rest = np.zeros(len(friction.names), dtype=bool)
         self._locked = False
+        self._ranked: tuple[State, bytes, bool] | None = None
+        self._held: tuple[State, Array] | None = None  # who was at rest under which u alone
         self._halted: Mask | None = None
 
     @property
@@ -163,7 +170,7 @@ class StickSlip:
 
     def begin(self, state: State, v: Array, drive: Drive) -> Array:
         """Decide which joints rest and which way the others slide, from the state, the load and who just halted."""
-        halted, self._halted = self._halted, None
+        halted, self._halted, self._held = self._halted, None, None
         rows = self.rows(state)
         rates = rows @ v
         rest = self._rest | (self._dry & (np.abs(rates) <= REST))
@@ -173,11 +180,11 @@ class StickSlip:
         self._signs = np.where(self._dry & ~rest, np.sign(rates), 0.0)
         if not rest.any():
             return v
-        v = self._brought_to_rest(v, rows)
+        v = self._brought_to_rest(v, rows, state) if v.any() else v
         starts, _ = self._at_rest(self._known(state, v, drive))
         self._signs[rest] = starts
         self._rest = rest & (self._signs == 0)
-        self._locked = bool(self._rest.any() and np.linalg.matrix_rank(rows[self._rest], 1e-9) == self._model.n)
+        self._locked = bool(self._rest.any()) and self._fixed(state, rows, self._rest)
         return v
 
     def halt(self, joints: Mask) -> None:
@@ -192,31 +199,39 @@ class StickSlip:
         """Go on in the mode that another run of the same joints remembered."""
         self._signs, self._rest = np.array(memory["signs"]), np.array(memory["rest"], dtype=bool)
 
-    def acceleration(self, state: State, v: Array, drive: Drive) -> Array:
+    def acceleration(self, state: State, v: Array, drive: Callable[[], Drive]) -> Array:
         """q̈ with sliding joints' friction as a force and resting joints kept at rest.
 
         A resting dependent joint's rate would collect the integrator's error; it is pulled back to zero at 50 1/s.
         """
         if not len(self._signs):
-            return drive.acceleration(state, v)
+            return drive().acceleration(state, v)
         if self._locked:
             return np.zeros(self._model.n)
-        known = self._known(state, v, drive)
+        known = self._known(state, v, drive())
         if not self._rest.any():
             return known.a
         rows = known.rows[self._rest]
         target = -known.bias - _PULL * known.rates[self._rest]
-        a = known.a + known.inverse_mass @ (rows.T @ _multipliers(known, rows, target))
+        mobility = known.mobility[:, self._rest]
+        a = known.a + mobility @ _multipliers(known, rows, mobility, target)
         a[self._friction.coordinate[self._rest & self._own]] = 0.0
         return np.asarray(a)
 
-    def broken(self, state: State, v: Array, drive: Drive) -> Mask | None:
-        """``None`` while no sliding joint has turned back and no resting joint is overloaded."""
+    def broken(self, state: State, v: Array, drive: Callable[[], Drive]) -> Mask | None:
+        """``None`` while no sliding joint has turned back and no resting joint is overloaded by what acts."""
         halted: Mask = self._signs * (self.rows(state) @ v) < -_REVERSED
         if halted.any():
             return halted
-        if self._rest.any() and self._at_rest(self._known(state, v, drive))[0].any():
+        if not self._rest.any():
+            return None
+        acting = drive()
+        alone = acting.wrenches is None and acting.loads is None and not v.any()
+        if alone and self._held is not None and self._held[0] is state and np.array_equal(self._held[1], acting.u):
+            return None
+        if self._at_rest(self._known(state, v, acting))[0].any():
             return halted
+        self._held = (state, acting.u.copy()) if alone else None
         return None
 
     def forces(self, state: State, v: Array, drive: Drive) -> Array:
@@ -238,31 +253,43 @@ class StickSlip:
         rows = self.rows(state)
         rates = rows @ v
         force = -friction.viscous * rates - friction.coulomb * self._signs
-        inverse = _inverse(state.D)
-        a = drive.acceleration(state, v) + inverse @ (rows.T @ force)
+        factor = _factor(state.D)
+        mobility = lapack.dpotrs(factor, rows.T, lower=1)[0]
+        a = drive.acceleration(state, v) + mobility @ force
         bias = np.zeros(len(rates))
         if v.any() and (self._rest & ~self._own).any():
             bias = np.where(self._own, 0.0, state.bias(v)[friction.index])
-        return _Known(rows, rates, force, inverse, a, bias[self._rest])
+        return _Known(rows, rates, force, mobility, a, bias[self._rest], factor)
 
-    def _brought_to_rest(self, v: Array, rows: Array) -> Array:
+    def _fixed(self, state: State, rows: Array, rest: Mask) -> bool:
+        """Whether nothing moves while these joints rest; the same question as before is not worked out again."""
+        before, key = self._ranked, rest.tobytes()
+        if before is None or before[0] is not state or before[1] != key:
+            self._ranked = before = (state, key, bool(np.linalg.matrix_rank(rows[rest], 1e-9) == self._model.n))
+        return before[2]
+
+    def _brought_to_rest(self, v: Array, rows: Array, state: State) -> Array:
         """q̇ with the resting joints' rates removed, exactly where they are independent coordinates."""
-        resting = rows[self._rest]
-        if np.linalg.matrix_rank(resting, 1e-9) == self._model.n:
+        if self._fixed(state, rows, self._rest):
             return np.zeros(self._model.n)
+        resting = rows[self._rest]
         v = v - np.linalg.lstsq(resting, resting @ v, rcond=None)[0]
         v[self._friction.coordinate[self._rest & self._own]] = 0.0
         return np.asarray(v)
 
     def _at_rest(self, known: _Known) -> tuple[Array, Array]:
         """Which way each resting joint starts to slide (0: it stays), and its force."""
-        rows, level = known.rows[self._rest], self._friction.coulomb[self._rest]
+        rows, level, mobility = (
+            known.rows[self._rest],
+            self._friction.coulomb[self._rest],
+            known.mobility[:, self._rest],
+        )
         pushed = rows @ known.a + known.bias
-        force = _multipliers(known, rows, -known.bias)
+        force = _multipliers(known, rows, mobility, -known.bias)
         if np.all(np.abs(force) <= level * (1 + _WITHIN)):
             return np.zeros(len(level)), force
         force = np.clip(force, -level, level) if len(level) == 1 else _least_constraint(known, rows, level)
-        a = pushed + rows @ (known.inverse_mass @ (rows.T @ force))
+        a = pushed + rows @ (mobility @ force)
         return np.where(np.abs(a) > _RELEASED * np.abs(pushed).max(), np.sign(a), 0.0), force
 
 
@@ -295,28 +322,32 @@ class StickSlipWatch(Watch):
             self._contact.halt(halted)
 
     def _broken(self, moment: Moment) -> Mask | None:
-        return self._contact.broken(moment.state, moment.v, self._drive(*moment))
+        return self._contact.broken(moment.state, moment.v, lambda: self._drive(*moment))
 
 
-def _multipliers(known: _Known, rows: Array, target: Array) -> Array:
-    """f of least norm with ρ_r(a + D⁻¹ρ_rᵀf) = target."""
+def _multipliers(known: _Known, rows: Array, mobility: Array, target: Array) -> Array:
+    """f of least norm with ρ_r(a + D⁻¹ρ_rᵀf) = target; by Cholesky where only one f does it, beyond doubt."""
     missing = target - rows @ known.a
-    compliance = rows @ known.inverse_mass @ rows.T
+    compliance = rows @ mobility
     if len(missing) == 1:
         return np.asarray(missing / compliance[0])
+    if len(missing) <= len(known.a):
+        factor, found, info = lapack.dposv(compliance, missing, lower=1)
+        pivots = factor.diagonal()
+        if info == 0 and pivots.min() > _INDEPENDENT * pivots.max():
+            return np.asarray(found)
     return np.asarray(np.linalg.lstsq(compliance, missing, rcond=1e-12)[0])
 
 
 def _least_constraint(known: _Known, rows: Array, level: Array) -> Array:
-    """argmin over |f| ≤ c of ½‖D^½(a + d) + D^−½ρ_rᵀf‖², ρ_r d = ρ̇_r q̇: the dual of the principle above.
+    """argmin over |f| ≤ c of ½‖Lᵀ(a + d) + L⁻¹ρ_rᵀf‖², ρ_r d = ρ̇_r q̇, D = L Lᵀ: the dual of the principle above.
 
     Raises:
         ConvergenceError: The bounded least-squares solver gave up.
     """
     d = known.a if not known.bias.any() else known.a + np.linalg.lstsq(rows, known.bias, rcond=None)[0]
-    root = np.linalg.cholesky(known.inverse_mass)
-    matrix = (root.T @ rows.T) * level
-    right = -np.linalg.solve(root, d)
+    matrix = lapack.dtrtrs(known.factor, rows.T, lower=1)[0] * level
+    right = -known.factor.T @ d
     scale = float(np.linalg.norm(right))
     found = lsq_linear(matrix / scale, right / scale, bounds=(-1.0, 1.0), method="bvls", tol=1e-13, max_iter=100)
     if found.status == 0:
@@ -324,9 +355,9 @@ def _least_constraint(known: _Known, rows: Array, level: Array) -> Array:
     return np.asarray(found.x * level)
 
 
-def _inverse(mass: Array) -> Array:
+def _factor(mass: Array) -> Array:
+    """L of D = L Lᵀ."""
     factor, info = lapack.dpotrf(mass, lower=1)
     if info != 0:
         raise UnsupportedMechanismError("the reduced mass matrix D is not positive definite; give the links inertias")
-    inverse = lapack.dpotri(factor, lower=1)[0]
-    return np.asarray(np.tril(inverse) + np.tril(inverse, -1).T)
+    return np.asarray(factor)

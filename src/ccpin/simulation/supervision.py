@@ -13,20 +13,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, number, positive
-from ccpin.control.laws import ControlLaw, Delayed
+from ccpin.control.laws import Delayed
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError
+from ccpin.files import Journal
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.budget import Budget
-from ccpin.simulation.journal import Journal, Move, Unfinished
+from ccpin.simulation.commanding import LawLike, law_of
+from ccpin.simulation.journal import Move, Stored, Unfinished
 from ccpin.simulation.samples import Stop
 from ccpin.simulation.settling import Settling
 from ccpin.simulation.stepper import Simulator
 from ccpin.simulation.trajectory import Trajectory, joined
 
-LawTo = Callable[[Array, Array], ControlLaw]
+LawTo = Callable[[Array, Array], LawLike]
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ def supervise(
 
     Args:
         model: The reduced model, or a mechanism.
-        law_to: Makes the law for a goal: (q_d, a configuration on the current branch) → law.
+        law_to: Makes the law for a goal: (q_d, a configuration on the current branch) → law, as for `Simulator`.
         q0: Start at rest, of shape (model.nq,).
         goals: The set points in order (repeat them for cycles).
         wait: Seconds to wait once settled (the settled band's hold time counts as waiting).
@@ -86,8 +88,8 @@ def supervise(
 
     Returns:
         SupervisedMotion: Up to the last goal, or up to where the motion ended, with why: a move that did not settle, a
-        wait that a region, an event or a singularity ended, Ctrl-C, the budget, an exception of a law or of `law_to`
-        (the stop's `cause`).
+        wait that a region, an event or a singularity ended, Ctrl-C, the budget, an exception of a law or of `law_to`,
+        a journal that cannot be written (the stop's `cause`).
 
     Raises:
         InvalidInputError: No goals, a bad argument, a journal of another task.
@@ -104,16 +106,21 @@ def supervise(
     supervisor = _Supervisor(
         Simulator(model, **options), law_to, rule, wait, positive(timeout, "timeout"), sample_period, _Purse(budget)
     )
-    log: Journal | list[Move] = []
-    if journal is not None:
-        task = {"q0": np.asarray(q0).tolist(), "wait": wait, "timeout": timeout, "sample_period": sample_period}
-        task |= {"mechanism": model.mechanism.name, "settling": [float(x) for x in rule[1:]]}
-        task |= {name: repr(value) for name, value in options.items() if not callable(value)}
-        log = Journal(journal, task)
     supervisor.simulator.reset(q0, guess=guess)
-    if isinstance(log, Journal) and len(log):
-        supervisor.simulator.recall(log.carried())
-    return supervisor.visit(visited, log)
+    if journal is None:
+        return supervisor.visit(visited, [])
+    task = {"format": "ccpin-moves-2", "q0": np.asarray(q0).tolist(), "wait": wait, "timeout": timeout}
+    task |= {
+        "mechanism": model.mechanism.name,
+        "settling": [float(x) for x in rule[1:]],
+        "sample_period": sample_period,
+    }
+    task |= {name: repr(value) for name, value in options.items() if not callable(value)}
+    with Journal(journal, task) as records:
+        stored = Stored(records)
+        if len(stored):
+            supervisor.simulator.recall(stored.carried())
+        return supervisor.visit(visited, stored)
 
 
 class _Supervisor:
@@ -132,7 +139,7 @@ class _Supervisor:
         self.simulator, self._law_to, self._rule, self._wait = simulator, law_to, rule, wait
         self._timeout, self._sample_period, self._purse = timeout, sample_period, purse
 
-    def visit(self, goals: list[Array], log: Journal | list[Move]) -> SupervisedMotion:
+    def visit(self, goals: list[Array], log: Stored | list[Move]) -> SupervisedMotion:
         """Make the moves that the log has not."""
         for goal in goals[len(log) :]:
             try:
@@ -145,18 +152,24 @@ class _Supervisor:
                 return SupervisedMotion(log, Stop(kind, message, error))  # type: ignore[arg-type]
             if stop is not None:
                 return SupervisedMotion(Unfinished(log, move), stop)
-            if isinstance(log, Journal):
-                log.append(move, self.simulator.memory())
-            else:
-                log.append(move)
+            try:
+                self._keep(log, move)
+            except (Exception, KeyboardInterrupt) as error:
+                return SupervisedMotion(Unfinished(log, move), Stop.broken_off(move.end, error))
         return SupervisedMotion(log, Stop("finished", f"{len(log)} moves, {self.simulator.t:.6g} s in all"))
+
+    def _keep(self, log: Stored | list[Move], move: Move) -> None:
+        if isinstance(log, Stored):
+            log.append(move, self.simulator.memory())
+        else:
+            log.append(move)
 
     def move(self, goal: Array) -> tuple[Move, Stop | None]:
         """One move and its wait, and why they ended early, if they did."""
         simulator, hold = self.simulator, self._rule.hold
         simulator.recall(simulator.memory())  # as a motion does that goes on from its journal
         start = simulator.t
-        simulator.law = Delayed(self._law_to(goal, simulator.state.q_free), start)
+        simulator.law = Delayed(law_of(simulator.model, self._law_to(goal, simulator.state.q_free)), start)
         motion = self._go(start + self._timeout, self._rule._replace(goal=goal))
         if motion.status != "settled":
             late = f"the move to {np.array2string(goal, precision=6)} had not settled after {self._timeout:.6g} s"

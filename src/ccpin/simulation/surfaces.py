@@ -78,6 +78,15 @@ class SurfaceWatch(Watch):
         self._ended = name if self._terminal and self._beyond[k] else ""
         return [Happening.at(name, step.at(t))]
 
+    def jump(self, beyond: Mask) -> list[str]:
+        """Be on these sides from here on, where what it reads has jumped: what that is called."""
+        before, self._beyond = self._beyond, beyond.copy()
+        if before is None:
+            return []
+        return [
+            self._surfaces[k].met if beyond[k] else self._surfaces[k].left for k in np.flatnonzero(beyond != before)
+        ]
+
     def act(self, moment: Moment) -> Stop | None:
         """A terminal surface ends the motion where it is met."""
         return Stop("event", f"at t = {moment.t:.6g} s: {self._ended}") if self._ended else None

@@ -146,7 +146,7 @@ def sweep(
         if path is not None:
             header = {"format": "ccpin-sweep-1", "task": getattr(task, "__qualname__", type(task).__name__)}
             journal = stack.enter_context(Journal(path, header))
-            done = {record["case"]: record for record in journal.records}
+            done = {record["case"]: record for record in journal}
         report(_progress(keys, done))
         flag = stack.enter_context(stoppable())
         missing = [number for number, key in enumerate(keys) if key not in done]

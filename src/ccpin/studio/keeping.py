@@ -16,7 +16,8 @@ from ccpin.arrays import Array, choice
 from ccpin.studio.experiment import Motion
 from ccpin.studio.page import studio_page
 from ccpin.studio.subject import Subject, Tap
-from ccpin.visualization import Scene, play
+from ccpin.visualization.playing import play
+from ccpin.visualization.scene import Scene
 
 PLOTTED = 1500
 """Samples of a motion that a page is given, at most."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
+from ccpin.control.stability.flood import Flooded
 from ccpin.control.stability.theorem3 import certify_law
 from ccpin.domain.theorem2.theorem2 import theorem2_radius
 from ccpin.dynamics.state import State
@@ -37,14 +38,17 @@ class Maps:
         place: Where the mechanism and its goal are.
         jobs: Runs what takes long.
         keep: Notes a message for who exports the page, and returns it.
+        withdraw: Forgets the message of a kind.
 
     Attributes:
         charted: What is proved of the mechanism's branch, as soon as it is.
         orders: What to do at which word.
     """
 
-    def __init__(self, place: Place, jobs: Jobs, keep: Callable[[Message], Message]) -> None:
-        self._place, self._jobs, self._keep = place, jobs, keep
+    def __init__(
+        self, place: Place, jobs: Jobs, keep: Callable[[Message], Message], withdraw: Callable[[str], None]
+    ) -> None:
+        self._place, self._jobs, self._keep, self._withdraw = place, jobs, keep, withdraw
         self.charted: Charted | None = None
         self.orders: dict[str, Callable[[Message], Message | None]] = {
             "chart": self._chart,
@@ -74,7 +78,9 @@ class Maps:
         self._jobs.start("chart", work)
 
     def _take_chart(self, charted: Charted) -> Message:
-        """The cells at once; the singular curves take longer."""
+        """The cells at once, in place of samples; the singular curves take longer."""
+        self._jobs.cancel("slice")
+        self._withdraw("slice")
         self.charted = charted
         return self._keep({**_told_chart(charted, ()), "done": False})
 
@@ -135,8 +141,7 @@ class Maps:
             job.progress(None, "Theorem 3: how far 𝒱 < c is proved")
             law = PDSimpleGravity(subject.model, plan.goal, plan.K_p, plan.K_v)
             own = atlas if atlas is not None and atlas.contains(subject.dials.values(law.q_d)) else None
-            found = certify_law(law, own)
-            job.check()
+            found = certify_law(law, own, progress=lambda done: _tell(job, done))
             lines: list[Array] = []
             if found.level > 0:
                 lines = chart.sublevel(law, subject.dials, axes, window, found.level, job)
@@ -146,6 +151,10 @@ class Maps:
             return lambda: self._keep({**told, "verdict": found.verdict})
 
         self._jobs.start("sublevel", work)
+
+
+def _tell(job: Job, done: Flooded) -> None:
+    job.progress(None, f"Theorem 3: 𝒱 < {done.level:.3g} J is proved, {done.cells} cells")
 
 
 def _told_chart(charted: Charted, curves: tuple[Line, ...]) -> Message:

@@ -51,7 +51,7 @@ class Session:
         self.here: State = subject.reference
         self.goal: State = subject.reference
         self._branches = Branches.unknown()
-        self._maps = Maps(self, self._jobs, self._keep)
+        self._maps = Maps(self, self._jobs, self._keep, self._withdraw)
         self._motion: Motion | None = None
         self._record: list[tuple[float, State]] | None = None
         self._shown: dict[str, Message] = {}

@@ -17,10 +17,10 @@ from ccpin.studio.cache import Cache
 from ccpin.studio.dials import Dials
 from ccpin.studio.experiment import LAWS
 from ccpin.studio.handles import Handle, handles_of
-from ccpin.visualization import Scene, name_of
 from ccpin.visualization.annotations import name_joints
 from ccpin.visualization.camera import plane_normal
 from ccpin.visualization.page import Recorder
+from ccpin.visualization.scene import Scene
 
 SLACK = 1e-9
 """How far (rad, m) a joint may be beyond its limit without a word."""
@@ -68,7 +68,7 @@ class Subject:
         self.model = ReducedModel(mechanism)
         self.dials = Dials(self.model)
         self.cache = Cache() if cache is None else cache
-        self.title = heading(title, name_of(mechanism))
+        self.title = heading(title, mechanism.title)
         self.reference = self.model.at(self.model.alpha(mechanism.q_reference), mechanism.q_reference)
         scene = self.scene(Recorder())
         self.handles: dict[str, Handle] = {handle.name: handle for handle in handles_of(self.model, scene.size)}

@@ -5,7 +5,6 @@ Everything takes a `Mechanism` and plain arrays. MeshCat is imported when the fi
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -16,20 +15,13 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import heading, whole
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.visualization.annotations import Tracked, draw_forces, draw_ghosts, draw_trace, name_joints
+from ccpin.visualization.annotations import Tracked, name_joints
 from ccpin.visualization.embedded import Embedded
 from ccpin.visualization.film import FILMS, PAGES, STILLS, Shot, write
 from ccpin.visualization.live import LiveRecorder, Viewer, serve_scene
 from ccpin.visualization.page import Recorder, render_page
-from ccpin.visualization.playback import (
-    HasForce,
-    checked_pose,
-    checked_poses,
-    checked_times,
-    finer,
-    frame_times,
-    sample,
-)
+from ccpin.visualization.playback import HasForce, checked_pose
+from ccpin.visualization.playing import play
 from ccpin.visualization.scene import Scene
 
 __all__ = [
@@ -90,7 +82,7 @@ def animate(
     shot = Shot(path, (*PAGES, *FILMS), size, fps)
     recorder = Recorder()
     frames = _play(mechanism, recorder, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=True)[1]
-    return write(shot, render_page(heading(title, name_of(mechanism)), recorder.commands), frames, progress)
+    return write(shot, render_page(heading(title, mechanism.title), recorder.commands), frames, progress)
 
 
 def embed(
@@ -111,7 +103,7 @@ def embed(
     """
     mechanism, recorder = mechanism_of(mechanism), Recorder()
     _show(mechanism, recorder, q_free, t, fps=fps, speed=speed, trace=trace, forces=forces, loop=True)
-    return Embedded(render_page(heading(title, name_of(mechanism)), recorder.commands), whole(height, "height"))
+    return Embedded(render_page(heading(title, mechanism.title), recorder.commands), whole(height, "height"))
 
 
 def snapshot(
@@ -131,7 +123,7 @@ def snapshot(
     shot = Shot(path, (*PAGES, *STILLS), size)
     recorder = Recorder()
     _pose(mechanism, recorder, q_free)
-    return write(shot, render_page(heading(title, name_of(mechanism)), recorder.commands), 1)
+    return write(shot, render_page(heading(title, mechanism.title), recorder.commands), 1)
 
 
 def view(
@@ -157,19 +149,10 @@ def view(
         CcpinError: No loopback port can be opened.
     """
     mechanism = mechanism_of(mechanism)
-    words = heading(title, name_of(mechanism))
+    words = heading(title, mechanism.title)
     recorder = LiveRecorder()
     scene = _show(mechanism, recorder, q_free, t, fps=fps, speed=speed, trace=trace, forces=forces, loop=loop)
     return Viewer(scene, serve_scene(render_page(words, (), live=True), recorder), open_browser)
-
-
-def name_of(mechanism: Mechanism) -> str:
-    """What a file is called; where it is called as any might be, its folder; else the mechanism's own name."""
-    source = Path(mechanism.description.source or mechanism.name)
-    return source.parent.name or mechanism.name if source.stem in ANYTHING else source.stem
-
-
-ANYTHING = ("robot", "model", "scene", "assembly")
 
 
 def _scene(mechanism: Mechanism, recorder: Recorder) -> Scene:
@@ -201,10 +184,6 @@ def _show(
     return _pose(mechanism, recorder, q_free)
 
 
-TRACED_SAMPLES = 400
-"""A path is drawn through at least so many points, however few the frames."""
-
-
 def _play(
     mechanism: Mechanism,
     recorder: Recorder,
@@ -221,36 +200,3 @@ def _play(
     scene = _scene(mechanism, recorder)
     name_joints(scene)
     return scene, play(scene, t, q_free, fps=fps, speed=speed, trace=trace, forces=forces, loop=loop)
-
-
-def play(
-    scene: Scene,
-    t: ArrayLike,
-    q_free: ArrayLike,
-    *,
-    fps: float = 30,
-    speed: float = 1.0,
-    trace: Tracked | None = None,
-    forces: Sequence[HasForce] = (),
-    loop: bool = True,
-) -> int:
-    """Play a trajectory in a scene, with its path, ghosts of its ends and forces; return its number of frames.
-
-    Arguments and errors as for `animate`.
-    """
-    mechanism = scene.mechanism
-    poses = checked_poses(mechanism, q_free)
-    times = checked_times(t, len(poses))
-    moments = frame_times(times, fps, speed)
-    frames = sample(mechanism, times, poses, moments)
-    scene.frame_camera(frames)
-    if trace is not None:
-        every = math.ceil(TRACED_SAMPLES / len(moments))
-        between = finer(moments, every)
-        draw_trace(scene, trace, sample(mechanism, times, poses, between), every)
-    draw_forces(scene, forces, moments)
-    scene.place(frames[0])
-    draw_ghosts(scene, {"start": frames[0], "goal": frames[-1]})
-    scene.animate(frames, fps, loop)
-    scene.tell("clock", {"start": float(times[0]), "end": float(times[-1]), "speed": speed, "fps": fps})
-    return len(frames)

@@ -1,5 +1,6 @@
 """Theorem 3: what is certified is true of the closed form and of simulations, and what is not so is refused."""
 
+import signal
 from functools import lru_cache
 
 import numpy as np
@@ -11,8 +12,7 @@ from scipy.optimize import brentq
 
 import ccpin
 from ccpin import plotting
-from ccpin.control import PDFullGravity, PDSimpleGravity, certify_law, certify_set_point, suggest_gains
-from ccpin.control.stability.flood import Budget
+from ccpin.control import Budget, PDFullGravity, PDSimpleGravity, certify_law, certify_set_point, suggest_gains
 from ccpin.control.stability.gains import gravity_slope_over
 from ccpin.control.stability.set_point_cells import cells_of_atlas
 from ccpin.control.stability.well import Well
@@ -38,6 +38,41 @@ def _case(name):
     }[name]
     law = PDSimpleGravity(model, q_d, k_p, k_v)
     return law, certify_law(law, budget=budget), duration
+
+
+def _stopped_after(cells, how):
+    """Progress that ends the work once so many cells are proved."""
+
+    def told(flooded):
+        if flooded.cells >= cells:
+            how()
+
+    return told
+
+
+def test_interrupted_it_keeps_what_it_proved():
+    """After Ctrl-C the level so far stands: no higher than with all the time, and its motions are as certified."""
+    law, whole, _ = _case("rpdr")
+    ctrl_c = _stopped_after(150, lambda: signal.raise_signal(signal.SIGINT))
+    part = certify_law(law, budget=Budget(11, 700), progress=ctrl_c)
+    assert (part.limit, part.verdict) == ("interrupted", "proven")
+    assert 150 <= part.proved < 200 < whole.proved
+    assert 0.0 < part.level < whole.level
+    assert "interruption" in part.reason
+    assert np.all([whole.contains(q) for q in np.concatenate(part.cells) if part.contains(q)])
+
+
+def test_what_progress_raises_ends_it():
+    """Told before every cell; an exception comes through, from the search over an atlas's boxes too."""
+    law, *_ = _case("rpdr")
+    atlas = certify(law.model, GOAL, max_depth=6)
+
+    def leave():
+        raise TimeoutError
+
+    for domain in (None, atlas):
+        with pytest.raises(TimeoutError):
+            certify_law(law, domain, progress=_stopped_after(20, leave))
 
 
 def _closed_form_potential(paper):

@@ -27,7 +27,7 @@ from ccpin.arrays import Array
 from ccpin.control.stability.cells import Cell, CellStore, Face, holding
 from ccpin.control.stability.well import Well
 
-Limit = Literal["domain", "gain", "budget", "depth"]
+Limit = Literal["domain", "gain", "budget", "depth", "interrupted"]
 _AHEAD = 16
 
 
@@ -63,6 +63,13 @@ class Sublevel(NamedTuple):
     point: Array
 
 
+class Flooded(NamedTuple):
+    """How far a flood is: how many cells it has proved, and the level c in joules that holds so far."""
+
+    cells: int
+    level: float
+
+
 class _Entry(NamedTuple):
     """A face of the boundary, ordered by its level; `beyond` is −1 where there is no cell."""
 
@@ -76,10 +83,19 @@ class _Entry(NamedTuple):
 
 
 class Flood:
-    """One flood; see the module's text. `good` says which wells may be members, `budget` when to give up."""
+    """One flood; see the module's text.
 
-    def __init__(self, store: CellStore, good: Callable[[Well], bool], budget: Budget) -> None:
-        self._store, self._good, self._budget = store, good, budget
+    Args:
+        store: Its cells.
+        good: Which wells may be members.
+        budget: When to give up.
+        go_on: Asked before every cell, with how far it is; after ``False`` the level found so far stands.
+    """
+
+    def __init__(
+        self, store: CellStore, good: Callable[[Well], bool], budget: Budget, go_on: Callable[[Flooded], bool]
+    ) -> None:
+        self._store, self._good, self._budget, self._go_on = store, good, budget, go_on
         self._members: dict[int, int] = {}
         self._heap: list[_Entry] = []
         self._serial = 0
@@ -109,6 +125,8 @@ class Flood:
         pending = [k for k, cell in enumerate(self._store.cells) if cell.live and _holds(cell, q_d)]
         found = list[int]()
         while pending:
+            if not self._wanted():
+                return "interrupted"
             number = pending.pop()
             cell = self._store[number]
             if cell.well is not None and self._good(cell.well):
@@ -133,6 +151,8 @@ class Flood:
                 self._level, self._at_level = entry.level, self._added
             if self._spent():
                 return "budget", entry.point
+            if not self._wanted():
+                return "interrupted", entry.point
             limit = self._cross(entry)
             if limit is not None and not self._tighten(entry):
                 return limit, entry.point
@@ -222,6 +242,9 @@ class Flood:
         if entry.inside not in self._members:
             return False
         return entry.beyond < 0 or (self._store[entry.beyond].live and entry.beyond not in self._members)
+
+    def _wanted(self) -> bool:
+        return self._go_on(Flooded(self._store.proved, self._level))
 
     def _spent(self) -> bool:
         return self._store.proved >= self._budget.cells

@@ -35,6 +35,7 @@ theorem.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -43,11 +44,12 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, instance, vector
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.cells import CellStore, holding
-from ccpin.control.stability.flood import Budget, Flood, Limit, Sublevel, connected
+from ccpin.control.stability.flood import Budget, Flood, Flooded, Limit, Sublevel, connected
 from ccpin.control.stability.set_point_cells import cells_around, cells_of_atlas
-from ccpin.control.stability.well import checked_region, sample_region
+from ccpin.control.stability.well import Well, checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import Corners
+from ccpin.domain.atlas.run import stoppable
 from ccpin.domain.newton import predict
 from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -62,12 +64,14 @@ _LIMITS = {
     "gain": "where ‖∂g/∂q‖ is not below the gains (or motors elsewhere than on q lose their grip)",
     "budget": "the number of cells allowed",
     "depth": "how often a cell may be halved",
+    "interrupted": "the interruption",
 }
 _FAILED = {
     "domain": "no cell around q_d lies in the domain: its edge, or what could not be proved of it, comes too near",
     "gain": "‖∂g/∂q‖ could not be bounded below k on the cells around q_d",
     "budget": "the cells allowed were spent before ‖∂g/∂q‖ was bounded below k around q_d",
     "depth": "‖∂g/∂q‖ could not be bounded below k on cells around q_d as small as allowed",
+    "interrupted": "the work was interrupted before ‖∂g/∂q‖ was bounded below k around q_d",
 }
 _CLEAR = 1e-9
 
@@ -89,7 +93,7 @@ class SetPointCertificate:
         stiffness: Least eigenvalue of K_p + ∂g/∂q at q_d; the set point is unstable where it is negative.
         rigorous: Whether `level` and `beta` are bounds (else estimates from samples).
         method: How they were found, in words.
-        limit: What keeps c from being larger: the domain, the gain condition, the number of cells or their depth.
+        limit: What keeps c from being larger: the domain, the gain condition, the number of cells, their depth, Ctrl-C.
         touch: Where, of shape (n,).
         proved: How many cells were proved for it, beyond an atlas's own.
     """
@@ -137,6 +141,8 @@ class SetPointCertificate:
     def _more(self) -> str:
         if self.limit == "domain":
             return f"{self.proved} cells were proved: give a domain with q_d inside it"
+        if self.limit == "interrupted":
+            return f"{self.proved} cells were proved: more time would do more"
         return f"{self.proved} cells were proved: a larger budget=Budget(depth, cells) or larger gains would do more"
 
     @property
@@ -202,6 +208,7 @@ def certify_set_point(
     *,
     guess: ArrayLike | None = None,
     budget: Budget | None = None,
+    progress: Callable[[Flooded], None] | None = None,
 ) -> SetPointCertificate:
     """Theorem 3 for PD with simple gravity compensation (28) at a set point: `certify_law` of that law.
 
@@ -213,16 +220,21 @@ def certify_set_point(
         domain: As for `certify_law`.
         guess: Chooses the assembly mode of σ(q_d).
         budget: As for `certify_law`.
+        progress: As for `certify_law`.
 
     Raises:
         InvalidInputError, UnsupportedMechanismError, UnreachableError, SingularConfigurationError: As `certify_law`
             and `PDSimpleGravity` do.
     """
-    return certify_law(PDSimpleGravity(model, q_d, K_p, K_v, guess), domain, budget=budget)
+    return certify_law(PDSimpleGravity(model, q_d, K_p, K_v, guess), domain, budget=budget, progress=progress)
 
 
 def certify_law(
-    law: PDSimpleGravity, domain: Atlas | Corners | None = None, *, budget: Budget | None = None
+    law: PDSimpleGravity,
+    domain: Atlas | Corners | None = None,
+    *,
+    budget: Budget | None = None,
+    progress: Callable[[Flooded], None] | None = None,
 ) -> SetPointCertificate:
     """Theorem 3 for a law: β, the gain condition, and the largest c found with B₂ in the domain.
 
@@ -233,6 +245,10 @@ def certify_law(
             (lower, upper), taken to lie in Ω, over which everything is only sampled.
         budget: How much work to do beyond the atlas's own boxes; default by the number of coordinates, and as many
             cells more as the atlas has.
+        progress: Called before every cell with how far it is; what it raises ends the work.
+
+    Returns:
+        The certificate; after Ctrl-C what was proved so far, with the limit ``"interrupted"``.
 
     Raises:
         InvalidInputError: Another law, or q_d is not in the domain or not on its branch.
@@ -253,17 +269,20 @@ def certify_law(
         budget = budget._replace(cells=budget.cells + own)
     else:
         budget = instance(budget, "budget", Budget)
-    if domain is None:
-        store = cells_around(law, gain, budget)
-        method = f"cells proved around q_d, {budget.cells} at most"
-    else:
-        store = cells_of_atlas(law, domain)
-        method = f"the {own} boxes of an atlas, halved where needed"
-    found = Flood(store, lambda well: well.beta < gain and well.effort > 0.0, budget).run(law.q_d)
-    level_domain, region, proved = found.level, _members(store, found, law.q_d), store.proved
-    if found.limit in ("gain", "depth"):
-        more = budget._replace(cells=budget.cells + store.proved)
-        level_domain = max(level_domain, Flood(store, lambda well: well.effort > 0.0, more).run(law.q_d).level)
+    with stoppable() as stop:
+
+        def go_on(flooded: Flooded) -> bool:
+            if progress is not None:
+                progress(flooded)
+            return not stop.is_set()
+
+        store = cells_around(law, gain, budget) if domain is None else cells_of_atlas(law, domain)
+        found = Flood(store, lambda well: well.beta < gain and well.effort > 0.0, budget, go_on).run(law.q_d)
+        level_domain, region, proved = found.level, _members(store, found, law.q_d), store.proved
+        if found.limit in ("gain", "depth"):
+            more = budget._replace(cells=budget.cells + store.proved)
+            level_domain = max(level_domain, Flood(store, _forceful, more, go_on).run(law.q_d).level)
+    around = f"cells proved around q_d, {budget.cells} at most"
     return SetPointCertificate(
         law=law,
         level=found.level,
@@ -273,12 +292,16 @@ def certify_law(
         gain=gain,
         stiffness=least,
         rigorous=True,
-        method=method,
+        method=around if domain is None else f"the {own} boxes of an atlas, halved where needed",
         limit=found.limit,
         touch=found.point,
         proved=proved,
         _region=region,
     )
+
+
+def _forceful(well: Well) -> bool:
+    return well.effort > 0.0
 
 
 def _members(store: CellStore, found: Sublevel, q_d: Array) -> _MemberCells | None:

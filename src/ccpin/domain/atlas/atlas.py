@@ -34,7 +34,7 @@ from ccpin.domain.atlas.empty import prove_empty
 from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
 from ccpin.domain.atlas.singular import mark_singular, refuting
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
-from ccpin.domain.chains import seed_at_coordinates
+from ccpin.domain.chains import closure_system, seed_at_coordinates
 from ccpin.domain.demands import meets
 from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.domain.obstacles import demand_witnesses
@@ -247,8 +247,21 @@ class Atlas:
         """Check Theorem K for every box again, and what else was asked, from its data alone, of shape (B,)."""
         return verify(self.problem, self.boxes) & meets(self.problem, self.boxes)
 
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of the closures it is about, as its file has it."""
+        return atlas_store.fingerprint(atlas_store.pack_problem(self.problem)[1])
+
+    def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
+        """Whether the closures are those that a mechanism's file gives today, bit for bit."""
+        chart, mechanism = self.problem.system.chart, mechanism_of(mechanism)
+        if (chart.nq, chart.n_free) != (mechanism.nq, mechanism.n_free):
+            return False
+        system = closure_system(mechanism, chart.configuration(self.seed[None, : chart.n_free])[0])
+        return atlas_store.fingerprint(atlas_store.pack_problem(problem_of(system))[1]) == self.fingerprint
+
     def save(self, path: str | Path) -> None:
-        """Write the atlas to an npz file, whole or not at all."""
+        """Write the atlas to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
         header, arrays = atlas_store.pack_problem(self.problem)
         header |= {"names": list(self.names), "radius": self.radius, "complete": self.complete}
         arrays |= {f"box_{name}": array for name, array in self.boxes._asdict().items()}
@@ -259,7 +272,7 @@ class Atlas:
 
     @classmethod
     def load(cls, path: str | Path) -> Atlas:
-        """Read an atlas that `save` wrote. Call `verify` if the file may have been altered.
+        """Read an atlas that `save` wrote. If the file may have been altered, call `verify` or `auditing.verify`.
 
         Raises:
             InvalidInputError: The file cannot be read or is none.

@@ -1,7 +1,12 @@
-"""Atlases on disk: one npz file of plain arrays (no pickles), written whole or not at all."""
+"""Atlases on disk: one file of plain arrays (no pickles), npz or JSON, written whole or not at all.
+
+Each is a certificate that stands alone: the closures and their fingerprint, the theorem and every number it speaks of.
+`ccpin.auditing` checks it with code of its own.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import zipfile
 from pathlib import Path
@@ -12,6 +17,7 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import frozen
 from ccpin.description.joint_kinds import JOINT_KINDS
+from ccpin.domain import boxes
 from ccpin.domain.boxes import Demands, Problem, problem_of
 from ccpin.domain.chains import Chain, ClosureSystem
 from ccpin.domain.chart import Chart, ChartJoint, Elementary
@@ -19,19 +25,27 @@ from ccpin.domain.rods import Rod
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 
-FORMAT = "ccpin-atlas-2"
+FORMAT = "ccpin-atlas-3"
 NamedArrays = dict[str, NDArray[np.generic]]
 _SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 
 
 def write(path: str | Path, header: dict[str, Any], arrays: NamedArrays) -> None:
-    """Write arrays and a JSON header to a file.
+    """Write arrays and a JSON header to a file: JSON where its name ends in ``.json``, npz otherwise.
 
     Raises:
         InvalidInputError: It cannot be written.
     """
-    text = json.dumps({"format": FORMAT, **header})
-    header_bytes = np.frombuffer(text.encode(), dtype=np.uint8)
+    whole = {"format": FORMAT, "theorem": boxes.__doc__, "fingerprint": fingerprint(arrays), **header}
+    if Path(path).suffix == ".json":
+        listed = {
+            name: {"dtype": str(array.dtype), "shape": array.shape, "data": array.ravel().tolist()}
+            for name, array in ((name, np.asarray(array)) for name, array in arrays.items())
+        }
+        text = json.dumps({**whole, "arrays": listed}, allow_nan=False)
+        write_atomically(path, "w", lambda file: file.write(text))
+        return
+    header_bytes = np.frombuffer(json.dumps(whole).encode(), dtype=np.uint8)
     write_atomically(path, "wb", lambda file: np.savez(file, header=header_bytes, **arrays))  # type: ignore[arg-type]
 
 
@@ -42,14 +56,29 @@ def read(path: str | Path) -> tuple[dict[str, Any], NamedArrays]:
         InvalidInputError: It is not an atlas, or cannot be read.
     """
     try:
-        with np.load(Path(path), allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        header = json.loads(arrays.pop("header").tobytes().decode())
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        if Path(path).suffix == ".json":
+            header = json.loads(Path(path).read_text(encoding="utf-8"))
+            listed = header.pop("arrays")
+            arrays = {name: np.array(a["data"], dtype=a["dtype"]).reshape(a["shape"]) for name, a in listed.items()}
+        else:
+            with np.load(Path(path), allow_pickle=False) as file:
+                arrays = {name: file[name] for name in file.files}
+            header = json.loads(arrays.pop("header").tobytes().decode())
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
         raise InvalidInputError(f"{path}: not a readable atlas ({error})") from error
     if header.get("format") != FORMAT:
         raise InvalidInputError(f"{path}: the format is {header.get('format')!r}, not {FORMAT!r}")
     return header, arrays
+
+
+def fingerprint(arrays: NamedArrays) -> str:
+    """SHA-256 of the closures: every array whose name begins with ``chain`` or ``system``, in the order of names."""
+    digest = hashlib.sha256()
+    for name in sorted(name for name in arrays if name.startswith(("chain", "system"))):
+        array = np.asarray(arrays[name], dtype=np.float64)
+        digest.update(f"{name}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
 
 
 def pack_problem(problem: Problem) -> tuple[dict[str, Any], NamedArrays]:

@@ -46,11 +46,10 @@ function show(pose) {
   if (pose?.kind !== "pose") return pose;
   if (pose.bodies) {
     player.playing = false;
+    if (Math.min(...coarse.took) > SLOW) setCoarse(true);
+    fine();
     facts.bodies.forEach((path, k) => viewer.set_transform(split(path), pose.bodies[k]));
-    viewer.render();
-    viewer.needs_render = false;
-    here.drawn?.();
-    pace(performance.now());
+    paintPose();
   }
   here.q = pose.facts.q;
   here.stopped = pose.stopped;
@@ -70,23 +69,44 @@ function tell() {                        // the numbers, after the picture
   for (const heard of moved) heard();
 }
 
-const SLOW = 60;                         // ms from a picture to the next: from then on it is coarse while it is driven
-const coarse = { on: false, gap: 0 };
-const fine = later(250, () => setCoarse(false));
-function pace(drawn) {                   // machines that draw in software keep up with the hand, and draw finely once it rests
-  requestAnimationFrame(() => requestAnimationFrame(() => {
-    coarse.gap += 0.3 * (performance.now() - drawn - coarse.gap);
-    if (coarse.gap > SLOW) setCoarse(true);
-    fine();
-  }));
+const SLOW = 60;                         // ms a fine picture may take: beyond, it is coarse while it is driven
+const COARSE = 0.33;                     // pixels of the picture to one of the window then
+const coarse = { on: false, took: [0, 0], sync: null, waits: false };       // the last two fine pictures; one may be a hiccup
+const fine = later(250, () => { setCoarse(false); paintPose(); });
+function paintPose() {                   // at once, unless the graphics driver is at the picture before: then the newest after it
+  viewer.needs_render = false;
+  coarse.waits = coarse.sync !== null;
+  if (coarse.waits) return;
+  viewer.render();
+  here.drawn?.();
+  const gl = viewer.renderer.getContext();
+  coarse.sync = gl.fenceSync?.(gl.SYNC_GPU_COMMANDS_COMPLETE, 0) ?? null;
+  gl.flush();
+  if (coarse.sync) painted(gl, performance.now(), !coarse.on);
 }
 
-function setCoarse(wanted) {
+function painted(gl, began, whole) {     // machines that draw in software keep up with the hand, and draw finely once it rests
+  const passed = performance.now() - began;
+  if (gl.getSyncParameter(coarse.sync, gl.SYNC_STATUS) !== gl.SIGNALED && passed < 5000)
+    return setTimeout(painted, 2, gl, began, whole);
+  gl.deleteSync(coarse.sync);
+  coarse.sync = null;
+  if (whole) coarse.took = [passed, coarse.took[0]];
+  if (coarse.waits) paintPose();
+}
+
+function beginCoarsely() {               // where it is known to be drawn in software: the first picture at once, the fine one after it
+  const gl = viewer.renderer.getContext(), about = gl.getExtension("WEBGL_debug_renderer_info");
+  if (!about || !/swiftshader|llvmpipe|software/i.test(gl.getParameter(about.UNMASKED_RENDERER_WEBGL))) return;
+  coarse.took = [2 * SLOW, 2 * SLOW];
+  setCoarse(true);
+}
+
+function setCoarse(wanted) {             // fewer pixels, and what is drawn plainly: a tenth of the work
   if (coarse.on === wanted) return;
   coarse.on = wanted;
-  viewer.renderer.setPixelRatio(wanted ? 0.5 : devicePixelRatio);
-  viewer.renderer.shadowMap.autoUpdate = !wanted;
-  viewer.set_dirty();
+  viewer.renderer.setPixelRatio(wanted ? COARSE : devicePixelRatio);
+  drawPlainly(wanted);
 }
 
 function glow(stopped) {

@@ -9,6 +9,7 @@ window.studio = { facts, link, here, chart, motion, on, ask, drive,
     return [at.left + (1 + seen.x) * at.width / 2, at.top + (1 - seen.y) * at.height / 2];
   },
   drawn: () => new Promise(done => { here.drawn = done; }) };             // resolves when the next pose has been drawn
+beginCoarsely();
 makeDials();
 listenChart();
 listenExperiment();

@@ -42,7 +42,7 @@ function anew(name, said, build) {       // the group of what is drawn by `said`
     if (said.root) node(said.root).object.add(made[name].group);
     if (said.root) build(made[name].group);
   }
-  made[name].group.visible = shown[name];
+  made[name].group.visible = shown[name] && !(name === "ghosts" && plain.on);
   return made[name].group;
 }
 

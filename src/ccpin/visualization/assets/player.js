@@ -72,6 +72,7 @@ function moment() {                      // of the trajectory, in its own second
 function refresh() {
   const { duration } = player, words = duration > 0 ? moment() : "";
   bar.style.display = duration > 0 ? "flex" : "none";
+  document.body.classList.toggle("moving", duration > 0);                 // the grid's size stands above the bar
   play.textContent = player.playing ? "\u275A\u275A" : "\u25B6\uFE0E";
   scrub.max = duration;
   scrub.value = player.time;

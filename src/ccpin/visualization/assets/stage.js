@@ -72,7 +72,7 @@ function reach(light, radius) {          // soft shadows of all within `radius` 
   shadow.mapSize.set(1024, 1024);
 }
 
-const ground = { group: null, told: null, light: null };
+const ground = { group: null, shade: null, told: null, light: null };
 function layGround() {                   // at the lowest point of the motion; its grid runs through the world's origin
   const floor = told("floor"), light = viewer.scene_tree.find(["Lights", "Key", "<object>"]).object;
   if ((floor === ground.told && light === ground.light) || !floor.radius || !light.shadow) return;
@@ -88,6 +88,7 @@ function layGround() {                   // at the lowest point of the motion; i
   const lines = new THREE.Mesh(disc, new THREE.ShaderMaterial({ uniforms, vertexShader: GRID.vertex,
     fragmentShader: GRID.fragment, transparent: true, depthWrite: false, side: THREE.DoubleSide }));
   shade.renderOrder = lines.renderOrder = -1;
+  ground.shade = shade;
   ground.group = new THREE.Group();
   ground.group.name = "ground";
   ground.group.add(lines, shade);
@@ -100,7 +101,18 @@ function layGround() {                   // at the lowest point of the motion; i
 
 function showGround() {
   if (ground.group) ground.group.visible = shown.ground;
+  if (ground.shade) ground.shade.visible = !plain.on;
   document.getElementById("scale").hidden = !shown.ground;
-  for (const [name, factor] of [["AmbientLight", 0], ["Fill", 0.35]])    // the room lights instead
-    viewer.scene_tree.find(["Lights", name]).object.visible = factor > 0;
+  viewer.scene_tree.find(["Lights", "AmbientLight"]).object.visible = plain.on;          // else the room lights
+}
+
+const plain = { on: false, room: null };
+function drawPlainly(on) {               // no room to reflect, no shadows, no ghosts
+  if (plain.on === on) return;
+  const { scene } = viewer;
+  plain.on = on;
+  plain.room ??= scene.environment;
+  scene.environment = on ? null : plain.room;
+  if (ground.light) ground.light.castShadow = !on;
+  viewer.set_dirty();
 }

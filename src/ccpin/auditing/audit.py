@@ -1,0 +1,198 @@
+"""Every claim of a certificate, checked one by one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.auditing.document import Document, read
+from ccpin.errors import CcpinError, InvalidInputError
+
+_CUTS = 12
+_PART = 16
+
+
+class Claim(NamedTuple):
+    """One kind of claim: what it says, how many there are, how many were looked at, and which were not proved."""
+
+    what: str
+    of: int
+    checked: int
+    failed: tuple[tuple[int, ...], ...]
+
+
+class Progress(NamedTuple):
+    """How many checks are done, and of how many."""
+
+    done: int
+    of: int
+
+
+@dataclass(frozen=True)
+class Audit:
+    """What an auditor found.
+
+    Attributes:
+        theorem: The theorem's text, as the document has it.
+        fingerprint: SHA-256 of the closures it is about.
+        claims: The claims checked.
+        not_checked: What the document says besides, in words.
+    """
+
+    theorem: str
+    fingerprint: str
+    claims: tuple[Claim, ...]
+    not_checked: str
+
+    @property
+    def holds(self) -> bool:
+        """Whether everything looked at was proved."""
+        return not any(claim.failed for claim in self.claims)
+
+    @property
+    def whole(self) -> bool:
+        """Whether every claim of the kinds in `claims` was looked at."""
+        return all(claim.checked == claim.of for claim in self.claims)
+
+    def __str__(self) -> str:
+        lines = [f"closures {self.fingerprint[:16]}…"]
+        for claim in self.claims:
+            some = "" if claim.checked == claim.of else f" of {claim.of}"
+            good = claim.checked - len(claim.failed)
+            lines.append(f"{claim.what}: {good} proved of {claim.checked} looked at{some}")
+            if claim.failed:
+                shown = ", ".join(str(f[0] if len(f) == 1 else f) for f in claim.failed[:8])
+                lines.append(f"  NOT proved: {shown}{', …' if len(claim.failed) > 8 else ''}")
+        return "\n".join([*lines, f"not looked at: {self.not_checked}"])
+
+
+def verify(
+    path: str | Path,
+    *,
+    sample: int | None = None,
+    seed: int = 0,
+    workers: int = 1,
+    progress: Callable[[Progress], None] | None = None,
+) -> Audit:
+    """Check a certificate that `Atlas.save` wrote, by arithmetic and code of its own.
+
+    Proved are: Theorem K for the boxes; that the seed is a solution of its box; that neighbours carry the same σ
+    where the document does not list them as unglued, and that every box is reached from the seed's by such neighbours.
+
+    Args:
+        path: The .json or .npz file.
+        sample: How many boxes, and how many shared faces, chosen at random; default all.
+        seed: Of that choice.
+        workers: Processes to share the work among. A script that asks for more than one needs the guard
+            ``if __name__ == "__main__":``.
+        progress: Called after every few checks.
+
+    Raises:
+        InvalidInputError: The file is no certificate, or its fingerprint is not that of its closures.
+        CcpinError: python-flint is not installed.
+    """
+    try:
+        from ccpin.auditing.gluing import contacts
+    except ImportError as error:
+        raise CcpinError("verifying needs python-flint: pip install 'ccpin[validated]'") from error
+    if sample is not None and sample < 1:
+        raise InvalidInputError(f"sample = {sample} must be at least 1")
+    document = read(path)
+    boxes = len(document.centre)
+    unglued = {tuple(sorted(map(int, pair))) for pair in document.unglued}
+    touching = [c for c in contacts(document) if tuple(sorted((c.first, c.second))) not in unglued]
+    chosen = _chosen(boxes, sample, seed), _chosen(len(touching), sample, seed + 1)
+    tasks = [("box", int(k)) for k in chosen[0]] + [("glue", touching[k]) for k in chosen[1]]
+    failed: dict[str, list[tuple[int, ...]]] = {"box": [], "glue": []}
+    done = 0
+    for part in _results(document, tasks, workers):
+        for kind, which, good in part:
+            if not good:
+                failed[kind].append(which)
+        done += len(part)
+        if progress is not None:
+            progress(Progress(done, len(tasks)))
+    reached = _reached(document, [(c.first, c.second) for c in touching])
+    lost = tuple((int(k),) for k in np.flatnonzero(~reached))
+    return Audit(
+        theorem=document.header.get("theorem", ""),
+        fingerprint=document.header["fingerprint"],
+        claims=(
+            Claim("boxes with exactly one nonsingular solution", boxes, len(chosen[0]), tuple(sorted(failed["box"]))),
+            Claim("shared faces with one σ", len(touching), len(chosen[1]), tuple(sorted(failed["glue"]))),
+            Claim("boxes reached from the seed over such faces", boxes, boxes, lost),
+        ),
+        not_checked="cells called empty or singular; that the closures are those of a file (compare the fingerprint)",
+    )
+
+
+def _chosen(count: int, sample: int | None, seed: int) -> NDArray[np.int64]:
+    if sample is None or sample >= count:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(seed).choice(count, sample, replace=False))
+
+
+def _results(document: Document, tasks: list[Any], workers: int) -> Iterator[list[tuple[str, tuple[int, ...], bool]]]:
+    parts = [tasks[k : k + _PART] for k in range(0, len(tasks), _PART)]
+    if workers <= 1:
+        _open(document)
+        yield from map(_checked, parts)
+        return
+    with ProcessPoolExecutor(workers, get_context("spawn"), _open, (document,)) as pool:
+        yield from pool.map(_checked, parts)
+
+
+_HELD: dict[str, Any] = {}
+
+
+def _open(document: Document) -> None:
+    from ccpin.auditing.closures import Closures
+
+    _HELD.update(document=document, closures=Closures(document))
+
+
+def _checked(tasks: Iterable[Any]) -> list[tuple[str, tuple[int, ...], bool]]:
+    from ccpin.auditing.boxes import proved
+    from ccpin.auditing.gluing import same_solution
+
+    document, closures = _HELD["document"], _HELD["closures"]
+    results: list[tuple[str, tuple[int, ...], bool]] = []
+    for kind, what in tasks:
+        if kind == "box":
+            results.append((kind, (what,), proved(closures, document, what, _CUTS)))
+        else:
+            results.append((kind, (what.first, what.second), same_solution(closures, document, what)))
+    return results
+
+
+def _reached(document: Document, pairs: list[tuple[int, int]]) -> NDArray[np.bool_]:
+    """Which boxes the seed's is joined to."""
+    from ccpin.auditing.closures import Closures
+    from ccpin.auditing.gluing import in_tube, near
+
+    reached = np.zeros(len(document.centre), dtype=np.bool_)
+    found = near(Closures(document), document, document.seed)
+    if found is None:
+        return reached
+    still = np.zeros(len(document.independent))
+    inside = np.all(
+        np.abs(document.centre[:, document.independent] - found[0][document.independent]) <= document.half, 1
+    )
+    todo = [int(k) for k in np.flatnonzero(inside) if in_tube(document, int(k), *found, still)]
+    beside: dict[int, list[int]] = {}
+    for a, b in pairs:
+        beside.setdefault(a, []).append(b)
+        beside.setdefault(b, []).append(a)
+    while todo:
+        k = todo.pop()
+        if not reached[k]:
+            reached[k] = True
+            todo += [other for other in beside.get(k, []) if not reached[other]]
+    return reached

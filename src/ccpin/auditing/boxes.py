@@ -1,0 +1,237 @@
+"""Theorem K of one box, proved by cutting its parameters into cells.
+
+A box is θ = θ_c + Dδ + Eζ, |δ| ≤ h, |ζ| ≤ R, E = [0; V]. Claimed: for every such δ, φ = 0 has exactly one solution in
+the tube |ζ| ≤ R, and φ_y is nonsingular there. The Ã and w of the document are not used: any will do, cell by cell.
+
+**Lemma.** Over a cell δ₀ ± e and a part ζ₀ ± r of ζ-space let θ₀ = θ_c + Dδ₀ + Eζ₀, J₀ = φ_θ(θ₀), f(δ, ζ) = Ãφ(θ) with
+a real m×m matrix Ã, and let H hold φ_θθ there. With balls Δ_δ ∋ H·D(δ − δ₀) and Δ_ζ ∋ H·E(ζ − ζ₀),
+
+    Y ≥ |f(δ₀, ζ₀)| + |Ã(J₀ + ½Δ_δ)D| e,   M ∋ I − Ã(J₀ + Δ_δ + Δ_ζ)_y V,   M̄ ∋ I − Ã(J₀ + Δ_δ + ½Δ_ζ)_y V,
+
+componentwise: for every δ of the cell
+
+1. |M|w < w for a w > 0: φ = 0 has at most one solution in the part, and φ_y is nonsingular all over it;
+2. Y + |M̄|r < r: it has one at least;
+3. |f(δ₀, ζ₀)|_i > (|Ã(J₀ + ½Δ_δ)D| e + r + |M̄|r)_i for an i: it has none.
+
+J₀ + Δ_δ + Δ_ζ may be met with φ_θ as evaluated over the part, and |M̄| with |M|. The claim follows from 2 for any part
+of the tube, and 1 for what 3 leaves of the tube.
+
+*Proof.* J(θ) − J₀ = ∫₀¹ φ_θθ dt · (θ − θ₀) is in Δ_δ + Δ_ζ, so I − f_ζ ∈ M, and its average over the segment from ζ₀
+is in M̄, as ∫ τ dτ = ½ (likewise Y, along the segment from δ₀). 1: K(ζ) = ζ − f(δ, ζ) contracts in the norm
+max |ζ_i|/w_i, and f_ζ = Ãφ_yV is nonsingular. 2: |K(ζ) − ζ₀| ≤ Y + |M̄|r < r: K maps the part into its interior
+(Brouwer). 3: |f(δ, ζ) − f(δ₀, ζ₀)| is at most the right side. ∎
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from flint import arb, arb_mat
+
+from ccpin.auditing.closures import Closures, exact, floats
+from ccpin.auditing.document import Array, Document
+
+_PARTS, _ROOM, _NEWTON, _ROUNDS = 6, 1.05, 8, 6
+_WIDEN = (1.0 + 2.0**-51, 1e-14)  # what the claim adds to h, so that boxes of rounded corners overlap
+
+
+class Box(NamedTuple):
+    """A box in balls: θ_c, D, V and R; h as doubles."""
+
+    centre: list[arb]
+    directions: arb_mat
+    modes: arb_mat
+    radius: list[arb]
+    half: Array
+
+
+def box_of(document: Document, k: int) -> Box:
+    """The k-th box of a document."""
+    return Box(
+        [arb(float(x)) for x in document.centre[k]],
+        exact(document.directions[k]),
+        exact(document.modes[k]),
+        [arb(float(x)) for x in document.radius[k]],
+        document.half[k] * _WIDEN[0] + _WIDEN[1],
+    )
+
+
+def proved(closures: Closures, document: Document, k: int, cuts: int) -> bool:
+    """Whether the box's claim was proved with each parameter cut in two up to so many times."""
+    box = box_of(document, k)
+    if not (np.all(document.radius[k] > 0) and np.all(document.half[k] >= 0)):
+        return False
+    cells = [(-box.half, box.half, cuts)]
+    while cells:
+        low, high, left = cells.pop()
+        if holds(closures, document, box, (low, high), narrowing=2 * left <= cuts):
+            continue
+        if not left:
+            return False
+        axis = int(np.argmax(high - low))
+        middle = 0.5 * (low[axis] + high[axis])
+        below, above = high.copy(), low.copy()
+        below[axis] = above[axis] = middle
+        cells += [(low, below, left - 1), (above, high, left - 1)]
+    return True
+
+
+class Looked(NamedTuple):
+    """The lemma over a cell and a part: which of 1, 2, 3 hold, and Y and |M̄| (upper bounds)."""
+
+    one_at_most: bool
+    one_at_least: bool
+    none: bool
+    offset: Array
+    carried: Array
+
+
+def holds(closures: Closures, document: Document, box: Box, cell: tuple[Array, Array], narrowing: bool) -> bool:
+    """The claim for one cell; `narrowing`: the tube is narrowed by 3 where 1 does not hold for all of it."""
+    radius = np.array([float(r.upper()) for r in box.radius])
+    tube = look(closures, document, box, cell, np.zeros_like(radius), radius)
+    if tube is None:
+        return False
+    if not tube.one_at_most and not (narrowing and _one_in_tube(closures, document, box, cell, radius)):
+        return False
+    if tube.one_at_least:
+        return True
+    middle = _solution(closures, document, box, 0.5 * (cell[0] + cell[1]))
+    room = np.nextafter(radius - np.abs(middle), -np.inf)
+    part = room
+    for _ in range(_PARTS):
+        if not np.all(part > 0):
+            return False
+        found = look(closures, document, box, cell, middle, part)
+        if found is None or found.one_at_least:
+            return found is not None
+        part = np.minimum(room, _ROOM * (found.offset + found.carried @ part))
+    return False
+
+
+def _one_in_tube(closures: Closures, document: Document, box: Box, cell: tuple[Array, Array], radius: Array) -> bool:
+    """Whether 1 holds for what 3 leaves of the tube, tried at its ends."""
+    lower, upper = -radius, radius.copy()
+    for _ in range(_ROUNDS):
+        for k in range(len(radius)):
+            for side in (False, True):
+                end = lower.copy(), upper.copy()
+                end[not side][k] = lower[k] + (0.75 if side else 0.25) * (upper[k] - lower[k])
+                found = look(closures, document, box, cell, 0.5 * (end[0] + end[1]), np.array(_half_width(*end)))
+                if found is not None and found.none:
+                    (upper if side else lower)[k] = end[not side][k]
+        left = look(closures, document, box, cell, 0.5 * (lower + upper), np.array(_half_width(lower, upper)))
+        if left is not None and left.one_at_most:
+            return True
+    return False
+
+
+def _solution(closures: Closures, document: Document, box: Box, delta: Array) -> Array:
+    """ζ of a solution at δ, by Newton's method in plain floating point."""
+    zeta, modes = np.zeros(closures.m), floats(box.modes)
+    base = np.array([float(x) for x in box.centre]) + floats(box.directions) @ delta
+    for _ in range(_NEWTON):
+        theta = base.copy()
+        theta[document.dependent] += modes @ zeta
+        phi, jacobian = closures.at(theta)
+        try:
+            step = np.linalg.solve(jacobian[:, document.dependent] @ modes, phi)
+        except np.linalg.LinAlgError:
+            break
+        zeta = zeta - step
+    return zeta
+
+
+def look(
+    closures: Closures, document: Document, box: Box, cell: tuple[Array, Array], middle: Array, part: Array
+) -> Looked | None:
+    """The lemma over a cell (low, high) and ζ₀ ± r; ``None`` where no Ã was found."""
+    delta = 0.5 * (cell[0] + cell[1])
+    spread = _half_width(*cell)
+    shift = box.directions * exact(delta)
+    lift = _embedded(box, document, exact(middle))
+    start = [x + shift[i, 0] + lift[i] for i, x in enumerate(box.centre)]
+    along = (box.directions * arb_mat(len(spread), 1, [arb(0, e) for e in spread])).entries()
+    aside = _embedded(box, document, arb_mat(len(part), 1, [arb(0, float(r)) for r in part]))
+    motions = closures.motions(start)
+    slope = closures.jacobian(motions)
+    around = closures.motions([x + a + b for x, a, b in zip(start, along, aside, strict=True)])
+    turned, bent = arb_mat(closures.m, closures.n_free), arb_mat(closures.m, closures.n_free)
+    for j, e in enumerate(spread):
+        direction = [box.directions[i, j] for i in range(closures.n_free)]
+        turned = turned + closures.variation(around, direction) * arb(0, e)
+    for j, r in enumerate(part):
+        unit = arb_mat(len(part), 1, [arb(int(i == j)) for i in range(len(part))])
+        bent = bent + closures.variation(around, _embedded(box, document, unit)) * arb(0, float(r))
+    half, columns = arb(0.5), [int(i) for i in document.dependent]
+    inner = floats(_columns(slope, columns)) @ floats(box.modes)
+    try:
+        A = exact(np.linalg.inv(inner).astype(np.float64))
+    except np.linalg.LinAlgError:
+        return None
+    value, drift = A * closures.value(start, motions), A * ((slope + turned * half) * box.directions)
+    there = _met(_columns(slope + turned + bent, columns), _columns(closures.jacobian(around), columns))
+    whole = _defect(A * (there * box.modes))
+    mean = _defect(A * (_columns(slope + turned + bent * half, columns) * box.modes))
+    least = [[min(x, y, key=_upper) for x, y in zip(a, b, strict=True)] for a, b in zip(mean, whole, strict=True)]
+    offset = [
+        sum((abs(drift[i, j]) * arb(e) for j, e in enumerate(spread)), abs(value[i, 0])) for i in range(closures.m)
+    ]
+    reach = [arb(float(r)) for r in part]
+    image = [sum((x * r for x, r in zip(row, reach, strict=True)), y) for row, y in zip(least, offset, strict=True)]
+    return Looked(
+        _contracts(whole),
+        all(x < r for x, r in zip(image, reach, strict=True)),
+        any(2 * abs(f) > x + r for f, x, r in zip(value.entries(), image, reach, strict=True)),
+        np.array([_upper(x) for x in offset]),
+        np.array([[_upper(x) for x in row] for row in least]),
+    )
+
+
+def _half_width(low: Array, high: Array) -> list[float]:
+    """e ≥ |x − (low + high)/2| for x between low and high, as the middle is rounded."""
+    middle = 0.5 * (low + high)
+    return [float(np.nextafter(max(b - m, m - a), np.inf)) for a, m, b in zip(low, middle, high, strict=True)]
+
+
+def _embedded(box: Box, document: Document, zeta: arb_mat) -> list[arb]:
+    """Eζ."""
+    moved, whole = box.modes * zeta, [arb(0)] * len(box.centre)
+    for row, index in enumerate(document.dependent):
+        whole[int(index)] = moved[row, 0]
+    return whole
+
+
+def _contracts(matrix: list[list[arb]]) -> bool:
+    """Whether |M|w < w for some w > 0: the sum of the powers of |M| applied to 1, where it converges."""
+    rough = np.array([[_upper(x) for x in row] for row in matrix])
+    if not np.all(np.isfinite(rough)):
+        return False
+    try:
+        weight = np.linalg.solve(np.eye(len(rough)) - rough, np.ones(len(rough)))
+    except np.linalg.LinAlgError:
+        return False
+    if not np.all(weight > 0):
+        return False
+    w = [arb(float(x)) for x in weight]
+    return all(sum((x * y for x, y in zip(row, w, strict=True)), arb(0)) < w[i] for i, row in enumerate(matrix))
+
+
+def _defect(matrix: arb_mat) -> list[list[arb]]:
+    """|I − X|."""
+    return [[abs(int(i == j) - matrix[i, j]) for j in range(matrix.ncols())] for i in range(matrix.nrows())]
+
+
+def _met(a: arb_mat, b: arb_mat) -> arb_mat:
+    """The intersection of two enclosures of one matrix."""
+    return arb_mat(a.nrows(), a.ncols(), [x.intersection(y) for x, y in zip(a.entries(), b.entries(), strict=True)])
+
+
+def _upper(x: arb) -> float:
+    return float(x.upper())
+
+
+def _columns(matrix: arb_mat, columns: list[int]) -> arb_mat:
+    return arb_mat(matrix.nrows(), len(columns), [matrix[i, j] for i in range(matrix.nrows()) for j in columns])

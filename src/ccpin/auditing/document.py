@@ -1,0 +1,117 @@
+"""A certificate's document as plain arrays: a JSON file, or an npz file with a JSON header."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.errors import InvalidInputError
+
+Array = NDArray[np.float64]
+FORMAT = "ccpin-atlas-3"
+_BOXES = ("centre", "half", "directions", "modes", "radius")
+_CHAIN = ("joints", "rotations", "translations", "axes", "prismatic", "tip", "direction", "weights")
+
+
+class Chain(NamedTuple):
+    """A serial chain: joint numbers, frames before each joint moves, axes, the tip, and how it enters φ (m, 3)."""
+
+    joints: NDArray[np.int64]
+    rotations: Array
+    translations: Array
+    axes: Array
+    prismatic: NDArray[np.bool_]
+    tip: Array
+    direction: bool
+    weights: Array
+
+
+class Document(NamedTuple):
+    """What a certificate claims, and of which closures φ(θ) = Σ B x(θ) + Gθ + d (rows of `moduli` modulo these).
+
+    Attributes:
+        header: What the JSON says, the theorem's text and the fingerprint with it.
+        chains, couplings, offset, moduli: x and B; G (m, n′); d (m,); (m,).
+        independent, dependent, periodic: Indices of q and y in θ; whether θ_j counts modulo 2π.
+        centre, half, directions, modes, radius: θ_c, h, D, V and R of Theorem K, by box.
+        lower, upper, wrapped: The region, and which coordinates close on themselves.
+        seed: θ on the branch.
+        unglued: Pairs of boxes of which no gluing is claimed.
+    """
+
+    header: dict[str, Any]
+    chains: tuple[Chain, ...]
+    couplings: Array
+    offset: Array
+    moduli: Array
+    independent: NDArray[np.int64]
+    dependent: NDArray[np.int64]
+    periodic: NDArray[np.bool_]
+    centre: Array
+    half: Array
+    directions: Array
+    modes: Array
+    radius: Array
+    lower: Array
+    upper: Array
+    wrapped: NDArray[np.bool_]
+    seed: Array
+    unglued: NDArray[np.int64]
+
+
+def read(path: str | Path) -> Document:
+    """The document in a file.
+
+    Raises:
+        InvalidInputError: It cannot be read, is of another kind, or its fingerprint is not that of its closures.
+    """
+    header, arrays = _contents(Path(path))
+    if header.get("format") != FORMAT:
+        raise InvalidInputError(f"{path}: the format is {header.get('format')!r}, not {FORMAT!r}")
+    try:
+        chains = []
+        for k in range(header["chains"]):
+            fields = {name: arrays[f"chain{k}_{name}"] for name in _CHAIN}
+            fields["direction"] = bool(fields["direction"])
+            chains.append(Chain(**fields))
+        own = {name: arrays[f"system_{name}"] for name in ("couplings", "offset", "moduli")}
+        kinds = {name: arrays[f"system_{name}"] for name in ("independent", "dependent", "periodic")}
+        boxes = {name: arrays[f"box_{name}"] for name in _BOXES}
+        rest = {name: arrays[name] for name in ("lower", "upper", "wrapped", "seed", "unglued")}
+        document = Document(header=header, chains=tuple(chains), **own, **kinds, **boxes, **rest)
+        stated = header["fingerprint"]
+    except KeyError as error:
+        raise InvalidInputError(f"{path}: the document lacks {error}") from error
+    if fingerprint(arrays) != stated:
+        raise InvalidInputError(f"{path}: the closures are not those of which the document's fingerprint was taken")
+    return document
+
+
+def fingerprint(arrays: dict[str, Any]) -> str:
+    """SHA-256 of the closures: every array whose name begins with ``chain`` or ``system``, in the order of names."""
+    digest = hashlib.sha256()
+    for name in sorted(name for name in arrays if name.startswith(("chain", "system"))):
+        array = np.asarray(arrays[name], dtype=np.float64)
+        digest.update(f"{name}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _contents(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    try:
+        if path.suffix == ".json":
+            header = json.loads(path.read_text(encoding="utf-8"))
+            listed = header.pop("arrays")
+            arrays = {name: np.array(a["data"], dtype=a["dtype"]).reshape(a["shape"]) for name, a in listed.items()}
+            return header, arrays
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        return json.loads(arrays.pop("header").tobytes().decode()), arrays
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+        raise InvalidInputError(f"{path}: not a readable certificate ({error})") from error

@@ -1,0 +1,55 @@
+"""`ccpin verify`: a certificate checked by an auditor that shares no code with what produced it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import shtab
+
+from ccpin.cli.command import complete, count
+from ccpin.cli.progress import progress_bar
+
+_EXAMPLES = """\
+example: ccpin domain rpdr --atlas --depth 4 --save rpdr.json
+         ccpin verify rpdr.json --model rpdr --sample 50"""
+_BAR = "{l_bar}{bar}| {postfix} [{elapsed}<{remaining}]"
+
+
+def add_verify(commands: Any) -> None:
+    """The command and its options."""
+    what = "check a saved atlas in ball arithmetic, by code of its own (exit code 1 where a claim is not proved)"
+    parser = commands.add_parser("verify", help=what, description=what, epilog=_EXAMPLES)
+    file = parser.add_argument("certificate", type=Path, metavar="FILE", help="what `ccpin domain --save` wrote")
+    complete(file, shtab.FILE)
+    parser.add_argument("--model", metavar="MODEL", help="also: the closures are those of this model's file today")
+    parser.add_argument("--sample", type=count, metavar="N", help="N boxes and faces at random (default: all)")
+    parser.add_argument("--workers", type=count, default=1, metavar="N", help="share the work among N processes")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.set_defaults(run=_verify)
+
+
+def _verify(options: argparse.Namespace) -> int:
+    from ccpin.auditing import verify
+
+    with progress_bar(options.json, 100.0, _BAR, lambda p: (100.0 * p.done / p.of, f"{p.done} of {p.of}")) as progress:
+        audit = verify(options.certificate, sample=options.sample, workers=options.workers, progress=progress)
+    same = None if options.model is None else _is_about(options.certificate, options.model)
+    if options.json:
+        claims = [claim._asdict() for claim in audit.claims]
+        facts = {"holds": audit.holds, "whole": audit.whole, "fingerprint": audit.fingerprint, "claims": claims}
+        print(json.dumps(facts | {"model": same, "not_checked": audit.not_checked}, indent=2))
+    else:
+        print(audit)
+        if same is not None:
+            print(f"closures of {options.model}: {'the same, bit for bit' if same else 'NOT the same'}")
+    return 0 if audit.holds and same is not False else 1
+
+
+def _is_about(path: Path, model: str) -> bool:
+    import ccpin
+    from ccpin.domain import Atlas
+
+    return Atlas.load(path).is_about(ccpin.load(model))

@@ -1,0 +1,120 @@
+"""Steps with u held, in the compiled core, in whatever coordinates the motion is in.
+
+A step that only the reference can take, such as one on which coordinates are changed, has no answer here: the run takes
+it from the last certain moment, and the next steps are the core's again. Efforts beyond what motors give are cut off
+before, as `ccpin.simulation.plant` does, and that is told as events alike.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array, Mask, frozen
+from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.dynamics.state import Model
+from ccpin.simulation.commanding import Held
+from ccpin.simulation.happenings import Moment
+from ccpin.simulation.in_core import TABLEAUX
+from ccpin.simulation.plant import EffortBounds
+from ccpin.simulation.run import Run
+from ccpin.simulation.samples import Happening, StateSample
+
+if TYPE_CHECKING:
+    from ccpin.native._core import HeldMotion
+
+_HELD = Held(np.empty(0))
+
+
+class Holding:
+    """The steps of one simulator in the core, and how far these are ahead of its run.
+
+    Args:
+        home: The model whose coordinates are reported.
+        method: The integrator, one of `TABLEAUX`.
+        numbers: rtol, atol, max_step, singular_rcond and wrenches (`wrench_rows`).
+        bounds: What the motors can give.
+
+    Attributes:
+        ahead: The motion after the last step; ``None`` where the run is up to date.
+    """
+
+    def __init__(self, home: ReducedModel, method: str, numbers: dict[str, Any], bounds: EffortBounds) -> None:
+        self._home, self._tableau, self._numbers, self._bounds = home, TABLEAUX[method], numbers, bounds
+        self._nothing = frozen(np.zeros(home.mechanism.n_free))
+        self._model: Model | None = None
+        self._motion: HeldMotion | None = None
+        self._counted, self._beyond = 0, b""
+        self.ahead: StateSample | None = None
+
+    def begin(self) -> None:
+        """Another motion begins."""
+        self.ahead = None
+
+    def step(self, run: Run, u: ArrayLike, dt: float) -> tuple[StateSample, list[Happening]] | None:
+        """A step of a run with u held, and what happened where it began; ``None`` where only the reference can tell."""
+        efforts = np.asarray(u)
+        if efforts.shape != self._bounds.lower.shape or efforts.dtype.kind not in "fiu":
+            return None
+        given = np.minimum(np.maximum(efforts, self._bounds.lower), self._bounds.upper)
+        if self.ahead is None and not self._start(run):
+            return None
+        beyond = given != efforts
+        jumps = beyond.tobytes() != self._beyond
+        if self._motion is None or (jumps and not np.isfinite(efforts).all()):
+            return None
+        own = given if run.model is self._home else given[: run.model.n_actuated]  # a sibling may have none: u = 0
+        answer = self._motion.step(own, dt)
+        if answer is None:
+            return None
+        happened = self._jump(run, beyond) if jumps else []
+        q, v, a, told, q_free, closure = answer
+        t = run.here.t if self.ahead is None else self.ahead.t
+        told = told if own is given else frozen(given)
+        self.ahead = StateSample(t + dt, q, v, a, told, q_free, self._nothing, self._nothing, closure)
+        return self.ahead, happened
+
+    def land(self, run: Run) -> None:
+        """Bring the run up to date."""
+        if self.ahead is None or self._motion is None or self._model is None:
+            return
+        q, v = np.split(self._motion.state(), [self._model.nq])
+        run.here = Moment(self.ahead.t, self._model.at(q, self.ahead.q_free), v)
+        run.first_step = self._motion.last_step
+        run.evaluations += self._motion.evaluations - self._counted
+        self.ahead = None
+
+    def _start(self, run: Run) -> bool:
+        """Go on from where the run is, in its coordinates; whether the core can."""
+        _, state, v = run.here
+        following = run.following
+        stated = following.stated_under(_HELD) is not None
+        if stated and state.model is not self._home:
+            return False
+        if self._model is not state.model:
+            leaving = following.leaving() | {"most": 1.0}
+            core = state.model.core
+            self._motion = core.held_motion(self._home.core, self._tableau, **self._numbers, leaving=leaving)
+            self._model = state.model
+        if self._motion is None:
+            return False
+        self._counted, self._beyond = self._motion.evaluations, b""
+        most = np.inf if stated else following.most
+        return self._motion.start(state.q_free, state.q, v, run.first_step or 0.0, most)
+
+    def _jump(self, run: Run, beyond: Mask) -> list[Happening]:
+        """u has jumped to where motors give less than asked for, or back: what that is called."""
+        self._beyond = beyond.tobytes()
+        if run.saturation is None:
+            return []
+        t, q, v, q_free = self._place(run)
+        return [Happening(name, t, q, v, q_free) for name in run.saturation.jump(beyond)]
+
+    def _place(self, run: Run) -> tuple[float, Array, Array, Array]:
+        """t, q, q̇ in the coordinates of `home` and q′, before the step."""
+        if self.ahead is not None:
+            return self.ahead.t, self.ahead.q, self.ahead.v, self.ahead.q_free
+        t, state, v = run.here
+        return t, *self._home.reading(state, v), state.q_free

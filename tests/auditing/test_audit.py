@@ -1,0 +1,237 @@
+"""The auditor: it proves what is true, finds what was planted, and shares no code with the producer."""
+
+import ast
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin.cli import main
+from ccpin.domain import Atlas, certify
+from ccpin.errors import InvalidInputError
+
+pytest.importorskip("flint")
+
+from ccpin import auditing
+from ccpin.auditing import boxes, closures, document, gluing, verify
+
+CASES = {
+    "four_bar": ((0.7,), None, 8, None),
+    "rpdr": ((-1.885, -1.257), ((-2.4, -1.8), (-1.4, -0.8)), 4, 60),
+    "slider_crank": ((0.7,), None, 8, None),
+    "planar_3rrr": ((-0.675, 1.419, -2.769), ((-1.175, 0.919, -3.269), (-0.175, 1.919, -2.269)), 1, 3),
+}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request, tmp_path_factory):
+    q0, region, depth, sample = CASES[request.param]
+    mechanism = ccpin.load(request.param)
+    atlas = certify(mechanism, q0, region, max_depth=depth)
+    path = tmp_path_factory.mktemp("audit") / "atlas.json"
+    atlas.save(path)
+    return mechanism, atlas, path, sample
+
+
+def changed(path, tmp_path, change, stamp=True):
+    """The document with arrays changed; its fingerprint brought up to date unless told otherwise."""
+    whole = json.loads(path.read_text())
+    arrays = {n: np.array(a["data"], dtype=a["dtype"]).reshape(a["shape"]) for n, a in whole["arrays"].items()}
+    change(arrays)
+    whole["arrays"] = {
+        n: {"dtype": str(a.dtype), "shape": a.shape, "data": a.ravel().tolist()} for n, a in arrays.items()
+    }
+    if stamp:
+        whole["fingerprint"] = document.fingerprint(arrays)
+    other = tmp_path / "changed.json"
+    other.write_text(json.dumps(whole))
+    return other
+
+
+def test_true_claims_are_proved(case):
+    _, atlas, path, sample = case
+    audit = verify(path, sample=sample)
+    assert audit.holds, str(audit)
+    assert audit.claims[0].of == len(atlas.boxes.kappa)
+    assert audit.claims[1].of > 0 or len(atlas.boxes.kappa) == 1
+    assert audit.whole == (sample is None)
+    assert "Theorem K" in audit.theorem
+
+
+def test_closures_are_those_of_the_mechanism(case):
+    """The auditor's φ vanishes at the reference's σ, whose φ is Pinocchio's; φ_θ is its derivative."""
+    mechanism, atlas, path, _ = case
+    read = document.read(path)
+    own, model = closures.Closures(read), ccpin.ReducedModel(mechanism)
+    rng = np.random.default_rng(5)
+    near = atlas.problem.system.chart.configuration(read.seed[None])[0]
+    for q in atlas.q0 + 0.05 * rng.uniform(-1.0, 1.0, (10, len(atlas.q0))):
+        theta = atlas.problem.system.theta(model.sigma(q, near))
+        np.testing.assert_allclose(own.at(theta)[0], 0.0, atol=1e-11)
+    theta = read.seed + 0.3 * rng.normal(size=len(read.seed))
+    steps = 1e-6 * np.eye(len(theta))
+    numeric = np.stack([(own.at(theta + d)[0] - own.at(theta - d)[0]) / 2e-6 for d in steps], axis=1)
+    np.testing.assert_allclose(own.at(theta)[1], numeric, atol=1e-8)
+
+
+def test_the_variation_is_the_jacobian_s_derivative(case):
+    read = document.read(case[2])
+    own = closures.Closures(read)
+    rng = np.random.default_rng(6)
+    theta, direction = read.seed + 0.2 * rng.normal(size=len(read.seed)), rng.normal(size=len(read.seed))
+    motions = own.motions([closures.arb(float(x)) for x in theta])
+    rate = closures.floats(own.variation(motions, [closures.arb(float(x)) for x in direction]))
+    numeric = (own.at(theta + 1e-6 * direction)[1] - own.at(theta - 1e-6 * direction)[1]) / 2e-6
+    np.testing.assert_allclose(rate, numeric, atol=1e-8)
+
+
+@pytest.mark.parametrize("factor", [3.0, 30.0])
+def test_a_box_too_wide_is_found(case, tmp_path, factor):
+    """One box of the larger ones claims more than it has; it reaches beyond what is closed or turns singular."""
+    _, atlas, path, _ = case
+    k = int(np.argmax(atlas.boxes.half.max(axis=1)))
+
+    def widen(arrays):
+        arrays["box_half"][k] = np.maximum(factor * arrays["box_half"][k], 4.0)
+
+    wrong = changed(path, tmp_path, widen)
+    read = document.read(wrong)
+    assert not boxes.proved(closures.Closures(read), read, k, 6)
+
+
+@pytest.mark.parametrize("what", ["tube", "modes", "centre"])
+def test_a_wrong_tube_is_found(case, tmp_path, what):
+    """A tube that holds no solution, one that is flat, and one beside the branch."""
+    _, _, path, _ = case
+
+    def damage(arrays):
+        if what == "tube":
+            arrays["box_radius"][0] *= -1.0
+        elif what == "modes":
+            arrays["box_modes"][0] = 0.0
+        else:
+            arrays["box_centre"][0, arrays["system_dependent"][0]] += 20.0 * arrays["box_radius"][0].max() + 0.1
+
+    read = document.read(changed(path, tmp_path, damage))
+    assert not boxes.proved(closures.Closures(read), read, 0, 4)
+
+
+def test_a_box_on_another_branch_is_not_glued(tmp_path):
+    """Two boxes of one four-bar, the second one of the other assembly mode: each holds, their face does not."""
+    mechanism = ccpin.load("four_bar")
+    atlas = certify(mechanism, (0.7,), max_depth=6)
+    other_way = certify(mechanism, (0.7,), None, mirrored(mechanism), max_depth=6)
+    assert len(atlas.boxes.kappa) > 1
+    assert not np.allclose(atlas.seed, other_way.seed)
+    atlas.save(tmp_path / "a.json")
+    k, partner = next(
+        (k, j)
+        for k in range(len(atlas.boxes.kappa))
+        for j in range(len(other_way.boxes.kappa))
+        if np.allclose([atlas.lower[k], atlas.upper[k]], [other_way.lower[j], other_way.upper[j]])
+    )
+
+    def swap(arrays):
+        for name in ("centre", "directions", "modes", "radius", "half"):
+            arrays[f"box_{name}"][k] = getattr(other_way.boxes, name)[partner]
+
+    audit = verify(changed(tmp_path / "a.json", tmp_path, swap))
+    assert not audit.claims[0].failed
+    assert [k in pair for pair in audit.claims[1].failed] == [True, True]
+    assert not audit.holds
+
+
+def mirrored(mechanism):
+    """A closed configuration of the other assembly mode at q = 0.7."""
+    model = ccpin.ReducedModel(mechanism)
+    rng = np.random.default_rng(0)
+    first = model.sigma([0.7])
+    for _ in range(200):
+        try:
+            other = model.sigma([0.7], first + rng.uniform(-2.0, 2.0, len(first)))
+        except ccpin.CcpinError:
+            continue
+        if not np.allclose(np.cos(other), np.cos(first), atol=1e-3):
+            return other
+    raise AssertionError("the other mode was not found")
+
+
+def test_another_mechanism_s_closures_are_refused(case, tmp_path):
+    mechanism, atlas, path, _ = case
+
+    def longer(arrays):
+        arrays["chain0_tip"] += 1e-3
+
+    with pytest.raises(InvalidInputError, match="fingerprint"):
+        document.read(changed(path, tmp_path, longer, stamp=False))
+    read = document.read(changed(path, tmp_path, longer))
+    assert read.header["fingerprint"] != atlas.fingerprint
+    assert atlas.is_about(mechanism)
+    assert not atlas.is_about(ccpin.load("hexa"))
+
+
+def test_npz_and_json_say_the_same(case, tmp_path):
+    _, atlas, path, _ = case
+    atlas.save(tmp_path / "a.npz")
+    one, two = document.read(path), document.read(tmp_path / "a.npz")
+    for a, b in zip(one[2:], two[2:], strict=True):
+        np.testing.assert_array_equal(a, b)
+    np.testing.assert_array_equal(Atlas.load(path).boxes.centre, Atlas.load(tmp_path / "a.npz").boxes.centre)
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", '{"format": "ccpin-atlas-3", "arrays": {}}', '{"arrays": []}'])
+def test_what_is_no_certificate_is_refused(tmp_path, text):
+    (tmp_path / "a.json").write_text(text)
+    with pytest.raises(InvalidInputError):
+        verify(tmp_path / "a.json")
+
+
+def test_workers_say_the_same(tmp_path):
+    atlas = certify(ccpin.load("four_bar"), (0.7,), max_depth=6)
+    atlas.save(tmp_path / "a.npz")
+    seen = []
+    assert verify(tmp_path / "a.npz", workers=2, progress=seen.append).claims == verify(tmp_path / "a.npz").claims
+    assert seen[-1].done == seen[-1].of > 0
+
+
+def test_the_command(tmp_path, capsys):
+    path = tmp_path / "a.json"
+    certify(ccpin.load("four_bar"), (0.7,), max_depth=4).save(path)
+    assert main(["verify", str(path), "--model", "four_bar", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["holds"], told["whole"], told["model"]) == (True, True, True)
+    assert main(["verify", str(path), "--model", "rpdr"]) == 1
+    assert "NOT the same" in capsys.readouterr().out
+
+    def flat(arrays):
+        arrays["box_modes"][0] = 0.0
+
+    assert main(["verify", str(changed(path, tmp_path, flat))]) == 1
+    assert "NOT proved: 0" in capsys.readouterr().out
+
+
+def test_it_imports_nothing_of_the_producer():
+    for path in Path(auditing.__file__).parent.glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = [a.name for a in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert all(n.startswith("ccpin.auditing") or n == "ccpin.errors" for n in names if n.startswith("ccpin")), (
+                path
+            )
+
+
+def test_touching_boxes_are_found(tmp_path):
+    """Contacts against a count by corners, all pairs."""
+    atlas = certify(ccpin.load("rpdr"), (-1.885, -1.257), ((-2.4, -1.8), (-1.4, -0.8)), max_depth=4)
+    low, high = atlas.lower, atlas.upper
+    expected = set()
+    for a in range(len(low)):
+        for b in range(a):
+            gap = np.minimum(high[a], high[b]) - np.maximum(low[a], low[b])
+            if np.sum(np.abs(gap) < 1e-9) == 1 and np.all(gap > -1e-9):
+                expected.add((b, a))
+    atlas.save(tmp_path / "a.npz")
+    found = {tuple(sorted((c.first, c.second))) for c in gluing.contacts(document.read(tmp_path / "a.npz"))}
+    assert found == expected
