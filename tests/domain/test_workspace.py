@@ -79,6 +79,20 @@ def attack_stewart(end_effector, atlas, points):
             assert np.sin(found[joint.q][0] / 2 - exact[joint.name] / 2) == pytest.approx(0.0, abs=1e-8)
 
 
+def attack_delta(end_effector, atlas, points):
+    """The closed form leads every point's arms back to it, and det ψ_q′'s sign is the same at all."""
+    joints = [end_effector.model.mechanism.tree.joint(name).q.start for name in delta_oracle.INDEPENDENT]
+    signs = set()
+    for x, angles in zip(points, atlas.sigma(points)[:, joints], strict=True):
+        np.testing.assert_allclose(delta_oracle.forward(angles), x, atol=1e-9)
+        centres = delta_oracle.sphere_centres(angles)
+        swing = -delta_oracle.ARM * np.column_stack(
+            [np.sin(angles) * np.cos(delta_oracle.YAW), np.sin(angles) * np.sin(delta_oracle.YAW), np.cos(angles)]
+        )
+        signs.add((np.sign(np.linalg.det(x - centres)), *np.sign(np.sum((x - centres) * swing, axis=1))))
+    assert len(signs) == 1
+
+
 def within(rng, atlas_or_cube, count):
     region = getattr(atlas_or_cube, "atlas", atlas_or_cube).region
     points = rng.uniform(region.lower, region.upper, (count, len(region.lower)))
@@ -120,24 +134,13 @@ def test_stewart_cube_with_tilt(stewart, rng):
 
 
 def test_delta_workspace_against_inverse_kinematics(delta, rng):
-    """At each x the atlas's arms lead the closed-form forward kinematics back to x, det of one sign."""
+    """At each x the atlas's arms lead the closed form back to x; nothing becomes singular."""
     middle = np.array([0.0, 0.0, -1.0])
     atlas = domain.certify_workspace(delta, (middle - 0.1, middle + 0.1))
     assert atlas.certified_fraction == 1.0
     assert atlas.names == ("x", "y", "z")
     assert atlas.verdict == "proven"
-    joints = [delta.model.mechanism.tree.joint(name).q.start for name in delta_oracle.INDEPENDENT]
-    points = within(rng, atlas, POINTS)
-    arms = atlas.sigma(points)[:, joints]
-    signs = []
-    for x, angles in zip(points, arms, strict=True):
-        np.testing.assert_allclose(delta_oracle.forward(angles), x, atol=1e-9)
-        centres = delta_oracle.sphere_centres(angles)
-        swing = -delta_oracle.ARM * np.column_stack(
-            [np.sin(angles) * np.cos(delta_oracle.YAW), np.sin(angles) * np.sin(delta_oracle.YAW), np.cos(angles)]
-        )
-        signs.append(np.sign(np.linalg.det(x - centres) * np.prod(np.sum((x - centres) * swing, axis=1))))
-    assert len(set(signs)) == 1
+    attack_delta(delta, atlas, within(rng, atlas, POINTS))
 
 
 def test_joint_limits_bound_the_workspace(delta):
@@ -241,3 +244,14 @@ def test_slices_of_joint_space(stewart, rng):
     assert not atlas.contains(q + 1e-3)
     with pytest.raises(InvalidInputError, match="in one coordinate at least"):
         domain.certify(mechanism, q, (q, q))
+
+
+@pytest.mark.slow
+def test_attack_with_many_points(stewart, delta, cube, rng):
+    """A hundred thousand points each of the Stewart platform's cube and of a Delta's, none of them wrong."""
+    for _ in range(20):
+        attack_stewart(stewart, cube.atlas, within(rng, cube, 5000))
+    ball = domain.largest_ball(delta, [0.0, 0.0, -1.0], tolerance=0.05)
+    for _ in range(40):
+        points = within(rng, ball, 5000)
+        attack_delta(delta, ball.atlas, points)

@@ -82,7 +82,9 @@ class LargestWorkspace:
     @property
     def upper(self) -> float:
         """A half width (or radius) proved to be too large; ∞ where no obstacle was found."""
-        return np.inf if self.obstacle is None else self._distance(self.obstacle.q) + self.obstacle.error
+        if self.obstacle is None:
+            return np.inf
+        return self._distance(self.obstacle.q) + self.obstacle.error * float(self.shape.weights.max())
 
     def contains(self, x: ArrayLike) -> bool | Mask:
         """Whether x (n,) lies in the certified cube or ball; for x of shape (K, n) an array (K,)."""

@@ -104,8 +104,10 @@ def _failing(problem: Problem, demands: Demands, walker: Walker) -> Witness | No
             high, last, kind = middle, place, here
     bottom, top = reach(problem, last.box)
     error = float(np.max(top - bottom))
-    if kind == "singular":
-        error += float(np.abs(last.q - walker.pieces(0.0)).max())
+    if kind == "singular":  # between the last place where the sign is proved to be the start's, and this one
+        before = _place(problem, walker, low)
+        kept = before is not None and sign * _sign(problem, demands, before) > 0.0
+        error += float(np.abs(last.q - walker.pieces(low if kept else 0.0)).max())
     return Witness(kind, last.q, problem.system.chart.configuration(last.box.centre[0]), error)
 
 
