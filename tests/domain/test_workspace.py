@@ -146,9 +146,10 @@ def test_delta_workspace_against_inverse_kinematics(delta, rng):
 def test_joint_limits_bound_the_workspace(delta):
     """With the arms held near where they are, points that need other angles are not certified, and it says why."""
     middle = np.array([0.0, 0.0, -1.0])
-    start = delta.solve(middle).q
+    guess = delta.solve(middle)
+    start = guess.q
     narrow = {name: (q - 0.1, q + 0.1) for name, q in zip(delta_oracle.INDEPENDENT, start, strict=True)}
-    cube = domain.largest_cube(delta, middle, limits=narrow, tolerance=0.1)
+    cube = domain.largest_cube(delta, middle, guess.q_free, limits=narrow, tolerance=0.1)
     assert 0.0 < cube.half < 0.06
     assert cube.obstacle.kind == "limit"
     arms = [delta.solve(middle + cube.half * np.array(c)).q for c in np.ndindex(2, 2, 2)]
@@ -213,6 +214,8 @@ def test_wrong_arguments(stewart, delta):
         domain.certify_workspace(delta, ([0, 0, -1.0], [0.1, 0.1, -1.1]))
     with pytest.raises(UnreachableError, match="no certified way"):
         domain.largest_cube(delta, [0.0, 0.0, -5.0])
+    with pytest.raises(UnreachableError, match="a limit"):
+        domain.largest_cube(stewart, [0.0, 0.0, 0.75])
     four_bar = ccpin.load(MODELS / "four_bar.urdf")
     with pytest.raises(UnsupportedMechanismError, match="task space"):
         domain.certify_workspace(ccpin.EndEffector(four_bar, list(four_bar.tree.attachments)[-1]), ([0.0], [1.0]))

@@ -36,16 +36,24 @@ _ROUNDING = 1e-12
 
 def meets(problem: Problem, boxes: Boxes) -> Mask:
     """Which of B proved boxes are proved to meet the problem's demands as well, of shape (B,)."""
+    within, demands = passable(problem, boxes), problem.demands
+    rows = np.flatnonzero(within)
+    if demands is not None and rows.size and demands.driven.size:
+        within[rows] = dexterous(problem, demands, boxes.take(rows))
+    return within
+
+
+def passable(problem: Problem, boxes: Boxes) -> Mask:
+    """Which of B proved boxes keep the limits and are nowhere singular for the motors, of shape (B,)."""
     demands = problem.demands
     if demands is None or not len(boxes.kappa):
         return np.ones(len(boxes.kappa), dtype=np.bool_)
     low, high = reach(problem, boxes)
-    within = np.all((low >= demands.lower) & (high <= demands.upper), axis=1)
-    for holds in (regular, dexterous):
-        rows = np.flatnonzero(within)
-        if rows.size and demands.driven.size:
-            within[rows] = holds(problem, demands, boxes.take(rows))
-    return np.asarray(within)
+    within = np.asarray(np.all((low >= demands.lower) & (high <= demands.upper), axis=1))
+    rows = np.flatnonzero(within)
+    if rows.size and demands.driven.size:
+        within[rows] = regular(problem, demands, boxes.take(rows))
+    return within
 
 
 def reach(problem: Problem, boxes: Boxes) -> tuple[Array, Array]:

@@ -44,8 +44,6 @@ class LargestWorkspace:
         centre: Task coordinates, of shape (n,).
         half: Half width of the cube, or radius of the ball, metres; 0 where nothing is certified.
         round: Whether it is a ball.
-        proportions: What the edges (or the ball's axes) are to one another, one number or one for each: the half
-            width found, times these.
         tilt: How far the turns reach to both sides of the centre's, of shape (turns,), radians.
         atlas: The certified cells; `complete` is False where Ctrl-C ended the search.
         shape: How distances from the centre are measured.

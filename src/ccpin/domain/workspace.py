@@ -24,6 +24,7 @@ from ccpin.domain.atlas.cells import Corners, Region, corners_of
 from ccpin.domain.boxes import BoundsName, Demands, Problem, problem_of
 from ccpin.domain.chains import ClosureSystem, checked_configuration, closure_system
 from ccpin.domain.chart import independent_indices
+from ccpin.domain.demands import passable
 from ccpin.domain.task_space import JointSpace, task_space
 from ccpin.domain.walker import Walker
 from ccpin.dynamics.end_effector import EndEffector
@@ -35,6 +36,7 @@ Limits = bool | Mapping[str, tuple[float, float]]
 
 _DEPTHS = {1: 12, 2: 9, 3: 6}
 _MANY_DEPTH = 4
+_PARTS = (1, 8, 64)  # pieces of a way: a box proved to follow σ may be too long for limits
 
 
 def certify_workspace(
@@ -112,7 +114,7 @@ class TaskProblem:
         return self.theta[self.problem.system.independent]
 
     def moved_to(self, x: Array) -> Array:
-        """θ at other task coordinates, where a certified straight way leads there.
+        """θ at other task coordinates, where a certified straight way leads there, within limits and not singular.
 
         Raises:
             UnreachableError: None was proved.
@@ -120,21 +122,29 @@ class TaskProblem:
         """
         if np.array_equal(x, self.x):
             return self.theta
-        pieces = PPoly(np.stack([(x - self.x)[None], self.x[None]]), np.array([0.0, 1.0]))
-        walker = Walker(self.problem, pieces, np.zeros(len(x)), self.theta)
-        if walker.walk() is not None:
-            place = walker.theta[self.problem.system.independent]
-            raise UnreachableError(
-                f"no certified way leads straight from x = {self.x.tolist()}, where the guess has the end effector, to "
-                f"{x.tolist()}: it ends at {place.tolist()}; give a guess nearer to the region",
-                q=x,
-                q_reached=place,
-                fraction=walker.here,
-                rcond=walker.rcond(),
+        for parts in _PARTS:
+            knots = np.linspace(0.0, 1.0, parts + 1)
+            step = np.tile(x - self.x, (parts, 1))
+            walker = Walker(
+                self.problem, PPoly(np.stack([step, self.x + knots[:-1, None] * step]), knots), 0.0 * x, self.theta
             )
-        theta = walker.theta.copy()
-        theta[self.problem.system.independent] = x
-        return theta
+            whole = walker.walk() is None
+            if whole and passable(self.problem, walker.boxes).all():
+                theta = walker.theta.copy()
+                theta[self.problem.system.independent] = x
+                return theta
+            if not whole:
+                break
+        where = "it ends at" if not whole else "a limit or a singularity of the motors may lie before"
+        place = walker.theta[self.problem.system.independent]
+        raise UnreachableError(
+            f"no certified way leads straight from x = {self.x.tolist()}, where the guess has the end effector, to "
+            f"{x.tolist()}: {where} {place.tolist()}; give a guess nearer to the region",
+            q=x,
+            q_reached=place,
+            fraction=walker.here,
+            rcond=walker.rcond(),
+        )
 
 
 def task_problem(
