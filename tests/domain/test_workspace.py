@@ -197,8 +197,8 @@ def test_planar_task_space(rng):
 
 def test_saved_with_its_demands(stewart, tmp_path):
     atlas = domain.certify_workspace(stewart, (CENTRE - 0.02, CENTRE + 0.02), max_depth=4)
-    atlas.save(tmp_path / "atlas.npz")
-    again = Atlas.load(tmp_path / "atlas.npz")
+    atlas.save(tmp_path / "atlas.json")
+    again = Atlas.load(tmp_path / "atlas.json")
     assert again.verify().all()
     assert again.problem.demands is not None
     tight = again.problem.demands._replace(upper=again.problem.demands.upper - 10.0)

@@ -105,8 +105,8 @@ def pack_problem(problem: Problem) -> tuple[dict[str, Any], NamedArrays]:
         "joints": [[j.name, j.kind.name, j.q.start, j.q.stop, j.v.start, j.v.stop] for j in system.chart.joints],
         "planar": problem.phasors is not None,
     }
-    if problem.demands is not None:
-        arrays |= {f"demand_{name}": np.asarray(value) for name, value in problem.demands._asdict().items()}
+    if problem.demands is not None:  # JSON has no infinity: the largest number stands for no limit
+        arrays |= {f"demand_{name}": np.nan_to_num(value) for name, value in problem.demands._asdict().items()}
     return header, arrays
 
 
