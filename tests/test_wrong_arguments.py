@@ -20,6 +20,7 @@ ABSTRACT = {"ControlLaw", "HasForce", "Reference", "TrackingLaw", "drawing"}
 LONG = {
     ("certify_law", "domain"),
     ("certify_set_point", "domain"),
+    ("design", "evaluations"),
     ("enclose", "duration"),
     ("plot_sublevel", "starts"),
 }
@@ -41,6 +42,7 @@ class Bench:
         self.tracking = control.ComputedTorque(self.model, self.hold, 50.0, 5.0)
         self.run = ccpin.simulate(self.model, self.law, self.q, duration=0.02)
         self.effector = ccpin.EndEffector(self.model, self.link)
+        self.tip = ccpin.EndEffector(self.model, "link3", (0.3048, 0.0, 0.0))
         self.box = (self.q - 0.02, self.q + 0.02)
         self.atlas = domain.certify(self.whole, self.q, region=self.box)
         self.sheets = domain.certify_sheets(self.whole, self.box, max_depth=2)
@@ -181,17 +183,33 @@ def _description(b):
 
 def _domain(b):
     path = [b.q, b.q + 0.02]
+    x = b.tip.pose(b.q)[[0, 2], 3]
+    asked = {"end_effector": b.tip, "guess": None, "limits": True, "dexterity": 0.0, "length": None, "seconds": None}
+    asked |= {"bounds": "auto"}
+    largest = asked | {"centre": x, "proportions": 1.0, "tilt": 0.0, "within": 0.01, "tolerance": 0.5, "work": None}
     curves = {"starts": 2, "step": 0.05, "limit": 10}
     return {
         "certify": (
             domain.certify,
-            {"mechanism": b.whole, "q0": b.q, "region": b.box, "guess": None, "max_depth": 2, "bounds": "auto"},
+            {"mechanism": b.whole, "q0": b.q, "region": b.box, "guess": None, "max_depth": 2, "bounds": "auto"}
+            | {"resolution": 0.1, "fraction": 0.5, "seconds": None},
         ),
         "certify_sheets": (
             domain.certify_sheets,
             {"mechanism": b.whole, "region": b.box, "max_depth": 2, "budget": 1000, "bounds": "auto"},
         ),
         "cusps": (domain.cusps, {"mechanism": b.whole, "region": b.box, "curves": ()}),
+        "certify_workspace": (
+            domain.certify_workspace,
+            asked | {"region": (x - 0.01, x + 0.01), "max_depth": 2, "fraction": None},
+        ),
+        "largest_cube": (domain.largest_cube, largest),
+        "largest_ball": (domain.largest_ball, largest),
+        "design": (
+            domain.design,
+            {"build": dict, "ranges": {"a": (0.0, 1.0)}, "figure": len, "start": None, "evaluations": 3},
+        ),
+        "scaled_links": (domain.scaled_links, {"source": "rpdr", "links": {"arms": ("link1", "link2")}}),
         "certify_path": (
             domain.certify_path,
             {"mechanism": b.whole, "path": path, "tube": 1e-3, "guess": None, "bounds": "auto"},

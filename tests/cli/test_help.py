@@ -144,7 +144,7 @@ def test_simulate_tells_its_share(more, capsys, monkeypatch):
     monkeypatch.setattr("ccpin.cli.progress._PATIENCE", 0.0)
     monkeypatch.setattr("ccpin.cli.progress._LOOK", 0.005)
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    assert main(["simulate", "rpdr", "--start-deg", "-150", "-160", "--goal-deg", "-90", "-100", *more.split()]) == 0
+    assert main(["simulate", "rpdr", "--start-deg", "-150", "-160", "--goal-deg", "-90", "-100", *more]) == 0
     shares = [int(share) for share in re.findall(r"simulating +(\d+) %", capsys.readouterr().err)]
     assert shares == sorted(shares)
     assert 0 <= shares[0] < shares[-1] <= 100

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from ccpin.domain.atlas.atlas import Atlas, certify
+from ccpin.domain.atlas.atlas import Atlas, Work, certify
 from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.chains import scalar_coordinates_at
 from ccpin.domain.cusps import Cusp, cusps
+from ccpin.domain.design import Design, design, scaled_links
+from ccpin.domain.largest import LargestWorkspace, largest_ball, largest_cube
 from ccpin.domain.one_box import kantorovich_radius, newton_steps
 from ccpin.domain.path import CertifiedPath, certify_path
 from ccpin.domain.sheets.search import certify_sheets
@@ -19,15 +21,20 @@ from ccpin.domain.singularities import (
     singularities,
     singularity_distance,
 )
+from ccpin.domain.task_space import JointSpace
 from ccpin.domain.theorem2.system import QuadraticSystem
 from ccpin.domain.theorem2.theorem2 import Theorem2Result, theorem2, theorem2_radius
+from ccpin.domain.workspace import certify_workspace
 
 __all__ = [
     "Atlas",
     "CellStatus",
     "CertifiedPath",
     "Cusp",
+    "Design",
     "Fold",
+    "JointSpace",
+    "LargestWorkspace",
     "ModeChange",
     "QuadraticSystem",
     "Region",
@@ -36,14 +43,20 @@ __all__ = [
     "SingularCurve",
     "SingularityDistance",
     "Theorem2Result",
+    "Work",
     "certified_radius",
     "certify",
     "certify_path",
     "certify_sheets",
+    "certify_workspace",
     "cusps",
+    "design",
     "kantorovich_radius",
+    "largest_ball",
+    "largest_cube",
     "newton_steps",
     "scalar_coordinates_at",
+    "scaled_links",
     "serial_singularities",
     "singularities",
     "singularity_distance",

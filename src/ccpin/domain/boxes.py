@@ -69,12 +69,37 @@ _LARGEST = 1e6
 _ROUNDED = 1e-9  # room in κ for bounds computed in another order (the compiled core's)
 
 
+class Demands(NamedTuple):
+    """What boxes are to meet besides Theorem K (`ccpin.domain.demands`).
+
+    Attributes:
+        lower, upper: Limits of θ, of shape (n′,) each, ±∞ where there is none.
+        driven: Indices in θ of the coordinates that motors drive; none: they are not looked at.
+        units: What a unit of each parameter counts as where dexterity is measured: 1, or a length for turns, (n,).
+        dexterity: The least 1/κ; 0: that the motors determine the motion is all that is asked.
+    """
+
+    lower: Array
+    upper: Array
+    driven: Indices
+    units: Array
+    dexterity: float
+
+
 class Problem(NamedTuple):
-    """A closure system, its chains side by side and, where planar bounds are used, its phasor form. Picklable."""
+    """What is to be proved, picklable.
+
+    Attributes:
+        system: The closures.
+        stack: Their chains side by side.
+        phasors: Their phasor form, where planar bounds are used.
+        demands: What is asked besides, if anything.
+    """
 
     system: ClosureSystem
     stack: ChainStack
     phasors: Phasors | None
+    demands: Demands | None = None
 
 
 class Boxes(NamedTuple):
@@ -141,11 +166,12 @@ def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:
     return first_order(problem.system, problem.stack, theta)[:2]
 
 
-def bounds_of(problem: Problem, boxes: Boxes) -> Bounds:
-    """The bounds that Theorem K needs, for boxes as given (h is widened here)."""
+def bounds_of(problem: Problem, boxes: Boxes, modes: Array | None = None) -> Bounds:
+    """The bounds that Theorem K needs, for boxes as given (h is widened here), or with another E (B, n′, m)."""
     system, theta = problem.system, boxes.centre
-    modes = np.zeros((*theta.shape, system.m))
-    modes[:, system.dependent] = boxes.modes
+    if modes is None:
+        modes = np.zeros((*theta.shape, system.m))
+        modes[:, system.dependent] = boxes.modes
     half = boxes.half * (1.0 + 2.0**-51) + _WIDEN
     frame = Frame(boxes.preconditioner, boxes.directions, modes, half, system.rounding * system.magnitude(theta))
     if problem.phasors is not None:
@@ -268,7 +294,7 @@ def _attempt(problem: Problem, boxes: Boxes, roomy: bool) -> Tried:
     boxes.radius[:] = radius
     if candidates.size:
         bounds = bounds.take(candidates)
-        boxes.weight[candidates], boxes.kappa[candidates] = weights_of(bounds, radius[candidates])
+        boxes.weight[candidates], boxes.kappa[candidates] = weights_for(bounds, radius[candidates])
         proved[candidates] = _holds(bounds, boxes.take(candidates))
     return Tried(boxes, proved)
 
@@ -307,8 +333,10 @@ def _radius(bounds: Bounds) -> Array:
     return found
 
 
-def weights_of(bounds: Bounds, radius: Array) -> tuple[Array, Array]:
+def weights_for(bounds: Bounds, radius: Array) -> tuple[Array, Array]:
     """A w > 0 with Zw ≤ κw, κ < 1 where the spectral radius allows it, from w = (I − M)⁻¹(1 + t(1)) by power steps.
+
+    The inequality is checked with the factors that (K2) is, so where κ < 1 the spectral radius of Z is proved to be.
 
     Returns:
         w, of shape (B, m), and κ, of shape (B,).

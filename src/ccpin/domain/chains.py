@@ -32,6 +32,7 @@ from ccpin.arrays import Array, Indices, Mask, numbers
 from ccpin.description.closure_kinds import Fixed, Gap, Vector, plane_axes
 from ccpin.domain.chart import Chart, Elementary, chart_at, elementary_joints, independent_indices
 from ccpin.domain.rods import Rod, rod_length, rod_of
+from ccpin.domain.task_space import TaskSpace
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.loops import ResolvedClosure
@@ -136,15 +137,17 @@ class ClosureSystem:
         return np.asarray(total * np.maximum(1.0, 0.25 * np.abs(theta).max(axis=1)))
 
 
-def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
+def closure_system(mechanism: Mechanism, q_free: Array, task: TaskSpace | None = None) -> ClosureSystem:
     """The closures of a mechanism, in a chart centred at a configuration of shape (nq,).
+
+    With a task space its coordinates, last in θ, are the independent ones and all of the mechanism's depend on them.
 
     Raises:
         UnsupportedMechanismError: φ holds redundant rows, a row is not of a form that can be bounded here, or an
             independent coordinate is not a scalar one.
     """
     constraints, chart = mechanism.constraints(), chart_at(mechanism, q_free)
-    independent = independent_indices(mechanism, chart)
+    independent = independent_indices(mechanism, chart) if task is None else np.empty(0, dtype=np.intp)
     _refuse_redundant(mechanism, constraints)
     elementary, centre = elementary_joints(mechanism, chart), chart.theta(q_free)
     rods: dict[int, Rod] = {}
@@ -154,14 +157,17 @@ def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
             first = max((rod.place.stop for rod in rods.values()), default=chart.n_free)
             rods[k] = rod_of(loop, length, down, centre, first)
     angles = sum(rod.place.stop - rod.place.start for rod in rods.values())
-    builder = _ChainCollector(elementary, chart.n_free + angles, constraints.size + angles)
+    slides = [slides for joint in chart.joints for slides in joint.kind.slides] + angles * [False]
+    loops, rows = constraints.loops, constraints.size + angles
+    if task is not None:
+        independent = len(slides) + np.arange(len(task.names))
+        elementary.append(task.steps_from(len(slides)))
+        loops, rows, slides = (*loops, task.loop), rows + task.loop.size, [*slides, *task.slides]
+    builder = _ChainCollector(elementary, len(slides), rows)
     row = 0
-    for k, loop in enumerate(constraints.loops):
+    for k, loop in enumerate(loops):
         row = builder.add_rod(loop, rods[k], row) if k in rods else builder.add_loop(loop, row)
     builder.add_couplings(constraints, row)
-    slides = np.array(
-        [slides for joint in chart.joints for slides in joint.kind.slides] + angles * [False], dtype=np.bool_
-    )
     return ClosureSystem(
         chains=tuple(builder.chains),
         couplings=builder.couplings,
@@ -169,7 +175,7 @@ def closure_system(mechanism: Mechanism, q_free: Array) -> ClosureSystem:
         moduli=builder.moduli,
         independent=independent,
         dependent=np.setdiff1d(np.arange(len(slides)), independent),
-        periodic=~slides & ~np.any(builder.couplings != 0.0, axis=0),
+        periodic=~np.array(slides, dtype=np.bool_) & ~np.any(builder.couplings != 0.0, axis=0),
         scale=_scale(builder),
         depth=max((len(chain.joints) for chain in builder.chains), default=0),
         chart=chart,

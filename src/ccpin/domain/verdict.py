@@ -15,18 +15,23 @@ Verdict = Literal["proven", "refuted", "undecided"]
 ``"undecided"``: neither was shown with the work allowed; the result says what was spent and what more would do."""
 
 
+Kind = Literal["singular", "empty", "limit", "dexterity", "state"]
+
+
 class Witness(NamedTuple):
     """Where a claim about σ fails.
 
     Attributes:
         kind: ``"singular"``: a closed configuration with singular ψ_q′ is on the branch; ``"empty"``: no closed
-            configuration has this q; ``"state"``: a motion is in a state from which the claim cannot hold.
+            configuration has this q; ``"limit"``, ``"dexterity"``: on the branch a joint is beyond its limits there,
+            or the end effector's Jacobian is conditioned worse than was asked for; ``"state"``: a motion is in a state
+            from which the claim cannot hold.
         q: The independent coordinates, of shape (n,), in the scalar coordinates of certificates.
         q_free: The configuration, of shape (nq,); ``None`` where there is none.
         error: The exact one is this near in every coordinate (rad, m); 0 where it is exact.
     """
 
-    kind: Literal["singular", "empty", "state"]
+    kind: Kind
     q: Array
     q_free: Array | None
     error: float

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, cross, numbers, skew
+from ccpin.arrays import Array, cross, frozen, numbers, skew
 from ccpin.description.model import frame
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.scratch import Scratch, six_rows
@@ -41,6 +41,9 @@ class LinkPoint:
         link: The link's name.
         point: The point in the link's frame, metres, of shape (3,).
 
+    Attributes:
+        offset: The point.
+
     Raises:
         InvalidInputError: No such link, a link that never moves, or a point that is not three finite numbers.
     """
@@ -54,6 +57,7 @@ class LinkPoint:
         attachment = tree.attachments[link]
         if attachment.joint == 0:
             raise InvalidInputError(f"link '{link}' is fixed to the world; the end effector must be on a moving link")
+        self.offset = frozen(offset)
         self._scratch = tree.scratch
         self._joint = attachment.joint
         self._frame = attachment.placement @ frame(offset)

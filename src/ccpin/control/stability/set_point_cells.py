@@ -34,6 +34,8 @@ def cells_of_atlas(law: PDSimpleGravity, atlas: Atlas) -> CellStore:
         raise InvalidInputError(
             f"the atlas is over {', '.join(atlas.names)}; the law's coordinates are {', '.join(mechanism.independent)}"
         )
+    if np.any(atlas.region.held):
+        raise InvalidInputError("the atlas is a slice, which is no neighbourhood of the set point; certify a region")
     system = atlas.problem.system
     around = holding(atlas.lower, atlas.upper, law.q_d)
     if not around.size:

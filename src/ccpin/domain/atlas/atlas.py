@@ -26,17 +26,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array, Mask, numbers, whole
+from ccpin.arrays import Array, Mask, number, numbers, positive, whole
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store as atlas_store
-from ccpin.domain.atlas.build import AtlasBuilder
+from ccpin.domain.atlas.build import AtlasBuilder, Shape
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, Cells, CellStatus, CellTree, Corners, Region, region_of
 from ccpin.domain.atlas.empty import prove_empty
 from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
 from ccpin.domain.atlas.singular import mark_singular, refuting
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
 from ccpin.domain.chains import closure_system, seed_at_coordinates
+from ccpin.domain.demands import meets
 from ccpin.domain.newton import newton, solve_in_boxes
+from ccpin.domain.obstacles import demand_witnesses
 from ccpin.domain.sheets.emptiness import search_empty
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
@@ -45,6 +47,13 @@ from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 _DEPTHS = {1: 14, 2: 12, 3: 6}
 _TOLERANCES = {1: 1e-5, 2: 2e-5, 3: 2e-3}
 _MANY_DEPTH, _MANY_TOLERANCE = 3, 0.5
+_WITNESSES = 12
+_FAILURES = {
+    "empty": "no configuration closes the loops",
+    "limit": "a joint is beyond its limits",
+    "dexterity": "the end effector is less dexterous than was asked for",
+}
+_FIRST_DEPTH, _DEEPEST, _MANY_DEEPEST = 4, 20, 10
 
 
 class Progress(NamedTuple):
@@ -112,7 +121,10 @@ class Atlas:
     @cached_property
     def witness(self) -> Witness | None:
         """A place of the region proved to have no σ, or one that is singular."""
-        return None if self._whole else refuting(self.problem, self.tree, self.region, self.boxes)
+        if self._whole:
+            return None
+        found = refuting(self.problem, self.tree, self.region, self.boxes)
+        return next(demand_witnesses(self.problem, self.seed, self._undecided()), None) if found is None else found
 
     @property
     def verdict(self) -> Verdict:
@@ -125,6 +137,16 @@ class Atlas:
             return "proven"
         return "undecided" if self.witness is None else "refuted"
 
+    def _undecided(self) -> list[Array]:
+        """Middles of the largest cells undecided or not reached, where more than Theorem K was asked for."""
+        leaves = self.tree.leaves()
+        cells = leaves[np.isin(self.tree.status[leaves], (CellStatus.UNDECIDED, CellStatus.UNREACHED))]
+        if self.problem.demands is None:
+            return []
+        volume = np.prod(self.tree.size[cells].astype(np.float64), axis=1)
+        largest = cells[np.argsort(-volume, kind="stable")[:_WITNESSES]]
+        return list(self.region.position(self.tree.lower[largest] + 0.5 * self.tree.size[largest]))
+
     @property
     def _whole(self) -> bool:
         return self.certified_fraction == 1.0 and self.single_valued
@@ -136,11 +158,7 @@ class Atlas:
         if self.verdict == "proven":
             return f"σ is one smooth, nonsingular function on the region: {spent}"
         if self.witness is not None:
-            what = (
-                "no configuration closes the loops"
-                if self.witness.kind == "empty"
-                else "σ meets a singular configuration"
-            )
+            what = _FAILURES.get(self.witness.kind, "σ meets a singular configuration")
             return f"{what} at q = {self.witness.q.tolist()}; {spent}"
         if not self.single_valued:
             return f"{len(self.unglued)} faces are not glued, so σ may have several values; {spent}"
@@ -162,7 +180,7 @@ class Atlas:
     @property
     def area(self) -> float:
         """Length, area or volume of the certified set, in radⁿ (metres for sliding coordinates)."""
-        return self.fraction(CellStatus.CERTIFIED) * float(np.prod(self.region.width))
+        return self.fraction(CellStatus.CERTIFIED) * self.region.volume
 
     @property
     def certified_fraction(self) -> float:
@@ -228,8 +246,8 @@ class Atlas:
         return np.asarray(q_free[0] if np.ndim(q) == 1 else q_free)
 
     def verify(self) -> Mask:
-        """Check Theorem K for every box again, from its data alone, of shape (B,)."""
-        return verify(self.problem, self.boxes)
+        """Check Theorem K for every box again, and what else was asked, from its data alone, of shape (B,)."""
+        return verify(self.problem, self.boxes) & meets(self.problem, self.boxes)
 
     @property
     def fingerprint(self) -> str:
@@ -298,6 +316,9 @@ def certify(
     *,
     max_depth: int | None = None,
     exhaustive: bool = False,
+    resolution: float | None = None,
+    fraction: float | None = None,
+    seconds: float | None = None,
     bounds: BoundsName = "auto",
     workers: int | None = None,
     executor: Executor | None = None,
@@ -319,6 +340,12 @@ def certify(
             2, 3, and 3 beyond.
         exhaustive: Search all values of the dependent coordinates, up to eight, to prove cells empty of which the
             triangle inequality says nothing; that takes several times as long as the boxes.
+        resolution: How fine the largest square is sought: cells at its edge are halved to this share of their distance
+            from q₀; default 1e-5, 2e-5, 2e-3 for n = 1, 2, 3, and 0.5 beyond. What the radius falls short by is a few
+            times as much where the branch ends in a fold.
+        fraction: The share of the region (0 to 1) to be decided, certified or proved empty: edges are halved once more
+            until it is reached, or `max_depth`, whose default then is 20 for n ≤ 2 and 10 beyond.
+        seconds: When to stop, measured by the clock; what is proved by then is kept, as after Ctrl-C.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
         workers: How many processes to start for the work; default none: all is done in this one. A script that asks
             for more than one needs the guard ``if __name__ == "__main__":``.
@@ -328,12 +355,12 @@ def certify(
         progress: Called after every wave.
 
     Returns:
-        The atlas; after Ctrl-C what was certified so far, with ``complete`` False.
+        The atlas; after Ctrl-C, or when the time is over, what was certified so far, with ``complete`` False.
 
     Raises:
         UnsupportedMechanismError: More than three coordinates and no region, redundant rows, or closures that cannot
             be bounded.
-        InvalidInputError: q₀, region, max_depth or workers is malformed.
+        InvalidInputError: q₀, region, max_depth, resolution, fraction, seconds or workers is malformed.
         UnreachableError, SingularConfigurationError: σ(q₀) does not exist on the branch, or is singular.
     """
     mechanism = mechanism_of(mechanism)
@@ -344,37 +371,116 @@ def certify(
             "certify_path is for moves"
         )
     seed = seed_at_coordinates(mechanism, q0, guess)
-    depth = _DEPTHS.get(mechanism.n, _MANY_DEPTH) if max_depth is None else whole(max_depth, "max_depth", 0)
-    if not depth < LEVELS:
-        raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
+    effort = effort_of(_DEPTHS.get(mechanism.n, _MANY_DEPTH), max_depth, fraction, seconds, mechanism.n)
+    effort = effort._replace(exhaustive=exhaustive)
+    if resolution is None:
+        effort = effort._replace(tolerance=_TOLERANCES.get(mechanism.n, _MANY_TOLERANCE))
+    else:
+        effort = effort._replace(tolerance=positive(resolution, "resolution"))
     problem = problem_of(seed.system, bounds)
     area = region_of(mechanism, seed, region)
+    return survey(
+        problem, seed.theta, tuple(mechanism.independent), area, effort, Work(workers, executor, checkpoint, progress)
+    )
+
+
+class Effort(NamedTuple):
+    """How far a survey goes.
+
+    Attributes:
+        depth: How often an edge of the region may be halved; 0: only the largest square is sought.
+        tolerance: Edges of the largest square's cells are halved to this share of their distance from the seed;
+            ``None``: no square comes first.
+        fraction: The share of the region to be decided, ``None``: all that can be at `depth`.
+        seconds: When to stop.
+        exhaustive: Whether cells are proved empty by search of all dependent coordinates too.
+    """
+
+    depth: int
+    tolerance: float | None = None
+    fraction: float | None = None
+    seconds: float | None = None
+    exhaustive: bool = False
+
+
+def effort_of(usual: int, max_depth: int | None, fraction: float | None, seconds: float | None, n: int) -> Effort:
+    """The effort asked for, over n coordinates that are not held.
+
+    Raises:
+        InvalidInputError: An argument is malformed.
+    """
+    if fraction is not None:
+        usual = _DEEPEST if n <= 2 else _MANY_DEEPEST
+        if not 0.0 < number(fraction, "fraction") <= 1.0:
+            raise InvalidInputError(f"fraction is a share of the region, above 0 and at most 1; it is {fraction!r}")
+    depth = usual if max_depth is None else whole(max_depth, "max_depth", 0)
+    if not depth < LEVELS:
+        raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
+    return Effort(depth, None, fraction, None if seconds is None else positive(seconds, "seconds"))
+
+
+class Work(NamedTuple):
+    """Who does the work of an atlas, where it is kept and who hears of it: the arguments of `certify` so named."""
+
+    workers: int | None = None
+    executor: Executor | None = None
+    checkpoint: str | Path | None = None
+    progress: Callable[[Progress], None] | None = None
+
+
+def survey(
+    problem: Problem,
+    seed: Array,
+    names: tuple[str, ...],
+    region: Region,
+    effort: Effort,
+    work: Work,
+    shape: Shape | None = None,
+) -> Atlas:
+    """The atlas of what can be proved of a region from a seed θ (n′,), the largest square about it first.
+
+    Raises:
+        SingularConfigurationError: The seed is singular.
+    """
     complete = True
-    with stoppable() as flag, executor_for(executor, workers) as chosen:
-        runner = Runner(problem, chosen, checkpoint, flag)
-        builder = AtlasBuilder(problem, seed.theta, area, runner, progress and _reporter(progress))
+    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
+        runner = Runner(problem, chosen, work.checkpoint, flag)
+        builder = AtlasBuilder(problem, seed, region, runner, work.progress and _reporter(work.progress), shape)
         try:
-            builder.certify_square(_TOLERANCES.get(mechanism.n, _MANY_TOLERANCE))
-            if depth:
-                builder.certify_region(depth)
-                prove_empty(problem.system, builder.tree, area, depth)
-                if exhaustive:
-                    search_empty(problem, builder.tree, area, depth)
-                mark_singular(problem, builder.tree, area, builder.boxes)
+            if effort.tolerance is not None:
+                builder.certify_square(effort.tolerance)
+            if effort.depth:
+                _cover(builder, effort)
+                if effort.exhaustive:
+                    search_empty(problem, builder.tree, region, effort.depth)
+                mark_singular(problem, builder.tree, region, builder.boxes)
         except Stopped:
             complete = False
     return Atlas(
-        names=tuple(mechanism.independent),
+        names=names,
         q0=builder.q0,
         radius=builder.radius(),
         boxes=builder.proved.trimmed(),
         unglued=np.concatenate(builder.unglued).astype(np.int64),
         complete=complete,
-        region=area,
+        region=region,
         problem=problem,
         tree=builder.tree,
-        seed=seed.theta,
+        seed=seed,
     )
+
+
+def _cover(builder: AtlasBuilder, effort: Effort) -> None:
+    """Certify and prove empty what can be, halving edges once more until the share asked for is decided."""
+    first = effort.depth if effort.fraction is None else min(_FIRST_DEPTH, effort.depth)
+    for depth in range(first, effort.depth + 1):
+        builder.certify_region(depth)
+        prove_empty(builder.problem.system, builder.tree, builder.region, depth)
+        tree = builder.tree
+        leaves = tree.leaves()
+        decided = leaves[np.isin(tree.status[leaves], (CellStatus.CERTIFIED, CellStatus.EMPTY))]
+        if effort.fraction is not None and np.prod(tree.size[decided] / WHOLE, axis=1).sum() >= effort.fraction:
+            return
 
 
 def _reporter(progress: Callable[[Progress], None]) -> Callable[[CellTree], None]:

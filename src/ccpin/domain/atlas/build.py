@@ -44,6 +44,24 @@ class _Origins(NamedTuple):
         return cls(np.full(count, -1, dtype=np.intp), np.zeros((count, n)), np.zeros((count, n)))
 
 
+class Shape(NamedTuple):
+    """What is meant by the largest square about the seed.
+
+    Attributes:
+        weights: What distances along each coordinate count, of shape (n,); along one of weight 0 the square is as wide
+            as the region.
+        round: Whether it is a ball rather than a cube.
+    """
+
+    weights: Array
+    round: bool = False
+
+    def of(self, gaps: Array) -> Array:
+        """The distances of points with nonnegative coordinate differences (B, n), of shape (B,)."""
+        weighted = gaps * self.weights
+        return np.asarray(np.linalg.norm(weighted, axis=1) if self.round else np.max(weighted, axis=1, initial=0.0))
+
+
 class AtlasBuilder:
     """The state of an atlas under construction.
 
@@ -60,7 +78,9 @@ class AtlasBuilder:
         region: Region,
         runner: Runner,
         report: Callable[[CellTree], None] | None = None,
+        shape: Shape | None = None,
     ) -> None:
+        self.shape = Shape(np.ones(problem.system.n)) if shape is None else shape
         self.problem, self.seed, self.region, self.runner, self._report = problem, seed, region, runner, report
         self.q0 = seed[problem.system.independent]
         self.tree = CellTree.whole(problem.system.n)
@@ -73,7 +93,7 @@ class AtlasBuilder:
         self.proved = Growing(self._point.without_rows(problem.system.n))
         self.unglued = [np.empty((0, 2), dtype=np.intp)]
         self._origins = Growing(_Origins.unknown(1, problem.system.n))
-        self._at_seed = (region.reduce(self.q0[None])[0] - region.lower) / region.width * WHOLE
+        self._at_seed = (region.reduce(self.q0[None])[0] - region.lower) / region.span * WHOLE
         self._reach_seed()
         size = problem.system.m * problem.system.n_free**2
         self._chunk = int(np.clip(500_000 // size, 32, 512))
@@ -109,16 +129,38 @@ class AtlasBuilder:
                 return
             order = np.lexsort((cells, distance))[:_NEAREST]
             chosen = np.sort(cells[order][distance[order] < limit])
-            longest = tolerance * self.distance(chosen)[:, None] / self.region.width
-            self.wave(chosen, np.maximum(longest * WHOLE, 1.0))
+            self.wave(chosen, self._shortest(chosen, tolerance))
             blocked = chosen[self.tree.status[chosen] == CellStatus.UNDECIDED]
             limit = np.min(self.distance(blocked), initial=limit)
 
     def certify_region(self, depth: int) -> None:
-        """Certify all that can be reached, halving each edge `depth` times at most."""
-        smallest = np.array(float(1 << (LEVELS - depth)))
+        """Certify all that can be reached, each edge halved `depth` times at most, undecided cells first."""
+        smallest = self._never_held(np.full(len(self.q0), float(1 << (LEVELS - depth))))
+        self._halve_undecided(smallest)
         while (cells := self.candidates()).size:
-            self.wave(cells, np.broadcast_to(smallest, (len(cells), 1)))
+            self.wave(cells, np.tile(smallest, (len(cells), 1)))
+
+    def _halve_undecided(self, smallest: Array) -> None:
+        """Halve the leaves that were tried in vain where they may be, and go on with the halves."""
+        added = len(self.tree.child) - len(self._origins.rows.box)  # where cells were proved empty in between
+        self._origins.add(_Origins.unknown(added, len(self.q0)))
+        leaves = self.tree.leaves()
+        cells = leaves[self.tree.status[leaves] == CellStatus.UNDECIDED]
+        if cells.size:
+            stretch = self._stretch(rows_of(self._origins.rows, cells))
+            children = self._split(cells, stretch, np.tile(smallest, (len(cells), 1)))
+            self._origins.add(_Origins.unknown(len(children), len(self.q0)))
+            self._spread(cells[:0], children)
+
+    def _shortest(self, cells: Indices, tolerance: float) -> Array:
+        """Edges below which cells are not halved, looking for the largest square, whole-number units, (K, n)."""
+        weights = self.shape.weights
+        across = self.distance(cells)[:, None] / np.where(weights > 0.0, weights * self.region.span, 1.0)
+        return self._never_held(np.maximum(tolerance * WHOLE * np.where(weights > 0.0, across, 1.0), 1.0))
+
+    def _never_held(self, smallest: Array) -> Array:
+        """Shortest edges (…, n), those of coordinates that are held at their whole."""
+        return np.where(self.region.held, float(WHOLE), smallest)
 
     def radius(self) -> float:
         """Half width of the largest square about the seed that is certified: the distance of the nearest other cell."""
@@ -130,14 +172,14 @@ class AtlasBuilder:
         """Half width of the largest square about the seed inside the region."""
         region = self.region
         edges = np.where(region.wrapped, 0.5 * region.width, np.minimum(self.q0 - region.lower, region.upper - self.q0))
-        return float(edges.min())
+        return float((edges * self.shape.weights)[~region.held & (self.shape.weights > 0.0)].min())
 
     def distance(self, cells: Indices) -> Array:
-        """Distance of cells from the seed in the maximum norm, periodic coordinates the short way round."""
+        """Distance of cells from the seed, by default in the maximum norm; periodic coordinates the short way round."""
         low, high = self.edges(cells)
         turn = np.where(self.region.wrapped, self.region.width, 0.0)
         gaps = [np.maximum(np.maximum(low - q, q - high), 0.0) for q in (self.q0 - turn, self.q0, self.q0 + turn)]
-        return np.asarray(np.max(np.min(gaps, axis=0), axis=1, initial=0.0))
+        return self.shape.of(np.min(gaps, axis=0))
 
     def edges(self, cells: Indices) -> tuple[Array, Array]:
         """Lower and upper corners of cells in q-space."""
@@ -145,7 +187,7 @@ class AtlasBuilder:
         return self.region.position(lower), self.region.position(lower + self.tree.size[cells])
 
     def wave(self, cells: Indices, smallest: Array) -> None:
-        """Prove cells; split those that fail where an edge is longer than `smallest` (whole-number units, (K, 1))."""
+        """Prove cells; split those that fail where an edge is longer than `smallest` (whole-number units, (K, n))."""
         if not cells.size:
             return
         origins = rows_of(self._origins.rows, cells)
@@ -179,7 +221,7 @@ class AtlasBuilder:
             return np.zeros(len(cells), dtype=np.bool_)
         size, n = self.tree.size[cells], len(self.q0)
         boxes = np.maximum(origins.box, 0)
-        edges = 2.0 * self.boxes.half[boxes] / self.region.width * WHOLE
+        edges = np.where(self.region.held, WHOLE, 2.0 * self.boxes.half[boxes] / self.region.span * WHOLE)
         doublings = np.round(np.log2(size / edges).sum(axis=1))
         grown = self.boxes.kappa[boxes] * (1.0 + 1.0 / n) ** doublings
         divisible = np.any((size > smallest) & (size > 1), axis=1)

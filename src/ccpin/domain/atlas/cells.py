@@ -42,6 +42,8 @@ class CellStatus(IntEnum):
 class Region:
     """An axis-parallel box of q-space; a full turn of a periodic coordinate closes on itself.
 
+    A coordinate whose two bounds are the same is held: the region is a slice.
+
     Attributes:
         lower, upper: Corners, of shape (n,).
         wrapped: Whether a coordinate is a full turn, of shape (n,).
@@ -56,6 +58,21 @@ class Region:
         """Edge lengths, of shape (n,)."""
         return self.upper - self.lower
 
+    @property
+    def held(self) -> Mask:
+        """Whether a coordinate has one value only, of shape (n,)."""
+        return np.asarray(self.upper == self.lower)
+
+    @property
+    def span(self) -> Array:
+        """Edge lengths, 1 of coordinates that are held, of shape (n,)."""
+        return np.where(self.held, 1.0, self.width)
+
+    @property
+    def volume(self) -> float:
+        """Length, area or volume, in the coordinates that are not held."""
+        return float(np.prod(self.span))
+
     def position(self, corner: Integers | Array) -> Array:
         """Whole-number coordinates as points of q-space."""
         return np.asarray(self.lower + self.width * (corner / WHOLE))
@@ -64,18 +81,20 @@ class Region:
         """The whole-number coordinates of points (K, n), turned into the region where it wraps; −1 outside of it."""
         turned = self.reduce(q)
         inside = np.all((turned >= self.lower) & (turned <= self.upper), axis=1)
-        scaled = np.where(inside[:, None], (turned - self.lower) / self.width, 0.0)
+        scaled = np.where(inside[:, None], (turned - self.lower) / self.span, 0.0)
         return np.where(inside[:, None], np.minimum(np.floor(scaled * WHOLE), WHOLE - 1), -1).astype(np.int64)
 
     def reduce(self, q: Array) -> Array:
         """Points with their periodic coordinates turned into the region."""
-        turns = np.where(self.wrapped, np.floor((q - self.lower) / self.width), 0.0)
+        turns = np.where(self.wrapped, np.floor((q - self.lower) / self.span), 0.0)
         reduced = np.clip(q - turns * self.width, self.lower, self.upper)  # rounding must not pass the edge
         return np.where(self.wrapped, reduced, q)
 
 
-def corners_of(region: Corners, names: Sequence[str]) -> tuple[Array, Array]:
+def corners_of(region: Corners, names: Sequence[str], slices: bool = False) -> tuple[Array, Array]:
     """The corners (lower, upper) of a region over named coordinates, n finite numbers each, lower below upper.
+
+    With `slices` the bounds of some may be equal.
 
     Raises:
         InvalidInputError: They are not.
@@ -89,9 +108,11 @@ def corners_of(region: Corners, names: Sequence[str]) -> tuple[Array, Array]:
         raise InvalidInputError(
             f"a region is (lower, upper), each of shape ({n},) and finite: one bound a coordinate ({', '.join(names)})"
         )
-    if np.any(corners[1] <= corners[0]):
+    held = corners[1] == corners[0]
+    if np.any(corners[1] < corners[0]) or (np.any(held) and not slices) or np.all(held):
         raise InvalidInputError(
             f"the region's lower corner {corners[0].tolist()} must be below its upper corner {corners[1].tolist()}"
+            + (" in one coordinate at least, and above it in none" if slices else "")
         )
     return corners[0], corners[1]
 
@@ -107,7 +128,7 @@ def region_of(mechanism: Mechanism, seed: Seed, region: Corners | None) -> Regio
     system = seed.system
     periodic, q0 = system.periodic[system.independent], seed.theta[system.independent]
     names = mechanism.independent
-    lower, upper = corners_of(_limits(mechanism, seed) if region is None else region, names)
+    lower, upper = corners_of(_limits(mechanism, seed) if region is None else region, names, slices=True)
     wrapped = periodic & (upper - lower >= TURN - _SLACK)
     if np.any(upper - lower > TURN + _SLACK, where=periodic):
         raise InvalidInputError("a region may not exceed a full turn of a revolute joint")

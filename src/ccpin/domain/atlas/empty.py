@@ -118,5 +118,5 @@ def prove_empty(system: ClosureSystem, tree: CellTree, region: Region, depth: in
         empty = empty_cells(system, groups, centre, half)
         tree.status[cells[empty]] = CellStatus.EMPTY
         left = cells[~empty & (tree.status[cells] == CellStatus.UNREACHED)]
-        left = left[np.max(tree.size[left], axis=1, initial=0) > smallest]
+        left = left[np.max(tree.size[left], axis=1, where=~region.held, initial=0) > smallest]
         cells = tree.split(left, np.argmax(tree.size[left] * (region.width / region.width.max()), axis=1))

@@ -40,7 +40,9 @@ def certified_radius(atlas: Atlas, q: ArrayLike) -> Array:
     blocked = _bordering(atlas)
     lower, upper = region.position(tree.lower[blocked]), region.position(tree.lower[blocked] + tree.size[blocked])
     turn = np.where(region.wrapped, region.width, 0.0)
-    free_edge = np.where(region.wrapped, np.inf, np.minimum(placed - region.lower, region.upper - placed)).min(axis=1)
+    free_edge = np.where(
+        region.wrapped | region.held, np.inf, np.minimum(placed - region.lower, region.upper - placed)
+    ).min(axis=1)
     radius = np.where(inside, np.maximum(free_edge, 0.0), 0.0)
     chunk = max(1, _CHUNK // max(1, len(blocked)))
     for start in range(0, len(points), chunk):

@@ -33,11 +33,33 @@ class Stopped(Exception):  # noqa: N818 - not an error: the user pressed Ctrl-C
 
 
 @contextmanager
-def stoppable() -> Iterator[threading.Event]:
-    """Make the first Ctrl-C set an event, so that no bookkeeping is cut in half; the second acts as ever."""
+def stoppable(seconds: float | None = None) -> Iterator[threading.Event]:
+    """Make the first Ctrl-C, or the end of a time, set an event, so that no bookkeeping is cut in half.
+
+    The second Ctrl-C acts as ever.
+    """
     flag = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
+    with _timed(flag, seconds), _interruptible(flag):
         yield flag
+
+
+@contextmanager
+def _timed(flag: threading.Event, seconds: float | None) -> Iterator[None]:
+    timer = None if seconds is None else threading.Timer(seconds, flag.set)
+    if timer is not None:
+        timer.daemon = True
+        timer.start()
+    try:
+        yield
+    finally:
+        if timer is not None:
+            timer.cancel()
+
+
+@contextmanager
+def _interruptible(flag: threading.Event) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():
+        yield
         return
     before = signal.getsignal(signal.SIGINT)
 
@@ -48,7 +70,7 @@ def stoppable() -> Iterator[threading.Event]:
 
     signal.signal(signal.SIGINT, stop)
     try:
-        yield flag
+        yield
     finally:
         signal.signal(signal.SIGINT, before)
 

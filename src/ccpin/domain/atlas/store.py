@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ccpin.arrays import frozen
 from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.domain import boxes
-from ccpin.domain.boxes import Problem, problem_of
+from ccpin.domain.boxes import Demands, Problem, problem_of
 from ccpin.domain.chains import Chain, ClosureSystem
 from ccpin.domain.chart import Chart, ChartJoint, Elementary
 from ccpin.domain.rods import Rod
@@ -105,6 +105,8 @@ def pack_problem(problem: Problem) -> tuple[dict[str, Any], NamedArrays]:
         "joints": [[j.name, j.kind.name, j.q.start, j.q.stop, j.v.start, j.v.stop] for j in system.chart.joints],
         "planar": problem.phasors is not None,
     }
+    if problem.demands is not None:  # JSON has no infinity: the largest number stands for no limit
+        arrays |= {f"demand_{name}": np.nan_to_num(value) for name, value in problem.demands._asdict().items()}
     return header, arrays
 
 
@@ -130,7 +132,11 @@ def unpack_problem(header: dict[str, Any], arrays: NamedArrays) -> Problem:
         ),
         **named,
     )
-    return problem_of(system, "planar" if header["planar"] else "reach")
+    demands = {name[len("demand_") :]: array for name, array in arrays.items() if name.startswith("demand_")}
+    problem = problem_of(system, "planar" if header["planar"] else "reach")
+    if not demands:
+        return problem
+    return problem._replace(demands=Demands(**{**demands, "dexterity": float(demands["dexterity"])}))  # type: ignore[arg-type]
 
 
 def _pack_rod(rod: Rod) -> tuple[NamedArrays, dict[str, Any]]:

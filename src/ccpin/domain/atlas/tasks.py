@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array, Indices, Mask, apply
 from ccpin.domain.boxes import Boxes, Problem, certify_boxes
+from ccpin.domain.demands import meets
 from ccpin.domain.newton import glued, newton
 
 Arrays = tuple[NDArray[np.generic], ...]
@@ -77,6 +78,8 @@ def prove(problem: Problem, cells: CellsToProve) -> Proved:
     boxes.centre[:] = theta
     proved = np.zeros(len(theta), dtype=np.bool_)
     proved[rows] = attempt.proved
+    kept = np.flatnonzero(proved)
+    proved[kept] = meets(problem, boxes.take(kept))
     return Proved(boxes, proved, stretch)
 
 

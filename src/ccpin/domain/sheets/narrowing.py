@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.domain.boxes import SLACK, Boxes, Problem, bounds_of, closure_values, inverses, weights_of
+from ccpin.domain.boxes import SLACK, Boxes, Problem, bounds_of, closure_values, inverses, weights_for
 
 _SHARE = 1e-12  # of Y: more than the rounding of E as a difference
 _WIDER = 2.0  # how much wider a box may get by a change of slope
@@ -88,7 +88,7 @@ def narrowed(problem: Problem, boxes: Candidates, inverse: bool = False, regular
     if inverse:
         with np.errstate(all="ignore"):
             if regular is not None:
-                gone |= regular & (weights_of(bounds, np.zeros((count, system.m)))[1] < 1.0)
+                gone |= regular & (weights_for(bounds, np.zeros((count, system.m)))[1] < 1.0)
         better = _size(problem, smaller, jacobian) < _SMALLER * _size(problem, given, jacobian)
         smaller = _chosen(better, smaller, given)
     return rows_of(smaller, np.flatnonzero(~gone))

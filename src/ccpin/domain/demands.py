@@ -1,0 +1,150 @@
+"""What is asked of a box of task space besides Theorem K: limits, motors that determine the motion, dexterity.
+
+Setting. A box of `boxes` in the task space of `task_space`: θ(δ) = θ_c + Dδ + Eζ*(δ), |δ| ≤ h, |ζ*| ≤ R. Let F ≥ |f_δ|
+and Z ≥ |I − f_ζ| componentwise on the tube |ζ| ≤ R, f = ÃΦ(θ_c + Dδ + Eζ).
+
+**Motors.** Let q_d be the mechanism's own independent coordinates and y″ all others in θ. If, for any matrices Ã″, V″,
+|I − Ã″Φ_y″V″| ≤ Z″ on the tube with the spectral radius of Z″ below 1, then Φ_y″ is nonsingular there. Where x are
+joints, Φ is φ and that is ψ_q′'s own matrix. Where a carriage has x, φ does not depend on x, so Φ_y″ is block
+triangular with the square blocks of ψ_q′ and Φ_x on its diagonal: ψ_q′ is nonsingular as well.
+
+**Theorem D.** If the spectral radius of Z is below 1 and F + ZT ≤ T for some T ≥ 0, |θ_δ(δ) − D| ≤ |E|T in the box.
+
+*Proof.* f(δ, ζ*(δ)) = 0 gives ζ*_δ = −f_δ + (I − f_ζ)ζ*_δ, so |ζ*_δ| ≤ F + Z|ζ*_δ|, hence |ζ*_δ| ≤ (I − Z)⁻¹F ≤ T, as
+the inverse is nonnegative. ∎ A T > 0 with F + ZT < T shows the spectral radius too.
+
+**Dexterity.** With K = ∂q_d/∂x the rows q_d of θ_δ and K_c those of D, 1/κ of J = ∂x/∂q_d = K⁻¹ is that of K, and by
+Weyl's inequality at least (σ_min(K_c) − e)/(σ_max(K_c) + e), e ≥ ‖|E|T‖₂ the Frobenius norm. Turns count as a length.
+
+**Limits.** |θ − θ_c| ≤ |D|h + |E|R. A joint with a limit is no circle here: its turns are counted (`workspace`).
+
+F needs no bounds of its own: those of Theorem K for a matrix E′ give Z′ ≥ |I − Ãφ_θE′| over whatever tube is put in as
+parameters. With D's columns in E′, the tube |δ| ≤ h, |ζ| ≤ R as parameters and R′ = 0, the entries of Z′ off the
+diagonal bound those of f_δ; two placings of the columns give them all.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ccpin.arrays import Array, Mask, apply
+from ccpin.domain.bounds import Bounds
+from ccpin.domain.boxes import SLACK, Boxes, Demands, Problem, bounds_of, closure_values, inverses, weights_for
+
+_ROUNDING = 1e-12
+
+
+def meets(problem: Problem, boxes: Boxes) -> Mask:
+    """Which of B proved boxes are proved to meet the problem's demands as well, of shape (B,)."""
+    within, demands = passable(problem, boxes), problem.demands
+    rows = np.flatnonzero(within)
+    if demands is not None and rows.size and demands.driven.size:
+        within[rows] = dexterous(problem, demands, boxes.take(rows))
+    return within
+
+
+def passable(problem: Problem, boxes: Boxes) -> Mask:
+    """Which of B proved boxes keep the limits and are nowhere singular for the motors, of shape (B,)."""
+    demands = problem.demands
+    if demands is None or not len(boxes.kappa):
+        return np.ones(len(boxes.kappa), dtype=np.bool_)
+    low, high = reach(problem, boxes)
+    within = np.asarray(np.all((low >= demands.lower) & (high <= demands.upper), axis=1))
+    rows = np.flatnonzero(within)
+    if rows.size and demands.driven.size:
+        within[rows] = regular(problem, demands, boxes.take(rows))
+    return within
+
+
+def reach(problem: Problem, boxes: Boxes) -> tuple[Array, Array]:
+    """Bounds of θ over proved boxes, of shape (B, n′) each."""
+    spread = apply(np.abs(boxes.directions), boxes.half)
+    spread[:, problem.system.dependent] += apply(np.abs(boxes.modes), boxes.radius)
+    spread = spread * SLACK + _ROUNDING * (1.0 + np.abs(boxes.centre))
+    return boxes.centre - spread, boxes.centre + spread
+
+
+def regular(problem: Problem, demands: Demands, boxes: Boxes) -> Mask:
+    """Whether ψ_q′ is proved to be nonsingular on the boxes' tubes, of shape (B,)."""
+    system = problem.system
+    others = np.setdiff1d(np.arange(system.n_free), demands.driven)
+    with np.errstate(all="ignore"):
+        slope = closure_values(problem, boxes.centre)[1][:, :, others]
+        modes = np.zeros((len(slope), system.n_free, system.m))
+        modes[:, others] = np.eye(system.m)
+        tube = _whole(problem, boxes)._replace(preconditioner=inverses(slope))
+        kappa = weights_for(bounds_of(problem, tube, modes), tube.radius)[1]
+    return np.asarray(kappa < 1.0)
+
+
+def dexterous(problem: Problem, demands: Demands, boxes: Boxes) -> Mask:
+    """Whether 1/κ(J) is proved to be what is asked for, of shape (B,)."""
+    if not demands.dexterity:
+        return np.ones(len(boxes.kappa), dtype=np.bool_)
+    return np.asarray(conditioning(problem, demands, boxes)[0] >= demands.dexterity)
+
+
+def conditioning(problem: Problem, demands: Demands, boxes: Boxes) -> tuple[Array, Array]:
+    """Bounds of 1/κ(J) over proved boxes, of shape (B,) each; −∞ and ∞ where none are proved."""
+    with np.errstate(all="ignore"):
+        slope = boxes.directions[:, demands.driven] / demands.units
+        error = np.linalg.norm(_drift(problem, boxes)[:, demands.driven] / demands.units, axis=(1, 2))
+        sizes = np.linalg.svd(slope, compute_uv=False)
+        least, most = sizes[:, -1], sizes[:, 0]
+        error = SLACK * error + _ROUNDING * most
+        low, high = (least - error) / (most + error), (least + error) / (most - error)
+    known = np.isfinite(error)
+    return np.where(known, low / SLACK, -np.inf), np.where(known & (error < most), high * SLACK, np.inf)
+
+
+def _drift(problem: Problem, boxes: Boxes) -> Array:
+    """|E|T ≥ |θ_δ − D| of Theorem D, of shape (B, n′, n); not finite where no T is proved."""
+    system = problem.system
+    first, shrunk = _first(problem, boxes), _contraction(problem, boxes)
+    spread = np.linalg.solve(np.eye(system.m) - shrunk, first) * (1.0 + 1e-6) + 1e-300
+    proved = np.all(spread > 0.0, axis=(1, 2)) & np.all((first + shrunk @ spread) * SLACK <= spread, axis=(1, 2))
+    drift = np.zeros((len(first), system.n_free, system.n))
+    drift[:, system.dependent] = np.abs(boxes.modes) @ spread
+    drift[~proved] = np.nan
+    return drift
+
+
+def _whole(problem: Problem, boxes: Boxes) -> Boxes:
+    """The boxes' tubes as parameters alone: D and E side by side, (h, R), and R′ = 0."""
+    system = problem.system
+    modes = np.zeros((len(boxes.kappa), system.n_free, system.m))
+    modes[:, system.dependent] = boxes.modes
+    return boxes._replace(
+        directions=np.concatenate([boxes.directions, modes], axis=2),
+        half=np.concatenate([boxes.half, boxes.radius * SLACK], axis=1),
+        radius=np.zeros_like(boxes.radius),
+    )
+
+
+def _contraction(problem: Problem, boxes: Boxes) -> Array:
+    """Z ≥ |I − f_ζ| on the boxes' tubes, of shape (B, m, m)."""
+    bounds, count, m = bounds_of(problem, boxes), len(boxes.kappa), problem.system.m
+    return np.stack([_column(bounds, boxes.radius, k) for k in range(m)], axis=2).reshape(count, m, m)
+
+
+def _column(bounds: Bounds, radius: Array, k: int) -> Array:
+    """A column of Z, of shape (B, m)."""
+    image = bounds.contraction(radius, np.broadcast_to(np.eye(radius.shape[1])[k], radius.shape))
+    return np.asarray((image.matrix[:, :, k] + image.rest) * SLACK)
+
+
+def _first(problem: Problem, boxes: Boxes) -> Array:
+    """F ≥ |f_δ| on the boxes' tubes, of shape (B, m, n)."""
+    system, tube = problem.system, _whole(problem, boxes)
+    count, n, m = len(boxes.kappa), system.n, system.m
+    found = np.full((count, m, n), np.inf)
+    for shift in (0, 1):
+        places = (np.arange(n) + shift) % m
+        columns = np.zeros((count, system.n_free, m))
+        columns[:, :, places] = boxes.directions
+        bounds = bounds_of(problem, tube, columns)
+        for j, place in enumerate(places):
+            bound = _column(bounds, tube.radius, int(place))
+            bound[:, place] = np.inf
+            found[:, :, j] = np.minimum(found[:, :, j], bound)
+    return found
