@@ -47,6 +47,7 @@ def test_the_cusps_of_other_slices(leg1):
     assert all(np.abs(cusp.q - expected).max(axis=1).min() < 1e-7 for cusp in found)
 
 
+@pytest.mark.slow
 def test_three_solutions_on_one_side_and_one_on_the_other(slice_):
     """On a small circle about a cusp the sextic has two real roots more on an arc, and on no more than that."""
     cusp = domain.cusps(slice_[0], [[0.17, 0.25], [0.19, 0.28]], curves=slice_[1])[0]

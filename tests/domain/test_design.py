@@ -60,6 +60,7 @@ def ankle():
     return ccpin.load(ANKLE)
 
 
+@pytest.mark.slow
 def test_ankle_range_holds_in_closed_form(ankle):
     """Motors within limits and the same as the closed form's, det ∂motors/∂(pitch, roll) of one sign."""
     found = domain.largest_cube(domain.JointSpace(ankle, ("pitch", "roll")), (0.0, 0.0), proportions=(0.6, 0.45))
@@ -109,6 +110,7 @@ def test_rpdr_design_is_certified_in_closed_form():
     assert distance.max() < 2.0 * found.dimensions["forearms"] * FOREARM
 
 
+@pytest.mark.slow
 def test_scripts(tmp_path, capsys):
     found = script("design_rpdr").main(evaluations=4, out=tmp_path)
     assert (tmp_path / "design_rpdr.csv").read_text().count("\n") == len(found.trials) + 1

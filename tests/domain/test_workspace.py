@@ -112,6 +112,7 @@ def test_stewart_cube_holds_against_closed_forms(stewart, cube, rng):
     attack_stewart(stewart, cube.atlas, points)
 
 
+@pytest.mark.slow
 def test_stewart_cube_is_nearly_as_large_as_can_be(stewart, cube):
     """A corner of the cube of half width `upper` has a leg beyond its limit, and that is the obstacle's."""
     obstacle = cube.obstacle
@@ -161,6 +162,7 @@ def conditioned(x, length):
     return sizes[-1] / sizes[0]
 
 
+@pytest.mark.slow
 def test_dexterity_is_kept(stewart, rng):
     """1/κ of the closed form's Jacobian is what was asked for at every certified point, and less at the obstacle."""
     length = 0.25
