@@ -7,10 +7,9 @@ Setting. θ = (q, y) as in `boxes`, n = 2, and l a fixed row vector. In x = (q, 
 says that y(t) = y + vt + ½wt² fulfils φ(q, y(t)) = O(t³): the solutions over q touch to second order, and
 φ_y is singular.
 
-**Theorem C.** Let A be any real matrix, η ≥ |A F(x₀)| and, with Δ ≥ |F′(x) − F′(x₀)| for all ‖x − x₀‖ ≤ r (maximum
-norm), κ ≥ ‖ |I − A F′(x₀)| + |A|Δ ‖. If η + κr < r then exactly one x within r of x₀ has F(x) = 0, and there the
-projection (q, y) ↦ q of the closed configurations is a cusp in Whitney's sense: after smooth changes of q and of the
-configurations near it, it reads (a, t) ↦ (a, t³ + at). So
+**Theorem C.** Where the lemma of `extended` holds for F at x₀ with r, exactly one x within r of x₀ has F(x) = 0, and
+there the projection (q, y) ↦ q of the closed configurations is a cusp in Whitney's sense: after smooth changes of q and
+of the configurations near it, it reads (a, t) ↦ (a, t³ + at). So
 
 1. the image of the singular configurations near it is a cuspidal curve; the q within its point have three solutions
    near the cusp's configuration, the q outside of it one;
@@ -18,9 +17,9 @@ configurations near it, it reads (a, t) ↦ (a, t³ + at). So
    connected: a path in q about the cusp's point, from a q within to that q again, leads from one outer solution to the
    other and meets no singular configuration.
 
-*Proof.* x ↦ x − A F(x) maps the ball into its interior and contracts it by κ < 1, so there is one solution, and F′ is
-nonsingular there. Then ker φ_y is spanned by v: a k ≠ 0 with φ_y k = 0, lk = 0 would make w ↦ k a kernel of F′. By
-Lyapunov and Schmidt's reduction (y = vt + y⊥(q, t), l y⊥ = 0) the closed configurations near it are the zeros of
+*Proof.* The lemma says that there is one solution, and that F′ is nonsingular there. Then ker φ_y is spanned by v: a
+k ≠ 0 with φ_y k = 0, lk = 0 would make w ↦ k a kernel of F′. By Lyapunov and Schmidt's reduction (y = vt + y⊥(q, t),
+l y⊥ = 0) the closed configurations near it are the zeros of
 one smooth g(q, t), and F = 0 reads g = g_t = g_tt = 0. F′ is nonsingular exactly if the derivative of (g, g_t, g_tt)
 by (q, t) is, that is if g_ttt ≠ 0 and g_q, g_tq are independent: a versal unfolding of t³ (Whitney 1955; Golubitsky
 and Schaeffer, "Singularities and groups in bifurcation theory I", 1985). 2 is read off t³ + at = b: for a path
@@ -45,20 +44,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, apply, records
+from ccpin.arrays import Array, Indices, apply, records, rows_of
 from ccpin.domain.atlas.cells import Corners, corners_of
 from ccpin.domain.bounds_reach import chain_reach
-from ccpin.domain.boxes import SLACK, Problem, inverses, problem_of
+from ccpin.domain.boxes import Problem, problem_of
 from ccpin.domain.chain_stack import Derivatives, derivatives, gather, third_along
 from ccpin.domain.chains import closure_system
+from ccpin.domain.extended import proved_within, solved
+from ccpin.domain.newton import without_turns
 from ccpin.domain.singularities import SingularCurve, singularities
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 _STEPS = 40
-_SETTLED = 1e-13
-_LONGEST = 0.5
-_RADII = (2.0, 8.0, 64.0)
-_UNIT = 2.0**-53
 _SAME = 1e-6
 
 
@@ -86,6 +83,9 @@ class _Point(NamedTuple):
     w: Array
     values: Derivatives
 
+    def take(self, rows: Indices) -> _Point:
+        return _Point(self.theta[rows], self.v[rows], self.w[rows], rows_of(self.values, rows))
+
 
 class _Equations:
     """F about B singular configurations, with l of each (B, m)."""
@@ -95,6 +95,9 @@ class _Equations:
         system = problem.system
         self.n, self.m = system.n, system.m
         self.order = np.concatenate([system.independent, system.dependent])
+
+    def take(self, rows: Indices) -> _Equations:
+        return _Equations(self.problem, self.pairing[rows])
 
     def start(self, theta: Array) -> Array:
         """x with v the weakest direction and the w that fits best."""
@@ -233,7 +236,7 @@ def distinct(problem: Problem, found: Sequence[Cusp]) -> tuple[Cusp, ...]:
 
 def _same(problem: Problem, one: Cusp, other: Cusp) -> bool:
     gap = problem.system.theta(one.q_free) - problem.system.theta(other.q_free)
-    gap -= 2.0 * np.pi * np.round(gap / (2.0 * np.pi)) * problem.system.periodic
+    gap = without_turns(gap, problem.system.periodic)
     return bool(np.abs(gap).max() < _SAME)
 
 
@@ -261,7 +264,7 @@ def proved_cusps(problem: Problem, theta: Array) -> list[Cusp]:
     slope = derivatives(problem.system, problem.stack, theta).jacobian[:, :, problem.system.dependent]
     equations = _Equations(problem, np.linalg.svd(slope)[2][:, -1])
     with np.errstate(all="ignore"):
-        point = equations.at(_solved(equations, equations.start(theta)))
+        point = equations.at(solved(equations, equations.start(theta), _STEPS))
         error = _proved_within(equations, point)
     chart, independent = problem.system.chart, problem.system.independent
     return [
@@ -270,37 +273,11 @@ def proved_cusps(problem: Problem, theta: Array) -> list[Cusp]:
     ]
 
 
-def _solved(equations: _Equations, x: Array) -> Array:
-    """Newton's method, its steps shortened to at most 0.5 in any unknown."""
-    x, active = x.copy(), np.arange(len(x))
-    for _ in range(_STEPS):
-        part = _Equations(equations.problem, equations.pairing[active])
-        point = part.at(x[active])
-        step = -apply(inverses(part.slope(point)), part.value(point))
-        length = np.max(np.abs(step), axis=1)
-        going = np.isfinite(length)
-        step, length, active = step[going], length[going], active[going]
-        x[active] += step * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))[:, None]
-        active = active[length > _SETTLED * (1.0 + np.abs(x[active]).max(axis=1))]
-        if not active.size:
-            break
-    return x
-
-
 def _proved_within(equations: _Equations, point: _Point) -> Array:
     """The r of Theorem C, of shape (B,); NaN where none of those tried will do."""
-    slope, value = equations.slope(point), equations.value(point)
-    inverse, count = inverses(slope), slope.shape[1]
-    size, rounding = np.abs(inverse), equations.rounding(point)
-    wrong = np.broadcast_to((rounding.max(axis=(1, 2)) + 4.0 * _UNIT)[:, None], value.shape)
-    weight = (1.0 + np.abs(point.v).sum(axis=1) + np.abs(point.w).sum(axis=1))[:, None]
-    wrong = wrong * weight + 8.0 * count * _UNIT * np.abs(value)
-    left = np.max(np.abs(apply(inverse, value)) + apply(size, wrong), axis=1)
-    defect = np.abs(np.eye(count) - inverse @ slope) + size @ (rounding + 8.0 * count * _UNIT * np.abs(slope))
-    found = np.full(len(slope), np.nan)
-    for factor in _RADII:
-        radius = factor * left
-        kappa = (defect + size @ equations.drift(point, radius)).sum(axis=2).max(axis=1)
-        proved = (left * SLACK + kappa * SLACK * radius < radius) & (kappa * SLACK < 1.0)
-        found = np.where(np.isnan(found) & proved, radius, found)
-    return found
+    weight = 1.0 + np.abs(point.v).sum(axis=1) + np.abs(point.w).sum(axis=1)
+
+    def drift(rows: Indices, radius: Array) -> Array:
+        return equations.take(rows).drift(point.take(rows), radius)
+
+    return proved_within(equations.value(point), equations.slope(point), weight, equations.rounding(point), drift)

@@ -8,11 +8,7 @@ vector of the smallest singular value of φ_y at the start of the search. In x =
 says that (q₀ + s d, y) is a closed configuration whose φ_y has w in its kernel. It is regular where the line crosses
 the image of a fold.
 
-**Theorem S.** Let A be any real matrix, η ≥ |A F(x₀)| and, with Δ ≥ |F′(x) − F′(x₀)| for all ‖x − x₀‖ ≤ r (maximum
-norm), κ ≥ ‖ |I − A F′(x₀)| + |A|Δ ‖. If η + κr < r there is exactly one x within r of x₀ with F(x) = 0.
-
-*Proof.* x ↦ x − A F(x) maps that ball into its interior and contracts it by κ < 1; A is nonsingular since
-‖I − A F′(x₀)‖ < 1, so its fixed point solves F = 0. ∎
+**Theorem S.** Where the lemma of `extended` holds for F at x₀ with r, exactly one x within r of x₀ has F(x) = 0.
 
 Δ is crude, as r is some 1e-9: with p = (|d|, 1) and P = Σp bounding the moves of θ for ‖x − x₀‖ ≤ 1, τ_i = Σ_c
 ‖(B_c)_i‖ max_j ρ_cj bounding every third derivative of φ_i on the ball (`bounds_reach.chain_reach`),
@@ -31,14 +27,11 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
 from ccpin.domain.bounds_reach import chain_reach
-from ccpin.domain.boxes import SLACK, Problem, closure_values, inverses, solve_many
+from ccpin.domain.boxes import Problem, closure_values
 from ccpin.domain.chain_stack import Derivatives, derivatives, gather
+from ccpin.domain.extended import proved_within, solved
 
 _STEPS, _STEPS_AHEAD = 40, 8
-_SETTLED = 1e-8  # a step after which Newton's next one is lost in rounding
-_LONGEST = 0.5
-_RADII = (2.0, 8.0, 64.0)
-_UNIT = 2.0**-53
 
 
 class SingularPoints(NamedTuple):
@@ -151,7 +144,7 @@ def singular_points(
     equations = _System(problem, theta[:, system.independent], directions, weak)
     x = np.concatenate([along, y, weak], axis=1)
     with np.errstate(all="ignore"):
-        x = _solved(equations, x, steps)
+        x = solved(equations, x, steps)
         point = equations.at(x)
         error = _proved_within(equations, point)
     return SingularPoints(point.theta, x[:, 0], point.kernel, error, np.isfinite(error))
@@ -219,43 +212,13 @@ class Folds(NamedTuple):
             )
 
 
-def _solved(equations: _System, x: Array, steps: int) -> Array:
-    """Newton's method, its steps shortened to at most 0.5 in any unknown."""
-    x, active = x.copy(), np.arange(len(x))
-    for _ in range(steps):
-        part = equations.take(active)
-        point = part.at(x[active])
-        step = -solve_many(part.slope(point), part.value(point))
-        length = np.max(np.abs(step), axis=1)
-        going = np.isfinite(length)
-        step, length, active = step[going], length[going], active[going]
-        x[active] += step * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))[:, None]
-        active = active[length > _SETTLED * (1.0 + np.abs(x[active]).max(axis=1))]
-        if not active.size:
-            break
-    return x
-
-
 def _proved_within(equations: _System, point: _Point) -> Array:
     """The r of Theorem S, of shape (B,); NaN where none of those tried will do."""
     slope = equations.slope(point)
-    inverse = inverses(slope)
-    size = np.abs(inverse)
     rounding = equations.drift(point, np.zeros(len(slope)))[1]
     weight = 1.0 + np.abs(point.kernel).sum(axis=1)
-    value, count = equations.value(point), slope.shape[1]
-    wrong = np.broadcast_to((weight * (rounding.max(axis=(1, 2)) + 4.0 * _UNIT))[:, None], value.shape)
-    wrong = wrong + 8.0 * count * _UNIT * np.abs(value)
-    left = np.max(np.abs(apply(inverse, value)) + apply(size, wrong), axis=1)
-    defect = np.abs(np.eye(count) - inverse @ slope) + size @ (rounding + 8.0 * count * _UNIT * np.abs(slope))
-    found, rows = np.full(len(slope), np.nan), np.flatnonzero(np.isfinite(left))
-    for factor in _RADII:
-        radius = factor * left[rows]
-        drift = equations.take(rows).drift(point.take(rows), radius)[0]
-        kappa = (defect[rows] + size[rows] @ drift).sum(axis=2).max(axis=1)
-        proved = (left[rows] * SLACK + kappa * SLACK * radius < radius) & (kappa * SLACK < 1.0)
-        found[rows[proved]] = radius[proved]
-        rows = rows[~proved]
-        if not rows.size:
-            break
-    return found
+
+    def drift(rows: Indices, radius: Array) -> Array:
+        return equations.take(rows).drift(point.take(rows), radius)[0]
+
+    return proved_within(equations.value(point), slope, weight, rounding, drift)

@@ -135,6 +135,11 @@ def _rounding(problem: Problem, boxes: Boxes) -> Array:
     return np.asarray(gain * problem.system.rounding * problem.system.magnitude(reach))
 
 
+def without_turns(gap: Array, periodic: Mask) -> Array:
+    """Differences (…, k) without the whole turns of those of the k coordinates that are periodic."""
+    return np.asarray(gap - np.where(periodic, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0))
+
+
 def encloses(
     problem: Problem, boxes: Boxes, delta: Array, theta: Array, error: Array, modes: Array | None = None
 ) -> Mask:
@@ -145,8 +150,7 @@ def encloses(
     """
     system = problem.system
     gap = (theta - predict(problem, boxes, delta))[:, system.dependent]
-    periodic = system.periodic[system.dependent]
-    gap = gap - np.where(periodic, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)
+    gap = without_turns(gap, system.periodic[system.dependent])
     inverse = inverses(boxes.modes)
     rounding = 1e-13 * (1.0 + np.abs(theta[:, system.dependent]))
     reach = np.abs(apply(inverse, gap)) + apply(np.abs(inverse), rounding)
