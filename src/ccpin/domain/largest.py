@@ -19,9 +19,10 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Mask, instance, numbers, positive, vector
 from ccpin.displays import table
-from ccpin.domain.atlas.atlas import Atlas, Effort, Work, survey
+from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.build import Shape
 from ccpin.domain.atlas.cells import CellStatus, Region
+from ccpin.domain.atlas.survey import Effort, Work, survey
 from ccpin.domain.boxes import BoundsName
 from ccpin.domain.obstacles import demand_witnesses
 from ccpin.domain.task_space import JointSpace
@@ -98,8 +99,7 @@ class LargestWorkspace:
     def _suspects(self) -> list[Array]:
         """Ends of lines from the centre through corners of the nearest cells that were not proved, some way beyond."""
         tree, region = self.atlas.tree, self.atlas.region
-        leaves = tree.leaves()
-        cells = leaves[tree.status[leaves] == CellStatus.UNDECIDED]
+        cells = tree.leaves(CellStatus.UNDECIDED)
         low, high = region.position(tree.lower[cells]), region.position(tree.lower[cells] + tree.size[cells])
         away = self.shape.of(np.maximum(np.maximum(low - self.centre, self.centre - high), 0.0))
         order = np.argsort(away, kind="stable")[:_CELLS]

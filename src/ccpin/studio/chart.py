@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
-from ccpin.domain.atlas.atlas import Atlas, Progress, certify
+from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import region_of
+from ccpin.domain.atlas.survey import Progress, certify
 from ccpin.domain.boxes import problem_of
 from ccpin.domain.chains import scalar_coordinates_at, seed_at_coordinates
 from ccpin.domain.singularities import singularities

@@ -16,52 +16,33 @@ configuration at all (`atlas.empty`, `sheets.emptiness`). Limits of dependent jo
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ccpin.arrays import Array, Mask, number, numbers, positive, whole
+from ccpin.arrays import Array, Mask, numbers
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store as atlas_store
-from ccpin.domain.atlas.build import AtlasBuilder, Shape
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, Cells, CellStatus, CellTree, Corners, Region, region_of
-from ccpin.domain.atlas.empty import prove_empty
-from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
-from ccpin.domain.atlas.singular import mark_singular, refuting
-from ccpin.domain.boxes import BoundsName, Boxes, Problem, problem_of, verify
-from ccpin.domain.chains import closure_system, seed_at_coordinates
+from ccpin.domain.atlas.cells import Cells, CellStatus, CellTree, Region
+from ccpin.domain.atlas.singular import refuting
+from ccpin.domain.boxes import Boxes, Problem, problem_of, verify
+from ccpin.domain.chains import closure_system
 from ccpin.domain.demands import meets
 from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.domain.obstacles import demand_witnesses
-from ccpin.domain.sheets.emptiness import search_empty
 from ccpin.domain.verdict import Verdict, Witness
-from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
-_DEPTHS = {1: 14, 2: 12, 3: 6}
-_TOLERANCES = {1: 1e-5, 2: 2e-5, 3: 2e-3}
-_MANY_DEPTH, _MANY_TOLERANCE = 3, 0.5
 _WITNESSES = 12
 _FAILURES = {
     "empty": "no configuration closes the loops",
     "limit": "a joint is beyond its limits",
     "dexterity": "the end effector is less dexterous than was asked for",
 }
-_FIRST_DEPTH, _DEEPEST, _MANY_DEEPEST = 4, 20, 10
-
-
-class Progress(NamedTuple):
-    """How far an atlas is: certified boxes, cells waiting, and the certified fraction of the region."""
-
-    boxes: int
-    waiting: int
-    certified: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,10 +120,9 @@ class Atlas:
 
     def _undecided(self) -> list[Array]:
         """Middles of the largest cells undecided or not reached, where more than Theorem K was asked for."""
-        leaves = self.tree.leaves()
-        cells = leaves[np.isin(self.tree.status[leaves], (CellStatus.UNDECIDED, CellStatus.UNREACHED))]
         if self.problem.demands is None:
             return []
+        cells = self.tree.leaves(CellStatus.UNDECIDED, CellStatus.UNREACHED)
         volume = np.prod(self.tree.size[cells].astype(np.float64), axis=1)
         largest = cells[np.argsort(-volume, kind="stable")[:_WITNESSES]]
         return list(self.region.position(self.tree.lower[largest] + 0.5 * self.tree.size[largest]))
@@ -209,9 +189,7 @@ class Atlas:
 
     def fraction(self, *statuses: CellStatus) -> float:
         """The share of the region in cells of the given statuses."""
-        leaves = self.tree.leaves()
-        chosen = leaves[np.isin(self.tree.status[leaves], statuses)]
-        return float(np.prod(self.tree.size[chosen] / WHOLE, axis=1).sum())
+        return self.tree.share(self.tree.leaves(*statuses))
 
     def contains(self, q: ArrayLike) -> bool | Mask:
         """Whether q (n,) is certified; for q of shape (K, n) an array (K,). Angles count modulo 2π on full turns."""
@@ -306,188 +284,3 @@ class Atlas:
     def _box_numbers(self, points: Array) -> NDArray[np.int64]:
         cells = self.tree.locate(self.region.cell_coordinates(points))
         return np.where(cells >= 0, self.tree.box[cells], -1)
-
-
-def certify(
-    mechanism: Mechanism | HasMechanism,
-    q0: ArrayLike,
-    region: Corners | None = None,
-    guess: Array | None = None,
-    *,
-    max_depth: int | None = None,
-    exhaustive: bool = False,
-    resolution: float | None = None,
-    fraction: float | None = None,
-    seconds: float | None = None,
-    bounds: BoundsName = "auto",
-    workers: int | None = None,
-    executor: Executor | None = None,
-    checkpoint: str | Path | None = None,
-    progress: Callable[[Progress], None] | None = None,
-) -> Atlas:
-    """Prove σ on as much of a region as can be reached from q₀.
-
-    First the largest square about q₀ is certified (to 0.1 % or better for n ≤ 2, roughly for n > 3), then the rest
-    of the region.
-
-    Args:
-        mechanism: A mechanism (or its model) with scalar independent coordinates; beyond three a region must be given.
-        q0: The seed, of shape (n,) (rad, m).
-        region: (lower, upper), the bounds of the coordinates, each of shape (n,); default a full turn for a joint whose
-            limits allow it, the limits otherwise. A full turn closes on itself.
-        guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
-        max_depth: How often an edge of the region may be halved (0: the square only); default 14, 12, 6 for n = 1,
-            2, 3, and 3 beyond.
-        exhaustive: Search all values of the dependent coordinates, up to eight, to prove cells empty of which the
-            triangle inequality says nothing; that takes several times as long as the boxes.
-        resolution: How fine the largest square is sought: cells at its edge are halved to this share of their distance
-            from q₀; default 1e-5, 2e-5, 2e-3 for n = 1, 2, 3, and 0.5 beyond. What the radius falls short by is a few
-            times as much where the branch ends in a fold.
-        fraction: The share of the region (0 to 1) to be decided, certified or proved empty: edges are halved once more
-            until it is reached, or `max_depth`, whose default then is 20 for n ≤ 2 and 10 beyond.
-        seconds: When to stop, measured by the clock; what is proved by then is kept, as after Ctrl-C.
-        bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
-        workers: How many processes to start for the work; default none: all is done in this one. A script that asks
-            for more than one needs the guard ``if __name__ == "__main__":``.
-        executor: In place of `workers` anything with ``submit``: a process pool, Dask's ``client.get_executor()``.
-            The result depends on neither.
-        checkpoint: A folder in which finished chunks are kept; the same call finds them again after a crash.
-        progress: Called after every wave.
-
-    Returns:
-        The atlas; after Ctrl-C, or when the time is over, what was certified so far, with ``complete`` False.
-
-    Raises:
-        UnsupportedMechanismError: More than three coordinates and no region, redundant rows, or closures that cannot
-            be bounded.
-        InvalidInputError: q₀, region, max_depth, resolution, fraction, seconds or workers is malformed.
-        UnreachableError, SingularConfigurationError: σ(q₀) does not exist on the branch, or is singular.
-    """
-    mechanism = mechanism_of(mechanism)
-    if mechanism.n > max(_DEPTHS) and region is None:
-        raise UnsupportedMechanismError(
-            f"{mechanism.name} has {mechanism.n} independent coordinates; beyond {max(_DEPTHS)} a map is of a region= "
-            "that is given, some times kantorovich_radius wide (its cells double with every halving of every edge). "
-            "certify_path is for moves"
-        )
-    seed = seed_at_coordinates(mechanism, q0, guess)
-    effort = effort_of(_DEPTHS.get(mechanism.n, _MANY_DEPTH), max_depth, fraction, seconds, mechanism.n)
-    effort = effort._replace(exhaustive=exhaustive)
-    if resolution is None:
-        effort = effort._replace(tolerance=_TOLERANCES.get(mechanism.n, _MANY_TOLERANCE))
-    else:
-        effort = effort._replace(tolerance=positive(resolution, "resolution"))
-    problem = problem_of(seed.system, bounds)
-    area = region_of(mechanism, seed, region)
-    return survey(
-        problem, seed.theta, tuple(mechanism.independent), area, effort, Work(workers, executor, checkpoint, progress)
-    )
-
-
-class Effort(NamedTuple):
-    """How far a survey goes.
-
-    Attributes:
-        depth: How often an edge of the region may be halved; 0: only the largest square is sought.
-        tolerance: Edges of the largest square's cells are halved to this share of their distance from the seed;
-            ``None``: no square comes first.
-        fraction: The share of the region to be decided, ``None``: all that can be at `depth`.
-        seconds: When to stop.
-        exhaustive: Whether cells are proved empty by search of all dependent coordinates too.
-    """
-
-    depth: int
-    tolerance: float | None = None
-    fraction: float | None = None
-    seconds: float | None = None
-    exhaustive: bool = False
-
-
-def effort_of(usual: int, max_depth: int | None, fraction: float | None, seconds: float | None, n: int) -> Effort:
-    """The effort asked for, over n coordinates that are not held.
-
-    Raises:
-        InvalidInputError: An argument is malformed.
-    """
-    if fraction is not None:
-        usual = _DEEPEST if n <= 2 else _MANY_DEEPEST
-        if not 0.0 < number(fraction, "fraction") <= 1.0:
-            raise InvalidInputError(f"fraction is a share of the region, above 0 and at most 1; it is {fraction!r}")
-    depth = usual if max_depth is None else whole(max_depth, "max_depth", 0)
-    if not depth < LEVELS:
-        raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
-    return Effort(depth, None, fraction, None if seconds is None else positive(seconds, "seconds"))
-
-
-class Work(NamedTuple):
-    """Who does the work of an atlas, where it is kept and who hears of it: the arguments of `certify` so named."""
-
-    workers: int | None = None
-    executor: Executor | None = None
-    checkpoint: str | Path | None = None
-    progress: Callable[[Progress], None] | None = None
-
-
-def survey(
-    problem: Problem,
-    seed: Array,
-    names: tuple[str, ...],
-    region: Region,
-    effort: Effort,
-    work: Work,
-    shape: Shape | None = None,
-) -> Atlas:
-    """The atlas of what can be proved of a region from a seed θ (n′,), the largest square about it first.
-
-    Raises:
-        SingularConfigurationError: The seed is singular.
-    """
-    complete = True
-    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
-        runner = Runner(problem, chosen, work.checkpoint, flag)
-        builder = AtlasBuilder(problem, seed, region, runner, work.progress and _reporter(work.progress), shape)
-        try:
-            if effort.tolerance is not None:
-                builder.certify_square(effort.tolerance)
-            if effort.depth:
-                _cover(builder, effort)
-                if effort.exhaustive:
-                    search_empty(problem, builder.tree, region, effort.depth)
-                mark_singular(problem, builder.tree, region, builder.boxes)
-        except Stopped:
-            complete = False
-    return Atlas(
-        names=names,
-        q0=builder.q0,
-        radius=builder.radius(),
-        boxes=builder.proved.trimmed(),
-        unglued=np.concatenate(builder.unglued).astype(np.int64),
-        complete=complete,
-        region=region,
-        problem=problem,
-        tree=builder.tree,
-        seed=seed,
-    )
-
-
-def _cover(builder: AtlasBuilder, effort: Effort) -> None:
-    """Certify and prove empty what can be, halving edges once more until the share asked for is decided."""
-    first = effort.depth if effort.fraction is None else min(_FIRST_DEPTH, effort.depth)
-    for depth in range(first, effort.depth + 1):
-        builder.certify_region(depth)
-        prove_empty(builder.problem.system, builder.tree, builder.region, depth)
-        tree = builder.tree
-        leaves = tree.leaves()
-        decided = leaves[np.isin(tree.status[leaves], (CellStatus.CERTIFIED, CellStatus.EMPTY))]
-        if effort.fraction is not None and np.prod(tree.size[decided] / WHOLE, axis=1).sum() >= effort.fraction:
-            return
-
-
-def _reporter(progress: Callable[[Progress], None]) -> Callable[[CellTree], None]:
-    def report(tree: CellTree) -> None:
-        certified = tree.status == CellStatus.CERTIFIED
-        share = float(np.prod(tree.size[certified] / WHOLE, axis=1).sum())
-        waiting = int(np.count_nonzero(tree.status == CellStatus.CANDIDATE))
-        progress(Progress(int(np.count_nonzero(certified)), waiting, share))
-
-    return report

@@ -209,9 +209,18 @@ class CellTree:
         self.lower, self.size, self.cut, self.child, self.status, self.box = self.cells
         return children
 
-    def leaves(self) -> Indices:
-        """Numbers of all cells that are not split."""
-        return np.flatnonzero(self.child < 0)
+    def leaves(self, *statuses: CellStatus) -> Indices:
+        """Numbers of all cells that are not split, or of those of them that have one of some statuses."""
+        leaves = np.flatnonzero(self.child < 0)
+        return leaves[np.isin(self.status[leaves], statuses)] if statuses else leaves
+
+    def shares(self, cells: Indices) -> Array:
+        """What share of the region each of some cells is, of shape (K,)."""
+        return np.asarray(np.prod(self.size[cells] / WHOLE, axis=1))
+
+    def share(self, cells: Indices) -> float:
+        """What share of the region some cells are together."""
+        return float(self.shares(cells).sum())
 
     def overlapping(self, lower: Integers, upper: Integers) -> tuple[Indices, Indices]:
         """Which leaves meet the boxes [lower, upper), (K, n) each, in their interiors: pairs (box, leaf), sorted."""

@@ -110,8 +110,7 @@ def prove_empty(system: ClosureSystem, tree: CellTree, region: Region, depth: in
     if not groups:
         return
     smallest = 1 << (LEVELS - depth)
-    leaves = tree.leaves()
-    cells = leaves[np.isin(tree.status[leaves], (CellStatus.UNREACHED, CellStatus.UNDECIDED))]
+    cells = tree.leaves(CellStatus.UNREACHED, CellStatus.UNDECIDED)
     while cells.size:
         half = 0.5 * region.width * (tree.size[cells] / WHOLE)
         centre = region.position(tree.lower[cells] + 0.5 * tree.size[cells])

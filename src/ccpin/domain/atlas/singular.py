@@ -50,8 +50,7 @@ def mark_singular(problem: Problem, tree: CellTree, region: Region, boxes: Boxes
 
 def refuting(problem: Problem, tree: CellTree, region: Region, boxes: Boxes) -> Witness | None:
     """A place of the region at which σ is proved not to exist or to be singular, or ``None``."""
-    leaves = tree.leaves()
-    empty = leaves[tree.status[leaves] == CellStatus.EMPTY]
+    empty = tree.leaves(CellStatus.EMPTY)
     if empty.size:
         largest = empty[int(np.argmax(np.prod(tree.size[empty].astype(np.float64), axis=1)))]
         q = region.position(tree.lower[largest] + 0.5 * tree.size[largest])
@@ -91,8 +90,7 @@ def _corners(n: int) -> list[Array]:
 
 def _beside_certified(tree: CellTree, region: Region, status: CellStatus) -> Contacts:
     """For each leaf of a status that touches a certified one, the largest face they share."""
-    leaves = tree.leaves()
-    contacts = contacts_of(tree, region, leaves[tree.status[leaves] == status])
+    contacts = contacts_of(tree, region, tree.leaves(status))
     rows = np.flatnonzero(tree.status[contacts.leaf] == CellStatus.CERTIFIED)
     order = rows[np.lexsort((contacts.leaf[rows], -contacts.area[rows], contacts.cell[rows]))]
     first = order[np.flatnonzero(np.diff(contacts.cell[order], prepend=-1))]

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.arrays import Array, Indices, joined, rows_of
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Region
+from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Region
 from ccpin.domain.boxes import Problem, certify_boxes
 from ccpin.domain.chains import Chain, ClosureSystem
 from ccpin.domain.newton import newton
@@ -74,8 +74,7 @@ def search_empty(problem: Problem, tree: CellTree, region: Region, depth: int) -
 
 def _share(tree: CellTree) -> float:
     """The unreached share of the region."""
-    cells = np.flatnonzero((tree.child < 0) & (tree.status == CellStatus.UNREACHED))
-    return float(np.prod(tree.size[cells] / WHOLE, axis=1).sum())
+    return tree.share(tree.leaves(CellStatus.UNREACHED))
 
 
 def _open(tree: CellTree) -> Array:

@@ -16,10 +16,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Indices, Mask, joined, rows_of
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Contacts, Region, contacts_of
+from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Contacts, Region, contacts_of
 from ccpin.domain.atlas.tasks import CellsToProve, prove
 from ccpin.domain.boxes import Boxes, Problem, certify_points
-from ccpin.domain.newton import encloses, glued, newton, predict
+from ccpin.domain.newton import encloses, glued, newton, predict, without_turns
 from ccpin.domain.sheets.paving import place
 
 _CHUNK = 2000
@@ -53,7 +53,7 @@ def parts_of(tree: CellTree, region: Region, regular: Indices) -> list[Indices]:
     ends = number[contacts.cell[inside]], number[contacts.leaf[inside]]
     graph = coo_array((np.ones(len(ends[0])), ends), shape=(len(regular), len(regular)))
     labels = connected_components(graph, directed=False)[1]
-    size = np.bincount(labels, weights=np.prod(tree.size[regular] / WHOLE, axis=1))
+    size = np.bincount(labels, weights=tree.shares(regular))
     return [regular[labels == k] for k in np.argsort(-size, kind="stable")]
 
 
@@ -271,6 +271,5 @@ def _near(problem: Problem, one: tuple[Boxes, Array], other: tuple[Boxes, Array]
     for boxes, q in (one, other):
         delta = q - boxes.centre[:, problem.system.independent]
         values.append(newton(problem, predict(problem, boxes, delta), _NEWTON).theta[:, dependent])
-    gap = values[0] - values[1]
-    gap -= 2.0 * np.pi * np.round(gap / (2.0 * np.pi)) * problem.system.periodic[dependent]
+    gap = without_turns(values[0] - values[1], problem.system.periodic[dependent])
     return np.asarray(np.abs(gap).max(axis=1, initial=0.0) < _NEAR)

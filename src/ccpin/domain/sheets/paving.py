@@ -32,7 +32,7 @@ import numpy as np
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region
 from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_boxes, closure_values
-from ccpin.domain.newton import newton
+from ccpin.domain.newton import newton, without_turns
 from ccpin.domain.sheets.narrowing import Candidates, alone_in, narrowed
 
 _NEWTON = 12
@@ -289,8 +289,7 @@ def _different(problem: Problem, one: Boxes, other: Boxes) -> bool:
 
 
 def _gap(problem: Problem, one: Boxes, other: Boxes) -> Array:
-    gap = one.centre - other.centre
-    return np.asarray(gap - 2.0 * np.pi * np.round(gap / (2.0 * np.pi)) * problem.system.periodic)
+    return without_turns(one.centre - other.centre, problem.system.periodic)
 
 
 def _spread(box: Boxes) -> Array:

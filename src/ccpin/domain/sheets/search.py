@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.arrays import Indices, whole
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Corners, Region, corners_of, region_of
+from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Corners, Region, corners_of, region_of
 from ccpin.domain.atlas.singular import mark_in_cells
 from ccpin.domain.boxes import BoundsName, Problem, problem_of
 from ccpin.domain.chains import ClosureSystem, Seed, closure_system
@@ -124,7 +124,7 @@ def _counted(problem: Problem, tree: CellTree, region: Region, ranges: Ranges, r
     """The largest parts of the regular cells, with all solutions over one q of each where that was proved."""
     parts = []
     for cells in parts_of(tree, region, regular)[:_COUNTED]:
-        largest = int(cells[int(np.argmax(np.prod(tree.size[cells] / WHOLE, axis=1)))])
+        largest = int(cells[int(np.argmax(tree.shares(cells)))])
         q = place(tree, region, np.array([largest]))[0][0]
         found = all_solutions(problem, ranges, q)
         if found.complete:

@@ -31,7 +31,7 @@ from ccpin.arrays import Array, Indices, numbers, whole
 from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contacts_of
 from ccpin.domain.boxes import Boxes, Problem, closure_values
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
-from ccpin.domain.newton import newton, solve_in_boxes
+from ccpin.domain.newton import newton, solve_in_boxes, without_turns
 from ccpin.domain.sheets.front import Glued, Members
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.paving import Ranges, place
@@ -144,17 +144,13 @@ class SheetAtlas:
 
     def fraction(self, *statuses: CellStatus) -> float:
         """The share of the region in cells of the given statuses."""
-        leaves = self.tree.leaves()
-        return self._share(leaves[np.isin(self.tree.status[leaves], statuses)])
-
-    def _share(self, cells: Indices) -> float:
-        return float(np.prod(self.tree.size[cells] / WHOLE, axis=1).sum())
+        return self.tree.share(self.tree.leaves(*statuses))
 
     @property
     def counted_fraction(self) -> float:
         """The share of the region over which the number of closed configurations is proved, empty cells with it."""
         leaves = self.tree.leaves()
-        return self._share(leaves[self.count[leaves] >= 0])
+        return self.tree.share(leaves[self.count[leaves] >= 0])
 
     @property
     def certified_fraction(self) -> float:
@@ -169,8 +165,8 @@ class SheetAtlas:
     @property
     def singular_fraction(self) -> float:
         """The share of the region in cells that are not counted and hold the q of a proved singular configuration."""
-        leaves = self.tree.leaves()
-        return self._share(leaves[(self.tree.status[leaves] == CellStatus.SINGULAR) & (self.count[leaves] < 0)])
+        singular = self.tree.leaves(CellStatus.SINGULAR)
+        return self.tree.share(singular[self.count[singular] < 0])
 
     @property
     def undecided_fraction(self) -> float:
@@ -205,7 +201,7 @@ class SheetAtlas:
         wanted = chart.theta(numbers(near, "near"))
         gap = np.array([chart.theta(q_free) for q_free in found]) - wanted
         periodic = self.problem.system.periodic[: gap.shape[1]]
-        gap -= 2.0 * np.pi * np.round(gap / (2.0 * np.pi)) * periodic
+        gap = without_turns(gap, periodic)
         return np.asarray(found[int(np.argmin(np.linalg.norm(gap, axis=1)))])
 
     def way(self, q: ArrayLike, start: int, end: int) -> Array:
@@ -315,7 +311,7 @@ class SheetAtlas:
             cells, layers = np.unique(pairs, return_counts=True)
             cells = cells[(layers > 1) & (self.tree.status[cells] == CellStatus.CERTIFIED)]
             if cells.size:
-                largest = cells[int(np.argmax(np.prod(self.tree.size[cells] / WHOLE, axis=1)))]
+                largest = cells[int(np.argmax(self.tree.shares(cells)))]
                 q = place(self.tree, self.region, np.array([largest]))[0][0]
                 found, numbers_of = self.solutions(q)
                 first, last = np.flatnonzero(numbers_of == sheet.number)[:2]
