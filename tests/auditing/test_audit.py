@@ -2,6 +2,7 @@
 
 import ast
 import json
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,39 @@ def test_true_claims_are_proved(case):
     assert audit.claims[1].of > 0 or len(atlas.boxes.kappa) == 1
     assert audit.whole == (sample is None)
     assert "Theorem K" in audit.theorem
+
+
+@pytest.mark.parametrize("held", [0, 1, 2])
+def test_a_slice_is_proved_and_reached(held, tmp_path):
+    """Over a slice, boxes touch in the coordinates that are not held; without its faces nothing else is reached."""
+    q = np.array(CASES["planar_3rrr"][0])
+    width = np.where(np.arange(3) == held, 0.0, 0.8)
+    atlas = certify(ccpin.load("planar_3rrr"), q, (q - width, q + width), max_depth=3)
+    assert len(atlas.boxes.kappa) > 1
+    path = tmp_path / "slice.json"
+    atlas.save(path)
+    audit = verify(path, sample=2)
+    assert audit.claims[1].of > 0
+    assert audit.holds, str(audit)
+
+    def apart(arrays):
+        faces = [(c.first, c.second) for c in gluing.contacts(document.read(path))]
+        arrays["unglued"] = np.array(faces, dtype=np.int64)
+
+    assert verify(changed(path, tmp_path, apart), sample=2).claims[2].failed
+
+
+def test_threads_audit_each_its_own_document(case, tmp_path):
+    """Two documents at once, one of them false: each audit is of its own."""
+    _, _, path, _ = case
+
+    def narrowed(arrays):
+        arrays["box_radius"] = arrays["box_radius"] * 1e-12
+
+    false = changed(path, tmp_path, narrowed)
+    with ThreadPoolExecutor(2) as pool:
+        audits = list(pool.map(lambda p: verify(p, sample=2), [path, false] * 2))
+    assert [audit.holds for audit in audits] == [True, False] * 2
 
 
 def test_closures_are_those_of_the_mechanism(case):

@@ -7,13 +7,16 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.auditing.document import Document, read
 from ccpin.errors import CcpinError, InvalidInputError
+
+if TYPE_CHECKING:
+    from ccpin.auditing.closures import Closures
 
 _CUTS = 12
 _PART = 16
@@ -142,33 +145,48 @@ def _chosen(count: int, sample: int | None, seed: int) -> NDArray[np.int64]:
 def _results(document: Document, tasks: list[Any], workers: int) -> Iterator[list[tuple[str, tuple[int, ...], bool]]]:
     parts = [tasks[k : k + _PART] for k in range(0, len(tasks), _PART)]
     if workers <= 1:
-        _open(document)
-        yield from map(_checked, parts)
+        held = _Held.of(document)
+        yield from (_checked(held, part) for part in parts)
         return
     with ProcessPoolExecutor(workers, get_context("spawn"), _open, (document,)) as pool:
-        yield from pool.map(_checked, parts)
+        yield from pool.map(_checked_there, parts)
 
 
-_HELD: dict[str, Any] = {}
+class _Held(NamedTuple):
+    """A document and its closures, made once."""
+
+    document: Document
+    closures: Closures
+
+    @staticmethod
+    def of(document: Document) -> _Held:
+        from ccpin.auditing.closures import Closures
+
+        return _Held(document, Closures(document))
+
+
+_held: list[_Held] = []  # of a process of the pool
 
 
 def _open(document: Document) -> None:
-    from ccpin.auditing.closures import Closures
-
-    _HELD.update(document=document, closures=Closures(document))
+    _held[:] = [_Held.of(document)]
 
 
-def _checked(tasks: Iterable[Any]) -> list[tuple[str, tuple[int, ...], bool]]:
+def _checked_there(tasks: Iterable[Any]) -> list[tuple[str, tuple[int, ...], bool]]:
+    return _checked(_held[0], tasks)
+
+
+def _checked(held: _Held, tasks: Iterable[Any]) -> list[tuple[str, tuple[int, ...], bool]]:
     from ccpin.auditing.boxes import proved
     from ccpin.auditing.gluing import same_solution
 
-    document, closures = _HELD["document"], _HELD["closures"]
     results: list[tuple[str, tuple[int, ...], bool]] = []
     for kind, what in tasks:
         if kind == "box":
-            results.append((kind, (what,), proved(closures, document, what, _CUTS)))
+            results.append((kind, (what,), proved(held.closures, held.document, what, _CUTS)))
         else:
-            results.append((kind, (what.first, what.second), same_solution(closures, document, what)))
+            good = same_solution(held.closures, held.document, what)
+            results.append((kind, (what.first, what.second), good))
     return results
 
 
@@ -182,10 +200,7 @@ def _reached(document: Document, pairs: list[tuple[int, int]]) -> NDArray[np.boo
     if found is None:
         return reached
     still = np.zeros(len(document.independent))
-    inside = np.all(
-        np.abs(document.centre[:, document.independent] - found[0][document.independent]) <= document.half, 1
-    )
-    todo = [int(k) for k in np.flatnonzero(inside) if in_tube(document, int(k), *found, still)]
+    todo = [k for k in range(len(reached)) if in_tube(document, k, *found, still)]
     beside: dict[int, list[int]] = {}
     for a, b in pairs:
         beside.setdefault(a, []).append(b)

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from flint import arb, arb_mat
 
-from ccpin.auditing.closures import Closures, exact, floats
+from ccpin.auditing.closures import Closures, columns, exact, floats
 from ccpin.auditing.document import Array, Document
 
 _PARTS, _ROOM, _NEWTON, _ROUNDS = 6, 1.05, 8, 6
@@ -165,16 +165,16 @@ def look(
     for j, r in enumerate(part):
         unit = arb_mat(len(part), 1, [arb(int(i == j)) for i in range(len(part))])
         bent = bent + closures.variation(around, _embedded(box, document, unit)) * arb(0, float(r))
-    half, columns = arb(0.5), [int(i) for i in document.dependent]
-    inner = floats(_columns(slope, columns)) @ floats(box.modes)
+    half, chosen = arb(0.5), document.dependent
+    inner = floats(columns(slope, chosen)) @ floats(box.modes)
     try:
         A = exact(np.linalg.inv(inner).astype(np.float64))
     except np.linalg.LinAlgError:
         return None
     value, drift = A * closures.value(start, motions), A * ((slope + turned * half) * box.directions)
-    there = _met(_columns(slope + turned + bent, columns), _columns(closures.jacobian(around), columns))
+    there = _met(columns(slope + turned + bent, chosen), columns(closures.jacobian(around), chosen))
     whole = _defect(A * (there * box.modes))
-    mean = _defect(A * (_columns(slope + turned + bent * half, columns) * box.modes))
+    mean = _defect(A * (columns(slope + turned + bent * half, chosen) * box.modes))
     least = [[min(x, y, key=_upper) for x, y in zip(a, b, strict=True)] for a, b in zip(mean, whole, strict=True)]
     offset = [
         sum((abs(drift[i, j]) * arb(e) for j, e in enumerate(spread)), abs(value[i, 0])) for i in range(closures.m)
@@ -231,7 +231,3 @@ def _met(a: arb_mat, b: arb_mat) -> arb_mat:
 
 def _upper(x: arb) -> float:
     return float(x.upper())
-
-
-def _columns(matrix: arb_mat, columns: list[int]) -> arb_mat:
-    return arb_mat(matrix.nrows(), len(columns), [matrix[i, j] for i in range(matrix.nrows()) for j in columns])

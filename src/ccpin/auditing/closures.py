@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from flint import arb, arb_mat
 
-from ccpin.auditing.document import Array, Chain, Document
+from ccpin.auditing.document import Array, Chain, Document, Integers
 
 _NEAR = arb(0, 2.0**-50)
 
@@ -65,7 +65,6 @@ class Closures:
         self.paths = tuple(_path(chain) for chain in document.chains)
         self.couplings, self.offset = exact(document.couplings), exact(document.offset)
         self.moduli = document.moduli
-        self.chains = document.chains
 
     def motions(self, theta: list[arb]) -> list[Motion]:
         """The chains at θ, balls."""
@@ -118,6 +117,13 @@ class Closures:
         balls = [arb(float(x)) for x in theta]
         motions = self.motions(balls)
         return floats(self.value(balls, motions))[:, 0], floats(self.jacobian(motions))
+
+
+def columns(matrix: arb_mat, chosen: Integers) -> arb_mat:
+    """Some columns of a matrix."""
+    numbers = [int(c) for c in chosen]
+    entries = [matrix[i, j] for i in range(matrix.nrows()) for j in numbers]
+    return arb_mat(matrix.nrows(), len(numbers), entries)
 
 
 def floats(matrix: arb_mat) -> Array:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ccpin.errors import InvalidInputError
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 FORMAT = "ccpin-atlas-3"
 _BOXES = ("centre", "half", "directions", "modes", "radius")
 _CHAIN = ("joints", "rotations", "translations", "axes", "prismatic", "tip", "direction", "weights")
@@ -22,7 +23,7 @@ _CHAIN = ("joints", "rotations", "translations", "axes", "prismatic", "tip", "di
 class Chain(NamedTuple):
     """A serial chain: joint numbers, frames before each joint moves, axes, the tip, and how it enters φ (m, 3)."""
 
-    joints: NDArray[np.int64]
+    joints: Integers
     rotations: Array
     translations: Array
     axes: Array
@@ -50,8 +51,8 @@ class Document(NamedTuple):
     couplings: Array
     offset: Array
     moduli: Array
-    independent: NDArray[np.int64]
-    dependent: NDArray[np.int64]
+    independent: Integers
+    dependent: Integers
     periodic: NDArray[np.bool_]
     centre: Array
     half: Array
@@ -62,7 +63,7 @@ class Document(NamedTuple):
     upper: Array
     wrapped: NDArray[np.bool_]
     seed: Array
-    unglued: NDArray[np.int64]
+    unglued: Integers
 
 
 def read(path: str | Path) -> Document:

@@ -12,13 +12,12 @@ from typing import NamedTuple
 
 import numpy as np
 from flint import arb, arb_mat
-from numpy.typing import NDArray
 
 from ccpin.auditing.boxes import box_of
-from ccpin.auditing.closures import Closures, exact
+from ccpin.auditing.closures import Closures, columns, exact
 from ccpin.auditing.document import Array, Document
 
-_CLOSE = 1e-9
+_CLOSE = 1e-9  # of the region's width: faces nearer than this are one
 _NEWTON = 12
 
 
@@ -32,33 +31,33 @@ class Contact(NamedTuple):
 
 
 def contacts(document: Document) -> Iterator[Contact]:
-    """Every pair of boxes whose closures share a face."""
+    """Every pair of boxes whose closures share a face (over the coordinates that a slice does not hold)."""
     centre = document.centre[:, document.independent]
     low, high = centre - document.half, centre + document.half
     width = document.upper - document.lower
-    for k in range(low.shape[1]):
-        faces = _keys(high[:, k], document, k, width), _keys(low[:, k], document, k, width)
-        order = np.argsort(faces[1], kind="stable")
-        keys = faces[1][order]
-        first, last = np.searchsorted(keys, faces[0], "left"), np.searchsorted(keys, faces[0], "right")
+    held = width <= 0.0
+    for k in map(int, np.flatnonzero(~held)):
+        ends, begins = _places(high[:, k], document, k, width), _places(low[:, k], document, k, width)
+        order = np.argsort(begins, kind="stable")
+        first = np.searchsorted(begins[order], ends - _CLOSE, "left")
+        last = np.searchsorted(begins[order], ends + _CLOSE, "right")
         for a in range(len(low)):
             candidates = order[first[a] : last[a]]
             turn = np.zeros(low.shape[1])
             turn[k] = np.round((high[a, k] - low[candidates[0], k]) / width[k]) * width[k] if candidates.size else 0.0
             begin, end = np.maximum(low[a], low[candidates] + turn), np.minimum(high[a], high[candidates] + turn)
             overlap = end - begin
-            overlap[:, k] = 1.0
+            overlap[:, held] = overlap[:, k] = 1.0
             for row in np.flatnonzero(np.all(overlap > _CLOSE, axis=1)):
                 middle = 0.5 * (begin[row] + end[row])
                 middle[k] = high[a, k]
                 yield Contact(a, int(candidates[row]), middle, turn)
 
 
-def _keys(face: Array, document: Document, k: int, width: Array) -> Array:
-    """Faces in units that make equal ones equal, the seam of a coordinate that closes on itself included."""
+def _places(face: Array, document: Document, k: int, width: Array) -> Array:
+    """Where faces lie in the region, from 0 to 1; on a coordinate that closes on itself its end is its beginning."""
     place = (face - document.lower[k]) / width[k]
-    units = np.round(place / _CLOSE)
-    return np.asarray(np.mod(units, round(1.0 / _CLOSE)) if document.wrapped[k] else units)
+    return np.asarray(np.mod(place + _CLOSE, 1.0) - _CLOSE if document.wrapped[k] else place)
 
 
 def same_solution(closures: Closures, document: Document, contact: Contact) -> bool:
@@ -106,7 +105,7 @@ def near(closures: Closures, document: Document, theta: Array) -> tuple[Array, f
         ball = list(point)
         for index in dependent:
             ball[int(index)] = ball[int(index)] + arb(0, radius)
-        slope = A * _dependent(closures.jacobian(closures.motions(ball)), dependent)
+        slope = A * columns(closures.jacobian(closures.motions(ball)), dependent)
         rest = max(
             float(sum((abs(int(i == j) - slope[i, j]) for j in range(closures.m)), arb(0)).upper())
             for i in range(closures.m)
@@ -136,8 +135,3 @@ def in_tube(document: Document, k: int, theta: Array, radius: float, turn: Array
     except ZeroDivisionError:
         return False
     return all(abs(zeta[i, 0]) <= r for i, r in enumerate(box.radius))
-
-
-def _dependent(matrix: arb_mat, columns: NDArray[np.int64]) -> arb_mat:
-    chosen = [int(c) for c in columns]
-    return arb_mat(matrix.nrows(), len(chosen), [matrix[i, j] for i in range(matrix.nrows()) for j in chosen])

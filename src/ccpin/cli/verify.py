@@ -34,9 +34,9 @@ def add_verify(commands: Any) -> None:
 def _verify(options: argparse.Namespace) -> int:
     from ccpin.auditing import verify
 
+    same = None if options.model is None else _is_about(options.certificate, options.model)
     with progress_bar(options.json, 100.0, _BAR, lambda p: (100.0 * p.done / p.of, f"{p.done} of {p.of}")) as progress:
         audit = verify(options.certificate, sample=options.sample, workers=options.workers, progress=progress)
-    same = None if options.model is None else _is_about(options.certificate, options.model)
     if options.json:
         claims = [claim._asdict() for claim in audit.claims]
         facts = {"holds": audit.holds, "whole": audit.whole, "fingerprint": audit.fingerprint, "claims": claims}

@@ -233,7 +233,16 @@ class Atlas:
         return atlas_store.fingerprint(atlas_store.pack_problem(self.problem)[1])
 
     def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
-        """Whether the closures are those that a mechanism's file gives today, bit for bit."""
+        """Whether the closures are those that a mechanism's file gives today, bit for bit.
+
+        Raises:
+            InvalidInputError: It is a workspace's, whose closures hold an end effector besides, which no file names.
+        """
+        if self.problem.demands is not None:
+            raise InvalidInputError(
+                "the closures of a workspace also hold its end effector, which a model does not name: compare its "
+                "fingerprint with that of an atlas that the same certify_workspace makes today"
+            )
         chart, mechanism = self.problem.system.chart, mechanism_of(mechanism)
         if (chart.nq, chart.n_free) != (mechanism.nq, mechanism.n_free):
             return False
