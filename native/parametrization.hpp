@@ -51,7 +51,7 @@ class Parametrization : public Tangent {
     const size_t clusters = states.size();
     point.rho.resize(clusters), point.curvature.resize(clusters), point.probe.resize(clusters), point.sign.resize(clusters);
     for (size_t k = 0; k < clusters; ++k) {
-      finish(m.clusters[k], states[k], true);
+      solve_beside_probe(m.clusters[k], states[k], 2);
       point.rho[k] = states[k].rho, point.probe[k] = states[k].probe, point.sign[k] = states[k].factor.sign;
       point.curvature[k].clear();
       if (curved) curvature(m.clusters[k], states[k], point.curvature[k]);
