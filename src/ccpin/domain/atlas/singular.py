@@ -12,6 +12,7 @@ from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Indices, rows_of
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of
+from ccpin.domain.atlas.run import Runner
 from ccpin.domain.boxes import Boxes, Problem
 from ccpin.domain.folds import Folds, SingularPoints, singular_points
 from ccpin.domain.newton import encloses, newton, predict
@@ -23,14 +24,21 @@ from ccpin.errors import SingularConfigurationError
 _CHUNK = 20_000_000
 _REACH = 2.0  # of a cell: how far beside it a fold is looked for
 _NEWTON = 12
+_SOUGHT = 500
 _TRIED = 8
 
 
-def mark_singular(problem: Problem, tree: CellTree, region: Region, boxes: Boxes) -> None:
-    """Tell undecided cells that hold the q of a singular configuration from those of which nothing is known."""
+def mark_singular(runner: Runner, tree: CellTree, region: Region, boxes: Boxes) -> None:
+    """Tell undecided cells that hold the q of a singular configuration from those of which nothing is known.
+
+    Raises:
+        Stopped: An interrupt was asked for; what was proved by then is marked.
+    """
+    problem = runner.problem
     contacts = _beside_certified(tree, region, CellStatus.UNDECIDED)
     size = max(1, _CHUNK // (problem.system.m * problem.system.n_free**2 * 8))
     for first in range(0, len(contacts.cell), size):
+        runner.check()
         part = rows_of(contacts, slice(first, first + size))
         start = _sigma_at(problem, tree, region, boxes, part)
         reach = _REACH * (
@@ -116,10 +124,18 @@ def _mark(tree: CellTree, region: Region, found: SingularPoints, independent: In
     tree.status[cells[tree.status[cells] == CellStatus.UNDECIDED]] = CellStatus.SINGULAR
 
 
-def mark_in_cells(problem: Problem, tree: CellTree, region: Region, cells: Indices, theta: Array) -> None:
-    """Tell undecided cells that hold the q of a singular configuration, looked for from θ (B, n′), from others."""
+def mark_in_cells(runner: Runner, tree: CellTree, region: Region, cells: Indices, theta: Array) -> None:
+    """Tell undecided cells that hold the q of a singular configuration, looked for from θ (B, n′), from others.
+
+    Raises:
+        Stopped: An interrupt was asked for; what was proved by then is marked.
+    """
+    problem = runner.problem
     for directions in Folds.near(problem, theta).directions():
-        rows = np.flatnonzero(tree.status[cells] == CellStatus.UNDECIDED)
-        if rows.size:
-            found = singular_points(problem, theta[rows], directions[rows])
-            _mark(tree, region, found, problem.system.independent, np.abs(directions[rows]).max(axis=1))
+        for first in range(0, len(cells), _SOUGHT):
+            runner.check()
+            part = slice(first, first + _SOUGHT)
+            rows = first + np.flatnonzero(tree.status[cells[part]] == CellStatus.UNDECIDED)
+            if rows.size:
+                found = singular_points(problem, theta[rows], directions[rows])
+                _mark(tree, region, found, problem.system.independent, np.abs(directions[rows]).max(axis=1))

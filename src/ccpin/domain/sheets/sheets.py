@@ -32,9 +32,9 @@ from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contac
 from ccpin.domain.boxes import Boxes, Problem, closure_values
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
 from ccpin.domain.newton import newton, solve_in_boxes, without_turns
+from ccpin.domain.sheets.candidates import Ranges, place
 from ccpin.domain.sheets.front import Glued, Members
 from ccpin.domain.sheets.narrowing import Candidates
-from ccpin.domain.sheets.paving import Ranges, place
 from ccpin.domain.sheets.touching import Fold, cross, near_folds
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 
@@ -90,6 +90,7 @@ class SheetAtlas:
         count: How many closed configurations the q of a cell have; −1 where that is not proved. Of shape (cells,).
         left: Boxes of all coordinates that enclose all singular closed configurations over the region.
         ranges: What was searched of the dependent coordinates.
+        complete: False where an interrupt ended the work; what is there is proved nevertheless.
     """
 
     names: tuple[str, ...]
@@ -102,11 +103,13 @@ class SheetAtlas:
     count: NDArray[np.int64]
     left: Candidates
     ranges: Ranges
+    complete: bool
 
     def __repr__(self) -> str:
+        done = "" if self.complete else ", interrupted"
         return (
             f"SheetAtlas({', '.join(self.names)}: {len(self.sheets)} sheets in {len(self.boxes.kappa)} boxes, "
-            f"{100 * self.counted_fraction:.4g} % of the region counted)"
+            f"{100 * self.counted_fraction:.4g} % of the region counted{done})"
         )
 
     @cached_property
