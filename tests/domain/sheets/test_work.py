@@ -1,6 +1,5 @@
 """How the sheets' work is done, stopped, spread, kept and saved: none of it changes what is found."""
 
-import os
 import signal
 import subprocess
 import sys
