@@ -269,3 +269,17 @@ def test_touching_boxes_are_found(tmp_path):
     atlas.save(tmp_path / "a.npz")
     found = {tuple(sorted((c.first, c.second))) for c in gluing.contacts(document.read(tmp_path / "a.npz"))}
     assert found == expected
+
+
+def test_boxes_beside_an_isolated_singularity_are_proved(tmp_path):
+    """Their tubes are long in the weak direction, and true: large terms cancel there, and are to do so in balls."""
+    mechanism = ccpin.load("rpdr")
+    seed = np.array([0.51656358, 2.49747313])  # some degrees from where the elbows coincide
+    region = (seed - 0.01, np.array([1.02, 2.52]))
+    atlas = certify(mechanism, seed, region, max_depth=4)
+    weak = np.argsort(np.abs(atlas.boxes.modes[:, 0, 1]) > 0.0)[::-1]
+    assert np.abs(atlas.boxes.modes[weak[0], 0, 1]) > 0.5
+    atlas.save(tmp_path / "a.npz")
+    read = document.read(tmp_path / "a.npz")
+    own = closures.Closures(read)
+    assert all(boxes.proved(own, read, int(k), 8) for k in weak[:12])
