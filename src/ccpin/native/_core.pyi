@@ -187,8 +187,8 @@ class HeldMotion:
         Steps have no answer where the coordinates' leverage gets beyond `most`.
         """
 
-    def step(self, u: ArrayLike, dt: float) -> tuple[Array, Array, Array, Array, Array, float] | None:
-        """q, q̇, q̈ of `home`, u, q′ (read-only) and |φ| after dt; ``None``: the reference tells, then `start` again."""
+    def step(self, u: ArrayLike, dt: float) -> tuple[Array, Array, Array, Array, Array, Array, float] | None:
+        """q, q̇, q̈ of `home`, u, q′, q̇′ (read-only), |φ| after dt; ``None``: the reference tells, `start` again then."""
 
     def state(self) -> Array:
         """(q, q̇) in the kernel's own coordinates after the last step that had an answer."""
