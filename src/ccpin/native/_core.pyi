@@ -202,6 +202,9 @@ class Certifier:
     def values(self, theta: Array) -> Pair:
         """φ (B, m) and φ_θ (B, m, n′) at θ (B, n′)."""
 
+    def derivatives(self, theta: Array) -> tuple[Array, Array, Array, Array]:
+        """The fields of `ccpin.domain.chain_stack.Derivatives` at θ (B, n′)."""
+
     def bounds(self, boxes: Columns) -> Triple:
         """Y, Z̄(R)R and Z(R)w of boxes as they are, each (B, m)."""
 
