@@ -27,7 +27,7 @@ from ccpin.arrays import Array, Mask, numbers
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Region
-from ccpin.domain.atlas.singular import refuting
+from ccpin.domain.atlas.singular import SingularCells, refuting
 from ccpin.domain.boxes import Boxes, Problem, verify
 from ccpin.domain.demands import meets
 from ccpin.domain.newton import newton, solve_in_boxes
@@ -59,6 +59,7 @@ class Atlas:
         problem: The closures.
         tree: The cells.
         seed: θ of the seed, of shape (n′,).
+        singular: A singular configuration over each cell called so.
     """
 
     names: tuple[str, ...]
@@ -71,6 +72,7 @@ class Atlas:
     problem: Problem
     tree: CellTree
     seed: Array
+    singular: SingularCells
 
     def __repr__(self) -> str:
         done = "" if self.complete else ", interrupted"
@@ -241,7 +243,7 @@ class Atlas:
 
     def save(self, path: str | Path) -> None:
         """Write the atlas to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
-        header, arrays = store.pack(store.Covering(self.problem, self.region, self.tree, self.boxes))
+        header, arrays = store.pack(store.Covering(self.problem, self.region, self.tree, self.boxes, self.singular))
         header |= {"names": list(self.names), "radius": self.radius, "complete": self.complete}
         arrays |= {"q0": self.q0, "seed": self.seed, "unglued": self.unglued}
         store.write(path, store.ATLAS, header, arrays)

@@ -17,6 +17,7 @@ from ccpin.arrays import Array, Indices, Mask, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Contacts, Region, contacts_of
 from ccpin.domain.atlas.growing import Growing
 from ccpin.domain.atlas.run import Report, Runner, Stopped, glue_boxes, prove_cells
+from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.atlas.tasks import CellsToProve, Proved
 from ccpin.domain.boxes import Boxes, Problem, certify_points
 from ccpin.domain.newton import encloses, predict
@@ -68,6 +69,7 @@ class AtlasBuilder:
         tree: The cells.
         proved: The certified boxes.
         unglued: Pairs of boxes with a common face at which they could not be shown to agree, arrays of shape (K, 2).
+        singular: Cells found to hold singular configurations.
     """
 
     def __init__(
@@ -91,6 +93,7 @@ class AtlasBuilder:
         self._point = point.boxes
         self.proved = Growing(self._point.without_rows(problem.system.n))
         self.unglued = [np.empty((0, 2), dtype=np.intp)]
+        self.singular = [SingularCells.none(problem.system.n_free)]
         self._origins = Growing(_Origins.unknown(1, problem.system.n))
         self._at_seed = (region.reduce(self.q0[None])[0] - region.lower) / region.span * WHOLE
         self._reach_seed()

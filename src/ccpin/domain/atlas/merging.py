@@ -29,6 +29,7 @@ from ccpin.domain.atlas.cells import (
     corners_of,
 )
 from ccpin.domain.atlas.radius_map import certified_radius
+from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.atlas.store import pack_problem
 from ccpin.domain.newton import glued
 from ccpin.errors import InvalidInputError
@@ -88,7 +89,7 @@ def merge(atlases: Sequence[Atlas]) -> Atlas:
     for k, other in enumerate(parts[1:], start=2):
         _refuse_others(parts[0], other, k)
     region = _whole(parts)
-    tree = _tree(region, parts)
+    tree, places = _tree(region, parts)
     boxes = joined([part.boxes for part in parts])
     first = np.cumsum([0, *(len(part.boxes.kappa) for part in parts)])
     owner = np.repeat(np.arange(len(parts)), np.diff(first))
@@ -101,6 +102,7 @@ def merge(atlases: Sequence[Atlas]) -> Atlas:
         complete=all(part.complete for part in parts),
         region=region,
         tree=tree,
+        singular=joined(_moved(part, *place) for part, place in zip(parts, places, strict=True)),
     )
     same = _agree(merged, contacts)
     _refuse_strangers(len(parts), owner, pairs, same)
@@ -131,12 +133,17 @@ def _whole(parts: list[Atlas]) -> Region:
     return Region(lower, np.where(wrapped, lower + TURN, upper), wrapped)
 
 
-def _tree(region: Region, parts: list[Atlas]) -> CellTree:
-    """The region's cells: halved down to the parts', whose trees are put there."""
+def _moved(part: Atlas, cell: int, start: int) -> SingularCells:
+    """A part's singular cells by their numbers in the whole: `cell` for its first one, others moved by `start`."""
+    return part.singular._replace(cell=np.where(part.singular.cell == 0, cell, part.singular.cell + start))
+
+
+def _tree(region: Region, parts: list[Atlas]) -> tuple[CellTree, list[tuple[int, int]]]:
+    """The region's cells: halved down to the parts', whose trees are put there; where each came, see `_moved`."""
     places = [_place(region, part.region, k) for k, part in enumerate(parts, start=1)]
     first = np.cumsum([0, *(len(part.boxes.kappa) for part in parts)])
     tree = CellTree.whole(len(region.lower))
-    waiting = [(0, list(range(len(parts))))]
+    waiting, put = [(0, list(range(len(parts))))], [(0, 0)] * len(parts)
     while waiting:
         cell, held = waiting.pop()
         lower, size = tree.lower[cell], tree.size[cell]
@@ -148,12 +155,13 @@ def _tree(region: Region, parts: list[Atlas]) -> CellTree:
             if len(held) > 1:
                 k = next(k for k in held if k != exact[0])
                 raise InvalidInputError(f"parts {min(k, exact[0]) + 1} and {max(k, exact[0]) + 1} overlap")
+            put[exact[0]] = cell, len(tree.child) - 1  # its first cell takes the place of this one
             _graft(tree, cell, parts[exact[0]], int(first[exact[0]]), exact[0] + 1)
             continue
         axis, above = _cut(lower + size // 2, held, places)
         child = int(tree.split(np.array([cell]), np.array([axis]))[0])
         waiting += [(child + side, [k for k in held if above[k] == bool(side)]) for side in (0, 1)]
-    return tree
+    return tree, put
 
 
 def _cut(middle: Integers, held: list[int], places: list[tuple[Integers, Integers]]) -> tuple[int, dict[int, bool]]:
@@ -187,7 +195,7 @@ def _graft(tree: CellTree, cell: int, part: Atlas, first_box: int, k: int) -> No
     ratio = WHOLE // size
     if np.any(cells.size % ratio):
         raise InvalidInputError(f"part {k} has cells too small to be told apart in the whole region: merge fewer parts")
-    start = len(tree.child) - 1  # its first cell takes the place of the one given
+    start = len(tree.child) - 1
     moved = cells._replace(
         lower=tree.lower[cell] + cells.lower // ratio,
         size=cells.size // ratio,

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array, frozen
 from ccpin.description.joint_kinds import JOINT_KINDS
-from ccpin.domain import boxes
+from ccpin.domain import boxes, folds
 from ccpin.domain.atlas.cells import Cells, CellTree, Region
+from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.boxes import Boxes, Demands, Problem, problem_of
 from ccpin.domain.chains import Chain, ClosureSystem, closure_system
 from ccpin.domain.chart import Chart, ChartJoint, Elementary
@@ -41,16 +42,17 @@ class Kind(NamedTuple):
     theorem: str
 
 
-ATLAS = Kind("atlas", "ccpin-atlas-3", boxes.__doc__ or "")
+ATLAS = Kind("atlas", "ccpin-atlas-4", "\n\n".join(m.__doc__ or "" for m in (boxes, folds)))
 
 
 class Covering(NamedTuple):
-    """What every kind holds: the closures, the region, its cells and the certified boxes."""
+    """What every kind holds: the closures, the region, its cells, certified boxes and what is singular."""
 
     problem: Problem
     region: Region
     tree: CellTree
     boxes: Boxes
+    singular: SingularCells
 
 
 def write(path: str | Path, kind: Kind, header: dict[str, Any], arrays: NamedArrays) -> None:
@@ -114,6 +116,7 @@ def pack(covering: Covering) -> tuple[dict[str, Any], NamedArrays]:
     region = covering.region
     arrays |= {f"box_{name}": array for name, array in covering.boxes._asdict().items()}
     arrays |= {f"tree_{name}": array for name, array in covering.tree.cells._asdict().items()}
+    arrays |= {f"singular_{name}": array for name, array in covering.singular._asdict().items()}
     return header, arrays | {"lower": region.lower, "upper": region.upper, "wrapped": region.wrapped}
 
 
@@ -121,9 +124,12 @@ def unpack(header: dict[str, Any], arrays: NamedArrays) -> Covering:
     """What `pack` packed."""
     cells: dict[str, Any] = {name: arrays[f"tree_{name}"] for name in Cells._fields}
     numbers: dict[str, Any] = {name: arrays[f"box_{name}"] for name in Boxes._fields}
+    singular: dict[str, Any] = {name: arrays[f"singular_{name}"] for name in SingularCells._fields}
     corners: dict[str, Any] = {name: arrays[name] for name in ("lower", "upper")}
     region = Region(**corners, wrapped=arrays["wrapped"].astype(np.bool_))
-    return Covering(unpack_problem(header, arrays), region, CellTree(Cells(**cells)), Boxes(**numbers))
+    return Covering(
+        unpack_problem(header, arrays), region, CellTree(Cells(**cells)), Boxes(**numbers), SingularCells(**singular)
+    )
 
 
 def same_closures(problem: Problem, mechanism: Mechanism, theta: Array) -> bool:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, number, positive, whole
+from ccpin.arrays import Array, joined, number, positive, whole
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.build import AtlasBuilder, Shape
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, Corners, Region, region_of
@@ -165,7 +165,8 @@ def survey(
                 _cover(builder, effort)
                 if effort.exhaustive:
                     search_empty(runner, builder.tree, region, effort.depth)
-                mark_singular(runner, builder.tree, region, builder.boxes)
+                for found in mark_singular(runner, builder.tree, region, builder.boxes):
+                    builder.singular.append(found)
         except Stopped:
             complete = False
     return Atlas(
@@ -179,6 +180,7 @@ def survey(
         problem=problem,
         tree=builder.tree,
         seed=seed,
+        singular=joined(builder.singular),
     )
 
 

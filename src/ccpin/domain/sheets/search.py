@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Indices, positive, whole
+from ccpin.arrays import Indices, joined, positive, whole
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Corners, Region, corners_of, region_of
 from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
-from ccpin.domain.atlas.singular import mark_in_cells
+from ccpin.domain.atlas.singular import SingularCells, mark_in_cells
 from ccpin.domain.boxes import BoundsName, Problem, problem_of
 from ccpin.domain.chains import ClosureSystem, Seed, closure_system
 from ccpin.domain.sheets.candidates import Ranges, place
@@ -104,11 +104,13 @@ def _survey(
         parts, all_counted = _counted(runner, tree, region, ranges, np.setdiff1d(leaves, open_cells))
         front = Front(runner, region, tree, parts, effort.depth + _DEEPER, report)
         complete, joined_by = cover.complete and all_counted, None
+        singular = [SingularCells.none(problem.system.n_free)]
         try:
             front.run()
             joined_by = glued_pairs(runner, region, tree, front.members, front.boxes)
             start = np.unique(cover.left.cell, return_index=True)[1]
-            mark_in_cells(runner, tree, region, open_cells, cover.left.centre[start])
+            for found in mark_in_cells(runner, tree, region, open_cells, cover.left.centre[start]):
+                singular.append(found)
         except Stopped:
             complete = False
     count = np.full(len(tree.child), -1, dtype=np.int64)
@@ -126,6 +128,7 @@ def _survey(
         left=cover.left,
         ranges=ranges,
         complete=complete,
+        singular=joined(singular),
     )
 
 

@@ -32,6 +32,7 @@ from ccpin.arrays import Array, Indices, Mask, numbers, whole
 from ccpin.domain import boxes as theorem_k
 from ccpin.domain.atlas import store
 from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contacts_of
+from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.boxes import Boxes, Problem, closure_values, verify
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
 from ccpin.domain.newton import newton, solve_in_boxes, without_turns
@@ -100,6 +101,7 @@ class SheetAtlas:
         left: Boxes of all coordinates that enclose all singular closed configurations over the region.
         ranges: What was searched of the dependent coordinates.
         complete: False where an interrupt ended the work; what is there is proved nevertheless.
+        singular: A singular configuration over each cell called so.
     """
 
     names: tuple[str, ...]
@@ -113,6 +115,7 @@ class SheetAtlas:
     left: Candidates
     ranges: Ranges
     complete: bool
+    singular: SingularCells
 
     def __repr__(self) -> str:
         done = "" if self.complete else ", interrupted"
@@ -201,7 +204,7 @@ class SheetAtlas:
 
     def save(self, path: str | Path) -> None:
         """Write the sheets to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
-        header, arrays = store.pack(store.Covering(self.problem, self.region, self.tree, self.boxes))
+        header, arrays = store.pack(store.Covering(self.problem, self.region, self.tree, self.boxes, self.singular))
         header |= {"names": list(self.names), "complete": self.complete}
         for part in _RECORDS:
             arrays |= {f"{part}_{name}": array for name, array in getattr(self, part)._asdict().items()}
