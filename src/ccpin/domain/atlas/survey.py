@@ -14,7 +14,7 @@ from ccpin.arrays import Array, joined, number, positive, whole
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.build import AtlasBuilder, Shape
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, Corners, Region, region_of
-from ccpin.domain.atlas.empty import prove_empty
+from ccpin.domain.atlas.emptying import prove_empty
 from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
 from ccpin.domain.atlas.singular import mark_singular
 from ccpin.domain.boxes import BoundsName, Problem, problem_of
@@ -59,8 +59,9 @@ def certify(
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         max_depth: How often an edge of the region may be halved (0: the square only); default 14, 12, 6 for n = 1,
             2, 3, and 3 beyond.
-        exhaustive: Search all values of the dependent coordinates, up to eight, to prove cells empty of which the
-            triangle inequality says nothing; that takes several times as long as the boxes.
+        exhaustive: Prove cells empty of which the triangle inequality says nothing, by Theorem E of `atlas.platform`
+            (legs of known lengths that meet in a platform) and by a search of all values of the dependent coordinates,
+            up to eight; that takes several times as long as the boxes.
         resolution: How fine the largest square is sought: cells at its edge are halved to this share of their distance
             from q₀; default 1e-5, 2e-5, 2e-3 for n = 1, 2, 3, and 0.5 beyond. What the radius falls short by is a few
             times as much where the branch ends in a fold.
@@ -189,7 +190,7 @@ def _cover(builder: AtlasBuilder, effort: Effort) -> None:
     first = effort.depth if effort.fraction is None else min(_FIRST_DEPTH, effort.depth)
     for depth in range(first, effort.depth + 1):
         builder.certify_region(depth)
-        prove_empty(builder.problem.system, builder.tree, builder.region, depth)
+        prove_empty(builder.runner, builder.tree, builder.region, depth, effort.exhaustive)
         decided = builder.tree.leaves(CellStatus.CERTIFIED, CellStatus.EMPTY)
         if effort.fraction is not None and builder.tree.share(decided) >= effort.fraction:
             return
