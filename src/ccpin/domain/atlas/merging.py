@@ -9,7 +9,7 @@ another assembly mode, and is refused. Every other shared face is glued too, or 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -52,7 +52,8 @@ def split_region(region: Corners, parts: int) -> list[tuple[Array, Array]]:
     count = whole(parts, "parts")
     if count & (count - 1):
         raise InvalidInputError(f"parts must be a power of two, as edges are halved; it is {count}")
-    lower, upper = corners_of(region, [f"q{k + 1}" for k in range(numbers(region, "region").shape[-1])], slices=True)
+    shape = numbers(region, "region").shape
+    lower, upper = corners_of(region, [f"q{k + 1}" for k in range(shape[1] if len(shape) == 2 else 0)], slices=True)
     found = [(lower, upper)]
     while len(found) < count:
         axis = int(np.argmax(found[0][1] - found[0][0]))
@@ -83,6 +84,8 @@ def merge(atlases: Sequence[Atlas]) -> Atlas:
         InvalidInputError: They are about other closures or demands, their regions overlap, leave a gap or are not got
             by halving, or one of them is not proved to be on the first one's branch.
     """
+    if not isinstance(atlases, Iterable):
+        raise InvalidInputError(f"atlases must be a list of atlases, not {type(atlases).__name__}")
     parts = [instance(atlas, f"atlases[{k}]", Atlas, "an Atlas") for k, atlas in enumerate(atlases)]
     if not parts:
         raise InvalidInputError("there is nothing to merge: give atlases")
