@@ -1,0 +1,309 @@
+"""Rigorous bounds of the reduced model over sets of configurations that need not be closed: D, C, and ∂τ/∂y.
+
+The reduced model (22) as a law computes it at any q′ = (q, y), closed or not, y the dependent coordinates:
+
+    τ(q, y; v, w, a) = ρᵀ f′(q′; V, W, A),        V = ρv, W = ρw, A = ρa + S,
+    ρ = [I; −φ_y⁻¹φ_q] (14),        S = [0; −φ_y⁻¹φ_q′q′(V, W)]        (ρ̇(v) w of (35)),
+
+f′ the free system's force with the Christoffel symbols' C′, so that τ = D a + C(v) w + damping w + g. Its derivatives
+by y_l follow by the chain rule, all of them through ρ_l = −[0; φ_y⁻¹φ_q′q′(e_l, ρ)] and S_l, without derivatives of
+an inverse.
+
+The free system as chains. A body's kinetic energy is ½m|ċ|² + ½Σ_i s_i|u̇_i|², c its centre of mass, u_i the principal
+directions of its second moments s_i = ∫(r·u_i)² dm = ½ tr I − I_i about c, for ½ωᵀIω = ½∫|ω × r|² dm. So with tips x_c
+of chains (points c with mass m, directions u_i with s_i), x_ij = ∂²x/∂θ_i∂θ_j and so on,
+
+    f′_i = Σ_c w_c x_i·(ẍ − γ) + armature A_i + damping W_i + stiffness (θ_i − θ₀_i),        ẍ = x_jk V_j W_k + x_j A_j,
+
+exactly, whatever the joints: x_i·x_jk are the Christoffel symbols. For joints i ≤ j ≤ k of a chain with axes a and
+x_k = b_k: x_ij = a_i × b_j, x_ijk = a_i × (a_j × b_k) (`chains`). Everything is evaluated in affine forms (`affine`).
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, skew
+from ccpin.domain.affine import Affine, Inverse, affine, cross, inverse, product, sine_versine, stacked
+from ccpin.domain.boxes import SLACK, Problem
+from ccpin.domain.chain_stack import ChainStack, stack_chains
+from ccpin.domain.chains import UNIT_ROUNDOFF, chain_of, steps_along
+from ccpin.domain.chart import elementary_joints
+from ccpin.errors import UnsupportedMechanismError
+from ccpin.mechanism.mechanism import Mechanism
+
+_DATA = 1e-14  # what eigenvalues of a body's second moments may be off by, of the largest
+
+
+class Masses(NamedTuple):
+    """The free system's dynamics as chains.
+
+    Attributes:
+        stack: One chain a centre of mass, and one a principal direction of a body that turns.
+        weights: w_c: masses (kg) and second moments (kg m²), of shape (C,).
+        fall: γ, gravity, for the centres of mass, zero for directions, of shape (C, 3).
+        armature, damping, stiffness, rest: Of the joints, of shape (n′,).
+    """
+
+    stack: ChainStack
+    weights: Affine
+    fall: Array
+    armature: Array
+    damping: Array
+    stiffness: Array
+    rest: Array
+
+
+def masses_of(mechanism: Mechanism, problem: Problem, gravity: Array) -> Masses:
+    """The masses of a mechanism whose joints turn about or slide along one axis each.
+
+    Raises:
+        UnsupportedMechanismError: A joint of another kind, or a closure that keeps a distance.
+    """
+    plural = next((joint for joint in mechanism.tree.joints if joint.kind.nv != 1), None)
+    if plural is not None:
+        raise UnsupportedMechanismError(
+            f"{mechanism.name}: the {plural.kind.name} joint '{plural.name}' has several freedoms, whose error has no "
+            "size that does not depend on a chart; describe it as joints about one axis each"
+        )
+    if problem.system.rods:
+        raise UnsupportedMechanismError(
+            f"{mechanism.name}: a closure that keeps a distance is certified as a rod, which the law does not compute "
+            "with; describe it as a link on joints"
+        )
+    chains, weights, doubts, falls = [], [], [], []
+    elementary, model, joints = elementary_joints(mechanism, problem.system.chart), mechanism.tree.model, mechanism.joints
+    for number, inertia in enumerate(model.inertias):
+        path = steps_along(elementary, list(model.supports[number])[1:]) if number else []
+        if inertia.mass and path:
+            chains.append(chain_of(path, np.asarray(inertia.lever), False, np.zeros((1, 3))))
+            weights, doubts, falls = [*weights, inertia.mass], [*doubts, 0.0], [*falls, gravity]
+        if any(not step.prismatic for step in path):
+            about = np.asarray(inertia.inertia)
+            moments, axes = np.linalg.eigh(0.5 * np.trace(about) * np.eye(3) - about)
+            chains += [chain_of(path, axis, True, np.zeros((1, 3))) for axis in axes.T]
+            weights += list(moments)
+            doubts, falls = [*doubts, *3 * [_DATA * np.abs(moments).max()]], [*falls, *3 * [np.zeros(3)]]
+    return Masses(
+        stack=stack_chains(tuple(chains), problem.system.n_free, 1),
+        weights=Affine(np.array(weights), np.zeros((0, len(weights))), np.array(doubts)),
+        fall=np.array(falls).reshape(-1, 3),
+        armature=joints.armature,
+        damping=joints.damping,
+        stiffness=joints.stiffness,
+        rest=joints.spring_reference,
+    )
+
+
+class _Tips(NamedTuple):
+    """First, second and third derivatives of the tips over B sets of θ.
+
+    Attributes:
+        first: x_i, of shape (B, C, k, 3).
+        second: x_ij, of shape (B, C, k, k, 3).
+        third: x_ijk, of shape (B, C, k, k, k, 3).
+    """
+
+    first: Affine
+    second: Affine
+    third: Affine
+
+
+def _tips(stack: ChainStack, theta: Affine) -> _Tips:
+    """Sweep all chains over sets of θ; arms are added up from the tip, so that what an origin shares cancels."""
+    angles = _gathered(stack, theta)
+    sine, versine = sine_versine(angles * stack.turning)
+    slides, crosses = angles * stack.sliding, skew(stack.axes)
+    count, chains, k = angles.mid.shape
+    turn = affine(np.broadcast_to(np.eye(3), (count, chains, 3, 3)))
+    axes, hops = list[Affine](), list[Affine]()
+    for j in range(k):
+        hops.append(product("bcxy,cy->bcx", turn, stack.translations[:, j]))
+        turn = product("bcxy,cyz->bcxz", turn, stack.rotations[:, j])
+        axes.append(product("bcxy,cy->bcx", turn, stack.axes[:, j]))
+        turned = product("bcxy,cyz->bcxz", turn, crosses[:, j])
+        twice = product("bcxy,cyz->bcxz", turned, crosses[:, j])
+        turn = turn + product("bc,bcxy->bcxy", sine[:, :, j], turned) + product("bc,bcxy->bcxy", versine[:, :, j], twice)
+    arm = product("bcxy,cy->bcx", turn, stack.tips)
+    first = list[Affine]()
+    for j in reversed(range(k)):
+        arm = arm + product("c,bcx->bcx", stack.points, product("bc,bcx->bcx", slides[:, :, j], axes[j]))
+        ahead = product("c,bcx->bcx", stack.turning[:, j], cross(axes[j], arm))
+        first.insert(0, ahead + product("c,bcx->bcx", stack.sliding[:, j] * stack.points, axes[j]))
+        arm = arm + product("c,bcx->bcx", stack.points, hops[j])
+    return _derived(stacked(axes, 2), stacked(first, 2), stack)
+
+
+def _derived(axes: Affine, first: Affine, stack: ChainStack) -> _Tips:
+    turning = product("ck,bckx->bckx", stack.turning, axes)
+    k = stack.joints.shape[1]
+    upper, lower = np.sort(np.indices((k, k)), axis=0)
+    second = cross(turning[:, :, upper], first[:, :, lower])
+    top, middle, deepest = np.sort(np.indices((k, k, k)), axis=0)
+    return _Tips(first, second, cross(turning[:, :, top], second[:, :, middle, deepest]))
+
+
+def _gathered(stack: ChainStack, values: Affine) -> Affine:
+    """Values (B, n′) by chain and joint, of shape (B, C, k), zero where padded."""
+    pad = ((0, 0), (0, 1))
+    lin = np.pad(values.lin, ((0, 0), *pad))
+    return Affine(np.pad(values.mid, pad), lin, np.pad(values.rad, pad))[:, stack.joints]
+
+
+class Motion(NamedTuple):
+    """What a law is asked for at B sets of states, as affine forms.
+
+    Attributes:
+        v: The velocity that C is taken at, of shape (B, n).
+        w: What C and the dampers multiply, of shape (B, n): v itself for computed torque, q̇_d for PD+.
+        a: What D multiplies, of shape (B, n).
+    """
+
+    v: Affine
+    w: Affine
+    a: Affine
+
+
+class Reduced:
+    """The reduced model over B sets of configurations θ, closed or not.
+
+    Where φ_y is not proved regular on a set, all that follows is NaN there.
+
+    Args:
+        problem: The closures.
+        masses: The masses.
+        theta: The sets, of shape (B, n′).
+
+    Attributes:
+        grip: φ_y, to solve systems with.
+        rho: ρ, of shape (B, n′, n).
+    """
+
+    def __init__(self, problem: Problem, masses: Masses, theta: Affine) -> None:
+        self.system, self.stack, self.masses, self.theta = problem.system, problem.stack, masses, theta
+        self.loops, self.bodies = _tips(problem.stack, theta), _tips(masses.stack, theta)
+        weights = problem.stack.weights
+        slope = _placed(problem.stack, product("cmx,bcix->bcmi", weights, self.loops.first), 1) + self.system.couplings
+        self.bend = _placed(problem.stack, product("cmx,bcijx->bcmij", weights, self.loops.second), 2)
+        self.grip: Inverse = inverse(slope[:, :, self.system.dependent])
+        self.rho = self._whole(-self.grip.solve(slope[:, :, self.system.independent]), np.eye(self.system.n))
+
+    @cached_property
+    def free_inertia(self) -> Affine:
+        """D′, of shape (B, n′, n′)."""
+        return self._pairs(self.bodies.first) + np.diag(self.masses.armature)
+
+    @cached_property
+    def inertia(self) -> Affine:
+        """D = ρᵀD′ρ (23), of shape (B, n, n)."""
+        return product("bpn,bpk->bnk", self.rho, product("bpq,bqk->bpk", self.free_inertia, self.rho))
+
+    @cached_property
+    def damping(self) -> Affine:
+        """ρᵀ diag(b) ρ, of shape (B, n, n)."""
+        return product("bpn,bpk->bnk", self.rho, product("p,bpk->bpk", self.masses.damping, self.rho))
+
+    def coriolis(self, v: Affine) -> Affine:
+        """C = ρᵀC′ρ + ρᵀD′ρ̇ (24) at velocities v (B, n), of shape (B, n, n)."""
+        rates = product("bpn,bn->bp", self.rho, v)
+        turned = product("bcijx,bcj->bcix", self.bodies.second, _gathered(self.masses.stack, rates))
+        bent = product("bmpj,bjn->bmpn", self.bend, self.rho)
+        rho_dot = self._whole(-self.grip.solve(product("bmpn,bp->bmn", bent, rates)), np.zeros((1, self.system.n)))
+        free = product("bpq,bqn->bpn", self._pairs(turned), self.rho)
+        free = free + product("bpq,bqn->bpn", self.free_inertia, rho_dot)
+        return product("bpn,bpk->bnk", self.rho, free)
+
+    def force_slope(self, motion: Motion) -> Affine:
+        """∂τ/∂y of τ(q, y; v, w, a), of shape (B, n, m)."""
+        dependent = self.system.dependent
+        turns, moved, sped = (product("bpn,bn->bp", self.rho, x) for x in motion)
+        rho_y = self._rho_slope()
+        turns_y, moved_y, sped_y = (product("bpln,bn->bpl", rho_y, x) for x in motion)
+        bent = product("bmpq,bq->bmp", self.bend, moved)
+        along = product("bmpq,bp->bmq", self.bend, turns)
+        second = self._whole(-self.grip.solve(product("bmp,bp->bm", bent, turns)[:, :, None]), np.zeros((1, 1)))
+        sped = sped + second[:, :, 0]
+        right = product("bmpq,bp->bmq", self.bend, second[:, :, 0])[:, :, dependent] + self._third(turns, moved)
+        right = right + product("bmp,bpl->bml", bent, turns_y) + product("bmq,bql->bml", along, moved_y)
+        sped_y = sped_y + self._whole(-self.grip.solve(right), np.zeros((1, len(dependent))))
+        free = _FreeForce(self, turns, moved, sped)
+        inner = free.by_theta[:, :, dependent] + product("bpq,bql->bpl", free.by_turns, turns_y)
+        inner = inner + product("bpq,bql->bpl", free.by_moved, moved_y)
+        inner = inner + product("bpq,bql->bpl", self.free_inertia, sped_y)
+        return product("bpln,bp->bnl", rho_y, free.value) + product("bpn,bpl->bnl", self.rho, inner)
+
+    def newton_slope(self) -> Affine:
+        """φ_y⁻¹φ_yy, by which a Newton step's error grows with the square of that before it, of shape (B, m, m, m)."""
+        m, dependent = self.system.m, self.system.dependent
+        bend = self.bend[:, :, dependent][:, :, :, dependent]
+        count = len(bend.mid)
+        return self.grip.solve(bend.reshape(count, m, m * m)).reshape(count, m, m, m)
+
+    def _rho_slope(self) -> Affine:
+        """∂ρ/∂y_l, of shape (B, n′, m, n)."""
+        system = self.system
+        bent = product("bmlq,bqn->bmln", self.bend[:, :, system.dependent], self.rho)
+        solved = self.grip.solve(bent.reshape(len(bent.mid), system.m, system.m * system.n))
+        whole = self._whole(-solved, np.zeros((1, system.m * system.n)))
+        return whole.reshape(len(bent.mid), system.n_free, system.m, system.n)
+
+    def _third(self, turns: Affine, moved: Affine) -> Affine:
+        """∂/∂y_l of φ_q′q′(V, W) at constant V and W, of shape (B, m, m)."""
+        across = product("bclijx,bcj->bclix", self.loops.third, _gathered(self.stack, moved))
+        tips = product("bclix,bci->bclx", across, _gathered(self.stack, turns))
+        return _placed(self.stack, product("cmx,bclx->bcml", self.stack.weights, tips), 1)[:, :, self.system.dependent]
+
+    def _pairs(self, other: Affine) -> Affine:
+        """Σ_c w_c x_i·y_cj in θ, for y (B, C, k, 3), of shape (B, n′, n′)."""
+        weighed = product("c,bcix->bcix", self.masses.weights, self.bodies.first)
+        return _placed(self.masses.stack, product("bcix,bcjx->bcij", weighed, other), 2)
+
+    def _whole(self, dependent: Affine, independent: Array) -> Affine:
+        """Rows of the dependent and of the independent coordinates in their places, of shape (B, n′, ·)."""
+        shape = (len(dependent.mid), self.system.n_free, dependent.mid.shape[2])
+        mid, rad, lin = np.zeros(shape), np.zeros(shape), np.zeros((len(dependent.lin), *shape))
+        mid[:, self.system.dependent], rad[:, self.system.dependent] = dependent.mid, dependent.rad
+        lin[:, :, self.system.dependent] = dependent.lin
+        mid[:, self.system.independent] = independent
+        return Affine(mid, lin, rad)
+
+
+class _FreeForce:
+    """f′(θ; V, W, A) and its derivatives by θ, V and W, of shapes (B, n′) and (B, n′, n′)."""
+
+    def __init__(self, at: Reduced, turns: Affine, moved: Affine, sped: Affine) -> None:
+        masses, tips = at.masses, at.bodies
+        stack = masses.stack
+        v, w, a = (_gathered(stack, rates) for rates in (turns, moved, sped))
+        by_w = product("bcijx,bcj->bcix", tips.second, w)
+        speeding = product("bcix,bci->bcx", by_w, v) + product("bcix,bci->bcx", tips.first, a) - masses.fall
+        across = product("bclijx,bcj->bclix", tips.third, w)
+        rising = product("bclix,bci->bclx", across, v) + product("bcljx,bcj->bclx", tips.second, a)
+        pull = product("c,bcx->bcx", masses.weights, speeding)
+        value = _placed(stack, product("bcix,bcx->bci", tips.first, pull), 1)
+        value = value + product("p,bp->bp", masses.armature, sped) + product("p,bp->bp", masses.damping, moved)
+        self.value = value + product("p,bp->bp", masses.stiffness, at.theta - masses.rest)
+        turned = _placed(stack, product("bcilx,bcx->bcil", tips.second, pull), 2)
+        self.by_theta = turned + at._pairs(rising) + np.diag(masses.stiffness)
+        self.by_turns = at._pairs(by_w)
+        self.by_moved = at._pairs(product("bcijx,bcj->bcix", tips.second, v)) + np.diag(masses.damping)
+
+
+def _placed(stack: ChainStack, local: Affine, rank: int) -> Affine:
+    """The sum over chains of arrays (B, C, …, k [, k]) over their joints, as one over θ, of shape (B, …, n′ [, n′])."""
+    size, count = stack.placement.shape[1] + 1, local.mid.shape[1]
+    shape = (len(local.mid), *local.mid.shape[2 : local.mid.ndim - rank], *rank * (size,))
+    mid, rad, sizes, lin = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros((len(local.lin), *shape))
+    swing = np.abs(local.mid) + np.abs(local.lin).sum(axis=0)
+    for c in range(count):
+        joints = stack.joints[c]
+        place = (..., joints) if rank == 1 else (..., joints[:, None], joints)
+        mid[place] += local.mid[:, c]
+        lin[place] += local.lin[:, :, c]
+        rad[place] += local.rad[:, c]
+        sizes[place] += swing[:, c]
+    kept = (..., *rank * (slice(-1),))
+    return Affine(mid[kept], lin[kept], (rad + 4.0 * (count + 1) * UNIT_ROUNDOFF * sizes)[kept] * SLACK)
