@@ -79,6 +79,10 @@ class Affine:
 
     __rmul__ = __mul__
 
+    def transposed(self) -> Affine:
+        """The last two axes exchanged."""
+        return Affine(*(np.swapaxes(part, -1, -2) for part in (self.mid, self.lin, self.rad)))
+
     def reshape(self, *shape: int) -> Affine:
         """The same numbers in another shape, all of whose entries are given."""
         return Affine(self.mid.reshape(shape), self.lin.reshape(len(self.lin), *shape), self.rad.reshape(shape))
@@ -109,6 +113,11 @@ def stacked(parts: Sequence[Affine], axis: int) -> Affine:
     count = max(len(part.lin) for part in parts)
     lin = np.stack([np.broadcast_to(p.lin if len(p.lin) else 0.0, (count, *p.mid.shape)) for p in parts], axis=axis + 1)
     return Affine(np.stack([p.mid for p in parts], axis=axis), lin, np.stack([p.rad for p in parts], axis=axis))
+
+
+def joined(parts: Sequence[Affine], axis: int) -> Affine:
+    """Forms with equally many parameters one behind the other along an axis, counted from the last (−1, −2, …)."""
+    return Affine(*(np.concatenate(x, axis=axis) for x in zip(*((p.mid, p.lin, p.rad) for p in parts), strict=True)))
 
 
 def product(subscripts: str, first: Operand, second: Operand) -> Affine:
@@ -170,7 +179,7 @@ class Inverse(NamedTuple):
         lin = self.approximate @ _sum(right.lin, -(self.matrix.lin @ mid), right.mid.shape)
         near = Affine(mid, lin, np.zeros_like(mid))
         size = product("bij,bjk->bik", self.approximate, right - product("bij,bjk->bik", self.matrix, near)).magnitude
-        bound = inverses(np.eye(self.defect.shape[1]) - self.defect) @ size * _ROOMIER + _TINY
+        bound = inverses(np.eye(self.defect.shape[1]) - self.defect) @ (size + _TINY) * _ROOMIER
         with np.errstate(invalid="ignore"):
             held = self.regular & np.all((size + self.defect @ bound) * SLACK <= bound, axis=(1, 2))
         return Affine(mid, lin, np.where(held[:, None, None], bound, np.nan))

@@ -84,9 +84,10 @@ def masses_of(mechanism: Mechanism, problem: Problem, gravity: Array) -> Masses:
         if any(not step.prismatic for step in path):
             about = np.asarray(inertia.inertia)
             moments, axes = np.linalg.eigh(0.5 * np.trace(about) * np.eye(3) - about)
-            chains += [chain_of(path, axis, True, np.zeros((1, 3))) for axis in axes.T]
-            weights += list(moments)
-            doubts, falls = [*doubts, *3 * [_DATA * np.abs(moments).max()]], [*falls, *3 * [np.zeros(3)]]
+            if np.any(about):
+                chains += [chain_of(path, axis, True, np.zeros((1, 3))) for axis in axes.T]
+                weights += list(moments)
+                doubts, falls = [*doubts, *3 * [_DATA * np.abs(moments).max()]], [*falls, *3 * [np.zeros(3)]]
     return Masses(
         stack=stack_chains(tuple(chains), problem.system.n_free, 1),
         weights=Affine(np.array(weights), np.zeros((0, len(weights))), np.array(doubts)),
