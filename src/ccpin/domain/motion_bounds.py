@@ -15,8 +15,8 @@ of chains (points c with mass m, directions u_i with s_i), x_ij = ∂²x/∂θ_i
 
     f′_i = Σ_c w_c x_i·(ẍ − γ) + armature A_i + damping W_i + stiffness (θ_i − θ₀_i),        ẍ = x_jk V_j W_k + x_j A_j,
 
-exactly, whatever the joints: x_i·x_jk are the Christoffel symbols. For joints i ≤ j ≤ k of a chain with axes a and
-x_k = b_k: x_ij = a_i × b_j, x_ijk = a_i × (a_j × b_k) (`chains`). Everything is evaluated in affine forms (`affine`).
+exactly, whatever the joints: x_i·x_jk are the Christoffel symbols. For joints i ≤ j of a chain with axes a and
+x_j = b_j: x_ij = a_i × b_j (`chains`). Everything is evaluated in affine forms (`affine`).
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, skew
-from ccpin.domain.affine import Affine, Inverse, affine, cross, inverse, product, sine_versine, stacked
+from ccpin.domain.affine import Affine, Inverse, affine, cross, inverse, product, sine_versine, stacked, summed
 from ccpin.domain.boxes import SLACK, Problem
 from ccpin.domain.chain_stack import ChainStack, stack_chains
 from ccpin.domain.chains import UNIT_ROUNDOFF, chain_of, steps_along
@@ -100,17 +100,38 @@ def masses_of(mechanism: Mechanism, problem: Problem, gravity: Array) -> Masses:
 
 
 class _Tips(NamedTuple):
-    """First, second and third derivatives of the tips over B sets of θ.
+    """Derivatives of the tips over B sets of θ.
 
     Attributes:
+        stack: The chains.
+        turning: a_i, zero of slides, of shape (B, C, k, 3).
         first: x_i, of shape (B, C, k, 3).
         second: x_ij, of shape (B, C, k, k, 3).
-        third: x_ijk, of shape (B, C, k, k, k, 3).
     """
 
+    stack: ChainStack
+    turning: Affine
     first: Affine
     second: Affine
-    third: Affine
+
+    def third_along(self, v: Affine, w: Affine) -> Affine:
+        """x_lij v_i w_j for v and w (B, C, k), of shape (B, C, k, 3).
+
+        The derivative by θ_l of Σ_j (Σ_{i≤j} v_i a_i) × w_j x_j + (Σ_{i<j} w_i a_i) × v_j x_j, in which
+        ∂a_i/∂θ_l = a_l × a_i for l < i and ∂x_j/∂θ_l = x_lj.
+        """
+        k = self.stack.joints.shape[1]
+        deeper, before = np.triu(np.ones((k, k)), 1), np.triu(np.ones((k, k)), 0)
+        swung = product("li,bclix->bclix", deeper, cross(self.turning[:, :, :, None], self.turning[:, :, None]))
+        total = None
+        for upper, lower, sums in ((v, w, before), (w, v, deeper)):
+            rate = product("ij,bcix->bcjx", sums, product("bci,bcix->bcix", upper, self.turning))
+            rate_l = product("ij,bclix->bcljx", sums, product("bci,bclix->bclix", upper, swung))
+            arm, arm_l = product("bcj,bcjx->bcjx", lower, self.first), product("bcj,bcljx->bcljx", lower, self.second)
+            part = summed(cross(rate_l, arm[:, :, None]) + cross(rate[:, :, None], arm_l), 3)
+            total = part if total is None else total + part
+        assert total is not None
+        return total
 
 
 def _tips(stack: ChainStack, theta: Affine) -> _Tips:
@@ -135,23 +156,16 @@ def _tips(stack: ChainStack, theta: Affine) -> _Tips:
         ahead = product("c,bcx->bcx", stack.turning[:, j], cross(axes[j], arm))
         first.insert(0, ahead + product("c,bcx->bcx", stack.sliding[:, j] * stack.points, axes[j]))
         arm = arm + product("c,bcx->bcx", stack.points, hops[j])
-    return _derived(stacked(axes, 2), stacked(first, 2), stack)
-
-
-def _derived(axes: Affine, first: Affine, stack: ChainStack) -> _Tips:
-    turning = product("ck,bckx->bckx", stack.turning, axes)
-    k = stack.joints.shape[1]
+    arms, turning = stacked(first, 2), product("ck,bckx->bckx", stack.turning, stacked(axes, 2))
     upper, lower = np.sort(np.indices((k, k)), axis=0)
-    second = cross(turning[:, :, upper], first[:, :, lower])
-    top, middle, deepest = np.sort(np.indices((k, k, k)), axis=0)
-    return _Tips(first, second, cross(turning[:, :, top], second[:, :, middle, deepest]))
+    return _Tips(stack, turning, arms, cross(turning[:, :, upper], arms[:, :, lower]))
 
 
 def _gathered(stack: ChainStack, values: Affine) -> Affine:
     """Values (B, n′) by chain and joint, of shape (B, C, k), zero where padded."""
     pad = ((0, 0), (0, 1))
     lin = np.pad(values.lin, ((0, 0), *pad))
-    return Affine(np.pad(values.mid, pad), lin, np.pad(values.rad, pad))[:, stack.joints]
+    return Affine(np.pad(values.mid, pad), lin, np.pad(values.rad, pad), values.boxed)[:, stack.joints]
 
 
 class Motion(NamedTuple):
@@ -253,8 +267,7 @@ class Reduced:
 
     def _third(self, turns: Affine, moved: Affine) -> Affine:
         """∂/∂y_l of φ_q′q′(V, W) at constant V and W, of shape (B, m, m)."""
-        across = product("bclijx,bcj->bclix", self.loops.third, _gathered(self.stack, moved))
-        tips = product("bclix,bci->bclx", across, _gathered(self.stack, turns))
+        tips = self.loops.third_along(_gathered(self.stack, turns), _gathered(self.stack, moved))
         return _placed(self.stack, product("cmx,bclx->bcml", self.stack.weights, tips), 1)[:, :, self.system.dependent]
 
     def _pairs(self, other: Affine) -> Affine:
@@ -269,7 +282,7 @@ class Reduced:
         mid[:, self.system.dependent], rad[:, self.system.dependent] = dependent.mid, dependent.rad
         lin[:, :, self.system.dependent] = dependent.lin
         mid[:, self.system.independent] = independent
-        return Affine(mid, lin, rad)
+        return Affine(mid, lin, rad, dependent.boxed)
 
 
 class _FreeForce:
@@ -281,8 +294,7 @@ class _FreeForce:
         v, w, a = (_gathered(stack, rates) for rates in (turns, moved, sped))
         by_w = product("bcijx,bcj->bcix", tips.second, w)
         speeding = product("bcix,bci->bcx", by_w, v) + product("bcix,bci->bcx", tips.first, a) - masses.fall
-        across = product("bclijx,bcj->bclix", tips.third, w)
-        rising = product("bclix,bci->bclx", across, v) + product("bcljx,bcj->bclx", tips.second, a)
+        rising = tips.third_along(v, w) + product("bcljx,bcj->bclx", tips.second, a)
         pull = product("c,bcx->bcx", masses.weights, speeding)
         value = _placed(stack, product("bcix,bcx->bci", tips.first, pull), 1)
         value = value + product("p,bp->bp", masses.armature, sped) + product("p,bp->bp", masses.damping, moved)
@@ -307,4 +319,4 @@ def _placed(stack: ChainStack, local: Affine, rank: int) -> Affine:
         rad[place] += local.rad[:, c]
         sizes[place] += swing[:, c]
     kept = (..., *rank * (slice(-1),))
-    return Affine(mid[kept], lin[kept], (rad + 4.0 * (count + 1) * UNIT_ROUNDOFF * sizes)[kept] * SLACK)
+    return Affine(mid[kept], lin[kept], (rad + 4.0 * (count + 1) * UNIT_ROUNDOFF * sizes)[kept] * SLACK, local.boxed)

@@ -5,7 +5,7 @@ the dependent coordinates is off by
 
     Δτ = τ(σ(q) + δ; v, w, a) − τ(σ(q); v, w, a) = ∫₀¹ ∂τ/∂y(σ(q) + hδ; v, w, a) dh δ = Gδ,
 
-the mean of the slopes over a segment, which is in every convex set that holds them. Computed torque: v = w = q̇,
+the mean of the slopes over a segment: as an affine form of δ it is the slope's with half of δ's part. Computed torque: v = w = q̇,
 a = q̈_d + K_v ė + K_p e, and the deviation is Δ = D⁻¹(Δτ − f); PD+: v = q̇, w = q̇_d, a = q̈_d and Δ = Δτ − f, with
 f the generalized force of what the model does not have, |f_i| ≤ f̄_i.
 """
@@ -46,9 +46,10 @@ class Deviation(NamedTuple):
         scaled = self.slope * (1.0 / scale)[:, None]
         stretch = np.full(len(self.push), np.nan)
         usable = np.isfinite(scaled.magnitude).all(axis=(1, 2))
-        middle = scaled.mid[usable], np.moveaxis(scaled.lin, 1, 0)[usable]
-        stretch[usable] = np.linalg.norm(middle[0], ord=2, axis=(1, 2))
-        stretch[usable] += np.linalg.norm(middle[1], ord=2, axis=(2, 3)).sum(axis=1)
+        lengths = np.linalg.norm(scaled.lin[:, usable], ord=2, axis=(2, 3))
+        stretch[usable] = np.linalg.norm(scaled.mid[usable], ord=2, axis=(1, 2))
+        stretch[usable] += lengths[: scaled.boxed].sum(axis=0)
+        stretch[usable] += 0.5 * np.linalg.norm(lengths[scaled.boxed :], axis=0)
         stretch += np.linalg.norm(scaled.rad, axis=(1, 2))
         return np.asarray((sigma_error * stretch + np.linalg.norm(self.push @ disturbance / scale, axis=1)) * SLACK)
 
@@ -67,8 +68,8 @@ def deviation_of(law: TrackingLaw, tube: Tube, states: States, sigma_error: floa
 
 def _part(law: TrackingLaw, tube: Tube, states: States, sigma_error: float) -> Deviation:
     closed = Reduced(tube.problem, tube.masses, states.theta)
-    off = Reduced(tube.problem, tube.masses, _thickened(tube, states.theta, sigma_error))
-    slope = off.force_slope(_motion(law, states))
+    around = _thickened(tube, states, sigma_error)
+    slope = Reduced(tube.problem, tube.masses, around.theta).force_slope(_motion(law, around))
     count, n = states.e.mid.shape
     identity = Affine(*(np.zeros(shape) for shape in ((count, n, n), (0, count, n, n), (count, n, n))))
     identity.mid[:] = np.eye(n)
@@ -86,8 +87,12 @@ def _motion(law: TrackingLaw, states: States) -> Motion:
     return Motion(states.v, states.v, states.a_d + feedback)
 
 
-def _thickened(tube: Tube, theta: Affine, sigma_error: float) -> Affine:
-    """All θ + δ, δ in the dependent coordinates."""
-    rad = theta.rad.copy()
-    rad[:, tube.problem.system.dependent] += sigma_error
-    return Affine(theta.mid, theta.lin, rad * SLACK)
+def _thickened(tube: Tube, states: States, sigma_error: float) -> States:
+    """The same cells with θ + δ: δ, in the dependent coordinates, adds its m entries to the parameters."""
+    m, dependent = tube.problem.system.m, tube.problem.system.dependent
+    wider = []
+    for form in states:
+        lin = np.concatenate([form.lin, np.zeros((m, *form.mid.shape))])
+        wider.append(Affine(form.mid, lin, form.rad, form.boxed))
+    wider[0].lin[-m + np.arange(m), :, dependent] = sigma_error
+    return States(*wider)

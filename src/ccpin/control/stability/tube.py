@@ -96,7 +96,7 @@ class Tube(NamedTuple):
         rad[:, system.dependent] += np.einsum("kij,kj->ki", np.abs(boxes.modes), boxes.radius)
         e, e_dot = _errors(room, 1), _errors(speed_room, 1 + n)
         v_d, a_d = _chord_form(self.motion[1], 1 + 2 * n), _chord_form(self.motion[2], 1 + 2 * n)
-        theta = Affine(self.centre, lin, rad * (1.0 + _WIDEN))
+        theta = Affine(self.centre, lin, rad * (1.0 + _WIDEN), 1 + 2 * n)
         return States(theta, e, e_dot, v_d - e_dot, v_d, a_d), proved
 
 
@@ -158,7 +158,7 @@ def _errors(room: Array, first: int) -> Affine:
     count, n = room.shape
     lin = np.zeros((1 + 2 * n, count, n))
     lin[first + np.arange(n), :, np.arange(n)] = room.T
-    return Affine(np.zeros((count, n)), lin, np.zeros((count, n)))
+    return Affine(np.zeros((count, n)), lin, np.zeros((count, n)), 1 + 2 * n)
 
 
 def _chord_form(chord: Chord, parameters: int) -> Affine:
@@ -166,4 +166,4 @@ def _chord_form(chord: Chord, parameters: int) -> Affine:
     lin = np.zeros((parameters, *chord.start.shape))
     lin[0] = 0.5 * (chord.end - chord.start)
     mid = 0.5 * (chord.start + chord.end)
-    return Affine(mid, lin, chord.deviation + _WIDEN * (1.0 + np.abs(mid)))
+    return Affine(mid, lin, chord.deviation + _WIDEN * (1.0 + np.abs(mid)), parameters)
