@@ -55,6 +55,10 @@ class States(NamedTuple):
         """Some of the cells."""
         return States(*(form[rows] for form in self))
 
+    def middles(self) -> States:
+        """The cells' middles alone, as if they were exact: what plans are made from."""
+        return States(*(Affine(form.mid, form.lin[:0], 0.0 * form.rad) for form in self))
+
 
 class Tube(NamedTuple):
     """A reference's cells.
