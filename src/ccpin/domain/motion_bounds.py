@@ -250,13 +250,6 @@ class Reduced:
         inner = inner + product("bpq,bql->bpl", self.free_inertia, sped_y)
         return product("bpln,bp->bnl", rho_y, free.value) + product("bpn,bpl->bnl", self.rho, inner)
 
-    def newton_slope(self) -> Affine:
-        """φ_y⁻¹φ_yy, by which a Newton step's error grows with the square of that before it, of shape (B, m, m, m)."""
-        m, dependent = self.system.m, self.system.dependent
-        bend = self.bend[:, :, dependent][:, :, :, dependent]
-        count = len(bend.mid)
-        return self.grip.solve(bend.reshape(count, m, m * m)).reshape(count, m, m, m)
-
     def _rho_slope(self) -> Affine:
         """∂ρ/∂y_l, of shape (B, n′, m, n)."""
         system = self.system

@@ -68,7 +68,7 @@ def deviation_of(law: TrackingLaw, tube: Tube, states: States, sigma_error: floa
 
 def _part(law: TrackingLaw, tube: Tube, states: States, sigma_error: float) -> Deviation:
     closed = Reduced(tube.problem, tube.masses, states.theta)
-    around = _thickened(tube, states, sigma_error)
+    around = thickened(tube, states, sigma_error)
     slope = Reduced(tube.problem, tube.masses, around.theta).force_slope(_motion(law, around))
     count, n = states.e.mid.shape
     identity = Affine(*(np.zeros(shape) for shape in ((count, n, n), (0, count, n, n), (count, n, n))))
@@ -87,7 +87,7 @@ def _motion(law: TrackingLaw, states: States) -> Motion:
     return Motion(states.v, states.v, states.a_d + feedback)
 
 
-def _thickened(tube: Tube, states: States, sigma_error: float) -> States:
+def thickened(tube: Tube, states: States, sigma_error: float) -> States:
     """The same cells with θ + δ: δ, in the dependent coordinates, adds its m entries to the parameters."""
     m, dependent = tube.problem.system.m, tube.problem.system.dependent
     wider = []

@@ -27,8 +27,8 @@ motion does not end (its right-hand side is smooth in the state and measurable i
 
 δ may depend on the state, the past, on chance; nothing is supposed of how it comes about. What is not covered: that u is
 held between samples (the loop sampled at 1 kHz has an error of its own, `scripts/tracking_degradation.py` shows it),
-errors of e and ė themselves, limits of the motors. For a σ found by Newton steps see `TrackingCertificate.tolerance`
-and `TrackingCertificate.newton_steps`.
+errors of e and ė themselves, limits of the motors. What a σ found on line needs so as to be within ε at the samples,
+`TrackingCertificate.on_line` tells.
 
 What is rigorous: every number of 1–3 is a bound, from affine forms with rounding margins over boxes of Theorem K.
 Gains, masses and the reference's coefficients are taken as the floating-point numbers they are.
@@ -44,6 +44,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, numbers, positive, whole
 from ccpin.control.stability.deviation import Deviation, deviation_of
+from ccpin.control.stability.on_line import OnlineDemand, online_demand
 from ccpin.control.stability.storage import Plan, gain, plan_for, storage_of, widths
 from ccpin.control.stability.tube import Tube, tube_of
 from ccpin.control.tracking import ComputedTorque, PDPlus, TrackingLaw
@@ -52,9 +53,10 @@ from ccpin.domain.verdict import Verdict
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 
 _ROUNDS = 10
-_FIRST, _MORE = 1.7, 1.3
+_FIRST, _MORE = 2.2, 1.3
 _ROOM = 1.0 + 1e-6
 _PLANNED = 48
+_LEAST, _MIDDLE, _STRIDE, _NEAR = 1e-9, 1e-3, 4.0, 1.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +93,31 @@ class TrackingCertificate:
     unit: Array
     start: float
     _tube: Tube = field(repr=False)
+    _room: Array = field(repr=False)
 
     @property
     def error(self) -> Array:
         """A bound of |e_i(t)| for all t ≥ 0, of shape (n,); infinite where nothing is proved."""
         return np.asarray(self.errors.max(axis=0))
+
+    def on_line(self, period: float) -> OnlineDemand:
+        """The Newton steps, or the residual, that keep σ within ε at every sample of a loop of that period.
+
+        It holds as long as the motion keeps to the certificate's bounds, which sampling itself may break.
+
+        Args:
+            period: s.
+
+        Raises:
+            InvalidInputError: Nothing is proved, or the period is not positive.
+            ConvergenceError: Newton's convergence from one sample to the next is not guaranteed.
+        """
+        period = positive(period, "period", "a positive number of seconds")
+        if self.verdict != "proven":
+            raise InvalidInputError(f"there is no proved motion to sample: {self.reason}")
+        n = len(self.disturbance)
+        states, _ = self._tube.states(self._room[:, :n], self._room[:, n:])
+        return online_demand(self._tube, states, self.sigma_error, period)
 
 
 def certify_tracking(
@@ -126,10 +148,36 @@ def certify_tracking(
     """
     _check(law)
     sigma_error, cells = positive(sigma_error, "sigma_error", "a positive number (rad, m)"), whole(cells, "cells")
-    given = {"disturbance": disturbance, "initial_error": initial_error, "initial_speed": initial_speed}
-    push, *start = (_bound(value, name, law.model.n) for name, value in given.items())
-    tube = tube_of(law, cells)
-    return _Search(law, tube, sigma_error, push, np.concatenate(start)).certificate()
+    push, start = _given(law, disturbance, initial_error, initial_speed)
+    return _Search(law, tube_of(law, cells), sigma_error, push, start).certificate()
+
+
+def largest_sigma_error(
+    law: TrackingLaw,
+    *,
+    disturbance: ArrayLike = 0.0,
+    initial_error: ArrayLike = 0.0,
+    initial_speed: ArrayLike = 0.0,
+    cells: int = 128,
+) -> TrackingCertificate:
+    """The certificate of the largest ε that is proved, to a tenth of it, between 1e-9 and 1.
+
+    Args and errors as for `certify_tracking`. Where none is proved, the undecided certificate of the smallest tried.
+    """
+    _check(law)
+    push, start = _given(law, disturbance, initial_error, initial_speed)
+    tube = tube_of(law, whole(cells, "cells"))
+    low, high, best = 0.0, np.inf, None
+    trial = _MIDDLE
+    while high > _NEAR * low and _LEAST <= trial <= 1.0:
+        found = _Search(law, tube, trial, push, start).certificate()
+        if found.verdict == "proven":
+            low, best = trial, found
+        else:
+            high, best = trial, best or found
+        trial = low * _STRIDE if np.isinf(high) else high / _STRIDE if low == 0.0 else float(np.sqrt(low * high))
+    assert best is not None
+    return best
 
 
 class _Levels(NamedTuple):
@@ -182,7 +230,7 @@ class _Search:
             if reason is not None:
                 return self._undecided(reason)
             if np.all(levels.reached * _ROOM < levels.allowed):
-                return self._proven(levels)
+                return self._proven(levels, room)
             room = np.maximum(room, np.sqrt(levels.reached)[:, None] * levels.widths) * _MORE
         return self._undecided(
             f"after {_ROUNDS} rounds the bound still grows: the larger the error, the more a σ off by "
@@ -228,7 +276,7 @@ class _Search:
         q = self.tube.motion[0].start[k]
         return f"{what}, at t = {self.tube.times[k]:.6g} s, q_d = {q.tolist()}: {more} would do more"
 
-    def _proven(self, levels: _Levels) -> TrackingCertificate:
+    def _proven(self, levels: _Levels, room: Array) -> TrackingCertificate:
         assert self.plan is not None
         n = len(self.push)
         bound = np.sqrt(levels.reached)[:, None] * levels.widths * SLACK
@@ -241,12 +289,14 @@ class _Search:
             (bound[:, :n], bound[:, n:], ultimate),
             (self.plan.decay, float(np.sqrt(levels.sources.max()) / self.sigma_error), levels.start),
             levels.widths.max(axis=0),
+            room,
         )
 
     def _undecided(self, reason: str) -> TrackingCertificate:
         count, n = self.tube.motion[0].start.shape
-        open_end = np.full((count, n), np.inf)
-        return self._result("undecided", reason, (open_end, open_end, open_end[0]), (0.0, np.inf, np.inf), np.full(2 * n, np.inf))
+        open_end, unit = np.full((count, n), np.inf), np.full(2 * n, np.inf)
+        bounds, constants = (open_end, open_end, open_end[0]), (0.0, np.inf, np.inf)
+        return self._result("undecided", reason, bounds, constants, unit, np.zeros((count, 2 * n)))
 
     def _result(
         self,
@@ -255,6 +305,7 @@ class _Search:
         bounds: tuple[Array, Array, Array],
         constants: tuple[float, float, float],
         unit: Array,
+        room: Array,
     ) -> TrackingCertificate:
         errors, speeds, ultimate = bounds
         decay, largest, start = constants
@@ -273,6 +324,7 @@ class _Search:
             unit=unit,
             start=start,
             _tube=self.tube,
+            _room=room,
         )
 
 
@@ -284,6 +336,13 @@ def _reached(start: float, sources: Array, decay: float, durations: Array) -> Ar
         reached[k] = max(v, after) * SLACK
         v = after * SLACK
     return reached
+
+
+def _given(law: TrackingLaw, push: ArrayLike, error: ArrayLike, speed: ArrayLike) -> tuple[Array, Array]:
+    """f̄ (n,) and the bounds of (e, ė) at the start (2n,)."""
+    given = {"disturbance": push, "initial_error": error, "initial_speed": speed}
+    bounds = [_bound(value, name, law.model.n) for name, value in given.items()]
+    return bounds[0], np.concatenate(bounds[1:])
 
 
 def _bound(value: ArrayLike, name: str, n: int) -> Array:
