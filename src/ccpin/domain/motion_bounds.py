@@ -21,8 +21,9 @@ x_j = b_j: x_ij = a_i × b_j (`chains`). Everything is evaluated in affine forms
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -30,27 +31,40 @@ from ccpin.arrays import Array, skew
 from ccpin.domain.affine import Affine, Inverse, affine, cross, inverse, product, sine_versine, stacked, summed
 from ccpin.domain.boxes import SLACK, Problem
 from ccpin.domain.chain_stack import ChainStack, stack_chains
-from ccpin.domain.chains import UNIT_ROUNDOFF, chain_of, steps_along
+from ccpin.domain.chains import UNIT_ROUNDOFF, Chain, chain_of, steps_along
 from ccpin.domain.chart import elementary_joints
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
 
+T = TypeVar("T")
 _DATA = 1e-14  # what eigenvalues of a body's second moments may be off by, of the largest
+
+
+class Bodies(NamedTuple):
+    """Tips with mass, of chains of one length.
+
+    Attributes:
+        stack: One chain a centre of mass, and one a principal direction of a body that turns.
+        weights: w_c: masses (kg) and second moments (kg m²), of shape (C,).
+        fall: γ, gravity, for the centres of mass, zero for directions, of shape (C, 3).
+    """
+
+    stack: ChainStack
+    weights: Affine
+    fall: Array
 
 
 class Masses(NamedTuple):
     """The free system's dynamics as chains.
 
     Attributes:
-        stack: One chain a centre of mass, and one a principal direction of a body that turns.
-        weights: w_c: masses (kg) and second moments (kg m²), of shape (C,).
-        fall: γ, gravity, for the centres of mass, zero for directions, of shape (C, 3).
+        bodies: The tips with mass, by their chains' lengths.
+        loops: The closures' chains, alike.
         armature, damping, stiffness, rest: Of the joints, of shape (n′,).
     """
 
-    stack: ChainStack
-    weights: Affine
-    fall: Array
+    bodies: tuple[Bodies, ...]
+    loops: tuple[ChainStack, ...]
     armature: Array
     damping: Array
     stiffness: Array
@@ -74,29 +88,51 @@ def masses_of(mechanism: Mechanism, problem: Problem, gravity: Array) -> Masses:
             f"{mechanism.name}: a closure that keeps a distance is certified as a rod, which the law does not compute "
             "with; describe it as a link on joints"
         )
-    chains, weights, doubts, falls = [], [], [], []
-    elementary, model, joints = elementary_joints(mechanism, problem.system.chart), mechanism.tree.model, mechanism.joints
+    tips = list[_Tip]()
+    elementary, model = elementary_joints(mechanism, problem.system.chart), mechanism.tree.model
     for number, inertia in enumerate(model.inertias):
         path = steps_along(elementary, list(model.supports[number])[1:]) if number else []
         if inertia.mass and path:
-            chains.append(chain_of(path, np.asarray(inertia.lever), False, np.zeros((1, 3))))
-            weights, doubts, falls = [*weights, inertia.mass], [*doubts, 0.0], [*falls, gravity]
-        if any(not step.prismatic for step in path):
+            tips.append(_Tip(chain_of(path, inertia.lever, False, np.zeros((1, 3))), inertia.mass, 0.0, gravity))
+        if np.any(inertia.inertia) and any(not step.prismatic for step in path):
             about = np.asarray(inertia.inertia)
             moments, axes = np.linalg.eigh(0.5 * np.trace(about) * np.eye(3) - about)
-            if np.any(about):
-                chains += [chain_of(path, axis, True, np.zeros((1, 3))) for axis in axes.T]
-                weights += list(moments)
-                doubts, falls = [*doubts, *3 * [_DATA * np.abs(moments).max()]], [*falls, *3 * [np.zeros(3)]]
+            doubt = _DATA * float(np.abs(moments).max())
+            chains = (chain_of(path, axis, True, np.zeros((1, 3))) for axis in axes.T)
+            tips += [_Tip(chain, m, doubt, np.zeros(3)) for chain, m in zip(chains, moments, strict=True)]
+    n_free, joints = problem.system.n_free, mechanism.joints
+    loops = _by_length(problem.system.chains, problem.system.chains)
     return Masses(
-        stack=stack_chains(tuple(chains), problem.system.n_free, 1),
-        weights=Affine(np.array(weights), np.zeros((0, len(weights))), np.array(doubts)),
-        fall=np.array(falls).reshape(-1, 3),
+        bodies=tuple(_bodies(group, n_free) for group in _by_length(tips, [tip.chain for tip in tips])),
+        loops=tuple(stack_chains(tuple(group), n_free, problem.system.m) for group in loops),
         armature=joints.armature,
         damping=joints.damping,
         stiffness=joints.stiffness,
         rest=joints.spring_reference,
     )
+
+
+class _Tip(NamedTuple):
+    """A chain with its weight, what that may be off by, and its gravity."""
+
+    chain: Chain
+    weight: float
+    doubt: float
+    fall: Array
+
+
+def _by_length(items: Sequence[T], chains: Sequence[Chain]) -> list[list[T]]:
+    """Items in groups of chains with equally many joints."""
+    groups: dict[int, list[T]] = {}
+    for item, chain in zip(items, chains, strict=True):
+        groups.setdefault(len(chain.joints), []).append(item)
+    return list(groups.values())
+
+
+def _bodies(tips: list[_Tip], n_free: int) -> Bodies:
+    weights, doubts = np.array([tip.weight for tip in tips]), np.array([tip.doubt for tip in tips])
+    stack = stack_chains(tuple(tip.chain for tip in tips), n_free, 1)
+    return Bodies(stack, Affine(weights, np.zeros((0, len(tips))), doubts), np.array([tip.fall for tip in tips]))
 
 
 class _Tips(NamedTuple):
@@ -198,18 +234,22 @@ class Reduced:
     """
 
     def __init__(self, problem: Problem, masses: Masses, theta: Affine) -> None:
-        self.system, self.stack, self.masses, self.theta = problem.system, problem.stack, masses, theta
-        self.loops, self.bodies = _tips(problem.stack, theta), _tips(masses.stack, theta)
-        weights = problem.stack.weights
-        slope = _placed(problem.stack, product("cmx,bcix->bcmi", weights, self.loops.first), 1) + self.system.couplings
-        self.bend = _placed(problem.stack, product("cmx,bcijx->bcmij", weights, self.loops.second), 2)
+        self.system, self.masses, self.theta = problem.system, masses, theta
+        self.loops = [_tips(stack, theta) for stack in masses.loops]
+        self.bodies = [_tips(bodies.stack, theta) for bodies in masses.bodies]
+        slope = affine(np.tile(self.system.couplings, (len(theta.mid), 1, 1)))
+        self.bend = affine(np.zeros((len(theta.mid), self.system.m, self.system.n_free, self.system.n_free)))
+        for tips in self.loops:
+            weights = tips.stack.weights
+            slope = slope + _placed(tips.stack, product("cmx,bcix->bcmi", weights, tips.first), 1)
+            self.bend = self.bend + _placed(tips.stack, product("cmx,bcijx->bcmij", weights, tips.second), 2)
         self.grip: Inverse = inverse(slope[:, :, self.system.dependent])
         self.rho = self._whole(-self.grip.solve(slope[:, :, self.system.independent]), np.eye(self.system.n))
 
     @cached_property
     def free_inertia(self) -> Affine:
         """D′, of shape (B, n′, n′)."""
-        return self._pairs(self.bodies.first) + np.diag(self.masses.armature)
+        return self.pairs([tips.first for tips in self.bodies]) + np.diag(self.masses.armature)
 
     @cached_property
     def inertia(self) -> Affine:
@@ -224,10 +264,10 @@ class Reduced:
     def coriolis(self, v: Affine) -> Affine:
         """C = ρᵀC′ρ + ρᵀD′ρ̇ (24) at velocities v (B, n), of shape (B, n, n)."""
         rates = product("bpn,bn->bp", self.rho, v)
-        turned = product("bcijx,bcj->bcix", self.bodies.second, _gathered(self.masses.stack, rates))
+        turned = [product("bcijx,bcj->bcix", tips.second, _gathered(tips.stack, rates)) for tips in self.bodies]
         bent = product("bmpj,bjn->bmpn", self.bend, self.rho)
         rho_dot = self._whole(-self.grip.solve(product("bmpn,bp->bmn", bent, rates)), np.zeros((1, self.system.n)))
-        free = product("bpq,bqn->bpn", self._pairs(turned), self.rho)
+        free = product("bpq,bqn->bpn", self.pairs(turned), self.rho)
         free = free + product("bpq,bqn->bpn", self.free_inertia, rho_dot)
         return product("bpn,bpk->bnk", self.rho, free)
 
@@ -260,13 +300,19 @@ class Reduced:
 
     def _third(self, turns: Affine, moved: Affine) -> Affine:
         """∂/∂y_l of φ_q′q′(V, W) at constant V and W, of shape (B, m, m)."""
-        tips = self.loops.third_along(_gathered(self.stack, turns), _gathered(self.stack, moved))
-        return _placed(self.stack, product("cmx,bclx->bcml", self.stack.weights, tips), 1)[:, :, self.system.dependent]
+        total = affine(np.zeros((len(self.theta.mid), self.system.m, self.system.n_free)))
+        for tips in self.loops:
+            along = tips.third_along(_gathered(tips.stack, turns), _gathered(tips.stack, moved))
+            total = total + _placed(tips.stack, product("cmx,bclx->bcml", tips.stack.weights, along), 1)
+        return total[:, :, self.system.dependent]
 
-    def _pairs(self, other: Affine) -> Affine:
-        """Σ_c w_c x_i·y_cj in θ, for y (B, C, k, 3), of shape (B, n′, n′)."""
-        weighed = product("c,bcix->bcix", self.masses.weights, self.bodies.first)
-        return _placed(self.masses.stack, product("bcix,bcjx->bcij", weighed, other), 2)
+    def pairs(self, others: Sequence[Affine]) -> Affine:
+        """Σ_c w_c x_i·y_cj in θ, for y (B, C, k, 3) of each group of bodies, of shape (B, n′, n′)."""
+        total = affine(np.zeros((len(self.theta.mid), self.system.n_free, self.system.n_free)))
+        for bodies, tips, other in zip(self.masses.bodies, self.bodies, others, strict=True):
+            weighed = product("c,bcix->bcix", bodies.weights, tips.first)
+            total = total + _placed(bodies.stack, product("bcix,bcjx->bcij", weighed, other), 2)
+        return total
 
     def _whole(self, dependent: Affine, independent: Array) -> Affine:
         """Rows of the dependent and of the independent coordinates in their places, of shape (B, n′, ·)."""
@@ -282,20 +328,23 @@ class _FreeForce:
     """f′(θ; V, W, A) and its derivatives by θ, V and W, of shapes (B, n′) and (B, n′, n′)."""
 
     def __init__(self, at: Reduced, turns: Affine, moved: Affine, sped: Affine) -> None:
-        masses, tips = at.masses, at.bodies
-        stack = masses.stack
-        v, w, a = (_gathered(stack, rates) for rates in (turns, moved, sped))
-        by_w = product("bcijx,bcj->bcix", tips.second, w)
-        speeding = product("bcix,bci->bcx", by_w, v) + product("bcix,bci->bcx", tips.first, a) - masses.fall
-        rising = tips.third_along(v, w) + product("bcljx,bcj->bclx", tips.second, a)
-        pull = product("c,bcx->bcx", masses.weights, speeding)
-        value = _placed(stack, product("bcix,bcx->bci", tips.first, pull), 1)
+        masses, count, n_free = at.masses, len(turns.mid), at.system.n_free
+        value, turned = affine(np.zeros((count, n_free))), affine(np.zeros((count, n_free, n_free)))
+        by_w, by_v, rising = list[Affine](), list[Affine](), list[Affine]()
+        for bodies, tips in zip(masses.bodies, at.bodies, strict=True):
+            v, w, a = (_gathered(bodies.stack, rates) for rates in (turns, moved, sped))
+            by_w.append(product("bcijx,bcj->bcix", tips.second, w))
+            by_v.append(product("bcijx,bcj->bcix", tips.second, v))
+            speeding = product("bcix,bci->bcx", by_w[-1], v) + product("bcix,bci->bcx", tips.first, a) - bodies.fall
+            pull = product("c,bcx->bcx", bodies.weights, speeding)
+            value = value + _placed(bodies.stack, product("bcix,bcx->bci", tips.first, pull), 1)
+            turned = turned + _placed(bodies.stack, product("bcilx,bcx->bcil", tips.second, pull), 2)
+            rising.append(tips.third_along(v, w) + product("bcljx,bcj->bclx", tips.second, a))
         value = value + product("p,bp->bp", masses.armature, sped) + product("p,bp->bp", masses.damping, moved)
         self.value = value + product("p,bp->bp", masses.stiffness, at.theta - masses.rest)
-        turned = _placed(stack, product("bcilx,bcx->bcil", tips.second, pull), 2)
-        self.by_theta = turned + at._pairs(rising) + np.diag(masses.stiffness)
-        self.by_turns = at._pairs(by_w)
-        self.by_moved = at._pairs(product("bcijx,bcj->bcix", tips.second, v)) + np.diag(masses.damping)
+        self.by_theta = turned + at.pairs(rising) + np.diag(masses.stiffness)
+        self.by_turns = at.pairs(by_w)
+        self.by_moved = at.pairs(by_v) + np.diag(masses.damping)
 
 
 def _placed(stack: ChainStack, local: Affine, rank: int) -> Affine:

@@ -56,8 +56,8 @@ class Deviation(NamedTuple):
 
 def deviation_of(law: TrackingLaw, tube: Tube, states: States, sigma_error: float) -> Deviation:
     """The deviation over cells, chunk by chunk."""
-    stack = tube.masses.stack
-    numbers = stack.joints.size * stack.joints.shape[1] ** 2 * 3 * max(1, len(states.theta.lin))
+    largest = max(stack.joints.size * stack.joints.shape[1] for stack in tube.masses.loops)
+    numbers = 18 * largest * (1 + len(states.theta.lin) + tube.problem.system.m)
     step = max(1, int(_NUMBERS // max(1, numbers)))
     count = len(states.theta.mid)
     parts = [_part(law, tube, states.chunk(slice(k, k + step)), sigma_error) for k in range(0, count, step)]

@@ -254,7 +254,7 @@ class _Search:
             width = np.broadcast_to(widths(storage), (len(size), 2 * len(self.push)))
             start = float(self.start @ storage.P.magnitude[0] @ self.start) * SLACK
             allowed = np.full(len(size), np.inf) if room is None else np.min((room / width) ** 2, axis=1)
-        reached = _reached(start, sources, self.plan.decay, np.diff(self.tube.times))
+            reached = _reached(start, sources, self.plan.decay, np.diff(self.tube.times))
         return _Levels(reached, allowed, width, sources, start)
 
     def _open(self, levels: _Levels) -> str | None:
