@@ -29,7 +29,9 @@ def parameters(rng):
 
 def member(rng, some, at):
     """One of the arrays that a form stands for."""
-    return some.mid + np.tensordot(at[: len(some.lin)], some.lin, axes=1) + rng.choice([-1, 1], some.mid.shape) * some.rad
+    return (
+        some.mid + np.tensordot(at[: len(some.lin)], some.lin, axes=1) + rng.choice([-1, 1], some.mid.shape) * some.rad
+    )
 
 
 def holds(some, value, at):

@@ -51,7 +51,6 @@ class Case:
 
     def slope(self, theta, v, w, a):
         """Its derivative by the dependent coordinates, by differences."""
-
         steps = np.eye(len(theta))[self.system.dependent]
         return np.array([derivative(lambda s, d=d: self.tau(theta + s * d, v, w, a)) for d in steps]).T
 

@@ -14,7 +14,7 @@ def dependent_rows(model):
 
 
 class WithWrongSigma(ControlLaw):
-    """A tracking law at σ(q) + δ with δ = error(t, state, v) in the dependent coordinates; nothing of ccpin's bounds."""
+    """A tracking law at σ(q) + δ with δ = error(t, state, v) in the dependent coordinates."""
 
     def __init__(self, law, error):
         self.law, self.error, self.rows = law, error, dependent_rows(law.model)

@@ -75,7 +75,7 @@ def masses_of(mechanism: Mechanism, problem: Problem, gravity: Array) -> Masses:
     """The masses of a mechanism whose joints turn about or slide along one axis each.
 
     Raises:
-        UnsupportedMechanismError: A joint of another kind, or a closure that keeps a distance.
+        UnsupportedMechanismError: A joint of another kind, no closures, or one that keeps a distance.
     """
     plural = next((joint for joint in mechanism.tree.joints if joint.kind.nv != 1), None)
     if plural is not None:
@@ -83,6 +83,8 @@ def masses_of(mechanism: Mechanism, problem: Problem, gravity: Array) -> Masses:
             f"{mechanism.name}: the {plural.kind.name} joint '{plural.name}' has several freedoms, whose error has no "
             "size that does not depend on a chart; describe it as joints about one axis each"
         )
+    if not problem.system.m:
+        raise UnsupportedMechanismError(f"{mechanism.name} has no dependent coordinates, so σ cannot be off")
     if problem.system.rods:
         raise UnsupportedMechanismError(
             f"{mechanism.name}: a closure that keeps a distance is certified as a rod, which the law does not compute "
@@ -184,7 +186,9 @@ def _tips(stack: ChainStack, theta: Affine) -> _Tips:
         axes.append(product("bcxy,cy->bcx", turn, stack.axes[:, j]))
         turned = product("bcxy,cyz->bcxz", turn, crosses[:, j])
         twice = product("bcxy,cyz->bcxz", turned, crosses[:, j])
-        turn = turn + product("bc,bcxy->bcxy", sine[:, :, j], turned) + product("bc,bcxy->bcxy", versine[:, :, j], twice)
+        turn = (
+            turn + product("bc,bcxy->bcxy", sine[:, :, j], turned) + product("bc,bcxy->bcxy", versine[:, :, j], twice)
+        )
     arm = product("bcxy,cy->bcx", turn, stack.tips)
     first = list[Affine]()
     for j in reversed(range(k)):
@@ -360,5 +364,6 @@ def _placed(stack: ChainStack, local: Affine, rank: int) -> Affine:
         lin[place] += local.lin[:, :, c]
         rad[place] += local.rad[:, c]
         sizes[place] += swing[:, c]
-    kept = (..., *rank * (slice(-1),))
-    return Affine(mid[kept], lin[kept], (rad + 4.0 * (count + 1) * UNIT_ROUNDOFF * sizes)[kept] * SLACK, local.boxed)
+    rad = (rad + 4.0 * (count + 1) * UNIT_ROUNDOFF * sizes) * SLACK
+    placed = Affine(mid, lin, rad, local.boxed)
+    return placed[..., :-1] if rank == 1 else placed[..., :-1, :-1]

@@ -5,9 +5,9 @@ the dependent coordinates is off by
 
     Δτ = τ(σ(q) + δ; v, w, a) − τ(σ(q); v, w, a) = ∫₀¹ ∂τ/∂y(σ(q) + hδ; v, w, a) dh δ = Gδ,
 
-the mean of the slopes over a segment: as an affine form of δ it is the slope's with half of δ's part. Computed torque: v = w = q̇,
-a = q̈_d + K_v ė + K_p e, and the deviation is Δ = D⁻¹(Δτ − f); PD+: v = q̇, w = q̇_d, a = q̈_d and Δ = Δτ − f, with
-f the generalized force of what the model does not have, |f_i| ≤ f̄_i.
+the mean of the slopes over a segment: as an affine form of δ it is the slope's with half of δ's part. Computed torque:
+v = w = q̇, a = q̈_d + K_v ė + K_p e, and the deviation is Δ = D⁻¹(Δτ + f); PD+: v = q̇, w = q̇_d, a = q̈_d and
+Δ = Δτ + f, with f the generalized force of what the model does not have, |f_i| ≤ f̄_i.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.control.stability.tube import States, Tube
 from ccpin.control.tracking import PDPlus, TrackingLaw
-from ccpin.domain.affine import Affine, inverse, joined, product
+from ccpin.domain.affine import Affine, affine, inverse, joined, product
 from ccpin.domain.boxes import SLACK
 from ccpin.domain.motion_bounds import Motion, Reduced
 
@@ -56,7 +56,7 @@ class Deviation(NamedTuple):
 
 def deviation_of(law: TrackingLaw, tube: Tube, states: States, sigma_error: float) -> Deviation:
     """The deviation over cells, chunk by chunk."""
-    largest = max(stack.joints.size * stack.joints.shape[1] for stack in tube.masses.loops)
+    largest = max((stack.joints.size * stack.joints.shape[1] for stack in tube.masses.loops), default=1)
     numbers = 18 * largest * (1 + len(states.theta.lin) + tube.problem.system.m)
     step = max(1, int(_NUMBERS // max(1, numbers)))
     count = len(states.theta.mid)
@@ -71,12 +71,11 @@ def _part(law: TrackingLaw, tube: Tube, states: States, sigma_error: float) -> D
     around = thickened(tube, states, sigma_error)
     slope = Reduced(tube.problem, tube.masses, around.theta).force_slope(_motion(law, around))
     count, n = states.e.mid.shape
-    identity = Affine(*(np.zeros(shape) for shape in ((count, n, n), (0, count, n, n), (count, n, n))))
-    identity.mid[:] = np.eye(n)
+    unit = np.broadcast_to(np.eye(n), (count, n, n))
     if isinstance(law, PDPlus):
-        return Deviation(slope, identity.mid, closed.inertia, closed.coriolis(states.v), closed.damping)
+        return Deviation(slope, unit, closed.inertia, closed.coriolis(states.v), closed.damping)
     grip = inverse(closed.inertia)
-    push = grip.solve(identity).magnitude
+    push = grip.solve(affine(unit)).magnitude
     return Deviation(grip.solve(slope), push, closed.inertia, closed.coriolis(states.v), closed.damping)
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.control.stability.deviation import thickened
 from ccpin.control.stability.tube import States, Tube
-from ccpin.domain.affine import Affine, product
+from ccpin.domain.affine import Affine, affine, product
 from ccpin.domain.boxes import SLACK
 from ccpin.domain.motion_bounds import Reduced
 from ccpin.errors import ConvergenceError
@@ -57,8 +57,8 @@ def online_demand(tube: Tube, states: States, sigma_error: float, period: float)
         error, steps = 0.5 * slope * error**2 * SLACK, steps + 1
     if not error <= sigma_error:
         raise ConvergenceError(
-            f"at a period of {period:.3g} s σ moves by up to {start:.3g} from one sample to the next, from where Newton's "
-            "convergence is not guaranteed: a shorter period or a slower reference would do"
+            f"at a period of {period:.3g} s σ moves by up to {start:.3g} from one sample to the next, from where "
+            "Newton's convergence is not guaranteed: a shorter period or a slower reference would do"
         )
     return OnlineDemand(start, steps, sigma_error / stretch)
 
@@ -79,7 +79,7 @@ def _newton(tube: Tube, states: States, radius: float) -> tuple[float, float]:
     apart = Affine(bend.mid, bend.lin[:0], bend.spread).reshape(count, m, m * m)  # z is not y
     curved = _norms(at.grip.solve(apart))
     unit = np.broadcast_to(np.eye(m), (count, m, m))
-    inverse = at.grip.solve(Affine(unit, np.zeros((0, *unit.shape)), np.zeros(unit.shape))).magnitude
+    inverse = at.grip.solve(affine(unit)).magnitude
     stretch = np.linalg.norm(inverse.sum(axis=2), axis=1) * SLACK
     return _worst(curved), _worst(stretch)
 

@@ -113,7 +113,7 @@ def gain(storage: Storage, plan: Plan) -> Array:
 
 
 def widths(storage: Storage) -> Array:
-    """|x_i| ≤ width_i √V: (P⁻¹)_ii^½ at the worst of each cell, of shape (K, 2n); infinite where P may be indefinite."""
+    """(P⁻¹)_ii^½ at the worst of each cell, of shape (K, 2n); infinite where P may be indefinite."""
     lowest = floor(storage.P)
     inverse = _inverted(lowest)
     return np.sqrt(np.diagonal(inverse, axis1=1, axis2=2)) * SLACK

@@ -14,19 +14,19 @@ Let v(0) ≥ V(x(0)) and v̇ = −α(v − w_k) on T_k. If on each T_k, for all 
 
     v(t) < c_k,        c_k = min_i (E_i²/(P_k⁻¹)_ii, Ė_i²/(P_k⁻¹)_{n+i,n+i}),
 
-then the closed loop exists for all t ≥ 0, V ≤ v, its closed configuration is σ(q) on the branch of the start, and
-|e_i(t)| ≤ ((P_k⁻¹)_ii v(t))^½. In input-to-state form, with γ = max_k w_k^½/ε where f̄ = 0,
+then every motion of the closed loop goes on for all t ≥ 0, with V ≤ v, its configuration is σ(q) on the branch of the
+start, and |e_i(t)| ≤ ((P_k⁻¹)_ii v(t))^½. In input-to-state form, with γ = max_k w_k^½/ε where f̄ = 0,
 
     V(t)^½ ≤ e^{−αt/2} V(0)^½ + γ ε,        and for t → ∞        V ≤ w_K.
 
 *Proof.* On T_k the sublevel set {V ≤ c_k} of errors lies in {|e| ≤ E, |ė| ≤ Ė}, for |x_i|² ≤ (P_k⁻¹)_ii xᵀP_k x ≤
-(P_k⁻¹)_ii V. Suppose V ≤ v up to t ∈ T_k. As v is continuous and below c_k, V is below c_k for some time after t (within T_k,
-or within T_{k+1} if t is its beginning), so that 1–3 hold and d(V − v)/dt ≤ −α(V − v): V ≤ v goes on holding. The set
-of times up to which V ≤ v holds is closed, open and not empty. The states are bounded up to any time, so the
-motion does not end (its right-hand side is smooth in the state and measurable in time). v(t) ≤ e^{−αt}v(0) + max w_k. ∎
+(P_k⁻¹)_ii V. Suppose V ≤ v up to t ∈ T_k. As V and v are continuous and v(t) < c_k, V is below c_k for some time after t
+(within T_k, or within T_{k+1} if t is its beginning), so that 1–3 hold and d(V − v)/dt ≤ −α(V − v): V ≤ v goes on
+holding. The set of times up to which V ≤ v holds is closed, open and not empty. The states stay in a compact set on
+which the right-hand side is bounded, so the motion does not end; and v(t) ≤ e^{−αt}v(0) + max w_k. ∎
 
-δ may depend on the state, the past, on chance; nothing is supposed of how it comes about. What is not covered: that u is
-held between samples (the loop sampled at 1 kHz has an error of its own, `scripts/tracking_degradation.py` shows it),
+δ may depend on the state, the past, on chance; nothing is supposed of how it comes about. What is not covered: that
+u is held between samples (the loop sampled at 1 kHz has an error of its own, `scripts/tracking_degradation.py` shows it),
 errors of e and ė themselves, limits of the motors. What a σ found on line needs so as to be within ε at the samples,
 `TrackingCertificate.on_line` tells.
 
@@ -42,7 +42,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance, numbers, positive, whole
+from ccpin.arrays import Array, Mask, instance, numbers, positive, whole
 from ccpin.control.stability.deviation import Deviation, deviation_of
 from ccpin.control.stability.on_line import OnlineDemand, online_demand
 from ccpin.control.stability.storage import Plan, gain, plan_for, storage_of, widths
@@ -214,27 +214,27 @@ class _Search:
         none = np.zeros((count, n))
         states, proved = self.tube.states(none, none)
         if not proved.all():
-            return self._undecided(self._stopped("σ is not proved on cells as long as these", ~proved, "more cells="))
+            return self._undecided(self._stopped("σ is not proved", ~proved, np.zeros((count, 2 * n))))
         middle = deviation_of(self.law, self.tube, states.middles(), self.sigma_error * 0.0)
         self.plan = self._planned(middle)
         if self.plan is None:
-            return self._undecided("no storage function was found along the reference: larger K_v would do more")
+            return self._undecided("no storage function was found along the reference: stiffer gains would do more")
         levels = self._levels(middle)
         room = np.sqrt(levels.reached)[:, None] * levels.widths * _FIRST
         for self.rounds in range(1, _ROUNDS + 1):
             states, proved = self.tube.states(room[:, :n], room[:, n:])
             if not proved.all():
-                return self._undecided(self._stopped("σ is not proved on a tube as wide as the error", ~proved))
+                return self._undecided(self._stopped("σ is not proved", ~proved, room))
             levels = self._levels(deviation_of(self.law, self.tube, states, self.sigma_error), room)
-            reason = self._open(levels)
+            reason = self._open(levels, room)
             if reason is not None:
                 return self._undecided(reason)
             if np.all(levels.reached * _ROOM < levels.allowed):
                 return self._proven(levels, room)
             room = np.maximum(room, np.sqrt(levels.reached)[:, None] * levels.widths) * _MORE
         return self._undecided(
-            f"after {_ROUNDS} rounds the bound still grows: the larger the error, the more a σ off by "
-            f"{self.sigma_error:.3g} lets the law deviate; a smaller sigma_error, more cells= or stiffer gains would do more"
+            f"after {_ROUNDS} rounds the bound still grows, for the larger the error, the more a σ off by "
+            f"{self.sigma_error:.3g} lets the law deviate: a smaller sigma_error, more cells= or stiffer gains would do more"
         )
 
     def _planned(self, middle: Deviation) -> Plan | None:
@@ -257,24 +257,25 @@ class _Search:
             reached = _reached(start, sources, self.plan.decay, np.diff(self.tube.times))
         return _Levels(reached, allowed, width, sources, start)
 
-    def _open(self, levels: _Levels) -> str | None:
+    def _open(self, levels: _Levels, room: Array) -> str | None:
         """Why no level is known, if one is not."""
-        indefinite = ~np.isfinite(levels.widths).all(axis=1)
-        if indefinite.any():
-            return self._stopped("D is not proved positive definite", indefinite)
-        weak = np.isinf(levels.sources)
-        if weak.any():
-            return self._stopped("V̇ is not proved negative", weak, "larger K_v, more cells= or a smaller sigma_error")
-        lost = ~np.isfinite(levels.sources)
-        if lost.any():
-            return self._stopped(f"φ_y is not proved nonsingular within {self.sigma_error:.3g} of σ", lost)
+        sources = levels.sources
+        checks = (
+            (~np.isfinite(levels.widths).all(axis=1), "D is not proved positive definite"),
+            (np.isinf(sources), "V̇ is not proved negative"),
+            (np.isnan(sources), f"φ_y is not proved nonsingular within {self.sigma_error:.3g} of σ"),
+        )
+        for failed, what in checks:
+            if np.any(failed):
+                return self._stopped(what, np.asarray(failed), room)
         return None
 
-    def _stopped(self, what: str, where: Array, more: str = "a smaller sigma_error or more cells=") -> str:
-        """A reason: what fails first, where, and what would do more."""
+    def _stopped(self, what: str, where: Mask, room: Array) -> str:
+        """A reason: what fails first, where, for which errors, and what would do more."""
         k = int(np.argmax(where))
-        q = self.tube.motion[0].start[k]
-        return f"{what}, at t = {self.tube.times[k]:.6g} s, q_d = {q.tolist()}: {more} would do more"
+        place = f"t = {self.tube.times[k]:.6g} s, q_d = {self.tube.motion[0].start[k].tolist()}"
+        among = f"for errors up to {room[k, : len(self.push)].max():.3g}"
+        return f"{what} {among} at {place}: a smaller sigma_error, more cells= or stiffer gains would do more"
 
     def _proven(self, levels: _Levels, room: Array) -> TrackingCertificate:
         assert self.plan is not None

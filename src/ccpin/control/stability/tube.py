@@ -84,7 +84,9 @@ class Tube(NamedTuple):
         """The cells with |e| ≤ `room`, |ė| ≤ `speed_room` (K, n), and on which of them σ is proved, of shape (K,)."""
         system, chord = self.problem.system, self.motion[0]
         count, n = room.shape
-        across = np.concatenate([0.5 * (chord.end - chord.start)[:, :, None], np.tile(np.eye(n), (count, 1, 1))], axis=2)
+        across = np.concatenate(
+            [0.5 * (chord.end - chord.start)[:, :, None], np.tile(np.eye(n), (count, 1, 1))], axis=2
+        )
         half = np.concatenate([np.ones((count, 1)), (room + chord.deviation) * (1.0 + _WIDEN)], axis=1)
         tried = certify_boxes(self.problem, self.centre, half, across)
         proved, boxes = tried.proved.copy(), tried.boxes
@@ -115,7 +117,7 @@ def tube_of(law: TrackingLaw, cells: int) -> Tube:
     first = chords_of(pieces, times)
     path = certify_path(law.model.mechanism, pieces, first.deviation.max(axis=0), law.near.q_free)
     masses = masses_of(law.model.mechanism, path.problem, law.model.gravity_vector)
-    chords = first, *(chords_of(pieces.derivative(order), times) for order in (1, 2))
+    chords = first, chords_of(pieces.derivative(1), times), chords_of(pieces.derivative(2), times)
     middle = 0.5 * (times[1:] + times[:-1])
     if path.verdict != "proven":
         return Tube(path.problem, masses, path, times, chords, np.zeros((0, 0)), (path.boxes, np.zeros((0, 0))))
