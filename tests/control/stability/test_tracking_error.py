@@ -161,7 +161,8 @@ def test_holding_a_set_point(law_class):
     """A reference that rests is one cell; against a σ off by a constant and by what does most."""
     law = law_for(law_class, reference=Hold(_model("rpdr"), GOAL))
     proof = certify_tracking(law, 1e-2)
-    assert proof.verdict == "proven" and len(proof.errors) == 1
+    assert proof.verdict == "proven"
+    assert len(proof.errors) == 1
     offset = np.zeros(4)
     offset[dependent_rows(law.model)] = 1e-2 * np.sqrt(0.5)
     assert_within(proof, law, ccpin.simulate(law.model, WithSigmaError(law, offset), GOAL, **RUN))
@@ -293,7 +294,7 @@ class _Circle(Reference):
 
 
 def test_what_the_theorem_is_not_about_is_refused():
-    """Other laws, motors elsewhere, coordinates on circles and balls, references that are no polynomials, bad numbers."""
+    """Other laws, motors elsewhere, references that are no polynomials, bad numbers."""
     model = _model("rpdr")
     law = law_for(ComputedTorque)
     with pytest.raises(UnsupportedMechanismError, match="ComputedTorque or PDPlus"):

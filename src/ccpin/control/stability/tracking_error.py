@@ -20,15 +20,15 @@ start, and |e_i(t)| ≤ ((P_k⁻¹)_ii v(t))^½. In input-to-state form, with γ
     V(t)^½ ≤ e^{−αt/2} V(0)^½ + γ ε,        and for t → ∞        V ≤ w_K.
 
 *Proof.* On T_k the sublevel set {V ≤ c_k} of errors lies in {|e| ≤ E, |ė| ≤ Ė}, for |x_i|² ≤ (P_k⁻¹)_ii xᵀP_k x ≤
-(P_k⁻¹)_ii V. Suppose V ≤ v up to t ∈ T_k. As V and v are continuous and v(t) < c_k, V is below c_k for some time after t
-(within T_k, or within T_{k+1} if t is its beginning), so that 1–3 hold and d(V − v)/dt ≤ −α(V − v): V ≤ v goes on
-holding. The set of times up to which V ≤ v holds is closed, open and not empty. The states stay in a compact set on
+(P_k⁻¹)_ii V. Suppose V ≤ v up to t ∈ T_k. As V and v are continuous and v(t) < c_k, V is below c_k for some time
+after t (within T_k, or within T_{k+1} if t is its beginning), so that 1–3 hold and d(V − v)/dt ≤ −α(V − v): V ≤ v goes
+on holding. The set of times up to which V ≤ v holds is closed, open and not empty. The states stay in a compact set on
 which the right-hand side is bounded, so the motion does not end; and v(t) ≤ e^{−αt}v(0) + max w_k. ∎
 
 δ may depend on the state, the past, on chance; nothing is supposed of how it comes about. What is not covered: that
-u is held between samples (the loop sampled at 1 kHz has an error of its own, `scripts/tracking_degradation.py` shows it),
-errors of e and ė themselves, limits of the motors. What a σ found on line needs so as to be within ε at the samples,
-`TrackingCertificate.on_line` tells.
+u is held between samples (the loop sampled at 1 kHz has an error of its own, which `scripts/tracking_degradation.py`
+shows), errors of e and ė themselves, limits of the motors. What a σ found on line needs so as to be within ε at the
+samples, `TrackingCertificate.on_line` tells.
 
 What is rigorous: every number of 1–3 is a bound, from affine forms with rounding margins over boxes of Theorem K.
 Gains, masses and the reference's coefficients are taken as the floating-point numbers they are.
@@ -233,8 +233,8 @@ class _Search:
                 return self._proven(levels, room)
             room = np.maximum(room, np.sqrt(levels.reached)[:, None] * levels.widths) * _MORE
         return self._undecided(
-            f"after {_ROUNDS} rounds the bound still grows, for the larger the error, the more a σ off by "
-            f"{self.sigma_error:.3g} lets the law deviate: a smaller sigma_error, more cells= or stiffer gains would do more"
+            f"after {_ROUNDS} rounds the bound still grows, for a σ off by {self.sigma_error:.3g} lets the law deviate "
+            "the more, the larger the error: a smaller sigma_error, more cells= or stiffer gains would do more"
         )
 
     def _planned(self, middle: Deviation) -> Plan | None:

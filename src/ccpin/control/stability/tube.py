@@ -15,6 +15,7 @@ As affine forms the parameters s, e and ė are common to q, q̇ and whatever a l
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -154,7 +155,7 @@ def _cut(knots: Array, cells: int) -> Array:
     moving = knots[-2] - knots[0]
     parts = [
         np.linspace(start, end, 1 + int(np.ceil(cells * (end - start) / moving)))[:-1]
-        for start, end in zip(knots[:-2], knots[1:-1], strict=True)
+        for start, end in pairwise(knots[:-1])
     ]
     return np.concatenate([*parts, knots[-2:]])
 
