@@ -7,7 +7,8 @@ import ccpin
 from ccpin.domain.affine import Affine, affine
 from ccpin.domain.boxes import problem_of
 from ccpin.domain.chains import closure_system
-from ccpin.domain.motion_bounds import Motion, Reduced, masses_of
+from ccpin.domain.masses import masses_of
+from ccpin.domain.motion_bounds import Motion, Reduced
 from ccpin.dynamics.state import State
 from ccpin.errors import UnsupportedMechanismError
 from tests.oracles.finite_differences import derivative

@@ -37,25 +37,18 @@ Gains, masses and the reference's coefficients are taken as the floating-point n
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Mask, instance, numbers, positive, whole
-from ccpin.control.stability.deviation import Deviation, deviation_of
+from ccpin.arrays import Array, instance, numbers, positive, whole
 from ccpin.control.stability.on_line import OnlineDemand, online_demand
-from ccpin.control.stability.storage import Plan, gain, plan_for, storage_of, widths
+from ccpin.control.stability.tracking_search import Search
 from ccpin.control.stability.tube import Tube, tube_of
 from ccpin.control.tracking import ComputedTorque, PDPlus, TrackingLaw
-from ccpin.domain.boxes import SLACK
 from ccpin.domain.verdict import Verdict
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 
-_ROUNDS = 10
-_FIRST, _MORE = 2.2, 1.3
-_ROOM = 1.0 + 1e-6
-_PLANNED = 48
 _LEAST, _MIDDLE, _STRIDE, _NEAR = 1e-9, 1e-3, 4.0, 1.1
 
 
@@ -149,7 +142,7 @@ def certify_tracking(
     _check(law)
     sigma_error, cells = positive(sigma_error, "sigma_error", "a positive number (rad, m)"), whole(cells, "cells")
     push, start = _given(law, disturbance, initial_error, initial_speed)
-    return _Search(law, tube_of(law, cells), sigma_error, push, start).certificate()
+    return _certificate(law, tube_of(law, cells), sigma_error, push, start)
 
 
 def largest_sigma_error(
@@ -170,7 +163,7 @@ def largest_sigma_error(
     low, high, best = 0.0, np.inf, None
     trial = _MIDDLE
     while high > _NEAR * low and _LEAST <= trial <= 1.0:
-        found = _Search(law, tube, trial, push, start).certificate()
+        found = _certificate(law, tube, trial, push, start)
         if found.verdict == "proven":
             low, best = trial, found
         else:
@@ -180,163 +173,25 @@ def largest_sigma_error(
     return best
 
 
-class _Levels(NamedTuple):
-    """What one choice of E and Ė gives.
-
-    Attributes:
-        reached: The largest v on each cell, of shape (K,).
-        allowed: c_k, of shape (K,).
-        widths: (P_k⁻¹)_ii^½, of shape (K, 2n).
-        sources: w_k, of shape (K,).
-        start: v(0).
-    """
-
-    reached: Array
-    allowed: Array
-    widths: Array
-    sources: Array
-    start: float
-
-
-class _Search:
-    """Looks for E and Ė with which the theorem's hypotheses hold."""
-
-    def __init__(self, law: TrackingLaw, tube: Tube, sigma_error: float, push: Array, start: Array) -> None:
-        self.law, self.tube, self.sigma_error, self.push, self.start = law, tube, sigma_error, push, start
-        self.plan: Plan | None = None
-        self.rounds = 0
-
-    def certificate(self) -> TrackingCertificate:
-        """The certificate, after as many rounds as it takes."""
-        if self.tube.path.verdict != "proven":
-            return self._undecided(f"the reference itself leaves what is proved: {self.tube.path.reason}")
-        count, n = self.tube.motion[0].start.shape
-        none = np.zeros((count, n))
-        states, proved = self.tube.states(none, none)
-        if not proved.all():
-            return self._undecided(self._stopped("σ is not proved", ~proved, np.zeros((count, 2 * n))))
-        middle = deviation_of(self.law, self.tube, states.middles(), self.sigma_error * 0.0)
-        self.plan = self._planned(middle)
-        if self.plan is None:
-            return self._undecided("no storage function was found along the reference: stiffer gains would do more")
-        levels = self._levels(middle)
-        room = np.sqrt(levels.reached)[:, None] * levels.widths * _FIRST
-        for self.rounds in range(1, _ROUNDS + 1):
-            states, proved = self.tube.states(room[:, :n], room[:, n:])
-            if not proved.all():
-                return self._undecided(self._stopped("σ is not proved", ~proved, room))
-            levels = self._levels(deviation_of(self.law, self.tube, states, self.sigma_error), room)
-            reason = self._open(levels, room)
-            if reason is not None:
-                return self._undecided(reason)
-            if np.all(levels.reached * _ROOM < levels.allowed):
-                return self._proven(levels, room)
-            room = np.maximum(room, np.sqrt(levels.reached)[:, None] * levels.widths) * _MORE
-        return self._undecided(
-            f"after {_ROUNDS} rounds the bound still grows, for a σ off by {self.sigma_error:.3g} lets the law deviate "
-            "the more, the larger the error: a smaller sigma_error, more cells= or stiffer gains would do more"
-        )
-
-    def _planned(self, middle: Deviation) -> Plan | None:
-        rows = slice(None, None, 1 + len(middle.push) // _PLANNED)
-        raw = np.linalg.norm(middle.slope.mid, axis=2) * self.sigma_error + middle.push @ self.push
-        scale = raw.max(axis=0)
-        scale = np.where(scale > 0.0, scale, max(float(scale.max()), 1e-300))
-        return plan_for(self.law, scale, middle.D.mid[rows], middle.C.mid[rows], middle.damping.mid[rows])
-
-    def _levels(self, deviation: Deviation, room: Array | None = None) -> _Levels:
-        """v and c_k where the states of each cell are within `room`, (K, 2n)."""
-        assert self.plan is not None
-        storage = storage_of(self.law, self.plan, deviation.D, deviation.C, deviation.damping)
-        size = deviation.size(self.sigma_error, self.push, self.plan.scale)
-        with np.errstate(all="ignore"):
-            sources = (gain(storage, self.plan) * size) ** 2 * SLACK
-            width = np.broadcast_to(widths(storage), (len(size), 2 * len(self.push)))
-            start = float(self.start @ storage.P.magnitude[0] @ self.start) * SLACK
-            allowed = np.full(len(size), np.inf) if room is None else np.min((room / width) ** 2, axis=1)
-            reached = _reached(start, sources, self.plan.decay, np.diff(self.tube.times))
-        return _Levels(reached, allowed, width, sources, start)
-
-    def _open(self, levels: _Levels, room: Array) -> str | None:
-        """Why no level is known, if one is not."""
-        sources = levels.sources
-        checks = (
-            (~np.isfinite(levels.widths).all(axis=1), "D is not proved positive definite"),
-            (np.isinf(sources), "V̇ is not proved negative"),
-            (np.isnan(sources), f"φ_y is not proved nonsingular within {self.sigma_error:.3g} of σ"),
-        )
-        for failed, what in checks:
-            if np.any(failed):
-                return self._stopped(what, np.asarray(failed), room)
-        return None
-
-    def _stopped(self, what: str, where: Mask, room: Array) -> str:
-        """A reason: what fails first, where, for which errors, and what would do more."""
-        k = int(np.argmax(where))
-        place = f"t = {self.tube.times[k]:.6g} s, q_d = {self.tube.motion[0].start[k].tolist()}"
-        among = f"for errors up to {room[k, : len(self.push)].max():.3g}"
-        return f"{what} {among} at {place}: a smaller sigma_error, more cells= or stiffer gains would do more"
-
-    def _proven(self, levels: _Levels, room: Array) -> TrackingCertificate:
-        assert self.plan is not None
-        n = len(self.push)
-        bound = np.sqrt(levels.reached)[:, None] * levels.widths * SLACK
-        ultimate = np.sqrt(levels.sources[-1]) * levels.widths[-1, :n] * SLACK
-        worst = np.degrees(bound[:, :n].max())
-        return self._result(
-            "proven",
-            f"|q_d − q| stays below {bound[:, :n].max():.3g} ({worst:.3g}°, where angles) with σ off by at most "
-            f"{self.sigma_error:.3g}: {len(bound)} cells, {self.rounds} rounds",
-            (bound[:, :n], bound[:, n:], ultimate),
-            (self.plan.decay, float(np.sqrt(levels.sources.max()) / self.sigma_error), levels.start),
-            levels.widths.max(axis=0),
-            room,
-        )
-
-    def _undecided(self, reason: str) -> TrackingCertificate:
-        count, n = self.tube.motion[0].start.shape
-        open_end, unit = np.full((count, n), np.inf), np.full(2 * n, np.inf)
-        bounds, constants = (open_end, open_end, open_end[0]), (0.0, np.inf, np.inf)
-        return self._result("undecided", reason, bounds, constants, unit, np.zeros((count, 2 * n)))
-
-    def _result(
-        self,
-        verdict: Verdict,
-        reason: str,
-        bounds: tuple[Array, Array, Array],
-        constants: tuple[float, float, float],
-        unit: Array,
-        room: Array,
-    ) -> TrackingCertificate:
-        errors, speeds, ultimate = bounds
-        decay, largest, start = constants
-        return TrackingCertificate(
-            law=self.law,
-            sigma_error=self.sigma_error,
-            disturbance=self.push,
-            verdict=verdict,
-            reason=reason,
-            times=np.append(self.tube.times[:-1], np.inf),
-            errors=errors,
-            speeds=speeds,
-            ultimate=ultimate,
-            decay=decay,
-            gain=largest,
-            unit=unit,
-            start=start,
-            _tube=self.tube,
-            _room=room,
-        )
-
-
-def _reached(start: float, sources: Array, decay: float, durations: Array) -> Array:
-    """The largest v of each cell, v̇ = −α(v − w_k) from v(0), the last cell without end."""
-    reached, v = np.empty(len(sources)), start
-    for k, source in enumerate(sources):
-        after = source + (v - source) * np.exp(-decay * durations[k]) if k + 1 < len(sources) else source
-        reached[k] = max(v, after) * SLACK
-        v = after * SLACK
-    return reached
+def _certificate(law: TrackingLaw, tube: Tube, sigma_error: float, push: Array, start: Array) -> TrackingCertificate:
+    found, n = Search(law, tube, sigma_error, push, start).found(), len(push)
+    return TrackingCertificate(
+        law=law,
+        sigma_error=sigma_error,
+        disturbance=push,
+        verdict=found.verdict,
+        reason=found.reason,
+        times=np.append(tube.times[:-1], np.inf),
+        errors=found.bound[:, :n],
+        speeds=found.bound[:, n:],
+        ultimate=found.ultimate,
+        decay=found.decay,
+        gain=found.gain,
+        unit=found.unit,
+        start=found.start,
+        _tube=tube,
+        _room=found.room,
+    )
 
 
 def _given(law: TrackingLaw, push: ArrayLike, error: ArrayLike, speed: ArrayLike) -> tuple[Array, Array]:

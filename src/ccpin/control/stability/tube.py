@@ -26,7 +26,7 @@ from ccpin.control.references import Reference
 from ccpin.control.tracking import TrackingLaw
 from ccpin.domain.affine import Affine
 from ccpin.domain.boxes import Boxes, Problem, certify_boxes
-from ccpin.domain.motion_bounds import Masses, masses_of
+from ccpin.domain.masses import Masses, masses_of
 from ccpin.domain.newton import glued, solve_in_boxes
 from ccpin.domain.path import CertifiedPath, certify_path
 from ccpin.domain.pieces import Chord, chords_of
