@@ -102,7 +102,7 @@ def test_many_errors_of_sigma(law_class, sigma_error):
 def test_delta(law_class):
     """Eighteen dependent coordinates: the bound holds against constant and switching δ."""
     law = law_for(law_class, "delta")
-    proof = certify_tracking(law, 1e-3, cells=14)
+    proof = certify_tracking(law, 1e-3, cells=20)
     assert proof.verdict == "proven"
     rows, rng = dependent_rows(law.model), np.random.default_rng(2)
     for seed in range(2):
