@@ -9,7 +9,7 @@ from tests.support.loading import script
 
 
 def test_tracking_degradation(tmp_path, monkeypatch):
-    """Four times the period, four times the error; ten times the error of σ, ten times, within the bound; σ never held."""
+    """Four times the period, four times the error; ten times σ's error, ten times, below the bound; σ is never held."""
     tracking = script("tracking_degradation")
     monkeypatch.setattr(tracking, "CASES", [tracking.CASES[0]._replace(cells=48)])
     monkeypatch.setattr(tracking, "PERIODS", (1e-3, 4e-3))

@@ -74,7 +74,8 @@ def attacked(law, proof, signs, seeds):
     """The largest errors under δ that push each error most and δ that switch at random, all within the bound."""
     attacks = [pushing(law, proof.sigma_error, sign * axis) for axis in np.eye(2) for sign in signs]
     attacks += [switching(law, proof.sigma_error, seed) for seed in seeds]
-    motions = (ccpin.simulate(law.model, WithWrongSigma(law, attack), START, **RUN) for attack in attacks)
+    options = RUN | {"rtol": min(1e-5, 1e-2 * proof.sigma_error), "atol": 1e-12}
+    motions = (ccpin.simulate(law.model, WithWrongSigma(law, attack), START, **options) for attack in attacks)
     return np.max([assert_within(proof, law, motion) for motion in motions], axis=0)
 
 
