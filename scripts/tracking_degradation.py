@@ -7,7 +7,6 @@ Writes the curves and their numbers to out/tracking_degradation.
 """
 
 import json
-import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -169,4 +168,6 @@ def main(out: Path = OUT) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    from arguments import run
+
+    run(main, __doc__)
