@@ -1,0 +1,198 @@
+"""Boxes of states of the reduced model: σ proven over a box of q, and the jets of q̈ there in the coordinates (q, q̇).
+
+Theorem (Krawczyk with parameters). Let w, R ≥ 0, Q = q_c ± w and Y = y_c ± R be boxes and C a matrix. If by component
+
+    |C φ(q_c, y_c)| + |C φ_q| w + |I − C φ_y| R < R,    φ_q and φ_y bounded over Q × Y,
+
+then for every q of Q there is exactly one y = y(q) in Y with φ(q, y) = 0, φ_y is nonsingular on Q × Y and y is analytic.
+
+Proof. y ↦ y − Cφ(q, y) maps Y into its interior: with y_c + Cφ(q_c, y_c) as centre, the mean value theorem on the segment
+from (q_c, y_c) to (q, y) gives the left side. So it has a fixed point, and CΦ for every matrix Φ of means of φ_y over Y
+is nonsingular, since |I − CΦ|R < R: two zeros in Y would have a difference that such a matrix maps to 0. ∎
+
+On such a box ρ = [I; −φ_y⁻¹φ_q] and σ_qq = [0; −φ_y⁻¹φ″[ρ, ρ]] make q′ = σ(q) an input with derivatives, and the
+programs' outputs over (σ(q), q̇) have jets in s = (q, q̇), or s = (q, q̇, u) where efforts u are held.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Mask
+from ccpin.validated.dynamics import ClosedLoop
+from ccpin.validated.jets import Jet, jets, narrowed
+from ccpin.validated.tape import Program
+from ccpin.validated.wide import Wide, exactly, inverse, joined, raised, stacked, zeros
+
+_ROUNDS = 12
+_NEWTON_STEPS = 3
+_SIGMA_ROUNDS = 3
+_INFLATION = 1.02
+_SMALLEST = 1e-14
+
+
+class Jets(NamedTuple):
+    """Outputs over B boxes with their derivatives along d directions.
+
+    Attributes:
+        value: Of shape (B, outputs).
+        slope: Of shape (B, outputs, d).
+        bend: Of shape (B, outputs, d, d).
+    """
+
+    value: Wide
+    slope: Wide
+    bend: Wide
+
+
+def closed_boxes(loop: ClosedLoop, centre: Array, reach: Array) -> tuple[Wide, Mask]:
+    """Boxes Q × Y of the theorem, and for which of them it is proven.
+
+    Args:
+        loop: The mechanism.
+        centre: Nearly closed configurations, of shape (B, n′).
+        reach: w, of shape (B, n).
+    """
+    dependent, independent = list(loop.dependent), list(loop.independent)
+    radius = np.zeros_like(centre)
+    radius[:, independent] = reach
+    if not dependent:
+        return Wide(centre, radius), np.ones(len(centre), dtype=np.bool_)
+    phi, slopes = _closure(loop, exactly(centre))
+    near = exactly(np.linalg.inv(slopes.mid[:, :, dependent]))
+    open_by = (near @ phi.at(np.s_[:, :, None])).size[:, :, 0]
+    identity = exactly(np.eye(len(dependent)))
+
+    def image() -> Array:
+        _, over = _closure(loop, Wide(centre, radius))
+        moved = (near @ over.at(np.s_[:, :, independent])).size @ reach[:, :, None]
+        changed = (identity - near @ over.at(np.s_[:, :, dependent])).size @ radius[:, dependent, None]
+        return raised(open_by + (moved + changed)[:, :, 0])
+
+    radius[:, dependent] = open_by + _SMALLEST
+    for _ in range(_ROUNDS):
+        found = image()
+        held = np.all(found < radius[:, dependent], axis=1)
+        if held.all():
+            break
+        radius[:, dependent] = np.where(held[:, None], radius[:, dependent], _INFLATION * found)
+    return Wide(centre, radius), np.asarray(held)
+
+
+def nearly_closed(loop: ClosedLoop, centre: Array, offset: Array) -> Array:
+    """Configurations (B, n′) near σ at q + offset (B, n), from nearly closed ones by Newton's method; not a proof."""
+    theta, dependent = centre.copy(), list(loop.dependent)
+    if dependent:
+        _, slopes = _closure(loop, exactly(centre))
+        along = slopes.mid[:, :, list(loop.independent)] @ offset[:, :, None]
+        theta[:, dependent] -= np.linalg.solve(slopes.mid[:, :, dependent], along)[:, :, 0]
+    theta[:, list(loop.independent)] += offset
+    for _ in range(_NEWTON_STEPS if dependent else 0):
+        phi, slopes = _closure(loop, exactly(theta))
+        theta[:, dependent] -= np.linalg.solve(slopes.mid[:, :, dependent], phi.mid[:, :, None])[:, :, 0]
+    return theta
+
+
+def _closure(loop: ClosedLoop, q_free: Wide) -> tuple[Wide, Wide]:
+    """φ and φ_q′ over boxes, of shapes (B, m) and (B, m, n′)."""
+    found = jets(loop.closure, _inputs(q_free, loop.n, exactly(np.eye(loop.n_free))), order=1)
+    return _gathered(found, loop.n_free)[:2]
+
+
+class States(NamedTuple):
+    """B boxes of closed states with a point of each, their centres, in one stack: first the centres, then the boxes.
+
+    Attributes:
+        rest: q̇, or q̇ and u, of shape (2B, d − n).
+        q_free: σ(q), of shape (2B, n′).
+        rho: ρ, of shape (2B, n′, n).
+        bend: σ_qq, of shape (2B, n′, n, n).
+        reach: Bounds of the distance from centre to the box's points along s, of shape (B, d).
+    """
+
+    rest: Wide
+    q_free: Wide
+    rho: Wide
+    bend: Wide
+    reach: Array
+
+
+def states_of(loop: ClosedLoop, centre: Wide, box: Wide, rest: Wide, reach: Array) -> States:
+    """ρ and σ_qq at closed centres and over the boxes about them.
+
+    Args:
+        loop: The mechanism.
+        centre: From `closed_boxes`, of shape (B, n′).
+        box: Likewise; each holds its centre.
+        rest: q̇, or q̇ and u: the centres' and the boxes', of shape (2B, d − n).
+        reach: As in the result.
+    """
+    q_free, n, dependent = joined(centre, box), loop.n, list(loop.dependent)
+    boxes = len(q_free.mid)
+    rho, bend = zeros(boxes, loop.n_free, n), zeros(boxes, loop.n_free, n, n)
+    rho.mid[:, list(loop.independent)] = np.eye(n)
+    for _ in range(_SIGMA_ROUNDS if dependent else 0):
+        _, slopes = _closure(loop, q_free)
+        over = inverse(slopes.at(np.s_[:, :, dependent]))
+        assert over is not None, "closed_boxes proves it nonsingular"
+        found = -(over @ slopes.at(np.s_[:, :, list(loop.independent)]))
+        for whole, part in zip(rho, found, strict=True):
+            whole[:, dependent] = part
+        curvature = _gathered(jets(loop.closure, _inputs(q_free, n, rho)), n).bend
+        flat = Wide(*(x.reshape(boxes, len(dependent), n * n) for x in curvature))
+        for whole, part in zip(bend, -(over @ flat), strict=True):
+            whole[:, dependent] = part.reshape(boxes, len(dependent), n, n)
+        for k in dependent:
+            parts = q_free.at(np.s_[:, k]), rho.at(np.s_[:, k]), bend.at(np.s_[:, k])
+            sharp = narrowed(Jet(*parts), reach[:, :n])
+            for whole, part in zip((q_free, rho), sharp, strict=False):
+                whole.mid[:, k], whole.rad[:, k] = part
+    return States(rest, q_free, rho, bend, reach)
+
+
+def jets_of(states: States, loop: ClosedLoop, program: Program) -> tuple[Jets, Jets]:
+    """A program's jets along s = (q, the rest of its inputs): at the centres, and over the boxes.
+
+    Raises:
+        NotInvertibleError: ψ_q′ or D is not proven nonsingular on one of them.
+    """
+    n, (boxes, rest) = loop.n, states.rest.mid.shape
+    d = n + rest
+    along, curved = zeros(boxes, loop.n_free, d), zeros(boxes, loop.n_free, d, d)
+    for whole, part in ((along, states.rho), (curved, states.bend)):
+        for numbers, found in zip(whole, part, strict=True):
+            numbers[(..., *[slice(n)] * (numbers.ndim - 2))] = found
+    inputs = [
+        Jet(states.q_free.at(np.s_[:, k]), along.at(np.s_[:, k]), None if k in loop.independent else curved.at(np.s_[:, k]))
+        for k in range(loop.n_free)
+    ]
+    unit = np.broadcast_to(np.eye(d), (boxes, d, d))
+    inputs += [Jet(states.rest.at(np.s_[:, k]), exactly(unit[:, n + k])) for k in range(rest)]
+    found = _gathered(jets(program, inputs, reach=states.reach), d)
+    half = boxes // 2
+    return Jets(*(x.at(np.s_[:half]) for x in found)), Jets(*(x.at(np.s_[half:]) for x in found))
+
+
+def _inputs(q_free: Wide, n: int, slope: Wide) -> list[Jet]:
+    """q′ with the slopes given, of shape (…, n′, d), at rest."""
+    boxes, n_free = q_free.mid.shape
+    slope = Wide(*(np.broadcast_to(x, (boxes, *x.shape[-2:])) for x in slope))
+    still = Jet(exactly(np.zeros(boxes)))
+    return [*[Jet(q_free.at(np.s_[:, k]), slope.at(np.s_[:, k])) for k in range(n_free)], *[still] * n]
+
+
+def _gathered(found: list[Jet], width: int) -> Jets:
+    """Outputs' jets side by side, zeros filled in."""
+    boxes = len(found[0].value.mid)
+
+    def side_by_side(parts: list[Wide | None], *shape: int) -> Wide:
+        nothing = zeros(boxes, *shape)
+        return stacked((nothing if x is None else x for x in parts), axis=1)
+
+    return Jets(
+        side_by_side([x.value for x in found]),
+        side_by_side([x.slope for x in found], width),
+        side_by_side([x.bend for x in found], width, width),
+    )

@@ -1,0 +1,176 @@
+"""What the tube theorem asks of the closed loop over slices of time: F′ at their middles, and the ranges of F and F″."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.validated.branch import Jets, States, closed_boxes, jets_of, nearly_closed, states_of
+from ccpin.validated.dynamics import ClosedLoop
+from ccpin.validated.jets import Jet, jets
+from ccpin.validated.series import NotInvertibleError
+from ccpin.validated.tape import Program
+from ccpin.validated.wide import Wide, hull, joined, raised, zeros
+
+_POINT = 1e-15
+_REGULAR = "ψ_q′ or D is not proven nonsingular on a box about the tube"
+_BRANCH = "σ is not proven to be single on a box about the tube"
+
+
+class UnboundedError(ArithmeticError):
+    """A hypothesis about a slice that failed, in words (caught inside this package)."""
+
+
+class Instants(NamedTuple):
+    """The enclosed motion at the middles of B slices of time, and over them.
+
+    Attributes:
+        time: t_m, exact, of shape (B,).
+        half: h/2, exact, of shape (B,).
+        middle: (q′, q̇) at t_m, of shape (B, n′ + n).
+        during: (q′, q̇) over the slice, alike.
+    """
+
+    time: Array
+    half: Array
+    middle: Wide
+    during: Wide
+
+    def part(self, index: slice) -> Instants:
+        """Some of the slices."""
+        return Instants(self.time[index], self.half[index], self.middle.at(index), self.during.at(index))
+
+
+class Boxes(NamedTuple):
+    """Boxes about the tube, on which σ is proven.
+
+    Attributes:
+        q_free: Q × Y, of shape (B, n′).
+        v: V, of shape (B, n).
+        states: σ and its derivatives at the centres and over the pieces of the boxes, P pieces a box.
+        pieces: P.
+    """
+
+    q_free: Wide
+    v: Wide
+    states: States
+    pieces: int
+
+
+class Curvature(NamedTuple):
+    """F over slices, N = 2n.
+
+    Attributes:
+        flow: The range of F along the enclosed motion, of shape (B, N).
+        slope: F′ at the middles, of shape (B, N, N).
+        bend: The range H of F″ over the boxes, of shape (B, N, N, N).
+    """
+
+    flow: Wide
+    slope: Wide
+    bend: Wide
+
+
+def at_middles(loop: ClosedLoop, instants: Instants) -> Jets:
+    """F, F′ and F″ at the middles of slices.
+
+    Raises:
+        UnboundedError: The closed loop is not proven regular there.
+    """
+    q_free, v = instants.middle.at(np.s_[:, : loop.n_free]), instants.middle.at(np.s_[:, loop.n_free :])
+    reach = q_free.rad[:, list(loop.independent)] + _POINT
+    centre, proven = closed_boxes(loop, q_free.mid, reach)
+    if not proven.all():
+        raise UnboundedError(_BRANCH)
+    states = states_of(loop, centre, centre, joined(v, v), np.concatenate([reach, v.rad], axis=1))
+    return _flow_jets(loop, _jets(states, loop, loop.field)[0], v)
+
+
+def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> Boxes:
+    """Boxes of the half-widths (B, N) about the motion over slices, with σ on pieces of them.
+
+    Raises:
+        UnboundedError: σ is not proven to be single there.
+    """
+    split, n, independent = loop.n_free, loop.n, list(loop.independent)
+    centre = instants.middle.mid
+    moved = np.abs(instants.during.mid - centre) + instants.during.rad
+    q_reach, v_reach = raised(moved[:, independent] + reach[:, :n]), raised(moved[:, split:] + reach[:, n:])
+    whole, proven = closed_boxes(loop, centre[:, :split], q_reach)
+    inside = np.all(moved[:, loop.dependent] <= whole.rad[:, loop.dependent], axis=1)
+    if not (proven & inside).all():
+        raise UnboundedError(_BRANCH)
+    v = Wide(centre[:, split:], v_reach)
+    return Boxes(whole, v, _in_pieces(loop, whole, v, pieces), pieces**n)
+
+
+def _in_pieces(loop: ClosedLoop, whole: Wide, v: Wide, pieces: int) -> States:
+    """σ over the pieces of boxes Q × Y, each coordinate of Q cut into as many intervals; all of V with each.
+
+    Raises:
+        UnboundedError: It is not proven on some piece, or not to be the one of the box.
+    """
+    independent = list(loop.independent)
+    places = np.array(list(product(np.linspace(-1.0, 1.0, 2 * pieces + 1)[1::2], repeat=loop.n)))
+    count = len(places)
+    large, rest = (Wide(*(np.repeat(x, count, axis=0) for x in wide)) for wide in (whole, v))
+    offset = large.rad[:, independent] * np.tile(places, (len(whole.mid), 1))
+    reach = raised(large.rad[:, independent] / pieces * (1.0 + 1e-12) + 1e-15 * np.abs(large.mid[:, independent]))
+    near = nearly_closed(loop, large.mid, offset)
+    points, proven = closed_boxes(loop, near, np.full_like(reach, _POINT))
+    box, also = closed_boxes(loop, near, reach)
+    off = np.abs(near - large.mid) + np.maximum(points.rad, box.rad)
+    own = np.all(raised(off)[:, loop.dependent] < large.rad[:, loop.dependent], axis=1)
+    if not (proven & also & own).all():
+        raise UnboundedError(_BRANCH)
+    centre_rest = Wide(rest.mid, np.zeros_like(rest.rad))
+    return states_of(loop, points, box, joined(centre_rest, rest), np.concatenate([reach, rest.rad], axis=1))
+
+
+def curvature(loop: ClosedLoop, instants: Instants, around: Boxes) -> Curvature:
+    """F′ at the middles and the ranges of F and F″.
+
+    Raises:
+        UnboundedError: ψ_q′ or D is not proven nonsingular on the boxes.
+    """
+    thin = at_middles(loop, instants)
+    over = _jets(around.states, loop, loop.field)[1]
+    bend = hull(over.bend.at(np.s_[:, loop.n_free :]), around.pieces)
+    size = 2 * loop.n
+    whole = zeros(len(instants.time), size, size, size)
+    for numbers, part in zip(whole, bend, strict=True):
+        numbers[:, loop.n :] = part
+    return Curvature(_flow(loop, instants.during), thin.slope, whole)
+
+
+def _flow(loop: ClosedLoop, states: Wide) -> Wide:
+    """F over boxes of states (q′, q̇)."""
+    try:
+        found = jets(loop.field, [Jet(states.at(np.s_[:, k])) for k in range(loop.field.inputs)], order=0)
+    except NotInvertibleError:
+        raise UnboundedError(_REGULAR) from None
+    parts = [states.at(np.s_[:, k]) for k in range(loop.n_free, loop.field.inputs)]
+    parts += [jet.value for jet in found[loop.n_free :]]
+    return Wide(*(np.stack(column, axis=1) for column in zip(*parts, strict=True)))
+
+
+def _flow_jets(loop: ClosedLoop, field: Jets, v: Wide) -> Jets:
+    """F's jets from those of the outputs (q̇′, q̈)."""
+    n, count = loop.n, len(v.mid)
+    value = Wide(*(np.concatenate([a, b[:, loop.n_free :]], axis=1) for a, b in zip(v, field.value, strict=True)))
+    slope, bend = zeros(count, 2 * n, 2 * n), zeros(count, 2 * n, 2 * n, 2 * n)
+    slope.mid[:, :n, n:] = np.eye(n)
+    for whole, part in ((slope, field.slope), (bend, field.bend)):
+        for numbers, found in zip(whole, part, strict=True):
+            numbers[:, n:] = found[:, loop.n_free :]
+    return Jets(value, slope, bend)
+
+
+def _jets(states: States, loop: ClosedLoop, program: Program) -> tuple[Jets, Jets]:
+    try:
+        return jets_of(states, loop, program)
+    except NotInvertibleError:
+        raise UnboundedError(_REGULAR) from None
