@@ -16,6 +16,7 @@ programs' outputs over (σ(q), q̇) have jets in s = (q, q̇), or s = (q, q̇, u
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ import numpy as np
 from ccpin.arrays import Array, Mask
 from ccpin.validated.dynamics import ClosedLoop
 from ccpin.validated.jets import Jet, jets, narrowed
+from ccpin.validated.series import NotInvertibleError
 from ccpin.validated.tape import Program
 from ccpin.validated.wide import Wide, exactly, inverse, joined, raised, stacked, zeros
 
@@ -47,13 +49,14 @@ class Jets(NamedTuple):
     bend: Wide
 
 
-def closed_boxes(loop: ClosedLoop, centre: Array, reach: Array) -> tuple[Wide, Mask]:
+def closed_boxes(loop: ClosedLoop, centre: Array, reach: Array, least: Array | None = None) -> tuple[Wide, Mask]:
     """Boxes Q × Y of the theorem, and for which of them it is proven.
 
     Args:
         loop: The mechanism.
         centre: Nearly closed configurations, of shape (B, n′).
         reach: w, of shape (B, n).
+        least: Lower bounds of R, of shape (B, m).
     """
     dependent, independent = list(loop.dependent), list(loop.independent)
     radius = np.zeros_like(centre)
@@ -71,13 +74,14 @@ def closed_boxes(loop: ClosedLoop, centre: Array, reach: Array) -> tuple[Wide, M
         changed = (identity - near @ over.at(np.s_[:, :, dependent])).size @ radius[:, dependent, None]
         return raised(open_by + (moved + changed)[:, :, 0])
 
-    radius[:, dependent] = open_by + _SMALLEST
+    floor = open_by + _SMALLEST if least is None else np.maximum(least, open_by + _SMALLEST)
+    radius[:, dependent] = floor
     for _ in range(_ROUNDS):
         found = image()
         held = np.all(found < radius[:, dependent], axis=1)
         if held.all():
             break
-        radius[:, dependent] = np.where(held[:, None], radius[:, dependent], _INFLATION * found)
+        radius[:, dependent] = np.where(held[:, None], radius[:, dependent], np.maximum(_INFLATION * found, floor))
     return Wide(centre, radius), np.asarray(held)
 
 
@@ -97,7 +101,8 @@ def nearly_closed(loop: ClosedLoop, centre: Array, offset: Array) -> Array:
 
 def _closure(loop: ClosedLoop, q_free: Wide) -> tuple[Wide, Wide]:
     """φ and φ_q′ over boxes, of shapes (B, m) and (B, m, n′)."""
-    found = jets(loop.closure, _inputs(q_free, loop.n, exactly(np.eye(loop.n_free))), order=1)
+    unit = exactly(np.broadcast_to(np.eye(loop.n_free), (len(q_free.mid), loop.n_free, loop.n_free)))
+    found = jets(loop.closure, _inputs(q_free, loop.n, [unit]), order=1)
     return _gathered(found, loop.n_free)[:2]
 
 
@@ -107,20 +112,18 @@ class States(NamedTuple):
     Attributes:
         rest: q̇, or q̇ and u, of shape (2B, d − n).
         q_free: σ(q), of shape (2B, n′).
-        rho: ρ, of shape (2B, n′, n).
-        bend: σ_qq, of shape (2B, n′, n, n).
+        slopes: ρ = σ_q, σ_qq and σ_qqq, of shapes (2B, n′, n), (2B, n′, n, n), (2B, n′, n, n, n).
         reach: Bounds of the distance from centre to the box's points along s, of shape (B, d).
     """
 
     rest: Wide
     q_free: Wide
-    rho: Wide
-    bend: Wide
+    slopes: tuple[Wide, Wide, Wide]
     reach: Array
 
 
 def states_of(loop: ClosedLoop, centre: Wide, box: Wide, rest: Wide, reach: Array) -> States:
-    """ρ and σ_qq at closed centres and over the boxes about them.
+    """σ and its derivatives at closed centres and over the boxes about them.
 
     Args:
         loop: The mechanism.
@@ -130,26 +133,29 @@ def states_of(loop: ClosedLoop, centre: Wide, box: Wide, rest: Wide, reach: Arra
         reach: As in the result.
     """
     q_free, n, dependent = joined(centre, box), loop.n, list(loop.dependent)
-    boxes = len(q_free.mid)
-    rho, bend = zeros(boxes, loop.n_free, n), zeros(boxes, loop.n_free, n, n)
-    rho.mid[:, list(loop.independent)] = np.eye(n)
+    slopes = tuple(zeros(len(q_free.mid), loop.n_free, *[n] * degree) for degree in (1, 2, 3))
+    slopes[0].mid[:, list(loop.independent)] = np.eye(n)
     for _ in range(_SIGMA_ROUNDS if dependent else 0):
-        _, slopes = _closure(loop, q_free)
-        over = inverse(slopes.at(np.s_[:, :, dependent]))
-        assert over is not None, "closed_boxes proves it nonsingular"
-        found = -(over @ slopes.at(np.s_[:, :, list(loop.independent)]))
-        for whole, part in zip(rho, found, strict=True):
-            whole[:, dependent] = part
-        curvature = _gathered(jets(loop.closure, _inputs(q_free, n, rho)), n).bend
-        flat = Wide(*(x.reshape(boxes, len(dependent), n * n) for x in curvature))
-        for whole, part in zip(bend, -(over @ flat), strict=True):
-            whole[:, dependent] = part.reshape(boxes, len(dependent), n, n)
+        jacobian = _closure(loop, q_free)[1]
+        over = inverse(jacobian.at(np.s_[:, :, dependent]))
+        if over is None:
+            raise NotInvertibleError
+        _write(slopes[0], dependent, -(over @ jacobian.at(np.s_[:, :, list(loop.independent)])))
+        for degree in (2, 3):
+            found = jets(loop.closure, _inputs(q_free, n, slopes[: degree - 1]), order=degree)
+            open_by = stacked(_or_zero(x[degree], len(q_free.mid), *[n] * degree) for x in found).swapped(-1, 1)
+            flat = Wide(*(x.reshape(*x.shape[:2], -1) for x in open_by))
+            _write(slopes[degree - 1], dependent, -(over @ flat))
         for k in dependent:
-            parts = q_free.at(np.s_[:, k]), rho.at(np.s_[:, k]), bend.at(np.s_[:, k])
-            sharp = narrowed(Jet(*parts), reach[:, :n])
-            for whole, part in zip((q_free, rho), sharp, strict=False):
+            sharp = narrowed(Jet(q_free.at(np.s_[:, k]), *(x.at(np.s_[:, k]) for x in slopes)), reach[:, :n])
+            for whole, part in zip((q_free, *slopes), sharp, strict=True):
                 whole.mid[:, k], whole.rad[:, k] = part
-    return States(rest, q_free, rho, bend, reach)
+    return States(rest, q_free, slopes, reach)
+
+
+def _write(whole: Wide, rows: list[int], part: Wide) -> None:
+    for numbers, found in zip(whole, part, strict=True):
+        numbers[:, rows] = found.reshape(len(found), len(rows), *numbers.shape[2:])
 
 
 def jets_of(states: States, loop: ClosedLoop, program: Program) -> tuple[Jets, Jets]:
@@ -160,12 +166,12 @@ def jets_of(states: States, loop: ClosedLoop, program: Program) -> tuple[Jets, J
     """
     n, (boxes, rest) = loop.n, states.rest.mid.shape
     d = n + rest
-    along, curved = zeros(boxes, loop.n_free, d), zeros(boxes, loop.n_free, d, d)
-    for whole, part in ((along, states.rho), (curved, states.bend)):
+    along = [zeros(boxes, loop.n_free, *[d] * degree) for degree in (1, 2, 3)]
+    for degree, (whole, part) in enumerate(zip(along, states.slopes, strict=True)):
         for numbers, found in zip(whole, part, strict=True):
-            numbers[(..., *[slice(n)] * (numbers.ndim - 2))] = found
+            numbers[(..., *[slice(n)] * (degree + 1))] = found
     inputs = [
-        Jet(states.q_free.at(np.s_[:, k]), along.at(np.s_[:, k]), None if k in loop.independent else curved.at(np.s_[:, k]))
+        Jet(states.q_free.at(np.s_[:, k]), *(x.at(np.s_[:, k]) for x in along[: 1 if k in loop.independent else 3]))
         for k in range(loop.n_free)
     ]
     unit = np.broadcast_to(np.eye(d), (boxes, d, d))
@@ -175,24 +181,19 @@ def jets_of(states: States, loop: ClosedLoop, program: Program) -> tuple[Jets, J
     return Jets(*(x.at(np.s_[:half]) for x in found)), Jets(*(x.at(np.s_[half:]) for x in found))
 
 
-def _inputs(q_free: Wide, n: int, slope: Wide) -> list[Jet]:
-    """q′ with the slopes given, of shape (…, n′, d), at rest."""
-    boxes, n_free = q_free.mid.shape
-    slope = Wide(*(np.broadcast_to(x, (boxes, *x.shape[-2:])) for x in slope))
-    still = Jet(exactly(np.zeros(boxes)))
-    return [*[Jet(q_free.at(np.s_[:, k]), slope.at(np.s_[:, k])) for k in range(n_free)], *[still] * n]
+def _inputs(q_free: Wide, n: int, slopes: Sequence[Wide]) -> list[Jet]:
+    """q′ with the slopes given, each of shape (B, n′, d, …), at rest."""
+    still = Jet(exactly(np.zeros(len(q_free.mid))))
+    moving = [Jet(q_free.at(np.s_[:, k]), *(x.at(np.s_[:, k]) for x in slopes)) for k in range(q_free.mid.shape[1])]
+    return [*moving, *[still] * n]
 
 
 def _gathered(found: list[Jet], width: int) -> Jets:
     """Outputs' jets side by side, zeros filled in."""
     boxes = len(found[0].value.mid)
+    parts = ([_or_zero(x[degree], boxes, *[width] * degree) for x in found] for degree in range(3))
+    return Jets(*(stacked(part, axis=1) for part in parts))
 
-    def side_by_side(parts: list[Wide | None], *shape: int) -> Wide:
-        nothing = zeros(boxes, *shape)
-        return stacked((nothing if x is None else x for x in parts), axis=1)
 
-    return Jets(
-        side_by_side([x.value for x in found]),
-        side_by_side([x.slope for x in found], width),
-        side_by_side([x.bend for x in found], width, width),
-    )
+def _or_zero(x: Wide | None, *shape: int) -> Wide:
+    return zeros(*shape) if x is None else x

@@ -16,6 +16,7 @@ from ccpin.validated.tape import Program
 from ccpin.validated.wide import Wide, hull, joined, raised, zeros
 
 _POINT = 1e-15
+_LARGER = 1.05  # than needed: room for the pieces' own boxes in it
 _REGULAR = "ψ_q′ or D is not proven nonsingular on a box about the tube"
 _BRANCH = "σ is not proven to be single on a box about the tube"
 
@@ -64,13 +65,13 @@ class Curvature(NamedTuple):
     """F over slices, N = 2n.
 
     Attributes:
-        flow: The range of F along the enclosed motion, of shape (B, N).
         slope: F′ at the middles, of shape (B, N, N).
+        change: The range of d/dt F′ = F″[F] along the enclosed motion, of shape (B, N, N).
         bend: The range H of F″ over the boxes, of shape (B, N, N, N).
     """
 
-    flow: Wide
     slope: Wide
+    change: Wide
     bend: Wide
 
 
@@ -85,7 +86,7 @@ def at_middles(loop: ClosedLoop, instants: Instants) -> Jets:
     centre, proven = closed_boxes(loop, q_free.mid, reach)
     if not proven.all():
         raise UnboundedError(_BRANCH)
-    states = states_of(loop, centre, centre, joined(v, v), np.concatenate([reach, v.rad], axis=1))
+    states = _states(loop, centre, centre, joined(v, v), np.concatenate([reach, v.rad], axis=1))
     return _flow_jets(loop, _jets(states, loop, loop.field)[0], v)
 
 
@@ -99,9 +100,9 @@ def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> Bo
     centre = instants.middle.mid
     moved = np.abs(instants.during.mid - centre) + instants.during.rad
     q_reach, v_reach = raised(moved[:, independent] + reach[:, :n]), raised(moved[:, split:] + reach[:, n:])
-    whole, proven = closed_boxes(loop, centre[:, :split], q_reach)
-    inside = np.all(moved[:, loop.dependent] <= whole.rad[:, loop.dependent], axis=1)
-    if not (proven & inside).all():
+    found, _ = closed_boxes(loop, centre[:, :split], q_reach, moved[:, loop.dependent])
+    whole, proven = closed_boxes(loop, centre[:, :split], q_reach, _LARGER * found.rad[:, loop.dependent])
+    if not proven.all():
         raise UnboundedError(_BRANCH)
     v = Wide(centre[:, split:], v_reach)
     return Boxes(whole, v, _in_pieces(loop, whole, v, pieces), pieces**n)
@@ -127,7 +128,7 @@ def _in_pieces(loop: ClosedLoop, whole: Wide, v: Wide, pieces: int) -> States:
     if not (proven & also & own).all():
         raise UnboundedError(_BRANCH)
     centre_rest = Wide(rest.mid, np.zeros_like(rest.rad))
-    return states_of(loop, points, box, joined(centre_rest, rest), np.concatenate([reach, rest.rad], axis=1))
+    return _states(loop, points, box, joined(centre_rest, rest), np.concatenate([reach, rest.rad], axis=1))
 
 
 def curvature(loop: ClosedLoop, instants: Instants, around: Boxes) -> Curvature:
@@ -137,13 +138,16 @@ def curvature(loop: ClosedLoop, instants: Instants, around: Boxes) -> Curvature:
         UnboundedError: ψ_q′ or D is not proven nonsingular on the boxes.
     """
     thin = at_middles(loop, instants)
+    alone = boxes(loop, instants, np.zeros_like(around.v.mid).repeat(2, axis=1), 1)
+    along = _flow_jets(loop, _jets(alone.states, loop, loop.field)[1], alone.v)
+    change = (along.bend @ _flow(loop, instants.during).at(np.s_[:, None, :, None])).at((..., 0))
     over = _jets(around.states, loop, loop.field)[1]
     bend = hull(over.bend.at(np.s_[:, loop.n_free :]), around.pieces)
     size = 2 * loop.n
     whole = zeros(len(instants.time), size, size, size)
     for numbers, part in zip(whole, bend, strict=True):
         numbers[:, loop.n :] = part
-    return Curvature(_flow(loop, instants.during), thin.slope, whole)
+    return Curvature(thin.slope, change, whole)
 
 
 def _flow(loop: ClosedLoop, states: Wide) -> Wide:
@@ -167,6 +171,13 @@ def _flow_jets(loop: ClosedLoop, field: Jets, v: Wide) -> Jets:
         for numbers, found in zip(whole, part, strict=True):
             numbers[:, n:] = found[:, loop.n_free :]
     return Jets(value, slope, bend)
+
+
+def _states(loop: ClosedLoop, centre: Wide, box: Wide, rest: Wide, reach: Array) -> States:
+    try:
+        return states_of(loop, centre, box, rest, reach)
+    except NotInvertibleError:
+        raise UnboundedError(_REGULAR) from None
 
 
 def _jets(states: States, loop: ClosedLoop, program: Program) -> tuple[Jets, Jets]:

@@ -21,7 +21,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.validated.series import NotInvertibleError
 from ccpin.validated.tape import ADD, COSINE, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
-from ccpin.validated.wide import Wide, inverse, of_balls, raised, sine_and_cosine, stacked
+from ccpin.validated.wide import Wide, inverse, of_balls, raised, sine_and_cosine, stacked, zeros
 
 
 class Jet(NamedTuple):
@@ -29,22 +29,24 @@ class Jet(NamedTuple):
 
     Attributes:
         value: Of shape (B,).
-        slope: ∂w/∂s, of shape (B, d); ``None`` where it is zero.
-        bend: ∂²w/∂s², of shape (B, d, d); ``None`` where it is zero or not asked for.
+        slope: ∂w/∂s, of shape (B, d); ``None`` where it is zero or not asked for.
+        bend: ∂²w/∂s², of shape (B, d, d), alike.
+        twist: ∂³w/∂s³, of shape (B, d, d, d), alike.
     """
 
     value: Wide
     slope: Wide | None = None
     bend: Wide | None = None
+    twist: Wide | None = None
 
 
-def jets(program: Program, inputs: Sequence[Jet], order: int = 2, reach: Array | None = None) -> list[Jet]:
+def jets(program: Program, inputs: Sequence[Jet], order: int = 3, reach: Array | None = None) -> list[Jet]:
     """The outputs' jets.
 
     Args:
         program: The program.
         inputs: A jet for each input, with the same boxes and directions.
-        order: 0, 1 or 2: how many derivatives.
+        order: 0 to 3: how many derivatives.
         reach: δ, of shape (B/2, d): the first half of the boxes are the centres of the others. ``None``: no narrowing.
 
     Raises:
@@ -94,20 +96,25 @@ class _Run:
         return jet if self.reach is None else narrowed(jet, self.reach)
 
     def product(self, a: Jet, b: Jet) -> Jet:
-        """(ab)′ = ab′ + ba′, (ab)″ = ab″ + ba″ + a′b′ᵀ + b′a′ᵀ."""
-        slope = _sum(_scaled(a.value, b.slope), _scaled(b.value, a.slope))
-        bend = _sum(_scaled(a.value, b.bend), _scaled(b.value, a.bend))
-        if self.order == 2 and a.slope is not None and b.slope is not None:
+        """Leibniz' rule: (ab)′ = ab′ + ba′, (ab)″ = ab″ + ba″ + a′b′ᵀ + b′a′ᵀ, ."""
+        slope, bend, twist = (_sum(_scaled(a.value, y), _scaled(b.value, x)) for x, y in zip(a[1:], b[1:], strict=True))
+        if self.order >= 2:
             cross = _outer(a.slope, b.slope)
-            bend = _sum(bend, cross + cross.swapped(1, 2))
-        return Jet(a.value * b.value, slope, bend)
+            bend = _sum(bend, cross and cross + cross.swapped(1, 2))
+        if self.order >= 3:
+            twist = _sum(twist, _shared(_sum(_outer(a.slope, b.bend), _outer(b.slope, a.bend))))
+        return Jet(a.value * b.value, slope, bend, twist)
 
     def turned(self, angle: Jet, value: Wide, rate: Wide) -> Jet:
-        """w(angle) with w′ = rate and w″ = −value."""
-        bend = _scaled(rate, angle.bend)
-        if self.order == 2 and angle.slope is not None:
-            bend = _sum(bend, _scaled(-value, _outer(angle.slope, angle.slope)))
-        return Jet(value, _scaled(rate, angle.slope), bend)
+        """w(angle) with w′ = rate, w″ = −value and w‴ = −rate."""
+        slope, bend, twist = (_scaled(rate, x) for x in angle[1:])
+        if self.order >= 2:
+            square = _outer(angle.slope, angle.slope)
+            bend = _sum(bend, _scaled(-value, square))
+            if self.order >= 3:
+                twist = _sum(twist, _scaled(-value, _shared(_outer(angle.slope, angle.bend))))
+                twist = _sum(twist, _scaled(-rate, _outer(angle.slope, square)))
+        return Jet(value, slope, bend, twist)
 
     def trigonometric(self, angle: int) -> tuple[Wide, Wide]:
         """Sine and cosine of a value."""
@@ -116,7 +123,7 @@ class _Run:
         return self.angles[angle]
 
     def solution(self, item: Instruction) -> list[Jet]:
-        """From AZ = B: AZ′ = B′ − A′Z, AZ_kl = B_kl − A_kl Z − A_k Z_l − A_l Z_k; entries row-major."""
+        """From AZ = B: AZ_k = B_k − A_k Z, AZ_kl = B_kl − A_kl Z − A_k Z_l − A_l Z_k and so on; entries row-major."""
         left, right = self.table(item.b.matrix), self.table(item.b.right)
         if item.b.matrix not in self.inverses:
             inverted = inverse(left[0])
@@ -124,28 +131,31 @@ class _Run:
                 raise NotInvertibleError
             self.inverses[item.b.matrix] = inverted
         over = self.inverses[item.b.matrix]
-        value = over @ right[0]
-        slope = bend = None
+        z = [over @ right[0]]
         if self.order >= 1:
-            over, z = over.at(np.s_[:, None]), value.at(np.s_[:, None])
-            slope = over @ (right[1] - left[1] @ z)
-        if self.order == 2 and slope is not None:
-            over, z = over.at(np.s_[:, None]), value.at(np.s_[:, None, None])
-            mixed = left[1].at(np.s_[:, :, None]) @ slope.at(np.s_[:, None])
-            bend = over @ (right[2] - left[2] @ z - mixed - mixed.swapped(1, 2))
-        rows, columns = value.mid.shape[1:]
+            over = over.at(np.s_[:, None])
+            z.append(over @ (right[1] - left[1] @ z[0].at(np.s_[:, None])))
+        if self.order >= 2:
+            over = over.at(np.s_[:, None])
+            mixed = left[1].at(np.s_[:, :, None]) @ z[1].at(np.s_[:, None])
+            known = left[2] @ z[0].at(np.s_[:, None, None])
+            z.append(over @ (right[2] - known - mixed - mixed.swapped(1, 2)))
+        if self.order >= 3:
+            over = over.at(np.s_[:, None])
+            mixed = left[1].at(np.s_[:, :, None, None]) @ z[2].at(np.s_[:, None])
+            mixed = mixed + (left[2].at(np.s_[:, None]) @ z[1].at(np.s_[:, :, None, None]))
+            shared = mixed + mixed.swapped(1, 2) + mixed.swapped(1, 3)
+            z.append(over @ (right[3] - left[3] @ z[0].at(np.s_[:, None, None, None]) - shared))
+        rows, columns = z[0].mid.shape[1:]
         return [
-            self.narrowed(Jet(*(None if x is None else x.at((..., i, j)) for x in (value, slope, bend))))
-            for i in range(rows)
-            for j in range(columns)
+            self.narrowed(Jet(*(x.at((..., i, j)) for x in z))) for i in range(rows) for j in range(columns)
         ]
 
     def table(self, numbers: Sequence[Sequence[int]]) -> list[Wide]:
-        """Values (B, rows, columns), slopes (B, d, …) and bends (B, d, d, …) of a matrix."""
-        shapes = [(self.boxes,), (self.boxes, self.width), (self.boxes, self.width, self.width)]
+        """Values (B, rows, columns), slopes (B, d, …), bends (B, d, d, …) and twists of a matrix."""
         tables = []
-        for degree, shape in enumerate(shapes[: self.order + 1]):
-            nothing = Wide(np.zeros(shape), np.zeros(shape))
+        for degree in range(self.order + 1):
+            nothing = zeros(self.boxes, *[self.width] * degree)
             rows = [[self.found[k][degree] for k in row] for row in numbers]
             tables.append(stacked((stacked(nothing if x is None else x for x in row) for row in rows), axis=-2))
         return tables
@@ -153,19 +163,22 @@ class _Run:
 
 def narrowed(jet: Jet, reach: Array) -> Jet:
     """The second half of a jet's boxes narrowed by Taylor's theorem about the first half, their centres."""
-    value, slope, bend = jet
-    if slope is None:
-        return jet
-    half = len(reach)
-    centre, over = np.s_[:half], np.s_[half:]
-    turn = None
-    if bend is not None:
-        turn = raised((bend.at(over).size @ reach[:, :, None])[:, :, 0])
-        slope = _narrower(slope, slope.at(centre), turn)
-    moved = (slope.at(centre).size * reach).sum(axis=1)
-    if turn is not None:
-        moved = moved + 0.5 * (turn * reach).sum(axis=1)
-    return Jet(_narrower(value, value.at(centre), raised(moved)), slope, bend)
+    found, moved = list(jet), None
+    for degree in (2, 1, 0):
+        x = found[degree]
+        if x is None:
+            continue
+        # moved: the reach of this derivative from its value at the centre
+        next_one = found[degree + 1]
+        if next_one is None:
+            continue
+        half = len(reach)
+        shape = (half, *[1] * degree, reach.shape[1])
+        near = next_one.at(np.s_[:half]).size
+        total = near + 0.5 * moved if moved is not None else next_one.at(np.s_[half:]).size
+        moved = raised((total * reach.reshape(shape)).sum(axis=-1))
+        found[degree] = _narrower(x, x.at(np.s_[:half]), moved)
+    return Jet(*found)
 
 
 def _narrower(x: Wide, centre: Wide, reach: Array) -> Wide:
@@ -174,6 +187,11 @@ def _narrower(x: Wide, centre: Wide, reach: Array) -> Wide:
     better = found.rad < x.rad[half:]
     both = (np.where(better, *pair) for pair in ((found.mid, x.mid[half:]), (found.rad, x.rad[half:])))
     return Wide(*(np.concatenate([old[:half], new]) for old, new in zip(x, both, strict=True)))
+
+
+def _shared(x: Wide | None) -> Wide | None:
+    """The sum of x_klm, x_lkm and x_mlk: symmetric where x is in its last two."""
+    return None if x is None else x + x.swapped(1, 2) + x.swapped(1, 3)
 
 
 def _sum(a: Wide | None, b: Wide | None) -> Wide | None:
@@ -191,5 +209,8 @@ def _spread(factor: Wide, dimensions: int) -> Wide:
     return factor.at((..., *[None] * (dimensions - factor.mid.ndim)))
 
 
-def _outer(a: Wide, b: Wide) -> Wide:
-    return a.at(np.s_[:, :, None]) * b.at(np.s_[:, None, :])
+def _outer(a: Wide | None, b: Wide | None) -> Wide | None:
+    """a_k b_l…, ``None`` where either is zero."""
+    if a is None or b is None:
+        return None
+    return a.at((..., *[None] * (b.mid.ndim - 1))) * b.at(np.s_[:, None])

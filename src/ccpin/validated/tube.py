@@ -178,8 +178,7 @@ def _terms(half: Array, moving: Frames, known: Curvature, stretch: Array) -> _Te
         raise UnboundedError("the tube's cross-section is too thin in some direction for the arithmetic")
     unstretch = raised(stretch + (delta**2 / (1.0 - delta))[:, None, None])
     x = back @ known.slope @ frame
-    drift = (known.bend @ known.flow.at(np.s_[:, None, :, None])).at((..., 0))
-    y = back @ drift @ frame
+    y = back @ known.change @ frame
     first = (x @ rate - curve + y).size
     second = (exactly(np.array(0.5)) * (x @ curve) + y @ rate).size
     third = (y @ curve).size
