@@ -113,29 +113,32 @@ class States(NamedTuple):
         rest: q̇, or q̇ and u, of shape (2B, d − n).
         q_free: σ(q), of shape (2B, n′).
         slopes: ρ = σ_q, σ_qq and σ_qqq, of shapes (2B, n′, n), (2B, n′, n, n), (2B, n′, n, n, n).
-        reach: Bounds of the distance from centre to the box's points along s, of shape (B, d).
+        reach: Bounds of the distance from centre to the box's points along s, of shape (B, d); ``None`` where there are
+            no centres.
     """
 
     rest: Wide
     q_free: Wide
     slopes: tuple[Wide, Wide, Wide]
-    reach: Array
+    reach: Array | None
 
 
-def states_of(loop: ClosedLoop, centre: Wide, box: Wide, rest: Wide, reach: Array) -> States:
-    """σ and its derivatives at closed centres and over the boxes about them.
+def states_of(loop: ClosedLoop, q_free: Wide, rest: Wide, reach: Array | None = None) -> States:
+    """σ and its derivatives over closed boxes, narrowed by those at their centres where there are some.
 
     Args:
         loop: The mechanism.
-        centre: From `closed_boxes`, of shape (B, n′).
-        box: Likewise; each holds its centre.
-        rest: q̇, or q̇ and u: the centres' and the boxes', of shape (2B, d − n).
-        reach: As in the result.
+        q_free: From `closed_boxes`; centres first, each in its box, where a reach is given.
+        rest: As in the result.
+        reach: Likewise.
+
+    Raises:
+        NotInvertibleError: ψ_q′ is not proven nonsingular on one of them.
     """
-    q_free, n, dependent = joined(centre, box), loop.n, list(loop.dependent)
+    q_free, n, dependent = Wide(*(x.copy() for x in q_free)), loop.n, list(loop.dependent)
     slopes = tuple(zeros(len(q_free.mid), loop.n_free, *[n] * degree) for degree in (1, 2, 3))
     slopes[0].mid[:, list(loop.independent)] = np.eye(n)
-    for _ in range(_SIGMA_ROUNDS if dependent else 0):
+    for _ in range((1 if reach is None else _SIGMA_ROUNDS) if dependent else 0):
         jacobian = _closure(loop, q_free)[1]
         over = inverse(jacobian.at(np.s_[:, :, dependent]))
         if over is None:
@@ -146,9 +149,11 @@ def states_of(loop: ClosedLoop, centre: Wide, box: Wide, rest: Wide, reach: Arra
             open_by = stacked(_or_zero(x[degree], len(q_free.mid), *[n] * degree) for x in found).swapped(-1, 1)
             flat = Wide(*(x.reshape(*x.shape[:2], -1) for x in open_by))
             _write(slopes[degree - 1], dependent, -(over @ flat))
-        for k in dependent:
-            sharp = narrowed(Jet(q_free.at(np.s_[:, k]), *(x.at(np.s_[:, k]) for x in slopes)), reach[:, :n])
-            for whole, part in zip((q_free, *slopes), sharp, strict=True):
+        for k in dependent if reach is not None else ():
+            assert reach is not None
+            twist = slopes[2].at(np.s_[len(reach) :, k])
+            sharp = narrowed(Jet(*(x.at(np.s_[:, k]) for x in (q_free, *slopes[:2])), twist), reach[:, :n])
+            for whole, part in zip((q_free, *slopes[:2]), sharp[:3], strict=True):
                 whole.mid[:, k], whole.rad[:, k] = part
     return States(rest, q_free, slopes, reach)
 
@@ -158,8 +163,8 @@ def _write(whole: Wide, rows: list[int], part: Wide) -> None:
         numbers[:, rows] = found.reshape(len(found), len(rows), *numbers.shape[2:])
 
 
-def jets_of(states: States, loop: ClosedLoop, program: Program) -> tuple[Jets, Jets]:
-    """A program's jets along s = (q, the rest of its inputs): at the centres, and over the boxes.
+def jets_of(states: States, loop: ClosedLoop, program: Program) -> Jets:
+    """A program's jets over the boxes along s = (q, the rest of its inputs).
 
     Raises:
         NotInvertibleError: ψ_q′ or D is not proven nonsingular on one of them.
@@ -170,15 +175,16 @@ def jets_of(states: States, loop: ClosedLoop, program: Program) -> tuple[Jets, J
     for degree, (whole, part) in enumerate(zip(along, states.slopes, strict=True)):
         for numbers, found in zip(whole, part, strict=True):
             numbers[(..., *[slice(n)] * (degree + 1))] = found
+    over = np.s_[0 if states.reach is None else boxes // 2 :]
+    along[2] = along[2].at(over)
     inputs = [
         Jet(states.q_free.at(np.s_[:, k]), *(x.at(np.s_[:, k]) for x in along[: 1 if k in loop.independent else 3]))
         for k in range(loop.n_free)
     ]
     unit = np.broadcast_to(np.eye(d), (boxes, d, d))
     inputs += [Jet(states.rest.at(np.s_[:, k]), exactly(unit[:, n + k])) for k in range(rest)]
-    found = _gathered(jets(program, inputs, reach=states.reach), d)
-    half = boxes // 2
-    return Jets(*(x.at(np.s_[:half]) for x in found)), Jets(*(x.at(np.s_[half:]) for x in found))
+    order = 2 if states.reach is None else 3
+    return Jets(*(x.at(over) for x in _gathered(jets(program, inputs, order, states.reach), d)))
 
 
 def _inputs(q_free: Wide, n: int, slopes: Sequence[Wide]) -> list[Jet]:

@@ -86,8 +86,7 @@ def at_middles(loop: ClosedLoop, instants: Instants) -> Jets:
     centre, proven = closed_boxes(loop, q_free.mid, reach)
     if not proven.all():
         raise UnboundedError(_BRANCH)
-    states = _states(loop, centre, centre, joined(v, v), np.concatenate([reach, v.rad], axis=1))
-    return _flow_jets(loop, _jets(states, loop, loop.field)[0], v)
+    return _flow_jets(loop, _jets(_states(loop, centre, v, None), loop, loop.field), v)
 
 
 def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> Boxes:
@@ -128,26 +127,26 @@ def _in_pieces(loop: ClosedLoop, whole: Wide, v: Wide, pieces: int) -> States:
     if not (proven & also & own).all():
         raise UnboundedError(_BRANCH)
     centre_rest = Wide(rest.mid, np.zeros_like(rest.rad))
-    return _states(loop, points, box, joined(centre_rest, rest), np.concatenate([reach, rest.rad], axis=1))
+    whole_reach = np.concatenate([reach, rest.rad], axis=1)
+    return _states(loop, joined(points, box), joined(centre_rest, rest), whole_reach)
 
 
-def curvature(loop: ClosedLoop, instants: Instants, around: Boxes) -> Curvature:
-    """F′ at the middles and the ranges of F and F″.
+def curvature(loop: ClosedLoop, instants: Instants, slope: Wide, around: Boxes) -> Curvature:
+    """The ranges of F″ beside F′ at the middles, `at_middles`' slope.
 
     Raises:
         UnboundedError: ψ_q′ or D is not proven nonsingular on the boxes.
     """
-    thin = at_middles(loop, instants)
     alone = boxes(loop, instants, np.zeros_like(around.v.mid).repeat(2, axis=1), 1)
-    along = _flow_jets(loop, _jets(alone.states, loop, loop.field)[1], alone.v)
+    along = _flow_jets(loop, _jets(alone.states, loop, loop.field), alone.v)
     change = (along.bend @ _flow(loop, instants.during).at(np.s_[:, None, :, None])).at((..., 0))
-    over = _jets(around.states, loop, loop.field)[1]
+    over = _jets(around.states, loop, loop.field)
     bend = hull(over.bend.at(np.s_[:, loop.n_free :]), around.pieces)
     size = 2 * loop.n
     whole = zeros(len(instants.time), size, size, size)
     for numbers, part in zip(whole, bend, strict=True):
         numbers[:, loop.n :] = part
-    return Curvature(thin.slope, change, whole)
+    return Curvature(slope, change, whole)
 
 
 def _flow(loop: ClosedLoop, states: Wide) -> Wide:
@@ -173,14 +172,14 @@ def _flow_jets(loop: ClosedLoop, field: Jets, v: Wide) -> Jets:
     return Jets(value, slope, bend)
 
 
-def _states(loop: ClosedLoop, centre: Wide, box: Wide, rest: Wide, reach: Array) -> States:
+def _states(loop: ClosedLoop, q_free: Wide, rest: Wide, reach: Array | None) -> States:
     try:
-        return states_of(loop, centre, box, rest, reach)
+        return states_of(loop, q_free, rest, reach)
     except NotInvertibleError:
         raise UnboundedError(_REGULAR) from None
 
 
-def _jets(states: States, loop: ClosedLoop, program: Program) -> tuple[Jets, Jets]:
+def _jets(states: States, loop: ClosedLoop, program: Program) -> Jets:
     try:
         return jets_of(states, loop, program)
     except NotInvertibleError:

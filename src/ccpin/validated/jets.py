@@ -31,7 +31,7 @@ class Jet(NamedTuple):
         value: Of shape (B,).
         slope: ∂w/∂s, of shape (B, d); ``None`` where it is zero or not asked for.
         bend: ∂²w/∂s², of shape (B, d, d), alike.
-        twist: ∂³w/∂s³, of shape (B, d, d, d), alike.
+        twist: ∂³w/∂s³, of shape (B, d, d, d), alike; without the centres where boxes come with centres.
     """
 
     value: Wide
@@ -62,6 +62,7 @@ class _Run:
     def __init__(self, size: int, inputs: Sequence[Jet], order: int, reach: Array | None) -> None:
         self.found: list[Any] = [*inputs, *[None] * (size - len(inputs))]
         self.order, self.boxes, self.reach = order, len(inputs[0].value.mid), reach
+        self.over = np.s_[0 if reach is None else len(reach) :]
         self.width = next((x.slope.mid.shape[1] for x in inputs if x.slope is not None), 0)
         self.inverses: dict[Any, Wide] = {}
         self.angles: dict[int, tuple[Wide, Wide]] = {}
@@ -97,24 +98,31 @@ class _Run:
 
     def product(self, a: Jet, b: Jet) -> Jet:
         """Leibniz' rule: (ab)′ = ab′ + ba′, (ab)″ = ab″ + ba″ + a′b′ᵀ + b′a′ᵀ, ."""
-        slope, bend, twist = (_sum(_scaled(a.value, y), _scaled(b.value, x)) for x, y in zip(a[1:], b[1:], strict=True))
+        slope, bend = (_sum(_scaled(a.value, y), _scaled(b.value, x)) for x, y in zip(a[1:3], b[1:3], strict=True))
+        twist = None
         if self.order >= 2:
             cross = _outer(a.slope, b.slope)
             bend = _sum(bend, cross and cross + cross.swapped(1, 2))
         if self.order >= 3:
-            twist = _sum(twist, _shared(_sum(_outer(a.slope, b.bend), _outer(b.slope, a.bend))))
+            one, two = self.over_boxes(a), self.over_boxes(b)
+            twist = _sum(_scaled(one.value, b.twist), _scaled(two.value, a.twist))
+            twist = _sum(twist, _shared(_sum(_outer(one.slope, two.bend), _outer(two.slope, one.bend))))
         return Jet(a.value * b.value, slope, bend, twist)
 
     def turned(self, angle: Jet, value: Wide, rate: Wide) -> Jet:
         """w(angle) with w′ = rate, w″ = −value and w‴ = −rate."""
-        slope, bend, twist = (_scaled(rate, x) for x in angle[1:])
+        slope, bend, twist = _scaled(rate, angle.slope), _scaled(rate, angle.bend), None
         if self.order >= 2:
-            square = _outer(angle.slope, angle.slope)
-            bend = _sum(bend, _scaled(-value, square))
-            if self.order >= 3:
-                twist = _sum(twist, _scaled(-value, _shared(_outer(angle.slope, angle.bend))))
-                twist = _sum(twist, _scaled(-rate, _outer(angle.slope, square)))
+            bend = _sum(bend, _scaled(-value, _outer(angle.slope, angle.slope)))
+        if self.order >= 3:
+            (value_over, rate_over), over = (x.at(self.over) for x in (value, rate)), self.over_boxes(angle)
+            twist = _sum(_scaled(rate_over, angle.twist), _scaled(-value_over, _shared(_outer(over.slope, over.bend))))
+            twist = _sum(twist, _scaled(-rate_over, _outer(over.slope, _outer(over.slope, over.slope))))
         return Jet(value, slope, bend, twist)
+
+    def over_boxes(self, jet: Jet) -> Jet:
+        """A jet without the centres."""
+        return Jet(*(None if x is None else x.at(self.over) for x in jet[:3]), jet.twist)
 
     def trigonometric(self, angle: int) -> tuple[Wide, Wide]:
         """Sine and cosine of a value."""
@@ -141,11 +149,12 @@ class _Run:
             known = left[2] @ z[0].at(np.s_[:, None, None])
             z.append(over @ (right[2] - known - mixed - mixed.swapped(1, 2)))
         if self.order >= 3:
-            over = over.at(np.s_[:, None])
-            mixed = left[1].at(np.s_[:, :, None, None]) @ z[2].at(np.s_[:, None])
-            mixed = mixed + (left[2].at(np.s_[:, None]) @ z[1].at(np.s_[:, :, None, None]))
+            over = over.at(np.s_[self.over, None])
+            left, z0, z1, z2 = [*(x.at(self.over) for x in left[:3]), left[3]], *(x.at(self.over) for x in z)
+            mixed = left[1].at(np.s_[:, :, None, None]) @ z2.at(np.s_[:, None])
+            mixed = mixed + left[2].at(np.s_[:, None]) @ z1.at(np.s_[:, :, None, None])
             shared = mixed + mixed.swapped(1, 2) + mixed.swapped(1, 3)
-            z.append(over @ (right[3] - left[3] @ z[0].at(np.s_[:, None, None, None]) - shared))
+            z.append(over @ (right[3] - left[3] @ z0.at(np.s_[:, None, None, None]) - shared))
         rows, columns = z[0].mid.shape[1:]
         return [
             self.narrowed(Jet(*(x.at((..., i, j)) for x in z))) for i in range(rows) for j in range(columns)
@@ -155,28 +164,27 @@ class _Run:
         """Values (B, rows, columns), slopes (B, d, …), bends (B, d, d, …) and twists of a matrix."""
         tables = []
         for degree in range(self.order + 1):
-            nothing = zeros(self.boxes, *[self.width] * degree)
+            boxes = self.boxes if degree < 3 or self.reach is None else len(self.reach)
+            nothing = zeros(boxes, *[self.width] * degree)
             rows = [[self.found[k][degree] for k in row] for row in numbers]
             tables.append(stacked((stacked(nothing if x is None else x for x in row) for row in rows), axis=-2))
         return tables
 
 
 def narrowed(jet: Jet, reach: Array) -> Jet:
-    """The second half of a jet's boxes narrowed by Taylor's theorem about the first half, their centres."""
-    found, moved = list(jet), None
+    """The second half of a jet's boxes narrowed by Taylor's theorem about the first half, their centres.
+
+    The remainder of degree k + 2 is counted twice or less, ¼ in place of 1/6.
+    """
+    found, half, moved = list(jet), len(reach), None
     for degree in (2, 1, 0):
-        x = found[degree]
-        if x is None:
+        x, rate = found[degree : degree + 2]
+        if rate is None:
             continue
-        # moved: the reach of this derivative from its value at the centre
-        next_one = found[degree + 1]
-        if next_one is None:
-            continue
-        half = len(reach)
-        shape = (half, *[1] * degree, reach.shape[1])
-        near = next_one.at(np.s_[:half]).size
-        total = near + 0.5 * moved if moved is not None else next_one.at(np.s_[half:]).size
-        moved = raised((total * reach.reshape(shape)).sum(axis=-1))
+        near = rate.size if degree == 2 else rate.at(np.s_[half:]).size
+        if moved is not None:
+            near = rate.at(np.s_[:half]).size + 0.5 * moved
+        moved = raised((near * reach.reshape(half, *[1] * degree, -1)).sum(axis=-1))
         found[degree] = _narrower(x, x.at(np.s_[:half]), moved)
     return Jet(*found)
 

@@ -42,7 +42,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.validated.curvature import Boxes, Curvature, Instants, UnboundedError, at_middles, boxes, curvature
+from ccpin.validated.curvature import Curvature, Instants, UnboundedError, at_middles, boxes, curvature
 from ccpin.validated.dynamics import ClosedLoop
 from ccpin.validated.wide import Wide, exactly, inverse, raised
 
@@ -51,11 +51,12 @@ _TRIES = 60
 
 
 class Frames(NamedTuple):
-    """What the tube is written in: A_m, L, M of each slice, doubles, of shape (B, N, N)."""
+    """What the tube is written in: A_m, L, M of each slice, doubles, and F′ at its middle, of shape (B, N, N)."""
 
     frame: Array
     rate: Array
     curve: Array
+    slope: Wide
 
 
 class Slice(NamedTuple):
@@ -104,12 +105,12 @@ def frames(loop: ClosedLoop, instants: Instants, begin: Array) -> Frames:
         back = np.linalg.inv(frame)
         found.append((frame, back @ first @ frame, back @ second @ frame))
         begin = after @ frame
-    return Frames(*map(np.array, zip(*found, strict=True)))
+    return Frames(*map(np.array, zip(*found, strict=True)), middle.slope)
 
 
 def advance(
     loop: ClosedLoop, instants: Instants, moving: Frames, before: tuple[Wide, Array], room: Array, pieces: int
-) -> tuple[list[Slice], Boxes]:
+) -> list[Slice]:
     """The slices proven, in order, up to the first whose tube does not fit into the room for it.
 
     Args:
@@ -126,7 +127,7 @@ def advance(
     stretch = _stretch(instants.half, moving)
     wide = raised(np.abs(moving.frame) @ (stretch @ room[:, :, None]))[:, :, 0]
     around = boxes(loop, instants, wide, pieces)
-    terms = _terms(instants.half, moving, curvature(loop, instants, around), stretch)
+    terms = _terms(instants.half, moving, curvature(loop, instants, moving.slope, around), stretch)
     last, bound, found = *before, list[Slice]()
     for k in range(len(room)):
         turned = inverse(terms.begin.at(k))
@@ -140,7 +141,7 @@ def advance(
         last, frame = terms.end.at(k), moving.frame[k]
         reach = raised(np.abs(frame) @ (stretch[k] @ inside))
         found.append(Slice(instants.time[k], instants.half[k], frame, last, inside, bound, reach))
-    return found, around
+    return found
 
 
 def _fitting(constant: Array, quadratic: Array, h: float, start: Array, room: Array) -> tuple[Array, Array] | None:
@@ -170,7 +171,7 @@ def _terms(half: Array, moving: Frames, known: Curvature, stretch: Array) -> _Te
         UnboundedError: A slice is too long for its frame, or the frame nearly singular.
     """
     time, size = half[:, None, None], moving.frame.shape[-1]
-    frame, rate, curve, t = (exactly(x) for x in (*moving, time))
+    frame, rate, curve, t = (exactly(x) for x in (*moving[:3], time))
     back = inverse(frame)
     off = stretch - np.eye(size)
     delta = off.sum(axis=2).max(axis=1) * (1.0 + 1e-12)

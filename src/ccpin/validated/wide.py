@@ -32,7 +32,12 @@ class Wide(NamedTuple):
 
     def __add__(self, other: Any) -> Wide:
         mid = self.mid + other.mid
-        return Wide(mid, (self.rad + other.rad + _UNIT * np.abs(mid)) * _OUT)
+        rad = np.abs(mid)
+        rad *= _UNIT
+        rad += self.rad
+        rad += other.rad
+        rad *= _OUT
+        return Wide(mid, rad)
 
     def __sub__(self, other: Wide) -> Wide:
         return self + -other
@@ -42,9 +47,13 @@ class Wide(NamedTuple):
 
     def __mul__(self, other: Any) -> Wide:
         mid = self.mid * other.mid
-        size = np.abs(mid)
-        rad = np.abs(self.mid) * other.rad + self.rad * (np.abs(other.mid) + other.rad)
-        return Wide(mid, (rad + 2 * _UNIT * size) * _OUT + _LEAST)
+        rad = np.abs(mid)
+        rad *= 2 * _UNIT
+        rad += self.rad * (np.abs(other.mid) + other.rad)
+        rad += np.abs(self.mid) * other.rad
+        rad *= _OUT
+        rad += _LEAST
+        return Wide(mid, rad)
 
     def __matmul__(self, other: Wide) -> Wide:
         mid = self.mid @ other.mid

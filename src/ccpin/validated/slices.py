@@ -1,0 +1,33 @@
+"""An enclosed motion cut into slices of time, in doubles."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ccpin.validated.balls import around, ball
+from ccpin.validated.curvature import Instants
+from ccpin.validated.step import QUANTUM, Step, evaluate
+from ccpin.validated.wide import of_balls
+
+
+def instants_of(step: Step, since: float, longest: float) -> Instants:
+    """A step as slices of at most so many seconds, all times multiples of 2⁻⁴¹ s and so exact.
+
+    Args:
+        step: The step.
+        since: When it begins, s.
+        longest: The longest slice, s.
+    """
+    count = math.ceil(step.length / longest)
+    marks = [math.floor(step.length / QUANTUM * k / count) * QUANTUM for k in range(count)] + [step.length]
+    middle, during, times, halves = [], [], [], []
+    for first, last in zip(marks[:-1], marks[1:], strict=True):
+        centre, half = 0.5 * (first + last), 0.5 * (last - first)
+        for kept, time in ((middle, ball(centre)), (during, around(ball(centre), ball(half)))):
+            path = evaluate(step.polynomial, time)
+            kept.append([around(x, e) for x, e in zip(path, step.error, strict=True)])
+        times.append(since + centre)
+        halves.append(half)
+    return Instants(np.array(times), np.array(halves), of_balls(middle), of_balls(during))
