@@ -49,12 +49,14 @@ class Boxes(NamedTuple):
     """Boxes about the tube, on which σ is proven.
 
     Attributes:
-        q_free: Q × Y, of shape (B, n′).
+        centre: σ at the middles, of shape (B, n′).
+        q_free: Q × Y, alike.
         v: V, of shape (B, n).
         states: σ and its derivatives at the centres and over the pieces of the boxes, P pieces a box.
         pieces: P.
     """
 
+    centre: Wide
     q_free: Wide
     v: Wide
     states: States
@@ -81,12 +83,17 @@ def at_middles(loop: ClosedLoop, instants: Instants) -> Jets:
     Raises:
         UnboundedError: The closed loop is not proven regular there.
     """
-    q_free, v = instants.middle.at(np.s_[:, : loop.n_free]), instants.middle.at(np.s_[:, loop.n_free :])
-    reach = q_free.rad[:, list(loop.independent)] + _POINT
-    centre, proven = closed_boxes(loop, q_free.mid, reach)
+    v = instants.middle.at(np.s_[:, loop.n_free :])
+    return _flow_jets(loop, _jets(_states(loop, _middles(loop, instants), v, None), loop, loop.field), v)
+
+
+def _middles(loop: ClosedLoop, instants: Instants) -> Wide:
+    """σ at the middles, in boxes as small as the doubles are."""
+    q_free = instants.middle.at(np.s_[:, : loop.n_free])
+    centre, proven = closed_boxes(loop, q_free.mid, q_free.rad[:, list(loop.independent)] + _POINT)
     if not proven.all():
         raise UnboundedError(_BRANCH)
-    return _flow_jets(loop, _jets(_states(loop, centre, v, None), loop, loop.field), v)
+    return centre
 
 
 def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> Boxes:
@@ -104,7 +111,7 @@ def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> Bo
     if not proven.all():
         raise UnboundedError(_BRANCH)
     v = Wide(centre[:, split:], v_reach)
-    return Boxes(whole, v, _in_pieces(loop, whole, v, pieces), pieces**n)
+    return Boxes(_middles(loop, instants), whole, v, _in_pieces(loop, whole, v, pieces), pieces**n)
 
 
 def _in_pieces(loop: ClosedLoop, whole: Wide, v: Wide, pieces: int) -> States:

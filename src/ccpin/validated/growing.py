@@ -19,7 +19,7 @@ _FINE = 0.012  # slices of this over the fastest rate of the linearised flow
 _AT_ONCE = 512  # pieces of boxes at a time
 _ROOM, _AIR = 1.15, 0.05
 _THINNEST = 0.02  # of a frame's edges, against the others
-_GROWTH = 3.0
+_GROWTH = 8.0
 
 
 class Cut(NamedTuple):

@@ -63,21 +63,27 @@ class Slice(NamedTuple):
     """A slice of the tube, proven.
 
     Attributes:
-        time, half: t_m and h/2, s.
-        frame: A_m, of shape (N, N).
+        instant: The slice, alone (B = 1).
+        frame, rate, curve: A_m, L, M, of shape (N, N).
         end: A at the slice's end, of shape (N, N).
         bound: u, of shape (N,).
         kept: z₀ + hGu, of shape (N,).
         reach: Half-widths |A_m||P|u of the tube about ξ̄, of shape (N,).
     """
 
-    time: float
-    half: float
+    instant: Instants
     frame: Array
+    rate: Array
+    curve: Array
     end: Wide
     bound: Array
     kept: Array
     reach: Array
+
+    @property
+    def time(self) -> float:
+        """t_m in seconds."""
+        return float(self.instant.time[0])
 
 
 class _Terms(NamedTuple):
@@ -138,9 +144,9 @@ def advance(
         if fitting is None:
             break
         inside, bound = fitting
-        last, frame = terms.end.at(k), moving.frame[k]
-        reach = raised(np.abs(frame) @ (stretch[k] @ inside))
-        found.append(Slice(instants.time[k], instants.half[k], frame, last, inside, bound, reach))
+        last, moved = terms.end.at(k), [x[k] for x in moving[:3]]
+        reach = raised(np.abs(moved[0]) @ (stretch[k] @ inside))
+        found.append(Slice(instants.part(np.s_[k : k + 1]), *moved, last, inside, bound, reach))
     return found
 
 
