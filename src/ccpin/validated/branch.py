@@ -4,11 +4,12 @@ Theorem (Krawczyk with parameters). Let w, R ≥ 0, Q = q_c ± w and Y = y_c ± 
 
     |C φ(q_c, y_c)| + |C φ_q| w + |I − C φ_y| R < R,    φ_q and φ_y bounded over Q × Y,
 
-then for every q of Q there is exactly one y = y(q) in Y with φ(q, y) = 0, φ_y is nonsingular on Q × Y and y is analytic.
+then for every q of Q there is exactly one y = y(q) in Y with φ(q, y) = 0, φ_y is nonsingular on Q × Y and y is
+analytic.
 
-Proof. y ↦ y − Cφ(q, y) maps Y into its interior: with y_c + Cφ(q_c, y_c) as centre, the mean value theorem on the segment
-from (q_c, y_c) to (q, y) gives the left side. So it has a fixed point, and CΦ for every matrix Φ of means of φ_y over Y
-is nonsingular, since |I − CΦ|R < R: two zeros in Y would have a difference that such a matrix maps to 0. ∎
+Proof. y ↦ y − Cφ(q, y) maps Y into its interior: by the mean value theorem on the segment from (q_c, y_c) to (q, y) its
+distance from y_c is at most the left side. So it has a fixed point. CΦ is nonsingular for every matrix Φ of means of
+φ_y over Y, since |I − CΦ|R < R, hence C and Φ are: two zeros in Y would have a difference that such a Φ maps to 0. ∎
 
 On such a box ρ = [I; −φ_y⁻¹φ_q] and σ_qq = [0; −φ_y⁻¹φ″[ρ, ρ]] make q′ = σ(q) an input with derivatives, and the
 programs' outputs over (σ(q), q̇) have jets in s = (q, q̇), or s = (q, q̇, u) where efforts u are held.
@@ -26,7 +27,7 @@ from ccpin.validated.dynamics import ClosedLoop
 from ccpin.validated.jets import Jet, jets, narrowed
 from ccpin.validated.series import NotInvertibleError
 from ccpin.validated.tape import Program
-from ccpin.validated.wide import Wide, exactly, inverse, joined, raised, stacked, zeros
+from ccpin.validated.wide import Wide, exactly, inverse, raised, stacked, zeros
 
 _ROUNDS = 12
 _NEWTON_STEPS = 3
@@ -136,7 +137,8 @@ def states_of(loop: ClosedLoop, q_free: Wide, rest: Wide, reach: Array | None = 
         NotInvertibleError: ψ_q′ is not proven nonsingular on one of them.
     """
     q_free, n, dependent = Wide(*(x.copy() for x in q_free)), loop.n, list(loop.dependent)
-    slopes = tuple(zeros(len(q_free.mid), loop.n_free, *[n] * degree) for degree in (1, 2, 3))
+    rho, bend, twist = (zeros(len(q_free.mid), loop.n_free, *[n] * degree) for degree in (1, 2, 3))
+    slopes = rho, bend, twist
     slopes[0].mid[:, list(loop.independent)] = np.eye(n)
     for _ in range((1 if reach is None else _SIGMA_ROUNDS) if dependent else 0):
         jacobian = _closure(loop, q_free)[1]
@@ -149,13 +151,19 @@ def states_of(loop: ClosedLoop, q_free: Wide, rest: Wide, reach: Array | None = 
             open_by = stacked(_or_zero(x[degree], len(q_free.mid), *[n] * degree) for x in found).swapped(-1, 1)
             flat = Wide(*(x.reshape(*x.shape[:2], -1) for x in open_by))
             _write(slopes[degree - 1], dependent, -(over @ flat))
-        for k in dependent if reach is not None else ():
-            assert reach is not None
-            twist = slopes[2].at(np.s_[len(reach) :, k])
-            sharp = narrowed(Jet(*(x.at(np.s_[:, k]) for x in (q_free, *slopes[:2])), twist), reach[:, :n])
-            for whole, part in zip((q_free, *slopes[:2]), sharp[:3], strict=True):
-                whole.mid[:, k], whole.rad[:, k] = part
+        if reach is not None:
+            _narrow(q_free, slopes, dependent, reach[:, :n])
     return States(rest, q_free, slopes, reach)
+
+
+def _narrow(q_free: Wide, slopes: tuple[Wide, Wide, Wide], dependent: list[int], reach: Array) -> None:
+    """Narrow σ and its first and second derivatives over boxes, in place."""
+    for k in dependent:
+        value, slope, bend = (x.at(np.s_[:, k]) for x in (q_free, *slopes[:2]))
+        sharp = narrowed(Jet(value, slope, bend, slopes[2].at(np.s_[len(reach) :, k])), reach)
+        for whole, part in zip((q_free, *slopes[:2]), sharp, strict=False):
+            assert part is not None, "every part was given"
+            whole.mid[:, k], whole.rad[:, k] = part
 
 
 def _write(whole: Wide, rows: list[int], part: Wide) -> None:
@@ -174,7 +182,7 @@ def jets_of(states: States, loop: ClosedLoop, program: Program) -> Jets:
     along = [zeros(boxes, loop.n_free, *[d] * degree) for degree in (1, 2, 3)]
     for degree, (whole, part) in enumerate(zip(along, states.slopes, strict=True)):
         for numbers, found in zip(whole, part, strict=True):
-            numbers[(..., *[slice(n)] * (degree + 1))] = found
+            numbers[:, :, *[slice(n)] * (degree + 1)] = found
     over = np.s_[0 if states.reach is None else boxes // 2 :]
     along[2] = along[2].at(over)
     inputs = [

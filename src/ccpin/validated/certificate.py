@@ -21,10 +21,10 @@ without meeting a singularity and ends within the radius of Q of q_d; by 4 it en
 to q_d inside {U < c}. So q(T) ∈ 𝒬 and q′(T) = σ(q(T)) on that branch: the state at T is in B₂. ∎
 
 With `spread` the statement is about every start within it. Let the motion from the middle of the starts satisfy 1., 3.
-and 4., and let at T every motion be in the cross-section S = {ξ̄ + Az, |z| ≤ u} of a tube (`ccpin.validated.tube`), with
-𝒱 < c on S. Then they all converge to (q_d, 0). For a state of S the segment to ξ̄ lies in S, σ is one analytic function on
-its q's, and U ≤ 𝒱 < c along it: its q is joined to ξ̄'s in {U < c} on one branch, and so to q_d. ∎ Where one tube does not
-do, the starts are cut into parts with a tube each (`ccpin.validated.tubes`).
+and 4., and let at T every motion be in the cross-section S = {ξ̄ + Az, |z| ≤ u} of a tube (`ccpin.validated.tube`),
+with 𝒱 < c on S. Then they all converge to (q_d, 0). For a state of S the segment to ξ̄ lies in S, σ is one analytic
+function on its q's, and U ≤ 𝒱 < c along it: its q is joined to ξ̄'s in {U < c} on one branch, and so to q_d. ∎ Where one
+tube does not do, the starts are cut into parts with a tube each (`ccpin.validated.tubes`).
 
 A level that was only sampled makes the conclusion only as good as the level; the result says so.
 """
@@ -152,8 +152,8 @@ def certify_move(
         loop = closed_loop(model, law)
         goal = goal_of(loop, law, level)
         if starts.spread.any():
-            arrival = SetArrival(loop, goal, options, cells)
-            move = _of_a_set(job_of(model, loop, guess, duration, options, precision, cut, arrival), starts, parts)
+            inside = SetArrival(loop, goal, options, cells)
+            move = _of_a_set(job_of(model, loop, guess, duration, options, precision, cut, inside), starts, parts)
         else:
             start = exact_start(model, loop, q0, v0, guess)
             move = _of_one(loop, start, goal, duration, options, precision)

@@ -1,4 +1,4 @@
-"""What the tube theorem asks of the closed loop over slices of time: F′ at their middles, and the ranges of F and F″."""
+"""What the tube theorem asks of the closed loop over slices of time: F′ at their middles and the ranges of F″."""
 
 from __future__ import annotations
 

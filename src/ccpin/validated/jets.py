@@ -73,36 +73,37 @@ class _Run:
         if item.kind == MULTIPLY:
             result = self.product(found[a], found[b])
         elif item.kind == ADD:
-            result = Jet(*(_sum(x, y) for x, y in zip(found[a], found[b], strict=True)))
+            result = Jet._make(_sum(x, y) for x, y in zip(found[a], found[b], strict=True))
         elif item.kind == SUBTRACT:
-            result = Jet(*(_sum(x, None if y is None else -y) for x, y in zip(found[a], found[b], strict=True)))
+            result = Jet._make(_sum(x, None if y is None else -y) for x, y in zip(found[a], found[b], strict=True))
         elif item.kind == SCALE:
             factor = of_balls([[item.constant]]).at(0)
-            result = Jet(*(None if x is None else _spread(factor, x.mid.ndim) * x for x in found[a]))
+            result = Jet._make(None if x is None else _spread(factor, x.mid.ndim) * x for x in found[a])
         elif item.kind in (SINE, COSINE):
             sine, cosine = self.trigonometric(a)
             value, rate = (sine, cosine) if item.kind == SINE else (cosine, -sine)
             result = self.turned(found[a], value, rate)
         elif item.kind == SOLVE:
-            result = self.solution(item)
+            found[item.target] = self.solution(item)
+            return
         elif item.kind == PART:
             result = found[a][b]
         else:
             constant = of_balls([[item.constant]]).at(0)
             result = Jet(Wide(*(np.broadcast_to(x, self.boxes) for x in constant)))
-        found[item.target] = self.narrowed(result) if isinstance(result, Jet) else result
+        found[item.target] = self.narrowed(result)
 
     def narrowed(self, jet: Jet) -> Jet:
         """A jet over the boxes narrowed by what is known at their centres."""
         return jet if self.reach is None else narrowed(jet, self.reach)
 
     def product(self, a: Jet, b: Jet) -> Jet:
-        """Leibniz' rule: (ab)′ = ab′ + ba′, (ab)″ = ab″ + ba″ + a′b′ᵀ + b′a′ᵀ, ."""
+        """Leibniz' rule: (ab)′ = ab′ + ba′, (ab)″ = ab″ + ba″ + a′b′ᵀ + b′a′ᵀ, and so on."""
         slope, bend = (_sum(_scaled(a.value, y), _scaled(b.value, x)) for x, y in zip(a[1:3], b[1:3], strict=True))
         twist = None
         if self.order >= 2:
             cross = _outer(a.slope, b.slope)
-            bend = _sum(bend, cross and cross + cross.swapped(1, 2))
+            bend = _sum(bend, None if cross is None else cross + cross.swapped(1, 2))
         if self.order >= 3:
             one, two = self.over_boxes(a), self.over_boxes(b)
             twist = _sum(_scaled(one.value, b.twist), _scaled(two.value, a.twist))
@@ -122,7 +123,7 @@ class _Run:
 
     def over_boxes(self, jet: Jet) -> Jet:
         """A jet without the centres."""
-        return Jet(*(None if x is None else x.at(self.over) for x in jet[:3]), jet.twist)
+        return Jet._make([*(None if x is None else x.at(self.over) for x in jet[:3]), jet.twist])
 
     def trigonometric(self, angle: int) -> tuple[Wide, Wide]:
         """Sine and cosine of a value."""
@@ -156,9 +157,7 @@ class _Run:
             shared = mixed + mixed.swapped(1, 2) + mixed.swapped(1, 3)
             z.append(over @ (right[3] - left[3] @ z0.at(np.s_[:, None, None, None]) - shared))
         rows, columns = z[0].mid.shape[1:]
-        return [
-            self.narrowed(Jet(*(x.at((..., i, j)) for x in z))) for i in range(rows) for j in range(columns)
-        ]
+        return [self.narrowed(Jet(*(x.at((..., i, j)) for x in z))) for i in range(rows) for j in range(columns)]
 
     def table(self, numbers: Sequence[Sequence[int]]) -> list[Wide]:
         """Values (B, rows, columns), slopes (B, d, …), bends (B, d, d, …) and twists of a matrix."""
@@ -176,17 +175,17 @@ def narrowed(jet: Jet, reach: Array) -> Jet:
 
     The remainder of degree k + 2 is counted twice or less, ¼ in place of 1/6.
     """
-    found, half, moved = list(jet), len(reach), None
+    found, half, moved = list[Wide | None](jet), len(reach), None
     for degree in (2, 1, 0):
         x, rate = found[degree : degree + 2]
-        if rate is None:
+        if x is None or rate is None:
             continue
         near = rate.size if degree == 2 else rate.at(np.s_[half:]).size
         if moved is not None:
             near = rate.at(np.s_[:half]).size + 0.5 * moved
         moved = raised((near * reach.reshape(half, *[1] * degree, -1)).sum(axis=-1))
         found[degree] = _narrower(x, x.at(np.s_[:half]), moved)
-    return Jet(*found)
+    return Jet._make(found)
 
 
 def _narrower(x: Wide, centre: Wide, reach: Array) -> Wide:

@@ -27,8 +27,8 @@ class SetEnclosure:
     """All motions from a box of starts.
 
     Attributes:
-        verdict: ``"proven"``: every motion exists, closed and nonsingular, over the time asked for, in one of the tubes.
-            ``"undecided"``: the last tube could not be proven so far, and other parts may not have been tried.
+        verdict: ``"proven"``: every motion exists, closed and nonsingular, over the time asked for, in one of the
+            tubes. ``"undecided"``: the last tube could not be proven so far, and other parts may not have been tried.
         reason: The verdict in a sentence, with what stopped it and which argument to raise.
         tubes: Parts that cover the box, each with the starts it is about.
     """
@@ -120,7 +120,8 @@ def starts_of(model: ReducedModel, q0: ArrayLike, v0: ArrayLike | None, spread: 
         width = numbers(part, "spread")
         if width.shape not in ((), (model.n,)) or width.min(initial=0.0) < 0.0:
             raise InvalidInputError(
-                f"spread = {spread!r} must be zero or a positive number, or a pair (of q, of q̇), each one number or {model.n}"
+                f"spread = {spread!r} must be zero or a positive number, or a pair (of q, of q̇) of them, each one "
+                f"number or {model.n}"
             )
         widths.append(np.broadcast_to(width, (model.n,)))
     v = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
-from ccpin.validated.balls import around, ball
+from ccpin.validated.balls import Ball, around, ball
 from ccpin.validated.curvature import Instants
 from ccpin.validated.step import QUANTUM, Step, evaluate
 from ccpin.validated.wide import of_balls
@@ -22,8 +23,9 @@ def instants_of(step: Step, since: float, longest: float) -> Instants:
     """
     count = math.ceil(step.length / longest)
     marks = [math.floor(step.length / QUANTUM * k / count) * QUANTUM for k in range(count)] + [step.length]
-    middle, during, times, halves = [], [], [], []
-    for first, last in zip(marks[:-1], marks[1:], strict=True):
+    middle, during = list[list[Ball]](), list[list[Ball]]()
+    times, halves = list[float](), list[float]()
+    for first, last in pairwise(marks):
         centre, half = 0.5 * (first + last), 0.5 * (last - first)
         for kept, time in ((middle, ball(centre)), (during, around(ball(centre), ball(half)))):
             path = evaluate(step.polynomial, time)

@@ -36,7 +36,6 @@ All of this is computed in doubles rounded outwards (`ccpin.validated.wide`).
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -111,7 +110,8 @@ def frames(loop: ClosedLoop, instants: Instants, begin: Array) -> Frames:
         back = np.linalg.inv(frame)
         found.append((frame, back @ first @ frame, back @ second @ frame))
         begin = after @ frame
-    return Frames(*map(np.array, zip(*found, strict=True)), middle.slope)
+    chosen = (np.array(part) for part in zip(*found, strict=True))
+    return Frames._make([*chosen, middle.slope])
 
 
 def advance(
@@ -144,9 +144,9 @@ def advance(
         if fitting is None:
             break
         inside, bound = fitting
-        last, moved = terms.end.at(k), [x[k] for x in moving[:3]]
-        reach = raised(np.abs(moved[0]) @ (stretch[k] @ inside))
-        found.append(Slice(instants.part(np.s_[k : k + 1]), *moved, last, inside, bound, reach))
+        last, (frame, rate, curve) = terms.end.at(k), (x[k] for x in moving[:3])
+        reach = raised(np.abs(frame) @ (stretch[k] @ inside))
+        found.append(Slice(instants.part(np.s_[k : k + 1]), frame, rate, curve, last, inside, bound, reach))
     return found
 
 

@@ -1,19 +1,19 @@
 """Tubes round enclosed motions: all motions from a box of starts, in as many parts as it takes.
 
-A box of starts is covered by one tube (`ccpin.validated.tube`) where that can be proven; where it grows too fast the box
-is halved, and each half gets an enclosed motion and a tube of its own.
+A box of starts is covered by one tube (`ccpin.validated.tube`) where that can be proven; where it grows too fast the
+box is halved, and each half gets an enclosed motion and a tube of its own.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, frozen, numbers, vector
+from ccpin.arrays import Array, numbers
 from ccpin.domain.verdict import Verdict
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.validated.balls import Ball

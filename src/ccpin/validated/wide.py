@@ -76,7 +76,7 @@ class Wide(NamedTuple):
         return np.asarray((np.abs(self.mid) + self.rad) * _OUT)
 
 
-def exactly(values: Array) -> Wide:
+def exactly(values: Any) -> Wide:
     """Doubles as balls of radius 0."""
     return Wide(values, np.zeros_like(values))
 
@@ -116,7 +116,10 @@ def of_balls(rows: Sequence[Sequence[Ball]]) -> Wide:
     """A table of balls in doubles."""
     mid = np.array([[float(x.mid()) for x in row] for row in rows])
     rad = np.array(
-        [[upper(abs(x - ball(c))) for x, c in zip(row, centre, strict=True)] for row, centre in zip(rows, mid.tolist())]
+        [
+            [upper(abs(x - ball(c))) for x, c in zip(row, centre, strict=True)]
+            for row, centre in zip(rows, mid.tolist(), strict=True)
+        ]
     )
     return Wide(mid, rad)
 
@@ -125,9 +128,7 @@ def sine_and_cosine(angle: Wide) -> tuple[Wide, Wide]:
     """|sin(m + d) − sin m| ≤ |cos m| r + r²/2 for |d| ≤ r, and alike for the cosine."""
     with flint().ctx.workprec(_BITS):
         pairs = [flint().arb(x).sin_cos() for x in angle.mid.ravel().tolist()]
-    sine, cosine = (
-        np.array([float(pair[k]) for pair in pairs]).reshape(angle.mid.shape) for k in (0, 1)
-    )
+    sine, cosine = (np.array([float(pair[k]) for pair in pairs]).reshape(angle.mid.shape) for k in (0, 1))
     bend = 0.5 * angle.rad**2
 
     def around(value: Array, slope: Array) -> Wide:
