@@ -182,7 +182,7 @@ def jets_of(states: States, loop: ClosedLoop, program: Program) -> Jets:
     along = [zeros(boxes, loop.n_free, *[d] * degree) for degree in (1, 2, 3)]
     for degree, (whole, part) in enumerate(zip(along, states.slopes, strict=True)):
         for numbers, found in zip(whole, part, strict=True):
-            numbers[:, :, *[slice(n)] * (degree + 1)] = found
+            numbers[(slice(None), slice(None), *[slice(n)] * (degree + 1))] = found
     over = np.s_[0 if states.reach is None else boxes // 2 :]
     along[2] = along[2].at(over)
     inputs = [

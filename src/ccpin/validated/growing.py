@@ -1,4 +1,8 @@
-"""A tube grown along an enclosed motion: frames, room and batches are chosen here, and proved by the tube theorem."""
+"""A tube grown along an enclosed motion: frames, room and batches are chosen here, and proved by the tube theorem.
+
+Frames follow the linearised flow, which turns their edges towards one another. Before they are nearly parallel the tube
+is put into an orthogonal frame (Lohner's: the columns' QR factors, the longest column first).
+"""
 
 from __future__ import annotations
 
@@ -15,11 +19,13 @@ from ccpin.validated.step import Step
 from ccpin.validated.tube import Slice, advance, frames
 from ccpin.validated.wide import Wide, exactly
 
-_FINE = 0.012  # slices of this over the fastest rate of the linearised flow
+_FINE = 0.04  # slices of this over the fastest rate of the linearised flow,
+_STRIDE = 6e-3  # in which no joint moves farther, rad or m
 _AT_ONCE = 512  # pieces of boxes at a time
 _ROOM, _AIR = 1.15, 0.05
 _THINNEST = 0.02  # of a frame's edges, against the others
 _GROWTH = 8.0
+_PARALLEL = 60.0
 
 
 class Cut(NamedTuple):
@@ -44,15 +50,14 @@ class Section(NamedTuple):
 def first_section(loop: ClosedLoop, start: Instants, spread: Array) -> Section:
     """The box of starts in a frame no edge of which is much thinner than the others, as the flow mixes them."""
     rate = fastest_rate(loop, start)
-    units = np.repeat([1.0, rate], loop.n)
+    units = np.repeat([1.0, max(rate, 1.0)], loop.n)
     edges = np.maximum(spread, _THINNEST * units * (spread / units).max())
     return Section(exactly(np.diag(edges)), np.minimum(spread / edges * (1.0 + 1e-15), 1.0))
 
 
 def fastest_rate(loop: ClosedLoop, instants: Instants) -> float:
     """The largest rate 1/s of the linearised flow at some slices' middles."""
-    rates = np.linalg.eigvals(at_middles(loop, instants).slope.mid)
-    return max(float(np.abs(rates).max()), 1e-3)
+    return float(np.abs(np.linalg.eigvals(at_middles(loop, instants).slope.mid)).max())
 
 
 def grow(loop: ClosedLoop, step: Step, since: float, section: Section, cut: Cut) -> Iterator[list[Slice]]:
@@ -63,15 +68,19 @@ def grow(loop: ClosedLoop, step: Step, since: float, section: Section, cut: Cut)
     """
     whole = instants_of(step, since, step.length)
     rate = fastest_rate(loop, whole)
-    instants = instants_of(step, since, min(cut.longest, _FINE / rate))
+    stride = float(np.abs(whole.during.mid - whole.middle.mid).max())
+    longest = min(cut.longest, _FINE / max(rate, 1e-9), step.length * _STRIDE / max(stride, 1e-9))
+    instants = instants_of(step, since, longest)
     batch = most = max(1, _AT_ONCE // cut.pieces**loop.n)
     last, bound = section
     done = 0
     while done < len(instants.time):
         part = instants.part(np.s_[done : done + batch])
-        room = np.tile(_ROOM * bound + _AIR, (len(part.time), 1))
+        begin = _turned(last.mid, bound, np.repeat([1.0, max(rate, 1.0)], loop.n))
+        spread = np.abs(np.linalg.solve(begin, last.mid)) @ bound
+        room = np.tile(_ROOM * spread + _AIR * spread.max(), (len(part.time), 1))
         try:
-            found = advance(loop, part, frames(loop, part, last.mid), (last, bound), room, cut.pieces)
+            found = advance(loop, part, frames(loop, part, begin), (last, bound), room, cut.pieces)
         except UnboundedError:
             if batch == 1:
                 raise
@@ -87,6 +96,17 @@ def grow(loop: ClosedLoop, step: Step, since: float, section: Section, cut: Cut)
         yield found
         if growth(found[-1]) > _GROWTH:
             raise UnboundedError(f"the tube has grown to {_GROWTH:g} times what the linearised flow makes of it")
+
+
+def _turned(frame: Array, bound: Array, units: Array) -> Array:
+    """The frame itself, or Lohner's where its edges, in these units, are nearly parallel."""
+    edges = frame * bound / units[:, None]
+    lengths = np.linalg.norm(edges, axis=0)
+    if np.linalg.cond(edges / np.maximum(lengths, 1e-3 * lengths.max())) < _PARALLEL:
+        return frame
+    orthogonal = np.linalg.qr(edges[:, np.argsort(-lengths)])[0]
+    widths = np.abs(orthogonal.T @ edges).sum(axis=1)
+    return np.asarray(units[:, None] * orthogonal * np.maximum(widths, _THINNEST * widths.max()))
 
 
 def growth(piece: Slice) -> float:
