@@ -6,6 +6,7 @@ is put into an orthogonal frame (Lohner's: the columns' QR factors, the longest 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
@@ -20,7 +21,8 @@ from ccpin.validated.tube import Slice, advance, frames
 from ccpin.validated.wide import Wide, exactly
 
 _FINE = 0.04  # slices of this over the fastest rate of the linearised flow,
-_STRIDE = 6e-3  # in which no joint moves farther, rad or m
+_STRIDE = 4e-3  # in which nothing moves farther from the middle, rad or m (velocities: over that rate)
+_FINER = 4  # times a slice may be halved where it fails
 _AT_ONCE = 512  # pieces of boxes at a time
 _ROOM, _AIR = 1.15, 0.05
 _THINNEST = 0.02  # of a frame's edges, against the others
@@ -66,11 +68,12 @@ def grow(loop: ClosedLoop, step: Step, since: float, section: Section, cut: Cut)
     Raises:
         UnboundedError: The tube could not be proven on a slice; those before it were given.
     """
-    whole = instants_of(step, since, step.length)
+    whole = instants_of(step, since, 1)
     rate = fastest_rate(loop, whole)
-    stride = float(np.abs(whole.during.mid - whole.middle.mid).max())
-    longest = min(cut.longest, _FINE / max(rate, 1e-9), step.length * _STRIDE / max(stride, 1e-9))
-    instants = instants_of(step, since, longest)
+    moved = np.abs(whole.during.mid - whole.middle.mid)[0] + whole.during.rad[0]
+    moved[loop.n_free :] /= max(rate, 1.0)
+    count = math.ceil(max(step.length / cut.longest, step.length * rate / _FINE, moved.max() / _STRIDE, 1.0))
+    finest, instants = count << _FINER, instants_of(step, since, count)
     batch = most = max(1, _AT_ONCE // cut.pieces**loop.n)
     last, bound = section
     done = 0
@@ -81,14 +84,17 @@ def grow(loop: ClosedLoop, step: Step, since: float, section: Section, cut: Cut)
         room = np.tile(_ROOM * spread + _AIR * spread.max(), (len(part.time), 1))
         try:
             found = advance(loop, part, frames(loop, part, begin), (last, bound), room, cut.pieces)
-        except UnboundedError:
-            if batch == 1:
-                raise
-            found = []
+            missing = "the tube grows too fast"
+        except UnboundedError as error:
+            found, missing = [], str(error)
+        if not found and batch > 1:
+            batch //= 2
+        elif not found and count < finest:
+            count, done = 2 * count, 2 * done
+            instants = instants_of(step, since, count)
+        elif not found:
+            raise UnboundedError(missing)
         if not found:
-            if batch == 1:
-                raise UnboundedError("the tube grows too fast")
-            batch = max(1, batch // 2)
             continue
         batch = min(most, 2 * len(found))
         done += len(found)

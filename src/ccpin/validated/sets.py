@@ -118,7 +118,7 @@ def starts_of(model: ReducedModel, q0: ArrayLike, v0: ArrayLike | None, spread: 
     widths = []
     for part in pair:
         width = numbers(part, "spread")
-        if width.shape not in ((), (model.n,)) or width.min(initial=0.0) < 0.0:
+        if width.shape not in ((), (model.n,)) or not np.all((width >= 0.0) & np.isfinite(width)):
             raise InvalidInputError(
                 f"spread = {spread!r} must be zero or a positive number, or a pair (of q, of q̇) of them, each one "
                 f"number or {model.n}"

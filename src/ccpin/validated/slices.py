@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from itertools import pairwise
 
 import numpy as np
@@ -13,16 +12,16 @@ from ccpin.validated.step import QUANTUM, Step, evaluate
 from ccpin.validated.wide import of_balls
 
 
-def instants_of(step: Step, since: float, longest: float) -> Instants:
-    """A step as slices of at most so many seconds, all times multiples of 2⁻⁴¹ s and so exact.
+def instants_of(step: Step, since: float, count: int) -> Instants:
+    """A step as so many slices, all times multiples of 2⁻⁴¹ s and so exact; twice as many are cut at the same times too.
 
     Args:
         step: The step.
         since: When it begins, s.
-        longest: The longest slice, s.
+        count: How many.
     """
-    count = math.ceil(step.length / longest)
-    marks = [math.floor(step.length / QUANTUM * k / count) * QUANTUM for k in range(count)] + [step.length]
+    units = round(step.length / QUANTUM)
+    marks = [units * k // count * QUANTUM for k in range(count + 1)]
     middle, during = list[list[Ball]](), list[list[Ball]]()
     times, halves = list[float](), list[float]()
     for first, last in pairwise(marks):

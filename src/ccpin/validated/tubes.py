@@ -156,7 +156,7 @@ def _grown(job: Job, starts: Starts) -> tuple[Tube, int | None]:
             break
         steps.append(step)
         if section is None:
-            section = first_section(job.loop, instants_of(step, 0.0, step.length), starts.spread)
+            section = first_section(job.loop, instants_of(step, 0.0, 1), starts.spread)
         try:
             for batch in grow(job.loop, step, since, section, job.cut):
                 slices.extend(batch)
