@@ -21,12 +21,12 @@ from ccpin.validated.tube import Slice, advance, frames
 from ccpin.validated.wide import Wide, exactly
 
 _FINE = 0.04  # slices of this over the fastest rate of the linearised flow,
-_STRIDE = 4e-3  # in which nothing moves farther from the middle, rad or m (velocities: over that rate)
+_STRIDE = 3e-3  # in which nothing moves farther from the middle, rad or m (velocities: over that rate)
 _FINER = 4  # times a slice may be halved where it fails
 _AT_ONCE = 512  # pieces of boxes at a time
 _ROOM, _AIR = 1.15, 0.05
 _THINNEST = 0.02  # of a frame's edges, against the others
-_GROWTH = 8.0
+_GROWTH = 20.0
 _PARALLEL = 60.0
 
 

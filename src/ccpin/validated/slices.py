@@ -13,7 +13,7 @@ from ccpin.validated.wide import of_balls
 
 
 def instants_of(step: Step, since: float, count: int) -> Instants:
-    """A step as so many slices, all times multiples of 2⁻⁴¹ s and so exact; twice as many are cut at the same times too.
+    """A step as so many slices, all times multiples of 2⁻⁴¹ s and so exact; twice as many keep the cuts.
 
     Args:
         step: The step.
