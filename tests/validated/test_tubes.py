@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import ccpin
-from ccpin.errors import InvalidInputError
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, START
 
@@ -29,17 +29,43 @@ def corners_and_more(rng, spread, count):
     return np.concatenate([signs, rng.uniform(-1, 1, (count - count // 2, len(spread)))]) * spread
 
 
+GOAL_GRAVITY = oracle.reduced_terms(oracle.sigma(GOAL, 1.0), np.zeros(2))[2]
+
+
+def acceleration(place, speed, u):
+    """q̈ from the printed forms."""
+    mass, coriolis, gravity = oracle.reduced_terms(oracle.sigma(place, 1.0), speed)[:3]
+    return np.linalg.solve(mass, u - coriolis @ speed - gravity)
+
+
 def by_closed_forms(q, v, duration, damping=0.0):
     """The paper's closed loop from its printed forms alone, by SciPy: samples (t, q, q̇)."""
-    goal_gravity = oracle.reduced_terms(oracle.sigma(GOAL, 1.0), np.zeros(2))[2]
 
     def rate(_, state):
         place, speed = state[:2], state[2:]
-        mass, coriolis, gravity = oracle.reduced_terms(oracle.sigma(place, 1.0), speed)[:3]
-        u = K_P * (GOAL - place) - (K_V + damping) * speed + goal_gravity
-        return np.append(speed, np.linalg.solve(mass, u - coriolis @ speed - gravity))
+        u = K_P * (GOAL - place) - (K_V + damping) * speed + GOAL_GRAVITY
+        return np.append(speed, acceleration(place, speed, u))
 
     return solve_ivp(rate, (0.0, duration), np.append(q, v), method="DOP853", rtol=1e-9, atol=1e-11, max_step=0.002)
+
+
+def sampled_by_closed_forms(q, v, samples, period):
+    """The same loop with efforts held from sample to sample: (t, q, q̇, u) in the middle and at the end of each."""
+    state, found = np.append(q, v), []
+    for k in range(samples):
+        u = K_P * (GOAL - state[:2]) - K_V * state[2:] + GOAL_GRAVITY
+        motion = solve_ivp(
+            lambda _, x, u=u: np.append(x[2:], acceleration(x[:2], x[2:], u)),
+            (0.0, period),
+            state,
+            method="DOP853",
+            rtol=1e-11,
+            atol=1e-13,
+            t_eval=[0.5 * period, period],
+        )
+        found += [((k + part) * period, *np.split(x, 2), u) for part, x in zip((0.5, 1.0), motion.y.T, strict=True)]
+        state = motion.y[:, -1]
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +124,40 @@ def test_dampers_in_the_joints_are_in_the_tube(short):
         motion = by_closed_forms(START + offset[:2], offset[2:], 0.02, damping=0.3)
         assert all(found.contains(t, x[:2], x[2:], 1e-6) for t, x in zip(motion.t, motion.y.T, strict=True))
         assert not short.contains(0.02, motion.y[:2, -1], motion.y[2:, -1])
+
+
+def test_the_sampled_loop_is_in_its_tube(rpdr_model):
+    """At 100 Hz the efforts held make a motion of their own: in its tube, and not in that of the continuous law."""
+    law, period, box = paper_law(rpdr_model), 2.0**-7, {"spread": (1e-3, 0.01), "cells": 2, **QUICK}
+    held = enclose_set(rpdr_model, law, START, None, 2 * period, period=period, **box)
+    continuous = enclose_set(rpdr_model, law, START, None, 2 * period, **box)
+    assert held.verdict == continuous.verdict == "proven"
+    (tube,) = held.tubes
+    for offset in corners_and_more(np.random.default_rng(6), tube.starts.spread, 10):
+        motion = sampled_by_closed_forms(START + offset[:2], offset[2:], 2, period)
+        for t, q, v, u in motion:
+            centre, reach = tube.box(min(t, tube.duration) - 1e-12)
+            assert np.all(np.abs(np.concatenate([q, v, u]) - centre) <= reach + 1e-9)
+        for t, q, v, u in motion[::2]:
+            assert held.contains(t, q, v, 1e-3, effort=u)
+            assert not held.contains(t, q, v, 1e-3, effort=u + 0.1)
+        t, q, v, _ = motion[-2]
+        assert not continuous.contains(t, q, v)
+
+
+def test_sampled_loops_that_are_not_covered_are_refused(rpdr_model):
+    """Another law than (28), a period that is none, and motors elsewhere than on the independent joints."""
+    full = ccpin.control.PDFullGravity(rpdr_model, GOAL, K_P, K_V)
+    with pytest.raises(UnsupportedMechanismError, match="PDSimpleGravity only"):
+        enclose_set(rpdr_model, full, START, None, 0.01, spread=1e-3, period=1e-3)
+    with pytest.raises(InvalidInputError, match="period"):
+        enclose_set(rpdr_model, paper_law(rpdr_model), START, None, 0.01, spread=1e-3, period=-1e-3)
+
+
+def test_no_spread_is_no_set(rpdr_model):
+    """One motion is `enclose`'s."""
+    with pytest.raises(InvalidInputError, match="enclose"):
+        enclose_set(rpdr_model, paper_law(rpdr_model), START, None, 0.01, spread=0.0)
 
 
 def test_parts_cover_the_starts():

@@ -103,7 +103,7 @@ def nearly_closed(loop: ClosedLoop, centre: Array, offset: Array) -> Array:
 def _closure(loop: ClosedLoop, q_free: Wide) -> tuple[Wide, Wide]:
     """φ and φ_q′ over boxes, of shapes (B, m) and (B, m, n′)."""
     unit = exactly(np.broadcast_to(np.eye(loop.n_free), (len(q_free.mid), loop.n_free, loop.n_free)))
-    found = jets(loop.closure, _inputs(q_free, loop.n, [unit]), order=1)
+    found = jets(loop.closure, _inputs(loop, q_free, [unit]), order=1)
     return _gathered(found, loop.n_free)[:2]
 
 
@@ -147,7 +147,7 @@ def states_of(loop: ClosedLoop, q_free: Wide, rest: Wide, reach: Array | None = 
             raise NotInvertibleError
         _write(slopes[0], dependent, -(over @ jacobian.at(np.s_[:, :, list(loop.independent)])))
         for degree in (2, 3):
-            found = jets(loop.closure, _inputs(q_free, n, slopes[: degree - 1]), order=degree)
+            found = jets(loop.closure, _inputs(loop, q_free, slopes[: degree - 1]), order=degree)
             open_by = stacked(_or_zero(x[degree], len(q_free.mid), *[n] * degree) for x in found).swapped(-1, 1)
             flat = Wide(*(x.reshape(*x.shape[:2], -1) for x in open_by))
             _write(slopes[degree - 1], dependent, -(over @ flat))
@@ -195,11 +195,11 @@ def jets_of(states: States, loop: ClosedLoop, program: Program) -> Jets:
     return Jets(*(x.at(over) for x in _gathered(jets(program, inputs, order, states.reach), d)))
 
 
-def _inputs(q_free: Wide, n: int, slopes: Sequence[Wide]) -> list[Jet]:
+def _inputs(loop: ClosedLoop, q_free: Wide, slopes: Sequence[Wide]) -> list[Jet]:
     """q′ with the slopes given, each of shape (B, n′, d, …), at rest."""
     still = Jet(exactly(np.zeros(len(q_free.mid))))
     moving = [Jet(q_free.at(np.s_[:, k]), *(x.at(np.s_[:, k]) for x in slopes)) for k in range(q_free.mid.shape[1])]
-    return [*moving, *[still] * n]
+    return [*moving, *[still] * (loop.field.inputs - loop.n_free)]
 
 
 def _gathered(found: list[Jet], width: int) -> Jets:

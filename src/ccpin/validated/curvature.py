@@ -144,12 +144,12 @@ def curvature(loop: ClosedLoop, instants: Instants, slope: Wide, around: Boxes) 
     Raises:
         UnboundedError: ψ_q′ or D is not proven nonsingular on the boxes.
     """
-    alone = boxes(loop, instants, np.zeros_like(around.v.mid).repeat(2, axis=1), 1)
+    alone = boxes(loop, instants, np.zeros((len(instants.time), loop.n + around.v.mid.shape[1])), 1)
     along = _flow_jets(loop, _jets(alone.states, loop, loop.field), alone.v)
     change = (along.bend @ _flow(loop, instants.during).at(np.s_[:, None, :, None])).at((..., 0))
     over = _jets(around.states, loop, loop.field)
     bend = hull(over.bend.at(np.s_[:, loop.n_free :]), around.pieces)
-    size = 2 * loop.n
+    size = loop.n + around.v.mid.shape[1]
     whole = zeros(len(instants.time), size, size, size)
     for numbers, part in zip(whole, bend, strict=True):
         numbers[:, loop.n :] = part
@@ -162,17 +162,22 @@ def _flow(loop: ClosedLoop, states: Wide) -> Wide:
         found = jets(loop.field, [Jet(states.at(np.s_[:, k])) for k in range(loop.field.inputs)], order=0)
     except NotInvertibleError:
         raise UnboundedError(_REGULAR) from None
-    parts = [states.at(np.s_[:, k]) for k in range(loop.n_free, loop.field.inputs)]
+    parts = [states.at(np.s_[:, loop.n_free + k]) for k in range(loop.n)]
     parts += [jet.value for jet in found[loop.n_free :]]
     return Wide(*(np.stack(column, axis=1) for column in zip(*parts, strict=True)))
 
 
 def _flow_jets(loop: ClosedLoop, field: Jets, v: Wide) -> Jets:
     """F's jets from those of the outputs (q̇′, q̈)."""
-    n, count = loop.n, len(v.mid)
-    value = Wide(*(np.concatenate([a, b[:, loop.n_free :]], axis=1) for a, b in zip(v, field.value, strict=True)))
-    slope, bend = zeros(count, 2 * n, 2 * n), zeros(count, 2 * n, 2 * n, 2 * n)
-    slope.mid[:, :n, n:] = np.eye(n)
+    n, count, size = loop.n, len(v.mid), loop.n + v.mid.shape[1]
+    value = Wide(
+        *(
+            np.concatenate([a, b[:, loop.n_free :]], axis=1)
+            for a, b in zip(v.at(np.s_[:, :n]), field.value, strict=True)
+        )
+    )
+    slope, bend = zeros(count, size, size), zeros(count, size, size, size)
+    slope.mid[:, :n, n : 2 * n] = np.eye(n)
     for whole, part in ((slope, field.slope), (bend, field.bend)):
         for numbers, found in zip(whole, part, strict=True):
             numbers[:, n:] = found[:, loop.n_free :]

@@ -58,7 +58,7 @@ class Enclosure:
     Attributes:
         times: Ends of the steps, exact, of shape (K + 1,), in seconds.
         q_free, q_free_radius: A box around q′ at those times, of shape (K + 1, n′), rad or m.
-        v, v_radius: A box around q̇ at those times, of shape (K + 1, n).
+        v, v_radius: A box around q̇ at those times, of shape (K + 1, n); of a sampled loop around q̇ and the efforts.
         q_free_lower, q_free_upper: A box around q′ during each step, of shape (K, n′).
         v_lower, v_upper: A box around q̇ during each step, of shape (K, n).
         determinant: A lower bound of |det ψ_q′| on each step's box, positive, of shape (K,).
@@ -238,7 +238,7 @@ def collect(
     nodes = [_bounds(start_box(s), loop.n_free) for s in (start_of(start), *(step.end for step in steps))]
     columns: StateBox = StateBox(*(frozen(column) for column in zip(*nodes, strict=True)))
     during = [bounds(hull(step.boxes)) for step in steps]
-    size = loop.n_free + loop.n
+    size = loop.field.inputs
     below, above = np.moveaxis(np.reshape(during, (len(steps), 2, size)), 1, 0)
     times = np.concatenate([[0.0], np.cumsum([step.length for step in steps])])
     told = f"closed and nonsingular for {times[-1]:.9g} s, in {len(steps)} steps"
@@ -375,4 +375,4 @@ def _assemble(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> list[Ba
 
 def at_rest(loop: ClosedLoop, box: Sequence[Ball]) -> list[Ball]:
     """The configurations of a box of states, or a box of configurations, at rest: inputs of the programs."""
-    return [*box[: loop.n_free], *[ball(0)] * loop.n]
+    return [*box[: loop.n_free], *[ball(0)] * (loop.field.inputs - loop.n_free)]

@@ -18,7 +18,7 @@ from ccpin.validated.dynamics import ClosedLoop
 from ccpin.validated.slices import instants_of
 from ccpin.validated.step import Step
 from ccpin.validated.tube import Slice, advance, frames
-from ccpin.validated.wide import Wide, exactly
+from ccpin.validated.wide import Wide, exactly, inverse, raised
 
 _FINE = 0.04  # slices of this over the fastest rate of the linearised flow,
 _STRIDE = 3e-3  # in which nothing moves farther from the middle, rad or m (velocities: over that rate)
@@ -59,7 +59,32 @@ def first_section(loop: ClosedLoop, start: Instants, spread: Array) -> Section:
 
 def fastest_rate(loop: ClosedLoop, instants: Instants) -> float:
     """The largest rate 1/s of the linearised flow at some slices' middles."""
-    return float(np.abs(np.linalg.eigvals(at_middles(loop, instants).slope.mid)).max())
+    slope, size = at_middles(loop, instants).slope.mid, 2 * loop.n
+    if loop.feedback is not None:
+        slope = slope[:, :size, :size] + slope[:, :size, size:] @ loop.feedback
+    return float(np.abs(np.linalg.eigvals(slope)).max())
+
+
+def sampled_section(loop: ClosedLoop, step: Step, section: Section) -> Section:
+    """A cross-section (q, q̇, …) of a sampled loop just after a sample: the law's efforts follow from q and q̇.
+
+    With e_u = Fe, F the feedback and e the deviation of (q, q̇), a frame with the columns (B, FB) and (0, ε) has z_u = 0
+    there, up to the rounding of FB.
+    """
+    assert loop.feedback is not None, "asked for sampled loops only"
+    size = 2 * loop.n
+    units = np.repeat([1.0, max(fastest_rate(loop, instants_of(step, 0.0, 1)), 1.0)], loop.n)
+    rows, feedback = section.frame.at(np.s_[:size]), loop.feedback
+    begin = _turned(rows.mid[:, :size], section.bound[:size], units)
+    back = inverse(exactly(begin))
+    if back is None:
+        raise UnboundedError("the tube's cross-section is too thin in some direction for the arithmetic")
+    bound = raised((back @ rows).size @ section.bound)
+    along = feedback @ begin
+    edges = _THINNEST * (np.abs(along) @ bound)
+    off = (exactly(feedback) @ exactly(begin) - exactly(along)).size
+    frame = np.block([[begin, np.zeros((size, loop.n))], [along, np.diag(edges)]])
+    return Section(exactly(frame), np.append(bound, raised(raised(off @ bound) / edges)))
 
 
 def grow(loop: ClosedLoop, step: Step, since: float, section: Section, cut: Cut) -> Iterator[list[Slice]]:
@@ -79,7 +104,9 @@ def grow(loop: ClosedLoop, step: Step, since: float, section: Section, cut: Cut)
     done = 0
     while done < len(instants.time):
         part = instants.part(np.s_[done : done + batch])
-        begin = _turned(last.mid, bound, np.repeat([1.0, max(rate, 1.0)], loop.n))
+        begin = last.mid
+        if loop.feedback is None:
+            begin = _turned(begin, bound, np.repeat([1.0, max(rate, 1.0)], loop.n))
         spread = np.abs(np.linalg.solve(begin, last.mid)) @ bound
         room = np.tile(_ROOM * spread + _AIR * spread.max(), (len(part.time), 1))
         try:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, numbers, step_or_infinite, vector, whole
+from ccpin.arrays import Array, numbers, positive, step_or_infinite, vector, whole
 from ccpin.control.laws import ControlLaw
 from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
@@ -18,7 +19,7 @@ from ccpin.validated.balls import Ball, flint
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
 from ccpin.validated.enclose import SHORTEST_STEP, checked_options, exact_start
 from ccpin.validated.growing import Cut
-from ccpin.validated.step import Options
+from ccpin.validated.step import QUANTUM, Options
 from ccpin.validated.tubes import Arrived, Job, Starts, Tube, cover
 
 
@@ -37,9 +38,12 @@ class SetEnclosure:
     reason: str
     tubes: tuple[Tube, ...]
 
-    def contains(self, t: float, q: ArrayLike, v: ArrayLike, tolerance: float = 0.0) -> bool:
-        """Whether a state at a time is in one of the tubes, widened by a part of its width; computed."""
-        return any(bool(np.abs(tube.coordinates(t, q, v)).max() <= 1.0 + tolerance) for tube in self.tubes)
+    def contains(self, t: float, q: ArrayLike, v: ArrayLike, tolerance: float = 0.0, *, effort: ArrayLike = ()) -> bool:
+        """Whether a state at a time is in one of the tubes, widened by a part of its width; computed.
+
+        Of a sampled loop the efforts held belong to the state.
+        """
+        return any(bool(np.abs(tube.coordinates(t, q, v, effort)).max() <= 1.0 + tolerance) for tube in self.tubes)
 
 
 def enclose_set(
@@ -54,6 +58,7 @@ def enclose_set(
     parts: int = 16,
     cells: int = 8,
     longest_slice: float = np.inf,
+    period: float | None = None,
     precision: int = 128,
     order: int = 30,
     tolerance: float = 1e-18,
@@ -74,6 +79,8 @@ def enclose_set(
         cells: Into how many intervals each coordinate of q is cut across a tube. More are slower, as cellsⁿ, and let it
             grow less.
         longest_slice: The longest slice of time, s; default as the rates of the closed loop ask for.
+        period: The law is read at the multiples of this time (s, rounded up to one of 2⁻⁴⁰ s) and held in between;
+            `PDSimpleGravity` only. Default: it acts at every moment.
         precision: Of the centres' motions, as for `ccpin.validated.enclose`.
         order: As there.
         tolerance: As there.
@@ -88,9 +95,13 @@ def enclose_set(
     options = checked_options(duration, precision, Options(order, tolerance, pieces, SHORTEST_STEP, np.inf))
     cut = checked_cut(parts, cells, longest_slice)
     with flint().ctx.workprec(precision):
-        loop = closed_loop(model, law)
+        loop = closed_loop(model, law, held=period is not None)
         starts = starts_of(model, q0, v0, spread)
+        if not starts.spread.any():
+            raise InvalidInputError("spread = 0 leaves one motion: `enclose` encloses it")
         job = job_of(model, loop, guess, duration, options, precision, cut)
+        if period is not None:
+            job = job._replace(period=math.ceil(positive(period, "period") / QUANTUM) * QUANTUM)
         tubes, missing = cover(job, starts, parts)
     return SetEnclosure(*told(tubes, missing, parts), tuple(tubes))
 
@@ -143,7 +154,7 @@ def job_of(
     def closed(q: Array, v: Array) -> list[Ball]:
         return exact_start(model, loop, q, v, guess)
 
-    return Job(loop, closed, duration, options, precision, cut, arrived)
+    return Job(loop, closed, duration, options, precision, cut, arrived, np.inf)
 
 
 def told(tubes: list[Tube], missing: str, parts: int) -> tuple[Verdict, str]:

@@ -103,7 +103,7 @@ def frames(loop: ClosedLoop, instants: Instants, begin: Array) -> Frames:
     """
     middle = at_middles(loop, instants)
     curve = np.einsum("bijk,bk->bij", middle.bend.mid, middle.value.mid) + middle.slope.mid @ middle.slope.mid
-    found, identity = [], np.eye(2 * loop.n)
+    found, identity = [], np.eye(begin.shape[0])
     for half, first, second in zip(instants.half, middle.slope.mid, curve, strict=True):
         before, after = (identity + t * first + 0.5 * t**2 * second for t in (-half, half))
         frame = np.linalg.solve(before, begin)

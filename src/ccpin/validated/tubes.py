@@ -6,7 +6,7 @@ box is halved, and each half gets an enclosed motion and a tube of its own.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,13 +16,14 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, numbers
 from ccpin.domain.verdict import Verdict
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.validated.balls import Ball
+from ccpin.validated.balls import Ball, ball
 from ccpin.validated.curvature import UnboundedError
 from ccpin.validated.dynamics import ClosedLoop
 from ccpin.validated.enclose import Enclosure, collect, regular
-from ccpin.validated.growing import Cut, Section, first_section, grow
+from ccpin.validated.growing import Cut, Section, first_section, grow, sampled_section
+from ccpin.validated.series import values
 from ccpin.validated.slices import instants_of
-from ccpin.validated.step import Options, Step, march
+from ccpin.validated.step import Options, Step, Stuck, march, start_box
 from ccpin.validated.tube import Slice
 
 _COVERING = 1.0 + 1e-12
@@ -74,20 +75,26 @@ class Tube:
         """How far the tube is proven, s."""
         return self.slices[-1].time + float(self.slices[-1].instant.half[0]) if self.slices else 0.0
 
-    def coordinates(self, t: float, q: ArrayLike, v: ArrayLike) -> Array:
-        """Z/u of a state at a time, of shape (2n,), computed: in the tube all are within ±1.
+    def coordinates(self, t: float, q: ArrayLike, v: ArrayLike, effort: ArrayLike = ()) -> Array:
+        """Z/u of a state at a time, of shape (N,), computed: in the tube all are within ±1.
+
+        Args:
+            t: Time, s; at a sample that from then on.
+            q: Of shape (n,).
+            v: Of shape (n,).
+            effort: What the motors hold, of shape (n,), where the law is sampled.
 
         Raises:
             InvalidInputError: The time is not covered.
         """
         piece = self._slice(t)
-        state = np.concatenate([numbers(q, "q"), numbers(v, "v")])
+        state = np.concatenate([numbers(q, "q"), numbers(v, "v"), numbers(effort, "effort")])
         tau = t - piece.time
         flow = np.eye(len(state)) + tau * piece.rate + 0.5 * tau**2 * piece.curve
         return np.linalg.solve(piece.frame @ flow, state - self._centre(t)) / piece.bound
 
     def box(self, t: float) -> tuple[Array, Array]:
-        """Centre and half-widths, of shape (2n,), of a box of (q, q̇) around the tube over the slice of a time."""
+        """Centre and half-widths, of shape (N,), of a box around the tube over a time's slice: q, q̇, efforts held."""
         return self._centre(t), self._slice(t).reach
 
     def _centre(self, t: float) -> Array:
@@ -99,7 +106,7 @@ class Tube:
         if not (self.slices and 0.0 <= t <= self.duration):
             raise InvalidInputError(f"t = {t} s is not covered: the tube reaches from 0 to {self.duration:.9g} s")
         ends = [piece.time + float(piece.instant.half[0]) for piece in self.slices]
-        return self.slices[min(int(np.searchsorted(ends, t)), len(ends) - 1)]
+        return self.slices[min(int(np.searchsorted(ends, t, side="right")), len(ends) - 1)]
 
 
 Arrived = Callable[[Slice], str]
@@ -117,6 +124,7 @@ class Job(NamedTuple):
         precision: In bits.
         cut: How finely the tube is cut.
         arrived: When to stop; ``None``: after the duration.
+        period: Of a sampled loop, s, else infinite.
     """
 
     loop: ClosedLoop
@@ -126,6 +134,7 @@ class Job(NamedTuple):
     precision: int
     cut: Cut
     arrived: Arrived | None
+    period: float
 
 
 def cover(job: Job, starts: Starts, parts: int) -> tuple[list[Tube], str]:
@@ -145,12 +154,12 @@ def cover(job: Job, starts: Starts, parts: int) -> tuple[list[Tube], str]:
 def _grown(job: Job, starts: Starts) -> tuple[Tube, int | None]:
     """The tube of one box of starts, and the coordinate across which to halve it where it is not proven."""
     try:
-        start = job.closed(starts.q, starts.v)
+        start = _at_a_sample(job.loop, job.closed(starts.q, starts.v))
     except CcpinError as error:
         raise type(error)(f"at the start {starts.q.tolist()}: {error}") from None
     steps, slices, section = list[Step](), list[Slice](), None
     since, missing = 0.0, ""
-    for step in march(regular(job.loop), start, job.duration, job.options):
+    for step, sampled in _motion(job, start):
         if not isinstance(step, Step):
             missing = step.reason
             break
@@ -158,6 +167,7 @@ def _grown(job: Job, starts: Starts) -> tuple[Tube, int | None]:
         if section is None:
             section = first_section(job.loop, instants_of(step, 0.0, 1), starts.spread)
         try:
+            section = sampled_section(job.loop, step, section) if sampled else section
             for batch in grow(job.loop, step, since, section, job.cut):
                 slices.extend(batch)
                 section = Section(batch[-1].end, batch[-1].kept)
@@ -170,6 +180,26 @@ def _grown(job: Job, starts: Starts) -> tuple[Tube, int | None]:
         since += step.length
     across = _widest(starts, slices) if slices else int(starts.spread.argmax())
     return _tube(job, starts, start, steps, slices, missing), across
+
+
+def _motion(job: Job, start: Sequence[Ball]) -> Iterator[tuple[Step | Stuck, bool]]:
+    """The steps of the motion from a point, each with whether it begins at a sample of the law."""
+    loop, since, state = job.loop, 0.0, list(start)
+    while since < job.duration:
+        sampled, state = loop.efforts is not None, _at_a_sample(loop, state)
+        for step in march(regular(loop), state, min(job.period, job.duration - since), job.options):
+            yield step, sampled
+            if not isinstance(step, Step):
+                return
+            sampled, since, state = False, since + step.length, start_box(step.end)
+
+
+def _at_a_sample(loop: ClosedLoop, state: Sequence[Ball]) -> list[Ball]:
+    """A state with the efforts that a sampled law reads from it; itself under any other."""
+    if loop.efforts is None:
+        return list(state)
+    known = state[: loop.n_free + loop.n]
+    return [*known, *values(loop.efforts, [*known, *[ball(0)] * loop.n])]
 
 
 def _tube(
@@ -189,5 +219,5 @@ def _widest(starts: Starts, slices: Sequence[Slice]) -> int | None:
     """The coordinate of the starts that makes most of the tube's last cross-section."""
     last = slices[-1]
     edges = np.abs(last.frame) * last.bound
-    shares = (edges / edges.sum(axis=1, keepdims=True)).sum(axis=0) * (starts.spread > 0.0)
+    shares = (edges / edges.sum(axis=1, keepdims=True)).sum(axis=0)[: len(starts.spread)] * (starts.spread > 0.0)
     return int(shares.argmax()) if shares.max() > 0.0 else None
