@@ -108,10 +108,12 @@ def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> Bo
     q_reach, v_reach = raised(moved[:, independent] + reach[:, :n]), raised(moved[:, split:] + reach[:, n:])
     found, _ = closed_boxes(loop, centre[:, :split], q_reach, moved[:, loop.dependent])
     whole, proven = closed_boxes(loop, centre[:, :split], q_reach, _LARGER * found.rad[:, loop.dependent])
-    if not proven.all():
+    middles = _middles(loop, instants)
+    inside = np.all(middles.rad[:, loop.dependent] < whole.rad[:, loop.dependent])
+    if not (proven.all() and inside):
         raise UnboundedError(_BRANCH)
     v = Wide(centre[:, split:], v_reach)
-    return Boxes(_middles(loop, instants), whole, v, _in_pieces(loop, whole, v, pieces), pieces**n)
+    return Boxes(middles, whole, v, _in_pieces(loop, whole, v, pieces), pieces**n)
 
 
 def _in_pieces(loop: ClosedLoop, whole: Wide, v: Wide, pieces: int) -> States:

@@ -110,9 +110,10 @@ def grow(loop: ClosedLoop, step: Step, since: float, section: Section, cut: Cut)
         spread = np.abs(np.linalg.solve(begin, last.mid)) @ bound
         room = np.tile(_ROOM * spread + _AIR * spread.max(), (len(part.time), 1))
         try:
-            found = advance(loop, part, frames(loop, part, begin), (last, bound), room, cut.pieces)
+            with np.errstate(all="ignore"):  # what is not finite is not proven
+                found = advance(loop, part, frames(loop, part, begin), (last, bound), room, cut.pieces)
             missing = "the tube grows too fast"
-        except UnboundedError as error:
+        except (UnboundedError, np.linalg.LinAlgError) as error:
             found, missing = [], str(error)
         if not found and batch > 1:
             batch //= 2

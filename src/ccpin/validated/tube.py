@@ -7,8 +7,9 @@ Setting. ξ = (q, q̇) ∈ ℝᴺ obeys ξ′ = F(ξ), F = (q̇, q̈) on one bra
 
 A_m, L, M matrices of doubles, chosen so that A′ ≈ F′(ξ̄)A: the tube moves with the linearised flow (any choice is
 allowed). Let E = (h/2)|L| + (h²/8)|M|, with all row sums at most δ < 1, so that |P| ≤ I + E and
-|P⁻¹| ≤ I + E + δ²/(1 − δ). Let X = A_m⁻¹F′(ξ̄(t_m))A_m, and with H the range of F″ on a box Ξ about the tube over the
-slice and f̄ that of F along ξ̄, let Y = A_m⁻¹H[f̄]A_m and η(p)_ij = Σ_k |A_m⁻¹H[A_m]_k A_m|_ij p_k.
+|P⁻¹| ≤ I + E + δ²/(1 − δ). Let X = A_m⁻¹F′(ξ̄(t_m))A_m, Y = A_m⁻¹(d/dt F′(ξ̄))A_m over the slice, with
+d/dt F′(ξ̄) = F″(ξ̄)[F(ξ̄)], and, with H the range of F″ on a box Ξ about the tube over the slice,
+η(p)_ij = Σ_k |A_m⁻¹H[A_m]_k A_m|_ij p_k.
 
 Theorem (tube). Suppose Ξ = Q × V is a box on which σ is proven (`ccpin.validated.branch`; the branch through ξ̄) and D
 nonsingular, and let by component
@@ -20,13 +21,17 @@ nonsingular, stays in ξ̄ + Az with |z| < u, and ends with |z| ≤ z₀ + hGu. 
 |A⁺⁻¹A|(z₀ + hGu) at the time they share.
 
 Proof. Let e = ξ − ξ̄ = Az. While |z| ≤ u, the segment from ξ̄ to ξ lies in the convex Ξ, so e′ = J̄e with
-J̄ = ∫₀¹F′(ξ̄ + se)ds, and z′ = A⁻¹(J̄A − A′)z. By the mean value theorem from ξ̄(t_m), F′(ξ̄(t) + se) lies in
-F′(ξ̄(t_m)) + H[τf̄ + se]; weights s ≥ 0 have the mean ½, so J̄ ∈ F′(ξ̄(t_m)) + τH[f̄] + ½H[e]. With e = A_m P z,
-A⁻¹(J̄A − A′) = P⁻¹(X P + τY P − L − τM + ½A_m⁻¹H[e]A_m P), whose size is at most G. So |z(t)| ≤ z₀ + (t − t₀)Gu < u for
+J̄ = ∫₀¹F′(ξ̄ + se)ds, and z′ = A⁻¹(J̄A − A′)z. By the mean value theorem F′(ξ̄(t)) lies in F′(ξ̄(t_m)) + τ d/dt F′(ξ̄), and
+J̄ in F′(ξ̄(t)) + ½H[e], as the weights s have the mean ½. With e = A_m P z,
+A⁻¹(J̄A − A′) = P⁻¹(XP + τYP − L − τM + ½A_m⁻¹H[e]A_m P), whose size is at most G. So |z(t)| ≤ z₀ + (t − t₀)Gu < u for
 as long as |z| ≤ u holds: it does not cease to, and the compact tube lies where F is analytic. q′ = σ(q) follows one
 branch: at the time two slices share, the values of q make up a convex set, on which the σ of either slice is continuous
 and the two agree at q̄; where φ_y is nonsingular two continuous solutions that agree at a point of a connected set agree
 on it. ∎
+
+Sampled loops. Where a law reads q and q̇ at samples and its efforts u are held, ξ = (q, q̇, u) and F = (q̇, q̈, 0)
+between them, N = 3n, and the theorem holds as it is; at a sample the deviation's part in u becomes Ke, K the law's
+constant feedback (`ccpin.validated.growing.sampled_section`), which is one more change of frame.
 
 The tube's cross-section is cut into pieces to bound H: F″ along the segments lies in the hull of its ranges over the
 pieces, each with its σ in the interior of the box on which σ is unique.
