@@ -17,6 +17,7 @@ from ccpin.validated.enclose import at_rest, closed_start, determinant_bound, un
 from ccpin.validated.series import NotInvertibleError, values
 from ccpin.validated.step import Field, Options, Step, march, start_box
 from ccpin.validated.tube import Slice
+from ccpin.validated.tubes import TOO_EARLY
 from ccpin.validated.wide import exactly, hull, raised
 
 _RETRY = 0.9
@@ -86,12 +87,11 @@ class SetArrival:
         """What is missing at the middle of a slice; nothing where all its states are in B₂."""
         middle = piece.instant.middle
         centre = [flint().arb(x, r) for x, r in zip(middle.mid[0].tolist(), middle.rad[0].tolist(), strict=True)]
-        missing = "𝒱 is not below the level on the whole tube"
         if not upper(lyapunov(self._loop, self.goal, centre)) < self._ask_below:
-            return missing
+            return TOO_EARLY
         highest = self._highest(piece)
         if not highest < self.goal.level:
-            return missing
+            return "𝒱 is not below the level on the whole tube"
         missing = unconnected(self._loop, centre, self.goal, self._options)
         if missing:
             self._ask_below *= _RETRY

@@ -26,6 +26,7 @@ from ccpin.validated.slices import instants_of
 from ccpin.validated.step import Options, Step, Stuck, march, start_box
 from ccpin.validated.tube import Slice
 
+TOO_EARLY = "the motion in the middle of the starts has not arrived itself"
 _COVERING = 1.0 + 1e-12
 
 
@@ -179,6 +180,7 @@ def _grown(job: Job, starts: Starts) -> tuple[Tube, int | None]:
             break
         since += step.length
     across = _widest(starts, slices) if slices else int(starts.spread.argmax())
+    across = None if missing == TOO_EARLY else across  # smaller parts do not help
     return _tube(job, starts, start, steps, slices, missing), across
 
 
