@@ -14,6 +14,7 @@ void bind_certificates(nb::module_& module) {
   nb::class_<Certifier>(module, "Certifier")
       .def(nb::init<nb::dict>(), arg("numbers"))
       .def("values", &Certifier::values, arg("theta"))
+      .def("derivatives", &Certifier::derivatives, arg("theta"))
       .def("bounds", &Certifier::bounds, arg("boxes"))
       .def("newton", &Certifier::newton, arg("theta"), arg("iterations"), arg("accuracy"))
       .def("certify_boxes", &Certifier::certify_boxes, arg("centre"), arg("half"), arg("across"))

@@ -26,6 +26,36 @@ class Certifier {
     return nb::make_tuple(a, b);
   }
 
+  // φ, φ_θ, φ_θθ at each θ, by the chains, and |∂x/∂θ| by chain and joint, padded at the root side.
+  nb::object derivatives(In theta) const {
+    const Py_ssize_t B = rows(theta, c_.n_free), m = c_.m, n_free = c_.n_free;
+    Py_ssize_t longest = 0;
+    for (const Chain& c : c_.chains) longest = std::max(longest, Py_ssize_t(c.joints.size()));
+    const Py_ssize_t arms = Py_ssize_t(c_.chains.size()) * longest;
+    double *phi, *jacobian, *hessian, *arm;
+    const nb::object a = new_array({B, m}, phi), b = new_array({B, m, n_free}, jacobian),
+                     c = new_array({B, m, n_free, n_free}, hessian),
+                     d = new_array({B, Py_ssize_t(c_.chains.size()), longest}, arm);
+    {
+      nb::gil_scoped_release release;
+      Values at;
+      std::fill_n(arm, B * arms, 0.);
+      for (Py_ssize_t k = 0; k < B; ++k) {
+        c_.evaluate_chains(theta.data + k * n_free, at);
+        std::copy(at.phi.begin(), at.phi.end(), phi + k * m);
+        std::copy(at.jacobian.begin(), at.jacobian.end(), jacobian + k * m * n_free);
+        c_.second(at, hessian + k * m * n_free * n_free);
+        double* end = arm + k * arms;
+        for (const Chain& chain : c_.chains) {
+          end += longest;
+          const size_t count = chain.joints.size();
+          for (size_t j = 0; j < count; ++j) end[int(j) - int(count)] = at.b[chain.first + j].norm();
+        }
+      }
+    }
+    return nb::make_tuple(a, b, c, d);
+  }
+
   // Y, Z̄(R)R and Z(R)w of boxes (the fields of `Boxes`) as they are.
   nb::object bounds(nb::tuple boxes) const {
     if (boxes.size() != 8) wrong();

@@ -91,7 +91,7 @@ class Closures {
 
   void evaluate(const double* theta, Values& v) const { planar ? evaluate_phasors(theta, v) : evaluate_chains(theta, v); }
 
- private:
+  // By the chains, in the planar form too.
   void evaluate_chains(const double* theta, Values& v) const {
     v.phi = offset, v.jacobian.assign(size_t(m) * n_free, 0.);
     v.a.resize(joints), v.b.resize(joints), v.cosine.resize(n_free), v.sine.resize(n_free);
@@ -105,6 +105,26 @@ class Closures {
     for (const Chain& c : chains) add_chain(c, theta, v);
   }
 
+  // φ_θθ (m, n′, n′) after `evaluate_chains`: ∂²x/∂θ_i∂θ_j = a_i × b_j for i ≤ j along a chain.
+  void second(const Values& v, double* out) const {
+    std::fill_n(out, size_t(m) * n_free * n_free, 0.);
+    for (const Chain& c : chains) {
+      const V3 *a = v.a.data() + c.first, *b = v.b.data() + c.first;
+      for (size_t i = 0; i < c.joints.size(); ++i)
+        for (size_t j = i; j < c.joints.size(); ++j) {
+          const V3 bent = a[i].cross(b[j]);
+          const int p = c.joints[i].column, q = c.joints[j].column;
+          for (const ChainRow& r : c.rows) {
+            const double entry = r.weight.dot(bent);
+            double* H = out + size_t(r.row) * n_free * n_free;
+            H[p * n_free + q] += entry;
+            if (i != j) H[q * n_free + p] += entry;
+          }
+        }
+    }
+  }
+
+ private:
   // Adds a chain's tip to φ and B_c b to φ_θ; fills its a (zero where a joint slides) and b.
   void add_chain(const Chain& c, const double* theta, Values& v) const {
     V3 *a = v.a.data() + c.first, *b = v.b.data() + c.first, origin = V3::Zero();

@@ -244,7 +244,7 @@ class Kernel {
     const nb::object T = new_array({rows}, out.t), Q = new_array({rows, m.n_q}, out.q), V = new_array({rows, m.n}, out.v),
                      A = new_array({rows, m.n}, out.a), U = new_array({rows, m.motors}, out.u),
                      X = new_array({rows, m.nq}, out.q_free), E = new_array({rows}, out.closure),
-                     W = new_array({free, m.nv}, out.v_free), B = new_array({free, m.nv}, out.a_free);
+                     W = new_array({rows, m.nv}, out.v_free), B = new_array({free, m.nv}, out.a_free);
     Simulation simulation(*w, a, b, c);
     Outcome outcome;
     {
@@ -258,7 +258,7 @@ class Kernel {
     }
     if (outcome == Outcome::declined) return nb::none();
     constexpr const char* names[] = {"finished", "settled", "evaluations", "seconds", "interrupted", "left"};
-    return nb::make_tuple(out.done, T, Q, V, A, U, X, E, W, B, names[int(outcome)], simulation.settled_since,
+    return nb::make_tuple(out.done, T, Q, V, A, U, X, W, E, B, names[int(outcome)], simulation.settled_since,
                           simulation.evaluations, raised, memory_of(simulation.commands()), simulation.time(),
                           array_of(simulation.state()), array_of(simulation.place()), simulation.stride(), simulation.creeping());
   }
@@ -431,14 +431,15 @@ class HeldMotion {
     if (ready_) stepper_.start(q.data, v.data, first, most), certain_.assign(kernel_.m.n_q + kernel_.m.n, 0.);
     return ready_;
   }
-  // q, q̇, q̈ of `home`, u, q′, |φ| after dt; None where only the reference can tell, and `start` must come before the
+  // q, q̇, q̈ of `home`, u, q′, q̇′, |φ| after dt; None where only the reference can tell, and `start` must come before the
   // next step.
   nb::object step(In u, double dt) {
     const Mechanism &m = kernel_.m, &told = home_.m;
     if (!ready_ || !u.is_vector(m.motors) || !(dt > 0) || !std::isfinite(dt)) return nb::none();
     const bool moved = &kernel_ != &home_;
-    ready_ = stepper_.step(u.data, dt) && (!moved || stepper_.free_motion(free_.data(), free_.data() + m.nv));
+    ready_ = stepper_.step(u.data, dt) && (!moved || stepper_.free_acceleration(free_.data() + m.nv));
     if (!ready_) return nb::none();
+    stepper_.free_velocity(free_.data());
     const double *x = stepper_.state(), *x_free = space_.model.q_free.data();
     std::copy(x, x + certain_.size(), certain_.begin());
     double *q, *v, *a;
@@ -451,7 +452,7 @@ class HeldMotion {
     }
     for (const nb::object& array : arrays) seal(array);
     return nb::make_tuple(arrays[0], arrays[1], arrays[2], copy(u.data, m.motors), copy(x_free, m.nq),
-                          space_.model.closure());
+                          copy(free_.data(), m.nv), space_.model.closure());
   }
   // (q, q̇) in the kernel's own coordinates after the last step that had an answer.
   nb::object state() const { return copy(certain_.data(), Py_ssize_t(certain_.size())); }

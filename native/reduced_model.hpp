@@ -155,16 +155,17 @@ class ReducedModel : public Parametrization {
       for (int col = 0; col < m.clusters[k].width(); ++col) out[m.clusters[k].columns[col]] = packed[offset[k] + col];
   }
 
-  // q̇′ and q̈′ = ρ q̈ + ρ̇ q̇ in the order of q̇′, a being what the last `forward` gave.
-  void free_motion(const double* a, double* velocity, double* acceleration) const {
-    unpack(v_free, velocity);
+  // q̇′ in its own order, after `forward` or `spread`.
+  void free_velocity(double* out) const { unpack(v_free, out); }
+  // q̈′ = ρ q̈ + ρ̇ q̇ in the order of q̇′, a being what the last `forward` gave.
+  void free_acceleration(const double* a, double* out) const {
     for (size_t k = 0; k < m.clusters.size(); ++k) {
       const Cluster& c = m.clusters[k];
       const ClusterState& s = states[k];
       for (int col = 0; col < c.width(); ++col) {
         double sum = s.bias[col];
         for (int i = 0; i < c.n(); ++i) sum += s.rho[size_t(col) * c.n() + i] * a[c.independent[i]];
-        acceleration[c.columns[col]] = sum;
+        out[c.columns[col]] = sum;
       }
     }
   }

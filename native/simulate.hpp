@@ -53,9 +53,9 @@ struct Run {
   std::optional<Sampling> sampling;   // none: the law acts continuously
 };
 
-// Where samples go: one row each of t, q, q̇, q̈, u, q′ and |φ|; of runs that may leave their coordinates also q̇′ and q̈′.
+// Where samples go: one row each of t, q, q̇, q̈, u, q′, q̇′ and |φ|; of runs that may leave their coordinates also q̈′.
 struct Samples {
-  double *t, *q, *v, *a, *u, *q_free, *closure, *v_free, *a_free;
+  double *t, *q, *v, *a, *u, *q_free, *v_free, *closure, *a_free;
   int done = 0;
 };
 
@@ -261,7 +261,8 @@ class Simulation : public Follower {
     out.closure[k] = w_.model.closure();
     double* a = out.a + size_t(k) * m_.n;
     if (!w_.model.forward(v, u_.data(), a, pushes_)) return false;
-    if (leaving_.may()) w_.model.free_motion(a, out.v_free + size_t(k) * m_.nv, out.a_free + size_t(k) * m_.nv);
+    w_.model.free_velocity(out.v_free + size_t(k) * m_.nv);
+    if (leaving_.may()) w_.model.free_acceleration(a, out.a_free + size_t(k) * m_.nv);
     return true;
   }
 
@@ -354,11 +355,16 @@ class Stepper : public Follower {
   }
   const double* state() const { return solver_.y.data(); }
   const double* acceleration() const { return solver_.slope() + m_.n_q; }
-  // q̇′ and q̈′ there, the latter by a q̈ computed anew; false: no answer.
-  bool free_motion(double* velocity, double* acceleration) {
+  // q̇′ there.
+  void free_velocity(double* out) {
+    w_.model.spread(state() + m_.n_q);
+    w_.model.free_velocity(out);
+  }
+  // q̈′ there, by a q̈ computed anew; false: no answer.
+  bool free_acceleration(double* out) {
     std::vector<double>& a = scratch_;
     if (!w_.model.forward(state() + m_.n_q, u_, a.data(), pushes_)) return false;
-    w_.model.free_motion(a.data(), velocity, acceleration);
+    w_.model.free_acceleration(a.data(), out);
     return true;
   }
 

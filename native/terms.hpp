@@ -4,7 +4,8 @@
 //
 //   D = Σ X_iᵀ I X_k,      C = Σ X_iᵀ (I dX_k + B X_k),
 //
-// and what a column asks of the bodies is carried to every cluster between it and the world.
+// and what a column asks of the bodies is carried to every cluster between it and the world, in the world's axes, so that
+// from one cluster to the next only the point that moments are about changes.
 #pragma once
 #include "reduced_model.hpp"
 
@@ -29,9 +30,12 @@ class Terms {
  public:
   explicit Terms(ReducedModel& model)
       : r_(model), m_(model.m), dX_(model.X.size()), W_(model.X.size()), G_(model.X.size()),
-        bodies_(m_.joints.size()) {
+        bodies_(m_.joints.size()), carriers_(m_.joints.size()), X_world_(model.X.size()), dX_world_(model.X.size()) {
     size_t most = 0;
-    for (const Cluster& c : m_.clusters) most = std::max<size_t>(most, c.n());
+    for (const Cluster& c : m_.clusters) {
+      most = std::max<size_t>(most, c.n());
+      if (c.parent) carriers_[c.parent].carries = true;
+    }
     F_.resize(most), E_.resize(most), H_.resize(most);
   }
 
@@ -43,7 +47,10 @@ class Terms {
     r_.twists();
     std::fill(D, D + size_t(n) * n, 0.), std::fill(C, C + size_t(n) * n, 0.);
     std::fill(rho, rho + size_t(m_.nv) * n, 0.), std::fill(rho_dot, rho_dot + size_t(m_.nv) * n, 0.);
-    for (size_t k = 0; k < m_.clusters.size(); ++k) rates(int(k), D, C, rho, rho_dot);
+    for (size_t k = 0; k < m_.clusters.size(); ++k) {
+      rates(int(k), D, C, rho, rho_dot);
+      turn_to_world(m_.clusters[k]);
+    }
     for (size_t j = 1; j < m_.joints.size(); ++j) bodies_[j] = Composite(r_.body[j].Y, r_.body[j].V);
     for (int k = int(m_.clusters.size()) - 1; k >= 0; --k) composite(m_.clusters[k], D, C);
   }
@@ -56,6 +63,14 @@ class Terms {
   std::vector<Force> W_, G_;      // I X and I dX + B X over a joint's subtree within the cluster, n a joint
   std::vector<Force> F_, E_, H_;  // both, and Bᵀ X, over a whole cluster
   std::vector<Composite> bodies_;
+  // A body that carries clusters: its axes in the world's, and where it is from its own cluster's frame, in the world's axes.
+  struct Carrier {
+    bool carries = false;
+    Mat3 R;
+    Vec3 lever;
+  };
+  std::vector<Carrier> carriers_;
+  std::vector<Motion> X_world_, dX_world_;  // X and dX of carriers in the world's axes
   double& entry(double* matrix, int row, int col) const { return matrix[size_t(row) * m_.n + col]; }
 
   // ρ, ρ̇ and dX of one cluster, and its rotors' share of D and C.
@@ -91,6 +106,21 @@ class Terms {
     });
   }
 
+  // The carriers of one cluster, those below it done.
+  void turn_to_world(const Cluster& c) {
+    for (int j : c.joints) {
+      Carrier& carrier = carriers_[j];
+      if (!carrier.carries) continue;
+      const Pose& pose = r_.pose[j];
+      const Mat3 R = c.parent ? carriers_[c.parent].R : Mat3(Mat3::Identity());
+      carrier.R.noalias() = R * pose.R, carrier.lever.noalias() = R * pose.p;
+      for (int at = r_.x_offset[j], end = at + c.n(); at < end; ++at) {
+        X_world_[at] = {R * r_.X[at].v, R * r_.X[at].w};
+        dX_world_[at] = {R * dX_[at].v, R * dX_[at].w};
+      }
+    }
+  }
+
   // The entries of one cluster, its children's done, and what its columns ask of the clusters below.
   void composite(const Cluster& c, double* D, double* C) {
     const int n = c.n();
@@ -122,11 +152,14 @@ class Terms {
       for (int l = 0; l < i; ++l) entry(D, c.independent[i], c.independent[l]) = entry(D, c.independent[l], c.independent[i]);
     if (!c.parent) return;
     carry(c, r_.pose[c.parent], bodies_);
+    const Mat3& R = carriers_[c.parent].R;
+    for (int i = 0; i < n; ++i)
+      for (Force* f : {&F_[i], &E_[i], &H_[i]}) *f = {R * f->f, R * f->t};
     for (int p = c.parent; p;) {
-      for (int i = 0; i < n; ++i)
-        for (Force* f : {&F_[i], &E_[i], &H_[i]}) *f = out_of_frame(r_.pose[p], *f);
+      for (int i = 0; i < n; ++i)  // H has moments alone
+        for (Force* f : {&F_[i], &E_[i]}) f->t += carriers_[p].lever.cross(f->f);
       const Cluster& below = m_.clusters[m_.cluster_of[p]];
-      couple(c, below, r_.X.data() + r_.x_offset[p], dX_.data() + r_.x_offset[p], D, C);
+      couple(c, below, X_world_.data() + r_.x_offset[p], dX_world_.data() + r_.x_offset[p], D, C);
       p = below.parent;
     }
   }
@@ -138,7 +171,7 @@ class Terms {
         const int row = below.independent[l], col = c.independent[i];
         entry(D, row, col) = entry(D, col, row) = dot(F_[i], X[l]);
         entry(C, row, col) = dot(E_[i], X[l]);
-        entry(C, col, row) = dot(F_[i], dX[l]) + dot(H_[i], X[l]);
+        entry(C, col, row) = dot(F_[i], dX[l]) + H_[i].t.dot(X[l].w);
       }
   }
 };

@@ -5,7 +5,6 @@ with on-line gravity, PD+ and computed torque. Writes a figure, a table and its 
 """
 
 import json
-import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -162,4 +161,6 @@ def main(out: Path = OUT) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    from arguments import run
+
+    run(main, __doc__)

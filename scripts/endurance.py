@@ -5,7 +5,6 @@ on behind the last whole move.
 """
 
 import json
-import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -120,4 +119,6 @@ def figure(records: dict[str, Record]) -> Figure:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    from arguments import run
+
+    run(main, __doc__)

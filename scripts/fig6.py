@@ -1,6 +1,5 @@
 """Fig. 6: the RPDR's (q1, q2) square, both kinds of singularity, what cannot be assembled, 𝒟, Table I's centres."""
 
-import sys
 from pathlib import Path
 
 from ccpin import paper, plotting
@@ -19,4 +18,6 @@ def main(out: Path = OUT) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    from arguments import run
+
+    run(main, __doc__)

@@ -1,6 +1,5 @@
 """Fig. 7: the extreme configurations of Ω around the four centres of Table I, by our radii and by the paper's."""
 
-import sys
 from pathlib import Path
 
 from ccpin import paper, plotting
@@ -20,4 +19,6 @@ def main(out: Path = OUT) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    from arguments import run
+
+    run(main, __doc__)

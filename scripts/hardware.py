@@ -5,7 +5,6 @@ a robot. Writes the figures, data and metrics to out/hardware and prints a summa
 """
 
 import json
-import sys
 import time
 from pathlib import Path
 
@@ -59,4 +58,6 @@ def main(out: Path = OUT) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    from arguments import run
+
+    run(main, __doc__)

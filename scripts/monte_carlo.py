@@ -5,7 +5,6 @@ takes (a Latin hypercube); the PD law with simple gravity compensation (28) know
 rows, the table and a figure to out/monte_carlo and prints a summary; killed, it goes on where it was.
 """
 
-import sys
 from functools import partial
 from pathlib import Path
 
@@ -110,4 +109,6 @@ def main(out: Path = OUT, count: int = CASES, workers: int | None = 2) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    from arguments import run
+
+    run(main, __doc__)

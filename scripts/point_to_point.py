@@ -4,7 +4,6 @@ Writes figures, data, metrics and an animation to out/point_to_point and prints 
 """
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -41,4 +40,6 @@ def main(out: Path = OUT) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    from arguments import run
+
+    run(main, __doc__)

@@ -6,7 +6,6 @@ paper says under 0.3 s. Writes the figure, data and times to out/repetitive.
 """
 
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -39,4 +38,6 @@ def main(out: Path = OUT) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    from arguments import run
+
+    run(main, __doc__)

@@ -6,7 +6,6 @@ form that comes closest to the printed radii is given.
 """
 
 import json
-import sys
 from pathlib import Path
 
 from ccpin import paper
@@ -29,4 +28,6 @@ def main(out: Path = OUT) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    from arguments import run
+
+    run(main, __doc__)

@@ -5,7 +5,6 @@ value of the Lyapunov function at the paper's start. Prints both, c, β and wher
 motion and one from inside B₂, and draws them.
 """
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -51,4 +50,6 @@ def _word(certificate: ccpin.control.SetPointCertificate, q: np.ndarray) -> str:
 
 
 if __name__ == "__main__":
-    main(*map(Path, sys.argv[1:2]))
+    from arguments import run
+
+    run(main, __doc__)

@@ -2,7 +2,8 @@
 
 Computed torque and PD+ follow a quintic reference on the RPDR and on a Delta. First as a digital controller runs
 them, σ warm-started once a sample under a hard cap on Newton steps; then continuously, with σ(q) off by a vector of
-known size in the dependent coordinates. Writes the curves and their numbers to out/tracking_degradation.
+known size in the dependent coordinates, beside the bound that `certify_tracking` proves for every error of that size.
+Writes the curves and their numbers to out/tracking_degradation.
 """
 
 import json
@@ -16,7 +17,16 @@ from matplotlib.figure import Figure
 
 import ccpin
 from ccpin import plotting
-from ccpin.control import ComputedTorque, OnlineLaw, OnlineSigma, PDPlus, PointToPoint, Sampling, WithSigmaError
+from ccpin.control import (
+    ComputedTorque,
+    OnlineLaw,
+    OnlineSigma,
+    PDPlus,
+    PointToPoint,
+    Sampling,
+    WithSigmaError,
+    certify_tracking,
+)
 from ccpin.files import write_atomically
 from ccpin.plotting import COLOURS, STYLE
 
@@ -29,7 +39,7 @@ OPTIONS = {"duration": DURATION, "rtol": 1e-7, "atol": 1e-9, "sample_period": 5e
 
 
 class Case(NamedTuple):
-    """A robot, its move, PD+'s gains, and computed torque's ω (K_p = ω², K_v = 2ω)."""
+    """A robot, its move, PD+'s gains, computed torque's ω (K_p = ω², K_v = 2ω), and the certificates' cells."""
 
     robot: str
     start: np.ndarray
@@ -37,11 +47,12 @@ class Case(NamedTuple):
     K_p: float
     K_v: float
     omega: float
+    cells: int
 
 
 CASES = (
-    Case("rpdr", np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0]), 11.0, 0.65, 20.0),
-    Case("delta", np.array([-0.2, 0.1, 0.0]), np.array([0.4, -0.1, 0.3]), 300.0, 25.0, 20.0),
+    Case("rpdr", np.radians([-150.0, -160.0]), np.radians([-90.0, -100.0]), 11.0, 0.65, 20.0, 192),
+    Case("delta", np.array([-0.2, 0.1, 0.0]), np.array([0.4, -0.1, 0.3]), 300.0, 25.0, 20.0, 64),
 )
 
 
@@ -78,20 +89,34 @@ def with_sigma_error(model, law, case, size):
     return {"sigma_error": size, "error": largest_error(law, motion)}
 
 
+def bounds(law, case):
+    """The proved bounds of the tracking error, of growing errors of σ, up to the first that is not proved."""
+    rows = []
+    for size in SIGMA_ERRORS:
+        proof = certify_tracking(law, size, cells=case.cells)
+        if proof.verdict != "proven":
+            return rows, f"σ off by {size:.0e}: {proof.reason}"
+        rows.append({"sigma_error": size, "error": float(proof.error.max())})
+    return rows, ""
+
+
 def curves(case):
-    """Both curves of both laws on one robot."""
+    """The curves of both laws on one robot."""
     model = ccpin.ReducedModel(ccpin.load(case.robot))
-    return {
-        name: {
+    found = {}
+    for name, law in laws(model, case).items():
+        proved, stopped = bounds(law, case)
+        found[name] = {
             "sampled": [sampled(model, law, case, period) for period in PERIODS],
             "sigma": [with_sigma_error(model, law, case, size) for size in SIGMA_ERRORS],
+            "bound": proved,
+            "bound_ends": stopped,
         }
-        for name, law in laws(model, case).items()
-    }
+    return found
 
 
 def draw(results):
-    """Tracking error against period and against the size of the σ error."""
+    """Tracking error against period, and against the size of the σ error with the proved bounds."""
     with rc_context(STYLE):
         figure = Figure(figsize=(10.5, 4.6), layout="constrained")
         left, right = figure.subplots(1, 2, sharey=True)
@@ -101,6 +126,10 @@ def draw(results):
                 label = f"{ {'rpdr': 'RPDR', 'delta': 'Delta'}[robot] }, {name}"
                 left.plot(*_columns(found["sampled"], "period", 1e3), label=label, **style)
                 right.plot(*_columns(found["sigma"], "sigma_error", 1.0), **style)
+                right.plot(*_columns(found["bound"], "sigma_error", 1.0), **style | {"marker": "v", "alpha": 0.45})
+        for marker, alpha, text in (("v", 0.45, "proved, any error of that norm"), ("o", 1.0, "one error, measured")):
+            right.plot([], [], color="0.3", marker=marker, alpha=alpha, label=text)
+        right.legend(loc="best", framealpha=0.85, edgecolor="none")
         for panel, text in ((left, "sampling period [ms]"), (right, "norm of the error in σ [rad, m]")):
             panel.set_xscale("log")
             panel.set_yscale("log")
@@ -132,6 +161,10 @@ def main(out: Path = OUT) -> None:
                 )
             for row in found["sigma"]:
                 print(f"  σ off by {row['sigma_error']:.0e}: error {np.degrees(row['error']):.2e}°")
+            for row in found["bound"]:
+                print(f"  σ off by {row['sigma_error']:.0e}: proved error below {np.degrees(row['error']):.2e}°")
+            if found["bound_ends"]:
+                print(f"  not proved: {found['bound_ends']}")
     print(f"figure and numbers in {out}/")
 
 

@@ -196,8 +196,10 @@ def _domain(b):
         ),
         "certify_sheets": (
             domain.certify_sheets,
-            {"mechanism": b.whole, "region": b.box, "max_depth": 2, "budget": 1000, "bounds": "auto"},
+            {"mechanism": b.whole, "region": b.box, "max_depth": 2, "budget": 1000, "bounds": "auto", "seconds": None},
         ),
+        "merge": (domain.merge, {"atlases": [b.atlas]}),
+        "split_region": (domain.split_region, {"region": b.box, "parts": 2}),
         "cusps": (domain.cusps, {"mechanism": b.whole, "region": b.box, "curves": ()}),
         "certify_workspace": (
             domain.certify_workspace,

@@ -7,7 +7,7 @@ import pytest
 
 from ccpin.cli import main
 from ccpin.description import find_file
-from ccpin.domain import Atlas, certified_radius
+from ccpin.domain import Atlas, SheetAtlas, certified_radius
 
 CENTRE = ["--centre-deg", "-108", "-72"]
 REGION = ["--lower-deg", "-150", "-160", "--upper-deg", "-90", "-100"]
@@ -102,3 +102,19 @@ def test_a_dask_cluster_gives_the_same_atlas(tmp_path, capsys):
     for name, array in here.boxes._asdict().items():
         assert np.array_equal(array, getattr(there.boxes, name)), name
     capsys.readouterr()
+
+
+def test_sheets_are_counted_and_saved(tmp_path, capsys):
+    """`--sheets` counts every assembly mode, in words and as JSON, and saves a document; it takes no centre."""
+    path = tmp_path / "sheets.json"
+    assert main(["domain", "slider_crank", "--sheets", "--save", str(path)]) == 0
+    told = capsys.readouterr().out
+    assert "assembly modes over one q, proved: 2" in told
+    assert "sheet 1:" in told
+    assert SheetAtlas.load(path).certified_fraction == 1.0
+    assert main(["domain", "slider_crank", "--sheets", "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["counts"], facts["certified_fraction"], facts["complete"]) == ([2], 1.0, True)
+    assert [sheet["sign"] for sheet in facts["sheets"]] in ([1, -1], [-1, 1])
+    assert main(["domain", "slider_crank", "--sheets", "--centre-deg", "40"]) == 1
+    assert "no --centre" in capsys.readouterr().err

@@ -23,7 +23,9 @@ def examples(name):
     return re.findall(r"(?:example:)? *(ccpin .+)", COMMANDS[name].epilog or "")
 
 
-@pytest.mark.parametrize("name", ["info", "modes", "simulate", "domain", "view", "convert", "doctor"])
+@pytest.mark.parametrize(
+    "name", ["info", "modes", "simulate", "domain", "merge", "verify", "view", "convert", "doctor"]
+)
 def test_a_command_shows_examples_that_run(name, tmp_path, monkeypatch, capsys):
     """As printed, one after another, in an empty folder."""
     monkeypatch.chdir(tmp_path)

@@ -11,6 +11,7 @@ import ccpin
 from ccpin.domain import certify
 from ccpin.domain.atlas.cells import CellTree, Region, contacts_of
 from ccpin.domain.boxes import Boxes, bounds_of, certify_boxes, certify_points, closure_values, problem_of, verify
+from ccpin.domain.chain_stack import Derivatives, derivatives
 from ccpin.domain.chains import closure_system
 from ccpin.domain.in_core import certifier, numbers_of
 from ccpin.domain.newton import glued, newton
@@ -319,6 +320,29 @@ def test_values_are_within_their_margin(precise, arms, kind):
         for computed, true in zip(found, (phi, jacobian), strict=True):
             pairs = zip(np.ravel(computed), np.ravel(np.array(true, dtype=object)), strict=True)
             assert all(abs(arb(float(c)) - t) <= margin[k] for c, t in pairs)
+
+
+@pytest.mark.parametrize("arms", ARMS.values(), ids=ARMS)
+@pytest.mark.parametrize("kind", ["revolute", "fixed", "cylindrical", "planar"])
+def test_second_derivatives_are_within_their_margin(precise, arms, kind):
+    """φ_θθ is within γ · magnitude of the exact difference quotient of φ_θ (steps of 2⁻⁶⁰); the rest is NumPy's."""
+    mechanism = two_arms(arms, kind)
+    system = closure_system(mechanism, mechanism.q_reference)
+    problem, rng = problem_of(system, "reach"), np.random.default_rng(7)
+    theta = rng.uniform(-3, 3, (2, mechanism.n_free))
+    found = Derivatives(*certifier(system, None).derivatives(theta))
+    for computed, reference in zip(found, derivatives(system, problem.stack, theta), strict=True):
+        np.testing.assert_allclose(computed, reference, atol=1e-12)
+    margin, step = system.rounding * system.magnitude(theta), arb(2) ** -60
+    for k, hessian in enumerate(found.hessian):
+        for column in range(mechanism.n_free):
+            ends = []
+            for side in (-1, 1):
+                moved = exact(theta[k])
+                moved[column] = moved[column] + side * step
+                ends.append(np.ravel(np.array(exact_values(system, moved)[1], dtype=object)))
+            for computed, low, high in zip(np.ravel(hessian[:, :, column]), *ends, strict=True):
+                assert abs(arb(float(computed)) - (high - low) / (2 * step)) <= margin[k]
 
 
 def test_angles_of_many_turns_have_wider_margins(precise):

@@ -1,6 +1,7 @@
 """The experiments' scripts run and write what they promise."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -60,3 +61,24 @@ def test_table1(tmp_path):
         for name in ("theorem2", "closest", "reach", "planar", "atlas"):
             assert 0 < row[name] <= row["exact"]
         assert row["atlas"] >= 0.999 * row["exact"]
+
+
+@pytest.mark.parametrize(("words", "code"), [(["--help"], 0), (["--folder"], 2), (["one", "two"], 2)])
+def test_words_that_are_no_folder_write_nothing(words, code, monkeypatch, tmp_path, capsys):
+    """A request for help is answered, and what is no folder refused, before an experiment begins."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["script.py", *words])
+    with pytest.raises(SystemExit) as ended:
+        script("arguments").run(lambda *_: pytest.fail("it ran"), "What it is about.")
+    assert ended.value.code == code
+    assert not list(tmp_path.iterdir())
+    assert "usage" in "".join(capsys.readouterr())
+
+
+@pytest.mark.parametrize("words", [[], ["there"]])
+def test_the_folder_named_is_the_one_written_to(words, monkeypatch):
+    """None named: the experiment's own."""
+    given = []
+    monkeypatch.setattr("sys.argv", ["script.py", *words])
+    script("arguments").run(lambda *folder: given.append(folder), None)
+    assert given == [tuple(Path(word) for word in words)]

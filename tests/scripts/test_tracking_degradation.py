@@ -9,9 +9,9 @@ from tests.support.loading import script
 
 
 def test_tracking_degradation(tmp_path, monkeypatch):
-    """Four times the period gives four times the error, ten times the error of σ ten times; σ is never held."""
+    """Four times the period, four times the error; ten times σ's error, ten times, below the bound; σ is never held."""
     tracking = script("tracking_degradation")
-    monkeypatch.setattr(tracking, "CASES", tracking.CASES[:1])
+    monkeypatch.setattr(tracking, "CASES", [tracking.CASES[0]._replace(cells=48)])
     monkeypatch.setattr(tracking, "PERIODS", (1e-3, 4e-3))
     monkeypatch.setattr(tracking, "SIGMA_ERRORS", (1e-4, 1e-3))
     tracking.main(tmp_path)
@@ -22,5 +22,8 @@ def test_tracking_degradation(tmp_path, monkeypatch):
         sampled, off = ([row["error"] for row in found[kind]] for kind in ("sampled", "sigma"))
         assert sampled[1] / sampled[0] == pytest.approx(4.0, rel=0.05)
         assert off[1] / off[0] == pytest.approx(10.0, rel=0.02)
+        proved = [row["error"] for row in found["bound"]]
+        assert all(measured < bound < 8.0 * measured for measured, bound in zip(off, proved, strict=True))
+        assert found["bound_ends"] == ""
         assert np.radians(0.01) < sampled[0] < np.radians(0.2)
         assert all(row["held"] == 0 for row in found["sampled"])

@@ -6,6 +6,7 @@ import pytest
 import ccpin
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Event, load_npz
+from ccpin.simulation.samples import SAMPLED
 from tests.support.paper import FRICTION, START
 
 
@@ -48,7 +49,7 @@ def test_joints_of_several_freedoms_have_columns_too(name, tmp_path):
     motion.save(tmp_path / "m.csv")
     header = (tmp_path / "m.csv").read_text().splitlines()[0].split(",")
     assert len(header) == len(set(header))
-    assert len(header) == 2 + sum(x.shape[1] for x in motion[1:8])
+    assert len(header) == 2 + sum(np.ndim(x[0]) and x.shape[1] for x in (getattr(motion, name) for name in SAMPLED))
 
 
 def test_data_frames_and_parquet(motion, tmp_path):

@@ -1,6 +1,7 @@
 """Simulation: the paper's motion, energy, tolerances, stop conditions, and the supervisor."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import ccpin
@@ -40,6 +41,20 @@ def test_loops_stay_closed(motion, model):
     order = [model.mechanism.pin_model.idx_qs[model.mechanism.pin_model.getJointId(f"joint{i}")] for i in (1, 2, 3, 4)]
     q1, q2, q3, q4 = motion.q_free[:, order].T
     assert np.all(np.sin(q1 + q3 - q2 - q4) > 0)
+
+
+@pytest.mark.parametrize("name", ["rpdr", "stewart"])
+def test_velocities_of_all_joints_are_those_q_free_moves_with(name):
+    """q̇′ of a sample is the central difference of its neighbours' q′, to second order, on both backends."""
+    mechanism, h = ccpin.load(name), 1e-4
+    model = ccpin.ReducedModel(mechanism)
+    q, v = model.alpha(mechanism.q_reference), np.linspace(-0.4, 0.4, model.n)
+    run = ccpin.simulate(model, None, q, v, duration=20 * h, sample_period=h, rtol=1e-11, atol=1e-13)
+    free = mechanism.pin_model
+    for k in range(1, 20):
+        slope = pin.difference(free, run.q_free[k - 1], run.q_free[k + 1]) / (2 * h)
+        np.testing.assert_allclose(run.v_free[k], slope, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(run.v_free[k], model.at(run.q[k], run.q_free[k]).v_free(run.v[k]), atol=1e-12)
 
 
 def test_halving_the_tolerance_changes_nothing(model, law, motion):

@@ -281,7 +281,7 @@ def test_kill_9_costs_a_move_at_most(rpdr_model, tmp_path):
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
     process = subprocess.Popen([sys.executable, "-c", code], env=environment)
     patience = time.monotonic() + 60.0
-    while (not path.exists() or path.stat().st_size < 40_000) and time.monotonic() < patience:
+    while (not path.exists() or path.stat().st_size < 100_000) and time.monotonic() < patience:
         time.sleep(0.01)
     process.kill()
     process.wait()

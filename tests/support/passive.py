@@ -82,19 +82,9 @@ def released(name, duration, **options):
     return model, ccpin.simulate(model, None, q, v, duration=duration, **(TIGHT | options))
 
 
-def energies(model, run):
-    """Kinetic and potential energy at every sample."""
-    return np.array([state.energy(v) for state, v, _ in run.states(model)]).T
-
-
-def free_velocity(model, run, k):
-    """q̇′ of one sample."""
-    return model.at(run.q[k], run.q_free[k]).v_free(run.v[k])
-
-
 def assert_it_goes_on(model, run, duration):
     """To the end, closed, and without losing or gaining energy."""
-    kinetic, potential = energies(model, run)
+    kinetic, potential = run.energy(model)
     total = kinetic + potential
     assert (run.status, run.t[-1]) == ("finished", pytest.approx(duration))
     assert run.closure_error.max() <= 1e-10

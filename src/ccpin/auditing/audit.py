@@ -17,9 +17,22 @@ from ccpin.errors import CcpinError, InvalidInputError
 
 if TYPE_CHECKING:
     from ccpin.auditing.closures import Closures
+    from ccpin.auditing.emptiness import Emptiness
 
 _CUTS = 12
 _PART = 16
+_WORDS = {
+    "box": "boxes with exactly one nonsingular solution",
+    "glue": "shared faces with one σ",
+    "empty": "cells without a closed configuration",
+    "singular": "cells with a singular configuration",
+}
+_BESIDES = "limits, motors and dexterity; that the closures are those of a file (compare the fingerprint)"
+_COUNTS = "how many configurations there are, and that cells without a mark hold no singular one"
+
+
+Result = tuple[str, tuple[int, ...], "bool | None"]
+"""A kind of claim, which of them, and whether it was proved; ``None``: there is no way to look at it."""
 
 
 class Claim(NamedTuple):
@@ -84,14 +97,17 @@ def verify(
     workers: int = 1,
     progress: Callable[[Progress], None] | None = None,
 ) -> Audit:
-    """Check a certificate that `Atlas.save` wrote, by arithmetic and code of its own.
+    """Check a certificate that `Atlas.save` or `SheetAtlas.save` wrote, by arithmetic and code of its own.
 
     Proved are: Theorem K for the boxes; that the seed is a solution of its box; that neighbours carry the same σ
-    where the document does not list them as unglued, and that every box is reached from the seed's by such neighbours.
+    where the document does not list them as unglued (of sheets: where it says so), and that every box is reached from
+    the seed's by such neighbours; that cells called singular hold a singular configuration; and that those called empty
+    hold none, where that can be told by the triangle inequality, or by a search of all turns of up to six dependent
+    coordinates (a claim counts as looked at if so).
 
     Args:
         path: The .json or .npz file.
-        sample: How many boxes, and how many shared faces, chosen at random; default all.
+        sample: How many boxes, shared faces, empty and singular cells, chosen at random; default all.
         seed: Of that choice.
         workers: Processes to share the work among. A script that asks for more than one needs the guard
             ``if __name__ == "__main__":``.
@@ -102,38 +118,56 @@ def verify(
         CcpinError: python-flint is not installed.
     """
     try:
-        from ccpin.auditing.gluing import contacts
+        import flint  # noqa: F401
     except ImportError as error:
         raise CcpinError("verifying needs python-flint: pip install 'ccpin[validated]'") from error
     if sample is not None and sample < 1:
         raise InvalidInputError(f"sample = {sample} must be at least 1")
     document = read(path)
-    boxes = len(document.centre)
-    unglued = {tuple(sorted(map(int, pair))) for pair in document.unglued}
-    touching = [c for c in contacts(document) if tuple(sorted((c.first, c.second))) not in unglued]
-    chosen = _chosen(boxes, sample, seed), _chosen(len(touching), sample, seed + 1)
-    tasks = [("box", int(k)) for k in chosen[0]] + [("glue", touching[k]) for k in chosen[1]]
-    failed: dict[str, list[tuple[int, ...]]] = {"box": [], "glue": []}
+    touching = _faces(document)
+    kinds: dict[str, list[Any]] = {
+        "box": list(range(len(document.centre))),
+        "glue": touching,
+        "empty": list(range(len(document.empty.number))),
+        "singular": list(range(len(document.singular.number))),
+    }
+    chosen = {kind: _chosen(len(every), sample, seed + k) for k, (kind, every) in enumerate(kinds.items())}
+    tasks = [(kind, kinds[kind][k]) for kind, rows in chosen.items() for k in rows]
+    failed: dict[str, list[tuple[int, ...]]] = {kind: [] for kind in kinds}
+    looked = dict.fromkeys(kinds, 0)
     done = 0
     for part in _results(document, tasks, workers):
         for kind, which, good in part:
-            if not good:
+            looked[kind] += good is not None
+            if good is False:
                 failed[kind].append(which)
         done += len(part)
         if progress is not None:
             progress(Progress(done, len(tasks)))
-    reached = _reached(document, [(c.first, c.second) for c in touching])
-    lost = tuple((int(k),) for k in np.flatnonzero(~reached))
+    claims = [
+        Claim(_WORDS[kind], len(every), looked[kind], tuple(sorted(failed[kind])))
+        for kind, every in kinds.items()
+        if kind in ("box", "glue") or every
+    ]
+    if document.seed is not None:
+        claims.insert(2, _reached(document, document.seed, [(c.first, c.second) for c in touching]))
     return Audit(
         theorem=document.header.get("theorem", ""),
         fingerprint=document.header["fingerprint"],
-        claims=(
-            Claim("boxes with exactly one nonsingular solution", boxes, len(chosen[0]), tuple(sorted(failed["box"]))),
-            Claim("shared faces with one σ", len(touching), len(chosen[1]), tuple(sorted(failed["glue"]))),
-            Claim("boxes reached from the seed over such faces", boxes, boxes, lost),
-        ),
-        not_checked="cells called empty or singular; that the closures are those of a file (compare the fingerprint)",
+        claims=tuple(claims),
+        not_checked=_BESIDES if document.seed is not None else f"{_COUNTS}; {_BESIDES}",
     )
+
+
+def _faces(document: Document) -> list[Any]:
+    """Where boxes are said to carry the same σ."""
+    from ccpin.auditing.gluing import Contact, contacts
+
+    if document.faces is None:
+        unglued = {tuple(sorted(map(int, pair))) for pair in document.unglued}
+        return [c for c in contacts(document) if tuple(sorted((c.first, c.second))) not in unglued]
+    rows = zip(*document.faces, strict=True)
+    return [Contact(int(a), int(b), at_a, at_a - at_b) for a, b, at_a, at_b in rows]
 
 
 def _chosen(count: int, sample: int | None, seed: int) -> NDArray[np.int64]:
@@ -142,7 +176,7 @@ def _chosen(count: int, sample: int | None, seed: int) -> NDArray[np.int64]:
     return np.sort(np.random.default_rng(seed).choice(count, sample, replace=False))
 
 
-def _results(document: Document, tasks: list[Any], workers: int) -> Iterator[list[tuple[str, tuple[int, ...], bool]]]:
+def _results(document: Document, tasks: list[Any], workers: int) -> Iterator[list[Result]]:
     parts = [tasks[k : k + _PART] for k in range(0, len(tasks), _PART)]
     if workers <= 1:
         held = _Held.of(document)
@@ -153,16 +187,19 @@ def _results(document: Document, tasks: list[Any], workers: int) -> Iterator[lis
 
 
 class _Held(NamedTuple):
-    """A document and its closures, made once."""
+    """A document, its closures and what its empty cells need, made once."""
 
     document: Document
     closures: Closures
+    emptiness: Emptiness
 
     @staticmethod
     def of(document: Document) -> _Held:
         from ccpin.auditing.closures import Closures
+        from ccpin.auditing.emptiness import Emptiness
 
-        return _Held(document, Closures(document))
+        closures = Closures(document)
+        return _Held(document, closures, Emptiness(closures, document))
 
 
 _held: list[_Held] = []  # of a process of the pool
@@ -172,35 +209,38 @@ def _open(document: Document) -> None:
     _held[:] = [_Held.of(document)]
 
 
-def _checked_there(tasks: Iterable[Any]) -> list[tuple[str, tuple[int, ...], bool]]:
+def _checked_there(tasks: Iterable[Any]) -> list[Result]:
     return _checked(_held[0], tasks)
 
 
-def _checked(held: _Held, tasks: Iterable[Any]) -> list[tuple[str, tuple[int, ...], bool]]:
+def _checked(held: _Held, tasks: Iterable[Any]) -> list[Result]:
     from ccpin.auditing.boxes import proved
     from ccpin.auditing.gluing import same_solution
+    from ccpin.auditing.singular import singular
 
-    results: list[tuple[str, tuple[int, ...], bool]] = []
+    results: list[Result] = []
+    document, closures = held.document, held.closures
     for kind, what in tasks:
         if kind == "box":
-            results.append((kind, (what,), proved(held.closures, held.document, what, _CUTS)))
+            results.append((kind, (what,), proved(closures, document, what, _CUTS)))
+        elif kind == "glue":
+            results.append((kind, (what.first, what.second), same_solution(closures, document, what)))
+        elif kind == "empty":
+            results.append((kind, (int(document.empty.number[what]),), held.emptiness.proved(what)))
         else:
-            good = same_solution(held.closures, held.document, what)
-            results.append((kind, (what.first, what.second), good))
+            results.append((kind, (int(document.singular.number[what]),), singular(closures, document, what)))
     return results
 
 
-def _reached(document: Document, pairs: list[tuple[int, int]]) -> NDArray[np.bool_]:
-    """Which boxes the seed's is joined to."""
+def _reached(document: Document, seed: NDArray[np.float64], pairs: list[tuple[int, int]]) -> Claim:
+    """That each box is joined to the seed's."""
     from ccpin.auditing.closures import Closures
     from ccpin.auditing.gluing import in_tube, near
 
     reached = np.zeros(len(document.centre), dtype=np.bool_)
-    found = near(Closures(document), document, document.seed)
-    if found is None:
-        return reached
+    found = near(Closures(document), document, seed)
     still = np.zeros(len(document.independent))
-    todo = [k for k in range(len(reached)) if in_tube(document, k, *found, still)]
+    todo = [] if found is None else [k for k in range(len(reached)) if in_tube(document, k, *found, still)]
     beside: dict[int, list[int]] = {}
     for a, b in pairs:
         beside.setdefault(a, []).append(b)
@@ -210,4 +250,5 @@ def _reached(document: Document, pairs: list[tuple[int, int]]) -> NDArray[np.boo
         if not reached[k]:
             reached[k] = True
             todo += [other for other in beside.get(k, []) if not reached[other]]
-    return reached
+    lost = tuple((int(k),) for k in np.flatnonzero(~reached))
+    return Claim("boxes reached from the seed over such faces", len(reached), len(reached), lost)

@@ -4,23 +4,27 @@ A box is θ = θ_c + Dδ + Eζ, |δ| ≤ h, |ζ| ≤ R, E = [0; V]. Claimed: for
 the tube |ζ| ≤ R, and φ_y is nonsingular there. The Ã and w of the document are not used: any will do, cell by cell.
 
 **Lemma.** Over a cell δ₀ ± e and a part ζ₀ ± r of ζ-space let θ₀ = θ_c + Dδ₀ + Eζ₀, J₀ = φ_θ(θ₀), f(δ, ζ) = Ãφ(θ) with
-a real m×m matrix Ã, and let H hold φ_θθ there. With balls Δ_δ ∋ H·D(δ − δ₀) and Δ_ζ ∋ H·E(ζ − ζ₀),
+a real m×m matrix Ã, and let H_j hold ÃΣ_c ∂φ_θ/∂θ_c d_jc for the j-th column d_j of D, G_j for that of E. Let
 
-    Y ≥ |f(δ₀, ζ₀)| + |Ã(J₀ + ½Δ_δ)D| e,   M ∋ I − Ã(J₀ + Δ_δ + Δ_ζ)_y V,   M̄ ∋ I − Ã(J₀ + Δ_δ + ½Δ_ζ)_y V,
+    Y ≥ |f(δ₀, ζ₀)| + |ÃJ₀D|e + ½ Σ_j |H_jD|e e_j,
+    M ≥ |I − Ã(J₀)_yV| + Σ_j |(H_j)_yV|e_j + Σ_j |(G_j)_yV|r_j,
+    M̄ ≥ the same with ½ before the last sum,
 
 componentwise: for every δ of the cell
 
-1. |M|w < w for a w > 0: φ = 0 has at most one solution in the part, and φ_y is nonsingular all over it;
-2. Y + |M̄|r < r: it has one at least;
-3. |f(δ₀, ζ₀)|_i > (|Ã(J₀ + ½Δ_δ)D| e + r + |M̄|r)_i for an i: it has none.
+1. Mw < w for a w > 0: φ = 0 has at most one solution in the part, and φ_y is nonsingular all over it;
+2. Y + M̄r < r: it has one at least;
+3. |f(δ₀, ζ₀)|_i > (Y − |f(δ₀, ζ₀)| + r + M̄r)_i for an i: it has none.
 
-J₀ + Δ_δ + Δ_ζ may be met with φ_θ as evaluated over the part, and |M̄| with |M|. The claim follows from 2 for any part
-of the tube, and 1 for what 3 leaves of the tube.
+M may be met with |I − Ãφ_yV| as evaluated over the part, and M̄ with M. The claim follows from 2 for any part of the
+tube, and 1 for what 3 leaves of the tube.
 
-*Proof.* J(θ) − J₀ = ∫₀¹ φ_θθ dt · (θ − θ₀) is in Δ_δ + Δ_ζ, so I − f_ζ ∈ M, and its average over the segment from ζ₀
-is in M̄, as ∫ τ dτ = ½ (likewise Y, along the segment from δ₀). 1: K(ζ) = ζ − f(δ, ζ) contracts in the norm
-max |ζ_i|/w_i, and f_ζ = Ãφ_yV is nonsingular. 2: |K(ζ) − ζ₀| ≤ Y + |M̄|r < r: K maps the part into its interior
-(Brouwer). 3: |f(δ, ζ) − f(δ₀, ζ₀)| is at most the right side. ∎
+*Proof.* Ã(J(θ) − J₀) = Σ_j ∫₀¹ H_j dt (δ − δ₀)_j + Σ_j ∫₀¹ G_j dt (ζ − ζ₀)_j, so |I − f_ζ| ≤ M, and the average of f_ζ
+over the segment from ζ₀ is within M̄ of I, as ∫ τ dτ = ½ (likewise Y, along the segment from δ₀). 1: K(ζ) = ζ − f(δ, ζ)
+contracts in the norm max |ζ_i|/w_i, and f_ζ = Ãφ_yV is nonsingular. 2: |K(ζ) − ζ₀| ≤ Y + M̄r < r: K maps the part into
+its interior (Brouwer). 3: |f(δ, ζ) − f(δ₀, ζ₀)| is at most the right side. ∎
+
+Signs are kept until |·| is taken of a product with V or D: near a singular configuration large terms cancel there.
 """
 
 from __future__ import annotations
@@ -35,6 +39,10 @@ from ccpin.auditing.document import Array, Document
 
 _PARTS, _ROOM, _NEWTON, _ROUNDS = 6, 1.05, 8, 6
 _WIDEN = (1.0 + 2.0**-51, 1e-14)  # what the claim adds to h, so that boxes of rounded corners overlap
+
+
+Sizes = list[list[arb]]
+"""Bounds of a matrix, entry by entry."""
 
 
 class Box(NamedTuple):
@@ -158,27 +166,28 @@ def look(
     motions = closures.motions(start)
     slope = closures.jacobian(motions)
     around = closures.motions([x + a + b for x, a, b in zip(start, along, aside, strict=True)])
-    turned, bent = arb_mat(closures.m, closures.n_free), arb_mat(closures.m, closures.n_free)
-    for j, e in enumerate(spread):
-        direction = [box.directions[i, j] for i in range(closures.n_free)]
-        turned = turned + closures.variation(around, direction) * arb(0, e)
-    for j, r in enumerate(part):
-        unit = arb_mat(len(part), 1, [arb(int(i == j)) for i in range(len(part))])
-        bent = bent + closures.variation(around, _embedded(box, document, unit)) * arb(0, float(r))
-    half, chosen = arb(0.5), document.dependent
+    chosen, m = document.dependent, closures.m
     inner = floats(columns(slope, chosen)) @ floats(box.modes)
     try:
         A = exact(np.linalg.inv(inner).astype(np.float64))
     except np.linalg.LinAlgError:
         return None
-    value, drift = A * closures.value(start, motions), A * ((slope + turned * half) * box.directions)
-    there = _met(columns(slope + turned + bent, chosen), columns(closures.jacobian(around), chosen))
-    whole = _defect(A * (there * box.modes))
-    mean = _defect(A * (columns(slope + turned + bent * half, chosen) * box.modes))
-    least = [[min(x, y, key=_upper) for x, y in zip(a, b, strict=True)] for a, b in zip(mean, whole, strict=True)]
-    offset = [
-        sum((abs(drift[i, j]) * arb(e) for j, e in enumerate(spread)), abs(value[i, 0])) for i in range(closures.m)
-    ]
+    moves = [[box.directions[i, j] for i in range(closures.n_free)] for j in range(len(spread))]
+    units = [arb_mat(m, 1, [arb(int(i == j)) for i in range(m)]) for j in range(m)]
+    moves += [_embedded(box, document, unit) for unit in units]
+    bends = [A * closures.variation(around, move) for move in moves]
+    drift, plain = _sizes(A * (slope * box.directions)), _defect(A * (columns(slope, chosen) * box.modes))
+    whole, mean = plain, plain
+    for k, (bend, width) in enumerate(zip(bends, [*spread, *map(float, part)], strict=True)):
+        bent = _scaled(_sizes(columns(bend, chosen) * box.modes), width)
+        whole = _sum(whole, bent)
+        mean = _sum(mean, bent if k < len(spread) else _scaled(bent, 0.5))
+        if k < len(spread):
+            drift = _sum(drift, _scaled(_sizes(bend * box.directions), 0.5 * width))
+    whole = _least(whole, _defect(A * (columns(closures.jacobian(around), chosen) * box.modes)))
+    least = _least(mean, whole)
+    value = A * closures.value(start, motions)
+    offset = [sum((row[j] * arb(e) for j, e in enumerate(spread)), abs(value[i, 0])) for i, row in enumerate(drift)]
     reach = [arb(float(r)) for r in part]
     image = [sum((x * r for x, r in zip(row, reach, strict=True)), y) for row, y in zip(least, offset, strict=True)]
     return Looked(
@@ -204,7 +213,7 @@ def _embedded(box: Box, document: Document, zeta: arb_mat) -> list[arb]:
     return whole
 
 
-def _contracts(matrix: list[list[arb]]) -> bool:
+def _contracts(matrix: Sizes) -> bool:
     """Whether |M|w < w for some w > 0: the sum of the powers of |M| applied to 1, where it converges."""
     rough = np.array([[_upper(x) for x in row] for row in matrix])
     if not np.all(np.isfinite(rough)):
@@ -219,14 +228,27 @@ def _contracts(matrix: list[list[arb]]) -> bool:
     return all(sum((x * y for x, y in zip(row, w, strict=True)), arb(0)) < w[i] for i, row in enumerate(matrix))
 
 
-def _defect(matrix: arb_mat) -> list[list[arb]]:
+def _defect(matrix: arb_mat) -> Sizes:
     """|I − X|."""
     return [[abs(int(i == j) - matrix[i, j]) for j in range(matrix.ncols())] for i in range(matrix.nrows())]
 
 
-def _met(a: arb_mat, b: arb_mat) -> arb_mat:
-    """The intersection of two enclosures of one matrix."""
-    return arb_mat(a.nrows(), a.ncols(), [x.intersection(y) for x, y in zip(a.entries(), b.entries(), strict=True)])
+def _sizes(matrix: arb_mat) -> Sizes:
+    """|X|."""
+    return [[abs(matrix[i, j]) for j in range(matrix.ncols())] for i in range(matrix.nrows())]
+
+
+def _scaled(sizes: Sizes, by: float) -> Sizes:
+    return [[x * by for x in row] for row in sizes]
+
+
+def _sum(one: Sizes, other: Sizes) -> Sizes:
+    return [[x + y for x, y in zip(a, b, strict=True)] for a, b in zip(one, other, strict=True)]
+
+
+def _least(one: Sizes, other: Sizes) -> Sizes:
+    """Of two bounds the lower, entry by entry."""
+    return [[min(x, y, key=_upper) for x, y in zip(a, b, strict=True)] for a, b in zip(one, other, strict=True)]
 
 
 def _upper(x: arb) -> float:

@@ -68,7 +68,7 @@ class Closures:
 
     def motions(self, theta: list[arb]) -> list[Motion]:
         """The chains at θ, balls."""
-        return [_motion(path, theta) for path in self.paths]
+        return [motion_of(path, theta) for path in self.paths]
 
     def value(self, theta: list[arb], motions: list[Motion]) -> arb_mat:
         """φ."""
@@ -146,7 +146,8 @@ def _path(chain: Chain) -> Path:
     return Path(tuple(turns), exact(chain.tip), chain.direction, exact(chain.weights))
 
 
-def _motion(path: Path, theta: list[arb]) -> Motion:
+def motion_of(path: Path, theta: list[arb]) -> Motion:
+    """A chain at θ."""
     R, o = exact(np.eye(3)), arb_mat(3, 1)
     passed = []
     for turn in path.turns:

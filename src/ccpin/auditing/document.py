@@ -15,7 +15,9 @@ from ccpin.errors import InvalidInputError
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-FORMAT = "ccpin-atlas-3"
+ATLAS, SHEETS = "ccpin-atlas-4", "ccpin-sheets-1"
+_UNITS = 2.0**32
+_EMPTY, _SINGULAR = 4, 6
 _BOXES = ("centre", "half", "directions", "modes", "radius")
 _CHAIN = ("joints", "rotations", "translations", "axes", "prismatic", "tip", "direction", "weights")
 
@@ -33,6 +35,23 @@ class Chain(NamedTuple):
     weights: Array
 
 
+class Cells(NamedTuple):
+    """Cells of the region of which something is claimed: their numbers (K,), and corners as shares of it, (K, n)."""
+
+    number: Integers
+    lower: Array
+    upper: Array
+
+
+class Faces(NamedTuple):
+    """Faces at which two boxes are said to carry the same σ: the boxes (K,), the middle as each has it (K, n)."""
+
+    first: Integers
+    second: Integers
+    at_first: Array
+    at_second: Array
+
+
 class Document(NamedTuple):
     """What a certificate claims, and of which closures φ(θ) = Σ B x(θ) + Gθ + d (rows of `moduli` modulo these).
 
@@ -42,8 +61,12 @@ class Document(NamedTuple):
         independent, dependent, periodic: Indices of q and y in θ; whether θ_j counts modulo 2π.
         centre, half, directions, modes, radius: θ_c, h, D, V and R of Theorem K, by box.
         lower, upper, wrapped: The region, and which coordinates close on themselves.
-        seed: θ on the branch.
-        unglued: Pairs of boxes of which no gluing is claimed.
+        seed: θ on the branch, of an atlas; of sheets none.
+        unglued: Pairs of boxes of which no gluing is claimed, of an atlas.
+        faces: Where gluing is claimed, of sheets; of an atlas everywhere else.
+        empty: Cells said to hold no closed configuration.
+        singular: Cells said to hold the q of a singular one.
+        witnesses: θ of one over each of these, to rounding, (K, n′).
     """
 
     header: dict[str, Any]
@@ -62,8 +85,12 @@ class Document(NamedTuple):
     lower: Array
     upper: Array
     wrapped: NDArray[np.bool_]
-    seed: Array
+    seed: Array | None
     unglued: Integers
+    faces: Faces | None
+    empty: Cells
+    singular: Cells
+    witnesses: Array
 
 
 def read(path: str | Path) -> Document:
@@ -73,8 +100,8 @@ def read(path: str | Path) -> Document:
         InvalidInputError: It cannot be read, is of another kind, or its fingerprint is not that of its closures.
     """
     header, arrays = _contents(Path(path))
-    if header.get("format") != FORMAT:
-        raise InvalidInputError(f"{path}: the format is {header.get('format')!r}, not {FORMAT!r}")
+    if header.get("format") not in (ATLAS, SHEETS):
+        raise InvalidInputError(f"{path}: the format is {header.get('format')!r}, not {ATLAS!r} or {SHEETS!r}")
     try:
         chains = []
         for k in range(header["chains"]):
@@ -84,7 +111,8 @@ def read(path: str | Path) -> Document:
         own = {name: arrays[f"system_{name}"] for name in ("couplings", "offset", "moduli")}
         kinds = {name: arrays[f"system_{name}"] for name in ("independent", "dependent", "periodic")}
         boxes = {name: arrays[f"box_{name}"] for name in _BOXES}
-        rest = {name: arrays[name] for name in ("lower", "upper", "wrapped", "seed", "unglued")}
+        rest = {name: arrays[name] for name in ("lower", "upper", "wrapped")}
+        rest |= _claimed(arrays) | (_of_sheets(arrays) if header["format"] == SHEETS else _of_atlas(arrays))
         document = Document(header=header, chains=tuple(chains), **own, **kinds, **boxes, **rest)
         stated = header["fingerprint"]
     except KeyError as error:
@@ -92,6 +120,40 @@ def read(path: str | Path) -> Document:
     if fingerprint(arrays) != stated:
         raise InvalidInputError(f"{path}: the closures are not those of which the document's fingerprint was taken")
     return document
+
+
+def _of_atlas(arrays: dict[str, Any]) -> dict[str, Any]:
+    return {"seed": arrays["seed"], "unglued": arrays["unglued"], "faces": None}
+
+
+def _of_sheets(arrays: dict[str, Any]) -> dict[str, Any]:
+    faces = Faces(*(arrays[f"glued_{name}"] for name in Faces._fields))
+    return {"seed": None, "unglued": np.zeros((0, 2), dtype=np.int64), "faces": faces}
+
+
+def _claimed(arrays: dict[str, Any]) -> dict[str, Any]:
+    """What is said of cells."""
+    leaf = arrays["tree_child"] < 0
+    singular, seen = arrays["singular_cell"], arrays["tree_status"]
+    missing = np.setdiff1d(np.flatnonzero(leaf & (seen == _SINGULAR)), singular)
+    if missing.size:
+        raise InvalidInputError(f"cell {missing[0]} is called singular without a singular configuration")
+    empty = np.flatnonzero(leaf & (seen == _EMPTY))
+    cells = {"empty": _cells(arrays, empty), "singular": _cells(arrays, singular)}
+    return cells | {"witnesses": arrays["singular_theta"]}
+
+
+def _cells(arrays: dict[str, Any], numbers: Integers) -> Cells:
+    lower, size = arrays["tree_lower"][numbers] / _UNITS, arrays["tree_size"][numbers] / _UNITS
+    return Cells(numbers, lower, lower + size)
+
+
+def corners(document: Document, cells: Cells, k: int) -> tuple[Array, Array]:
+    """A cell's corners in q-space, outward by some roundings where it has a width."""
+    width = document.upper - document.lower
+    low, high = document.lower + width * cells.lower[k], document.lower + width * cells.upper[k]
+    room = np.where(width > 0.0, 1e-15 * (1.0 + np.abs(document.lower) + np.abs(document.upper)), 0.0)
+    return low - room, high + room
 
 
 def fingerprint(arrays: dict[str, Any]) -> str:

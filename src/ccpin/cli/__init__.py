@@ -13,6 +13,7 @@ from ccpin.cli.convert import add_convert
 from ccpin.cli.doctor import add_doctor
 from ccpin.cli.domain import add_domain
 from ccpin.cli.info import add_info, add_modes
+from ccpin.cli.merge import add_merge
 from ccpin.cli.paper import add_paper
 from ccpin.cli.report import add_report
 from ccpin.cli.simulate import add_simulate
@@ -54,6 +55,7 @@ def _parser() -> argparse.ArgumentParser:
         add_modes,
         add_simulate,
         add_domain,
+        add_merge,
         add_verify,
         add_view,
         add_studio,

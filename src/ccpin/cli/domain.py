@@ -22,8 +22,10 @@ from ccpin.mechanism.mechanism import Mechanism
 
 _EXAMPLES = """\
 example: ccpin domain rpdr --centre-deg -108 -72
-         ccpin domain rpdr --lower-deg -110 -75 --upper-deg -105 -70 --plot figures"""
+         ccpin domain rpdr --lower-deg -110 -75 --upper-deg -105 -70 --plot figures
+         ccpin domain rpdr --sheets"""
 _BAR = "{l_bar}{bar}| {n:.1f} % certified, {postfix}"
+SHEET_SHARES = ("counted", "certified", "empty", "singular", "undecided")
 SHARES = ("certified", "empty", "singular", "undecided", "unreached")
 
 
@@ -39,7 +41,10 @@ def add_domain(commands: Any) -> None:
     )
     add_vector(parser, "lower", "lower corner of a region to map")
     add_vector(parser, "upper", "upper corner of a region to map")
-    parser.add_argument("--atlas", action="store_true", help="map the whole q-space (or --lower … --upper …), n ≤ 3")
+    mapped = parser.add_mutually_exclusive_group()
+    mapped.add_argument("--atlas", action="store_true", help="map the whole q-space (or --lower … --upper …), n ≤ 3")
+    every = "count and certify every assembly mode over the q-space (or --lower … --upper …), n ≤ 3, no ball joints"
+    mapped.add_argument("--sheets", action="store_true", help=every)
     parser.add_argument("--depth", type=index, metavar="N", help="how often an edge of the region may be halved")
     kept = "keep finished chunks there; a rerun resumes"
     complete(parser.add_argument("--checkpoint", type=Path, metavar="DIR", help=kept), shtab.DIRECTORY)
@@ -66,6 +71,8 @@ def _domain(options: argparse.Namespace) -> int:
 
     mechanism = load(options)
     region = _region(options, mechanism)
+    if options.sheets:
+        return _sheets(options, mechanism, region)
     model, centre = ReducedModel(mechanism), vector(options, "centre", mechanism)
     if centre is None and region is not None and model.nq == model.n:
         centre = np.mean(region, axis=0)
@@ -104,6 +111,43 @@ def _domain(options: argparse.Namespace) -> int:
             _plot_domain(mechanism, atlas, options.plot)
     print(json.dumps(result, indent=2) if options.json else _domain_in_words(mechanism, result))
     return 0 if atlas is None or atlas.complete else 130
+
+
+def _sheets(options: argparse.Namespace, mechanism: Mechanism, region: tuple[Array, Array] | None) -> int:
+    """Every assembly mode over a region."""
+    from ccpin import domain, plotting
+
+    if vector(options, "centre", mechanism) is not None:
+        raise InvalidInputError("sheets are of every assembly mode: --sheets takes a region, no --centre")
+    with _executor(options.scheduler) as executor, progress_bar(options.json, 100.0, _BAR, _progress) as progress:
+        atlas = domain.certify_sheets(
+            mechanism,
+            region,
+            max_depth=options.depth,
+            workers=options.workers,
+            executor=executor,
+            checkpoint=options.checkpoint,
+            progress=progress,
+        )
+    if options.save is not None:
+        atlas.save(options.save)
+    if options.plot is not None:
+        plotting.save(plotting.plot_sheets(mechanism, atlas), options.plot / "sheets.png")
+    facts: dict[str, Any] = {f"{share}_fraction": getattr(atlas, f"{share}_fraction") for share in SHEET_SHARES}
+    sheets = [{"layers": s.layers, "boxes": len(s.boxes), "area": s.area, "sign": s.sign} for s in atlas.sheets]
+    facts |= {"counts": sorted({int(k) for k in atlas.count if k >= 0}), "sheets": sheets, "complete": atlas.complete}
+    print(json.dumps(facts, indent=2) if options.json else _sheets_in_words(mechanism, facts))
+    return 0 if atlas.complete else 130
+
+
+def _sheets_in_words(mechanism: Mechanism, facts: dict[str, Any]) -> str:
+    shares = ", ".join(f"{100 * facts[f'{share}_fraction']:.3f} % {share}" for share in SHEET_SHARES)
+    numbers = ", ".join(str(count) for count in facts["counts"])
+    lines = [f"{mechanism.name}: {shares} of the region", f"assembly modes over one q, proved: {numbers or 'nowhere'}"]
+    for k, sheet in enumerate(facts["sheets"]):
+        told = f"sheet {k}: {sheet['boxes']} boxes, area {sheet['area']:.6g}, sign of det {sheet['sign']:+d}"
+        lines.append(told + (f", {sheet['layers']} layers" if sheet["layers"] > 1 else ""))
+    return "\n".join(lines + ([] if facts["complete"] else ["interrupted: what is listed is proved"]))
 
 
 def _region(options: argparse.Namespace, mechanism: Mechanism) -> tuple[Array, Array] | None:

@@ -13,7 +13,7 @@ from ccpin.cli.command import complete, count
 from ccpin.cli.progress import progress_bar
 
 _EXAMPLES = """\
-example: ccpin domain rpdr --atlas --depth 4 --save rpdr.json
+example: ccpin domain rpdr --centre-deg -108 -72 --atlas --depth 4 --save rpdr.json
          ccpin verify rpdr.json --model rpdr --sample 50"""
 _BAR = "{l_bar}{bar}| {postfix} [{elapsed}<{remaining}]"
 

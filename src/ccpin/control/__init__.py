@@ -1,4 +1,4 @@
-"""Control: set-point and tracking laws, the sampled loop, and Theorem 3 as a tool."""
+"""Control: set-point and tracking laws, the sampled loop, Theorem 3 as a tool, and tracking with a σ that is off."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from ccpin.control.sampling import Sampling
 from ccpin.control.servos import Servos
 from ccpin.control.stability.flood import Budget, Flooded
 from ccpin.control.stability.gains import Gains, local_gains, suggest_gains
+from ccpin.control.stability.on_line import OnlineDemand
 from ccpin.control.stability.theorem3 import SetPointCertificate, certify_law, certify_set_point
+from ccpin.control.stability.tracking_error import TrackingCertificate, certify_tracking, largest_sigma_error
 from ccpin.control.stability.well import RegionSamples, sample_region
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw, WithSigmaError
 
@@ -22,6 +24,7 @@ __all__ = [
     "Gains",
     "Hold",
     "NoTorque",
+    "OnlineDemand",
     "OnlineLaw",
     "OnlineReport",
     "OnlineSigma",
@@ -37,12 +40,15 @@ __all__ = [
     "Servos",
     "SetPointCertificate",
     "TorqueFunction",
+    "TrackingCertificate",
     "TrackingLaw",
     "Waypoints",
     "WithSigmaError",
     "capped_sigma",
     "certify_law",
     "certify_set_point",
+    "certify_tracking",
+    "largest_sigma_error",
     "local_gains",
     "sample_region",
     "suggest_gains",

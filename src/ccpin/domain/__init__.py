@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import CellStatus, Region
+from ccpin.domain.atlas.merging import merge, split_region
 from ccpin.domain.atlas.radius_map import certified_radius
-from ccpin.domain.atlas.survey import Work, certify
+from ccpin.domain.atlas.run import Work
+from ccpin.domain.atlas.survey import certify
 from ccpin.domain.chains import scalar_coordinates_at
 from ccpin.domain.cusps import Cusp, cusps
 from ccpin.domain.design import Design, design, scaled_links
@@ -55,12 +57,14 @@ __all__ = [
     "kantorovich_radius",
     "largest_ball",
     "largest_cube",
+    "merge",
     "newton_steps",
     "scalar_coordinates_at",
     "scaled_links",
     "serial_singularities",
     "singularities",
     "singularity_distance",
+    "split_region",
     "theorem2",
     "theorem2_radius",
 ]

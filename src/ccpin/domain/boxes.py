@@ -51,7 +51,7 @@ from ccpin.arrays import Array, Indices, Mask, apply, choice, rows_of
 from ccpin.domain.bounds import Bounds, Frame
 from ccpin.domain.bounds_planar import Phasors, phasor_values, phasors_of, planar_bounds
 from ccpin.domain.bounds_reach import reach_bounds
-from ccpin.domain.chain_stack import ChainStack, derivatives, first_order, stack_chains
+from ccpin.domain.chain_stack import ChainStack, Derivatives, derivatives, first_order, stack_chains
 from ccpin.domain.chains import ClosureSystem
 from ccpin.domain.in_core import certifier
 from ccpin.errors import UnsupportedMechanismError
@@ -164,6 +164,14 @@ def closure_values(problem: Problem, theta: Array) -> tuple[Array, Array]:
         found = phasor_values(problem.phasors, theta)
         return found.phi, found.jacobian
     return first_order(problem.system, problem.stack, theta)[:2]
+
+
+def closure_derivatives(problem: Problem, theta: Array) -> Derivatives:
+    """φ, φ_θ and φ_θθ at θ (B, n′), each entry within γ · magnitude."""
+    core = certifier(problem.system, problem.phasors)
+    if core is not None:
+        return Derivatives(*core.derivatives(theta))
+    return derivatives(problem.system, problem.stack, theta)
 
 
 def bounds_of(problem: Problem, boxes: Boxes, modes: Array | None = None) -> Bounds:

@@ -47,8 +47,8 @@ import numpy as np
 from ccpin.arrays import Array, Indices, apply, records, rows_of
 from ccpin.domain.atlas.cells import Corners, corners_of
 from ccpin.domain.bounds_reach import chain_reach
-from ccpin.domain.boxes import Problem, problem_of
-from ccpin.domain.chain_stack import Derivatives, derivatives, gather, third_along
+from ccpin.domain.boxes import Problem, closure_derivatives, problem_of
+from ccpin.domain.chain_stack import Derivatives, gather, third_along
 from ccpin.domain.chains import closure_system
 from ccpin.domain.extended import proved_within, solved
 from ccpin.domain.newton import without_turns
@@ -101,7 +101,7 @@ class _Equations:
 
     def start(self, theta: Array) -> Array:
         """x with v the weakest direction and the w that fits best."""
-        system, values = self.problem.system, derivatives(self.problem.system, self.problem.stack, theta)
+        system, values = self.problem.system, closure_derivatives(self.problem, theta)
         slope = values.jacobian[:, :, system.dependent]
         bent = _along(values.hessian, self._whole(self.pairing))[:, :, system.dependent]
         tall = np.concatenate([slope, self.pairing[:, None]], axis=1)
@@ -112,7 +112,7 @@ class _Equations:
         size = self.n + self.m
         theta = np.empty((len(x), size))
         theta[:, self.order] = x[:, :size]
-        values = derivatives(self.problem.system, self.problem.stack, theta)
+        values = closure_derivatives(self.problem, theta)
         return _Point(theta, x[:, size : size + self.m], x[:, size + self.m :], values)
 
     def value(self, point: _Point) -> Array:
@@ -242,7 +242,7 @@ def _same(problem: Problem, one: Cusp, other: Cusp) -> bool:
 
 def _turning(problem: Problem, theta: Array, closed: bool) -> Array:
     """Where along a curve of folds the second-order term uᵀφ_yy v v changes its sign, beside both points."""
-    values = derivatives(problem.system, problem.stack, theta)
+    values = closure_derivatives(problem, theta)
     dependent = problem.system.dependent
     left, _, right = np.linalg.svd(values.jacobian[:, :, dependent])
     u, v = left[:, :, -1], right[:, -1]
@@ -261,7 +261,7 @@ def proved_cusps(problem: Problem, theta: Array) -> list[Cusp]:
     """The cusps that Newton's method finds from singular configurations θ (B, n′) and Theorem C proves."""
     if not len(theta):
         return []
-    slope = derivatives(problem.system, problem.stack, theta).jacobian[:, :, problem.system.dependent]
+    slope = closure_derivatives(problem, theta).jacobian[:, :, problem.system.dependent]
     equations = _Equations(problem, np.linalg.svd(slope)[2][:, -1])
     with np.errstate(all="ignore"):
         point = equations.at(solved(equations, equations.start(theta), _STEPS))

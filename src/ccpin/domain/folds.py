@@ -27,8 +27,8 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
 from ccpin.domain.bounds_reach import chain_reach
-from ccpin.domain.boxes import Problem, closure_values
-from ccpin.domain.chain_stack import Derivatives, derivatives, gather
+from ccpin.domain.boxes import Problem, closure_derivatives, closure_values
+from ccpin.domain.chain_stack import Derivatives, gather
 from ccpin.domain.extended import proved_within, solved
 
 _STEPS, _STEPS_AHEAD = 40, 8
@@ -77,7 +77,7 @@ class _System:
         theta = np.empty((len(x), system.n_free))
         theta[:, system.independent] = self.origin + x[:, :1] * self.directions
         theta[:, system.dependent] = x[:, 1 : m + 1]
-        return _Point(theta, x[:, m + 1 :], derivatives(system, self.problem.stack, theta))
+        return _Point(theta, x[:, m + 1 :], closure_derivatives(self.problem, theta))
 
     def value(self, point: _Point) -> Array:
         slope = point.values.jacobian[:, :, self.problem.system.dependent]
@@ -198,7 +198,7 @@ class Folds(NamedTuple):
         """b, of shape (B,)."""
         system = problem.system
         with np.errstate(all="ignore"):
-            bent = derivatives(system, problem.stack, theta).hessian[:, :, system.dependent][..., system.dependent]
+            bent = closure_derivatives(problem, theta).hessian[:, :, system.dependent][..., system.dependent]
             curved = (bent @ self.weak[:, None, :, None])[..., 0] @ self.weak[:, :, None]
             bending: Array = np.sum(self.left * curved[..., 0], axis=1)
         return bending

@@ -22,7 +22,8 @@ from ccpin.displays import table
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.build import Shape
 from ccpin.domain.atlas.cells import CellStatus, Region
-from ccpin.domain.atlas.survey import Effort, Work, survey
+from ccpin.domain.atlas.run import Work
+from ccpin.domain.atlas.survey import Effort, survey
 from ccpin.domain.boxes import BoundsName
 from ccpin.domain.obstacles import demand_witnesses
 from ccpin.domain.task_space import JointSpace

@@ -60,13 +60,20 @@ def _polynomials(spline: BSpline | PPoly, degree: int, knots: Array) -> PPoly:
 
 
 def chord_of(pieces: PPoly, start: float, end: float) -> Chord:
-    """The stretch from parameter `start` to `end`, both of one piece.
+    """The stretch from parameter `start` to `end`, both of one piece."""
+    chords = chords_of(pieces, np.array([start, end]))
+    return Chord(*(values[0] for values in chords))
+
+
+def chords_of(pieces: PPoly, knots: Array) -> Chord:
+    """The stretches between K + 1 increasing parameters, no two of which lie across a knot of the path: (K, n) each.
 
     In Bernstein form the polynomial is a convex combination of its coefficients b_i, and the chord of the
-    coefficients of the line, b_0 + (i/d)(b_d − b_0): their largest difference bounds the deviation.
+    coefficients of the line, b_0 + (i/d)(b_d − b_0): their largest difference bounds the deviation at any parameter.
     """
     degree = len(pieces.c) - 1
-    bernstein = BPoly.from_power_basis(_polynomials(pieces, degree, np.array([start, end]))).c[:, 0]
-    line = np.linspace(bernstein[0], bernstein[-1], degree + 1)
+    bernstein = BPoly.from_power_basis(_polynomials(pieces, degree, knots)).c
+    along = np.linspace(0.0, 1.0, degree + 1)[:, None, None]
+    line = bernstein[0] + along * (bernstein[-1] - bernstein[0])
     rounding = 1e-14 * (1.0 + np.abs(bernstein).max(axis=0))
     return Chord(bernstein[0], bernstein[-1], np.abs(bernstein - line).max(axis=0) + rounding)

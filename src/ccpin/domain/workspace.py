@@ -21,7 +21,8 @@ from scipy.interpolate import PPoly
 from ccpin.arrays import Array, Mask, number, numbers, positive
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import Corners, Region, corners_of
-from ccpin.domain.atlas.survey import Progress, Work, effort_of, survey
+from ccpin.domain.atlas.run import Progress, Work
+from ccpin.domain.atlas.survey import effort_of, survey
 from ccpin.domain.boxes import BoundsName, Demands, Problem, problem_of
 from ccpin.domain.chains import ClosureSystem, checked_configuration, closure_system
 from ccpin.domain.chart import independent_indices

@@ -187,8 +187,8 @@ class HeldMotion:
         Steps have no answer where the coordinates' leverage gets beyond `most`.
         """
 
-    def step(self, u: ArrayLike, dt: float) -> tuple[Array, Array, Array, Array, Array, float] | None:
-        """q, q̇, q̈ of `home`, u, q′ (read-only) and |φ| after dt; ``None``: the reference tells, then `start` again."""
+    def step(self, u: ArrayLike, dt: float) -> tuple[Array, Array, Array, Array, Array, Array, float] | None:
+        """q, q̇, q̈ of `home`, u, q′, q̇′ (read-only), |φ| after dt; ``None``: the reference tells, `start` again then."""
 
     def state(self) -> Array:
         """(q, q̇) in the kernel's own coordinates after the last step that had an answer."""
@@ -201,6 +201,9 @@ class Certifier:
     def __init__(self, numbers: dict[str, object]) -> None: ...
     def values(self, theta: Array) -> Pair:
         """φ (B, m) and φ_θ (B, m, n′) at θ (B, n′)."""
+
+    def derivatives(self, theta: Array) -> tuple[Array, Array, Array, Array]:
+        """The fields of `ccpin.domain.chain_stack.Derivatives` at θ (B, n′)."""
 
     def bounds(self, boxes: Columns) -> Triple:
         """Y, Z̄(R)R and Z(R)w of boxes as they are, each (B, m)."""

@@ -119,5 +119,7 @@ def _samples(found: Answer, u: Array, following: Following) -> list[StateSample]
     if following.model is not home:
         reading = home.coordinates.readings(found.q_free[rows], found.v_free[rows], found.a_free[rows])
     nothing = np.zeros(home.mechanism.n_free)
-    columns = zip(found.t[rows], *reading, found.q_free[rows], found.closure_error[rows], strict=True)
-    return [StateSample(float(t), q, v, a, u, x, nothing, nothing, float(e)) for t, q, v, a, x, e in columns]
+    columns = zip(
+        found.t[rows], *reading, found.q_free[rows], found.v_free[rows], found.closure_error[rows], strict=True
+    )
+    return [StateSample(float(t), q, v, a, u, x, w, nothing, nothing, float(e)) for t, q, v, a, x, w, e in columns]

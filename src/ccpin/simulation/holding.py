@@ -70,10 +70,10 @@ class Holding:
         if answer is None:
             return None
         happened = self._jump(run, beyond) if jumps else []
-        q, v, a, told, q_free, closure = answer
+        q, v, a, told, q_free, v_free, closure = answer
         t = run.here.t if self.ahead is None else self.ahead.t
         told = told if own is given else frozen(given)
-        self.ahead = StateSample(t + dt, q, v, a, told, q_free, self._nothing, self._nothing, closure)
+        self.ahead = StateSample(t + dt, q, v, a, told, q_free, v_free, self._nothing, self._nothing, closure)
         return self.ahead, happened
 
     def land(self, run: Run) -> None:

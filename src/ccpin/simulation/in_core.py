@@ -32,8 +32,8 @@ class Answer(NamedTuple):
     """What the compiled core answers: its first `done` rows hold samples.
 
     Attributes:
-        done: How many samples there are. t, q, v, a, u, q_free, closure_error: the columns of these.
-        v_free, a_free: Columns of q̇′ and q̈′, of runs that may leave their coordinates alone.
+        done: How many samples there are. t, q, v, a, u, q_free, v_free, closure_error: the columns of
+            these. a_free: the column of q̈′, of runs that may leave their coordinates alone.
         ended: How it ended: ``finished``, ``settled``, ``evaluations`` or ``seconds`` spent, ``interrupted``, or
             ``left``: where coordinates are to be left, or where only the reference can tell.
         since: Since when it is settled. evaluations: of the equations of motion.
@@ -49,8 +49,8 @@ class Answer(NamedTuple):
     a: Array
     u: Array
     q_free: Array
-    closure_error: Array
     v_free: Array
+    closure_error: Array
     a_free: Array
     ended: str
     since: float
@@ -116,7 +116,7 @@ def run_in_core(
     if answer is None:
         return None
     found = Answer(*answer)
-    names = ("t", "q", "v", "a", "u", "q_free", "closure_error")
+    names = ("t", "q", "v", "a", "u", "q_free", "v_free", "closure_error")
     columns = {name: getattr(found, name)[: found.done] for name in names}
     stop = _stop(found.ended, float(columns["t"][-1]), found.since, found.raised)
     return CoreRun(columns, stop, found.evaluations, found.memory)

@@ -179,6 +179,7 @@ class Run:
             a=self.following.home.reading_rate(state, v, a),
             u=self.commands.effort(t, state, v),
             q_free=state.q_free,
+            v_free=frozen(state.v_free(v)),
             friction=friction,
             limits=self._nothing if drive.loads is None else drive.loads,
             closure_error=float(np.linalg.norm(self.model.parametrization.constraints.residual(state.q_free))),

@@ -14,7 +14,7 @@ from ccpin.kinematics.coordinates import component_names
 Status = Literal["finished", "settled", "event", "singular", "outside", "exhausted", "failed", "interrupted"]
 CHANGED = "measured by "
 """How the event begins in whose name a motion goes on in other independent coordinates."""
-SAMPLED = ("t", "q", "v", "a", "u", "q_free", "friction", "limits", "closure_error")
+SAMPLED = ("t", "q", "v", "a", "u", "q_free", "v_free", "friction", "limits", "closure_error")
 
 
 class Stop(NamedTuple):
@@ -75,6 +75,8 @@ class StateSample(NamedTuple):
         a: Accelerations q̈, of shape (n,).
         u: Efforts of the actuated joints, of shape (motors,).
         q_free: The closed configuration σ(q), of shape (nq,).
+        v_free: Velocities q̇′ of all joints, of shape (n′,): ρ q̇ where the coordinates measure the motion, and known
+            where they do not.
         friction: Dry and viscous friction f on the free system's joints, N m or N, of shape (n′,).
         limits: What else acts on these joints: stops and contacts, N m or N, of shape (n′,).
         closure_error: ‖φ(q′)‖, metres (and radians).
@@ -86,6 +88,7 @@ class StateSample(NamedTuple):
     a: Array
     u: Array
     q_free: Array
+    v_free: Array
     friction: Array
     limits: Array
     closure_error: float

@@ -48,6 +48,7 @@ def columns(motion: Mapping[str, Any]) -> dict[str, Array]:
         ("a", names.v, motion["a"]),
         ("u", names.u, motion["u"]),
         ("qfree", names.q_free, motion["q_free"]),
+        ("vfree", names.v_free, motion["v_free"]),
         ("friction", names.v_free, motion["friction"]),
         ("limits", names.v_free, motion["limits"]),
     )

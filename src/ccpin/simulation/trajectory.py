@@ -22,6 +22,13 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+class Energies(NamedTuple):
+    """Energy along a motion, J: kinetic and potential (of gravity and springs), of shape (T,) each."""
+
+    kinetic: Array
+    potential: Array
+
+
 class Trajectory(NamedTuple):
     """A motion: samples at regular times and, last, where it ended; what happened; how it ended.
 
@@ -29,7 +36,7 @@ class Trajectory(NamedTuple):
         t: Times in seconds, of shape (T,).
         q: Independent coordinates, of shape (T, model.nq). v: velocities, of shape (T, n). a: accelerations, alike.
         u: Efforts of the actuated joints, of shape (T, motors).
-        q_free: Closed configurations σ(q), of shape (T, nq).
+        q_free: Closed configurations σ(q), of shape (T, nq). v_free: velocities q̇′ of all joints, of shape (T, n′).
         friction: Friction on the free system's joints, of shape (T, n′). limits: forces of stops and contacts, alike.
         closure_error: ‖φ(q′)‖ at each sample, metres (and radians), of shape (T,).
         status: finished (the time asked for), settled, event (a terminal one), singular, outside (of the region),
@@ -49,6 +56,7 @@ class Trajectory(NamedTuple):
     a: Array
     u: Array
     q_free: Array
+    v_free: Array
     friction: Array
     limits: Array
     closure_error: Array
@@ -100,6 +108,12 @@ class Trajectory(NamedTuple):
         Raises:
             InvalidInputError: The trajectory is of another mechanism: its configurations or efforts have another size.
         """
+        model = self._of(model)
+        for q, v, u, q_free in zip(self.q, self.v, self.u, self.q_free, strict=True):
+            yield model.at(q, q_free), v, u
+
+    def _of(self, model: ReducedModel | Mechanism) -> ReducedModel:
+        """The model, whose motion this may be."""
         model = model_of(model)
         sizes, wanted = (self.q_free.shape[1:], self.u.shape[1:]), ((model.mechanism.nq,), (model.n_actuated,))
         if sizes != wanted:
@@ -107,8 +121,18 @@ class Trajectory(NamedTuple):
                 f"the trajectory has configurations of {sizes[0]} entries and {sizes[1]} efforts; this model has "
                 f"{wanted[0]} and {wanted[1]}"
             )
-        for q, v, u, q_free in zip(self.q, self.v, self.u, self.q_free, strict=True):
-            yield model.at(q, q_free), v, u
+        return model
+
+    def energy(self, model: ReducedModel | Mechanism) -> Energies:
+        """Kinetic and potential energy at every sample, J, from q′ and q̇′: also where q does not measure the motion.
+
+        Raises:
+            InvalidInputError: The trajectory is of another mechanism: its configurations have another size.
+        """
+        model = self._of(model)
+        free = model.free_system
+        found = [free.energy(q_free, v_free) for q_free, v_free in zip(self.q_free, self.v_free, strict=True)]
+        return Energies(*np.array(found).reshape(-1, 2).T)
 
     def to_pandas(self) -> pd.DataFrame:
         """A data frame with one row a sample, columns ``t``, ``q_joint1``, …; ``attrs`` has how the motion ended.

@@ -13,7 +13,8 @@ from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import region_of
-from ccpin.domain.atlas.survey import Progress, certify
+from ccpin.domain.atlas.run import Progress
+from ccpin.domain.atlas.survey import certify
 from ccpin.domain.boxes import problem_of
 from ccpin.domain.chains import scalar_coordinates_at, seed_at_coordinates
 from ccpin.domain.singularities import singularities

@@ -155,6 +155,7 @@ def recorded(model: ReducedModel, times: list[float], states: list[State]) -> Mo
         a=a,
         u=np.array([_effort(*sample) for sample in zip(states, v, a, strict=True)]),
         q_free=np.array([state.q_free for state in states]),
+        v_free=np.array([state.v_free(rate) for state, rate in zip(states, v, strict=True)]),
         friction=zero,
         limits=zero,
         closure_error=np.array(closure),

@@ -1,1 +1,1 @@
-"""Theorem 3: certified sublevel sets of a set-point law."""
+"""Theorem 3: certified sublevel sets of a set-point law; and certified bounds of tracking errors."""

@@ -25,11 +25,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from ccpin.arrays import Array, Mask, numbers
 from ccpin.displays import boxes, table
-from ccpin.domain.atlas import store as atlas_store
-from ccpin.domain.atlas.cells import Cells, CellStatus, CellTree, Region
-from ccpin.domain.atlas.singular import refuting
-from ccpin.domain.boxes import Boxes, Problem, problem_of, verify
-from ccpin.domain.chains import closure_system
+from ccpin.domain.atlas import store
+from ccpin.domain.atlas.cells import CellStatus, CellTree, Region
+from ccpin.domain.atlas.singular import SingularCells, refuting
+from ccpin.domain.boxes import Boxes, Problem, verify
 from ccpin.domain.demands import meets
 from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.domain.obstacles import demand_witnesses
@@ -60,6 +59,7 @@ class Atlas:
         problem: The closures.
         tree: The cells.
         seed: θ of the seed, of shape (n′,).
+        singular: A singular configuration over each cell called so.
     """
 
     names: tuple[str, ...]
@@ -72,6 +72,7 @@ class Atlas:
     problem: Problem
     tree: CellTree
     seed: Array
+    singular: SingularCells
 
     def __repr__(self) -> str:
         done = "" if self.complete else ", interrupted"
@@ -230,7 +231,7 @@ class Atlas:
     @property
     def fingerprint(self) -> str:
         """SHA-256 of the closures it is about, as its file has it."""
-        return atlas_store.fingerprint(atlas_store.pack_problem(self.problem)[1])
+        return store.fingerprint_of(self.problem)
 
     def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
         """Whether the closures are those that a mechanism's file gives today, bit for bit.
@@ -238,26 +239,14 @@ class Atlas:
         Raises:
             InvalidInputError: It is a workspace's, whose closures hold an end effector besides, which no file names.
         """
-        if self.problem.demands is not None:
-            raise InvalidInputError(
-                "the closures of a workspace also hold its end effector, which a model does not name: compare its "
-                "fingerprint with that of an atlas that the same certify_workspace makes today"
-            )
-        chart, mechanism = self.problem.system.chart, mechanism_of(mechanism)
-        if (chart.nq, chart.n_free) != (mechanism.nq, mechanism.n_free):
-            return False
-        system = closure_system(mechanism, chart.configuration(self.seed[None, : chart.n_free])[0])
-        return atlas_store.fingerprint(atlas_store.pack_problem(problem_of(system))[1]) == self.fingerprint
+        return store.same_closures(self.problem, mechanism_of(mechanism), self.seed)
 
     def save(self, path: str | Path) -> None:
         """Write the atlas to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
-        header, arrays = atlas_store.pack_problem(self.problem)
+        header, arrays = store.pack(store.Covering(self.problem, self.region, self.tree, self.boxes, self.singular))
         header |= {"names": list(self.names), "radius": self.radius, "complete": self.complete}
-        arrays |= {f"box_{name}": array for name, array in self.boxes._asdict().items()}
-        arrays |= {f"tree_{name}": array for name, array in self.tree.cells._asdict().items()}
-        arrays |= {"lower": self.region.lower, "upper": self.region.upper, "wrapped": self.region.wrapped}
         arrays |= {"q0": self.q0, "seed": self.seed, "unglued": self.unglued}
-        atlas_store.write(path, header, arrays)
+        store.write(path, store.ATLAS, header, arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Atlas:
@@ -266,23 +255,16 @@ class Atlas:
         Raises:
             InvalidInputError: The file cannot be read or is none.
         """
-        header, found = atlas_store.read(path)
-        arrays: dict[str, NDArray[np.float64]] = {name: np.asarray(array) for name, array in found.items()}  # type: ignore[misc]
-        try:
+        with store.reading(path, store.ATLAS) as (header, arrays):
             return cls(
                 names=tuple(header["names"]),
-                q0=arrays["q0"],
+                q0=np.asarray(arrays["q0"], dtype=np.float64),
                 radius=header["radius"],
-                boxes=Boxes(*(arrays[f"box_{name}"] for name in Boxes._fields)),
-                unglued=found["unglued"].astype(np.int64),
+                unglued=arrays["unglued"].astype(np.int64),
                 complete=header["complete"],
-                region=Region(arrays["lower"], arrays["upper"], found["wrapped"].astype(np.bool_)),
-                problem=atlas_store.unpack_problem(header, found),
-                tree=CellTree(Cells(**{k[5:]: v for k, v in found.items() if k.startswith("tree_")})),  # type: ignore[arg-type]
-                seed=arrays["seed"],
+                seed=np.asarray(arrays["seed"], dtype=np.float64),
+                **store.unpack(header, arrays)._asdict(),
             )
-        except KeyError as error:
-            raise InvalidInputError(f"{path}: the atlas lacks {error}") from error
 
     def _points(self, q: ArrayLike) -> Array:
         points = np.atleast_2d(numbers(q, "q"))

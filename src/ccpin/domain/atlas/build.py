@@ -9,16 +9,16 @@ never on who computed them, so every executor gives the same atlas, bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, joined, rows_of
+from ccpin.arrays import Array, Indices, Mask, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Contacts, Region, contacts_of
 from ccpin.domain.atlas.growing import Growing
-from ccpin.domain.atlas.run import Runner, Stopped
-from ccpin.domain.atlas.tasks import Arrays, CellsToProve, Proved, glue_task, prove_task
+from ccpin.domain.atlas.run import Report, Runner, Stopped, glue_boxes, prove_cells
+from ccpin.domain.atlas.singular import SingularCells
+from ccpin.domain.atlas.tasks import CellsToProve, Proved
 from ccpin.domain.boxes import Boxes, Problem, certify_points
 from ccpin.domain.newton import encloses, predict
 from ccpin.errors import SingularConfigurationError
@@ -69,6 +69,7 @@ class AtlasBuilder:
         tree: The cells.
         proved: The certified boxes.
         unglued: Pairs of boxes with a common face at which they could not be shown to agree, arrays of shape (K, 2).
+        singular: Cells found to hold singular configurations.
     """
 
     def __init__(
@@ -77,7 +78,7 @@ class AtlasBuilder:
         seed: Array,
         region: Region,
         runner: Runner,
-        report: Callable[[CellTree], None] | None = None,
+        report: Report,
         shape: Shape | None = None,
     ) -> None:
         self.shape = Shape(np.ones(problem.system.n)) if shape is None else shape
@@ -92,6 +93,7 @@ class AtlasBuilder:
         self._point = point.boxes
         self.proved = Growing(self._point.without_rows(problem.system.n))
         self.unglued = [np.empty((0, 2), dtype=np.intp)]
+        self.singular = [SingularCells.none(problem.system.n_free)]
         self._origins = Growing(_Origins.unknown(1, problem.system.n))
         self._at_seed = (region.reduce(self.q0[None])[0] - region.lower) / region.span * WHOLE
         self._reach_seed()
@@ -208,8 +210,7 @@ class AtlasBuilder:
         if not len(self.boxes.kappa) and children.size:
             self._reach_seed()
         self._spread(cells[accepted], children)
-        if self._report is not None:
-            self._report(self.tree)
+        self._report(self.tree, len(self.boxes.kappa), len(self.candidates()))
 
     def _hopeless(self, cells: Indices, origins: _Origins, smallest: Array) -> Mask:
         """Cells that are too large beside the box they were reached from to be worth a try before they are halved.
@@ -244,11 +245,7 @@ class AtlasBuilder:
         centre = self.region.position(self.tree.lower[cells] + 0.5 * self.tree.size[cells])
         half = 0.5 * self.region.width * (self.tree.size[cells] / WHOLE)
         data = CellsToProve(centre, half, start, np.tile(self.seed, (len(cells), 1)))
-        results = self.runner.map(prove_task, [rows_of(data, part) for part in self._parts(len(cells))])
-        return joined(Proved.unpack(result) for result in results)
-
-    def _parts(self, count: int) -> list[slice]:
-        return [slice(k, k + self._chunk) for k in range(0, count, self._chunk)]
+        return prove_cells(self.runner, data, self._chunk)
 
     def _delta(self, boxes: Boxes, at: Array) -> Array:
         """Points in whole-number units as parameters of boxes."""
@@ -268,9 +265,7 @@ class AtlasBuilder:
         return result
 
     def _glue(self, first: Boxes, delta: Array, second: Boxes, delta_second: Array) -> Mask:
-        arrays: Arrays = (*first, delta, *second, delta_second)
-        chunks = [tuple(array[part] for array in arrays) for part in self._parts(len(delta))]
-        return np.concatenate([result[0] for result in self.runner.map(glue_task, chunks)]).astype(np.bool_)
+        return glue_boxes(self.runner, first, delta, second, delta_second, self._chunk)
 
     def _split(self, cells: Indices, stretch: Array, smallest: Array) -> Indices:
         """Halve cells along the edge σ stretches most; those that may not be halved are undecided. The new leaves."""

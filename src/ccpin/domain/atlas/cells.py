@@ -209,6 +209,13 @@ class CellTree:
         self.lower, self.size, self.cut, self.child, self.status, self.box = self.cells
         return children
 
+    def put(self, leaf: int, cells: Cells) -> None:
+        """Put cells in the place of a leaf, the first in its own, the others behind all there are."""
+        for name in Cells._fields:
+            getattr(self, name)[leaf] = getattr(cells, name)[0]
+        self._growing.add(rows_of(cells, slice(1, None)))
+        self.lower, self.size, self.cut, self.child, self.status, self.box = self.cells
+
     def leaves(self, *statuses: CellStatus) -> Indices:
         """Numbers of all cells that are not split, or of those of them that have one of some statuses."""
         leaves = np.flatnonzero(self.child < 0)

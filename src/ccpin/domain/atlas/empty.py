@@ -16,7 +16,6 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Region
 from ccpin.domain.chain_stack import move, stack_chains
 from ccpin.domain.chains import Chain, ClosureSystem
 
@@ -85,37 +84,20 @@ def empty_cells(system: ClosureSystem, groups: tuple[_Group, ...], centre: Array
             gap = gap + (move(stack_chains((anchor.head,), system.n_free, system.m), theta).x @ weights.T)[:, 0]
             norm = float(np.linalg.norm(weights, 2))
             rest = anchor.length + travel[:, anchor.slides].sum(axis=1)
-            reach += norm * (rest + _drift(anchor.head, width, travel))
+            reach += norm * (rest + drift(anchor.head, width, travel))
         empty |= np.linalg.norm(gap, axis=1) > reach * (1.0 + 1e-10)
     return empty
 
 
-def _drift(head: Chain, width: Array, travel: Array) -> Array:
-    """How far the head's tip can move over the box, of shape (B,)."""
-    length, drift = np.full(len(width), np.linalg.norm(head.tip)), np.zeros(len(width))
+def drift(head: Chain, width: Array, travel: Array) -> Array:
+    """How far a chain's tip can move over boxes of half widths (B, n′) within |θ| ≤ travel, of shape (B,)."""
+    length, moved = np.full(len(width), np.linalg.norm(head.tip)), np.zeros(len(width))
     for j in reversed(range(len(head.joints))):
         joint = head.joints[j]
         if head.prismatic[j]:
-            drift += width[:, joint]
+            moved += width[:, joint]
             length = length + travel[:, joint]
         else:
-            drift += length * width[:, joint]
+            moved += length * width[:, joint]
         length = length + np.linalg.norm(head.translations[j])
-    return drift
-
-
-def prove_empty(system: ClosureSystem, tree: CellTree, region: Region, depth: int) -> None:
-    """Mark cells that are neither certified nor candidates as empty where that is proved, halving those never tried."""
-    groups = groups_of(system)
-    if not groups:
-        return
-    smallest = 1 << (LEVELS - depth)
-    cells = tree.leaves(CellStatus.UNREACHED, CellStatus.UNDECIDED)
-    while cells.size:
-        half = 0.5 * region.width * (tree.size[cells] / WHOLE)
-        centre = region.position(tree.lower[cells] + 0.5 * tree.size[cells])
-        empty = empty_cells(system, groups, centre, half)
-        tree.status[cells[empty]] = CellStatus.EMPTY
-        left = cells[~empty & (tree.status[cells] == CellStatus.UNREACHED)]
-        left = left[np.max(tree.size[left], axis=1, where=~region.held, initial=0) > smallest]
-        cells = tree.split(left, np.argmax(tree.size[left] * (region.width / region.width.max()), axis=1))
+    return moved

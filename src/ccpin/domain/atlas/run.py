@@ -1,4 +1,4 @@
-"""Running the tasks of an atlas: in this process or an executor's, each chunk kept on disk, stoppable."""
+"""Running the tasks of atlases: in this process or an executor's, each chunk kept on disk, stoppable."""
 
 from __future__ import annotations
 
@@ -8,18 +8,23 @@ import os
 import pickle
 import signal
 import threading
+import time
 import zipfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeoutError
 from contextlib import contextmanager, suppress
+from copy import copy
 from pathlib import Path
 from types import FrameType
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from ccpin.domain.atlas.tasks import Arrays
-from ccpin.domain.boxes import Problem
+from ccpin.arrays import Array, Mask, joined, rows_of
+from ccpin.domain.atlas.cells import CellStatus, CellTree
+from ccpin.domain.atlas.tasks import Arrays, CellsToProve, Proved, glue_task, prove_task
+from ccpin.domain.boxes import Boxes, Problem
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 
@@ -30,6 +35,23 @@ _POLL = 0.2
 
 class Stopped(Exception):  # noqa: N818 - not an error: the user pressed Ctrl-C
     """Raised between chunks after an interrupt."""
+
+
+class Flag(Protocol):
+    """What tells that work is to end."""
+
+    def is_set(self) -> bool:
+        """Whether it is."""
+
+
+class _Until(NamedTuple):
+    """A flag that is also set from a time on (`time.monotonic`)."""
+
+    flag: Flag
+    time: float
+
+    def is_set(self) -> bool:
+        return self.flag.is_set() or time.monotonic() >= self.time
 
 
 @contextmanager
@@ -73,6 +95,37 @@ def _interruptible(flag: threading.Event) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+class Progress(NamedTuple):
+    """How far an atlas is: certified boxes, cells waiting, and the certified fraction of the region."""
+
+    boxes: int
+    waiting: int
+    certified: float
+
+
+class Work(NamedTuple):
+    """Who does the work of an atlas, where it is kept and who hears of it: the arguments of `certify` so named."""
+
+    workers: int | None = None
+    executor: Executor | None = None
+    checkpoint: str | Path | None = None
+    progress: Callable[[Progress], None] | None = None
+
+
+Report = Callable[[CellTree, int, int], None]
+"""Told a tree, how many boxes there are and how many cells wait."""
+
+
+def reporter(progress: Callable[[Progress], None] | None) -> Report:
+    """What tells a caller how far an atlas is."""
+
+    def report(tree: CellTree, boxes: int, waiting: int) -> None:
+        if progress is not None:
+            progress(Progress(boxes, waiting, tree.share(tree.leaves(CellStatus.CERTIFIED))))
+
+    return report
 
 
 class ChunkStore:
@@ -151,12 +204,17 @@ class Runner:
     folder for results, and the flag is looked at between chunks.
     """
 
-    def __init__(
-        self, problem: Problem, executor: Executor | None, checkpoint: str | Path | None, flag: threading.Event
-    ) -> None:
+    def __init__(self, problem: Problem, executor: Executor | None, checkpoint: str | Path | None, flag: Flag) -> None:
         self.problem, self.flag = problem, flag
         self.store = ChunkStore(checkpoint, problem)
         self._executor = executor
+
+    def within(self, seconds: float | None) -> Runner:
+        """One that stops after a time too, if any is given."""
+        sooner = copy(self)
+        if seconds is not None:
+            sooner.flag = _Until(self.flag, time.monotonic() + seconds)
+        return sooner
 
     def map(self, task: Task, chunks: list[Arrays]) -> list[Arrays]:
         """The task's results for every chunk, in order.
@@ -169,7 +227,7 @@ class Runner:
         missing = [k for k, result in enumerate(results) if result is None]
         futures = self._submit(task, {k: chunks[k] for k in missing})
         for k in missing:
-            self._check()
+            self.check()
             result = self._result(futures[k]) if k in futures else None
             if result is None:
                 result = task(self.problem, chunks[k])
@@ -177,7 +235,8 @@ class Runner:
             results[k] = result
         return [result for result in results if result is not None]
 
-    def _check(self) -> None:
+    def check(self) -> None:
+        """Raise `Stopped` where an interrupt was asked for."""
         if self.flag.is_set():
             raise Stopped
 
@@ -193,7 +252,7 @@ class Runner:
     def _result(self, future: Future[Arrays]) -> Arrays | None:
         """A future's result; ``None`` where its worker was lost (or the task failed: computing it here will tell)."""
         while True:
-            self._check()
+            self.check()
             try:
                 return future.result(timeout=_POLL)
             except FutureTimeoutError:
@@ -201,3 +260,29 @@ class Runner:
                     return None
             except (Exception, CancelledError):
                 return None
+
+
+def prove_cells(runner: Runner, cells: CellsToProve, chunk: int) -> Proved:
+    """`tasks.prove`, in chunks of so many.
+
+    Raises:
+        Stopped: As for `Runner.map`.
+    """
+    results = runner.map(prove_task, [rows_of(cells, part) for part in _parts(len(cells.centre), chunk)])
+    return joined(Proved.unpack(result) for result in results)
+
+
+def glue_boxes(runner: Runner, first: Boxes, delta: Array, second: Boxes, delta_second: Array, chunk: int) -> Mask:
+    """`newton.glued`, in chunks of so many.
+
+    Raises:
+        Stopped: As for `Runner.map`.
+    """
+    arrays: Arrays = (*first, delta, *second, delta_second)
+    chunks = [tuple(array[part] for array in arrays) for part in _parts(len(delta), chunk)]
+    same = [result[0] for result in runner.map(glue_task, chunks)]
+    return np.concatenate([np.zeros(0, dtype=np.bool_), *same]).astype(np.bool_)
+
+
+def _parts(count: int, chunk: int) -> list[slice]:
+    return [slice(k, k + chunk) for k in range(0, count, chunk)]

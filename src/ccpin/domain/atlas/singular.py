@@ -7,11 +7,15 @@ Theorem S of `ccpin.domain.folds` proves a singular configuration, the cell that
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Indices, rows_of
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of
+from ccpin.domain.atlas.run import Runner
 from ccpin.domain.boxes import Boxes, Problem
 from ccpin.domain.folds import Folds, SingularPoints, singular_points
 from ccpin.domain.newton import encloses, newton, predict
@@ -23,14 +27,41 @@ from ccpin.errors import SingularConfigurationError
 _CHUNK = 20_000_000
 _REACH = 2.0  # of a cell: how far beside it a fold is looked for
 _NEWTON = 12
+_SOUGHT = 500
 _TRIED = 8
 
 
-def mark_singular(problem: Problem, tree: CellTree, region: Region, boxes: Boxes) -> None:
-    """Tell undecided cells that hold the q of a singular configuration from those of which nothing is known."""
+class SingularCells(NamedTuple):
+    """Cells that hold the q of a singular configuration.
+
+    Attributes:
+        cell: Their numbers, of shape (K,).
+        theta: One such configuration over each, to rounding, of shape (K, n′).
+    """
+
+    cell: Indices
+    theta: Array
+
+    @classmethod
+    def none(cls, n_free: int) -> SingularCells:
+        """None yet."""
+        return cls(np.zeros(0, dtype=np.intp), np.zeros((0, n_free)))
+
+
+def mark_singular(runner: Runner, tree: CellTree, region: Region, boxes: Boxes) -> Iterator[SingularCells]:
+    """Tell undecided cells that hold the q of a singular configuration from those of which nothing is known.
+
+    Yields:
+        Cells that were marked.
+
+    Raises:
+        Stopped: An interrupt was asked for.
+    """
+    problem = runner.problem
     contacts = _beside_certified(tree, region, CellStatus.UNDECIDED)
     size = max(1, _CHUNK // (problem.system.m * problem.system.n_free**2 * 8))
     for first in range(0, len(contacts.cell), size):
+        runner.check()
         part = rows_of(contacts, slice(first, first + size))
         start = _sigma_at(problem, tree, region, boxes, part)
         reach = _REACH * (
@@ -45,7 +76,7 @@ def mark_singular(problem: Problem, tree: CellTree, region: Region, boxes: Boxes
             rows = np.flatnonzero(near & (tree.status[part.cell] == CellStatus.UNDECIDED))
             if rows.size:
                 found = singular_points(problem, start[rows], directions[rows], rows_of(ahead, rows))
-                _mark(tree, region, found, problem.system.independent, np.abs(directions[rows]).max(axis=1))
+                yield _marked(tree, region, found, problem.system.independent, np.abs(directions[rows]).max(axis=1))
 
 
 def refuting(problem: Problem, tree: CellTree, region: Region, boxes: Boxes) -> Witness | None:
@@ -106,20 +137,41 @@ def _sigma_at(problem: Problem, tree: CellTree, region: Region, boxes: Boxes, co
     return theta
 
 
-def _mark(tree: CellTree, region: Region, found: SingularPoints, independent: Indices, stretch: Array) -> None:
+def _marked(
+    tree: CellTree, region: Region, found: SingularPoints, independent: Indices, stretch: Array
+) -> SingularCells:
     """Mark the undecided leaves that hold a singular q with its error."""
-    q, error = found.theta[:, independent], (found.error * np.maximum(1.0, stretch))[:, None]
-    inside = found.proved & np.all(np.isfinite(q), axis=1)
-    q, error = q[inside], error[inside]
+    theta = found.theta.copy()
+    theta[:, independent] = region.reduce(theta[:, independent])
+    error = (found.error * np.maximum(1.0, stretch))[:, None]
+    inside = found.proved & np.all(np.isfinite(theta), axis=1)
+    theta, error = theta[inside], error[inside]
+    q = theta[:, independent]
     low, high = (tree.locate(region.cell_coordinates(q + side * error)) for side in (-1.0, 1.0))
-    cells = low[(low == high) & (low >= 0)]
-    tree.status[cells[tree.status[cells] == CellStatus.UNDECIDED]] = CellStatus.SINGULAR
+    rows = np.flatnonzero((low == high) & (low >= 0))
+    rows = rows[tree.status[low[rows]] == CellStatus.UNDECIDED]
+    cells, first = np.unique(low[rows], return_index=True)
+    tree.status[cells] = CellStatus.SINGULAR
+    return SingularCells(cells, theta[rows[first]])
 
 
-def mark_in_cells(problem: Problem, tree: CellTree, region: Region, cells: Indices, theta: Array) -> None:
-    """Tell undecided cells that hold the q of a singular configuration, looked for from θ (B, n′), from others."""
+def mark_in_cells(
+    runner: Runner, tree: CellTree, region: Region, cells: Indices, theta: Array
+) -> Iterator[SingularCells]:
+    """Tell undecided cells that hold the q of a singular configuration, looked for from θ (B, n′), from others.
+
+    Yields:
+        Cells that were marked.
+
+    Raises:
+        Stopped: An interrupt was asked for.
+    """
+    problem = runner.problem
     for directions in Folds.near(problem, theta).directions():
-        rows = np.flatnonzero(tree.status[cells] == CellStatus.UNDECIDED)
-        if rows.size:
-            found = singular_points(problem, theta[rows], directions[rows])
-            _mark(tree, region, found, problem.system.independent, np.abs(directions[rows]).max(axis=1))
+        for first in range(0, len(cells), _SOUGHT):
+            runner.check()
+            part = slice(first, first + _SOUGHT)
+            rows = first + np.flatnonzero(tree.status[cells[part]] == CellStatus.UNDECIDED)
+            if rows.size:
+                found = singular_points(problem, theta[rows], directions[rows])
+                yield _marked(tree, region, found, problem.system.independent, np.abs(directions[rows]).max(axis=1))

@@ -1,4 +1,4 @@
-"""Atlases on disk: one file of plain arrays (no pickles), npz or JSON, written whole or not at all.
+"""Atlases of all kinds on disk: one file of plain arrays (no pickles), npz or JSON, written whole or not at all.
 
 Each is a certificate that stands alone: the closures and their fingerprint, the theorem and every number it speaks of.
 `ccpin.auditing` checks it with code of its own.
@@ -9,34 +9,59 @@ from __future__ import annotations
 import hashlib
 import json
 import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.arrays import frozen
+from ccpin.arrays import Array, frozen
 from ccpin.description.joint_kinds import JOINT_KINDS
-from ccpin.domain import boxes
-from ccpin.domain.boxes import Demands, Problem, problem_of
-from ccpin.domain.chains import Chain, ClosureSystem
+from ccpin.domain import boxes, folds
+from ccpin.domain.atlas.cells import Cells, CellTree, Region
+from ccpin.domain.atlas.singular import SingularCells
+from ccpin.domain.boxes import Boxes, Demands, Problem, problem_of
+from ccpin.domain.chains import Chain, ClosureSystem, closure_system
 from ccpin.domain.chart import Chart, ChartJoint, Elementary
 from ccpin.domain.rods import Rod
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
+from ccpin.mechanism.mechanism import Mechanism
 
-FORMAT = "ccpin-atlas-3"
 NamedArrays = dict[str, NDArray[np.generic]]
 _SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 
 
-def write(path: str | Path, header: dict[str, Any], arrays: NamedArrays) -> None:
+class Kind(NamedTuple):
+    """A kind of document: what it is called, its format's name and number, and what its claims rest on."""
+
+    name: str
+    format: str
+    theorem: str
+
+
+ATLAS = Kind("atlas", "ccpin-atlas-4", "\n\n".join(m.__doc__ or "" for m in (boxes, folds)))
+
+
+class Covering(NamedTuple):
+    """What every kind holds: the closures, the region, its cells, certified boxes and what is singular."""
+
+    problem: Problem
+    region: Region
+    tree: CellTree
+    boxes: Boxes
+    singular: SingularCells
+
+
+def write(path: str | Path, kind: Kind, header: dict[str, Any], arrays: NamedArrays) -> None:
     """Write arrays and a JSON header to a file: JSON where its name ends in ``.json``, npz otherwise.
 
     Raises:
         InvalidInputError: It cannot be written.
     """
-    whole = {"format": FORMAT, "theorem": boxes.__doc__, "fingerprint": fingerprint(arrays), **header}
+    whole = {"format": kind.format, "theorem": kind.theorem, "fingerprint": fingerprint(arrays), **header}
     if Path(path).suffix == ".json":
         listed = {
             name: {"dtype": str(array.dtype), "shape": array.shape, "data": array.ravel().tolist()}
@@ -49,11 +74,11 @@ def write(path: str | Path, header: dict[str, Any], arrays: NamedArrays) -> None
     write_atomically(path, "wb", lambda file: np.savez(file, header=header_bytes, **arrays))  # type: ignore[arg-type]
 
 
-def read(path: str | Path) -> tuple[dict[str, Any], NamedArrays]:
+def read(path: str | Path, kind: Kind) -> tuple[dict[str, Any], NamedArrays]:
     """The header and the arrays of a file.
 
     Raises:
-        InvalidInputError: It is not an atlas, or cannot be read.
+        InvalidInputError: It is not of that kind, or cannot be read.
     """
     try:
         if Path(path).suffix == ".json":
@@ -65,10 +90,69 @@ def read(path: str | Path) -> tuple[dict[str, Any], NamedArrays]:
                 arrays = {name: file[name] for name in file.files}
             header = json.loads(arrays.pop("header").tobytes().decode())
     except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
-        raise InvalidInputError(f"{path}: not a readable atlas ({error})") from error
-    if header.get("format") != FORMAT:
-        raise InvalidInputError(f"{path}: the format is {header.get('format')!r}, not {FORMAT!r}")
+        raise InvalidInputError(f"{path}: not a readable {kind.name} ({error})") from error
+    if header.get("format") != kind.format:
+        raise InvalidInputError(f"{path}: the format is {header.get('format')!r}, not {kind.format!r}")
     return header, arrays
+
+
+@contextmanager
+def reading(path: str | Path, kind: Kind) -> Iterator[tuple[dict[str, Any], NamedArrays]]:
+    """As `read`; what turns out to be missing is told too.
+
+    Raises:
+        InvalidInputError: As for `read`, or an array is missing.
+    """
+    found = read(path, kind)
+    try:
+        yield found
+    except KeyError as error:
+        raise InvalidInputError(f"{path}: the {kind.name} lacks {error}") from error
+
+
+def pack(covering: Covering) -> tuple[dict[str, Any], NamedArrays]:
+    """What every kind holds, as a header and arrays."""
+    header, arrays = pack_problem(covering.problem)
+    region = covering.region
+    arrays |= {f"box_{name}": array for name, array in covering.boxes._asdict().items()}
+    arrays |= {f"tree_{name}": array for name, array in covering.tree.cells._asdict().items()}
+    arrays |= {f"singular_{name}": array for name, array in covering.singular._asdict().items()}
+    return header, arrays | {"lower": region.lower, "upper": region.upper, "wrapped": region.wrapped}
+
+
+def unpack(header: dict[str, Any], arrays: NamedArrays) -> Covering:
+    """What `pack` packed."""
+    cells: dict[str, Any] = {name: arrays[f"tree_{name}"] for name in Cells._fields}
+    numbers: dict[str, Any] = {name: arrays[f"box_{name}"] for name in Boxes._fields}
+    singular: dict[str, Any] = {name: arrays[f"singular_{name}"] for name in SingularCells._fields}
+    corners: dict[str, Any] = {name: arrays[name] for name in ("lower", "upper")}
+    region = Region(**corners, wrapped=arrays["wrapped"].astype(np.bool_))
+    return Covering(
+        unpack_problem(header, arrays), region, CellTree(Cells(**cells)), Boxes(**numbers), SingularCells(**singular)
+    )
+
+
+def same_closures(problem: Problem, mechanism: Mechanism, theta: Array) -> bool:
+    """Whether a problem's closures are those that a mechanism's file gives today, bit for bit; θ is its charts' centre.
+
+    Raises:
+        InvalidInputError: It is a workspace's, whose closures hold an end effector besides, which no file names.
+    """
+    if problem.demands is not None:
+        raise InvalidInputError(
+            "the closures of a workspace also hold its end effector, which a model does not name: compare its "
+            "fingerprint with that of an atlas that the same certify_workspace makes today"
+        )
+    chart = problem.system.chart
+    if (chart.nq, chart.n_free) != (mechanism.nq, mechanism.n_free):
+        return False
+    system = closure_system(mechanism, chart.configuration(theta[None, : chart.n_free])[0])
+    return fingerprint_of(problem_of(system)) == fingerprint_of(problem)
+
+
+def fingerprint_of(problem: Problem) -> str:
+    """SHA-256 of a problem's closures, as its file has it."""
+    return fingerprint(pack_problem(problem)[1])
 
 
 def fingerprint(arrays: NamedArrays) -> str:

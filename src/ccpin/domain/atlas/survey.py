@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, number, positive, whole
+from ccpin.arrays import Array, joined, number, positive, whole
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.build import AtlasBuilder, Shape
-from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Corners, Region, region_of
-from ccpin.domain.atlas.empty import prove_empty
-from ccpin.domain.atlas.run import Runner, Stopped, executor_for, stoppable
+from ccpin.domain.atlas.cells import LEVELS, CellStatus, Corners, Region, region_of
+from ccpin.domain.atlas.emptying import prove_empty
+from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
 from ccpin.domain.atlas.singular import mark_singular
 from ccpin.domain.boxes import BoundsName, Problem, problem_of
 from ccpin.domain.chains import seed_at_coordinates
@@ -27,14 +27,6 @@ _DEPTHS = {1: 14, 2: 12, 3: 6}
 _TOLERANCES = {1: 1e-5, 2: 2e-5, 3: 2e-3}
 _MANY_DEPTH, _MANY_TOLERANCE = 3, 0.5
 _FIRST_DEPTH, _DEEPEST, _MANY_DEEPEST = 4, 20, 10
-
-
-class Progress(NamedTuple):
-    """How far an atlas is: certified boxes, cells waiting, and the certified fraction of the region."""
-
-    boxes: int
-    waiting: int
-    certified: float
 
 
 def certify(
@@ -67,8 +59,9 @@ def certify(
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         max_depth: How often an edge of the region may be halved (0: the square only); default 14, 12, 6 for n = 1,
             2, 3, and 3 beyond.
-        exhaustive: Search all values of the dependent coordinates, up to eight, to prove cells empty of which the
-            triangle inequality says nothing; that takes several times as long as the boxes.
+        exhaustive: Prove cells empty of which the triangle inequality says nothing, by Theorem E of `atlas.platform`
+            (legs of known lengths that meet in a platform) and by a search of all values of the dependent coordinates,
+            up to eight; that takes several times as long as the boxes.
         resolution: How fine the largest square is sought: cells at its edge are halved to this share of their distance
             from q₀; default 1e-5, 2e-5, 2e-3 for n = 1, 2, 3, and 0.5 beyond. What the radius falls short by is a few
             times as much where the branch ends in a fold.
@@ -148,15 +141,6 @@ def effort_of(usual: int, max_depth: int | None, fraction: float | None, seconds
     return Effort(depth, None, fraction, None if seconds is None else positive(seconds, "seconds"))
 
 
-class Work(NamedTuple):
-    """Who does the work of an atlas, where it is kept and who hears of it: the arguments of `certify` so named."""
-
-    workers: int | None = None
-    executor: Executor | None = None
-    checkpoint: str | Path | None = None
-    progress: Callable[[Progress], None] | None = None
-
-
 def survey(
     problem: Problem,
     seed: Array,
@@ -174,15 +158,16 @@ def survey(
     complete = True
     with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
         runner = Runner(problem, chosen, work.checkpoint, flag)
-        builder = AtlasBuilder(problem, seed, region, runner, work.progress and _reporter(work.progress), shape)
+        builder = AtlasBuilder(problem, seed, region, runner, reporter(work.progress), shape)
         try:
             if effort.tolerance is not None:
                 builder.certify_square(effort.tolerance)
             if effort.depth:
                 _cover(builder, effort)
                 if effort.exhaustive:
-                    search_empty(problem, builder.tree, region, effort.depth)
-                mark_singular(problem, builder.tree, region, builder.boxes)
+                    search_empty(runner, builder.tree, region, effort.depth)
+                for found in mark_singular(runner, builder.tree, region, builder.boxes):
+                    builder.singular.append(found)
         except Stopped:
             complete = False
     return Atlas(
@@ -196,6 +181,7 @@ def survey(
         problem=problem,
         tree=builder.tree,
         seed=seed,
+        singular=joined(builder.singular),
     )
 
 
@@ -204,15 +190,7 @@ def _cover(builder: AtlasBuilder, effort: Effort) -> None:
     first = effort.depth if effort.fraction is None else min(_FIRST_DEPTH, effort.depth)
     for depth in range(first, effort.depth + 1):
         builder.certify_region(depth)
-        prove_empty(builder.problem.system, builder.tree, builder.region, depth)
+        prove_empty(builder.runner, builder.tree, builder.region, depth, effort.exhaustive)
         decided = builder.tree.leaves(CellStatus.CERTIFIED, CellStatus.EMPTY)
         if effort.fraction is not None and builder.tree.share(decided) >= effort.fraction:
             return
-
-
-def _reporter(progress: Callable[[Progress], None]) -> Callable[[CellTree], None]:
-    def report(tree: CellTree) -> None:
-        certified = tree.leaves(CellStatus.CERTIFIED)
-        progress(Progress(len(certified), len(tree.leaves(CellStatus.CANDIDATE)), tree.share(certified)))
-
-    return report

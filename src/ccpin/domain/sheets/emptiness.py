@@ -17,22 +17,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, joined, rows_of
+from ccpin.arrays import Array, Indices, rows_of
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Region
+from ccpin.domain.atlas.run import Runner
 from ccpin.domain.boxes import Problem, certify_boxes
 from ccpin.domain.chains import Chain, ClosureSystem
 from ccpin.domain.newton import newton
+from ccpin.domain.sheets.candidates import Pruning, Ranges, handed_down, place, whole_candidates
 from ccpin.domain.sheets.narrowing import Candidates
-from ccpin.domain.sheets.paving import (
-    MOST_DEPENDENT,
-    Ranges,
-    halved,
-    handed_down,
-    narrowed_both,
-    place,
-    to_halve,
-    whole_candidates,
-)
+from ccpin.domain.sheets.paving import MOST_DEPENDENT
 
 _BUDGET = 2_000_000
 _ROUNDS = 12
@@ -41,24 +34,26 @@ _WORTH = 1e-3
 _ORTHONORMAL = 1e-9
 
 
-def search_empty(problem: Problem, tree: CellTree, region: Region, depth: int) -> None:
+def search_empty(runner: Runner, tree: CellTree, region: Region, depth: int) -> None:
     """Mark unreached cells as empty where an exhaustive search proves it, halving them `depth` times at most.
 
     It ends early where its budget of two million candidates is spent; what it had no time for stays unreached. Nothing
     is tried where less than a thousandth of the region is unreached, nor for more than eight dependent coordinates.
+
+    Raises:
+        Stopped: An interrupt was asked for; what was proved by then is marked.
     """
+    problem = runner.problem
     ranges = all_values(problem.system, np.maximum(np.abs(region.lower), np.abs(region.upper)))
     if ranges is None or problem.system.m > MOST_DEPENDENT or _share(tree) < _WORTH:
         return
     root = np.zeros(1, dtype=np.intp)
-    waiting, budget = whole_candidates(problem, ranges, root, *place(tree, region, root)), _BUDGET
-    searched = root
-    while searched.size and budget > 0:
-        waiting, spent = _settled(problem, ranges, waiting, budget)
-        budget -= spent
-        bare = np.setdiff1d(searched, waiting.cell)
-        if budget > 0:
-            _mark(tree, bare)
+    waiting, searched = whole_candidates(problem, ranges, root, *place(tree, region, root)), root
+    search = Pruning(runner, ranges, _BUDGET)
+    while searched.size and not search.over:
+        waiting = search.settled(waiting, _ROUNDS)
+        _mark(tree, np.setdiff1d(searched, waiting.cell))
+        runner.check()
         waiting = _unsettled(problem, tree, waiting)
         cells = np.unique(waiting.cell)
         leaf = tree.child[cells] < 0
@@ -92,20 +87,6 @@ def _mark(tree: CellTree, cells: Indices) -> None:
         done = cells[leaf]
         tree.status[done[tree.status[done] == CellStatus.UNREACHED]] = CellStatus.EMPTY
         cells = np.concatenate([tree.child[cells[~leaf]], tree.child[cells[~leaf]] + 1])
-
-
-def _settled(problem: Problem, ranges: Ranges, waiting: Candidates, budget: int) -> tuple[Candidates, int]:
-    """Candidates narrowed and halved until only their cells' size is in the way, and how many were tried."""
-    stuck, spent = [rows_of(waiting, slice(0))], 0
-    for _ in range(_ROUNDS):
-        spent += len(waiting.cell)
-        if not waiting.cell.size or spent > budget:
-            break
-        waiting = narrowed_both(problem, ranges, waiting)
-        cut, due = to_halve(problem, waiting)
-        stuck.append(rows_of(waiting, ~due))
-        waiting = halved(rows_of(waiting, due), cut[due])
-    return joined([*stuck, waiting]), spent
 
 
 def _unsettled(problem: Problem, tree: CellTree, waiting: Candidates) -> Candidates:

@@ -17,10 +17,11 @@ from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Contacts, Region, contacts_of
-from ccpin.domain.atlas.tasks import CellsToProve, prove
+from ccpin.domain.atlas.run import Report, Runner, glue_boxes, prove_cells
+from ccpin.domain.atlas.tasks import CellsToProve
 from ccpin.domain.boxes import Boxes, Problem, certify_points
-from ccpin.domain.newton import encloses, glued, newton, predict, without_turns
-from ccpin.domain.sheets.paving import place
+from ccpin.domain.newton import encloses, newton, predict, without_turns
+from ccpin.domain.sheets.candidates import place
 
 _CHUNK = 2000
 _NEAR = 1e-6
@@ -57,20 +58,57 @@ def parts_of(tree: CellTree, region: Region, regular: Indices) -> list[Indices]:
     return [regular[labels == k] for k in np.argsort(-size, kind="stable")]
 
 
+class Glued(NamedTuple):
+    """Pairs of boxes that carry the same σ at a face, (K,) each, and the face's middle in the coordinates of each."""
+
+    first: Indices
+    second: Indices
+    at_first: Array
+    at_second: Array
+
+
+class _Continued(NamedTuple):
+    """Boxes over K cells, each carried on from a known one over a common face.
+
+    Attributes:
+        cell: The cells, of shape (K,).
+        boxes: The boxes.
+        good: Whether each is proved, and glued to the one it came from.
+        origin, at_origin, at_cell: That one, and the face's middle in the coordinates of each.
+    """
+
+    cell: Indices
+    boxes: Boxes
+    good: Mask
+    origin: Indices
+    at_origin: Array
+    at_cell: Array
+
+
 class Front:
     """Certified boxes of all sheets, growing from the counted cells.
 
     Attributes:
         boxes: The boxes.
         members: Which boxes each certified cell has.
+        glued: Which boxes carry the same σ as the one they were reached from.
     """
 
-    def __init__(self, problem: Problem, region: Region, tree: CellTree, parts: list[Part], depth: int) -> None:
-        self.problem, self.region, self.tree, self.parts = problem, region, tree, parts
-        self._smallest = 1 << (LEVELS - depth)
-        none = np.zeros(0, dtype=np.intp)
-        self.boxes = certify_points(problem, np.zeros((1, problem.system.n_free))).boxes.without_rows(problem.system.n)
-        self.members = Members(none, none)
+    def __init__(
+        self,
+        runner: Runner,
+        region: Region,
+        tree: CellTree,
+        parts: list[Part],
+        depth: int,
+        report: Report,
+    ) -> None:
+        self.runner, self.problem, self.region, self.tree, self.parts = runner, runner.problem, region, tree, parts
+        self._smallest, self._report = 1 << (LEVELS - depth), report
+        none, n = np.zeros(0, dtype=np.intp), runner.problem.system.n
+        no_boxes = certify_points(self.problem, np.zeros((1, self.problem.system.n_free))).boxes.without_rows(n)
+        self.boxes, self.members = no_boxes, Members(none, none)
+        self.glued = Glued(none, none, np.zeros((0, n)), np.zeros((0, n)))
         self._passed = set[tuple[int, int]]()
         self.part = np.full(len(tree.child), -1, dtype=np.intp)
         for k, part in enumerate(parts):
@@ -78,13 +116,18 @@ class Front:
         self.tree.status[np.flatnonzero(self.part >= 0)] = CellStatus.UNREACHED
 
     def run(self) -> None:
-        """Certify what can be reached."""
+        """Certify what can be reached.
+
+        Raises:
+            Stopped: An interrupt was asked for; what was certified by then is kept.
+        """
         for k in range(len(self.parts)):
             self._first(k)
         while self._wave():
-            pass
+            waiting = self.tree.leaves(CellStatus.UNREACHED)
+            self._report(self.tree, len(self.boxes.kappa), int(np.sum(self.part[waiting] >= 0)))
         while self._pass():
-            pass
+            self._report(self.tree, len(self.boxes.kappa), 0)
 
     def _first(self, k: int) -> None:
         """Certify the counted cell of a part, or that piece of it which holds the counted point."""
@@ -102,7 +145,8 @@ class Front:
             ball = point.boxes.centre, point.boxes.radius, point.boxes.modes
             good = proved & encloses(self.problem, found, np.tile(delta[:1], (len(items), 1)), *ball)
             if np.all(good & point.proved):
-                self._accept(items, found)
+                self.tree.status[items] = CellStatus.CERTIFIED
+                self._add(items, found)
                 return
             if not self._split(cell).size:
                 return
@@ -124,11 +168,18 @@ class Front:
 
     def _try(self, contacts: Contacts) -> None:
         rows, origin = self._over(contacts.leaf)
-        items, found, good = self._continued(rows_of(contacts, rows), origin)
-        failed = np.unique(items[~good])
-        kept = ~np.isin(items, failed)
-        self._accept(items[kept], found.take(kept))
+        found = self._continued(rows_of(contacts, rows), origin)
+        failed = np.unique(found.cell[~found.good])
+        kept = rows_of(found, ~np.isin(found.cell, failed))
+        self.tree.status[kept.cell] = CellStatus.CERTIFIED
+        self._carry(kept)
         self._split(failed)
+
+    def _carry(self, found: _Continued) -> None:
+        """Add boxes that were carried on."""
+        numbers = len(self.boxes.kappa) + np.arange(len(found.cell))
+        self.glued = joined([self.glued, Glued(found.origin, numbers, found.at_origin, found.at_cell)])
+        self._add(found.cell, found.boxes)
 
     def _pass(self) -> bool:
         """Carry single sheets on over cells that are not certified; whether any box was new."""
@@ -145,16 +196,14 @@ class Front:
             return False
         rows, origin = rows[fresh], origin[fresh]
         self._passed.update(zip(contacts.cell[rows].tolist(), origin.tolist(), strict=True))
-        items, found, good = self._continued(rows_of(contacts, rows), origin)
-        items, found = items[good], found.take(good)
+        found = self._continued(rows_of(contacts, rows), origin)
+        found = rows_of(found, found.good)
         before = len(self.boxes.kappa)
-        while items.size:
-            new = ~self._known(items, found)
-            items, found = items[new], found.take(new)
-            first = np.unique(items, return_index=True)[1]
-            self._add(items[first], found.take(first))
-            others = np.setdiff1d(np.arange(len(items)), first)
-            items, found = items[others], found.take(others)
+        while found.cell.size:
+            found = rows_of(found, ~self._known(found.cell, found.boxes))
+            first = np.unique(found.cell, return_index=True)[1]
+            self._carry(rows_of(found, first))
+            found = rows_of(found, np.setdiff1d(np.arange(len(found.cell)), first))
         return len(self.boxes.kappa) > before
 
     def _known(self, cells: Indices, boxes: Boxes) -> Mask:
@@ -167,22 +216,25 @@ class Front:
         one, known = boxes.take(rows), self.boxes.take(other)
         result = np.zeros(len(cells), dtype=np.bool_)
         if rows.size:
-            agree = glued(self.problem, one, at - one.centre[:, independent], known, at - known.centre[:, independent])
+            there = at - one.centre[:, independent], at - known.centre[:, independent]
+            agree = glue_boxes(self.runner, one, there[0], known, there[1], _CHUNK)
             result[rows[agree]] = True
         return result
 
-    def _continued(self, contacts: Contacts, origin: Indices) -> tuple[Indices, Boxes, Mask]:
+    def _continued(self, contacts: Contacts, origin: Indices) -> _Continued:
         """Boxes over cells from one box each beyond a common face; which are proved and glued to it."""
         items, parents = contacts.cell, self.boxes.take(origin)
         independent = self.problem.system.independent
-        at_parent = self.region.position(contacts.at_leaf) - parents.centre[:, independent]
-        start = predict(self.problem, parents, at_parent)
-        start[:, independent] = self.region.position(contacts.at_cell)
-        found, good = self._proved(items, start, parents.centre)
-        at_cell = self.region.position(contacts.at_cell) - found.centre[:, independent]
+        at_origin, at_cell = self.region.position(contacts.at_leaf), self.region.position(contacts.at_cell)
+        delta = at_origin - parents.centre[:, independent]
+        start = predict(self.problem, parents, delta)
+        start[:, independent] = at_cell
+        boxes, good = self._proved(items, start, parents.centre)
         tried = np.flatnonzero(good)
-        good[tried] = glued(self.problem, parents.take(tried), at_parent[tried], found.take(tried), at_cell[tried])
-        return items, found, good
+        found = boxes.take(tried)
+        there = at_cell[tried] - found.centre[:, independent]
+        good[tried] = glue_boxes(self.runner, parents.take(tried), delta[tried], found, there, _CHUNK)
+        return _Continued(items, boxes, good, origin, at_origin, at_cell)
 
     def _over(self, cells: Indices) -> tuple[Indices, Indices]:
         """Pairs (k, box) of cells and the boxes they have."""
@@ -195,15 +247,8 @@ class Front:
     def _proved(self, cells: Indices, start: Array, turn_to: Array) -> tuple[Boxes, Mask]:
         """Boxes over cells from configurations near them, and which are proved."""
         centre, half = place(self.tree, self.region, cells)
-        data, parts = CellsToProve(centre, half, start, turn_to), []
-        for first in range(0, len(cells), _CHUNK):
-            parts.append(prove(self.problem, rows_of(data, slice(first, first + _CHUNK))))
-        found = joined(parts)
+        found = prove_cells(self.runner, CellsToProve(centre, half, start, turn_to), _CHUNK)
         return found.boxes, found.proved
-
-    def _accept(self, cells: Indices, boxes: Boxes) -> None:
-        self.tree.status[cells] = CellStatus.CERTIFIED
-        self._add(cells, boxes)
 
     def _add(self, cells: Indices, boxes: Boxes) -> None:
         count = len(self.boxes.kappa)
@@ -222,17 +267,13 @@ class Front:
         return children
 
 
-class Glued(NamedTuple):
-    """Pairs of boxes that carry the same σ at a face, (K,) each, and the face's middle in the coordinates of each."""
+def glued_pairs(runner: Runner, region: Region, tree: CellTree, members: Members, boxes: Boxes) -> Glued:
+    """All pairs of boxes on the two sides of a face that are proved to carry the same σ there.
 
-    first: Indices
-    second: Indices
-    at_first: Array
-    at_second: Array
-
-
-def glued_pairs(problem: Problem, region: Region, tree: CellTree, members: Members, boxes: Boxes) -> Glued:
-    """All pairs of boxes on the two sides of a face that are proved to carry the same σ there."""
+    Raises:
+        Stopped: An interrupt was asked for.
+    """
+    problem = runner.problem
     cells = np.unique(members.cell)
     contacts = contacts_of(tree, region, cells)
     both = np.flatnonzero(np.isin(contacts.leaf, cells) & contacts.upper)
@@ -249,18 +290,9 @@ def glued_pairs(problem: Problem, region: Region, tree: CellTree, members: Membe
     second = members.box[low[1][face] + offset % np.maximum(count[1][face], 1)]
     near = _near(problem, (boxes.take(first), at_cell[face]), (boxes.take(second), at_leaf[face]))
     first, second, face = first[near], second[near], face[near]
-    same = np.zeros(len(face), dtype=np.bool_)
-    independent = problem.system.independent
-    for start in range(0, len(face), _CHUNK):
-        part = slice(start, start + _CHUNK)
-        one, other = boxes.take(first[part]), boxes.take(second[part])
-        same[part] = glued(
-            problem,
-            one,
-            at_cell[face[part]] - one.centre[:, independent],
-            other,
-            at_leaf[face[part]] - other.centre[:, independent],
-        )
+    one, other, independent = boxes.take(first), boxes.take(second), problem.system.independent
+    there = at_cell[face] - one.centre[:, independent], at_leaf[face] - other.centre[:, independent]
+    same = glue_boxes(runner, one, there[0], other, there[1], _CHUNK)
     face = face[same]
     return Glued(first[same], second[same], at_cell[face], at_leaf[face])
 

@@ -31,29 +31,30 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region
+from ccpin.domain.atlas.run import Report, Runner
+from ccpin.domain.atlas.tasks import Arrays
 from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_boxes, closure_values
 from ccpin.domain.newton import newton, without_turns
-from ccpin.domain.sheets.narrowing import Candidates, alone_in, narrowed
+from ccpin.domain.sheets.candidates import (
+    Pruning,
+    Ranges,
+    halved,
+    handed_down,
+    narrowed_both,
+    place,
+    to_halve,
+    whole_candidates,
+)
+from ccpin.domain.sheets.narrowing import Candidates, alone_in
 
 _NEWTON = 12
 _WIDEST = 1.5  # rad: wider candidates are halved before Newton's method is tried from their middle
-_RATIO, _CURVED = 2.0, 0.3
-_FLOOR = 1e-3
 _ROUNDS = 60
-_CHUNK = 1000
-_LEAST = 1e-9
 _BUDGET = 300_000  # candidates over one q
 
 MOST_DEPENDENT = 8
 """Dependent coordinates: the search of all values of more would not end."""
 _EDGE, _NEAR = 1e-9, 1e-6
-
-
-class Ranges(NamedTuple):
-    """What is searched of the dependent coordinates: bounds of shape (m,); a full turn of those that are periodic."""
-
-    lower: Array
-    upper: Array
 
 
 class Cover(NamedTuple):
@@ -62,10 +63,12 @@ class Cover(NamedTuple):
     Attributes:
         tree: The cells.
         left: Candidates that enclose all singular closed configurations over the region.
+        complete: Whether no interrupt ended the search.
     """
 
     tree: CellTree
     left: Candidates
+    complete: bool
 
 
 class Solutions(NamedTuple):
@@ -80,33 +83,26 @@ class Solutions(NamedTuple):
     complete: bool
 
 
-def cover_singular(problem: Problem, region: Region, ranges: Ranges, depth: int, budget: int) -> Cover:
+def cover_singular(runner: Runner, region: Region, ranges: Ranges, depth: int, budget: int, report: Report) -> Cover:
     """Enclose all singular closed configurations over a region, halving each of its edges `depth` times at most.
 
-    Once `budget` candidates were tried, all that wait are left as they are.
+    Once `budget` candidates were tried, or the runner was stopped, all that wait are left as they are.
     """
+    problem = runner.problem
     tree, smallest = CellTree.whole(problem.system.n), 1 << (LEVELS - depth)
-    waiting = whole_candidates(
-        problem, ranges, np.zeros(1, dtype=np.intp), *place(tree, region, np.zeros(1, dtype=np.intp))
-    )
+    root = np.zeros(1, dtype=np.intp)
+    waiting = whole_candidates(problem, ranges, root, *place(tree, region, root))
     left = [rows_of(waiting, slice(0))]
+    search = Pruning(runner, ranges, budget, singular=True)
     while waiting.cell.size:
-        stuck = [left[0]]
-        for _ in range(_ROUNDS):
-            budget -= len(waiting.cell)
-            if not waiting.cell.size or budget < 0:
-                break
-            waiting = narrowed_both(problem, ranges, waiting, True)
-            cut, due = to_halve(problem, waiting)
-            stuck.append(rows_of(waiting, ~due))
-            waiting = halved(rows_of(waiting, due), cut[due])
-        waiting = joined([*stuck, waiting])
+        waiting = search.settled(waiting, _ROUNDS)
         cells = np.unique(waiting.cell)
-        small = np.all(tree.size[cells] <= smallest, axis=1) | (budget < 0)
+        small = np.all(tree.size[cells] <= smallest, axis=1) | search.over
         last = np.isin(waiting.cell, cells[small])
         left.append(rows_of(waiting, last))
         waiting = _halve_cells(problem, tree, region, rows_of(waiting, ~last), cells[~small])
-    return Cover(tree, joined(left))
+        report(tree, 0, len(np.unique(waiting.cell)))
+    return Cover(tree, joined(left), search.complete)
 
 
 def all_solutions(problem: Problem, ranges: Ranges, q: Array) -> Solutions:
@@ -128,6 +124,12 @@ def all_solutions(problem: Problem, ranges: Ranges, q: Array) -> Solutions:
     return Solutions(theta, apart and not waiting.cell.size)
 
 
+def solutions_task(problem: Problem, arrays: Arrays) -> Arrays:
+    """`all_solutions` between plain arrays: (*ranges, q) → (θ, complete)."""
+    found = all_solutions(problem, Ranges(*arrays[:2]), arrays[2])  # type: ignore[arg-type]
+    return found.theta, np.array(found.complete)
+
+
 def _within(problem: Problem, ranges: Ranges, boxes: Boxes) -> tuple[Mask, Mask]:
     """Which boxes' configurations lie within the ranges that are no full turns, and which beyond; some do not say."""
     system = problem.system
@@ -136,85 +138,6 @@ def _within(problem: Problem, ranges: Ranges, boxes: Boxes) -> tuple[Mask, Mask]
     low, high = ranges.lower[slides], ranges.upper[slides]
     inside = np.all((y - spread >= low) & (y + spread <= high), axis=1)
     return inside, np.any((y + spread < low) | (y - spread > high), axis=1)
-
-
-def place(tree: CellTree, region: Region, cells: Indices) -> tuple[Array, Array]:
-    """Centres and half widths of cells in q-space, (K, n) each."""
-    size = tree.size[cells]
-    return region.position(tree.lower[cells] + 0.5 * size), 0.5 * region.width * (size / WHOLE)
-
-
-def whole_candidates(problem: Problem, ranges: Ranges, cells: Indices, q: Array, width: Array) -> Candidates:
-    """One candidate a cell, with the whole ranges."""
-    system = problem.system
-    centre, half = np.zeros((2, len(cells), system.n_free))
-    centre[:, system.dependent] = 0.5 * (ranges.lower + ranges.upper)
-    half[:, system.dependent] = 0.5 * (ranges.upper - ranges.lower) + 1e-12
-    centre[:, system.independent], half[:, system.independent] = q, width
-    return Candidates(cells, centre, half, np.zeros((len(cells), system.m, system.n)))
-
-
-def narrowed_both(problem: Problem, ranges: Ranges, waiting: Candidates, singular: bool = False) -> Candidates:
-    """Candidates narrowed with both choices of Ã, without those beyond the ranges.
-
-    Where singular ones are looked for, those that are nonsingular are dropped, unless they meet the end of a range that
-    is no full turn.
-    """
-    parts = [rows_of(waiting, slice(0))]
-    for first in range(0, len(waiting.cell), _CHUNK):
-        part = narrowed(problem, rows_of(waiting, slice(first, first + _CHUNK)))
-        if part.cell.size:
-            inner = ~_at_end(problem, ranges, part) if singular else None
-            parts.append(narrowed(problem, part, True, inner))
-    result = joined(parts)
-    low, high = _extent(problem, result)
-    return rows_of(result, ~np.any((low > ranges.upper + _EDGE) | (high < ranges.lower - _EDGE), axis=1))
-
-
-def _at_end(problem: Problem, ranges: Ranges, boxes: Candidates) -> Mask:
-    """Which boxes meet the end of a range that is no full turn."""
-    slides = ~problem.system.periodic[problem.system.dependent]
-    low, high = _extent(problem, boxes)
-    meets = (low <= ranges.lower + _EDGE) | (high >= ranges.upper - _EDGE)
-    return np.asarray(np.any(meets[:, slides], axis=1))
-
-
-def _extent(problem: Problem, boxes: Candidates) -> tuple[Array, Array]:
-    """Bounds of the dependent coordinates on boxes, of shape (K, m) each; of those on full turns none."""
-    system = problem.system
-    y, reach = boxes.centre[:, system.dependent], boxes.half[:, system.dependent]
-    reach = reach + apply(np.abs(boxes.slopes), boxes.half[:, system.independent])
-    reach = np.where(system.periodic[system.dependent], np.inf, reach)
-    return y - reach, y + reach
-
-
-def to_halve(problem: Problem, waiting: Candidates) -> tuple[Indices, Mask]:
-    """Along which coordinate each candidate would be halved, and whether that is due before its cell is halved.
-
-    A candidate about a fold is as wide as the root of its cell, and need not be narrower.
-    """
-    system = problem.system
-    column = np.abs(closure_values(problem, waiting.centre)[1]).max(axis=1)
-    scale = column.max(axis=1, initial=0.0)
-    moves = np.maximum(column, _FLOOR * scale[:, None]) * waiting.half
-    ours, cells = moves[:, system.dependent], moves[:, system.independent].max(axis=1, initial=0.0)
-    cut = system.dependent[np.argmax(ours, axis=1)]
-    enough = np.maximum(_RATIO * cells, _CURVED * np.sqrt(scale * cells))
-    width = np.take_along_axis(waiting.half, cut[:, None], axis=1)[:, 0]
-    return cut, np.asarray((ours.max(axis=1, initial=0.0) > enough) & (width > _LEAST))
-
-
-def halved(boxes: Candidates, cut: Indices) -> Candidates:
-    """Both halves of candidates, with some roundings to spare."""
-    rows, half = np.arange(len(cut)), boxes.half.copy()
-    half[rows, cut] *= 0.5
-    parts = []
-    for side in (-1.0, 1.0):
-        centre, grown = boxes.centre.copy(), half.copy()
-        centre[rows, cut] += side * half[rows, cut]
-        grown[rows, cut] += 4e-16 * (1.0 + np.abs(centre[rows, cut]))
-        parts.append(boxes._replace(centre=centre, half=grown))
-    return joined(parts)
 
 
 def _halve_cells(problem: Problem, tree: CellTree, region: Region, waiting: Candidates, cells: Indices) -> Candidates:
@@ -227,21 +150,6 @@ def _halve_cells(problem: Problem, tree: CellTree, region: Region, waiting: Cand
     np.maximum.at(stretch, at, jacobian)
     tree.split(cells, np.argmax(stretch * (tree.size[cells] / WHOLE) * region.width, axis=1))
     return handed_down(problem, tree, region, waiting)
-
-
-def handed_down(problem: Problem, tree: CellTree, region: Region, waiting: Candidates) -> Candidates:
-    """The candidates over the two halves of their cells, which are split."""
-    system, parts = problem.system, []
-    for side in (0, 1):
-        child = tree.child[waiting.cell] + side
-        centre, half = waiting.centre.copy(), waiting.half.copy()
-        middle, half[:, system.independent] = place(tree, region, child)
-        moved = apply(waiting.slopes, middle - centre[:, system.independent])
-        centre[:, system.independent] = middle
-        centre[:, system.dependent] += moved
-        half[:, system.dependent] += 1e-15 * (1.0 + np.abs(centre[:, system.dependent]) + np.abs(moved))
-        parts.append(Candidates(child, centre, half, waiting.slopes))
-    return joined(parts)
 
 
 def _solved(problem: Problem, ranges: Ranges, waiting: Candidates, found: list[Boxes]) -> Mask:

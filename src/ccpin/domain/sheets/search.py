@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from concurrent.futures import Executor
+from pathlib import Path
+from typing import NamedTuple
+
 import numpy as np
 
-from ccpin.arrays import Indices, whole
+from ccpin.arrays import Indices, joined, positive, whole
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Corners, Region, corners_of, region_of
-from ccpin.domain.atlas.singular import mark_in_cells
+from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
+from ccpin.domain.atlas.singular import SingularCells, mark_in_cells
 from ccpin.domain.boxes import BoundsName, Problem, problem_of
 from ccpin.domain.chains import ClosureSystem, Seed, closure_system
+from ccpin.domain.sheets.candidates import Ranges, place
 from ccpin.domain.sheets.front import Front, Part, glued_pairs, parts_of
-from ccpin.domain.sheets.paving import MOST_DEPENDENT, Ranges, all_solutions, cover_singular, place
+from ccpin.domain.sheets.paving import MOST_DEPENDENT, cover_singular, solutions_task
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 _DEPTHS = {1: 10, 2: 7, 3: 4}
 _DEEPER = 3
-_COUNTED = 64
+_COUNTED, _AT_ONCE = 64, 8
 
 
 def certify_sheets(
@@ -26,7 +33,12 @@ def certify_sheets(
     *,
     max_depth: int | None = None,
     budget: int = 3_000_000,
+    seconds: float | None = None,
     bounds: BoundsName = "auto",
+    workers: int | None = None,
+    executor: Executor | None = None,
+    checkpoint: str | Path | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> SheetAtlas:
     """Find and certify every sheet of σ over a region.
 
@@ -41,12 +53,22 @@ def certify_sheets(
             default 10, 7, 4 for n = 1, 2, 3. Boxes about sheets may be halved three times more.
         budget: How many boxes of all coordinates may be tried in that search; cells that it did not come to are
             undecided. Each dependent coordinate more multiplies what is needed.
+        seconds: When to stop, measured by the clock: the search takes half of it at most, counting and boxes the rest.
+            What is proved by then is kept, as after Ctrl-C.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
+        workers: How many processes to start for the work, as for `certify`; the result is the same.
+        executor: In place of `workers` anything with ``submit``, as for `certify`.
+        checkpoint: A folder in which finished chunks are kept; the same call finds them again after a crash.
+        progress: Called after every wave: of the search (cells waiting are those that may hold singular
+            configurations), then of boxes.
+
+    Returns:
+        The sheets; after Ctrl-C, or when the time is over, what was proved so far, with ``complete`` False.
 
     Raises:
         UnsupportedMechanismError: More than three coordinates or eight dependent ones, ball joints, distance closures,
             couplings of continuous joints, redundant rows, or closures that cannot be bounded.
-        InvalidInputError: The region or max_depth is malformed.
+        InvalidInputError: The region, max_depth, seconds or workers is malformed.
     """
     mechanism = mechanism_of(mechanism)
     system = closure_system(mechanism, mechanism.q_reference)
@@ -54,31 +76,59 @@ def certify_sheets(
     depth = _DEPTHS[mechanism.n] if max_depth is None else whole(max_depth, "max_depth", 1)
     if not depth + _DEEPER < LEVELS:
         raise InvalidInputError(f"max_depth must be from 1 to {LEVELS - _DEEPER - 1}; it is {depth}")
+    time = None if seconds is None else positive(seconds, "seconds")
     problem, area = problem_of(system, bounds), _region(mechanism, system, region)
-    ranges = _ranges(mechanism, system)
-    cover = cover_singular(problem, area, ranges, depth, whole(budget, "budget"))
-    tree, leaves = cover.tree, cover.tree.leaves()
-    open_cells = np.unique(cover.left.cell)
-    parts = _counted(problem, tree, area, ranges, np.setdiff1d(leaves, open_cells))
-    tree.status[leaves] = CellStatus.UNDECIDED
-    front = Front(problem, area, tree, parts, depth + _DEEPER)
-    front.run()
+    effort, work = Effort(depth, whole(budget, "budget"), time), Work(workers, executor, checkpoint, progress)
+    return _survey(problem, tuple(mechanism.independent), area, _ranges(mechanism, system), effort, work)
+
+
+class Effort(NamedTuple):
+    """How far a search for sheets goes: halvings of an edge, candidates tried, and seconds (``None``: no end)."""
+
+    depth: int
+    budget: int
+    seconds: float | None
+
+
+def _survey(
+    problem: Problem, names: tuple[str, ...], region: Region, ranges: Ranges, effort: Effort, work: Work
+) -> SheetAtlas:
+    """Search, count, certify, glue."""
+    report = reporter(work.progress)
+    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
+        runner = Runner(problem, chosen, work.checkpoint, flag)
+        first = runner.within(None if effort.seconds is None else 0.5 * effort.seconds)
+        cover = cover_singular(first, region, ranges, effort.depth, effort.budget, report)
+        tree, leaves, open_cells = cover.tree, cover.tree.leaves(), np.unique(cover.left.cell)
+        tree.status[leaves] = CellStatus.UNDECIDED
+        parts, all_counted = _counted(runner, tree, region, ranges, np.setdiff1d(leaves, open_cells))
+        front = Front(runner, region, tree, parts, effort.depth + _DEEPER, report)
+        complete, joined_by = cover.complete and all_counted, None
+        singular = [SingularCells.none(problem.system.n_free)]
+        try:
+            front.run()
+            joined_by = glued_pairs(runner, region, tree, front.members, front.boxes)
+            start = np.unique(cover.left.cell, return_index=True)[1]
+            for found in mark_in_cells(runner, tree, region, open_cells, cover.left.centre[start]):
+                singular.append(found)
+        except Stopped:
+            complete = False
     count = np.full(len(tree.child), -1, dtype=np.int64)
     known = front.part >= 0
     count[known] = np.array([len(part.theta) for part in parts] or [0], dtype=np.int64)[front.part[known]]
-    first = np.unique(cover.left.cell, return_index=True)[1]
-    mark_in_cells(problem, tree, area, open_cells, cover.left.centre[first])
     return SheetAtlas(
-        names=tuple(mechanism.independent),
-        region=area,
+        names=names,
+        region=region,
         problem=problem,
         tree=tree,
         boxes=front.boxes,
         members=front.members,
-        glued=glued_pairs(problem, area, tree, front.members, front.boxes),
+        glued=front.glued if joined_by is None else joined_by,
         count=count,
         left=cover.left,
         ranges=ranges,
+        complete=complete,
+        singular=joined(singular),
     )
 
 
@@ -120,13 +170,23 @@ def _ranges(mechanism: Mechanism, system: ClosureSystem) -> Ranges:
     return Ranges(low[system.dependent], high[system.dependent])
 
 
-def _counted(problem: Problem, tree: CellTree, region: Region, ranges: Ranges, regular: Indices) -> list[Part]:
-    """The largest parts of the regular cells, with all solutions over one q of each where that was proved."""
-    parts = []
-    for cells in parts_of(tree, region, regular)[:_COUNTED]:
-        largest = int(cells[int(np.argmax(tree.shares(cells)))])
-        q = place(tree, region, np.array([largest]))[0][0]
-        found = all_solutions(problem, ranges, q)
-        if found.complete:
-            parts.append(Part(cells, largest, found.theta))
-    return parts
+def _counted(
+    runner: Runner, tree: CellTree, region: Region, ranges: Ranges, regular: Indices
+) -> tuple[list[Part], bool]:
+    """The largest parts of the regular cells, with all solutions over one q of each where that was proved.
+
+    And whether no interrupt left some of them uncounted.
+    """
+    unions = parts_of(tree, region, regular)[:_COUNTED]
+    largest = np.array([int(cells[int(np.argmax(tree.shares(cells)))]) for cells in unions], dtype=np.intp)
+    middles, parts = place(tree, region, largest)[0], list[Part]()
+    for first in range(0, len(unions), _AT_ONCE):
+        some = range(first, min(first + _AT_ONCE, len(unions)))
+        try:
+            found = runner.map(solutions_task, [(ranges.lower, ranges.upper, middles[k]) for k in some])
+        except Stopped:
+            return parts, False
+        for k, (theta, whole_count) in zip(some, found, strict=True):
+            if whole_count:
+                parts.append(Part(unions[k], int(largest[k]), np.asarray(theta, dtype=np.float64)))
+    return parts, True

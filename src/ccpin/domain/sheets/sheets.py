@@ -20,25 +20,35 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-from ccpin.arrays import Array, Indices, numbers, whole
+from ccpin.arrays import Array, Indices, Mask, numbers, whole
+from ccpin.domain import boxes as theorem_k
+from ccpin.domain.atlas import store
 from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contacts_of
-from ccpin.domain.boxes import Boxes, Problem, closure_values
+from ccpin.domain.atlas.singular import SingularCells
+from ccpin.domain.boxes import Boxes, Problem, closure_values, verify
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
 from ccpin.domain.newton import newton, solve_in_boxes, without_turns
+from ccpin.domain.sheets import narrowing, paving
+from ccpin.domain.sheets.candidates import Ranges, place
 from ccpin.domain.sheets.front import Glued, Members
 from ccpin.domain.sheets.narrowing import Candidates
-from ccpin.domain.sheets.paving import Ranges, place
 from ccpin.domain.sheets.touching import Fold, cross, near_folds
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 _PART = 500
+_RECORDS: dict[str, Any] = {"members": Members, "glued": Glued, "left": Candidates, "ranges": Ranges}
+
+KIND = store.Kind("sheet atlas", "ccpin-sheets-1", "\n\n".join(m.__doc__ or "" for m in (theorem_k, narrowing, paving)))
+"""What its files say they are: Theorem K, Propositions N, U and C."""
 
 
 class Sheet(NamedTuple):
@@ -90,6 +100,8 @@ class SheetAtlas:
         count: How many closed configurations the q of a cell have; −1 where that is not proved. Of shape (cells,).
         left: Boxes of all coordinates that enclose all singular closed configurations over the region.
         ranges: What was searched of the dependent coordinates.
+        complete: False where an interrupt ended the work; what is there is proved nevertheless.
+        singular: A singular configuration over each cell called so.
     """
 
     names: tuple[str, ...]
@@ -102,11 +114,14 @@ class SheetAtlas:
     count: NDArray[np.int64]
     left: Candidates
     ranges: Ranges
+    complete: bool
+    singular: SingularCells
 
     def __repr__(self) -> str:
+        done = "" if self.complete else ", interrupted"
         return (
             f"SheetAtlas({', '.join(self.names)}: {len(self.sheets)} sheets in {len(self.boxes.kappa)} boxes, "
-            f"{100 * self.counted_fraction:.4g} % of the region counted)"
+            f"{100 * self.counted_fraction:.4g} % of the region counted{done})"
         )
 
     @cached_property
@@ -172,6 +187,48 @@ class SheetAtlas:
     def undecided_fraction(self) -> float:
         """The share of the region that is neither counted nor singular."""
         return 1.0 - self.counted_fraction - self.singular_fraction
+
+    def verify(self) -> Mask:
+        """Check Theorem K for every box again, from its data alone, of shape (B,)."""
+        return verify(self.problem, self.boxes)
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of the closures it is about, as its file has it."""
+        return store.fingerprint_of(self.problem)
+
+    def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
+        """Whether the closures are those that a mechanism's file gives today, bit for bit."""
+        mechanism = mechanism_of(mechanism)
+        return store.same_closures(self.problem, mechanism, self.problem.system.theta(mechanism.q_reference))
+
+    def save(self, path: str | Path) -> None:
+        """Write the sheets to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
+        header, arrays = store.pack(store.Covering(self.problem, self.region, self.tree, self.boxes, self.singular))
+        header |= {"names": list(self.names), "complete": self.complete}
+        for part in _RECORDS:
+            arrays |= {f"{part}_{name}": array for name, array in getattr(self, part)._asdict().items()}
+        store.write(path, KIND, header, arrays | {"count": self.count})
+
+    @classmethod
+    def load(cls, path: str | Path) -> SheetAtlas:
+        """Read sheets that `save` wrote. If the file may have been altered, call `verify` or `auditing.verify`.
+
+        Raises:
+            InvalidInputError: The file cannot be read or is none.
+        """
+        with store.reading(path, KIND) as (header, arrays):
+            records = {
+                part: kind(**{name: arrays[f"{part}_{name}"] for name in kind._fields})
+                for part, kind in _RECORDS.items()
+            }
+            return cls(
+                names=tuple(header["names"]),
+                count=arrays["count"].astype(np.int64),
+                complete=header["complete"],
+                **store.unpack(header, arrays)._asdict(),
+                **records,
+            )
 
     def number_of_solutions(self, q: ArrayLike) -> int | NDArray[np.int64]:
         """How many closed configurations q (n,) has, −1 where that is not proved; an array (K,) for points (K, n)."""

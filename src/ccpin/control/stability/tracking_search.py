@@ -1,0 +1,180 @@
+"""The search for a tube that the tracking error cannot leave: what goes in must be larger than what comes out.
+
+`tracking_error` has the theorem; E and Ė are its unknowns. They start from the bound that the cells' middles alone
+would give, and grow until v < c_k on every cell, or until something is no longer proved.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Mask
+from ccpin.control.stability.deviation import Deviation, deviation_of
+from ccpin.control.stability.storage import Plan, gain, plan_for, storage_of, widths
+from ccpin.control.stability.tube import Tube
+from ccpin.control.tracking import TrackingLaw
+from ccpin.domain.boxes import SLACK
+from ccpin.domain.verdict import Verdict
+
+_ROUNDS = 10
+_FIRST, _MORE = 2.2, 1.3
+_ROOM = 1.0 + 1e-6
+_PLANNED = 48
+
+
+class Found(NamedTuple):
+    """What a search ends with; `ccpin.control.TrackingCertificate` explains its numbers.
+
+    Attributes:
+        verdict, reason: As there.
+        bound: Of (|e|, |ė|) over each cell, of shape (K, 2n).
+        ultimate: Of shape (n,).
+        decay, gain: α and γ.
+        unit: Of shape (2n,).
+        start: The bound of V at t = 0.
+        room: (E, Ė) of the cells, of shape (K, 2n).
+    """
+
+    verdict: Verdict
+    reason: str
+    bound: Array
+    ultimate: Array
+    decay: float
+    gain: float
+    unit: Array
+    start: float
+    room: Array
+
+
+class Levels(NamedTuple):
+    """What one choice of E and Ė gives.
+
+    Attributes:
+        reached: The largest v on each cell, of shape (K,).
+        allowed: c_k, of shape (K,).
+        widths: (P_k⁻¹)_ii^½, of shape (K, 2n).
+        sources: w_k, of shape (K,).
+        start: v(0).
+    """
+
+    reached: Array
+    allowed: Array
+    widths: Array
+    sources: Array
+    start: float
+
+
+class Search:
+    """Looks for E and Ė with which the theorem's hypotheses hold."""
+
+    def __init__(self, law: TrackingLaw, tube: Tube, sigma_error: float, push: Array, start: Array) -> None:
+        self.law, self.tube, self.sigma_error, self.push, self.start = law, tube, sigma_error, push, start
+        self.plan: Plan | None = None
+        self.rounds = 0
+
+    def found(self) -> Found:
+        """What is proved, after as many rounds as it takes."""
+        if self.tube.path.verdict != "proven":
+            return self._undecided(f"the reference itself leaves what is proved: {self.tube.path.reason}")
+        count, n = self.tube.motion[0].start.shape
+        none = np.zeros((count, n))
+        states, proved = self.tube.states(none, none)
+        if not proved.all():
+            return self._undecided(self._stopped("σ is not proved", ~proved, np.zeros((count, 2 * n))))
+        middle = deviation_of(self.law, self.tube, states.middles(), 0.0)
+        self.plan = self._planned(middle)
+        if self.plan is None:
+            return self._undecided("no storage function was found along the reference: stiffer gains would do more")
+        levels = self._levels(middle)
+        room = np.sqrt(levels.reached)[:, None] * levels.widths * _FIRST
+        for self.rounds in range(1, _ROUNDS + 1):
+            states, proved = self.tube.states(room[:, :n], room[:, n:])
+            if not proved.all():
+                return self._undecided(self._stopped("σ is not proved", ~proved, room))
+            levels = self._levels(deviation_of(self.law, self.tube, states, self.sigma_error), room)
+            reason = self._open(levels, room)
+            if reason is not None:
+                return self._undecided(reason)
+            if np.all(levels.reached * _ROOM < levels.allowed):
+                return self._proven(levels, room)
+            room = np.maximum(room, np.sqrt(levels.reached)[:, None] * levels.widths) * _MORE
+        return self._undecided(
+            f"after {_ROUNDS} rounds the bound still grows, for a σ off by {self.sigma_error:.3g} lets the law deviate "
+            "the more, the larger the error: a smaller sigma_error, more cells= or stiffer gains would do more"
+        )
+
+    def _planned(self, middle: Deviation) -> Plan | None:
+        rows = slice(None, None, 1 + len(middle.push) // _PLANNED)
+        raw = np.linalg.norm(middle.slope.mid, axis=2) * self.sigma_error + middle.push @ self.push
+        scale = raw.max(axis=0)
+        scale = np.where(scale > 0.0, scale, max(float(scale.max()), 1e-300))
+        return plan_for(self.law, scale, middle.D.mid[rows], middle.C.mid[rows], middle.damping.mid[rows])
+
+    def _levels(self, deviation: Deviation, room: Array | None = None) -> Levels:
+        """v and c_k where the states of each cell are within `room`, (K, 2n)."""
+        assert self.plan is not None
+        storage = storage_of(self.law, self.plan, deviation.D, deviation.C, deviation.damping)
+        size = deviation.size(self.sigma_error, self.push, self.plan.scale)
+        with np.errstate(all="ignore"):
+            sources = (gain(storage, self.plan) * size) ** 2 * SLACK
+            width = np.broadcast_to(widths(storage), (len(size), 2 * len(self.push)))
+            start = float(self.start @ storage.P.magnitude[0] @ self.start) * SLACK
+            allowed = np.full(len(size), np.inf) if room is None else np.min((room / width) ** 2, axis=1)
+            reached = _reached(start, sources, self.plan.decay, np.diff(self.tube.times))
+        return Levels(reached, allowed, width, sources, start)
+
+    def _open(self, levels: Levels, room: Array) -> str | None:
+        """Why no level is known, if one is not."""
+        sources = levels.sources
+        checks = (
+            (~np.isfinite(levels.widths).all(axis=1), "D is not proved positive definite"),
+            (np.isinf(sources), "V̇ is not proved negative"),
+            (np.isnan(sources), f"φ_y (within {self.sigma_error:.3g} of σ) or D is not proved nonsingular"),
+        )
+        for failed, what in checks:
+            if np.any(failed):
+                return self._stopped(what, np.asarray(failed), room)
+        return None
+
+    def _stopped(self, what: str, where: Mask, room: Array) -> str:
+        """A reason: what fails first, where, for which errors, and what would do more."""
+        k = int(np.argmax(where))
+        place = f"t = {self.tube.times[k]:.6g} s, q_d = {self.tube.motion[0].start[k].tolist()}"
+        among = f"for errors up to {room[k, : len(self.push)].max():.3g}"
+        return f"{what} {among} at {place}: a smaller sigma_error, more cells= or stiffer gains would do more"
+
+    def _proven(self, levels: Levels, room: Array) -> Found:
+        assert self.plan is not None
+        n = len(self.push)
+        bound = np.sqrt(levels.reached)[:, None] * levels.widths * SLACK
+        worst = float(bound[:, :n].max())
+        return Found(
+            verdict="proven",
+            reason=f"|q_d − q| stays below {worst:.3g} ({np.degrees(worst):.3g}°, where angles) with σ off by at most "
+            f"{self.sigma_error:.3g}: {len(bound)} cells, {self.rounds} rounds",
+            bound=bound,
+            ultimate=np.sqrt(levels.sources[-1]) * levels.widths[-1, :n] * SLACK,
+            decay=self.plan.decay,
+            gain=float(np.sqrt(levels.sources.max()) / self.sigma_error),
+            unit=levels.widths.max(axis=0),
+            start=levels.start,
+            room=room,
+        )
+
+    def _undecided(self, reason: str) -> Found:
+        count, n = self.tube.motion[0].start.shape
+        open_end = np.full((count, 2 * n), np.inf)
+        none = 0.0 * self.tube.motion[0].start
+        return Found("undecided", reason, open_end, open_end[0, :n], 0.0, np.inf, open_end[0], np.inf, none)
+
+
+def _reached(start: float, sources: Array, decay: float, durations: Array) -> Array:
+    """The largest v of each cell, v̇ = −α(v − w_k) from v(0), the last cell without end."""
+    reached, v = np.empty(len(sources)), start
+    for k, source in enumerate(sources):
+        after = source + (v - source) * np.exp(-decay * durations[k]) if k + 1 < len(sources) else source
+        reached[k] = max(v, after) * SLACK
+        v = after * SLACK
+    return reached

@@ -1,0 +1,184 @@
+"""Cells in which no closed configuration exists, where legs of known lengths meet in one platform.
+
+**Theorem E.** Let points with fixed places b_k on a rigid platform lie at distances l_k from points a_k, for k = 1 … K.
+For any real weights λ_k that add up to 1, of any sign, with ā = Σ λ_k a_k, b̄ = Σ λ_k b_k and C = Σ λ_k a_k(b_k − b̄)ᵀ
+
+    Σ λ_k |a_k − ā|² + Σ λ_k |b_k − b̄|² − 2‖C‖_* ≤ Σ λ_k l_k²,
+
+‖C‖_* the sum of the singular values of C.
+
+*Proof.* Let the platform be at p, turned by R, and x_k = a_k − R b_k, x̄ = Σ λ_k x_k. As the weights add up to 1,
+Σ λ_k |p − x_k|² = |p − x̄|² + Σ λ_k |x_k − x̄|², and the left side is Σ λ_k l_k². The last sum is
+Σ λ_k |a_k − ā|² + Σ λ_k |b_k − b̄|² − 2 tr(R Cᵀ), and tr(R Cᵀ) ≤ ‖C‖_* for every rotation R. ∎
+
+So a cell is empty where some λ violates this for all of its q. With λ the weights of the centre of the sphere through
+three points it says of a Delta whose platform is level that the sphere has a radius of at most l, which is all there is
+to say; ‖C‖_* says it for every way the platform is turned.
+
+Over a cell a_k moves by at most r_k from its place at the centre, so the left side falls by at most
+
+    2 Σ |λ_k| |a_k − ā| r_k + Σ |λ_k| r_k² + (Σ |λ_k| r_k)² + 2 Σ |λ_k| |b_k − b̄| r_k.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Mask
+from ccpin.domain.atlas.empty import drift
+from ccpin.domain.chain_stack import move, stack_chains
+from ccpin.domain.chains import Chain, ClosureSystem
+
+_SAME = 1e-12
+_SLACK = 1e-9  # of the sums: far above rounding
+_RIDGES = (1e-2, 1e-3)
+_TURNS = 8
+_CHUNK = 20_000
+_LEAST = 3  # legs
+
+
+class Platform(NamedTuple):
+    """K legs that meet in a platform, in the r coordinates of their closures' rows.
+
+    Attributes:
+        heads: Of each leg the joints that q moves; their tips are where what has a fixed length begins.
+        weights: Of these tips in the rows, of shape (K, r, 3).
+        offset: What is added, of shape (K, r).
+        places: b, of shape (K, r).
+        lengths: l, of shape (K,).
+    """
+
+    heads: tuple[Chain, ...]
+    weights: Array
+    offset: Array
+    places: Array
+    lengths: Array
+
+
+def platform_of(system: ClosureSystem) -> Platform | None:
+    """The legs of a system all of whose closures join a leg to one platform; ``None`` where it is not so."""
+    by_rows: dict[bytes, list[Chain]] = {}
+    for chain in system.chains:
+        by_rows.setdefault(np.any(chain.weights != 0.0, axis=1).tobytes(), []).append(chain)
+    if len(by_rows) < _LEAST or any(len(pair) != 2 for pair in by_rows.values()) or np.any(system.couplings):
+        return None
+    for side in (0, 1):
+        legs = [(np.frombuffer(key, dtype=np.bool_), pair[side], pair[1 - side]) for key, pair in by_rows.items()]
+        if _one_body([body for _, body, _ in legs], [rows for rows, _, _ in legs]):
+            return _legs(system, legs)
+    return None
+
+
+def _one_body(bodies: list[Chain], rows: list[Mask]) -> bool:
+    """Whether chains lead to points of one body, each seen by its rows alike."""
+    first = bodies[0]
+    return all(
+        not body.direction
+        and all(
+            np.array_equal(getattr(first, name), getattr(body, name))
+            for name in ("joints", "rotations", "translations", "axes", "prismatic")
+        )
+        and np.array_equal(first.weights[rows[0]], body.weights[mine])
+        for body, mine in zip(bodies, rows, strict=True)
+    ) and _seen_whole(first, first.weights[rows[0]])
+
+
+def _seen_whole(chain: Chain, weights: Array) -> bool:
+    """Whether rows see lengths behind a chain's joints as they are: W is orthonormal, and turns keep what it sees."""
+    if np.abs(weights @ weights.T - np.eye(len(weights))).max() > _SAME:
+        return False
+    turn = np.eye(3)
+    for rotation, axis, slides in zip(chain.rotations, chain.axes, chain.prismatic, strict=True):
+        turn = turn @ rotation
+        if len(weights) < 3 and not slides and np.abs(weights @ turn @ axis).max() > _SAME:
+            return False
+    return len(weights) >= 2
+
+
+def _legs(system: ClosureSystem, legs: list[tuple[Mask, Chain, Chain]]) -> Platform | None:
+    """What each leg is; ``None`` where one is no segment of a fixed length behind joints that q moves."""
+    heads, weights, offset, places, lengths = [], [], [], [], []
+    for rows, body, leg in legs:
+        dependent = np.isin(leg.joints, system.dependent)
+        k = int(np.argmax(dependent))
+        behind = leg.translations[k + 1 :]
+        rigid = dependent.any() and dependent[k:].all() and not leg.prismatic[k:].any() and not np.any(behind)
+        if leg.direction or not rigid or not _seen_whole(leg, leg.weights[rows]):
+            return None
+        above = {name: getattr(leg, name)[:k] for name in ("joints", "rotations", "translations", "axes", "prismatic")}
+        heads.append(leg._replace(tip=leg.translations[k], **above))
+        weights.append(-leg.weights[rows])
+        offset.append(-system.offset[rows])
+        places.append(body.weights[rows] @ _at_rest(body, body.tip))
+        lengths.append(np.linalg.norm(leg.weights[rows] @ _at_rest(leg, leg.tip)))
+    return Platform(tuple(heads), np.array(weights), np.array(offset), np.array(places), np.array(lengths))
+
+
+def _at_rest(chain: Chain, vector: Array) -> Array:
+    """A vector of a chain's last frame in root axes where all joints are at zero."""
+    for rotation in chain.rotations[::-1]:
+        vector = rotation @ vector
+    return vector
+
+
+def platform_empty(system: ClosureSystem, platform: Platform, centre: Array, half: Array) -> Mask:
+    """Which boxes of q-space, centres and half widths (B, n), are proved to hold no closed configuration."""
+    if len(centre) > _CHUNK:
+        parts = [slice(k, k + _CHUNK) for k in range(0, len(centre), _CHUNK)]
+        return np.concatenate([platform_empty(system, platform, centre[part], half[part]) for part in parts])
+    theta, width = np.zeros((2, len(centre), system.n_free))
+    theta[:, system.independent], width[:, system.independent] = centre, half * (1.0 + 2.0**-51) + 1e-14
+    travel = np.abs(theta) + width
+    margin = 4.0 * system.rounding * system.magnitude(travel)
+    ends, moves = [], []
+    for head, weights, offset in zip(platform.heads, platform.weights, platform.offset, strict=True):
+        tip = move(stack_chains((head,), system.n_free, system.m), theta).x[:, 0]
+        ends.append(tip @ weights.T + offset)
+        moves.append(drift(head, width, travel) + margin)
+    return _violated(platform, np.stack(ends, axis=1), np.stack(moves, axis=1))
+
+
+def _violated(platform: Platform, ends: Array, moves: Array) -> Mask:
+    """Theorem E for a (B, K, r) and r (B, K).
+
+    The theorem's gap between its sides is min over R of g(λ, R), concave in λ and linear in R. λ is sought as the best
+    answer to the mean of the turns R that were the best answers to the λ before.
+    """
+    empty, rows = np.zeros(len(ends), dtype=np.bool_), np.arange(len(ends))
+    turned = np.broadcast_to(np.eye(ends.shape[2]), (len(ends), ends.shape[2], ends.shape[2]))
+    for count in range(1, _TURNS + 1):
+        a, r = ends[rows], moves[rows]
+        weights = _weights(a, platform.places, turned, platform.lengths, _RIDGES[count % 2])
+        spread = a - np.sum(weights[..., None] * a, axis=1, keepdims=True)
+        aside = platform.places - np.sum(weights[..., None] * platform.places, axis=1, keepdims=True)
+        left, values, right = np.linalg.svd(np.swapaxes(weights[..., None] * spread, 1, 2) @ aside)
+        size, far, near = np.abs(weights), np.linalg.norm(spread, axis=2), np.linalg.norm(aside, axis=2)
+        least = np.sum(weights * (far**2 + near**2 - platform.lengths**2), axis=1) - 2.0 * values.sum(axis=1)
+        falls = np.sum(size * (2.0 * (far + near) * r + r**2), axis=1) + np.sum(size * r, axis=1) ** 2
+        scale = np.sum(size * (far + near + platform.lengths + 1.0) ** 2, axis=1)
+        found = least > falls + _SLACK * (1.0 + np.abs(weights.sum(axis=1) - 1.0) * 2.0**40) * scale
+        empty[rows[found]] = True
+        rows, turned = rows[~found], (turned + (left @ right - turned) / (count + 1))[~found]
+        if not rows.size:
+            break
+    return empty
+
+
+def _weights(a: Array, b: Array, turned: Array, lengths: Array, ridge: float) -> Array:
+    """Weights λ (B, K), Σ λ = 1, about best for turns R (B, r, r), those of points that lie together alike.
+
+    With R they maximise Σ λ(|a|² + |b|² − 2aᵀRb − l²) − |ā|² − |b̄|² + 2āᵀRb̄ less a ridge, which keeps them small.
+    """
+    a, b = a - a.mean(axis=1, keepdims=True), b - b.mean(axis=0)
+    count, crossed = a.shape[1], a @ turned @ b.T
+    gram = a @ np.swapaxes(a, 1, 2) + b @ b.T - crossed - np.swapaxes(crossed, 1, 2)
+    system = np.zeros((len(a), count + 1, count + 1))
+    scale = np.trace(gram, axis1=1, axis2=2)[:, None, None] + 1e-9
+    system[:, :count, :count] = 2.0 * (gram + ridge * scale * np.eye(count))
+    system[:, :count, count] = system[:, count, :count] = 1.0
+    right = np.ones((len(a), count + 1))
+    right[:, :count] = np.diagonal(gram, axis1=1, axis2=2) - lengths**2
+    found = np.linalg.solve(system, right[..., None])[:, :count, 0]
+    return np.asarray(found / found.sum(axis=1, keepdims=True))

@@ -1,0 +1,165 @@
+"""Candidates: boxes of all coordinates, narrowed, halved and dropped, in a runner's chunks and within a budget."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
+from ccpin.domain.atlas.cells import WHOLE, CellTree, Region
+from ccpin.domain.atlas.run import Runner, Stopped
+from ccpin.domain.atlas.tasks import Arrays
+from ccpin.domain.boxes import Problem, closure_values
+from ccpin.domain.sheets.narrowing import Candidates, narrowed
+
+_RATIO, _CURVED = 2.0, 0.3
+_FLOOR = 1e-3
+_CHUNK = 1000
+_LEAST = 1e-9
+_EDGE = 1e-9
+
+
+class Ranges(NamedTuple):
+    """What is searched of the dependent coordinates: bounds of shape (m,); a full turn of those that are periodic."""
+
+    lower: Array
+    upper: Array
+
+
+def place(tree: CellTree, region: Region, cells: Indices) -> tuple[Array, Array]:
+    """Centres and half widths of cells in q-space, (K, n) each."""
+    size = tree.size[cells]
+    return region.position(tree.lower[cells] + 0.5 * size), 0.5 * region.width * (size / WHOLE)
+
+
+def whole_candidates(problem: Problem, ranges: Ranges, cells: Indices, q: Array, width: Array) -> Candidates:
+    """One candidate a cell, with the whole ranges."""
+    system = problem.system
+    centre, half = np.zeros((2, len(cells), system.n_free))
+    centre[:, system.dependent] = 0.5 * (ranges.lower + ranges.upper)
+    half[:, system.dependent] = 0.5 * (ranges.upper - ranges.lower) + 1e-12
+    centre[:, system.independent], half[:, system.independent] = q, width
+    return Candidates(cells, centre, half, np.zeros((len(cells), system.m, system.n)))
+
+
+def narrowed_both(problem: Problem, ranges: Ranges, waiting: Candidates, singular: bool = False) -> Candidates:
+    """Candidates narrowed with both choices of Ã, without those beyond the ranges.
+
+    Where singular ones are looked for, those that are nonsingular are dropped, unless they meet the end of a range that
+    is no full turn.
+    """
+    parts = [rows_of(waiting, slice(0))]
+    for first in range(0, len(waiting.cell), _CHUNK):
+        part = narrowed(problem, rows_of(waiting, slice(first, first + _CHUNK)))
+        if part.cell.size:
+            inner = ~_at_end(problem, ranges, part) if singular else None
+            parts.append(narrowed(problem, part, True, inner))
+    result = joined(parts)
+    low, high = _extent(problem, result)
+    return rows_of(result, ~np.any((low > ranges.upper + _EDGE) | (high < ranges.lower - _EDGE), axis=1))
+
+
+def _at_end(problem: Problem, ranges: Ranges, boxes: Candidates) -> Mask:
+    """Which boxes meet the end of a range that is no full turn."""
+    slides = ~problem.system.periodic[problem.system.dependent]
+    low, high = _extent(problem, boxes)
+    meets = (low <= ranges.lower + _EDGE) | (high >= ranges.upper - _EDGE)
+    return np.asarray(np.any(meets[:, slides], axis=1))
+
+
+def _extent(problem: Problem, boxes: Candidates) -> tuple[Array, Array]:
+    """Bounds of the dependent coordinates on boxes, of shape (K, m) each; of those on full turns none."""
+    system = problem.system
+    y, reach = boxes.centre[:, system.dependent], boxes.half[:, system.dependent]
+    reach = reach + apply(np.abs(boxes.slopes), boxes.half[:, system.independent])
+    reach = np.where(system.periodic[system.dependent], np.inf, reach)
+    return y - reach, y + reach
+
+
+def to_halve(problem: Problem, waiting: Candidates) -> tuple[Indices, Mask]:
+    """Along which coordinate each candidate would be halved, and whether that is due before its cell is halved.
+
+    A candidate about a fold is as wide as the root of its cell, and need not be narrower.
+    """
+    system = problem.system
+    column = np.abs(closure_values(problem, waiting.centre)[1]).max(axis=1)
+    scale = column.max(axis=1, initial=0.0)
+    moves = np.maximum(column, _FLOOR * scale[:, None]) * waiting.half
+    ours, cells = moves[:, system.dependent], moves[:, system.independent].max(axis=1, initial=0.0)
+    cut = system.dependent[np.argmax(ours, axis=1)]
+    enough = np.maximum(_RATIO * cells, _CURVED * np.sqrt(scale * cells))
+    width = np.take_along_axis(waiting.half, cut[:, None], axis=1)[:, 0]
+    return cut, np.asarray((ours.max(axis=1, initial=0.0) > enough) & (width > _LEAST))
+
+
+def halved(boxes: Candidates, cut: Indices) -> Candidates:
+    """Both halves of candidates, with some roundings to spare."""
+    rows, half = np.arange(len(cut)), boxes.half.copy()
+    half[rows, cut] *= 0.5
+    parts = []
+    for side in (-1.0, 1.0):
+        centre, grown = boxes.centre.copy(), half.copy()
+        centre[rows, cut] += side * half[rows, cut]
+        grown[rows, cut] += 4e-16 * (1.0 + np.abs(centre[rows, cut]))
+        parts.append(boxes._replace(centre=centre, half=grown))
+    return joined(parts)
+
+
+def handed_down(problem: Problem, tree: CellTree, region: Region, waiting: Candidates) -> Candidates:
+    """The candidates over the two halves of their cells, which are split."""
+    system, parts = problem.system, []
+    for side in (0, 1):
+        child = tree.child[waiting.cell] + side
+        centre, half = waiting.centre.copy(), waiting.half.copy()
+        middle, half[:, system.independent] = place(tree, region, child)
+        moved = apply(waiting.slopes, middle - centre[:, system.independent])
+        centre[:, system.independent] = middle
+        centre[:, system.dependent] += moved
+        half[:, system.dependent] += 1e-15 * (1.0 + np.abs(centre[:, system.dependent]) + np.abs(moved))
+        parts.append(Candidates(child, centre, half, waiting.slopes))
+    return joined(parts)
+
+
+def prune_task(problem: Problem, arrays: Arrays) -> Arrays:
+    """`narrowed_both`, `to_halve` between plain arrays: (*ranges, singular, *candidates) → (*candidates, cut, due)."""
+    ranges, singular, waiting = Ranges(*arrays[:2]), bool(arrays[2]), Candidates(*arrays[3:])  # type: ignore[arg-type]
+    waiting = narrowed_both(problem, ranges, waiting, singular)
+    return (*waiting, *to_halve(problem, waiting))
+
+
+class Pruning:
+    """A search by narrowing and halving, within a budget of candidates and as long as its runner is not stopped.
+
+    Attributes:
+        over: Whether the budget or the time is spent: candidates are then given back as they are.
+        complete: Whether no interrupt was in the way.
+    """
+
+    def __init__(self, runner: Runner, ranges: Ranges, budget: int, singular: bool = False) -> None:
+        self.runner, self.ranges, self.singular, self._budget = runner, ranges, singular, budget
+        self.over, self.complete = budget <= 0, True
+
+    def settled(self, waiting: Candidates, rounds: int) -> Candidates:
+        """Candidates narrowed and halved until only their cells' size is in the way, for so many rounds at most."""
+        stuck = [rows_of(waiting, slice(0))]
+        for _ in range(rounds):
+            self._budget -= len(waiting.cell)
+            self.over |= self._budget < 0
+            if not waiting.cell.size or self.over:
+                break
+            try:
+                waiting, cut, due = self._narrowed(waiting)
+            except Stopped:
+                self.over, self.complete = True, False
+                break
+            stuck.append(rows_of(waiting, ~due))
+            waiting = halved(rows_of(waiting, due), cut[due])
+        return joined([*stuck, waiting])
+
+    def _narrowed(self, waiting: Candidates) -> tuple[Candidates, Indices, Mask]:
+        chosen: Arrays = (self.ranges.lower, self.ranges.upper, np.array(self.singular))
+        parts = [slice(k, k + _CHUNK) for k in range(0, len(waiting.cell), _CHUNK)]
+        found = self.runner.map(prune_task, [(*chosen, *rows_of(waiting, part)) for part in parts])
+        *columns, cut, due = (np.concatenate(column) for column in zip(*found, strict=True))
+        return Candidates(*columns), cut, due  # type: ignore[arg-type]

@@ -1,0 +1,160 @@
+"""Cells called empty or singular: what is true is proved, what was planted is found."""
+
+import json
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin import domain
+from ccpin.domain import CellStatus, certify, certify_sheets
+from ccpin.errors import InvalidInputError
+from tests.oracles import rpdr as oracle
+from tests.support.legs import WHOLE, load_slice
+
+pytest.importorskip("flint")
+
+from ccpin.auditing import closures, document, emptiness, gluing, singular, verify
+from ccpin.auditing.audit import _faces as audit_faces
+
+TORUS = np.full(2, -np.pi), np.full(2, np.pi)
+
+
+@pytest.fixture(scope="module")
+def torus(tmp_path_factory):
+    """An atlas of the RPDR's branch, and its file."""
+    atlas = certify(ccpin.load("rpdr"), np.radians((-108.0, -72.0)), TORUS, max_depth=5)
+    path = tmp_path_factory.mktemp("cells") / "atlas.json"
+    atlas.save(path)
+    return atlas, path
+
+
+def claim(audit, word):
+    """The claim whose words hold one."""
+    return next(c for c in audit.claims if word in c.what)
+
+
+def changed(path, tmp_path, change):
+    """The document with arrays changed."""
+    whole = json.loads(path.read_text())
+    arrays = {n: np.array(a["data"], dtype=a["dtype"]).reshape(a["shape"]) for n, a in whole["arrays"].items()}
+    change(arrays)
+    whole["arrays"] = {
+        n: {"dtype": str(a.dtype), "shape": a.shape, "data": a.ravel().tolist()} for n, a in arrays.items()
+    }
+    (tmp_path / "changed.json").write_text(json.dumps(whole))
+    return tmp_path / "changed.json"
+
+
+def test_empty_and_singular_cells_are_proved(torus):
+    """As many as there are of both, a sample of each."""
+    atlas, path = torus
+    audit = verify(path, sample=60)
+    assert audit.holds, str(audit)
+    for word, status in (("without a closed", CellStatus.EMPTY), ("with a singular", CellStatus.SINGULAR)):
+        assert claim(audit, word).of == len(atlas.tree.leaves(status)) >= 60
+        assert claim(audit, word).checked == 60
+
+
+def test_cells_that_are_not_empty_are_found(torus, tmp_path, monkeypatch):
+    """Certified and singular cells called empty, and cells half empty: none is proved."""
+    monkeypatch.setattr(emptiness, "_BUDGET", 500)
+    atlas, path = torus
+    leaves = atlas.tree.leaves()
+    low = atlas.region.position(atlas.tree.lower[leaves])
+    high = atlas.region.position(atlas.tree.lower[leaves] + atlas.tree.size[leaves])
+    corners = [np.array([x, y]) for x in (0, 1) for y in (0, 1)]
+    reach = np.array(
+        [np.hypot(*oracle.elbow_offset((low + c * (high - low)).T)) / (oracle.A3 + oracle.A4) for c in corners]
+    )
+    planted = leaves[np.any(reach < 0.999, axis=0) & (atlas.tree.status[leaves] != CellStatus.EMPTY)]
+    assert len(planted) > 500
+    planted = np.random.default_rng(0).choice(planted, 40, replace=False)
+
+    def plant(arrays):
+        arrays["tree_status"][planted] = CellStatus.EMPTY
+        kept = ~np.isin(arrays["singular_cell"], planted)
+        arrays["singular_cell"], arrays["singular_theta"] = (
+            arrays["singular_cell"][kept],
+            arrays["singular_theta"][kept],
+        )
+
+    read = document.read(changed(path, tmp_path, plant))
+    look = emptiness.Emptiness(closures.Closures(read), read)
+    rows = np.flatnonzero(np.isin(read.empty.number, planted))
+    assert len(rows) == 40
+    assert not any(look.proved(int(k)) for k in rows[:12])
+
+
+def test_configurations_that_are_not_singular_are_found(torus, tmp_path):
+    """Witnesses over other cells, regular ones, and cells called singular without any."""
+    atlas, path = torus
+    certified = atlas.tree.leaves(CellStatus.CERTIFIED)[:5]
+    regular = atlas.boxes.centre[atlas.tree.box[certified]]
+
+    def plant(arrays):
+        arrays["singular_theta"] = np.roll(arrays["singular_theta"], 7, axis=0)
+        arrays["singular_cell"] = np.concatenate([arrays["singular_cell"], certified])
+        arrays["singular_theta"] = np.concatenate([arrays["singular_theta"], regular])
+
+    read = document.read(changed(path, tmp_path, plant))
+    own = closures.Closures(read)
+    count = len(read.singular.number)
+    for k in [*range(0, count - 5, 40), *range(count - 5, count)]:
+        assert not singular.singular(own, read, k)
+
+    def bare(arrays):
+        arrays["tree_status"][certified] = CellStatus.SINGULAR
+
+    with pytest.raises(InvalidInputError, match="without a singular configuration"):
+        document.read(changed(path, tmp_path, bare))
+
+
+def test_cells_emptied_by_search_are_proved(tmp_path):
+    """Of the 3-RPR's slice, where the triangle inequality says nothing; the search takes some seconds a cell."""
+    mechanism = load_slice()
+    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    atlas = certify(mechanism, q0, WHOLE, max_depth=5, exhaustive=True)
+    atlas.save(tmp_path / "legs.npz")
+    read = document.read(tmp_path / "legs.npz")
+    look = emptiness.Emptiness(closures.Closures(read), read)
+    assert look.searched
+    largest = np.argsort(-np.prod(read.empty.upper - read.empty.lower, axis=1))[:4]
+    assert all(look.proved(int(k)) for k in largest)
+
+
+def test_sheets_are_audited(tmp_path):
+    """Boxes, the faces said to be glued, empty and singular cells; wrong faces are found; counts are not looked at."""
+    sheets = certify_sheets(ccpin.load("rpdr"), TORUS, max_depth=5)
+    path = tmp_path / "sheets.json"
+    sheets.save(path)
+    audit = verify(path, sample=12)
+    assert audit.holds, str(audit)
+    assert len(audit.claims) == 4
+    assert "how many configurations" in audit.not_checked
+    second = sheets.members.box[sheets.members.cell == sheets.members.cell[0]]
+    assert len(second) == 2
+
+    def crossed(arrays):
+        other = {int(second[0]): second[1], int(second[1]): second[0]}
+        rows = np.isin(arrays["glued_first"], second)
+        arrays["glued_first"][rows] = [other[int(k)] for k in arrays["glued_first"][rows]]
+
+    read = document.read(changed(path, tmp_path, crossed))
+    own, faces = closures.Closures(read), audit_faces(read)
+    wrong = [c for c in faces if c.first in second]
+    assert wrong
+    assert not any(gluing.same_solution(own, read, c) for c in wrong)
+
+
+def test_what_slides_is_not_looked_at(tmp_path):
+    """A 3-RRR's platform slides: cells that a search emptied count as not looked at, neither proved nor failed."""
+    mechanism = ccpin.load("planar_3rrr")
+    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    atlas = certify(mechanism, q0, max_depth=2, exhaustive=True, resolution=0.1)
+    assert atlas.empty_fraction > 0.0
+    atlas.save(tmp_path / "atlas.npz")
+    audit = verify(tmp_path / "atlas.npz", sample=3)
+    assert (claim(audit, "without a closed").checked, claim(audit, "without a closed").failed) == (0, ())
+    assert audit.holds
+    assert not audit.whole
