@@ -301,11 +301,13 @@ def _simulation(b):
 
 
 def _validated(b):
-    run = {"model": b.model, "law": b.law, "q0": b.q, "v0": b.rest, "duration": 1e-3, "guess": None, "spread": 0.0}
+    run = {"model": b.model, "law": b.law, "q0": b.q, "v0": b.rest, "duration": 1e-3, "guess": None}
     run |= {"precision": 64, "order": 4, "tolerance": 1e-6, "pieces": 2}
+    spread = {"spread": 1e-6, "parts": 1, "cells": 1}
     return {
         "enclose": (validated.enclose, run | {"shortest_step": 1e-6, "longest_step": 1.0}),
-        "certify_move": (validated.certify_move, run | {"arrival": 1.0}),
+        "enclose_set": (validated.enclose_set, run | spread | {"longest_slice": 1.0, "period": None}),
+        "certify_move": (validated.certify_move, run | spread | {"arrival": 1.0, "spread": 0.0}),
     }
 
 

@@ -7,5 +7,17 @@ from __future__ import annotations
 
 from ccpin.validated.certificate import MoveCertificate, certify_move
 from ccpin.validated.enclose import Enclosure, StateBox, enclose
+from ccpin.validated.sets import SetEnclosure, enclose_set
+from ccpin.validated.tubes import Starts, Tube
 
-__all__ = ["Enclosure", "MoveCertificate", "StateBox", "certify_move", "enclose"]
+__all__ = [
+    "Enclosure",
+    "MoveCertificate",
+    "SetEnclosure",
+    "Starts",
+    "StateBox",
+    "Tube",
+    "certify_move",
+    "enclose",
+    "enclose_set",
+]

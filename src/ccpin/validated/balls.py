@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from functools import reduce
 from typing import Any
@@ -27,6 +28,9 @@ def flint() -> Any:
     Raises:
         CcpinError: It is not installed.
     """
+    known = sys.modules.get("flint")  # asked for at every operation
+    if known is not None:
+        return known
     try:
         return importlib.import_module("flint")
     except ImportError as error:

@@ -20,14 +20,19 @@ Proof. By 1 and 2 the state at T has 𝒱 < c. By 3 the line from q(T), lifted c
 without meeting a singularity and ends within the radius of Q of q_d; by 4 it ends on the branch of σ(q_d) and is joined
 to q_d inside {U < c}. So q(T) ∈ 𝒬 and q′(T) = σ(q(T)) on that branch: the state at T is in B₂. ∎
 
-With `spread` the statement is about every start within it. A level that was only sampled makes the conclusion only as
-good as the level; the result says so.
+With `spread` the statement is about every start within it. Let the motion from the middle of the starts satisfy 1., 3.
+and 4., and let at T every motion be in the cross-section S = {ξ̄ + Az, |z| ≤ u} of a tube (`ccpin.validated.tube`),
+with 𝒱 < c on S. Then they all converge to (q_d, 0). For a state of S the segment to ξ̄ lies in S, σ is one analytic
+function on its q's, and U ≤ 𝒱 < c along it: its q is joined to ξ̄'s in {U < c} on one branch, and so to q_d. ∎ Where one
+tube does not do, the starts are cut into parts with a tube each (`ccpin.validated.tubes`).
+
+A level that was only sampled makes the conclusion only as good as the level; the result says so.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -39,24 +44,14 @@ from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.validated.arrival import Goal, SetArrival, goal_of, lyapunov, unconnected
 from ccpin.validated.balls import Ball, ball, flint, lower, upper
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
-from ccpin.validated.enclose import (
-    SHORTEST_STEP,
-    Enclosure,
-    at_rest,
-    checked_options,
-    closed_start,
-    collect,
-    determinant_bound,
-    exact_start,
-    regular,
-    unique_there,
-)
-from ccpin.validated.series import values
-from ccpin.validated.step import Field, Options, Step, march, start_box
+from ccpin.validated.enclose import SHORTEST_STEP, Enclosure, checked_options, collect, exact_start, regular
+from ccpin.validated.sets import checked_cut, job_of, starts_of, told
+from ccpin.validated.step import Options, Step, march, start_box
+from ccpin.validated.tubes import Job, Starts, Tube, cover
 
-_MARGIN = 1e-9  # relative; the level's own 𝒱 uses a V(q_d) and g(q_d) rounded to doubles
 _RETRY = 0.9
 _NEVER = (
     "at t = {:.6g} s 𝒱 < {:.6g} J, below its value 0 at the set point, and 𝒱 never rises: the motion does not arrive"
@@ -86,12 +81,13 @@ class MoveCertificate:
             neither.
         reason: The verdict in a sentence, with what was spent and what more would do.
         witness: The state at T that refutes (its velocity is the enclosure's).
-        time: T in seconds (the end of the enclosure where undecided).
-        lyapunov_start: A lower bound of 𝒱 at the start, in joules.
-        lyapunov: An upper bound of 𝒱 at T, in joules.
+        time: T in seconds, the last part's of a set (the end of the enclosure where undecided).
+        lyapunov_start: A lower bound of 𝒱 at the start, in joules; of a set, in its middle.
+        lyapunov: An upper bound of 𝒱 at T, in joules, on all of a set.
         level: c in joules.
         rigorous: Whether c came with a certificate that calls it proven; with a plain number that is the caller's part.
-        enclosure: The motion up to T.
+        enclosure: The motion up to T; of a set, that from the middle of its first part.
+        tubes: All motions of a set up to T, a tube a part; none without a spread.
     """
 
     verdict: Verdict
@@ -103,14 +99,7 @@ class MoveCertificate:
     level: float
     rigorous: bool
     enclosure: Enclosure
-
-
-class _Goal(NamedTuple):
-    """The law's set point in balls: the level less a margin, V(q_d), q_d, and the computed σ(q_d)."""
-
-    level: float
-    potential: Ball
-    law: PDSimpleGravity
+    tubes: tuple[Tube, ...] = ()
 
 
 def certify_move(
@@ -122,7 +111,9 @@ def certify_move(
     arrival: Certificate | float,
     duration: float = 1.0,
     guess: ArrayLike | None = None,
-    spread: float = 0.0,
+    spread: ArrayLike | tuple[ArrayLike, ArrayLike] = 0.0,
+    parts: int = 16,
+    cells: int = 8,
     precision: int = 128,
     order: int = 30,
     tolerance: float = 1e-18,
@@ -138,8 +129,10 @@ def certify_move(
         arrival: The level c: a set-point certificate of this law, or a number of joules known to be a certified level.
         duration: How long to wait for the motion to arrive, in seconds.
         guess: Chooses the branch of the start.
-        spread: As for `ccpin.validated.enclose`.
-        precision: As there.
+        spread: How far starts may be from q0 and v0, as for `ccpin.validated.enclose_set`.
+        parts: As there.
+        cells: As there.
+        precision: As for `ccpin.validated.enclose`.
         order: As there.
         tolerance: As there.
         pieces: As there.
@@ -154,26 +147,56 @@ def certify_move(
     model, (level, rigorous) = model_of(model), _level(arrival, law)
     sampled = not rigorous and not isinstance(arrival, int | float)
     options = checked_options(duration, precision, Options(order, tolerance, pieces, SHORTEST_STEP, np.inf))
+    starts, cut = starts_of(model, q0, v0, spread), checked_cut(parts, cells, np.inf)
     with flint().ctx.workprec(precision):
         loop = closed_loop(model, law)
-        start = exact_start(model, loop, q0, v0, guess, spread)
-        goal = _goal(loop, law, level)
-        run = _run(loop, start, goal, duration, options)
-        if run.verdict == "proven" and sampled:
-            run = run._replace(verdict="undecided", reason=f"{run.reason}, but that level was only sampled: certify it")
-        enclosure = collect(loop, start, run.steps, run.stopped, precision)
-        end = start_box(run.steps[-1].end) if run.steps else start
-        return MoveCertificate(
-            run.verdict,
-            run.reason,
-            _witness(loop, end) if run.verdict == "refuted" else None,
-            float(enclosure.times[-1]),
-            lower(_lyapunov(loop, goal, start)),
-            upper(_lyapunov(loop, goal, end)),
-            level,
-            rigorous,
-            enclosure,
-        )
+        goal = goal_of(loop, law, level)
+        if starts.spread.any():
+            inside = SetArrival(loop, goal, options, cells)
+            move = _of_a_set(job_of(model, loop, guess, duration, options, precision, cut, inside), starts, parts)
+        else:
+            start = exact_start(model, loop, q0, v0, guess)
+            move = _of_one(loop, start, goal, duration, options, precision)
+    if move.verdict == "proven" and sampled:
+        move = replace(move, verdict="undecided", reason=f"{move.reason}, but that level was only sampled: certify it")
+    return replace(move, level=level, rigorous=rigorous)
+
+
+def _of_one(
+    loop: ClosedLoop, start: list[Ball], goal: Goal, duration: float, options: Options, precision: int
+) -> MoveCertificate:
+    """What is proven of one start (its level is the caller's)."""
+    run = _run(loop, start, goal, duration, options)
+    enclosure = collect(loop, start, run.steps, run.stopped, precision)
+    end = start_box(run.steps[-1].end) if run.steps else start
+    return MoveCertificate(
+        run.verdict,
+        run.reason,
+        _witness(loop, end) if run.verdict == "refuted" else None,
+        float(enclosure.times[-1]),
+        lower(lyapunov(loop, goal, start)),
+        upper(lyapunov(loop, goal, end)),
+        goal.level,
+        False,
+        enclosure,
+    )
+
+
+def _of_a_set(job: Job, starts: Starts, parts: int) -> MoveCertificate:
+    """What is proven of a set of starts (its level is the caller's)."""
+    arrival = job.arrived
+    assert isinstance(arrival, SetArrival)
+    tubes, missing = cover(job, starts, parts)
+    middle = tubes[0].enclosure
+    verdict, reason = told(tubes, missing, parts)
+    time = max(tube.duration for tube in tubes)
+    if verdict == "proven":
+        reason = f"in {len(tubes)} tubes all motions are in B₂ from t = {time:.6g} s on: 𝒱 < {arrival.largest:.6g} J"
+    at_start = lower(lyapunov(job.loop, arrival.goal, middle.start))
+    highest = arrival.largest if verdict == "proven" else np.inf
+    return MoveCertificate(
+        verdict, reason, None, time, at_start, highest, arrival.goal.level, False, middle, tuple(tubes)
+    )
 
 
 class _Outcome(NamedTuple):
@@ -183,11 +206,11 @@ class _Outcome(NamedTuple):
     stopped: str
 
 
-def _run(loop: ClosedLoop, start: Sequence[Ball], goal: _Goal, duration: float, options: Options) -> _Outcome:
+def _run(loop: ClosedLoop, start: Sequence[Ball], goal: Goal, duration: float, options: Options) -> _Outcome:
     """Step until 1.–4. hold, or until 𝒱 < 0."""
     steps: list[Step] = []
     time, ask_below, missing = 0.0, goal.level, "𝒱 is not below the level"
-    if (value := upper(_lyapunov(loop, goal, start))) < 0.0:
+    if (value := upper(lyapunov(loop, goal, start))) < 0.0:
         return _Outcome("refuted", _NEVER.format(time, value), steps, "")
     for step in march(regular(loop), start, duration, options):
         if not isinstance(step, Step):
@@ -196,11 +219,11 @@ def _run(loop: ClosedLoop, start: Sequence[Ball], goal: _Goal, duration: float, 
         steps.append(step)
         time += step.length
         end = start_box(step.end)
-        value = upper(_lyapunov(loop, goal, end))
+        value = upper(lyapunov(loop, goal, end))
         if value < 0.0:
             return _Outcome("refuted", _NEVER.format(time, value), steps, "")
         if value < ask_below:
-            missing = _unconnected(loop, end, goal, options)
+            missing = unconnected(loop, end, goal, options)
             if not missing:
                 return _Outcome("proven", f"from t = {time:.6g} s on the motion is in B₂: 𝒱 < {value:.6g} J", steps, "")
             ask_below = _RETRY * value
@@ -213,44 +236,6 @@ def _witness(loop: ClosedLoop, end: Sequence[Ball]) -> Witness:
     q_free = np.array([float(x.mid()) for x in end[: loop.n_free]])
     error = max(upper(abs(x - ball(c))) for x, c in zip(end, q_free.tolist(), strict=False))
     return Witness("state", q_free[list(loop.independent)], q_free, error)
-
-
-def _unconnected(loop: ClosedLoop, end: Sequence[Ball], goal: _Goal, options: Options) -> str:
-    """3. and 4. for a box of states: what could not be proven, or nothing."""
-    q_free = list(end[: loop.n_free])
-    q_d = [ball(float(x)) for x in goal.law.q_d]
-    line = [(there - q_free[k].mid()).mid() for there, k in zip(q_d, loop.independent, strict=True)]
-
-    def room(box: list[Ball]) -> float:
-        """Positive where ψ_q′ is nonsingular and U below the level."""
-        regularity = determinant_bound(loop, box)
-        room_left = goal.level - upper(_lyapunov(loop, goal, at_rest(loop, box)))
-        return min(regularity, room_left) if regularity > 0 and room_left > 0 else 0.0
-
-    here = [*q_free, *line]
-    for step in march(Field(loop.drift, room), here, 1.0, options._replace(shortest=2.0**-12)):
-        if not isinstance(step, Step):
-            return "the line from the state reached to the set point is not proven to stay below the level"
-        here = start_box(step.end)
-    joint = [a.union(here[k]) for a, k in zip(q_d, loop.independent, strict=True)]
-    if not unique_there(loop, joint, here, goal.law.q_free_d):
-        return "the state reached is not proven to be on the set point's branch of σ"
-    around_goal = closed_start(loop, joint, goal.law.q_free_d)
-    if upper(_lyapunov(loop, goal, at_rest(loop, around_goal))) < goal.level:
-        return ""
-    return "𝒱 is not proven to be below the level next to the set point"
-
-
-def _lyapunov(loop: ClosedLoop, goal: _Goal, box: Sequence[Ball]) -> Ball:
-    """𝒱 on a box of states."""
-    if loop.lyapunov is None:
-        raise InvalidInputError("the law has no Lyapunov function")
-    return values(loop.lyapunov, box)[0] - goal.potential
-
-
-def _goal(loop: ClosedLoop, law: PDSimpleGravity, level: float) -> _Goal:
-    q_free = closed_start(loop, [ball(float(x)) for x in law.q_d], law.q_free_d)
-    return _Goal(level * (1 - _MARGIN), values(loop.energies, at_rest(loop, q_free))[1], law)
 
 
 def _level(arrival: Certificate | float, law: PDSimpleGravity) -> tuple[float, bool]:

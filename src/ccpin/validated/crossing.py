@@ -40,7 +40,7 @@ class Crossing(NamedTuple):
 
 def signed_determinant(loop: ClosedLoop, box: Sequence[Ball]) -> Ball:
     """Det ∂φ/∂y on a box of states or configurations."""
-    at_rest = [*box[: loop.n_free], *[ball(0)] * loop.n]
+    at_rest = [*box[: loop.n_free], *[ball(0)] * (loop.field.inputs - loop.n_free)]
     size = len(loop.dependent)
     return determinant(flint().arb_mat(size, size, values(loop.jacobian, at_rest))) if size else ball(1)
 

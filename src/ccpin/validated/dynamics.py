@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import cross
+from ccpin.arrays import Array, cross
 from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
@@ -40,6 +40,9 @@ class ClosedLoop(NamedTuple):
         drift: (ρ(q′) q̇, 0): the mechanism moved with q̇ constant.
         energies: Kinetic energy and potential energy, in joules.
         lyapunov: 𝒱 + V(q_d) of Theorem 3 for PD with simple gravity compensation, else ``None``.
+        efforts: u(q′, q̇) of a law that is sampled and held, else ``None``. The state is then (q′, q̇, u) with u′ = 0,
+            and `field` and `drift` have as many outputs.
+        feedback: ∂u/∂(q, q̇) of that law, constant, of shape (n, 2n).
     """
 
     n_free: int
@@ -52,10 +55,12 @@ class ClosedLoop(NamedTuple):
     drift: Program
     energies: Program
     lyapunov: Program | None
+    efforts: Program | None = None
+    feedback: Array | None = None
 
 
-def closed_loop(model: ReducedModel, law: ControlLaw | None) -> ClosedLoop:
-    """Record a mechanism and its law at the current precision.
+def closed_loop(model: ReducedModel, law: ControlLaw | None, held: bool = False) -> ClosedLoop:
+    """Record a mechanism and its law at the current precision; `held`: with efforts held from sample to sample.
 
     Raises:
         InvalidInputError: `model` is no reduced model.
@@ -75,26 +80,49 @@ def closed_loop(model: ReducedModel, law: ControlLaw | None) -> ClosedLoop:
         )
     independent = [part.q_free.start for part in coordinates.parts]
     dependent = [k for k in range(n_free) if k not in independent]
-    tape = Tape(n_free + n)
-    q_free, v = np.split(np.array(tape.inputs, dtype=object), [n_free])
+    feedback = _feedback(law) if held else None
+    tape = Tape(n_free + n * (1 if feedback is None else 2))
+    q_free, v, u = np.split(np.array(tape.inputs, dtype=object), [n_free, n_free + n])
     phi = closure_rows(tape, constraints, joints, q_free)
     closed = _closed(tape, phi, v, independent, dependent)
     frames = poses(tape, joints, q_free)
     terms = _dynamics(mechanism.tree, joints, frames, closed, (q_free, v), exact(model.gravity_vector))
     force, lyapunov = _law(law, q_free[independent], v, terms)
-    acceleration = tape.solve(terms.mass, (force - terms.bias)[:, None])[:, 0]
+    acting = u if held else force
+    acceleration = tape.solve(terms.mass, (acting - terms.bias)[:, None])[:, 0]
+    still = [0] * len(u)
     return ClosedLoop(
         n_free,
         n,
         tuple(independent),
         tuple(dependent),
-        field=tape.program([*closed.v_free, *acceleration]),
+        field=tape.program([*closed.v_free, *acceleration, *still]),
         closure=tape.program(phi),
         jacobian=tape.program(closed.jacobian.ravel()),
-        drift=tape.program([*closed.v_free, *[0] * n]),
+        drift=tape.program([*closed.v_free, *[0] * n, *still]),
         energies=tape.program([terms.kinetic, terms.potential]),
         lyapunov=None if lyapunov is None else tape.program([lyapunov]),
+        efforts=tape.program(list(force)) if held else None,
+        feedback=feedback,
     )
+
+
+def _feedback(law: ControlLaw | None) -> Array:
+    """∂u/∂(q, q̇) of a law that can be sampled and held.
+
+    Raises:
+        UnsupportedMechanismError: Another law than (28), or motors that do not sit on the independent joints.
+    """
+    if not isinstance(law, PDSimpleGravity):
+        raise UnsupportedMechanismError(
+            f"a sampled loop is enclosed under PDSimpleGravity only, not under {type(law).__name__}"
+        )
+    if law.near.reference.transmission is not None:
+        raise UnsupportedMechanismError(
+            "a sampled loop is enclosed where the motors sit on the independent joints: efforts held elsewhere are not "
+            "constant generalized forces"
+        )
+    return np.hstack([-law.K_p, -law.K_v])
 
 
 class _Closed(NamedTuple):

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, frozen, number, numbers, positive, step_or_infinite, vector, whole
+from ccpin.arrays import Array, frozen, numbers, positive, step_or_infinite, vector, whole
 from ccpin.control.laws import ControlLaw, NoTorque
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
@@ -58,7 +58,7 @@ class Enclosure:
     Attributes:
         times: Ends of the steps, exact, of shape (K + 1,), in seconds.
         q_free, q_free_radius: A box around q′ at those times, of shape (K + 1, n′), rad or m.
-        v, v_radius: A box around q̇ at those times, of shape (K + 1, n).
+        v, v_radius: A box around q̇ at those times, of shape (K + 1, n); of a sampled loop around q̇ and the efforts.
         q_free_lower, q_free_upper: A box around q′ during each step, of shape (K, n′).
         v_lower, v_upper: A box around q̇ during each step, of shape (K, n).
         determinant: A lower bound of |det ψ_q′| on each step's box, positive, of shape (K,).
@@ -138,7 +138,6 @@ def enclose(
     duration: float,
     *,
     guess: ArrayLike | None = None,
-    spread: float = 0.0,
     precision: int = 128,
     order: int = 30,
     tolerance: float = 1e-18,
@@ -155,11 +154,10 @@ def enclose(
         v0: Velocity at the start, of shape (n,), exact; default at rest.
         duration: Time in seconds (rounded up to a multiple of 2⁻⁴⁰ s).
         guess: Chooses the branch of σ(q0); default the mechanism's reference.
-        spread: Enclose the trajectories of all starts that differ by at most this from q0 and v0 in each component.
         precision: Working precision in bits.
         order: Order N of the Taylor steps.
         tolerance: Remainder allowed to one step, in rad, m and per second; keep it well above 2^−precision.
-        pieces: Boxes per step. More are slower and let errors and a spread grow less.
+        pieces: Boxes per step. More are slower and let errors grow less.
         shortest_step: Where no step of this length (s) can be proven the enclosure stops.
         longest_step: Longest step in seconds.
 
@@ -173,7 +171,7 @@ def enclose(
     options = checked_options(duration, precision, Options(order, tolerance, pieces, shortest_step, longest_step))
     with flint().ctx.workprec(precision):
         loop = closed_loop(model, law)
-        start = exact_start(model, loop, q0, v0, guess, spread)
+        start = exact_start(model, loop, q0, v0, guess)
         steps, reason = [], ""
         for step in march(regular(loop), start, duration, options):
             if not isinstance(step, Step):
@@ -209,21 +207,13 @@ def checked_options(duration: float, precision: int, options: Options) -> Option
 
 
 def exact_start(
-    model: ReducedModel,
-    loop: ClosedLoop,
-    q0: ArrayLike,
-    v0: ArrayLike | None,
-    guess: ArrayLike | None,
-    spread: float = 0.0,
+    model: ReducedModel, loop: ClosedLoop, q0: ArrayLike, v0: ArrayLike | None, guess: ArrayLike | None
 ) -> list[Ball]:
-    """The exact closed start (q′, q̇) as balls, or all closed starts within a spread."""
-    if number(spread, "spread") < 0:
-        raise InvalidInputError(f"spread = {spread} must be zero or a positive number")
+    """The exact closed start (q′, q̇) as balls."""
     start = model.at(q0, guess)
     v = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
-    wide = ball(spread)
-    q_free = closed_start(loop, [around(ball(float(x)), wide) for x in start.q], start.q_free)
-    return [*q_free, *[around(ball(float(x)), wide) for x in v]]
+    q_free = closed_start(loop, [ball(float(x)) for x in start.q], start.q_free)
+    return [*q_free, *[ball(float(x)) for x in v]]
 
 
 def regular(loop: ClosedLoop) -> Field:
@@ -248,7 +238,7 @@ def collect(
     nodes = [_bounds(start_box(s), loop.n_free) for s in (start_of(start), *(step.end for step in steps))]
     columns: StateBox = StateBox(*(frozen(column) for column in zip(*nodes, strict=True)))
     during = [bounds(hull(step.boxes)) for step in steps]
-    size = loop.n_free + loop.n
+    size = loop.field.inputs
     below, above = np.moveaxis(np.reshape(during, (len(steps), 2, size)), 1, 0)
     times = np.concatenate([[0.0], np.cumsum([step.length for step in steps])])
     told = f"closed and nonsingular for {times[-1]:.9g} s, in {len(steps)} steps"
@@ -385,4 +375,4 @@ def _assemble(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> list[Ba
 
 def at_rest(loop: ClosedLoop, box: Sequence[Ball]) -> list[Ball]:
     """The configurations of a box of states, or a box of configurations, at rest: inputs of the programs."""
-    return [*box[: loop.n_free], *[ball(0)] * loop.n]
+    return [*box[: loop.n_free], *[ball(0)] * (loop.field.inputs - loop.n_free)]

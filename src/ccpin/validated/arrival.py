@@ -1,0 +1,118 @@
+"""Whether states are in B₂: below the level, on the set point's branch, and joined to it below the level."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.control.laws import PDSimpleGravity
+from ccpin.errors import InvalidInputError
+from ccpin.validated.balls import Ball, ball, flint, upper
+from ccpin.validated.branch import jets_of, states_of
+from ccpin.validated.curvature import UnboundedError, boxes
+from ccpin.validated.dynamics import ClosedLoop
+from ccpin.validated.enclose import at_rest, closed_start, determinant_bound, unique_there
+from ccpin.validated.series import NotInvertibleError, values
+from ccpin.validated.step import Field, Options, Step, march, start_box
+from ccpin.validated.tube import Slice
+from ccpin.validated.tubes import TOO_EARLY
+from ccpin.validated.wide import exactly, hull, raised
+
+_RETRY = 0.9
+_MARGIN = 1e-9  # relative; the level's own 𝒱 uses a V(q_d) and g(q_d) rounded to doubles
+
+
+class Goal(NamedTuple):
+    """The law's set point in balls: the level less a margin, V(q_d), q_d, and the computed σ(q_d)."""
+
+    level: float
+    potential: Ball
+    law: PDSimpleGravity
+
+
+def unconnected(loop: ClosedLoop, end: Sequence[Ball], goal: Goal, options: Options) -> str:
+    """3. and 4. for a box of states: what could not be proven, or nothing."""
+    q_free = list(end[: loop.n_free])
+    q_d = [ball(float(x)) for x in goal.law.q_d]
+    line = [(there - q_free[k].mid()).mid() for there, k in zip(q_d, loop.independent, strict=True)]
+
+    def room(box: list[Ball]) -> float:
+        """Positive where ψ_q′ is nonsingular and U below the level."""
+        regularity = determinant_bound(loop, box)
+        room_left = goal.level - upper(lyapunov(loop, goal, at_rest(loop, box)))
+        return min(regularity, room_left) if regularity > 0 and room_left > 0 else 0.0
+
+    here = [*q_free, *line]
+    for step in march(Field(loop.drift, room), here, 1.0, options._replace(shortest=2.0**-12)):
+        if not isinstance(step, Step):
+            return "the line from the state reached to the set point is not proven to stay below the level"
+        here = start_box(step.end)
+    joint = [a.union(here[k]) for a, k in zip(q_d, loop.independent, strict=True)]
+    if not unique_there(loop, joint, here, goal.law.q_free_d):
+        return "the state reached is not proven to be on the set point's branch of σ"
+    around_goal = closed_start(loop, joint, goal.law.q_free_d)
+    if upper(lyapunov(loop, goal, at_rest(loop, around_goal))) < goal.level:
+        return ""
+    return "𝒱 is not proven to be below the level next to the set point"
+
+
+def lyapunov(loop: ClosedLoop, goal: Goal, box: Sequence[Ball]) -> Ball:
+    """𝒱 on a box of states."""
+    if loop.lyapunov is None:
+        raise InvalidInputError("the law has no Lyapunov function")
+    return values(loop.lyapunov, box)[0] - goal.potential
+
+
+def goal_of(loop: ClosedLoop, law: PDSimpleGravity, level: float) -> Goal:
+    """The set point of a law with a level in joules, in balls."""
+    q_free = closed_start(loop, [ball(float(x)) for x in law.q_d], law.q_free_d)
+    return Goal(level * (1 - _MARGIN), values(loop.energies, at_rest(loop, q_free))[1], law)
+
+
+class SetArrival:
+    """Whether a tube's cross-section is in B₂: what is missing, asked slice by slice.
+
+    Attributes:
+        goal: The set point and its level.
+        largest: An upper bound of 𝒱 on all cross-sections that have arrived, J.
+    """
+
+    def __init__(self, loop: ClosedLoop, goal: Goal, options: Options, cells: int) -> None:
+        self._loop, self.goal, self._options, self._cells = loop, goal, options, cells
+        self._ask_below, self.largest = goal.level, -np.inf
+
+    def __call__(self, piece: Slice) -> str:
+        """What is missing at the middle of a slice; nothing where all its states are in B₂."""
+        middle = piece.instant.middle
+        centre = [flint().arb(x, r) for x, r in zip(middle.mid[0].tolist(), middle.rad[0].tolist(), strict=True)]
+        if not upper(lyapunov(self._loop, self.goal, centre)) < self._ask_below:
+            return TOO_EARLY
+        highest = self._highest(piece)
+        if not highest < self.goal.level:
+            return "𝒱 is not below the level on the whole tube"
+        missing = unconnected(self._loop, centre, self.goal, self._options)
+        if missing:
+            self._ask_below *= _RETRY
+            return missing
+        self._ask_below, self.largest = self.goal.level, max(self.largest, highest)
+        return ""
+
+    def _highest(self, piece: Slice) -> float:
+        """An upper bound of 𝒱 on a cross-section: 𝒱(ξ̄) + |∇𝒱 A||z| + ½ |A ᵀ𝒱″A||z||z|, 𝒱″ over a box about it."""
+        loop, program = self._loop, self._loop.lyapunov
+        assert program is not None, "laws with a set point have a Lyapunov function"
+        try:
+            around = boxes(loop, piece.instant, piece.reach[None], self._cells)
+            over = jets_of(around.states, loop, program)
+            v = piece.instant.middle.at(np.s_[:, loop.n_free :])
+            thin = jets_of(states_of(loop, around.centre, v), loop, program)
+        except (UnboundedError, NotInvertibleError):
+            return np.inf
+        frame, bound = exactly(piece.frame), piece.bound
+        first = (thin.slope @ frame).size[0, 0] @ bound
+        bend = hull(over.bend, around.pieces).at((0, 0))
+        second = bound @ ((exactly(piece.frame.T) @ bend @ frame).size @ bound)
+        value = flint().arb(float(thin.value.mid[0, 0]), float(thin.value.rad[0, 0]))
+        return upper(value + ball(float(raised(first + raised(0.5 * second)))) - self.goal.potential)

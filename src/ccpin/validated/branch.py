@@ -1,0 +1,213 @@
+"""Boxes of states of the reduced model: σ proven over a box of q, and the jets of q̈ there in the coordinates (q, q̇).
+
+Theorem (Krawczyk with parameters). Let w, R ≥ 0, Q = q_c ± w and Y = y_c ± R be boxes and C a matrix. If by component
+
+    |C φ(q_c, y_c)| + |C φ_q| w + |I − C φ_y| R < R,    φ_q and φ_y bounded over Q × Y,
+
+then for every q of Q there is exactly one y = y(q) in Y with φ(q, y) = 0, φ_y is nonsingular on Q × Y and y is
+analytic.
+
+Proof. y ↦ y − Cφ(q, y) maps Y into its interior: by the mean value theorem on the segment from (q_c, y_c) to (q, y) its
+distance from y_c is at most the left side. So it has a fixed point. CΦ is nonsingular for every matrix Φ of means of
+φ_y over Y, since |I − CΦ|R < R, hence C and Φ are: two zeros in Y would have a difference that such a Φ maps to 0. ∎
+
+On such a box ρ = [I; −φ_y⁻¹φ_q] and σ_qq = [0; −φ_y⁻¹φ″[ρ, ρ]] make q′ = σ(q) an input with derivatives, and the
+programs' outputs over (σ(q), q̇) have jets in s = (q, q̇), or s = (q, q̇, u) where efforts u are held.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Mask
+from ccpin.validated.dynamics import ClosedLoop
+from ccpin.validated.jets import Jet, jets, narrowed
+from ccpin.validated.series import NotInvertibleError
+from ccpin.validated.tape import Program
+from ccpin.validated.wide import Wide, exactly, inverse, raised, stacked, zeros
+
+_ROUNDS = 12
+_NEWTON_STEPS = 3
+_SIGMA_ROUNDS = 3
+_INFLATION = 1.02
+_SMALLEST = 1e-14
+
+
+class Jets(NamedTuple):
+    """Outputs over B boxes with their derivatives along d directions.
+
+    Attributes:
+        value: Of shape (B, outputs).
+        slope: Of shape (B, outputs, d).
+        bend: Of shape (B, outputs, d, d).
+    """
+
+    value: Wide
+    slope: Wide
+    bend: Wide
+
+
+def closed_boxes(loop: ClosedLoop, centre: Array, reach: Array, least: Array | None = None) -> tuple[Wide, Mask]:
+    """Boxes Q × Y of the theorem, and for which of them it is proven.
+
+    Args:
+        loop: The mechanism.
+        centre: Nearly closed configurations, of shape (B, n′).
+        reach: w, of shape (B, n).
+        least: Lower bounds of R, of shape (B, m).
+    """
+    dependent, independent = list(loop.dependent), list(loop.independent)
+    radius = np.zeros_like(centre)
+    radius[:, independent] = reach
+    if not dependent:
+        return Wide(centre, radius), np.ones(len(centre), dtype=np.bool_)
+    phi, slopes = _closure(loop, exactly(centre))
+    near = exactly(np.linalg.inv(slopes.mid[:, :, dependent]))
+    open_by = (near @ phi.at(np.s_[:, :, None])).size[:, :, 0]
+    identity = exactly(np.eye(len(dependent)))
+
+    def image() -> Array:
+        _, over = _closure(loop, Wide(centre, radius))
+        moved = (near @ over.at(np.s_[:, :, independent])).size @ reach[:, :, None]
+        changed = (identity - near @ over.at(np.s_[:, :, dependent])).size @ radius[:, dependent, None]
+        return raised(open_by + (moved + changed)[:, :, 0])
+
+    floor = open_by + _SMALLEST if least is None else np.maximum(least, open_by + _SMALLEST)
+    radius[:, dependent] = floor
+    for _ in range(_ROUNDS):
+        found = image()
+        held = np.all(found < radius[:, dependent], axis=1)
+        if held.all():
+            break
+        radius[:, dependent] = np.where(held[:, None], radius[:, dependent], np.maximum(_INFLATION * found, floor))
+    return Wide(centre, radius), np.asarray(held)
+
+
+def nearly_closed(loop: ClosedLoop, centre: Array, offset: Array) -> Array:
+    """Configurations (B, n′) near σ at q + offset (B, n), from nearly closed ones by Newton's method; not a proof."""
+    theta, dependent = centre.copy(), list(loop.dependent)
+    if dependent:
+        _, slopes = _closure(loop, exactly(centre))
+        along = slopes.mid[:, :, list(loop.independent)] @ offset[:, :, None]
+        theta[:, dependent] -= np.linalg.solve(slopes.mid[:, :, dependent], along)[:, :, 0]
+    theta[:, list(loop.independent)] += offset
+    for _ in range(_NEWTON_STEPS if dependent else 0):
+        phi, slopes = _closure(loop, exactly(theta))
+        theta[:, dependent] -= np.linalg.solve(slopes.mid[:, :, dependent], phi.mid[:, :, None])[:, :, 0]
+    return theta
+
+
+def _closure(loop: ClosedLoop, q_free: Wide) -> tuple[Wide, Wide]:
+    """φ and φ_q′ over boxes, of shapes (B, m) and (B, m, n′)."""
+    unit = exactly(np.broadcast_to(np.eye(loop.n_free), (len(q_free.mid), loop.n_free, loop.n_free)))
+    found = jets(loop.closure, _inputs(loop, q_free, [unit]), order=1)
+    return _gathered(found, loop.n_free)[:2]
+
+
+class States(NamedTuple):
+    """B boxes of closed states with a point of each, their centres, in one stack: first the centres, then the boxes.
+
+    Attributes:
+        rest: q̇, or q̇ and u, of shape (2B, d − n).
+        q_free: σ(q), of shape (2B, n′).
+        slopes: ρ = σ_q, σ_qq and σ_qqq, of shapes (2B, n′, n), (2B, n′, n, n), (2B, n′, n, n, n).
+        reach: Bounds of the distance from centre to the box's points along s, of shape (B, d); ``None`` where there are
+            no centres.
+    """
+
+    rest: Wide
+    q_free: Wide
+    slopes: tuple[Wide, Wide, Wide]
+    reach: Array | None
+
+
+def states_of(loop: ClosedLoop, q_free: Wide, rest: Wide, reach: Array | None = None) -> States:
+    """σ and its derivatives over closed boxes, narrowed by those at their centres where there are some.
+
+    Args:
+        loop: The mechanism.
+        q_free: From `closed_boxes`; centres first, each in its box, where a reach is given.
+        rest: As in the result.
+        reach: Likewise.
+
+    Raises:
+        NotInvertibleError: ψ_q′ is not proven nonsingular on one of them.
+    """
+    q_free, n, dependent = Wide(*(x.copy() for x in q_free)), loop.n, list(loop.dependent)
+    rho, bend, twist = (zeros(len(q_free.mid), loop.n_free, *[n] * degree) for degree in (1, 2, 3))
+    slopes = rho, bend, twist
+    slopes[0].mid[:, list(loop.independent)] = np.eye(n)
+    for _ in range((1 if reach is None else _SIGMA_ROUNDS) if dependent else 0):
+        jacobian = _closure(loop, q_free)[1]
+        over = inverse(jacobian.at(np.s_[:, :, dependent]))
+        if over is None:
+            raise NotInvertibleError
+        _write(slopes[0], dependent, -(over @ jacobian.at(np.s_[:, :, list(loop.independent)])))
+        for degree in (2, 3):
+            found = jets(loop.closure, _inputs(loop, q_free, slopes[: degree - 1]), order=degree)
+            open_by = stacked(_or_zero(x[degree], len(q_free.mid), *[n] * degree) for x in found).swapped(-1, 1)
+            flat = Wide(*(x.reshape(*x.shape[:2], -1) for x in open_by))
+            _write(slopes[degree - 1], dependent, -(over @ flat))
+        if reach is not None:
+            _narrow(q_free, slopes, dependent, reach[:, :n])
+    return States(rest, q_free, slopes, reach)
+
+
+def _narrow(q_free: Wide, slopes: tuple[Wide, Wide, Wide], dependent: list[int], reach: Array) -> None:
+    """Narrow σ and its first and second derivatives over boxes, in place."""
+    for k in dependent:
+        value, slope, bend = (x.at(np.s_[:, k]) for x in (q_free, *slopes[:2]))
+        sharp = narrowed(Jet(value, slope, bend, slopes[2].at(np.s_[len(reach) :, k])), reach)
+        for whole, part in zip((q_free, *slopes[:2]), sharp, strict=False):
+            assert part is not None, "every part was given"
+            whole.mid[:, k], whole.rad[:, k] = part
+
+
+def _write(whole: Wide, rows: list[int], part: Wide) -> None:
+    for numbers, found in zip(whole, part, strict=True):
+        numbers[:, rows] = found.reshape(len(found), len(rows), *numbers.shape[2:])
+
+
+def jets_of(states: States, loop: ClosedLoop, program: Program) -> Jets:
+    """A program's jets over the boxes along s = (q, the rest of its inputs).
+
+    Raises:
+        NotInvertibleError: ψ_q′ or D is not proven nonsingular on one of them.
+    """
+    n, (boxes, rest) = loop.n, states.rest.mid.shape
+    d = n + rest
+    along = [zeros(boxes, loop.n_free, *[d] * degree) for degree in (1, 2, 3)]
+    for degree, (whole, part) in enumerate(zip(along, states.slopes, strict=True)):
+        for numbers, found in zip(whole, part, strict=True):
+            numbers[(slice(None), slice(None), *[slice(n)] * (degree + 1))] = found
+    over = np.s_[0 if states.reach is None else boxes // 2 :]
+    along[2] = along[2].at(over)
+    inputs = [
+        Jet(states.q_free.at(np.s_[:, k]), *(x.at(np.s_[:, k]) for x in along[: 1 if k in loop.independent else 3]))
+        for k in range(loop.n_free)
+    ]
+    unit = np.broadcast_to(np.eye(d), (boxes, d, d))
+    inputs += [Jet(states.rest.at(np.s_[:, k]), exactly(unit[:, n + k])) for k in range(rest)]
+    order = 2 if states.reach is None else 3
+    return Jets(*(x.at(over) for x in _gathered(jets(program, inputs, order, states.reach), d)))
+
+
+def _inputs(loop: ClosedLoop, q_free: Wide, slopes: Sequence[Wide]) -> list[Jet]:
+    """q′ with the slopes given, each of shape (B, n′, d, …), at rest."""
+    still = Jet(exactly(np.zeros(len(q_free.mid))))
+    moving = [Jet(q_free.at(np.s_[:, k]), *(x.at(np.s_[:, k]) for x in slopes)) for k in range(q_free.mid.shape[1])]
+    return [*moving, *[still] * (loop.field.inputs - loop.n_free)]
+
+
+def _gathered(found: list[Jet], width: int) -> Jets:
+    """Outputs' jets side by side, zeros filled in."""
+    boxes = len(found[0].value.mid)
+    parts = ([_or_zero(x[degree], boxes, *[width] * degree) for x in found] for degree in range(3))
+    return Jets(*(stacked(part, axis=1) for part in parts))
+
+
+def _or_zero(x: Wide | None, *shape: int) -> Wide:
+    return zeros(*shape) if x is None else x

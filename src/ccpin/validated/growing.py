@@ -1,0 +1,148 @@
+"""A tube grown along an enclosed motion: frames, room and batches are chosen here, and proved by the tube theorem.
+
+Frames follow the linearised flow, which turns their edges towards one another. Before they are nearly parallel the tube
+is put into an orthogonal frame (Lohner's: the columns' QR factors, the longest column first).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array
+from ccpin.validated.curvature import Instants, UnboundedError, at_middles
+from ccpin.validated.dynamics import ClosedLoop
+from ccpin.validated.slices import instants_of
+from ccpin.validated.step import Step
+from ccpin.validated.tube import Slice, advance, frames
+from ccpin.validated.wide import Wide, exactly, inverse, raised
+
+_FINE = 0.04  # slices of this over the fastest rate of the linearised flow,
+_STRIDE = 3e-3  # in which nothing moves farther from the middle, rad or m (velocities: over that rate)
+_FINER = 4  # times a slice may be halved where it fails
+_AT_ONCE = 512  # pieces of boxes at a time
+_ROOM, _AIR = 1.15, 0.05
+_THINNEST = 0.02  # of a frame's edges, against the others
+_GROWTH = 20.0
+_PARALLEL = 60.0
+
+
+class Cut(NamedTuple):
+    """How finely a tube is cut.
+
+    Attributes:
+        pieces: Into how many intervals each coordinate of a cross-section is cut.
+        longest: The longest slice, s; infinite: as the flow's rates ask for.
+    """
+
+    pieces: int
+    longest: float
+
+
+class Section(NamedTuple):
+    """A cross-section of the tube: frame A and bound of |z|."""
+
+    frame: Wide
+    bound: Array
+
+
+def first_section(loop: ClosedLoop, start: Instants, spread: Array) -> Section:
+    """The box of starts in a frame no edge of which is much thinner than the others, as the flow mixes them."""
+    rate = fastest_rate(loop, start)
+    units = np.repeat([1.0, max(rate, 1.0)], loop.n)
+    edges = np.maximum(spread, _THINNEST * units * (spread / units).max())
+    return Section(exactly(np.diag(edges)), np.minimum(spread / edges * (1.0 + 1e-15), 1.0))
+
+
+def fastest_rate(loop: ClosedLoop, instants: Instants) -> float:
+    """The largest rate 1/s of the linearised flow at some slices' middles."""
+    slope, size = at_middles(loop, instants).slope.mid, 2 * loop.n
+    if loop.feedback is not None:
+        slope = slope[:, :size, :size] + slope[:, :size, size:] @ loop.feedback
+    return float(np.abs(np.linalg.eigvals(slope)).max())
+
+
+def sampled_section(loop: ClosedLoop, step: Step, section: Section) -> Section:
+    """A cross-section (q, q̇, …) of a sampled loop just after a sample: the law's efforts follow from q and q̇.
+
+    With e_u = Fe, F the feedback and e the deviation of (q, q̇), a frame with the columns (B, FB) and (0, ε) has z_u = 0
+    there, up to the rounding of FB.
+    """
+    assert loop.feedback is not None, "asked for sampled loops only"
+    size = 2 * loop.n
+    units = np.repeat([1.0, max(fastest_rate(loop, instants_of(step, 0.0, 1)), 1.0)], loop.n)
+    rows, feedback = section.frame.at(np.s_[:size]), loop.feedback
+    begin = _turned(rows.mid[:, :size], section.bound[:size], units)
+    back = inverse(exactly(begin))
+    if back is None:
+        raise UnboundedError("the tube's cross-section is too thin in some direction for the arithmetic")
+    bound = raised((back @ rows).size @ section.bound)
+    along = feedback @ begin
+    edges = _THINNEST * (np.abs(along) @ bound)
+    off = (exactly(feedback) @ exactly(begin) - exactly(along)).size
+    frame = np.block([[begin, np.zeros((size, loop.n))], [along, np.diag(edges)]])
+    return Section(exactly(frame), np.append(bound, raised(raised(off @ bound) / edges)))
+
+
+def grow(loop: ClosedLoop, step: Step, since: float, section: Section, cut: Cut) -> Iterator[list[Slice]]:
+    """Batches of slices over one step of the enclosed motion.
+
+    Raises:
+        UnboundedError: The tube could not be proven on a slice; those before it were given.
+    """
+    whole = instants_of(step, since, 1)
+    rate = fastest_rate(loop, whole)
+    moved = np.abs(whole.during.mid - whole.middle.mid)[0] + whole.during.rad[0]
+    moved[loop.n_free :] /= max(rate, 1.0)
+    count = math.ceil(max(step.length / cut.longest, step.length * rate / _FINE, moved.max() / _STRIDE, 1.0))
+    finest, instants = count << _FINER, instants_of(step, since, count)
+    batch = most = max(1, _AT_ONCE // cut.pieces**loop.n)
+    last, bound = section
+    done = 0
+    while done < len(instants.time):
+        part = instants.part(np.s_[done : done + batch])
+        begin = last.mid
+        if loop.feedback is None:
+            begin = _turned(begin, bound, np.repeat([1.0, max(rate, 1.0)], loop.n))
+        spread = np.abs(np.linalg.solve(begin, last.mid)) @ bound
+        room = np.tile(_ROOM * spread + _AIR * spread.max(), (len(part.time), 1))
+        try:
+            with np.errstate(all="ignore"):  # what is not finite is not proven
+                found = advance(loop, part, frames(loop, part, begin), (last, bound), room, cut.pieces)
+            missing = "the tube grows too fast"
+        except (UnboundedError, np.linalg.LinAlgError) as error:
+            found, missing = [], str(error)
+        if not found and batch > 1:
+            batch //= 2
+        elif not found and count < finest:
+            count, done = 2 * count, 2 * done
+            instants = instants_of(step, since, count)
+        elif not found:
+            raise UnboundedError(missing)
+        if not found:
+            continue
+        batch = min(most, 2 * len(found))
+        done += len(found)
+        last, bound = found[-1].end, found[-1].kept
+        yield found
+        if growth(found[-1]) > _GROWTH:
+            raise UnboundedError(f"the tube has grown to {_GROWTH:g} times what the linearised flow makes of it")
+
+
+def _turned(frame: Array, bound: Array, units: Array) -> Array:
+    """The frame itself, or Lohner's where its edges, in these units, are nearly parallel."""
+    edges = frame * bound / units[:, None]
+    lengths = np.linalg.norm(edges, axis=0)
+    if np.linalg.cond(edges / np.maximum(lengths, 1e-3 * lengths.max())) < _PARALLEL:
+        return frame
+    orthogonal = np.linalg.qr(edges[:, np.argsort(-lengths)])[0]
+    widths = np.abs(orthogonal.T @ edges).sum(axis=1)
+    return np.asarray(units[:, None] * orthogonal * np.maximum(widths, _THINNEST * widths.max()))
+
+
+def growth(piece: Slice) -> float:
+    """How much larger a tube is than the linearised flow's image of the starts' box."""
+    return float((piece.reach / np.abs(piece.frame).sum(axis=1)).max())
