@@ -132,12 +132,12 @@ class _Majorant:
         self.closed = theory.tolerance + off
         self.lengths = theory.lengths(end)
 
-    def __call__(self, radius: Array) -> Array:
-        second, _ = self.theory.bounds(self.lengths, radius)
-        box = self.way + radius
-        _, third = self.theory.bounds(self.lengths, box)
-        rest = 0.5 * second + third / 6.0 + self.closed + self.rounding @ box
-        return np.asarray(_MARGIN * (self.constant + self.change @ radius + self.inverse @ rest))
+    def __call__(self, radii: Array) -> Array:
+        """P of each E, of shape (B, n′)."""
+        count, boxes = len(radii), self.way + radii
+        bounds = self.theory.bounds(self.lengths, np.concatenate([radii, boxes]))
+        rest = 0.5 * bounds[0][:count] + bounds[1][count:] / 6.0 + self.closed + boxes @ self.rounding.T
+        return np.asarray(_MARGIN * (self.constant + radii @ self.change.T + rest @ self.inverse.T))
 
     def holds(self, apart: Array) -> bool:
         """Whether (i) and (ii) hold for some E that is nowhere less than `apart`."""
@@ -145,19 +145,18 @@ class _Majorant:
         if radius is None:
             return False
         for _ in range(_TRIES):
-            image = self(radius)
-            if not np.all(image <= _LARGEST):
+            image, beyond = self(np.array([radius, 1.25 * radius]))
+            if not np.all(beyond <= _LARGEST):
                 return False
             if np.all(image <= radius):
-                return bool(np.all(self(1.25 * radius) - image < 0.25 * radius / _MARGIN**2))
+                return bool(np.all(beyond - image < 0.25 * radius / _MARGIN**2))
             radius = np.maximum(_INFLATION * image, radius)
         return False
 
     def _guessed(self, apart: Array) -> Array | None:
         """What E is likely to be: the solution without its quadratic terms, and some; ``None`` where there is none."""
-        least = self(np.zeros_like(apart))
+        least = self(np.zeros((1, len(apart))))[0]
         if not np.all(np.isfinite(least)):
             return None
-        linear = np.eye(len(least)) - self.change
-        _, _, radius, info = lapack.dgesv(linear, least)
+        _, _, radius, info = lapack.dgesv(np.eye(len(least)) - self.change, least)
         return np.maximum(_INFLATION * radius, apart) if info == 0 and np.all(radius >= 0.0) else None

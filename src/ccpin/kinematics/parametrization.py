@@ -27,8 +27,8 @@ SINGULAR_RCOND = 1e-10
 _CONTRACTION = 0.125
 _TURN = 0.5
 _ROUNDED = 2.0
-_CLEAR = 0.25
-_CLEAR_ROUNDED = 2e-8
+_FAR_FROM_SINGULAR = 2e-8
+_WIDE = 0.5
 _NOISE = 1e-9
 _SHORTEST_STEP = 2.0**-30
 _LARGEST_MOVE = 1.0
@@ -79,7 +79,8 @@ class NewtonSolve(NamedTuple):
         steps: Newton steps taken.
         residual: Largest |ψ̄| at the last iterate, metres and radians.
         started_open: Whether the start was not closed.
-        clear: Whether the tests were passed by a wide margin: with a quarter of what they allow, far from singularities.
+        clear: Whether the tests were passed by a wide margin, with half of what they allow, far from singularities.
+        near_singular: Whether ψ_q′⁻¹ is so large somewhere on the way that estimates are not relied on.
     """
 
     point: ClosedPoint | None
@@ -87,28 +88,7 @@ class NewtonSolve(NamedTuple):
     residual: float
     started_open: bool
     clear: bool = False
-
-
-class Turn(NamedTuple):
-    """How ψ_q′⁻¹ B differs between two near configurations; the largest of all clusters'.
-
-    Attributes:
-        change: By how much, relative to the first.
-        rounded: |ψ_q′⁻¹ B|² times the rounding of closed configurations.
-    """
-
-    change: float
-    rounded: float
-
-    @property
-    def trusted(self) -> bool:
-        """Whether a step may have it."""
-        return self.change <= _TURN and self.rounded <= _ROUNDED
-
-    @property
-    def clear(self) -> bool:
-        """Whether it is so by a wide margin, far from singular configurations."""
-        return self.change <= _CLEAR * _TURN and self.rounded <= _CLEAR_ROUNDED
+    near_singular: bool = False
 
 
 class Parametrization:
@@ -214,10 +194,12 @@ class Parametrization:
         solve = self.newton(here, q, self.rules, open_by)
         if solve.point is None or not solve.steps or (solve.clear and not proved):
             return solve
-        begin = here.constraints if isinstance(here, ClosedPoint) else self.constraints.value(here)
-        end = solve.point
-        sure = self.continuation.proved(begin, end.constraints, end.factor, solve.residual)
-        return solve if sure else solve._replace(point=None)
+        return solve if (proved or solve.near_singular) and self._proves(here, solve) else solve._replace(point=None)
+
+    def _proves(self, here: Array | ClosedPoint, solve: NewtonSolve) -> bool:
+        """Whether the solution is proved to be what a configuration is continued to."""
+        end, begin = solve.point, here.constraints if isinstance(here, ClosedPoint) else self.constraints.value(here)
+        return end is not None and self.continuation.proved(begin, end.constraints, end.factor, solve.residual)
 
     def _walk(self, start: Array | ClosedPoint, q: Array, proved: bool) -> ClosedPoint:
         """σ(q) along the straight line from α(start), step by step."""
@@ -275,21 +257,23 @@ class Parametrization:
             "pass a closed configuration of the branch wanted"
         )
 
-    def turn_between(self, before: Array, after: Array) -> Turn:
-        """Whether ψ_q′ stays regular between two near configurations, by Y = ψ_q′⁻¹ B at each, cluster by cluster.
+    def turn_between(self, before: Array, after: Array) -> tuple[float, float]:
+        """How much ψ_q′⁻¹ changes between two near configurations, and how large it is, by Y = ψ_q′⁻¹ B.
 
         Where ψ_q′ becomes singular Y grows beyond all bounds and comes back with the other sign, for every B that is
         not orthogonal to a left null vector there; B has no structure, so that none is, and two columns, so that such a
-        vector may turn past one on the way. A step is to change half of Y at most. And |Y| tells ‖ψ_q′⁻¹‖: where its
-        square times the rounding of closed configurations is not small, they are known no better than the distance to
-        the next branch.
+        vector may turn past one on the way. And |Y| tells ‖ψ_q′⁻¹‖: where its square times the rounding of closed
+        configurations is not small, they are known no better than the distance to the next branch.
+
+        Returns:
+            The largest change of a cluster's Y relative to itself, and the largest |Y|² times that rounding.
         """
         sizes, here, changes = (
             np.bincount(self._cluster_of, np.einsum("ij,ij->i", x, x)) for x in (before, after, after - before)
         )
         change = max((c / s for c, s in zip(changes.tolist(), sizes.tolist(), strict=True) if c), default=0.0)
         rounded = float(max(sizes.max(initial=0.0), here.max(initial=0.0))) * self.rules.tolerance
-        return Turn(float(np.sqrt(change)), rounded)
+        return float(np.sqrt(change)), rounded
 
     def newton(
         self, start: Array | ClosedPoint, q: Array, rules: NewtonRules, open_by: Array | float = 0.0
@@ -317,9 +301,11 @@ class Parametrization:
                 break
             if residual <= rules.tolerance or (last <= rules.noise and residual <= rules.stalled):
                 found = self._closed_point(point, factor)
-                turn = self.turn_between(probe, found.probe)
-                clear = shrank <= _CLEAR * _CONTRACTION and turn.clear
-                return NewtonSolve(found if turn.trusted else None, steps, residual, started_open, clear)
+                change, rounded = self.turn_between(probe, found.probe)
+                near = rounded > _FAR_FROM_SINGULAR
+                clear = shrank <= _WIDE * _CONTRACTION and change <= _WIDE * _TURN and not near
+                trusted = found if change <= _TURN and rounded <= _ROUNDED else None
+                return NewtonSolve(trusted, steps, residual, started_open, clear, near)
             if steps == rules.most_steps:
                 break
             step = factor.solve(gap)

@@ -36,15 +36,6 @@ from ccpin.kinematics.coordinates import IndependentCoordinates
 _LOG_SECOND, _LOG_THIRD = 3.1, 9.1
 
 
-class Orders(NamedTuple):
-    """Bounds of a quantity and of its first, second and third derivative, each an array."""
-
-    value: Array
-    first: Array
-    second: Array
-    third: Array
-
-
 class Lengths(NamedTuple):
     """Distances at the configuration that boxes are about.
 
@@ -117,60 +108,59 @@ class Reaches:
         return Lengths(np.take_along_axis(arms, self._chains, axis=1), gaps, turned, slopes)
 
     def bounds(self, lengths: Lengths, moves: Array) -> tuple[Array, Array]:
-        """|D²ψ[v, v]| and |D³ψ[v, v, v]| row by row, each of shape (m + n,), wherever |v| ≤ `moves` (n′,).
+        """|D²ψ[v, v]| and |D³ψ[v, v, v]| row by row, wherever |v| ≤ `moves`, for boxes (B, n′); of shape (B, m + n) both.
 
         The first of a coupling's row is that at the configuration itself.
         """
-        turns = np.where(self._ball, np.sqrt(self._turning @ moves**2), self._turning @ moves)
-        slides = self._sliding @ moves
-        second, third = self._closures(lengths, turns, slides)
-        extra = np.zeros((2, len(self.constraints.couplings) + self.coordinates.n))
-        self._add_couplings(lengths, moves, extra)
+        turns, slides = moves @ self._turning.T, moves @ self._sliding.T
+        if self._ball.any():
+            turns = np.where(self._ball, np.sqrt(moves**2 @ self._turning.T), turns)
+        found = np.zeros((2, len(moves), self.constraints.size + self.coordinates.n))
+        rows = len(self._starts)
+        if rows:
+            found[:, :, :rows] = self._closures(lengths, turns, slides)
+        self._add_couplings(lengths, moves, found[:, :, rows:])
         for part, joint in self._components:
-            turn, slide, k = turns[joint], slides[joint], len(self.constraints.couplings) + part.v.start
+            turn, slide, k = turns[:, joint], slides[:, joint], self.constraints.size + part.v.start
             if part.slides[0]:
-                extra[:, k] = np.array([turn, turn**2]) * (turn * slide + slide)
+                found[:, :, k] = np.array([turn, turn**2]) * (turn * slide + slide)
             else:
-                beyond = not lengths.turned[part.v.start] + turn < np.pi
-                extra[:, k] = np.inf if beyond else np.array([_LOG_SECOND * turn**2, _LOG_THIRD * turn**3])
-        return np.concatenate([second, extra[0]]), np.concatenate([third, extra[1]])
+                beyond = ~(lengths.turned[part.v.start] + turn < np.pi)
+                found[:, :, k] = np.where(beyond, np.inf, np.array([_LOG_SECOND * turn**2, _LOG_THIRD * turn**3]))
+        return found[0], found[1]
 
-    def _closures(self, lengths: Lengths, turns: Array, slides: Array) -> tuple[Array, Array]:
-        if not self._weights.size:
-            return np.zeros(0), np.zeros(0)
-        points, turned = self._points(lengths.arms, turns[self._chains], slides[self._chains])
+    def _closures(self, lengths: Lengths, turns: Array, slides: Array) -> Array:
+        """Bounds of the closures' rows, of shape (2, B, R)."""
         half = len(lengths.gaps)
-        opening = [each[:half] + each[half:] for each in points]
-        still = np.zeros(half)
-        table = np.array(
-            [
-                np.concatenate([lengths.gaps + opening[0], np.ones(3 * half)]),
-                *(np.concatenate([opening[k], turned ** (k + 1), still]) for k in range(3)),
-            ]
-        )
-        x, y = (Orders(*(table[:, place] * length)) for place, length in (self._left, self._right))
-        second = x.second * y.value + 2.0 * x.first * y.first + x.value * y.second
-        third = x.third * y.value + 3.0 * (x.second * y.first + x.first * y.second) + x.value * y.third
-        return (np.add.reduceat(self._weights * each, self._starts) for each in (second, third))  # type: ignore
+        points, turned = self._points(lengths.arms, turns[:, self._chains], slides[:, self._chains])
+        opening = points[..., :half] + points[..., half:]
+        table = np.zeros((4, len(turns), 4 * half))
+        table[0], table[0, :, :half], table[1:, :, :half] = 1.0, lengths.gaps + opening[0], opening
+        table[1:, :, half:-half] = [turned, turned**2, turned**3]
+        (x, x_1, x_2, x_3), (y, y_1, y_2, y_3) = (table[:, :, at] * length for at, length in (self._left, self._right))
+        second = x_2 * y + 2.0 * x_1 * y_1 + x * y_2
+        third = x_3 * y + 3.0 * (x_2 * y_1 + x_1 * y_2) + x * y_3
+        return np.asarray(np.add.reduceat(self._weights * np.array([second, third]), self._starts, axis=2))
 
-    def _points(self, arms: Array, turns: Array, slides: Array) -> tuple[list[Array], Array]:
-        """Y′, Y″ and Y‴ of the ends' points, each of shape (2 L,), and Σ ω along their paths, of shape (2 L,)."""
-        first, second, third = (np.zeros(len(arms)) for _ in range(3))
+    def _points(self, arms: Array, turns: Array, slides: Array) -> tuple[Array, Array]:
+        """Y′, Y″ and Y‴ of the ends' points, of shape (3, B, 2 L), and Σ ω along their paths, of shape (B, 2 L)."""
+        points = np.zeros((3, *turns.shape[:2]))
+        first, second, third = points
         for j in reversed(range(arms.shape[1])):
-            turn, slide = turns[:, j], slides[:, j]
+            turn, slide = turns[..., j], slides[..., j]
             own = turn * (arms[:, j] + first + slide) + slide
-            third = third + 3.0 * turn * second + 3.0 * turn**2 * first + turn**2 * own
-            second = second + 2.0 * turn * first + turn * own
-            first = first + own
-        return [first, second, third], turns.sum(axis=1)
+            third += turn * (3.0 * second + turn * (3.0 * first + own))
+            second += turn * (2.0 * first + own)
+            first += own
+        return points, turns.sum(axis=2)
 
-    def _add_couplings(self, lengths: Lengths, moves: Array, extra: Array) -> None:
+    def _add_couplings(self, lengths: Lengths, moves: Array, rows: Array) -> None:
         """Second derivatives at the configuration; third ones over the box, by Taylor's formula."""
         slopes = iter(lengths.slopes)
         for k, coupling in enumerate(self.constraints.couplings):
             for term in coupling.terms:
-                order, move, factor = next(slopes), float(moves[term.idx_v]), 1.0
-                extra[0, k] += order[0] * move**2
+                order, move, factor = next(slopes), moves[:, term.idx_v], 1.0
+                rows[0, :, k] += order[0] * move**2
                 for power, slope in enumerate(order[1:].tolist()):
                     factor *= max(power, 1)
-                    extra[1, k] += slope * move ** (3 + power) / factor
+                    rows[1, :, k] += slope * move ** (3 + power) / factor
