@@ -89,7 +89,7 @@ class Parametrization : public Continuation {
   double opening_ = 0;           // and how much of it shall be left
   bool wants_rho_ = true;
   std::vector<double> missing_, gap_;  // residual and gap of the start
-  double shrank_ = 0;                  // the worst ratio of a correction to the one before
+  double contraction_ = 0;             // how large a correction may be, of the one before
 
   bool solve(const Cluster& c, ClusterState& s, const double* q, const double* start, const Known* known) {
     bool open = false;
@@ -115,7 +115,7 @@ class Parametrization : public Continuation {
     copy_cluster(c, start, q_free.data());
     const int first = known && c.n() ? 1 : 0;
     int sign = first ? known->sign : 0;
-    shrank_ = 0;
+    if (first) limit_contraction();
     double last = 0, bend = 0;            // a correction, and ½ ρ̇ q̇
     double shrinking = 0, expected = 0;   // of corrections by the factor at hand, and how long the next is likely to be
     if (first) {
@@ -138,7 +138,7 @@ class Parametrization : public Continuation {
       if (served && !closed && last > kNoise && expected * shrinking <= m.tolerance) {
         const double length = newton_step(c, s);
         if (length <= kChord * last && (served == 1 || length * shrinking <= m.tolerance)) {
-          shrinking = std::max(shrinking, length / last), shrank_ = std::max(shrank_, shrinking), expected = length * shrinking;
+          shrinking = std::max(shrinking, length / last), expected = length * shrinking;
           last = length, bend = 0, way += length, ++served;
           move(c, s.step.data());
           continue;
@@ -153,7 +153,7 @@ class Parametrization : public Continuation {
       if (too_singular(c, s) || s.factor.sign != sign) return false;
       if (closed) return finish(c, s, true) && (iteration == 0 || accepted(c, s, start, size));
       const double length = iteration && wants_rho_ ? newton_step(c, s) : probing_step(c, s, inverse);
-      if (iteration == 0) before_ = s.probe;
+      if (iteration == 0) before_ = s.probe, limit_contraction();
       if (!(length <= kLargestMove)) return false;
       if (iteration && !trusted(bend + length, last)) return false;
       bend = iteration || length <= kStraight ? 0 : bend_here(c, s);
@@ -165,12 +165,14 @@ class Parametrization : public Continuation {
     }
     return false;
   }
-  bool trusted(double next, double last) {
-    if (next <= kNoise) return true;
-    shrank_ = std::max(shrank_, next / last);
-    return next <= kContraction * last;
+  bool trusted(double next, double last) const { return next <= contraction_ * last || next <= kNoise; }
+  // Near singular sets, by the probe of the start, steps are proved; elsewhere estimates are to hold by a wide margin.
+  void limit_contraction() {
+    double size = 0;
+    for (double x : before_) size += x * x;
+    contraction_ = size * m.tolerance <= kFarFromSingular ? kWide * kContraction : kContraction;
   }
-  bool clear(const Turn& turn) const { return shrank_ <= kWide * kContraction && turn.change <= kWide * kTurn; }
+  static bool clear(const Turn& turn) { return turn.change <= kWide * kTurn; }
   // Whether a solution is what the start is continued to: by estimates that hold by a wide margin, near singular sets by
   // proof.
   bool accepted(const Cluster& c, ClusterState& s, const double* start, double off) {
@@ -275,21 +277,21 @@ class Parametrization : public Continuation {
       for (int i : c.coordinates) target(m.coordinates[i], q, ahead);
     });
   }
-  // In steps that Newton trusts, from a start to q_ahead_ as f(1) sets it.
+  // In steps that Newton trusts, halved where he does not and doubled after two that he did, from a start to q_ahead_ as f(1) sets it.
   template <class F> bool follow(const Cluster& c, ClusterState& s, const double* start, F&& f) {
     copy_cluster(c, start, here_.data());
     double done = 0, stride = 0.5;
-    bool open = false;
+    bool open = false, grows = true;
     while (stride >= kShortestStep) {
       const double ahead = std::min(1.0, done + stride);
       f(ahead);
       if (!newton(c, s, q_ahead_.data(), here_.data(), nullptr, open)) {
-        stride *= 0.5;
+        stride *= 0.5, grows = false;
         continue;
       }
       if (ahead == 1) return true;
       copy_cluster(c, q_free.data(), here_.data());
-      done = ahead, stride *= 2;
+      done = ahead, stride *= grows ? 2 : 1, grows = true;
     }
     return false;
   }

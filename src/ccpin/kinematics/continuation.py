@@ -136,6 +136,8 @@ class _Majorant:
         """P of each E, of shape (B, n′)."""
         count, boxes = len(radii), self.way + radii
         bounds = self.theory.bounds(self.lengths, np.concatenate([radii, boxes]))
+        if not np.all(np.isfinite(bounds)):  # a rotation vector may reach π
+            return np.full_like(radii, np.inf)
         rest = 0.5 * bounds[0][:count] + bounds[1][count:] / 6.0 + self.closed + boxes @ self.rounding.T
         return np.asarray(_MARGIN * (self.constant + radii @ self.change.T + rest @ self.inverse.T))
 

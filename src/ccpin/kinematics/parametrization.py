@@ -79,7 +79,7 @@ class NewtonSolve(NamedTuple):
         steps: Newton steps taken.
         residual: Largest |ψ̄| at the last iterate, metres and radians.
         started_open: Whether the start was not closed.
-        clear: Whether the tests were passed by a wide margin, with half of what they allow, far from singularities.
+        change: By how much of itself ψ_q′⁻¹ B changed on the way.
         near_singular: Whether ψ_q′⁻¹ is so large somewhere on the way that estimates are not relied on.
     """
 
@@ -87,7 +87,7 @@ class NewtonSolve(NamedTuple):
     steps: int
     residual: float
     started_open: bool
-    clear: bool = False
+    change: float = 0.0
     near_singular: bool = False
 
 
@@ -191,10 +191,13 @@ class Parametrization:
         self, here: Array | ClosedPoint, q: Array, proved: bool, open_by: Array | float = 0.0
     ) -> NewtonSolve:
         """Newton's method from a configuration, as far as it is trusted by a wide margin or proved."""
-        solve = self.newton(here, q, self.rules, open_by)
-        if solve.point is None or not solve.steps or (solve.clear and not proved):
+        near = isinstance(here, ClosedPoint) and self.turn_between(here.probe, here.probe)[1] > _FAR_FROM_SINGULAR
+        rules = self.rules if proved or near else self.rules._replace(contraction=_WIDE * _CONTRACTION)
+        solve = self.newton(here, q, rules, open_by)
+        if solve.point is None or not solve.steps:
             return solve
-        return solve if (proved or solve.near_singular) and self._proves(here, solve) else solve._replace(point=None)
+        sure = self._proves(here, solve) if proved or solve.near_singular else solve.change <= _WIDE * _TURN
+        return solve if sure else solve._replace(point=None)
 
     def _proves(self, here: Array | ClosedPoint, solve: NewtonSolve) -> bool:
         """Whether the solution is proved to be what a configuration is continued to."""
@@ -285,7 +288,7 @@ class Parametrization:
         """
         known = start if isinstance(start, ClosedPoint) else None
         q_free: Array = start.q_free if isinstance(start, ClosedPoint) else start.copy()
-        sign, last, residual, started_open, probe, shrank = 0, np.inf, np.inf, False, np.zeros((0, 2)), 0.0
+        sign, last, residual, started_open, probe = 0, np.inf, np.inf, False, np.zeros((0, 2))
         for steps in range(rules.most_steps + 1):
             if known is not None and not steps:
                 point, factor = known.constraints, known.factor
@@ -302,18 +305,14 @@ class Parametrization:
             if residual <= rules.tolerance or (last <= rules.noise and residual <= rules.stalled):
                 found = self._closed_point(point, factor)
                 change, rounded = self.turn_between(probe, found.probe)
-                near = rounded > _FAR_FROM_SINGULAR
-                clear = shrank <= _WIDE * _CONTRACTION and change <= _WIDE * _TURN and not near
                 trusted = found if change <= _TURN and rounded <= _ROUNDED else None
-                return NewtonSolve(trusted, steps, residual, started_open, clear, near)
+                return NewtonSolve(trusted, steps, residual, started_open, change, rounded > _FAR_FROM_SINGULAR)
             if steps == rules.most_steps:
                 break
             step = factor.solve(gap)
             length = float(np.linalg.norm(step))
             if not length <= _LARGEST_MOVE or length > max(rules.contraction * last, rules.noise):
                 return NewtonSolve(None, steps + 1, residual, started_open)
-            if length > rules.noise:
-                shrank = max(shrank, length / last)
             q_free, last = moved(self.model, q_free, step), length
         return NewtonSolve(None, steps, residual, started_open)
 
