@@ -29,7 +29,7 @@ struct In {
 
 // A new array of float64 (or bool), its memory uninitialised.
 template <class T = double> nb::object new_array(std::initializer_list<Py_ssize_t> shape, T*& data) {
-  npy_intp dims[3];
+  npy_intp dims[4];
   int count = 0;
   for (Py_ssize_t d : shape) dims[count++] = d;
   PyObject* array = PyArray_SimpleNew(count, dims, sizeof(T) == 1 ? NPY_BOOL : NPY_DOUBLE);
