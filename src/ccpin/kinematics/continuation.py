@@ -25,10 +25,10 @@ By the implicit function theorem the zero depends smoothly on τ. For τ = 0 it 
 Where ψ is square, A(Ψ(v) − Ψ(0) − τg) = 0 says ψ = ψ(b) + τg. Where φ holds redundant rows it says so of the closed
 configurations near b, which are a manifold of dimension n there, φ having constant rank: the lift exists as long as
 it stays in the tube, and it cannot leave it. σ asks with a and b closed: then φ = 0 all along, q runs straight from
-α(a) to α(b), and b is what a is continued to. An open guess a is joined to b in the same way along a straight line of ψ.
+α(a) to α(b), and b is what a is continued to. An open guess a is joined to b likewise, along a straight line of ψ.
 
-**Rounding.** a and b are closed up to rounding, and A, p, M are computed. With ε the tolerance of closed points and what
-is left of ψ̄, γ = 32 u per column and J = |ψ_q′| + |D²Ψ(0)[p, ·]|, the sum |A|(ε + γ J (|p| + E)) is added to P: it
+**Rounding.** a and b are closed up to rounding, and A, p, M are computed. With ε the tolerance of closed points and
+what is left of ψ̄, γ = 32 u per column and J = |ψ_q′| + |D²Ψ(0)[p, ·]|, the sum |A|(ε + γ J (|p| + E)) is added to P: it
 covers the residuals, and by the error analysis of Gaussian elimination (Higham, Accuracy and Stability of Numerical
 Algorithms, 2002, sec. 9.3, without growth of the pivots) the defect of A. The evaluation of P itself, on numbers that
 are not negative, is covered by a factor 1 + 1e-9. These margins are stated, not proved.
