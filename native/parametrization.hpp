@@ -98,16 +98,17 @@ class Parametrization : public Continuation {
     return walk(c, s, q, open ? here_.data() : start);
   }
 
-  // One trusted Newton solve on ψ̄ (11): its second correction is at most an eighth of the first, no step is longer than
-  // one, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B changes by half of itself at most. Where ρ at a closed start is known, the
+  // One trusted Newton solve on ψ̄ (11): its second correction is at most a sixteenth of the first, no step is longer than
+  // one, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B changes by a quarter of itself at most; near singular sets twice as much, and
+  // the step is proved. Where ρ at a closed start is known, the
   // first step is ρ Δq, and where ∂²σ/∂q² is, ½ ρ̇ q̇ is ½ ∂²σ/∂q² Δq².
   //
   // The first correction Δ is followed at once by ½ ρ̇ q̇ with q̇′ = Δ, which is what the next one would be to second order
-  // (Chebyshev's method, of third order): it must be an eighth of Δ at most, together with that next one.
+  // (Chebyshev's method, of third order): it must be so small a part of Δ, together with that next one.
   //
   // Later a factor serves two corrections (Shamanskii's method, of third order too). The second one, ψ̄ anew but ψ_q′ that
   // of the iterate before, is taken where it is at most a sixteenth of the first: with h half of ω‖Δ₁‖ it is at most
-  // h‖Δ₁‖, and Newton's own at most h/(1 − 2h)‖Δ₁‖, so that he would trust the step too (Deuflhard, Newton Methods for
+  // h‖Δ₁‖, and Newton's own at most h/(1 − 2h)‖Δ₁‖, a fourteenth (Deuflhard, Newton Methods for
   // Nonlinear Problems, 2004, sec. 2.1). Otherwise it is tried where corrections shrink so fast that it will be the last.
   // Where q′ alone is wanted the solution needs no ψ_q′ of its own if the last one's inverse times the way since is so
   // small that the determinant cannot vanish on it.

@@ -42,8 +42,8 @@ def assert_bounded(parametrization, q_free, rng, largest=0.3):
     p, w = rng.normal(size=(2, size)) / np.sqrt(size)
     mixed = (psi(h * (p + w)) - psi(h * (p - w)) - psi(h * (w - p)) + psi(-h * (p + w))) / (4 * h * h)
     np.testing.assert_allclose(theory.bend(point, p) @ w, mixed, rtol=0.0, atol=1e-4)
-    box, lengths, h = np.abs(rng.normal(size=size)) * largest / np.sqrt(size), theory.lengths(point), 0.02
-    second, third = (bound[0] for bound in theory.bounds(lengths, box[None]))
+    box, lengths, h = np.abs(rng.normal(size=size)) * largest / np.sqrt(size), theory.reaches.lengths(point), 0.02
+    second, third = (bound[0] for bound in theory.reaches.bounds(lengths, box[None]))
     for _ in range(5):
         step = np.sign(rng.normal(size=size)) * box
         base = rng.uniform(-0.95, 0.95, size) * box
@@ -78,7 +78,7 @@ def test_bounds_of_random_mechanisms(drawn, seed):
     rng = np.random.default_rng(seed)
     mechanism = ccpin.load(drawn.description)
     tree, constraints = mechanism.tree, mechanism.constraints()
-    names = tuple(str(name) for name in rng.permutation([n for n in component_names(tree)])[:3])
+    names = tuple(str(name) for name in rng.permutation(component_names(tree))[:3])
     coordinates = IndependentCoordinates(tree, names, mechanism.q_reference)
     coupled = type(constraints)(
         tree, mechanism.description.closures, geared(drawn.description, rng).couplings, reduce_planar=False

@@ -23,15 +23,15 @@ max |e_i|/E_i: the zero exists, is unique, and F_τ′ is invertible on the tube
 By the implicit function theorem the zero depends smoothly on τ. For τ = 0 it is b (e = 0), for τ = 1 it is a. ∎
 
 Where ψ is square, A(Ψ(v) − Ψ(0) − τg) = 0 says ψ = ψ(b) + τg. Where φ holds redundant rows it says so of the closed
-configurations near b, which are a manifold of dimension n there, φ having constant rank: the lift exists as long as it stays in the
-tube, and it cannot leave it. σ asks with a and b closed: then φ = 0 all along, q runs straight from α(a) to α(b), and
-b is what a is continued to. An open guess a is joined to b in the same way along a straight line of ψ.
+configurations near b, which are a manifold of dimension n there, φ having constant rank: the lift exists as long as
+it stays in the tube, and it cannot leave it. σ asks with a and b closed: then φ = 0 all along, q runs straight from
+α(a) to α(b), and b is what a is continued to. An open guess a is joined to b likewise, along a straight line of ψ.
 
-**Rounding.** a and b are closed up to rounding, and A, p, M are computed. With ε the tolerance of closed points and what
-is left of ψ̄, γ = 32 u per column and J = |ψ_q′| + |D²Ψ(0)[p, ·]|, the sum |A|(ε + γ J (|p| + E)) is added to P: it covers
-the residuals, and by the error analysis of Gaussian elimination (Higham, Accuracy and Stability, 2002, sec. 9.3, without
-growth of the pivots) the defect of A. The evaluation of P itself, on numbers that are not negative, is covered by a factor
-1 + 1e-9. These margins are stated, not proved.
+**Rounding.** a and b are closed up to rounding, and A, p, M are computed. With ε the tolerance of closed points and
+what is left of ψ̄, γ = 32 u per column and J = |ψ_q′| + |D²Ψ(0)[p, ·]|, the sum |A|(ε + γ J (|p| + E)) is added to P: it
+covers the residuals, and by the error analysis of Gaussian elimination (Higham, Accuracy and Stability of Numerical
+Algorithms, 2002, sec. 9.3, without growth of the pivots) the defect of A. The evaluation of P itself, on numbers that
+are not negative, is covered by a factor 1 + 1e-9. These margins are stated, not proved.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from ccpin.arrays import Array
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.linear import Factor
-from ccpin.kinematics.reaches import Lengths, Reaches
+from ccpin.kinematics.reaches import Reaches
 
 _ROUNDOFF = 32 * 2.0**-53
 _MARGIN = 1.0 + 1e-9
@@ -59,19 +59,23 @@ class Continuation:
     Args:
         constraints, coordinates: φ and α.
         tolerance: Largest |ψ̄| of what counts as closed, metres and radians.
+
+    Attributes:
+        reaches: k and t.
     """
 
     def __init__(self, constraints: Constraints, coordinates: IndependentCoordinates, tolerance: float) -> None:
         self.constraints = constraints
         self.coordinates = coordinates
         self.tolerance = tolerance
-        self._reaches = Reaches(constraints, coordinates)
+        self.reaches = Reaches(constraints, coordinates)
 
     def proved(self, start: ConstraintValue, end: ConstraintValue, factor: Factor, off: float) -> bool:
         """Whether the lift of the straight line from ψ(start) to ψ(end) through `end` is proved to begin at `start`.
 
         Args:
-            start, end: φ and φ_q′ at the two configurations, a and b.
+            start: φ and φ_q′ at a.
+            end: The same at b.
             factor: The factorised ψ_q′(b).
             off: Largest |ψ̄| left at the end, metres and radians.
         """
@@ -107,21 +111,13 @@ class Continuation:
             brackets[joint.v, joint.v] = pin.Motion(joint.kind.twist(step[joint.v])).action[np.ix_(entries, entries)]
         return brackets
 
-    def lengths(self, at: ConstraintValue) -> Lengths:
-        return self._reaches.lengths(at)
-
-    def bounds(self, lengths: Lengths, moves: Array) -> tuple[Array, Array]:
-        return self._reaches.bounds(lengths, moves)
-
 
 class _Majorant:
     """P, with its rounding."""
 
-    def __init__(
-        self, theory: Continuation, end: ConstraintValue, factor: Factor, way: Array, off: float
-    ) -> None:
+    def __init__(self, theory: Continuation, end: ConstraintValue, factor: Factor, way: Array, off: float) -> None:
         bend = theory.bend(end, way)
-        self.theory = theory
+        self.reaches = theory.reaches
         self.inverse = factor.solve(np.eye(len(bend)))
         self.change = np.abs(self.inverse @ bend)
         self.way = np.abs(way)
@@ -130,12 +126,12 @@ class _Majorant:
         jacobian = np.concatenate([end.jacobian, theory.coordinates.jacobian(end.q_free)])
         self.rounding = _ROUNDOFF * len(way) * (np.abs(jacobian) + np.abs(bend))
         self.closed = theory.tolerance + off
-        self.lengths = theory.lengths(end)
+        self.lengths = theory.reaches.lengths(end)
 
     def __call__(self, radii: Array) -> Array:
         """P of each E, of shape (B, n′)."""
         count, boxes = len(radii), self.way + radii
-        bounds = self.theory.bounds(self.lengths, np.concatenate([radii, boxes]))
+        bounds = self.reaches.bounds(self.lengths, np.concatenate([radii, boxes]))
         if not np.all(np.isfinite(bounds)):  # a rotation vector may reach π
             return np.full_like(radii, np.inf)
         rest = 0.5 * bounds[0][:count] + bounds[1][count:] / 6.0 + self.closed + boxes @ self.rounding.T

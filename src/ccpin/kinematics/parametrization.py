@@ -149,19 +149,19 @@ class Parametrization:
             right[m:] = alpha_rate @ w
         return -point.factor.solve(right)
 
-    def sigma(
-        self, q: Array, guess: Array | ClosedPoint | None = None, proved: bool = False
-    ) -> ClosedPoint:
+    def sigma(self, q: Array, guess: Array | ClosedPoint | None = None, proved: bool = False) -> ClosedPoint:
         """q′ = σ(q) (12), on the branch of `guess`.
 
-        Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A step is trusted only if its second
-        Newton correction is at most an eighth of the first, det ψ_q′ keeps its sign, and ψ_q′ is `turn_between` its
-        ends: with ω the affine-covariant Lipschitz constant of ψ_q′, half of ω‖Δ₁‖ is estimated by ‖Δ₂‖/‖Δ₁‖, so the
-        first is a quarter of the largest value for which the Newton–Kantorovich theorem gives one solution,
-        continuously connected to the guess; the last sees what the correction, by a symmetry, does not. These are
-        estimates. Where they are not passed by a wide margin, and everywhere if `proved` is asked for, the step is
-        taken only if the theorem of `continuation` proves it. Where one does not hold, σ walks along the straight line from α(guess) to q in shorter steps; an open guess is closed first,
-        likewise, by letting φ vanish along a straight line. The path depends on q and guess only.
+        Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A step is taken if it is safe by a wide
+        margin: its second Newton correction is at most a sixteenth of the first, det ψ_q′ keeps its sign, and ψ_q′⁻¹
+        B changes by a quarter of itself at most (`turn_between`). With ω the affine-covariant Lipschitz constant of
+        ψ_q′, half of ω‖Δ₁‖ is estimated by ‖Δ₂‖/‖Δ₁‖, so the first is an eighth of the largest value for which the
+        Newton–Kantorovich theorem gives one solution, continuously connected to the guess; the last sees what the
+        correction, by a symmetry, does not. These are estimates. Where ψ_q′⁻¹ is large, so near singular
+        configurations, and everywhere if `proved` is asked for, steps twice as bold are tried, and taken only if the
+        theorem of `continuation` proves them. Otherwise σ walks along the straight line from α(guess) to q in shorter
+        steps; an open guess is closed first, likewise, by letting φ vanish along a straight line. The path depends on
+        q, guess and `proved` only.
 
         Args:
             q: Independent coordinates, of shape (model.nq,).
@@ -187,9 +187,7 @@ class Parametrization:
             )
         return point
 
-    def _step(
-        self, here: Array | ClosedPoint, q: Array, proved: bool, open_by: Array | float = 0.0
-    ) -> NewtonSolve:
+    def _step(self, here: Array | ClosedPoint, q: Array, proved: bool, open_by: Array | float = 0.0) -> NewtonSolve:
         """Newton's method from a configuration, as far as it is trusted by a wide margin or proved."""
         near = isinstance(here, ClosedPoint) and self.turn_between(here.probe, here.probe)[1] > _FAR_FROM_SINGULAR
         rules = self.rules if proved or near else self.rules._replace(contraction=_WIDE * _CONTRACTION)
@@ -339,7 +337,7 @@ class Parametrization:
 def _follow(
     step: Callable[[Array | ClosedPoint, float], ClosedPoint | None], start: Array | ClosedPoint
 ) -> tuple[Array | ClosedPoint, float]:
-    """Where a path leads in steps, and how much of it: 1, all. Halved where not trusted, doubled after two that were."""
+    """Where a path leads, and how much of it: 1, all. Steps are halved where not trusted, doubled after two taken."""
     here, done, stride, grows = start, 0.0, 0.5, True
     while stride >= _SHORTEST_STEP:
         ahead = min(1.0, done + stride)

@@ -1,13 +1,13 @@
 """Bounds of the second and third derivatives of ψ over a box of tangent steps, from link lengths alone.
 
 A box is all q′ = b ⊕ v with |v_i| ≤ V_i, b one configuration; derivatives are those of v ↦ ψ(b ⊕ v). A point fixed in
-the last body of a chain is x = e₁ c₁ e₂ c₂ … x₀, e_j = exp of joint j's own twist and c_j constant placements. Let joint j
-turn by ω_j and slide by s_j at most. By Duhamel's formula, D^k exp(A)[B, …, B] is k! times the integral over
-t₀ + … + t_k = 1 (a simplex of volume 1/k!) of e^{t₀A} B e^{t₁A} B … e^{t_kA}, so that, e^{tA} being an isometry and B x of
-length ω|x| + s at most, the k-th derivative of e_j at a point moves it by at most ω^{k−1}(ωX + s), X bounding the
+the last body of a chain is x = e₁ c₁ e₂ c₂ … x₀, e_j = exp of joint j's own twist and c_j constant placements. Let
+joint j turn by ω_j and slide by s_j at most. By Duhamel's formula, D^k exp(A)[B, …, B] is k! times the integral over
+t₀ + … + t_k = 1 (a simplex of volume 1/k!) of e^{t₀A} B e^{t₁A} B … e^{t_kA}, so that, e^{tA} being an isometry and B x
+of length ω|x| + s at most, the k-th derivative of e_j at a point moves it by at most ω^{k−1}(ωX + s), X bounding the
 distance of what e_j carries from its axis (from its centre, for a ball). That holds for a revolute joint, a slide
-(ω = 0), a ball (X plain), a planar joint and a free one alike, and of directions with X = 1, s = 0. With Leibniz's
-rule, from the tip to the root,
+(ω = 0), a ball, a planar joint and a free one alike, and of directions with X = 1, s = 0. With Leibniz's rule, from the
+tip to the root,
 
     f_j = ω_j X_j + s_j,                        X_j = |distance at b| + Y′ of the joints below + s_j,
     Y′ ← Y′ + f_j,     Y″ ← Y″ + 2 ω_j Y′ + ω_j f_j,     Y‴ ← Y‴ + 3 ω_j Y″ + 3 ω_j² Y′ + ω_j² f_j:
@@ -108,7 +108,7 @@ class Reaches:
         return Lengths(np.take_along_axis(arms, self._chains, axis=1), gaps, turned, slopes)
 
     def bounds(self, lengths: Lengths, moves: Array) -> tuple[Array, Array]:
-        """|D²ψ[v, v]| and |D³ψ[v, v, v]| row by row, wherever |v| ≤ `moves`, for boxes (B, n′); of shape (B, m + n) both.
+        """|D²ψ[v, v]| and |D³ψ[v, v, v]| row by row, wherever |v| ≤ `moves` (B, n′); both of shape (B, m + n).
 
         The first of a coupling's row is that at the configuration itself.
         """
