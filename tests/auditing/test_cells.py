@@ -110,6 +110,7 @@ def test_configurations_that_are_not_singular_are_found(torus, tmp_path):
         document.read(changed(path, tmp_path, bare))
 
 
+@pytest.mark.slow
 def test_cells_emptied_by_search_are_proved(tmp_path):
     """Of the 3-RPR's slice, where the triangle inequality says nothing; the search takes some seconds a cell."""
     mechanism = load_slice()

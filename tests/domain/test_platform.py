@@ -60,6 +60,7 @@ def test_no_3rrr_closes_where_it_says_so():
     assert np.mean(empty) > 0.8 * np.mean(modes == 0)
 
 
+@pytest.mark.slow
 def test_cells_of_an_atlas_are_emptied():
     """Of the 3-RRR's turns, where the triangle inequality says nothing: 20,000 points, and an end in time."""
     mechanism = ccpin.load("planar_3rrr")
