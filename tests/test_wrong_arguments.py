@@ -142,6 +142,15 @@ def _control(b):
         ),
         "capped_sigma": (control.capped_sigma, newton | {"tolerance": 1e-9}),
         "certify_law": (control.certify_law, {"law": b.law, "domain": b.box, "budget": None}),
+        "certify_tracking": (
+            control.certify_tracking,
+            {"law": b.tracking, "sigma_error": 1e-4, "disturbance": 0.0, "initial_error": 0.0, "initial_speed": 0.0}
+            | {"cells": 4},
+        ),
+        "largest_sigma_error": (
+            control.largest_sigma_error,
+            {"law": b.tracking, "disturbance": 0.0, "initial_error": 0.0, "initial_speed": 0.0, "cells": 4},
+        ),
         "certify_set_point": (control.certify_set_point, pd | {"domain": b.box, "budget": None}),
         "sample_region": (
             control.sample_region,
