@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from ccpin.arrays import Array, Mask, numbers
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store
-from ccpin.domain.atlas.cells import CellStatus, CellTree, Region
+from ccpin.domain.atlas.cells import CellStatus, CellTree, Region, place
 from ccpin.domain.atlas.singular import SingularCells, refuting
 from ccpin.domain.boxes import Boxes, Problem, verify
 from ccpin.domain.demands import meets
@@ -126,7 +126,7 @@ class Atlas:
         cells = self.tree.leaves(CellStatus.UNDECIDED, CellStatus.UNREACHED)
         volume = np.prod(self.tree.size[cells].astype(np.float64), axis=1)
         largest = cells[np.argsort(-volume, kind="stable")[:_WITNESSES]]
-        return list(self.region.position(self.tree.lower[largest] + 0.5 * self.tree.size[largest]))
+        return list(place(self.tree, self.region, largest)[0])
 
     @property
     def _whole(self) -> bool:

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, rows_of
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Contacts, Region, contacts_of
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Contacts, Region, contacts_of, place
 from ccpin.domain.atlas.growing import Growing
 from ccpin.domain.atlas.run import Report, Runner, Stopped, glue_boxes, prove_cells
 from ccpin.domain.atlas.singular import SingularCells
@@ -242,9 +242,7 @@ class AtlasBuilder:
             parents = self.boxes.take(origins.box[rows])
             start[rows] = predict(self.problem, parents, self._delta(parents, origins.at_box[rows]))
         start[:, self.problem.system.independent] = self.region.position(origins.at_cell)
-        centre = self.region.position(self.tree.lower[cells] + 0.5 * self.tree.size[cells])
-        half = 0.5 * self.region.width * (self.tree.size[cells] / WHOLE)
-        data = CellsToProve(centre, half, start, np.tile(self.seed, (len(cells), 1)))
+        data = CellsToProve(*place(self.tree, self.region, cells), start, np.tile(self.seed, (len(cells), 1)))
         return prove_cells(self.runner, data, self._chunk)
 
     def _delta(self, boxes: Boxes, at: Array) -> Array:

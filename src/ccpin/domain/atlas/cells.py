@@ -261,6 +261,12 @@ class CellTree:
             node = np.where(inner, child + (coordinates[rows, cut] >= border), node)
 
 
+def place(tree: CellTree, region: Region, cells: Indices) -> tuple[Array, Array]:
+    """Centres and half widths of cells in q-space, (K, n) each."""
+    size = tree.size[cells]
+    return region.position(tree.lower[cells] + 0.5 * size), 0.5 * region.width * (size / WHOLE)
+
+
 # Which cells of an atlas touch which leaves, and where.
 
 

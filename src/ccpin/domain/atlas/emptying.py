@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Region
+from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Region, place
 from ccpin.domain.atlas.empty import empty_cells, groups_of
 from ccpin.domain.atlas.platform import platform_empty, platform_of
 from ccpin.domain.atlas.run import Runner
@@ -26,8 +26,7 @@ def prove_empty(runner: Runner, tree: CellTree, region: Region, depth: int, thor
     cells = tree.leaves(CellStatus.UNREACHED, CellStatus.UNDECIDED)
     while cells.size:
         runner.check()
-        half = 0.5 * region.width * (tree.size[cells] / WHOLE)
-        centre = region.position(tree.lower[cells] + 0.5 * tree.size[cells])
+        centre, half = place(tree, region, cells)
         empty = empty_cells(system, groups, centre, half)
         if platform is not None:
             rows = np.flatnonzero(~empty)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Indices, rows_of
-from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of
+from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of, place
 from ccpin.domain.atlas.run import Runner
 from ccpin.domain.boxes import Boxes, Problem
 from ccpin.domain.folds import Folds, SingularPoints, singular_points
@@ -83,9 +83,8 @@ def refuting(problem: Problem, tree: CellTree, region: Region, boxes: Boxes) -> 
     """A place of the region at which σ is proved not to exist or to be singular, or ``None``."""
     empty = tree.leaves(CellStatus.EMPTY)
     if empty.size:
-        largest = empty[int(np.argmax(np.prod(tree.size[empty].astype(np.float64), axis=1)))]
-        q = region.position(tree.lower[largest] + 0.5 * tree.size[largest])
-        return Witness("empty", np.asarray(q), None, 0.0)
+        largest = empty[[int(np.argmax(np.prod(tree.size[empty].astype(np.float64), axis=1)))]]
+        return Witness("empty", place(tree, region, largest)[0][0], None, 0.0)
     contacts = _beside_certified(tree, region, CellStatus.SINGULAR)
     for k in range(min(_TRIED, len(contacts.cell))):
         one = rows_of(contacts, slice(k, k + 1))

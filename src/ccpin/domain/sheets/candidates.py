@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
-from ccpin.domain.atlas.cells import WHOLE, CellTree, Region
+from ccpin.domain.atlas.cells import CellTree, Region, place
 from ccpin.domain.atlas.run import Runner, Stopped
 from ccpin.domain.atlas.tasks import Arrays
 from ccpin.domain.boxes import Problem, closure_values
@@ -25,12 +25,6 @@ class Ranges(NamedTuple):
 
     lower: Array
     upper: Array
-
-
-def place(tree: CellTree, region: Region, cells: Indices) -> tuple[Array, Array]:
-    """Centres and half widths of cells in q-space, (K, n) each."""
-    size = tree.size[cells]
-    return region.position(tree.lower[cells] + 0.5 * size), 0.5 * region.width * (size / WHOLE)
 
 
 def whole_candidates(problem: Problem, ranges: Ranges, cells: Indices, q: Array, width: Array) -> Candidates:

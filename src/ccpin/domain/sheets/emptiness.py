@@ -18,12 +18,12 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.arrays import Array, Indices, rows_of
-from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Region
+from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Region, place
 from ccpin.domain.atlas.run import Runner
 from ccpin.domain.boxes import Problem, certify_boxes
 from ccpin.domain.chains import Chain, ClosureSystem
 from ccpin.domain.newton import newton
-from ccpin.domain.sheets.candidates import Pruning, Ranges, handed_down, place, whole_candidates
+from ccpin.domain.sheets.candidates import Pruning, Ranges, handed_down, whole_candidates
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.paving import MOST_DEPENDENT
 

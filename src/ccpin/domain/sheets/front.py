@@ -16,12 +16,11 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Indices, Mask, joined, rows_of
-from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Contacts, Region, contacts_of
+from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Contacts, Region, contacts_of, place
 from ccpin.domain.atlas.run import Report, Runner, glue_boxes, prove_cells
 from ccpin.domain.atlas.tasks import CellsToProve
 from ccpin.domain.boxes import Boxes, Problem, certify_points
 from ccpin.domain.newton import encloses, newton, predict, without_turns
-from ccpin.domain.sheets.candidates import place
 
 _CHUNK = 2000
 _NEAR = 1e-6

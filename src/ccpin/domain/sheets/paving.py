@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region
+from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region, place
 from ccpin.domain.atlas.run import Report, Runner
 from ccpin.domain.atlas.tasks import Arrays
 from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_boxes, closure_values
@@ -41,7 +41,6 @@ from ccpin.domain.sheets.candidates import (
     halved,
     handed_down,
     narrowed_both,
-    place,
     to_halve,
     whole_candidates,
 )

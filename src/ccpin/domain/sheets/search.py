@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Indices, joined, positive, whole
-from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Corners, Region, corners_of, region_of
+from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Corners, Region, corners_of, place, region_of
 from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
 from ccpin.domain.atlas.singular import SingularCells, mark_in_cells
 from ccpin.domain.boxes import BoundsName, Problem, problem_of
 from ccpin.domain.chains import ClosureSystem, Seed, closure_system
-from ccpin.domain.sheets.candidates import Ranges, place
+from ccpin.domain.sheets.candidates import Ranges
 from ccpin.domain.sheets.front import Front, Part, glued_pairs, parts_of
 from ccpin.domain.sheets.paving import MOST_DEPENDENT, cover_singular, solutions_task
 from ccpin.domain.sheets.sheets import SheetAtlas

@@ -31,13 +31,13 @@ from scipy.sparse.csgraph import breadth_first_order, connected_components
 from ccpin.arrays import Array, Indices, Mask, numbers, whole
 from ccpin.domain import boxes as theorem_k
 from ccpin.domain.atlas import store
-from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contacts_of
+from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contacts_of, place
 from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.boxes import Boxes, Problem, closure_values, verify
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
 from ccpin.domain.newton import newton, solve_in_boxes, without_turns
 from ccpin.domain.sheets import narrowing, paving
-from ccpin.domain.sheets.candidates import Ranges, place
+from ccpin.domain.sheets.candidates import Ranges
 from ccpin.domain.sheets.front import Glued, Members
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.touching import Fold, cross, near_folds
