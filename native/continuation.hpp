@@ -1,7 +1,7 @@
 // Whether a configuration a is proved to be joined to a closed one b by the lift of a straight line: the theorem of
 // ccpin.kinematics.continuation with the bounds of ccpin.kinematics.reaches, cluster by cluster.
 //
-// Asked near singular sets only, so memory is taken as it is needed.
+// Asked near singular sets only, so memory is taken as it is needed, and boxes lie along the joints.
 #pragma once
 #include "tangent.hpp"
 

@@ -8,7 +8,7 @@
 namespace ccpin {
 
 constexpr double kContraction = 0.125, kChord = 0.0625, kNoise = 1e-9;
-constexpr double kWide = 0.5;  // of what these and `kTurn` allow: by what margin estimates are to hold where nothing is proved
+constexpr double kWideNearSingular = 0.25, kWide = 0.5;  // of what these and `kTurn` allow: by what margin estimates are to hold where nothing is proved
 constexpr double kStill = 1e-3;  // of the inverse of ψ_q′ times the way since it was factorised
 constexpr double kStraight = 1e-6;  // shorter first corrections than this need no second derivative
 constexpr double kLargestMove = 1.0, kShortestStep = 0x1p-30, kOpenStart = 1e-6;
@@ -89,7 +89,7 @@ class Parametrization : public Continuation {
   double opening_ = 0;           // and how much of it shall be left
   bool wants_rho_ = true;
   std::vector<double> missing_, gap_;  // residual and gap of the start
-  double contraction_ = 0;             // how large a correction may be, of the one before
+  double shrank_ = 0;                  // the largest ratio of a correction to the one before
 
   bool solve(const Cluster& c, ClusterState& s, const double* q, const double* start, const Known* known) {
     bool open = false;
@@ -99,7 +99,7 @@ class Parametrization : public Continuation {
   }
 
   // One trusted Newton solve on ψ̄ (11): its second correction is at most a sixteenth of the first, no step is longer than
-  // one, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B changes by a quarter of itself at most; near singular sets twice as much, and
+  // one, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B changes by a quarter of itself at most; near singular sets half as much, unless
   // the step is proved. Where ρ at a closed start is known, the
   // first step is ρ Δq, and where ∂²σ/∂q² is, ½ ρ̇ q̇ is ½ ∂²σ/∂q² Δq².
   //
@@ -116,7 +116,7 @@ class Parametrization : public Continuation {
     copy_cluster(c, start, q_free.data());
     const int first = known && c.n() ? 1 : 0;
     int sign = first ? known->sign : 0;
-    if (first) limit_contraction();
+    shrank_ = 0;
     double last = 0, bend = 0;            // a correction, and ½ ρ̇ q̇
     double shrinking = 0, expected = 0;   // of corrections by the factor at hand, and how long the next is likely to be
     if (first) {
@@ -139,7 +139,7 @@ class Parametrization : public Continuation {
       if (served && !closed && last > kNoise && expected * shrinking <= m.tolerance) {
         const double length = newton_step(c, s);
         if (length <= kChord * last && (served == 1 || length * shrinking <= m.tolerance)) {
-          shrinking = std::max(shrinking, length / last), expected = length * shrinking;
+          shrinking = std::max(shrinking, length / last), shrank_ = std::max(shrank_, length / last), expected = length * shrinking;
           last = length, bend = 0, way += length, ++served;
           move(c, s.step.data());
           continue;
@@ -154,7 +154,7 @@ class Parametrization : public Continuation {
       if (too_singular(c, s) || s.factor.sign != sign) return false;
       if (closed) return finish(c, s, true) && (iteration == 0 || accepted(c, s, start, size));
       const double length = iteration && wants_rho_ ? newton_step(c, s) : probing_step(c, s, inverse);
-      if (iteration == 0) before_ = s.probe, limit_contraction();
+      if (iteration == 0) before_ = s.probe;
       if (!(length <= kLargestMove)) return false;
       if (iteration && !trusted(bend + length, last)) return false;
       bend = iteration || length <= kStraight ? 0 : bend_here(c, s);
@@ -166,20 +166,21 @@ class Parametrization : public Continuation {
     }
     return false;
   }
-  bool trusted(double next, double last) const { return next <= contraction_ * last || next <= kNoise; }
-  // Near singular sets, by the probe of the start, steps are proved; elsewhere estimates are to hold by a wide margin.
-  void limit_contraction() {
-    double size = 0;
-    for (double x : before_) size += x * x;
-    contraction_ = size * m.tolerance <= kFarFromSingular ? kWide * kContraction : kContraction;
+  bool trusted(double next, double last) {
+    if (next <= kNoise) return true;
+    shrank_ = std::max(shrank_, next / last);
+    return next <= kContraction * last;
   }
-  static bool clear(const Turn& turn) { return turn.change <= kWide * kTurn; }
-  // Whether a solution is what the start is continued to: by estimates that hold by a wide margin, near singular sets by
-  // proof.
+  // Whether estimates hold by a wide margin, wider near singular sets.
+  bool clear(const Turn& turn) const {
+    const double wide = turn.near_singular() ? kWideNearSingular : kWide;
+    return shrank_ <= wide * kContraction && turn.change <= wide * kTurn;
+  }
+  // Whether a solution is what the start is continued to: by such estimates, or near singular sets by proof.
   bool accepted(const Cluster& c, ClusterState& s, const double* start, double off) {
     const Turn turn = turn_since(before_, s);
     if (!turn.trusted()) return false;
-    return turn.near_singular() ? proved(c, s, start, missing_, gap_, off) : clear(turn);
+    return clear(turn) || (turn.near_singular() && proved(c, s, start, missing_, gap_, off));
   }
 
   // Adds ½ ρ̇ q̇ with q̇′ the step to it, and returns its length: here, and by ∂²σ/∂q² at a closed start.

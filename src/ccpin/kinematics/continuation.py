@@ -12,6 +12,10 @@ is exactly one configuration b ⊕ (τp + e), |e| ≤ E, with A(Ψ(v) − Ψ(0) 
 tube |v − τp| ≤ E; and the configurations found form one smooth curve that begins at b. So if a = b ⊕ (p + e) with
 |e| ≤ E, it ends at a.
 
+The same holds in any orthonormal basis Q of tangent steps, e = Q y: with QᵀA, QᵀMQ, boxes |y| ≤ E, and k and t taken
+where |e| ≤ |Q|E. Q's first two directions are taken as those in which ψ_q′⁻¹ is largest: boxes along the axes would mix
+them with all others.
+
 *Proof.* F_τ(v) = A(Ψ(v) − Ψ(0) − τg) has F_τ(0) = −τp and F_τ′(0) = I. By Taylor's formula, at v = τp + e,
 
     F_τ(v) − e = ½ τ² M p + τ M e + ½ A D²Ψ(0)[e, e] + R,        |R| ≤ ⅙ |A| t(|p| + E),
@@ -69,6 +73,7 @@ class Continuation:
         self.coordinates = coordinates
         self.tolerance = tolerance
         self.reaches = Reaches(constraints, coordinates)
+        self.unstructured = np.random.default_rng(0).uniform(-1.0, 1.0, (constraints.size + coordinates.n, 2))
 
     def proved(self, start: ConstraintValue, end: ConstraintValue, factor: Factor, off: float) -> bool:
         """Whether the lift of the straight line from ψ(start) to ψ(end) through `end` is proved to begin at `start`.
@@ -85,8 +90,8 @@ class Continuation:
         if not np.all(np.abs(way) <= _LARGEST):
             return False
         majorant = _Majorant(self, end, factor, way, off)
-        apart = np.abs(pin.difference(model, end.q_free, start.q_free) - way)
-        return majorant.holds(apart)
+        apart = pin.difference(model, end.q_free, start.q_free) - way
+        return majorant.holds(np.abs(majorant.basis.T @ apart))
 
     def bend(self, at: ConstraintValue, step: Array) -> Array:
         """D²Ψ(0)[step, ·], of shape (m + n, n′), the chart centred at a configuration.
@@ -116,22 +121,24 @@ class _Majorant:
     """P, with its rounding."""
 
     def __init__(self, theory: Continuation, end: ConstraintValue, factor: Factor, way: Array, off: float) -> None:
-        bend = theory.bend(end, way)
-        self.reaches = theory.reaches
-        self.inverse = factor.solve(np.eye(len(bend)))
-        self.change = np.abs(self.inverse @ bend)
-        self.way = np.abs(way)
-        self.constant = 0.5 * np.abs(self.inverse @ (bend @ way))
-        self.inverse = np.abs(self.inverse)
+        bend, inverse = theory.bend(end, way), factor.solve(np.eye(theory.constraints.size + theory.coordinates.n))
+        self.basis = np.linalg.qr(inverse @ theory.unstructured, mode="complete")[0]
+        along, turned = self.basis.T @ inverse, bend @ self.basis
+        self.change = np.abs(along @ turned)
+        self.constant = 0.5 * np.abs(along @ (bend @ way))
+        self.inverse = np.abs(along)
+        self.spread, self.way = np.abs(self.basis), np.abs(way)
         jacobian = np.concatenate([end.jacobian, theory.coordinates.jacobian(end.q_free)])
         self.rounding = _ROUNDOFF * len(way) * (np.abs(jacobian) + np.abs(bend))
         self.closed = theory.tolerance + off
+        self.reaches = theory.reaches
         self.lengths = theory.reaches.lengths(end)
 
     def __call__(self, radii: Array) -> Array:
         """P of each E, of shape (B, n′)."""
-        count, boxes = len(radii), self.way + radii
-        bounds = self.reaches.bounds(self.lengths, np.concatenate([radii, boxes]))
+        moves = radii @ self.spread.T
+        count, boxes = len(radii), self.way + moves
+        bounds = self.reaches.bounds(self.lengths, np.concatenate([moves, boxes]))
         if not np.all(np.isfinite(bounds)):  # a rotation vector may reach π
             return np.full_like(radii, np.inf)
         rest = 0.5 * bounds[0][:count] + bounds[1][count:] / 6.0 + self.closed + boxes @ self.rounding.T

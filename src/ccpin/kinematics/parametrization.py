@@ -28,7 +28,7 @@ _CONTRACTION = 0.125
 _TURN = 0.5
 _ROUNDED = 2.0
 _FAR_FROM_SINGULAR = 2e-8
-_WIDE = 0.5
+_WIDE, _WIDE_NEAR_SINGULAR = 0.5, 0.25
 _NOISE = 1e-9
 _SHORTEST_STEP = 2.0**-30
 _LARGEST_MOVE = 1.0
@@ -80,7 +80,8 @@ class NewtonSolve(NamedTuple):
         residual: Largest |ψ̄| at the last iterate, metres and radians.
         started_open: Whether the start was not closed.
         change: By how much of itself ψ_q′⁻¹ B changed on the way.
-        near_singular: Whether ψ_q′⁻¹ is so large somewhere on the way that estimates are not relied on.
+        contraction: The largest part that a correction was of the one before.
+        near_singular: Whether ψ_q′⁻¹ is so large somewhere on the way that estimates are to hold by a wider margin.
     """
 
     point: ClosedPoint | None
@@ -88,6 +89,7 @@ class NewtonSolve(NamedTuple):
     residual: float
     started_open: bool
     change: float = 0.0
+    contraction: float = 0.0
     near_singular: bool = False
 
 
@@ -158,10 +160,10 @@ class Parametrization:
         ψ_q′, half of ω‖Δ₁‖ is estimated by ‖Δ₂‖/‖Δ₁‖, so the first is an eighth of the largest value for which the
         Newton–Kantorovich theorem gives one solution, continuously connected to the guess; the last sees what the
         correction, by a symmetry, does not. These are estimates. Where ψ_q′⁻¹ is large, so near singular
-        configurations, and everywhere if `proved` is asked for, steps twice as bold are tried, and taken only if the
-        theorem of `continuation` proves them. Otherwise σ walks along the straight line from α(guess) to q in shorter
-        steps; an open guess is closed first, likewise, by letting φ vanish along a straight line. The path depends on
-        q, guess and `proved` only.
+        configurations, they are to be passed by twice that margin. A bolder step there, of up to an eighth and a
+        half, and every step if `proved` is asked for, is taken only if the theorem of `continuation` proves it.
+        Otherwise σ walks along the straight line from α(guess) to q in shorter steps; an open guess is closed first,
+        likewise, by letting φ vanish along a straight line. The path depends on q, guess and `proved` only.
 
         Args:
             q: Independent coordinates, of shape (model.nq,).
@@ -189,12 +191,13 @@ class Parametrization:
 
     def _step(self, here: Array | ClosedPoint, q: Array, proved: bool, open_by: Array | float = 0.0) -> NewtonSolve:
         """Newton's method from a configuration, as far as it is trusted by a wide margin or proved."""
-        near = isinstance(here, ClosedPoint) and self.turn_between(here.probe, here.probe)[1] > _FAR_FROM_SINGULAR
-        rules = self.rules if proved or near else self.rules._replace(contraction=_WIDE * _CONTRACTION)
-        solve = self.newton(here, q, rules, open_by)
+        solve = self.newton(here, q, self.rules, open_by)
         if solve.point is None or not solve.steps:
             return solve
-        sure = self._proves(here, solve) if proved or solve.near_singular else solve.change <= _WIDE * _TURN
+        wide = _WIDE_NEAR_SINGULAR if solve.near_singular else _WIDE
+        clear = solve.contraction <= wide * _CONTRACTION and solve.change <= wide * _TURN
+        asks = proved or (solve.near_singular and not clear)
+        sure = self._proves(here, solve) if asks else clear
         return solve if sure else solve._replace(point=None)
 
     def _proves(self, here: Array | ClosedPoint, solve: NewtonSolve) -> bool:
@@ -286,7 +289,7 @@ class Parametrization:
         """
         known = start if isinstance(start, ClosedPoint) else None
         q_free: Array = start.q_free if isinstance(start, ClosedPoint) else start.copy()
-        sign, last, residual, started_open, probe = 0, np.inf, np.inf, False, np.zeros((0, 2))
+        sign, last, residual, started_open, probe, shrank = 0, np.inf, np.inf, False, np.zeros((0, 2)), 0.0
         for steps in range(rules.most_steps + 1):
             if known is not None and not steps:
                 point, factor = known.constraints, known.factor
@@ -304,13 +307,15 @@ class Parametrization:
                 found = self._closed_point(point, factor)
                 change, rounded = self.turn_between(probe, found.probe)
                 trusted = found if change <= _TURN and rounded <= _ROUNDED else None
-                return NewtonSolve(trusted, steps, residual, started_open, change, rounded > _FAR_FROM_SINGULAR)
+                return NewtonSolve(trusted, steps, residual, started_open, change, shrank, rounded > _FAR_FROM_SINGULAR)
             if steps == rules.most_steps:
                 break
             step = factor.solve(gap)
             length = float(np.linalg.norm(step))
             if not length <= _LARGEST_MOVE or length > max(rules.contraction * last, rules.noise):
                 return NewtonSolve(None, steps + 1, residual, started_open)
+            if length > rules.noise:
+                shrank = max(shrank, length / last)
             q_free, last = moved(self.model, q_free, step), length
         return NewtonSolve(None, steps, residual, started_open)
 
