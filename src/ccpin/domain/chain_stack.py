@@ -161,4 +161,4 @@ def third_along(system: ClosureSystem, stack: ChainStack, theta: Array, turn: Ar
     tensor = product.reshape(*motion.b.shape[:2], k, k, k, 3)
     columns = np.einsum("bcijkx,bck,cmx->bcmij", tensor, rates, stack.weights, optimize=True)
     place = stack.placement.reshape(*stack.joints.shape, size)
-    return np.einsum("bcmij,cip,cjr->bmpr", columns, place, place, optimize=True)
+    return np.asarray(np.einsum("bcmij,cip,cjr->bmpr", columns, place, place, optimize=True))

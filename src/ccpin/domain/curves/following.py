@@ -1,4 +1,4 @@
-"""Curves followed from tube to tube: by prediction and Newton's method, each tube proved and glued to the one before."""
+"""Curves followed from tube to tube, by prediction and Newton's method; each tube proved, and glued to the next."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask, joined
+from ccpin.arrays import Array, joined
 from ccpin.domain.boxes import Problem
 from ccpin.domain.curves.system import onto_curves, values_at
 from ccpin.domain.curves.tubes import Points, Tubes, glued, longest, places_in
@@ -92,8 +92,3 @@ def _next(problem: Problem, tube: Tubes) -> Tubes | None:
         if found is not None and bool(glued(problem, tube, found)[0]):
             return found
     return None
-
-
-def holding(problem: Problem, tubes: Tubes, points: Points) -> Mask:
-    """Whether each of T points lies in the tube beside it."""
-    return places_in(problem, points, tubes).inside

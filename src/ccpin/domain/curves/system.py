@@ -78,9 +78,7 @@ def rounding_at(problem: Problem, theta: Array, kernel: Array, pairing: Array) -
     return np.asarray(4.0 * problem.system.rounding * problem.system.magnitude(theta) * weight)
 
 
-def first_order(
-    problem: Problem, theta: Array, kernel: Array, pairing: Array
-) -> tuple[Array, Array, Derivatives]:
+def first_order(problem: Problem, theta: Array, kernel: Array, pairing: Array) -> tuple[Array, Array, Derivatives]:
     """G (B, M), G′ (B, M, N), and the derivatives of φ they are made of."""
     system, found = problem.system, closure_derivatives(problem, theta)
     m, size, dependent = system.m, system.n_free, system.dependent

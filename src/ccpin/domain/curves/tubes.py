@@ -188,7 +188,7 @@ def certify_tubes(problem: Problem, values: Values, frames: Frames, half: Array,
 def longest(problem: Problem, values: Values, sizes: Array, forward: Array | None = None) -> Tubes | None:
     """About one point of a curve the tube of greatest length of those tried (K,); ``None`` where none is proved.
 
-    Its s grows along `forward` (N,), if that is given. The radii are at most δ, and in proportion to what Z leaves of them.
+    Its s grows along `forward` (N,), if given. The radii are at most δ, and in proportion to what Z leaves of them.
     """
     frames = frames_at(values.slope, forward)
     if not np.isfinite(frames.gain).all():
@@ -247,6 +247,7 @@ def places_in(problem: Problem, points: Points, tubes: Tubes) -> Places:
     with np.errstate(all="ignore"):
         scaled = kernel / scale
         spread = (spread + np.abs(scaled) * blur) / (np.abs(scale) - blur)
+        spread = np.where(np.isfinite(spread), spread, np.inf)
     gap = np.concatenate([without_turns(points.x[:, :size] - tubes.theta, problem.system.periodic), scaled], axis=1)
     gap[:, size:] -= tubes.kernel
     error = np.concatenate([points.error[:, :size], spread], axis=1) + _WIDEN
