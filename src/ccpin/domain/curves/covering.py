@@ -31,6 +31,7 @@ from ccpin.domain.newton import without_turns
 from ccpin.domain.sheets.narrowing import Candidates
 
 _BESIDE = 3
+_WORTH = 1.5  # half lengths: wider boxes are in no tube
 _ROOM = 1.0 + 1e-6
 _TURN = 2.0 * np.pi
 
@@ -62,11 +63,9 @@ class Nearby:
 
     def settle(self, boxes: Candidates) -> Mask:
         """Which boxes are proved to hold no singular configurations but those of the tubes' curves, of shape (K,)."""
-        done = np.zeros(len(boxes.cell), dtype=np.bool_)
+        done, wide = np.zeros(len(boxes.cell), dtype=np.bool_), extents(self.problem, boxes).max(axis=1, initial=0.0)
         for nearest in self.of(boxes.centre).T:
-            rows = np.flatnonzero(~done)
-            if not rows.size:
-                break
+            rows = np.flatnonzero(~done & (wide <= _WORTH * self.tubes.half[nearest]))
             done[rows] = settled(self.problem, rows_of(boxes, rows), self.tubes.take(nearest[rows]))
         return done
 

@@ -79,6 +79,7 @@ class Search:
         self.tried = 0
         self._flag = flag
         self._nearby: Nearby | None = None
+        self._looked = np.inf
 
     def run(self, resolution: float, budget: int, report: Callable[[int, int], None]) -> Found:
         """Halve, drop, follow and settle until all boxes are settled, or smaller than `resolution`."""
@@ -130,7 +131,9 @@ class Search:
     def _settled(self, waiting: Candidates) -> Candidates:
         """The boxes without those that tubes settle, once curves were looked for from them all."""
         wide = extents(self.problem, waiting).max(axis=1, initial=0.0)
-        if len(wide) > _MANY or wide.max(initial=0.0) < _SMALL:
+        widest = float(wide.max(initial=0.0))
+        if (len(wide) > _MANY or widest < _SMALL) and widest <= 0.5 * self._looked:
+            self._looked = widest
             self._look_from(waiting)
         keep = np.ones(len(wide), dtype=np.bool_)
         if self._nearby is not None:
