@@ -16,7 +16,7 @@ import numpy as np
 from ccpin.arrays import Array, Mask, joined, rows_of
 from ccpin.domain.atlas.cells import Region
 from ccpin.domain.atlas.run import Flag, Stopped
-from ccpin.domain.boxes import Problem, closure_values
+from ccpin.domain.boxes import Problem, closure_derivatives, closure_values
 from ccpin.domain.curves.covering import Nearby, directions, extents
 from ccpin.domain.curves.following import Chain, follow
 from ccpin.domain.curves.system import onto_curves
@@ -30,7 +30,6 @@ _MOST_STARTS = 20
 _NEWTON = 20
 _FAR = 3.0  # of a box: singular configurations farther from its middle are other boxes'
 _ON_CURVE = 1e-9
-_FLOOR = 1e-3
 
 
 class Place(NamedTuple):
@@ -177,11 +176,11 @@ class Search:
         return bool(self.place.meets(self.problem, tube.theta, reach)[0])
 
     def _halved(self, boxes: Candidates) -> Candidates:
-        """Both halves of boxes, cut where φ moves most."""
-        column = np.abs(closure_values(self.problem, boxes.centre)[1]).max(axis=1)
-        scale = column.max(axis=1, initial=0.0, keepdims=True)
+        """Both halves of boxes, cut where φ and φ_y move most."""
+        found = closure_derivatives(self.problem, boxes.centre)
+        steepest = np.abs(found.jacobian) + np.abs(found.hessian[:, :, self.problem.system.dependent]).sum(axis=2)
         rows, half = np.arange(len(boxes.cell)), boxes.half.copy()
-        cut = np.argmax(np.maximum(column, _FLOOR * scale) * half, axis=1)
+        cut = np.argmax(steepest.max(axis=1) * half, axis=1)
         half[rows, cut] *= 0.5
         step = directions(self.problem, boxes)[rows, :, cut] * half[rows, cut, None]
         half += np.where(step != 0.0, 4e-16 * (1.0 + np.abs(boxes.centre) + np.abs(step)), 0.0)
