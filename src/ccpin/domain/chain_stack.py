@@ -158,7 +158,8 @@ def third_along(system: ClosureSystem, stack: ChainStack, theta: Array, turn: Ar
     k, size = stack.joints.shape[1], system.n_free
     first, middle, last = np.sort(np.indices((k, k, k)).reshape(3, -1), axis=0)
     product = cross(motion.a[:, :, first], cross(motion.a[:, :, middle], motion.b[:, :, last]))
-    tensor = product.reshape(*motion.b.shape[:2], k, k, k, 3)
-    columns = np.einsum("bcijkx,bck,cmx->bcmij", tensor, rates, stack.weights, optimize=True)
-    place = stack.placement.reshape(*stack.joints.shape, size)
-    return np.asarray(np.einsum("bcmij,cip,cjr->bmpr", columns, place, place, optimize=True))
+    tensor = product.reshape(*motion.b.shape[:2], k * k, k, 3)
+    turned = (rates[:, :, None, None] @ tensor)[..., 0, :] @ np.swapaxes(stack.weights, 1, 2)
+    parts = np.moveaxis(turned.reshape(*motion.b.shape[:2], k, k, system.m), 4, 1)
+    place = stack.placement.reshape(-1, k, size)
+    return np.asarray((np.swapaxes(place, 1, 2) @ parts @ place).sum(axis=2))

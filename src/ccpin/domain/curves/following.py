@@ -47,13 +47,8 @@ def follow(
     ahead, closed = _one_way(problem, first, inside, check)
     if closed:
         return Chain(joined(ahead), True)
-    behind, _ = _one_way(problem, _turned(first), inside, check)
-    return Chain(joined([*(_turned(tube) for tube in behind[:0:-1]), *ahead]), False)
-
-
-def _turned(tube: Tubes) -> Tubes:
-    """The same tube with s the other way."""
-    return tube._replace(tangent=-tube.tangent)
+    behind, _ = _one_way(problem, first.turned(), inside, check)
+    return Chain(joined([*(tube.turned() for tube in behind[:0:-1]), *ahead]), False)
 
 
 def _tube_at(problem: Problem, theta: Array, kernel: Array, sizes: Array, forward: Array | None) -> Tubes | None:

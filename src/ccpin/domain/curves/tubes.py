@@ -51,6 +51,7 @@ from ccpin.domain.newton import without_turns
 _WIDEN = 1e-13
 _ROUNDS, _SHAPED = 4, 2
 _CHORDS = 4
+_CLOSE = 1e-4  # of the radii: an enclosure so small will do
 _BACK = (0.4, 0.1)
 
 
@@ -83,6 +84,10 @@ class Tubes(NamedTuple):
     def take(self, rows: Indices | Mask) -> Tubes:
         """Some of them."""
         return rows_of(self, rows)
+
+    def turned(self) -> Tubes:
+        """The same tubes with s the other way."""
+        return self._replace(tangent=-self.tangent)
 
     @property
     def x(self) -> Array:
@@ -131,7 +136,7 @@ def bounds_of(problem: Problem, values: Values, frames: Frames, half: Array, rad
     length = np.abs(frames.tangent) * half[:, None]
     box = length + radius + _WIDEN
     off = drift(problem, values, box)
-    curved = np.einsum("bkm,bmac->bkac", gain, values.bend, optimize=True)
+    curved = (gain @ values.bend.reshape(*values.slope.shape[:2], n * n)).reshape(*gain.shape[:2], n, n)
     along = apply(curved, frames.tangent[:, None])
     weighted = gain @ values.slope
     noise = size.sum(axis=2) * values.rounding[:, None]
@@ -142,7 +147,7 @@ def bounds_of(problem: Problem, values: Values, frames: Frames, half: Array, rad
     y += noise * (1.0 + length.sum(axis=1))[:, None] ** 2
     by_theta, by_kernel = off.along(size, box[:, :n_free].sum(axis=1), box[:, n_free:].sum(axis=1))
     z = np.abs(np.eye(n) - weighted) + np.abs(along) * half[:, None, None]
-    z += np.einsum("bkac,ba->bkc", np.abs(curved), radius)
+    z += (radius[:, None, None] @ np.abs(curved))[:, :, 0]
     z[..., :n_free] += by_theta[..., None]
     z[..., n_free:] += by_kernel[..., None]
     z += (noise * (1.0 + box.sum(axis=1))[:, None])[..., None]
@@ -217,15 +222,17 @@ class Points(NamedTuple):
 
 def zeros_in(problem: Problem, tubes: Tubes, s: Array) -> Points:
     """The curve's points at parameters |s| ≤ δ of tubes, of shape (T,)."""
-    system, x = problem.system, tubes.x + tubes.tangent * s[:, None]
+    size, x = problem.system.n_free, tubes.x + tubes.tangent * s[:, None]
     for _ in range(_CHORDS):
-        off = apply(tubes.gain, first_order(problem, x[:, : system.n_free], x[:, system.n_free :], tubes.pairing)[0])
-        ahead = x - off
-        inside = np.abs(ahead - tubes.x - tubes.tangent * s[:, None]) <= tubes.radius
-        x = np.where(inside.all(axis=1, keepdims=True), ahead, x)
-    theta, kernel = x[:, : system.n_free], x[:, system.n_free :]
-    left = np.abs(apply(tubes.gain, first_order(problem, theta, kernel, tubes.pairing)[0]))
-    left += np.abs(tubes.gain).sum(axis=2) * rounding_at(problem, theta, kernel, tubes.pairing)[:, None]
+        step = apply(tubes.gain, first_order(problem, x[:, :size], x[:, size:], tubes.pairing)[0])
+        if np.all(np.abs(step) <= _CLOSE * tubes.radius):
+            break
+        inside = np.abs(x - step - tubes.x - tubes.tangent * s[:, None]) <= tubes.radius
+        x = np.where(inside.all(axis=1, keepdims=True), x - step, x)
+    else:
+        step = apply(tubes.gain, first_order(problem, x[:, :size], x[:, size:], tubes.pairing)[0])
+    noise = rounding_at(problem, x[:, :size], x[:, size:], tubes.pairing)[:, None]
+    left = np.abs(step) + np.abs(tubes.gain).sum(axis=2) * noise
     share = (left / np.where(tubes.radius > 0.0, tubes.radius, np.inf)).max(axis=1) / (1.0 - tubes.kappa)
     return Points(x, share[:, None] * tubes.radius * SLACK + _WIDEN)
 
@@ -260,9 +267,20 @@ def places_in(problem: Problem, points: Points, tubes: Tubes) -> Places:
 
 def glued(problem: Problem, tubes: Tubes, following: Tubes) -> Mask:
     """Whether each tube's curve is that of the one following it, and runs on in it the same way; of shape (T,)."""
-    one = places_in(problem, zeros_in(problem, following, np.zeros(len(following.half))), tubes)
-    done = np.zeros(len(one.s), dtype=np.bool_)
+    same = _begin_in(problem, following, tubes)
+    rows = np.flatnonzero(~same)
+    if rows.size:
+        same[rows] = _begin_in(problem, tubes.take(rows).turned(), following.take(rows).turned())
+    return same
+
+
+def _begin_in(problem: Problem, tubes: Tubes, before: Tubes) -> Mask:
+    """Whether two zeros of each tube, its middle one and one before that, lie so in the tube before it, (T,)."""
+    last = places_in(problem, zeros_in(problem, tubes, np.zeros(len(tubes.half))), before)
+    same = np.zeros(len(last.s), dtype=np.bool_)
     for part in _BACK:
-        two = places_in(problem, zeros_in(problem, following, -part * following.half), tubes)
-        done |= one.inside & two.inside & (one.s - two.s > one.error + two.error)
-    return done
+        first = places_in(problem, zeros_in(problem, tubes, -part * tubes.half), before)
+        same |= last.inside & first.inside & (last.s - first.s > last.error + first.error)
+        if same.all():
+            break
+    return same
