@@ -51,7 +51,7 @@ def singular_configurations(bar, count, rng):
 
 
 def _on_circle(bar, reach, drawn, first):
-    """(q1, q2) with |d| = reach, one of the two as drawn; where reach is 0, the two points of the plane that have it."""
+    """(q1, q2) with |d| = reach, one of the two as drawn; where reach is 0, the two points that have it."""
     if reach == 0.0:
         far = np.arccos((bar.c**2 + bar.a1**2 - bar.a2**2) / (2.0 * bar.c * bar.a1)) * np.sign(drawn)
         return far, np.angle(bar.a1 * np.exp(1j * far) - bar.c)

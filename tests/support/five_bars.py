@@ -22,7 +22,7 @@ def load_five_bar(bar):
     )
     tip = LoopClosure("tip", "revolute", "rod1", "rod2", _along(bar.a3), _along(bar.a4))
     described = MechanismDescription("five-bar", "base", links, joints, (tip,), actuated=("joint1", "joint2"))
-    return ccpin.load(described)
+    return ccpin.load(described, independent=["joint1", "joint2"])
 
 
 def random_five_bar(rng):
