@@ -105,7 +105,7 @@ def chain():
     at = problem("3-RPR")
     theta, kernel = on_curves(at, 40, 4)
     left = iter(range(60))
-    return at, follow(at, theta[0], kernel[0], lambda _: next(left, 60) % 30 < 29, lambda: None).tubes
+    return at, follow(at, theta[0], kernel[0], lambda _: next(left, 60) % 30 < 29).tubes
 
 
 def test_curves_stay_in_their_hulls(chain):

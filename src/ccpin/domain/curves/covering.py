@@ -30,7 +30,7 @@ from ccpin.domain.curves.tubes import Points, Tubes, bounds_of, frames_at, place
 from ccpin.domain.newton import without_turns
 from ccpin.domain.sheets.narrowing import Candidates
 
-_BESIDE = 3
+_BESIDE, _ABOUT = 3, 8
 _WORTH = 1.5  # half lengths: wider boxes are in no tube
 _ROOM = 1.0 + 1e-6
 _TURN = 2.0 * np.pi
@@ -44,9 +44,9 @@ class Nearby:
         self._size = np.where(problem.system.periodic, _TURN, 0.0)
         self._tree = cKDTree(self._folded(tubes.theta), boxsize=self._size)
 
-    def of(self, theta: Array) -> Indices:
-        """The nearest tubes to θ (B, n′), the nearest first, of shape (B, up to 3)."""
-        count = min(_BESIDE, len(self.tubes.half))
+    def of(self, theta: Array, most: int) -> Indices:
+        """The nearest tubes to θ (B, n′), the nearest first, of shape (B, up to `most`)."""
+        count = min(most, len(self.tubes.half))
         found = self._tree.query(self._folded(theta), k=np.arange(1, count + 1))[1]
         return np.asarray(found, dtype=np.intp)
 
@@ -57,14 +57,14 @@ class Nearby:
     def hold(self, points: Points) -> Mask:
         """Whether points x lie in one of the tubes nearest to them, of shape (B,)."""
         held = np.zeros(len(points.x), dtype=np.bool_)
-        for nearest in self.of(points.x[:, : self.problem.system.n_free]).T:
+        for nearest in self.of(points.x[:, : self.problem.system.n_free], _ABOUT).T:
             held |= places_in(self.problem, points, self.tubes.take(nearest)).inside
         return held
 
     def settle(self, boxes: Candidates) -> Mask:
         """Which boxes are proved to hold no singular configurations but those of the tubes' curves, of shape (K,)."""
         done, wide = np.zeros(len(boxes.cell), dtype=np.bool_), extents(self.problem, boxes).max(axis=1, initial=0.0)
-        for nearest in self.of(boxes.centre).T:
+        for nearest in self.of(boxes.centre, _BESIDE).T:
             rows = np.flatnonzero(~done & (wide <= _WORTH * self.tubes.half[nearest]))
             done[rows] = settled(self.problem, rows_of(boxes, rows), self.tubes.take(nearest[rows]))
         return done

@@ -29,25 +29,22 @@ class Chain(NamedTuple):
     closed: bool
 
 
-def follow(
-    problem: Problem, theta: Array, kernel: Array, inside: Callable[[Tubes], bool], check: Callable[[], None]
-) -> Chain | None:
-    """The curve through a singular configuration θ (n′,) with kernel w (m,), both ways; ``None`` without a first tube.
+def follow(problem: Problem, theta: Array, kernel: Array, going: Callable[[Tubes], bool]) -> Chain | None:
+    """The curve through a singular configuration, both ways; ``None`` where no tube is proved about that.
 
     Args:
         problem: The closures.
-        theta: The configuration.
-        kernel: Its kernel, of unit length.
-        inside: Whether a tube (T = 1) may still matter; beyond that the curve is not followed.
-        check: Called before each tube; what it raises is raised when what was proved by then is put in order.
+        theta: The configuration, of shape (n′,).
+        kernel: Its kernel, of unit length, of shape (m,).
+        going: Asked of each tube (T = 1) whether the curve is wanted beyond it.
     """
     first = _tube_at(problem, theta, kernel, _FIRST, None)
     if first is None:
         return None
-    ahead, closed = _one_way(problem, first, inside, check)
+    ahead, closed = _one_way(problem, first, going)
     if closed:
         return Chain(joined(ahead), True)
-    behind, _ = _one_way(problem, first.turned(), inside, check)
+    behind, _ = _one_way(problem, first.turned(), going)
     return Chain(joined([*(tube.turned() for tube in behind[:0:-1]), *ahead]), False)
 
 
@@ -55,22 +52,17 @@ def _tube_at(problem: Problem, theta: Array, kernel: Array, sizes: Array, forwar
     return longest(problem, values_at(problem, theta[None], kernel[None], kernel[None]), sizes, forward)
 
 
-def _one_way(
-    problem: Problem, first: Tubes, inside: Callable[[Tubes], bool], check: Callable[[], None]
-) -> tuple[list[Tubes], bool]:
+def _one_way(problem: Problem, first: Tubes, going: Callable[[Tubes], bool]) -> tuple[list[Tubes], bool]:
     """Tubes from one on as s grows, and whether they return to it."""
-    tubes, away = [first], False
-    start = Points(first.x, np.full_like(first.x, _SAME))
-    while len(tubes) < MOST_TUBES and inside(tubes[-1]):
-        check()
+    tubes, start = [first], Points(first.x, np.full_like(first.x, _SAME))
+    while len(tubes) < MOST_TUBES and going(tubes[-1]):
         following = _next(problem, tubes[-1])
         if following is None:
             break
         tubes.append(following)
-        back = bool(places_in(problem, start, following).inside[0])
-        if away and back and bool(glued(problem, following, first)[0]):
+        back = places_in(problem, start, following)
+        if back.inside[0] and back.s[0] > 0.0 and bool(glued(problem, following, first)[0]):
             return tubes, True
-        away |= not back
     return tubes, False
 
 

@@ -153,11 +153,12 @@ class Search:
                 points = rows_of(points, ~self._nearby.hold(points))
             if not len(points.x):
                 break
-            chain = follow(self.plain, points.x[0, :size], points.x[0, size:], self._matters, self._check)
+            chain = follow(self.plain, points.x[0, :size], points.x[0, size:], self._wanted)
             points = rows_of(points, slice(1, None))
             if chain is not None:
                 self.chains.append(chain)
                 self._nearby = Nearby(self.plain, joined([chain.tubes for chain in self.chains]))
+            self._check()
 
     def _near(self, waiting: Candidates) -> tuple[Array, Array]:
         """Singular configurations near boxes, to rounding, and their kernels; those at the place looked at."""
@@ -170,8 +171,10 @@ class Search:
         inside = self.place.meets(self.problem, theta, np.zeros_like(theta))
         return theta[inside], kernel[inside]
 
-    def _matters(self, tube: Tubes) -> bool:
-        """Whether a tube (T = 1) meets the place looked at."""
+    def _wanted(self, tube: Tubes) -> bool:
+        """Whether a curve is to be followed beyond a tube (T = 1): it meets the place looked at, and there is time."""
+        if self._flag.is_set():
+            return False
         reach = (np.abs(tube.tangent) * tube.half[:, None] + tube.radius)[:, : self.problem.system.n_free]
         return bool(self.place.meets(self.problem, tube.theta, reach)[0])
 

@@ -31,10 +31,11 @@ The bounds are Taylor's, about x₀, with C = P G″(x₀), L = |t|δ, X = L + R
 each with |P| times the rounding of what it is made of. As K contracts, ‖e − e*‖ ≤ ‖P G‖/(1 − κ) at any e of the tube.
 
 **Gluing.** Where the zero of one tube at an s is enclosed and that enclosure, its w divided by the other tube's lᵀw,
-lies in another tube, it is on the other's curve also. Where two zeros of one tube lie in another in the same order
-of s, both tubes run the same way, or the curve is closed: on a connected curve that is not closed the arcs between the
-two coincide. So tubes glued one to the next in this way follow one curve without turning back, and where the last
-is glued to the first the curve is closed. Periodic coordinates are compared modulo 2π.
+lies in another tube, it is on the other's curve also. Let that be so of two zeros, of which the later one is a tube's
+middle, in the same order of s and ahead of the other's middle (s > 0). On a curve that is not closed the arcs between
+the two coincide, so that both tubes run the same way and the middle of the one comes after that of the other. Hence
+tubes glued one to the next follow one curve without turning back, and where the last is glued to the first the curve
+is closed: on another no middle comes after itself. Periodic coordinates are compared modulo 2π.
 """
 
 from __future__ import annotations
@@ -277,10 +278,10 @@ def glued(problem: Problem, tubes: Tubes, following: Tubes) -> Mask:
 def _begin_in(problem: Problem, tubes: Tubes, before: Tubes) -> Mask:
     """Whether two zeros of each tube, its middle one and one before that, lie so in the tube before it, (T,)."""
     last = places_in(problem, zeros_in(problem, tubes, np.zeros(len(tubes.half))), before)
-    same = np.zeros(len(last.s), dtype=np.bool_)
+    same, ahead = np.zeros(len(last.s), dtype=np.bool_), last.inside & (last.s > last.error)
     for part in _BACK:
-        first = places_in(problem, zeros_in(problem, tubes, -part * tubes.half), before)
-        same |= last.inside & first.inside & (last.s - first.s > last.error + first.error)
-        if same.all():
+        if not np.any(ahead & ~same):
             break
+        first = places_in(problem, zeros_in(problem, tubes, -part * tubes.half), before)
+        same |= ahead & first.inside & (last.s - first.s > last.error + first.error)
     return same
