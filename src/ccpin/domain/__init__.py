@@ -9,7 +9,13 @@ from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.atlas.run import Work
 from ccpin.domain.atlas.survey import certify
 from ccpin.domain.chains import scalar_coordinates_at
-from ccpin.domain.curves.curves import CertifiedCurve, SingularCover, UncoveredBoxes, certify_singularities
+from ccpin.domain.curves.curves import (
+    CertifiedCurve,
+    CrossedCells,
+    SingularCover,
+    UncoveredBoxes,
+    certify_singularities,
+)
 from ccpin.domain.cusps import Cusp, cusps
 from ccpin.domain.design import Design, design, scaled_links
 from ccpin.domain.largest import LargestWorkspace, largest_ball, largest_cube
@@ -35,6 +41,7 @@ __all__ = [
     "CellStatus",
     "CertifiedCurve",
     "CertifiedPath",
+    "CrossedCells",
     "Cusp",
     "Design",
     "Fold",

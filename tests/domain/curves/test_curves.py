@@ -5,6 +5,7 @@ import pytest
 
 import ccpin
 from ccpin import domain, plotting
+from ccpin.domain.atlas.cells import place
 from ccpin.domain.curves import search
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import five_bar as oracle
@@ -161,6 +162,22 @@ def test_a_region_without_singularities(rpdr):
     assert (found.verdict, found.curves) == ("proven", ())
     assert found.verify()
     assert list(found.curve_of(rpdr.q_reference)) == [-1]
+
+
+def test_cells_of_an_atlas_that_curves_cross(rpdr, cover):
+    """Undecided cells said to be crossed hold a stretched loop, by its sign at a grid of each cell's points."""
+    q0 = np.array([1.5, 1.9])
+    atlas = domain.certify(rpdr, q0, REGION, max_depth=7)
+    found = cover.crossed(atlas)
+    assert 0.0 < found.share <= atlas.undecided_fraction
+    assert set(found.cells) <= set(atlas.tree.leaves(domain.CellStatus.UNDECIDED).tolist())
+    middle, half = place(atlas.tree, atlas.region, found.cells)
+    grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 41)]), axis=-1).reshape(-1, 2)
+    for centre, width in zip(middle, half, strict=True):
+        reach = np.abs(oracle.elbows(RPDR, *(centre + width * grid).T))
+        assert reach.min() <= RPDR.a3 + RPDR.a4 <= reach.max() or reach.min() < 0.06 * width.max()
+    with pytest.raises(InvalidInputError, match="atlas"):
+        cover.crossed(cover)
 
 
 def test_curves_are_drawn(rpdr, cover):

@@ -9,8 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Indices, Mask, joined, matrix_rows, positive, rows_of, whole
-from ccpin.domain.atlas.cells import Corners, Region
+from ccpin.arrays import Array, Indices, Mask, instance, joined, matrix_rows, positive, rows_of, whole
+from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.cells import CellStatus, Corners, Region
 from ccpin.domain.atlas.run import stoppable
 from ccpin.domain.boxes import BoundsName, Problem, closure_values, problem_of
 from ccpin.domain.chains import ClosureSystem, closure_system
@@ -23,10 +24,11 @@ from ccpin.domain.newton import without_turns
 from ccpin.domain.sheets.search import refuse, region_about, searched_ranges
 from ccpin.domain.singularities import CurveKind, SingularCurve
 from ccpin.domain.verdict import Verdict
-from ccpin.errors import UnsupportedMechanismError
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 _STILL = 1e-7
+_SAMPLES = 33  # of a tube
 _TOUCHING = 1e-12
 _AGAIN = 1.0 + 1e-6  # how far the same bounds may differ when formed again
 
@@ -70,6 +72,18 @@ class UncoveredBoxes(NamedTuple):
 
     lower: Array
     upper: Array
+
+
+class CrossedCells(NamedTuple):
+    """Cells of an atlas over which a singular configuration is proved to lie.
+
+    Attributes:
+        cells: Their numbers in the atlas's tree, of shape (K,).
+        share: Of the atlas's region.
+    """
+
+    cells: Indices
+    share: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +182,29 @@ class SingularCover:
             found[k] = bool(np.any(np.all(np.abs(gap) <= half, axis=1)))
         return found
 
+    def crossed(self, atlas: Atlas) -> CrossedCells:
+        """The undecided cells of an atlas that the curves cross.
+
+        Each holds the q of a configuration proved to be singular, which may be of another assembly mode than the
+        atlas's, as for cells that the atlas calls singular.
+
+        Args:
+            atlas: Of the same mechanism.
+
+        Raises:
+            InvalidInputError: It is none, or of other coordinates.
+        """
+        if instance(atlas, "atlas", Atlas).names != self.names:
+            raise InvalidInputError(f"the atlas is of {', '.join(atlas.names)}, the curves of {', '.join(self.names)}")
+        found = [np.zeros(0, dtype=np.intp)]
+        for curve in self.curves:
+            for share in np.linspace(-1.0, 1.0, _SAMPLES):
+                at = zeros_in(self.problem, curve.tubes, share * curve.tubes.half)
+                found.append(_cells(atlas, at, self.problem.system.independent))
+        cells = np.unique(np.concatenate(found))
+        cells = cells[atlas.tree.status[cells] == CellStatus.UNDECIDED]
+        return CrossedCells(cells, atlas.tree.share(cells))
+
     def verify(self) -> bool:
         """Check every tube and all gluing anew, from their data alone; not that the boxes tried were settled."""
         return all(_holds(self.problem, curve) for curve in self.curves)
@@ -256,6 +293,15 @@ def _curve(problem: Problem, chain: Chain) -> CertifiedCurve:
     q = without_turns(q[:1], system.periodic[system.independent]) if still else q
     q_free = system.chart.configuration(tubes.theta)
     return CertifiedCurve("self-motion" if still else "fold", q, q_free, chain.closed, error, reach, tubes)
+
+
+def _cells(atlas: Atlas, at: Points, independent: Indices) -> Indices:
+    """The leaves that hold the q of points with all of their error."""
+    q, error = at.x[:, independent], at.error[:, independent]
+    low, high = (
+        atlas.tree.locate(atlas.region.cell_coordinates(atlas.region.reduce(q + side * error))) for side in (-1.0, 1.0)
+    )
+    return np.asarray(low[(low == high) & (low >= 0)], dtype=np.intp)
 
 
 def _holds(problem: Problem, curve: CertifiedCurve) -> bool:
