@@ -20,19 +20,22 @@ Boxes on which φ_y is shown to be regular, or φ to have no zero, are dropped f
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
 from ccpin.domain.boxes import SLACK, Problem, closure_derivatives, solve_many
-from ccpin.domain.curves.system import third_bound, values_at
-from ccpin.domain.curves.tubes import Points, Tubes, bounds_of, frames_at, places_in
+from ccpin.domain.curves.system import first_order, third_bound, values_at
+from ccpin.domain.curves.tubes import Frames, Points, Tubes, bounds_of, frames_at, inverse_without, places_in
 from ccpin.domain.newton import without_turns
 from ccpin.domain.sheets.narrowing import Candidates
 
 _BESIDE, _ABOUT = 3, 8
-_WORTH = 1.5  # half lengths: wider boxes are in no tube
+_WORTH = 2.5  # half lengths: wider boxes are in no tube, and seldom shown to be empty
 _ROOM = 1.0 + 1e-6
+_PASSES, _GAIN = 2, 0.7  # and what radius a second pass is worth after
 _TURN = 2.0 * np.pi
 
 
@@ -63,11 +66,23 @@ class Nearby:
 
     def settle(self, boxes: Candidates) -> Mask:
         """Which boxes are proved to hold no singular configurations but those of the tubes' curves, of shape (K,)."""
-        done, wide = np.zeros(len(boxes.cell), dtype=np.bool_), extents(self.problem, boxes).max(axis=1, initial=0.0)
-        for nearest in self.of(boxes.centre, _BESIDE).T:
-            rows = np.flatnonzero(~done & (wide <= _WORTH * self.tubes.half[nearest]))
-            done[rows] = settled(self.problem, rows_of(boxes, rows), self.tubes.take(nearest[rows]))
+        done, extent = np.zeros(len(boxes.cell), dtype=np.bool_), extents(self.problem, boxes)
+        wide = extent.max(axis=1, initial=0.0)
+        for number, nearest in enumerate(self.of(boxes.centre, _BESIDE).T):
+            worth = ~done & (wide <= _WORTH * self.tubes.half[nearest])
+            if number:  # that a box is empty was tried
+                worth &= self._may_hold(boxes.centre, extent, nearest)
+            rows = np.flatnonzero(worth)
+            if rows.size:
+                done[rows] = settled(self.problem, rows_of(boxes, rows), self.tubes.take(nearest[rows]))
         return done
+
+    def _may_hold(self, theta: Array, extent: Array, nearest: Indices) -> Mask:
+        """Whether boxes |θ − θ_c| ≤ extent are short enough, and so placed, that tubes may hold them, of shape (B,)."""
+        rows, along = np.arange(len(theta)), np.minimum(self.tubes.along[nearest], theta.shape[1] - 1)
+        gap = without_turns(theta - self.tubes.theta[nearest], self.problem.system.periodic)
+        reach = np.abs(gap[rows, along]) + extent[rows, along]
+        return np.asarray((reach <= self.tubes.half[nearest]) | (along != self.tubes.along[nearest]))
 
 
 def settled(problem: Problem, boxes: Candidates, tubes: Tubes) -> Mask:
@@ -79,7 +94,7 @@ def settled(problem: Problem, boxes: Candidates, tubes: Tubes) -> Mask:
         if known.size:
             extent = np.concatenate([extents(problem, boxes)[known], spread[known]], axis=1)
             theta = boxes.centre[known]
-            done[known] = _drawn(problem, (theta, kernel[known], extent), tubes.take(known))
+            done[known] = _drawn(problem, theta, kernel[known], extent, tubes.take(known))
     return done
 
 
@@ -119,39 +134,63 @@ def kernels(problem: Problem, boxes: Candidates, pairing: Array) -> tuple[Array,
     return kernel, np.where(sound[:, None], spread * SLACK, np.inf)
 
 
-def _drawn(problem: Problem, boxes: tuple[Array, Array, Array], tubes: Tubes) -> Mask:
-    """Proposition B for boxes (θ₀, w₀, bounds of |x − x₀|) and the tube beside each."""
-    theta, kernel, extent = boxes
+class _Slanted(NamedTuple):
+    """Boxes x + s t + e, |s| ≤ half, |e| ≤ radius (0 in row j), of shapes (K, N), (K,), (K, N), (K,) and (K, N)."""
+
+    x: Array
+    along: Indices
+    tangent: Array
+    half: Array
+    radius: Array
+
+
+def _drawn(problem: Problem, theta: Array, kernel: Array, extent: Array, tubes: Tubes) -> Mask:
+    """Proposition B, again and again, for boxes |x − (θ₀, w₀)| ≤ extent (K, N) and the tube beside each."""
     rows = np.arange(len(theta))
-    values = values_at(problem, theta, kernel, tubes.pairing)
-    done = np.zeros(len(theta), dtype=np.bool_)
-    frames = frames_at(values.slope)
+    frames = frames_at(first_order(problem, theta, kernel, tubes.pairing)[1])
     half = extent[rows, frames.along]
-    radius = extent + np.abs(frames.tangent) * half[:, None] * SLACK
+    radius = (extent + np.abs(frames.tangent) * half[:, None]) * SLACK
     radius[rows, frames.along] = 0.0
-    bounds = bounds_of(problem, values, frames, half, radius)
+    boxes = _Slanted(np.concatenate([theta, kernel], axis=1), frames.along, frames.tangent, half, radius)
+    done = np.zeros(len(theta), dtype=np.bool_)
+    for _ in range(_PASSES):
+        empty, smaller = _narrowed(problem, boxes, tubes.take(rows))
+        settled_now = empty | _inside(problem, smaller, tubes.take(rows))
+        done[rows[settled_now]] = True
+        going = ~settled_now & np.any(smaller.radius < _GAIN * boxes.radius, axis=1)
+        rows, boxes = rows[going], rows_of(smaller, going)
+        if not rows.size:
+            break
+    return done
+
+
+def _narrowed(problem: Problem, boxes: _Slanted, tubes: Tubes) -> tuple[Mask, _Slanted]:
+    """Which boxes are empty, and where else the singular configurations of each are (Proposition B), l as the tubes'."""
+    rows, size = np.arange(len(boxes.x)), problem.system.n_free
+    values = values_at(problem, boxes.x[:, :size], boxes.x[:, size:], tubes.pairing)
+    frames = Frames(boxes.along, boxes.tangent, inverse_without(values.slope, boxes.along))
+    bounds = bounds_of(problem, values, frames, boxes.half, boxes.radius)
     shift = -apply(frames.gain, values.value)
-    left = (bounds.y - np.abs(shift) + apply(bounds.z, radius)) * SLACK + 1e-12 * bounds.y
-    low, high = np.maximum(shift - left, -radius), np.minimum(shift + left, radius)
-    low[rows, frames.along], high[rows, frames.along] = 0.0, 0.0
+    left = (bounds.y - np.abs(shift) + apply(bounds.z, boxes.radius)) * SLACK + 1e-12 * bounds.y
     known = np.isfinite(left)
-    low, high = np.where(known, low, -radius), np.where(known, high, radius)
-    done = np.any(low > high, axis=1)
-    middle, spread = 0.5 * (low + high), 0.5 * (high - low) * SLACK + 1e-15
-    return np.asarray(done | _inside(problem, values.x + middle, (frames.tangent, half, spread), tubes))
+    low = np.where(known, np.maximum(shift - left, -boxes.radius), -boxes.radius)
+    high = np.where(known, np.minimum(shift + left, boxes.radius), boxes.radius)
+    low[rows, boxes.along], high[rows, boxes.along] = 0.0, 0.0
+    radius = 0.5 * (high - low) * SLACK + 1e-14
+    radius[rows, boxes.along] = 0.0
+    return np.any(low > high, axis=1), boxes._replace(x=boxes.x + 0.5 * (low + high), radius=radius)
 
 
-def _inside(problem: Problem, x: Array, segment: tuple[Array, Array, Array], tubes: Tubes) -> Mask:
-    """Whether all of x + s t + e, |s| ≤ half, |e| ≤ spread, lies in the tube beside it, with the same l."""
-    tangent, half, spread = segment
-    size, rows = problem.system.n_free, np.arange(len(x))
-    gap = x - tubes.x
+def _inside(problem: Problem, boxes: _Slanted, tubes: Tubes) -> Mask:
+    """Whether all of each box lies in the tube beside it, with the same l."""
+    size, rows = problem.system.n_free, np.arange(len(boxes.x))
+    gap = boxes.x - tubes.x
     gap[:, :size] = without_turns(gap[:, :size], problem.system.periodic)
     way = tubes.tangent[rows, tubes.along]
-    s, run = gap[rows, tubes.along] * way, tangent[rows, tubes.along] * way
-    wide = spread[rows, tubes.along]
-    off = np.abs(gap - tubes.tangent * s[:, None]) + np.abs(tangent - tubes.tangent * run[:, None]) * half[:, None]
-    off += spread + np.abs(tubes.tangent) * wide[:, None] + 1e-13
+    s, run, wide = (array[rows, tubes.along] for array in (gap, boxes.tangent, boxes.radius))
+    leaning = np.abs(boxes.tangent - tubes.tangent * (run * way)[:, None]) * boxes.half[:, None]
+    off = np.abs(gap - tubes.tangent * (s * way)[:, None]) + leaning + boxes.radius
+    off += np.abs(tubes.tangent) * wide[:, None] + 1e-13
     off[rows, tubes.along] = 0.0
-    reach = np.abs(s) + np.abs(run) * half + wide + 1e-13
+    reach = np.abs(s) + np.abs(run) * boxes.half + wide + 1e-13
     return np.asarray((reach * SLACK <= tubes.half) & np.all(off * SLACK <= tubes.radius, axis=1))

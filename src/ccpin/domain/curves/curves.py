@@ -219,7 +219,7 @@ def certify_singularities(
     mechanism: Mechanism | HasMechanism,
     region: Corners | None = None,
     *,
-    resolution: float = 1e-3,
+    resolution: float = 1e-4,
     budget: int = 1_000_000,
     seconds: float | None = None,
     bounds: BoundsName = "auto",

@@ -109,17 +109,22 @@ def frames_at(slope: Array, forward: Array | None = None) -> Frames:
 
     The tangents point along `forward` (N,), if that is given.
     """
-    count, m, n = slope.shape
     tangent = np.linalg.svd(slope)[2][:, -1]
     if forward is not None:
         tangent = np.where((tangent @ forward)[:, None] < 0.0, -tangent, tangent)
     along = np.argmax(np.abs(tangent), axis=1)
     tangent = tangent / np.abs(np.take_along_axis(tangent, along[:, None], axis=1))
+    return Frames(along, tangent, inverse_without(slope, along))
+
+
+def inverse_without(slope: Array, along: Indices) -> Array:
+    """The inverses of G′ (B, M, N) without columns j (B,), rows of zeros in their places, of shape (B, N, M)."""
+    count, m, n = slope.shape
     others = np.argsort(np.arange(n)[None] == along[:, None], axis=1, kind="stable")[:, :m]
-    square = np.take_along_axis(slope, others[:, None], axis=2)
     gain = np.zeros((count, n, m))
+    square = np.take_along_axis(slope, others[:, None], axis=2)
     np.put_along_axis(gain, others[:, :, None], inverses(square), axis=1)
-    return Frames(along, tangent, gain)
+    return gain
 
 
 class Bounds(NamedTuple):
