@@ -165,7 +165,7 @@ def _drawn(problem: Problem, theta: Array, kernel: Array, extent: Array, tubes: 
 
 
 def _narrowed(problem: Problem, boxes: _Slanted, tubes: Tubes) -> tuple[Mask, _Slanted]:
-    """Which boxes are empty, and where else the singular configurations of each are (Proposition B), l as the tubes'."""
+    """Which boxes are empty, and where in the others singular configurations are (Proposition B), l as the tubes."""
     rows, size = np.arange(len(boxes.x)), problem.system.n_free
     values = values_at(problem, boxes.x[:, :size], boxes.x[:, size:], tubes.pairing)
     frames = Frames(boxes.along, boxes.tangent, inverse_without(values.slope, boxes.along))
