@@ -208,6 +208,11 @@ def _domain(b):
             domain.certify_sheets,
             {"mechanism": b.whole, "region": b.box, "max_depth": 2, "budget": 1000, "bounds": "auto", "seconds": None},
         ),
+        "certify_singularities": (
+            domain.certify_singularities,
+            {"mechanism": b.whole, "region": b.box, "resolution": 0.1, "budget": 1000, "seconds": None}
+            | {"bounds": "auto"},
+        ),
         "merge": (domain.merge, {"atlases": [b.atlas]}),
         "split_region": (domain.split_region, {"region": b.box, "parts": 2}),
         "cusps": (domain.cusps, {"mechanism": b.whole, "region": b.box, "curves": ()}),

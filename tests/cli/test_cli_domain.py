@@ -118,3 +118,20 @@ def test_sheets_are_counted_and_saved(tmp_path, capsys):
     assert [sheet["sign"] for sheet in facts["sheets"]] in ([1, -1], [-1, 1])
     assert main(["domain", "slider_crank", "--sheets", "--centre-deg", "40"]) == 1
     assert "no --centre" in capsys.readouterr().err
+
+
+def test_singular_curves_are_told(tmp_path, capsys):
+    """`--curves` finds a piece of the fold, in words, as JSON and as a figure; it takes no centre."""
+    region = ["--lower-deg", "116", "50", "--upper-deg", "126", "60"]
+    assert main(["domain", "rpdr", "--curves", *region, "--plot", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    assert "rpdr: proven: every singular configuration" in told
+    assert "curve 0: fold, open" in told
+    assert (tmp_path / "singularities.png").stat().st_size > 0
+    assert main(["domain", "rpdr", "--curves", *region, "--json"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert (facts["verdict"], facts["uncovered"], facts["complete"]) == ("proven", 0, True)
+    assert [curve["kind"] for curve in facts["curves"]] == ["fold"]
+    assert main(["domain", "rpdr", "--curves", "--centre-deg", "57", "123"]) == 1
+    assert main(["domain", "rpdr", "--curves", "--depth", "3"]) == 1
+    assert "--curves takes no --depth" in capsys.readouterr().err

@@ -60,12 +60,12 @@ def test_three_solutions_on_one_side_and_one_on_the_other(slice_):
 
 @pytest.mark.parametrize("name", ["rpdr", "planar_3rrr", "delta"])
 def test_third_derivatives_against_differences(name):
-    """Σ φ_ijk v_j v_k is the derivative of φ_ij v_j along v."""
+    """Σ φ_ijk v_k is the derivative of φ_ij along v."""
     at = problem(ccpin.load(name))
     rng = np.random.default_rng(6)
     theta, v, step = rng.normal(size=(1, at.system.n_free)), rng.normal(size=(1, at.system.n_free)), 1e-5
     ends = [derivatives(at.system, at.stack, theta + side * step * v).hessian for side in (1.0, -1.0)]
-    expected = np.einsum("bmij,bj->bmi", (ends[0] - ends[1]) / (2.0 * step), v)
+    expected = (ends[0] - ends[1]) / (2.0 * step)
     assert np.abs(third_along(at.system, at.stack, theta, v) - expected).max() < 1e-8
 
 

@@ -102,3 +102,34 @@ def cusps(rho1, grid=120):
         if all(np.abs(one - other).max() > 1e-5 for other in found):
             found.append(one)
     return np.array(found)
+
+
+def singular_poses(rho1, count, rng, grid=400):
+    """(α, φ) of singular configurations with B₁ = ρ₁e^{iα}: all platform angles of random α, of shape (K, 2).
+
+    ∂(ρ₂, ρ₃)/∂(α, φ) has determinant zero there; its sign changes over a grid of φ are halved down to rounding.
+    """
+    alpha, phi = rng.uniform(-np.pi, np.pi, (count, 1)), np.linspace(-np.pi, np.pi, grid)[None]
+    sign = np.sign(_determinant(rho1, alpha, phi))
+    row, column = np.nonzero(sign[:, 1:] != sign[:, :-1])
+    alpha, low, high = alpha[row, 0], phi[0, column], phi[0, column + 1]
+    below = sign[row, column]
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        same = np.sign(_determinant(rho1, alpha, middle)) == below
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return np.column_stack([alpha, 0.5 * (low + high)])
+
+
+def legs(rho1, alpha, phi):
+    """The second and the third leg as complex numbers, from base to platform."""
+    b1, turn = rho1 * np.exp(1j * alpha), np.exp(1j * phi)
+    return b1 + D1 * turn - A2, b1 + B3 * turn - A3
+
+
+def _determinant(rho1, alpha, phi):
+    """det ∂(½ρ₂², ½ρ₃²)/∂(α, φ)."""
+    second, third = legs(rho1, alpha, phi)
+    swing, turn = 1j * rho1 * np.exp(1j * alpha), 1j * np.exp(1j * phi)
+    first = (second.conjugate() * swing).real * (third.conjugate() * B3 * turn).real
+    return first - (second.conjugate() * D1 * turn).real * (third.conjugate() * swing).real

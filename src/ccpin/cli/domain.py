@@ -23,7 +23,8 @@ from ccpin.mechanism.mechanism import Mechanism
 _EXAMPLES = """\
 example: ccpin domain rpdr --centre-deg -108 -72
          ccpin domain rpdr --lower-deg -110 -75 --upper-deg -105 -70 --plot figures
-         ccpin domain rpdr --sheets"""
+         ccpin domain rpdr --sheets
+         ccpin domain rpdr --curves"""
 _BAR = "{l_bar}{bar}| {n:.1f} % certified, {postfix}"
 SHEET_SHARES = ("counted", "certified", "empty", "singular", "undecided")
 SHARES = ("certified", "empty", "singular", "undecided", "unreached")
@@ -45,6 +46,10 @@ def add_domain(commands: Any) -> None:
     mapped.add_argument("--atlas", action="store_true", help="map the whole q-space (or --lower … --upper …), n ≤ 3")
     every = "count and certify every assembly mode over the q-space (or --lower … --upper …), n ≤ 3, no ball joints"
     mapped.add_argument("--sheets", action="store_true", help=every)
+    all_curves = (
+        "all singular curves over the q-space (or --lower … --upper …), n = 2, with a proof that none is missed"
+    )
+    mapped.add_argument("--curves", action="store_true", help=all_curves)
     parser.add_argument("--depth", type=index, metavar="N", help="how often an edge of the region may be halved")
     kept = "keep finished chunks there; a rerun resumes"
     complete(parser.add_argument("--checkpoint", type=Path, metavar="DIR", help=kept), shtab.DIRECTORY)
@@ -73,6 +78,8 @@ def _domain(options: argparse.Namespace) -> int:
     region = _region(options, mechanism)
     if options.sheets:
         return _sheets(options, mechanism, region)
+    if options.curves:
+        return _curves(options, mechanism, region)
     model, centre = ReducedModel(mechanism), vector(options, "centre", mechanism)
     if centre is None and region is not None and model.nq == model.n:
         centre = np.mean(region, axis=0)
@@ -138,6 +145,40 @@ def _sheets(options: argparse.Namespace, mechanism: Mechanism, region: tuple[Arr
     facts |= {"counts": sorted({int(k) for k in atlas.count if k >= 0}), "sheets": sheets, "complete": atlas.complete}
     print(json.dumps(facts, indent=2) if options.json else _sheets_in_words(mechanism, facts))
     return 0 if atlas.complete else 130
+
+
+def _curves(options: argparse.Namespace, mechanism: Mechanism, region: tuple[Array, Array] | None) -> int:
+    """All singular curves over a region."""
+    from ccpin import domain, plotting
+
+    if vector(options, "centre", mechanism) is not None:
+        raise InvalidInputError("singular curves are of every assembly mode: --curves takes a region, no --centre")
+    for name in ("depth", "checkpoint", "workers", "scheduler", "save"):
+        if getattr(options, name) is not None:
+            raise InvalidInputError(f"--curves takes no --{name}: it is one search in this process, and keeps nothing")
+    with busy(options.json, "covering the region and following curves"):
+        cover = domain.certify_singularities(mechanism, region)
+    if options.plot is not None:
+        drawn = plotting.plot_singularities(mechanism, [curve.points for curve in cover.curves])
+        plotting.save(drawn, options.plot / "singularities.png")
+    curves = [
+        {"kind": curve.kind, "closed": curve.closed, "tubes": len(curve.radius), "error": float(curve.error.max())}
+        for curve in cover.curves
+    ]
+    facts: dict[str, Any] = {"verdict": cover.verdict, "reason": cover.reason, "curves": curves}
+    facts |= {"uncovered": len(cover.uncovered.lower), "complete": cover.complete}
+    print(json.dumps(facts, indent=2) if options.json else _curves_in_words(mechanism, facts))
+    return 0 if cover.complete else 130
+
+
+def _curves_in_words(mechanism: Mechanism, facts: dict[str, Any]) -> str:
+    lines = [f"{mechanism.name}: {facts['verdict']}: {facts['reason']}"]
+    for k, curve in enumerate(facts["curves"]):
+        ends = "closed" if curve["closed"] else "open"
+        lines.append(
+            f"curve {k}: {curve['kind']}, {ends}, {curve['tubes']} tubes, known to {curve['error']:.1e} (rad or m)"
+        )
+    return "\n".join(lines)
 
 
 def _sheets_in_words(mechanism: Mechanism, facts: dict[str, Any]) -> str:

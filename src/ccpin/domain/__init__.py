@@ -9,6 +9,13 @@ from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.atlas.run import Work
 from ccpin.domain.atlas.survey import certify
 from ccpin.domain.chains import scalar_coordinates_at
+from ccpin.domain.curves.curves import (
+    CertifiedCurve,
+    CrossedCells,
+    SingularCover,
+    UncoveredBoxes,
+    certify_singularities,
+)
 from ccpin.domain.cusps import Cusp, cusps
 from ccpin.domain.design import Design, design, scaled_links
 from ccpin.domain.largest import LargestWorkspace, largest_ball, largest_cube
@@ -32,7 +39,9 @@ from ccpin.domain.workspace import certify_workspace
 __all__ = [
     "Atlas",
     "CellStatus",
+    "CertifiedCurve",
     "CertifiedPath",
+    "CrossedCells",
     "Cusp",
     "Design",
     "Fold",
@@ -43,14 +52,17 @@ __all__ = [
     "Region",
     "Sheet",
     "SheetAtlas",
+    "SingularCover",
     "SingularCurve",
     "SingularityDistance",
     "Theorem2Result",
+    "UncoveredBoxes",
     "Work",
     "certified_radius",
     "certify",
     "certify_path",
     "certify_sheets",
+    "certify_singularities",
     "certify_workspace",
     "cusps",
     "design",

@@ -153,12 +153,13 @@ def _second(motion: StackMotion) -> Array:
 
 
 def third_along(system: ClosureSystem, stack: ChainStack, theta: Array, turn: Array) -> Array:
-    """Σ_jk ∂³φ/∂θ_i∂θ_j∂θ_k v_j v_k at θ (B, n′) for v of shape (B, n′), of shape (B, m, n′)."""
+    """Σ_k ∂³φ/∂θ_i∂θ_j∂θ_k v_k at θ (B, n′) for v of shape (B, n′), of shape (B, m, n′, n′)."""
     motion, rates = move(stack, theta), gather(stack, turn)
-    k = stack.joints.shape[1]
+    k, size = stack.joints.shape[1], system.n_free
     first, middle, last = np.sort(np.indices((k, k, k)).reshape(3, -1), axis=0)
     product = cross(motion.a[:, :, first], cross(motion.a[:, :, middle], motion.b[:, :, last]))
-    tensor = product.reshape(*motion.b.shape[:2], k, k, k, 3)
-    columns = np.einsum("bcijkx,bcj,bck->bcix", tensor, rates, rates) @ np.swapaxes(stack.weights, 1, 2)
-    flat = columns.reshape(len(theta), stack.joints.size, system.m)
-    return np.asarray(np.swapaxes(flat, 1, 2) @ stack.placement)
+    tensor = product.reshape(*motion.b.shape[:2], k * k, k, 3)
+    turned = (rates[:, :, None, None] @ tensor)[..., 0, :] @ np.swapaxes(stack.weights, 1, 2)
+    parts = np.moveaxis(turned.reshape(*motion.b.shape[:2], k, k, system.m), 4, 1)
+    place = stack.placement.reshape(-1, k, size)
+    return np.asarray((np.swapaxes(place, 1, 2) @ parts @ place).sum(axis=2))

@@ -130,7 +130,7 @@ class _Equations:
         system, stack = self.problem.system, self.problem.stack
         v, w = self._whole(point.v), self._whole(point.w)
         jacobian, bent = point.values.jacobian, _along(point.values.hessian, v)
-        curled = third_along(system, stack, point.theta, v) + _along(point.values.hessian, w)
+        curled = apply(third_along(system, stack, point.theta, v), v[:, None]) + _along(point.values.hessian, w)
         result = self._assembled(jacobian, bent, curled)
         first = self.n + self.m
         result[:, 2 * self.m, first : first + self.m] = self.pairing

@@ -97,8 +97,9 @@ def singularities(
 ) -> tuple[SingularCurve, ...]:
     """All singular curves met from deterministic starts, folds first.
 
-    The search is sampled: a curve that no start leads to is missed; every curve returned satisfies the equations
-    above to 1e-11 at each point, and `error` says how near that is to a configuration proved to be singular.
+    The search is sampled: a curve that no start leads to is missed (`certify_singularities` misses none). Every curve
+    returned satisfies the equations above to 1e-11 at each point, and `error` says how near that is to a configuration
+    proved to be singular.
 
     Args:
         mechanism: With n = 2, plain scalar joints (revolute, prismatic) and no redundant rows.

@@ -52,7 +52,8 @@ def plot_singularities(
             _rectangle(axes, lower, upper, instance(region[2], "a region's name", str, "a text"))
         _window(axes, mechanism.independent, [-180.0, -180.0], [180.0, 180.0])
         axes.set(xticks=range(-180, 181, 60), yticks=range(-180, 181, 60))
-        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=2, frameon=False)
     return figure
 
 

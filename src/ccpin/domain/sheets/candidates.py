@@ -50,8 +50,13 @@ def narrowed_both(problem: Problem, ranges: Ranges, waiting: Candidates, singula
             inner = ~_at_end(problem, ranges, part) if singular else None
             parts.append(narrowed(problem, part, True, inner))
     result = joined(parts)
-    low, high = _extent(problem, result)
-    return rows_of(result, ~np.any((low > ranges.upper + _EDGE) | (high < ranges.lower - _EDGE), axis=1))
+    return rows_of(result, ~beyond(problem, ranges, result))
+
+
+def beyond(problem: Problem, ranges: Ranges, boxes: Candidates) -> Mask:
+    """Which boxes lie beyond the ranges, full turns apart."""
+    low, high = _extent(problem, boxes)
+    return np.asarray(np.any((low > ranges.upper + _EDGE) | (high < ranges.lower - _EDGE), axis=1))
 
 
 def _at_end(problem: Problem, ranges: Ranges, boxes: Candidates) -> Mask:

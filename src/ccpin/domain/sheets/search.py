@@ -72,14 +72,14 @@ def certify_sheets(
     """
     mechanism = mechanism_of(mechanism)
     system = closure_system(mechanism, mechanism.q_reference)
-    _refuse(mechanism, system)
+    refuse(mechanism, system)
     depth = _DEPTHS[mechanism.n] if max_depth is None else whole(max_depth, "max_depth", 1)
     if not depth + _DEEPER < LEVELS:
         raise InvalidInputError(f"max_depth must be from 1 to {LEVELS - _DEEPER - 1}; it is {depth}")
     time = None if seconds is None else positive(seconds, "seconds")
-    problem, area = problem_of(system, bounds), _region(mechanism, system, region)
+    problem, area = problem_of(system, bounds), region_about(mechanism, system, region)
     effort, work = Effort(depth, whole(budget, "budget"), time), Work(workers, executor, checkpoint, progress)
-    return _survey(problem, tuple(mechanism.independent), area, _ranges(mechanism, system), effort, work)
+    return _survey(problem, tuple(mechanism.independent), area, searched_ranges(mechanism, system), effort, work)
 
 
 class Effort(NamedTuple):
@@ -132,7 +132,7 @@ def _survey(
     )
 
 
-def _refuse(mechanism: Mechanism, system: ClosureSystem) -> None:
+def refuse(mechanism: Mechanism, system: ClosureSystem, what: str = "sheets cannot be counted") -> None:
     """What cannot be searched exhaustively."""
     why = None
     if not 1 <= mechanism.n <= max(_DEPTHS):
@@ -146,17 +146,18 @@ def _refuse(mechanism: Mechanism, system: ClosureSystem) -> None:
     elif np.any(system.moduli):
         why = "it has couplings of continuous joints"
     if why is not None:
-        raise UnsupportedMechanismError(f"{mechanism.name}: its sheets cannot be counted: {why}")
+        raise UnsupportedMechanismError(f"{mechanism.name}: its {what}: {why}")
 
 
-def _region(mechanism: Mechanism, system: ClosureSystem, region: Corners | None) -> Region:
+def region_about(mechanism: Mechanism, system: ClosureSystem, region: Corners | None) -> Region:
+    """The region asked for, or what the joints allow."""
     theta = system.theta(mechanism.q_reference)
     if region is not None:
         theta[system.independent] = np.mean(corners_of(region, mechanism.independent), axis=0)
     return region_of(mechanism, Seed(system, theta), region)
 
 
-def _ranges(mechanism: Mechanism, system: ClosureSystem) -> Ranges:
+def searched_ranges(mechanism: Mechanism, system: ClosureSystem) -> Ranges:
     """Full turns, the limits of slides, and where those have none the sum of all lengths."""
     model, middle = mechanism.tree.model, system.theta(mechanism.q_reference)
     low, high = middle - np.pi, middle + np.pi

@@ -1,0 +1,190 @@
+"""Finding all singular curves over a region: boxes that cover it, curves followed from those that stay, what is left.
+
+One box of all coordinates is halved over and over. A box is dropped where φ is shown to have no zero or φ_y to be
+regular (`sheets.narrowing`), or where what singular configurations it may hold lie in tubes (Proposition B of
+`covering`). From the middles of boxes that stay Newton's method leads onto curves; those in no tube yet are followed
+both ways. So every singular configuration over the region lies on a curve in tubes, or in a box that is left over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Mask, joined, rows_of
+from ccpin.domain.atlas.cells import Region
+from ccpin.domain.atlas.run import Flag, Stopped
+from ccpin.domain.boxes import Problem, closure_derivatives, closure_values
+from ccpin.domain.curves.covering import Nearby, directions, extents
+from ccpin.domain.curves.following import Chain, follow
+from ccpin.domain.curves.system import onto_curves
+from ccpin.domain.curves.tubes import Points, Tubes
+from ccpin.domain.sheets.candidates import Ranges, beyond
+from ccpin.domain.sheets.narrowing import Candidates, narrowed
+
+_CHUNK = 1000
+_MANY, _SMALL = 500, 0.15  # boxes, or the largest edge of all: from here on curves are looked for
+_MOST_STARTS = 20
+_NEWTON = 20
+_FAR = 3.0  # of a box: singular configurations farther from its middle are other boxes'
+_ON_CURVE = 1e-9
+
+
+class Place(NamedTuple):
+    """Where singular configurations are looked for: a region of q, and ranges of the dependent coordinates."""
+
+    region: Region
+    ranges: Ranges
+
+    def meets(self, problem: Problem, theta: Array, wide: Array) -> Mask:
+        """Whether boxes about θ (B, n′), `wide` each way, meet it; of shape (B,)."""
+        system, region, ranges = problem.system, self.region, self.ranges
+        q, reach = region.reduce(theta[:, system.independent]), wide[:, system.independent]
+        inside = region.wrapped | ((q >= region.lower - reach) & (q <= region.upper + reach))
+        y, reach = theta[:, system.dependent], wide[:, system.dependent]
+        within = (y >= ranges.lower - reach) & (y <= ranges.upper + reach)
+        return np.asarray(inside.all(axis=1) & np.all(system.periodic[system.dependent] | within, axis=1))
+
+
+class Found(NamedTuple):
+    """What a search found.
+
+    Attributes:
+        chains: The curves.
+        left: Boxes that may hold other singular configurations.
+        tried: How many boxes were looked at.
+        limit: What ended it before every box was small or settled: ``"interrupted"``, ``"budget"``, or nothing.
+    """
+
+    chains: tuple[Chain, ...]
+    left: Candidates
+    tried: int
+    limit: str | None
+
+
+class Search:
+    """A search: the problem with the bounds chosen for boxes, and with those for any tree for tubes; where; the curves.
+
+    Attributes:
+        chains: The curves found.
+        tried: How many boxes were looked at.
+    """
+
+    def __init__(self, problem: Problem, place: Place, flag: Flag) -> None:
+        self.problem, self.plain, self.place = problem, problem._replace(phasors=None), place
+        self.chains: list[Chain] = []
+        self.tried = 0
+        self._flag = flag
+        self._nearby: Nearby | None = None
+        self._looked = np.inf
+
+    def run(self, resolution: float, budget: int, report: Callable[[int, int], None]) -> Found:
+        """Halve, drop, follow and settle until all boxes are settled, or smaller than `resolution`."""
+        waiting, limit = self._whole(), None
+        small = [rows_of(waiting, slice(0))]
+        while waiting.cell.size and limit is None:
+            report(sum(len(chain.tubes.half) for chain in self.chains), len(waiting.cell))
+            try:
+                waiting = self._settled(self._kept(waiting))
+            except Stopped:
+                limit = "interrupted"
+                break
+            done = extents(self.problem, waiting).max(axis=1, initial=0.0) < resolution
+            small.append(rows_of(waiting, done))
+            waiting = rows_of(waiting, ~done)
+            if self.tried > budget and waiting.cell.size:
+                limit = "budget"
+                break
+            waiting = self._halved(waiting)
+        return Found(tuple(self.chains), joined([*small, waiting]), self.tried, limit)
+
+    def _check(self) -> None:
+        if self._flag.is_set():
+            raise Stopped
+
+    def _whole(self) -> Candidates:
+        """One box that holds everything."""
+        system, (region, ranges) = self.problem.system, self.place
+        centre, half = np.zeros((2, 1, system.n_free))
+        for columns, lower, upper in (
+            (system.dependent, ranges.lower, ranges.upper),
+            (system.independent, region.lower, region.upper),
+        ):
+            centre[:, columns], half[:, columns] = 0.5 * (lower + upper), 0.5 * (upper - lower) + 1e-12
+        return Candidates(np.zeros(1, dtype=np.intp), centre, half, np.zeros((1, system.m, system.n)))
+
+    def _kept(self, waiting: Candidates) -> Candidates:
+        """The boxes that may hold singular configurations within the ranges, narrowed."""
+        parts = [rows_of(waiting, slice(0))]
+        for first in range(0, len(waiting.cell), _CHUNK):
+            self._check()
+            part = narrowed(self.problem, rows_of(waiting, slice(first, first + _CHUNK)))
+            if part.cell.size:
+                parts.append(narrowed(self.problem, part, True, np.ones(len(part.cell), dtype=np.bool_)))
+        self.tried += len(waiting.cell)
+        found = joined(parts)
+        return rows_of(found, ~beyond(self.problem, self.place.ranges, found))
+
+    def _settled(self, waiting: Candidates) -> Candidates:
+        """The boxes without those that tubes settle, once curves were looked for from them all."""
+        wide = extents(self.problem, waiting).max(axis=1, initial=0.0)
+        widest = float(wide.max(initial=0.0))
+        if (len(wide) > _MANY or widest < _SMALL) and widest <= 0.5 * self._looked:
+            self._looked = widest
+            self._look_from(waiting)
+        keep = np.ones(len(wide), dtype=np.bool_)
+        if self._nearby is not None:
+            for first in range(0, len(keep), _CHUNK):
+                self._check()
+                part = slice(first, first + _CHUNK)
+                keep[part] = ~self._nearby.settle(rows_of(waiting, part))
+        return rows_of(waiting, keep)
+
+    def _look_from(self, waiting: Candidates) -> None:
+        """Follow the curves that Newton's method finds from boxes and that no tube holds."""
+        theta, kernel = self._near(waiting)
+        size = theta.shape[1]
+        x = np.concatenate([theta, kernel], axis=1)
+        points = Points(x, np.full_like(x, _ON_CURVE))
+        for _ in range(_MOST_STARTS):
+            if self._nearby is not None and len(points.x):
+                points = rows_of(points, ~self._nearby.hold(points))
+            if not len(points.x):
+                break
+            chain = follow(self.plain, points.x[0, :size], points.x[0, size:], self._wanted)
+            points = rows_of(points, slice(1, None))
+            if chain is not None:
+                self.chains.append(chain)
+                self._nearby = Nearby(self.plain, joined([chain.tubes for chain in self.chains]))
+            self._check()
+
+    def _near(self, waiting: Candidates) -> tuple[Array, Array]:
+        """Singular configurations near boxes, to rounding, and their kernels; those at the place looked at."""
+        inner = closure_values(self.problem, waiting.centre)[1][:, :, self.problem.system.dependent]
+        kernel = np.linalg.svd(inner)[2][:, -1]
+        theta, kernel, settled = onto_curves(self.plain, waiting.centre, kernel, _NEWTON)
+        reach = _FAR * extents(self.problem, waiting).max(axis=1, keepdims=True)
+        settled &= np.all(np.abs(theta - waiting.centre) <= reach, axis=1)
+        theta, kernel = theta[settled], kernel[settled]
+        inside = self.place.meets(self.problem, theta, np.zeros_like(theta))
+        return theta[inside], kernel[inside]
+
+    def _wanted(self, tube: Tubes) -> bool:
+        """Whether a curve is to be followed beyond a tube (T = 1): it meets the place looked at, and there is time."""
+        if self._flag.is_set():
+            return False
+        reach = (np.abs(tube.tangent) * tube.half[:, None] + tube.radius)[:, : self.problem.system.n_free]
+        return bool(self.place.meets(self.problem, tube.theta, reach)[0])
+
+    def _halved(self, boxes: Candidates) -> Candidates:
+        """Both halves of boxes, cut where φ and φ_y move most."""
+        found = closure_derivatives(self.problem, boxes.centre)
+        steepest = np.abs(found.jacobian) + np.abs(found.hessian[:, :, self.problem.system.dependent]).sum(axis=2)
+        rows, half = np.arange(len(boxes.cell)), boxes.half.copy()
+        cut = np.argmax(steepest.max(axis=1) * half, axis=1)
+        half[rows, cut] *= 0.5
+        step = directions(self.problem, boxes)[rows, :, cut] * half[rows, cut, None]
+        half += np.where(step != 0.0, 4e-16 * (1.0 + np.abs(boxes.centre) + np.abs(step)), 0.0)
+        return joined([boxes._replace(centre=boxes.centre + side * step, half=half) for side in (-1.0, 1.0)])

@@ -1,0 +1,143 @@
+"""The equations of singular configurations with their first two derivatives, and how far those may be off over a box.
+
+With θ = (q, y), n = 2 independent and m dependent coordinates, x = (θ, w) and any l,
+
+    G(x) = (φ(θ),  φ_y(θ) w,  lᵀw − 1) = 0
+
+says that θ is closed and that w spans part of the kernel of φ_y (Moore and Spence 1980): M = 2m + 1 equations in
+N = 2m + 2 unknowns, regular at simple folds, at cusps of their image in q and on self-motions (`singularities`).
+
+Over |θ − θ₀| ≤ b, |w − w₀| ≤ v let τ_i bound all third and fourth derivatives of φ_i (`bounds_reach.chain_reach`). Then
+
+    |φ_θθ − φ_θθ(θ₀)| ≤ τ|b|₁,    |φ_θθy w − φ_θθy(θ₀)w₀| ≤ τ|b|₁(|w₀|₁ + |v|₁) + τ|v|₁
+
+for every entry: all that G″ is made of. Rounding: γ · magnitude for every entry of φ and its first two derivatives and
+twice that for the third, times 1 + |w|₁ + |l|₁ where they enter; four times that (`Values.rounding`) leaves room for
+the products that are formed of G′ and G″, whose entries are at most 1/(128u) of γ · magnitude.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Mask, apply
+from ccpin.domain.bounds_reach import chain_reach
+from ccpin.domain.boxes import Problem, closure_derivatives, solve_many
+from ccpin.domain.chain_stack import Derivatives, gather, third_along
+
+_SETTLED, _FAR = 1e-7, 1.0
+
+
+class Values(NamedTuple):
+    """G and its derivatives at B points x.
+
+    Attributes:
+        theta, kernel, pairing: θ (B, n′), w (B, m) and l (B, m).
+        value: G, of shape (B, M).
+        slope: G′, of shape (B, M, N).
+        bend: G″, of shape (B, M, N, N).
+        arms: |∂x_c/∂θ_j| of the chains, for bounds, of shape (B, C, k).
+        rounding: What each entry of these may be off by, of shape (B,).
+    """
+
+    theta: Array
+    kernel: Array
+    pairing: Array
+    value: Array
+    slope: Array
+    bend: Array
+    arms: Array
+    rounding: Array
+
+    @property
+    def x(self) -> Array:
+        """(θ, w), of shape (B, N)."""
+        return np.concatenate([self.theta, self.kernel], axis=1)
+
+
+def values_at(problem: Problem, theta: Array, kernel: Array, pairing: Array) -> Values:
+    """G, G′ and G″ at θ (B, n′), w (B, m) with l (B, m)."""
+    system = problem.system
+    m, size = system.m, system.n_free
+    value, slope, found = first_order(problem, theta, kernel, pairing)
+    whole, mixed = np.zeros_like(theta), found.hessian[..., system.dependent]
+    whole[:, system.dependent] = kernel
+    bend = np.zeros((len(theta), 2 * m + 1, size + m, size + m))
+    bend[:, :m, :size, :size], bend[:, m:-1, :size, size:] = found.hessian, mixed
+    bend[:, m:-1, size:, :size] = np.swapaxes(mixed, 2, 3)
+    bend[:, m:-1, :size, :size] = third_along(system, problem.stack, theta, whole)
+    rounding = rounding_at(problem, theta, kernel, pairing)
+    return Values(theta, kernel, pairing, value, slope, bend, found.arms, rounding)
+
+
+def rounding_at(problem: Problem, theta: Array, kernel: Array, pairing: Array) -> Array:
+    """What each entry of G, G′ and G″ may be off by, of shape (B,)."""
+    weight = 1.0 + np.abs(kernel).sum(axis=1) + np.abs(pairing).sum(axis=1)
+    return np.asarray(4.0 * problem.system.rounding * problem.system.magnitude(theta) * weight)
+
+
+def first_order(problem: Problem, theta: Array, kernel: Array, pairing: Array) -> tuple[Array, Array, Derivatives]:
+    """G (B, M), G′ (B, M, N), and the derivatives of φ they are made of."""
+    system, found = problem.system, closure_derivatives(problem, theta)
+    m, size, dependent = system.m, system.n_free, system.dependent
+    inner = found.jacobian[:, :, dependent]
+    paired = np.sum(pairing * kernel, axis=1, keepdims=True) - 1.0
+    slope = np.zeros((len(theta), 2 * m + 1, size + m))
+    slope[:, :m, :size], slope[:, m:-1, size:], slope[:, -1, size:] = found.jacobian, inner, pairing
+    slope[:, m:-1, :size] = (found.hessian[..., dependent] @ kernel[:, None, :, None])[..., 0]
+    return np.concatenate([found.phi, apply(inner, kernel), paired], axis=1), slope, found
+
+
+def onto_curves(problem: Problem, theta: Array, kernel: Array, steps: int) -> tuple[Array, Array, Mask]:
+    """θ and unit w after Newton steps of least norm from θ (B, n′) and w (B, m), and which have settled (B,)."""
+    size, settled = problem.system.n_free, np.zeros(len(theta), dtype=np.bool_)
+    for _ in range(steps):
+        kernel = kernel / np.maximum(np.linalg.norm(kernel, axis=1, keepdims=True), 1e-300)
+        value, slope, _ = first_order(problem, theta, kernel, kernel)
+        flat = np.swapaxes(slope, 1, 2)
+        move = -apply(flat, solve_many(slope @ flat, value))
+        length = np.abs(move).max(axis=1)
+        usable = np.isfinite(length) & (length < _FAR)
+        theta = theta + np.where(usable[:, None], move[:, :size], 0.0)
+        kernel = kernel + np.where(usable[:, None], move[:, size:], 0.0)
+        settled = usable & (length < _SETTLED)
+        if settled.all():
+            break
+    return theta, kernel / np.linalg.norm(kernel, axis=1, keepdims=True), settled
+
+
+class Drift(NamedTuple):
+    """How far the entries of G″ may be off anywhere in B boxes: those of θ and θ, and those of θ and w, (B, M) each."""
+
+    turned: Array
+    mixed: Array
+
+    def along(self, gain: Array, theta: Array, kernel: Array) -> tuple[Array, Array]:
+        """gain · (G″ − G″(x₀)) along moves with |θ|₁ and |w|₁ (B,), by each θ and by each w, gain (B, K, M): (B, K)."""
+        by_theta = self.turned * theta[:, None] + self.mixed * kernel[:, None]
+        return apply(gain, by_theta), apply(gain, self.mixed * theta[:, None])
+
+
+def drift(problem: Problem, values: Values, box: Array) -> Drift:
+    """Over boxes |x − x₀| ≤ box (B, N)."""
+    system = problem.system
+    turn, spread = box[:, : system.n_free], box[:, system.n_free :].sum(axis=1)[:, None]
+    third = third_bound(problem, values.theta, values.arms, turn)
+    bent = third * turn.sum(axis=1)[:, None]
+    weight = np.abs(values.kernel).sum(axis=1)[:, None] + spread
+    none = np.zeros((len(box), 1))
+    return Drift(
+        np.concatenate([bent, bent * weight + third * spread, none], axis=1),
+        np.concatenate([np.zeros_like(bent), bent, none], axis=1),
+    )
+
+
+def third_bound(problem: Problem, theta: Array, arms: Array, box: Array) -> Array:
+    """τ over |θ − θ₀| ≤ box (B, n′), of shape (B, m)."""
+    system, stack = problem.system, problem.stack
+    margin = system.rounding * system.magnitude(np.abs(theta) + box)
+    reach = chain_reach(stack, arms, gather(stack, np.abs(theta)), gather(stack, box), margin)
+    gains = np.swapaxes(np.linalg.norm(stack.weights, axis=2), 0, 1)
+    return np.asarray(reach.max(axis=2, initial=0.0) @ gains.T)

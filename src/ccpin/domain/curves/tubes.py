@@ -1,0 +1,292 @@
+"""Tubes: about a segment of x-space exactly one curve of singular configurations, from end to end.
+
+Setting. G of `system`, x = (θ, w). A tube has a centre x₀, one coordinate j of x as its parameter, a vector t with
+t_j = ±1, a half length δ, radii R with R_j = 0 and l; it is
+
+    x = x₀ + s t + e,   |s| ≤ δ,  |e| ≤ R componentwise  (so e_j = 0),
+
+the neighbourhood of a segment. In practice G′(x₀) t ≈ 0: t is the tangent *in x-space*, j its largest component, so
+that a fold, a cusp of the image in q and a self-motion, over which q stands still, are all passed alike. Let P be any
+N×M matrix with row j zero (in practice the inverse of G′(x₀) without its column j), and let X_e be the columns of X
+without the j-th.
+
+**Theorem R.** Let componentwise, for all |s| ≤ δ and |e| ≤ R,
+
+    Y ≥ |P G(x₀ + s t)|,    Z ≥ |(1 − P G′(x₀ + s t + e))_e|   (row j zero),    Y + ZR < R  but in row j.
+
+Then for every |s| ≤ δ exactly one |e| ≤ R has G(x₀ + s t + e) = 0. It is a smooth function of s with
+|e| ≤ Y + Zε for every ε ≥ |e|: one smooth curve crosses the tube from end to end, and nothing else of {G = 0} is in it.
+On it G′ has full rank.
+
+*Proof.* K(e) = e − P G(x₀ + s t + e) has |K(e)| ≤ Y + Z|e| < R: it maps the box of the e into itself. In the norm
+max |e_k|/R_k it contracts, by κ = max (ZR)_k/R_k < 1. So it has one fixed point; as ‖1 − (P G′)_e‖ ≤ κ < 1 the matrix
+P without row j and G′ without column j are nonsingular, so that fixed points are zeros of G, and smooth functions of s
+by the implicit function theorem. ∎
+
+The bounds are Taylor's, about x₀, with C = P G″(x₀), L = |t|δ, X = L + R and the drift D of G″ over |x − x₀| ≤ X:
+
+    Y  = |P G| + |P G′t|δ + ½|C t t|δ² + ½|P| D(L, L),
+    Z  = |1 − P G′| + |C t|δ + Σ_a |C_a|R_a + |P| D(X, ·),
+
+each with |P| times the rounding of what it is made of. As K contracts, ‖e − e*‖ ≤ ‖P G‖/(1 − κ) at any e of the tube.
+
+**Gluing.** Where the zero of one tube at an s is enclosed and that enclosure, its w divided by the other tube's lᵀw,
+lies in another tube, it is on the other's curve also. Let that be so of two zeros, of which the later one is a tube's
+middle, in the same order of s and ahead of the other's middle (s > 0). On a curve that is not closed the arcs between
+the two coincide, so that both tubes run the same way and the middle of the one comes after that of the other. Hence
+tubes glued one to the next follow one curve without turning back, and where the last is glued to the first the curve
+is closed: on another no middle comes after itself. Periodic coordinates are compared modulo 2π.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Indices, Mask, apply, rows_of
+from ccpin.domain.boxes import SLACK, Problem, inverses
+from ccpin.domain.curves.system import Values, drift, first_order, rounding_at
+from ccpin.domain.newton import without_turns
+
+_WIDEN = 1e-13
+_ROUNDS, _SHAPED = 4, 2
+_CHORDS = 4
+_CLOSE = 1e-4  # of the radii: an enclosure so small will do
+_BACK = (0.4, 0.1)
+
+
+class Tubes(NamedTuple):
+    """T tubes, exactly the data of Theorem R.
+
+    Attributes:
+        theta, kernel: x₀, of shapes (T, n′) and (T, m).
+        pairing: l, of shape (T, m).
+        along: j, of shape (T,).
+        tangent: t, of shape (T, N).
+        half: δ, of shape (T,).
+        radius: R, of shape (T, N).
+        gain: P, of shape (T, N, M).
+        kappa: κ, of shape (T,).
+        hull: The curve has |e| ≤ this, of shape (T, N).
+    """
+
+    theta: Array
+    kernel: Array
+    pairing: Array
+    along: Indices
+    tangent: Array
+    half: Array
+    radius: Array
+    gain: Array
+    kappa: Array
+    hull: Array
+
+    def take(self, rows: Indices | Mask) -> Tubes:
+        """Some of them."""
+        return rows_of(self, rows)
+
+    def turned(self) -> Tubes:
+        """The same tubes with s the other way."""
+        return self._replace(tangent=-self.tangent)
+
+    @property
+    def x(self) -> Array:
+        """x₀, of shape (T, N)."""
+        return np.concatenate([self.theta, self.kernel], axis=1)
+
+
+class Frames(NamedTuple):
+    """Where tubes are to be: j (B,), t (B, N) and P (B, N, M)."""
+
+    along: Indices
+    tangent: Array
+    gain: Array
+
+
+def frames_at(slope: Array, forward: Array | None = None) -> Frames:
+    """The frames for G′ (B, M, N): the tangent, its largest component, and the inverse without that.
+
+    The tangents point along `forward` (N,), if that is given.
+    """
+    tangent = np.linalg.svd(slope)[2][:, -1]
+    if forward is not None:
+        tangent = np.where((tangent @ forward)[:, None] < 0.0, -tangent, tangent)
+    along = np.argmax(np.abs(tangent), axis=1)
+    tangent = tangent / np.abs(np.take_along_axis(tangent, along[:, None], axis=1))
+    return Frames(along, tangent, inverse_without(slope, along))
+
+
+def inverse_without(slope: Array, along: Indices) -> Array:
+    """The inverses of G′ (B, M, N) without columns j (B,), rows of zeros in their places, of shape (B, N, M)."""
+    count, m, n = slope.shape
+    others = np.argsort(np.arange(n)[None] == along[:, None], axis=1, kind="stable")[:, :m]
+    gain = np.zeros((count, n, m))
+    square = np.take_along_axis(slope, others[:, None], axis=2)
+    np.put_along_axis(gain, others[:, :, None], inverses(square), axis=1)
+    return gain
+
+
+class Bounds(NamedTuple):
+    """Y and Z of B boxes x = x₀ + s t + e: (B, N) and (B, N, N)."""
+
+    y: Array
+    z: Array
+
+
+def bounds_of(problem: Problem, values: Values, frames: Frames, half: Array, radius: Array) -> Bounds:
+    """The bounds of Theorem R for half lengths δ (B,) and radii R (B, N)."""
+    n_free, n = problem.system.n_free, values.slope.shape[2]
+    gain, size = frames.gain, np.abs(frames.gain)
+    half = half * (1.0 + 2.0**-50) + _WIDEN
+    length = np.abs(frames.tangent) * half[:, None]
+    box = length + radius + _WIDEN
+    off = drift(problem, values, box)
+    curved = (gain @ values.bend.reshape(*values.slope.shape[:2], n * n)).reshape(*gain.shape[:2], n, n)
+    along = apply(curved, frames.tangent[:, None])
+    weighted = gain @ values.slope
+    noise = size.sum(axis=2) * values.rounding[:, None]
+    turn, spread = length[:, :n_free].sum(axis=1)[:, None], length[:, n_free:].sum(axis=1)[:, None]
+    second = apply(size, off.turned * turn**2 + 2.0 * off.mixed * turn * spread)
+    y = np.abs(apply(gain, values.value)) + np.abs(apply(weighted, frames.tangent)) * half[:, None]
+    y += 0.5 * np.abs(apply(along, frames.tangent)) * half[:, None] ** 2 + 0.5 * second
+    y += noise * (1.0 + length.sum(axis=1))[:, None] ** 2
+    by_theta, by_kernel = off.along(size, box[:, :n_free].sum(axis=1), box[:, n_free:].sum(axis=1))
+    z = np.abs(np.eye(n) - weighted) + np.abs(along) * half[:, None, None]
+    z += (radius[:, None, None] @ np.abs(curved))[:, :, 0]
+    z[..., :n_free] += by_theta[..., None]
+    z[..., n_free:] += by_kernel[..., None]
+    z += (noise * (1.0 + box.sum(axis=1))[:, None])[..., None]
+    rows = np.arange(len(z))
+    z[rows, frames.along], z[rows, :, frames.along], y[rows, frames.along] = 0.0, 0.0, 0.0
+    return Bounds(y, z)
+
+
+class Tried(NamedTuple):
+    """Tubes tried, and which of them are proved (the others' numbers mean nothing)."""
+
+    tubes: Tubes
+    proved: Mask
+
+
+def certify_tubes(problem: Problem, values: Values, frames: Frames, half: Array, radius: Array) -> Tried:
+    """Check Theorem R for tubes with half lengths δ (B,) and radii R (B, N)."""
+    with np.errstate(all="ignore"):
+        bounds = bounds_of(problem, values, frames, half, radius)
+        image = bounds.y + apply(bounds.z, radius)
+        inner = np.arange(radius.shape[1])[None] != frames.along[:, None]
+        share = np.where(inner, apply(bounds.z, radius) / radius, 0.0)
+        kappa = share.max(axis=1) * SLACK
+        proved = np.all((image * SLACK < radius) | ~inner, axis=1) & (kappa < 1.0)
+        hull = radius
+        for _ in range(_ROUNDS):
+            hull = np.minimum(hull, (bounds.y + apply(bounds.z, hull)) * SLACK)
+    tubes = Tubes(
+        theta=values.theta,
+        kernel=values.kernel,
+        pairing=values.pairing,
+        along=frames.along,
+        tangent=frames.tangent,
+        half=half,
+        radius=radius,
+        gain=frames.gain,
+        kappa=kappa,
+        hull=hull,
+    )
+    return Tried(tubes, proved)
+
+
+def longest(problem: Problem, values: Values, sizes: Array, forward: Array | None = None) -> Tubes | None:
+    """About one point of a curve the tube of greatest length of those tried (K,); ``None`` where none is proved.
+
+    Its s grows along `forward` (N,), if given. The radii are at most δ, and in proportion to what Z leaves of them.
+    """
+    frames = frames_at(values.slope, forward)
+    if not np.isfinite(frames.gain).all():
+        return None
+    rows = np.zeros(len(sizes), dtype=np.intp)
+    values, frames = rows_of(values, rows), rows_of(frames, rows)
+    inner = np.arange(values.slope.shape[2])[None] != frames.along[:, None]
+    shape = np.where(inner, 1.0, 0.0)
+    with np.errstate(all="ignore"):
+        for _ in range(_SHAPED):
+            bounds = bounds_of(problem, values, frames, sizes, shape * sizes[:, None])
+            image = bounds.y + apply(bounds.z, shape * sizes[:, None])
+            shape = shape + image / image.max(axis=1, keepdims=True)
+            shape = shape / shape.max(axis=1, keepdims=True)
+    found = certify_tubes(problem, values, frames, sizes, shape * sizes[:, None])
+    best = np.flatnonzero(found.proved)
+    return found.tubes.take(best[[int(np.argmax(sizes[best]))]]) if best.size else None
+
+
+class Points(NamedTuple):
+    """Zeros of G: x (B, N) within an error (B, N)."""
+
+    x: Array
+    error: Array
+
+
+def zeros_in(problem: Problem, tubes: Tubes, s: Array) -> Points:
+    """The curve's points at parameters |s| ≤ δ of tubes, of shape (T,)."""
+    size, x = problem.system.n_free, tubes.x + tubes.tangent * s[:, None]
+    for _ in range(_CHORDS):
+        step = apply(tubes.gain, first_order(problem, x[:, :size], x[:, size:], tubes.pairing)[0])
+        if np.all(np.abs(step) <= _CLOSE * tubes.radius):
+            break
+        inside = np.abs(x - step - tubes.x - tubes.tangent * s[:, None]) <= tubes.radius
+        x = np.where(inside.all(axis=1, keepdims=True), x - step, x)
+    else:
+        step = apply(tubes.gain, first_order(problem, x[:, :size], x[:, size:], tubes.pairing)[0])
+    noise = rounding_at(problem, x[:, :size], x[:, size:], tubes.pairing)[:, None]
+    left = np.abs(step) + np.abs(tubes.gain).sum(axis=2) * noise
+    share = (left / np.where(tubes.radius > 0.0, tubes.radius, np.inf)).max(axis=1) / (1.0 - tubes.kappa)
+    return Points(x, share[:, None] * tubes.radius * SLACK + _WIDEN)
+
+
+class Places(NamedTuple):
+    """Where points are in tubes: whether surely inside (B,), and s (B,) within an error (B,)."""
+
+    inside: Mask
+    s: Array
+    error: Array
+
+
+def places_in(problem: Problem, points: Points, tubes: Tubes) -> Places:
+    """Where points lie in the tubes beside them, w divided by the tube's lᵀw; angles modulo 2π."""
+    size, rows = problem.system.n_free, np.arange(len(tubes.half))
+    kernel, spread = points.x[:, size:], points.error[:, size:]
+    scale = np.sum(tubes.pairing * kernel, axis=1, keepdims=True)
+    blur = np.sum(np.abs(tubes.pairing) * spread, axis=1, keepdims=True) * SLACK + _WIDEN
+    with np.errstate(all="ignore"):
+        scaled = kernel / scale
+        spread = (spread + np.abs(scaled) * blur) / (np.abs(scale) - blur)
+        spread = np.where(np.isfinite(spread), spread, np.inf)
+    gap = np.concatenate([without_turns(points.x[:, :size] - tubes.theta, problem.system.periodic), scaled], axis=1)
+    gap[:, size:] -= tubes.kernel
+    error = np.concatenate([points.error[:, :size], spread], axis=1) + _WIDEN
+    s, wide = gap[rows, tubes.along] * tubes.tangent[rows, tubes.along], error[rows, tubes.along]
+    off = np.abs(gap - tubes.tangent * s[:, None]) + error + np.abs(tubes.tangent) * wide[:, None]
+    off[rows, tubes.along] = 0.0
+    inside = (np.abs(scale[:, 0]) > blur[:, 0]) & (np.abs(s) + wide <= tubes.half)
+    return Places(inside & np.all(off * SLACK <= tubes.radius, axis=1), s, wide)
+
+
+def glued(problem: Problem, tubes: Tubes, following: Tubes) -> Mask:
+    """Whether each tube's curve is that of the one following it, and runs on in it the same way; of shape (T,)."""
+    same = _begin_in(problem, following, tubes)
+    rows = np.flatnonzero(~same)
+    if rows.size:
+        same[rows] = _begin_in(problem, tubes.take(rows).turned(), following.take(rows).turned())
+    return same
+
+
+def _begin_in(problem: Problem, tubes: Tubes, before: Tubes) -> Mask:
+    """Whether two zeros of each tube, its middle one and one before that, lie so in the tube before it, (T,)."""
+    last = places_in(problem, zeros_in(problem, tubes, np.zeros(len(tubes.half))), before)
+    same, ahead = np.zeros(len(last.s), dtype=np.bool_), last.inside & (last.s > last.error)
+    for part in _BACK:
+        if not np.any(ahead & ~same):
+            break
+        first = places_in(problem, zeros_in(problem, tubes, -part * tubes.half), before)
+        same |= ahead & first.inside & (last.s - first.s > last.error + first.error)
+    return same
