@@ -83,13 +83,13 @@ def at_middles(loop: ClosedLoop, instants: Instants) -> Jets:
     Raises:
         UnboundedError: The closed loop is not proven regular there.
     """
-    v = instants.middle.at(np.s_[:, loop.n_free :])
+    v = instants.middle.at(np.s_[:, loop.n_x :])
     return _flow_jets(loop, _jets(_states(loop, _middles(loop, instants), v, None), loop, loop.field), v)
 
 
 def _middles(loop: ClosedLoop, instants: Instants) -> Wide:
     """σ at the middles, in boxes as small as the doubles are."""
-    q_free = instants.middle.at(np.s_[:, : loop.n_free])
+    q_free = instants.middle.at(np.s_[:, : loop.n_x])
     centre, proven = closed_boxes(loop, q_free.mid, q_free.rad[:, list(loop.independent)] + _POINT)
     if not proven.all():
         raise UnboundedError(_BRANCH)
@@ -102,7 +102,7 @@ def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> Bo
     Raises:
         UnboundedError: σ is not proven to be single there.
     """
-    split, n, independent = loop.n_free, loop.n, list(loop.independent)
+    split, n, independent = loop.n_x, loop.n, list(loop.independent)
     centre = instants.middle.mid
     moved = np.abs(instants.during.mid - centre) + instants.during.rad
     q_reach, v_reach = raised(moved[:, independent] + reach[:, :n]), raised(moved[:, split:] + reach[:, n:])
@@ -150,7 +150,7 @@ def curvature(loop: ClosedLoop, instants: Instants, slope: Wide, around: Boxes) 
     along = _flow_jets(loop, _jets(alone.states, loop, loop.field), alone.v)
     change = (along.bend @ _flow(loop, instants.during).at(np.s_[:, None, :, None])).at((..., 0))
     over = _jets(around.states, loop, loop.field)
-    bend = hull(over.bend.at(np.s_[:, loop.n_free :]), around.pieces)
+    bend = hull(over.bend.at(np.s_[:, loop.n_x :]), around.pieces)
     size = loop.n + around.v.mid.shape[1]
     whole = zeros(len(instants.time), size, size, size)
     for numbers, part in zip(whole, bend, strict=True):
@@ -164,8 +164,8 @@ def _flow(loop: ClosedLoop, states: Wide) -> Wide:
         found = jets(loop.field, [Jet(states.at(np.s_[:, k])) for k in range(loop.field.inputs)], order=0)
     except NotInvertibleError:
         raise UnboundedError(_REGULAR) from None
-    parts = [states.at(np.s_[:, loop.n_free + k]) for k in range(loop.n)]
-    parts += [jet.value for jet in found[loop.n_free :]]
+    parts = [states.at(np.s_[:, loop.n_x + k]) for k in range(loop.n)]
+    parts += [jet.value for jet in found[loop.n_x :]]
     return Wide(*(np.stack(column, axis=1) for column in zip(*parts, strict=True)))
 
 
@@ -174,7 +174,7 @@ def _flow_jets(loop: ClosedLoop, field: Jets, v: Wide) -> Jets:
     n, count, size = loop.n, len(v.mid), loop.n + v.mid.shape[1]
     value = Wide(
         *(
-            np.concatenate([a, b[:, loop.n_free :]], axis=1)
+            np.concatenate([a, b[:, loop.n_x :]], axis=1)
             for a, b in zip(v.at(np.s_[:, :n]), field.value, strict=True)
         )
     )
@@ -182,7 +182,7 @@ def _flow_jets(loop: ClosedLoop, field: Jets, v: Wide) -> Jets:
     slope.mid[:, :n, n : 2 * n] = np.eye(n)
     for whole, part in ((slope, field.slope), (bend, field.bend)):
         for numbers, found in zip(whole, part, strict=True):
-            numbers[:, n:] = found[:, loop.n_free :]
+            numbers[:, n:] = found[:, loop.n_x :]
     return Jets(value, slope, bend)
 
 

@@ -21,7 +21,7 @@ from operator import mul
 from typing import Any, NamedTuple
 
 from ccpin.validated.balls import Ball, around, ball, flint, inverse, magnitude
-from ccpin.validated.series import NotInvertibleError
+from ccpin.validated.series import NotInvertibleError, extend
 from ccpin.validated.tape import ADD, COSINE, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
 
 
@@ -55,22 +55,41 @@ def defect(program: Program, series: Sequence[Any], length: Ball) -> list[Ball]:
     Raises:
         NotInvertibleError: A matrix to be inverted may be singular along p.
     """
-    order = len(series[0]) - 1
-    powers = [ball(1)]
-    for _ in range(order):
-        powers.append((powers[-1] * length).upper())
-    run = _AlongPolynomial(series, powers, length)
-    for k in range(program.inputs):
-        run.bounds[k] = run.bound(series[k][:order], magnitude(series[k][order]) * powers[order])
-    for item in program.instructions:
-        run.visit(item)
+    run = _AlongPolynomial.over(program, series, length)
     return [run.bounds[number].rest for number in program.outputs]
+
+
+def sizes_along(program: Program, polynomial: Sequence[Sequence[Ball]], length: Ball) -> list[Ball]:
+    """Bounds of a program's outputs along a polynomial p of its inputs on [0, h].
+
+    Raises:
+        NotInvertibleError: As for `defect`.
+    """
+    order = len(polynomial[0]) - 1
+    series: list[Any] = [*(list(row) for row in polynomial), *([] for _ in range(program.size - program.inputs))]
+    extend(program, series, order)
+    run = _AlongPolynomial.over(program, series, length)
+    return [run.bounds[number].size + run.bounds[number].rest for number in program.outputs]
 
 
 class _AlongPolynomial:
     def __init__(self, series: Sequence[Any], powers: list[Ball], length: Ball) -> None:
         self.series, self.powers, self.length = series, powers, length
         self.bounds: list[Any] = [None] * len(series)
+
+    @classmethod
+    def over(cls, program: Program, series: Sequence[Any], length: Ball) -> _AlongPolynomial:
+        """All values of a program bounded."""
+        order = len(series[0]) - 1
+        powers = [ball(1)]
+        for _ in range(order):
+            powers.append((powers[-1] * length).upper())
+        run = cls(series, powers, length)
+        for k in range(program.inputs):
+            run.bounds[k] = run.bound(series[k][:order], magnitude(series[k][order]) * powers[order])
+        for item in program.instructions:
+            run.visit(item)
+        return run
 
     def bound(self, coefficients: Sequence[Ball], rest: Ball) -> _Bound:
         terms = [magnitude(c) * power for c, power in zip(coefficients, self.powers, strict=False)]

@@ -96,7 +96,7 @@ def grow(loop: ClosedLoop, step: Step, since: float, section: Section, cut: Cut)
     whole = instants_of(step, since, 1)
     rate = fastest_rate(loop, whole)
     moved = np.abs(whole.during.mid - whole.middle.mid)[0] + whole.during.rad[0]
-    moved[loop.n_free :] /= max(rate, 1.0)
+    moved[loop.n_x :] /= max(rate, 1.0)
     count = math.ceil(max(step.length / cut.longest, step.length * rate / _FINE, moved.max() / _STRIDE, 1.0))
     finest, instants = count << _FINER, instants_of(step, since, count)
     batch = most = max(1, _AT_ONCE // cut.pieces**loop.n)

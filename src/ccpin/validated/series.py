@@ -124,11 +124,26 @@ def all_series(program: Program, start: Sequence[Ball], order: int) -> list[Any]
         series[k] = [start[k]]
     inverses: Inverses = {}
     for degree in range(order):
-        for item in program.instructions:
-            _advance(item, degree, series, inverses)
+        _extend(program, series, degree, inverses)
         for k, number in enumerate(program.outputs):
             series[k].append(series[number][degree] / (degree + 1))
     return series
+
+
+def extend(program: Program, series: list[Any], order: int) -> None:
+    """Append the coefficients 0 … order − 1 of a program's values to the inputs' coefficients, which are there.
+
+    Raises:
+        NotInvertibleError: As for `values`.
+    """
+    inverses: Inverses = {}
+    for degree in range(order):
+        _extend(program, series, degree, inverses)
+
+
+def _extend(program: Program, series: list[Any], degree: int, inverses: Inverses) -> None:
+    for item in program.instructions:
+        _advance(item, degree, series, inverses)
 
 
 def _advance(item: Instruction, degree: int, series: list[Any], inverses: Inverses) -> None:

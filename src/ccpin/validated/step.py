@@ -90,10 +90,17 @@ class Stuck(NamedTuple):
 
 
 class Field(NamedTuple):
-    """What is integrated: f, and a quantity that must be positive on every box (given as a lower bound)."""
+    """What is integrated: f, a quantity that must be positive on every box (given as a lower bound), what else is asked.
+
+    Attributes:
+        program: f.
+        quantity: The quantity.
+        missing: What else is not proven on a box, in words.
+    """
 
     program: Program
     quantity: Quantity
+    missing: Callable[[Sequence[Ball]], str] = lambda _: ""
 
 
 class _RefusedError(Exception):
@@ -146,6 +153,8 @@ def attempt(field: Field, start: Start, series: Sequence[Any], length: float, pi
             watched = field.quantity(tube)
             if not watched > 0:  # NaN too
                 return "ψ_q′ is not proven nonsingular on the box that a step needs"
+            if missing := field.missing(tube):
+                return missing
             largest = [a.max(b) for a, b in zip(largest, during, strict=True)]
             boxes.append(tube)
             quantity = min(quantity, watched)

@@ -157,10 +157,10 @@ class Tape:
             slopes[number] = self._slope(self.instructions[number], slopes, direction)
         return [slopes[e.index] if isinstance(e, Node) else 0 for e in expressions]
 
-    def program(self, outputs: Sequence[Expression]) -> Program:
-        """The instructions that outputs need, constants as balls at the current precision."""
+    def program(self, outputs: Sequence[Expression], also: Sequence[Expression] = ()) -> Program:
+        """The instructions that outputs need, and those of values that are `also` to exist; constants as balls now."""
         numbers = tuple(self.node(output).index for output in outputs)
-        needed = self._ancestors(list(numbers), set())
+        needed = self._ancestors([*numbers, *(self.node(value).index for value in also)], set())
         kept = tuple(
             item if item.constant is None else item._replace(constant=ball(item.constant))
             for item in self.instructions

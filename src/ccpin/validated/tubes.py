@@ -100,8 +100,8 @@ class Tube:
 
     def _centre(self, t: float) -> Array:
         loop = self.enclosure.loop
-        state = np.array([float(x.mid()) for x in self.enclosure.box(t)])
-        return np.concatenate([state[list(loop.independent)], state[loop.n_free :]])
+        state = np.array([float(x.mid()) for x in self.enclosure.inputs(t)])
+        return np.concatenate([state[list(loop.independent)], state[loop.n_x :]])
 
     def _slice(self, t: float) -> Slice:
         if not (self.slices and 0.0 <= t <= self.duration):
@@ -200,7 +200,7 @@ def _at_a_sample(loop: ClosedLoop, state: Sequence[Ball]) -> list[Ball]:
     """A state with the efforts that a sampled law reads from it; itself under any other."""
     if loop.efforts is None:
         return list(state)
-    known = state[: loop.n_free + loop.n]
+    known = state[: loop.n_x + loop.n]
     return [*known, *values(loop.efforts, [*known, *[ball(0)] * loop.n])]
 
 
