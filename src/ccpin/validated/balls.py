@@ -11,7 +11,7 @@ import math
 import sys
 from collections.abc import Iterable, Sequence
 from functools import reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -85,14 +85,32 @@ def bounds(box: Sequence[Ball]) -> tuple[Array, Array]:
     return np.array([lower(x) for x in box]), np.array([upper(x) for x in box])
 
 
-def inverse(matrix: Any) -> Any:
-    """A matrix of balls that encloses the inverse of every matrix in `matrix`, or ``None`` where none was proven.
+class Inverse(NamedTuple):
+    """The inverses A⁻¹ = (CA)⁻¹C of all matrices A in a matrix of balls.
 
-    With C an approximate inverse of the midpoint, A⁻¹ = (CA)⁻¹C: elimination meets a matrix near the identity.
+    Attributes:
+        near: C, an approximate inverse of the midpoint.
+        rest: Balls around (CA)⁻¹.
     """
+
+    near: Any
+    rest: Any
+
+    def times(self, right: Any) -> Any:
+        """Balls around A⁻¹B: what cancels in CB does so before the radii of (CA)⁻¹ come in."""
+        return self.rest * (self.near * right)
+
+    @property
+    def matrix(self) -> Any:
+        """Balls around A⁻¹."""
+        return self.rest * self.near
+
+
+def inverse(matrix: Any) -> Inverse | None:
+    """The inverse of every matrix in `matrix`, or ``None`` where none was proven; elimination meets CA, nearly I."""
     try:
         near = matrix.mid().inv().mid()
-        return (near * matrix).inv() * near
+        return Inverse(near, (near * matrix).inv())
     except ZeroDivisionError:
         return None
 

@@ -139,7 +139,7 @@ class _AlongPolynomial:
                 pairs = [(self.bounds[a], z) for a, z in zip(row, parts[column::columns], strict=True)]
                 known = self.bounds[number].rest
                 residual.append(sum((_tail(a, z) + a.rest * z.size for a, z in pairs), known))
-        sizes = table(m, m, [magnitude(entry) for entry in inverted.entries()])
+        sizes = table(m, m, [magnitude(entry) for entry in inverted.matrix.entries()])
         rests = (sizes * table(m, columns, residual)).entries()
         return [part._replace(rest=magnitude(rest)) for part, rest in zip(parts, rests, strict=True)]
 

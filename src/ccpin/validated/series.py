@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ccpin.validated.balls import Ball, ball, flint, inverse
+from ccpin.validated.balls import Ball, Inverse, ball, flint, inverse
 from ccpin.validated.tape import ADD, COSINE, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
 
-Inverses = dict[Any, Any]  # a system's matrix (numbers of values) -> enclosure of its inverse
+Inverses = dict[Any, Inverse]  # a system's matrix (numbers of values) -> enclosure of its inverse
 
 
 class NotInvertibleError(ArithmeticError):
@@ -32,44 +32,64 @@ def _values(program: Program, inputs: Sequence[Ball], inverses: Inverses) -> lis
     found: list[Any] = [None] * program.size
     found[: program.inputs] = inputs
     for item in program.instructions:
-        a, b = item.a, item.b
-        if item.kind == MULTIPLY:
-            result = found[a] * found[b]
-        elif item.kind == ADD:
-            result = found[a] + found[b]
-        elif item.kind == SUBTRACT:
-            result = found[a] - found[b]
-        elif item.kind == SCALE:
-            result = item.constant * found[a]
-        elif item.kind == SINE:
-            result = found[a].sin()
-        elif item.kind == COSINE:
-            result = found[a].cos()
-        elif item.kind == PART:
-            result = found[a][b]
-        elif item.kind == SOLVE:
-            right = flint().arb_mat([[found[number] for number in row] for row in b.right])
-            result = (_inverse(b.matrix, found.__getitem__, inverses) * right).entries()
-        else:
-            result = item.constant
-        found[item.target] = result
+        found[item.target] = _value(item, found, inverses)
     return found
+
+
+def _value(item: Instruction, found: list[Any], inverses: Inverses) -> Any:
+    a, b = item.a, item.b
+    if item.kind == MULTIPLY:
+        return found[a] * found[b]
+    if item.kind == ADD:
+        return found[a] + found[b]
+    if item.kind == SUBTRACT:
+        return found[a] - found[b]
+    if item.kind == SCALE:
+        return item.constant * found[a]
+    if item.kind == SINE:
+        return found[a].sin()
+    if item.kind == COSINE:
+        return found[a].cos()
+    if item.kind == PART:
+        return found[a][b]
+    if item.kind == SOLVE:
+        right = flint().arb_mat([[found[number] for number in row] for row in b.right])
+        return _inverse(b.matrix, found.__getitem__, inverses).times(right).entries()
+    return item.constant
 
 
 def gradients(program: Program, inputs: Sequence[Ball]) -> list[list[Ball]]:
     """∂outputs/∂inputs over a box, one row an output.
 
+    Every value w over the box ± δ about c is narrowed by the mean value theorem, w ∈ w(c) + w′(box)δ, so that what is
+    lost where values depend on one another is of the order of δ².
+
     Raises:
         NotInvertibleError: As for `values`.
     """
     inverses: Inverses = {}
-    found = _values(program, inputs, inverses)
+    middle = _values(program, [x.mid() for x in inputs], {})
     size = program.inputs
     zero = np.full(size, ball(0), dtype=object)
+    off = np.array([x - x.mid() for x in inputs], dtype=object)
+    found: list[Any] = [*inputs, *[None] * (program.size - size)]
     slopes: list[Any] = [None] * program.size  # 0: constant
     slopes[:size] = zero + np.eye(size, dtype=object)
+
+    def narrowed(value: Ball, centre: Ball, slope: Any) -> Ball:
+        other = centre + (slope @ off)
+        return other if other.rad() < value.rad() else value
+
     for item in program.instructions:
-        slopes[item.target] = _gradient(item, found, slopes, zero, inverses)
+        k = item.target
+        found[k] = _value(item, found, inverses)
+        if item.kind == SINE:  # its slope is the cosine, which comes next
+            found[item.b] = found[item.a].cos()
+        slopes[k] = _gradient(item, found, slopes, zero, inverses)
+        if item.kind == SOLVE:
+            found[k] = [narrowed(*entry) for entry in zip(found[k], middle[k], slopes[k], strict=True)]
+        elif item.kind != PART and not isinstance(slopes[k], int):
+            found[k] = narrowed(found[k], middle[k], slopes[k])
     return [list(zero + slopes[number]) for number in program.outputs]
 
 
@@ -105,7 +125,7 @@ def _solution_gradient(item: Instruction, found: list[Any], slopes: list[Any], z
     m, size, columns = right.shape
     residual = right - table(item.b.matrix) @ np.array(found[item.target], dtype=object).reshape(m, columns)
     inverted = _inverse(item.b.matrix, found.__getitem__, inverses)
-    solved = (inverted * flint().arb_mat(m, size * columns, list(residual.ravel()))).entries()
+    solved = inverted.times(flint().arb_mat(m, size * columns, list(residual.ravel()))).entries()
     return np.array(solved, dtype=object).reshape(m, size, columns).swapaxes(1, 2).reshape(m * columns, size)
 
 
@@ -186,12 +206,13 @@ def _solution(item: Instruction, degree: int, series: list[Any], inverses: Inver
         past = np.array(series[item.target][::-1], dtype=object).reshape(degree, *known.shape)
         factors = np.array([[series[number][1 : degree + 1] for number in row] for row in matrix], dtype=object)
         known = known - np.tensordot(factors, past, axes=([1, 2], [1, 0]))
-    return list((inverted * flint().arb_mat(known.tolist())).entries())
+    return list(inverted.times(flint().arb_mat(known.tolist())).entries())
 
 
-def _inverse(matrix: tuple[tuple[int, ...], ...], value: Callable[[int], Ball], inverses: Inverses) -> Any:
+def _inverse(matrix: tuple[tuple[int, ...], ...], value: Callable[[int], Ball], inverses: Inverses) -> Inverse:
     if matrix not in inverses:
-        inverses[matrix] = inverse(flint().arb_mat([[value(number) for number in row] for row in matrix]))
-        if inverses[matrix] is None:
+        found = inverse(flint().arb_mat([[value(number) for number in row] for row in matrix]))
+        if found is None:
             raise NotInvertibleError
+        inverses[matrix] = found
     return inverses[matrix]
