@@ -148,10 +148,11 @@ def certify_move(
     model, (level, rigorous) = model_of(model), _level(arrival, law)
     sampled = not rigorous and not isinstance(arrival, int | float)
     options = checked_options(duration, precision, Options(order, tolerance, pieces, SHORTEST_STEP, np.inf))
-    starts, cut = starts_of(model, q0, v0, spread), checked_cut(parts, cells, np.inf)
+    cut = checked_cut(parts, cells, np.inf)
     with flint().ctx.workprec(precision):
         loop = closed_loop(model, law, model.at(q0, guess).q_free)
         goal = goal_of(loop, law, level)
+        starts = starts_of(model, loop, q0, v0, spread)
         if starts.spread.any():
             inside = SetArrival(loop, goal, options, cells)
             move = _of_a_set(job_of(model, loop, guess, duration, options, precision, cut, inside), starts, parts)

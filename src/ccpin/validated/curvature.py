@@ -11,6 +11,7 @@ from ccpin.arrays import Array
 from ccpin.validated.branch import Jets, States, closed_boxes, jets_of, nearly_closed, states_of
 from ccpin.validated.dynamics import ClosedLoop
 from ccpin.validated.jets import Jet, jets
+from ccpin.validated.laws import HALF_A_TURN
 from ccpin.validated.series import NotInvertibleError
 from ccpin.validated.tape import Program
 from ccpin.validated.wide import Wide, hull, joined, raised, zeros
@@ -112,6 +113,10 @@ def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> Bo
     inside = np.all(middles.rad[:, loop.dependent] < whole.rad[:, loop.dependent])
     if not (proven.all() and inside):
         raise UnboundedError(_BRANCH)
+    for angle in loop.wrapped:
+        off = np.abs(whole.mid[:, angle.place] - float(angle.target.mid())) + whole.rad[:, angle.place]
+        if not np.all(off < np.pi * (1.0 - 1e-9)):
+            raise UnboundedError(HALF_A_TURN)
     v = Wide(centre[:, split:], v_reach)
     return Boxes(middles, whole, v, _in_pieces(loop, whole, v, pieces), pieces**n)
 

@@ -32,12 +32,12 @@ from ccpin.validated.balls import Ball, around, ball, bounds, flint, hull, lower
 from ccpin.validated.crossing import Crossing, crossing, signed_determinant
 from ccpin.validated.defect import sizes_along
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
+from ccpin.validated.laws import HALF_A_TURN
 from ccpin.validated.places import configuration, numbers_of, on_manifold, unwound
 from ccpin.validated.series import gradients, values
 from ccpin.validated.step import QUANTUM, Field, Options, Step, evaluate, march, start_box, start_of
 
 SHORTEST_STEP = 2.0**-20
-HALF_A_TURN = "an angle that the law reads on a circle comes within the box of a step to half a turn from q_d, where it jumps"
 
 
 class StateBox(NamedTuple):
@@ -237,7 +237,7 @@ def exact_start(
     """The exact closed start (x, q̇) as balls."""
     start = model.at(q0, guess)
     v = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
-    q_free = closed_start(loop, exact_q(model, loop, start.q), numbers_of(loop.joints, start.q_free, loop.near))
+    q_free = closed_start(loop, exact_q(model, loop, numbers(q0, "q0")), numbers_of(loop.joints, start.q_free, loop.near))
     return [*q_free, *[ball(float(x)) for x in v]]
 
 

@@ -16,6 +16,7 @@ from ccpin.validated.mechanics import Terms
 from ccpin.validated.places import Chosen, unwound
 from ccpin.validated.tape import Expression, Tape
 
+HALF_A_TURN = "an angle that the law reads on a circle is not proven less than half a turn from q_d, where it jumps"
 SetPointLaw = PDSimpleGravity | PDFullGravity
 
 
