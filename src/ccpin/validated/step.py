@@ -33,6 +33,7 @@ from ccpin.validated.tape import Program
 QUANTUM = 2.0**-40  # steps are multiples, so that times are exact doubles
 _BOX_PRECISION = 64  # bits; enough for boxes as wide as a step
 _GROWTH = 1e3
+_SINGULAR = "ψ_q′, D or (of motors elsewhere than on the independent joints) ρᵀSᵀ is not proven nonsingular"
 
 Quantity = Callable[[list[Ball]], float]
 
@@ -159,7 +160,7 @@ def attempt(field: Field, start: Start, series: Sequence[Any], length: float, pi
             boxes.append(tube)
             quantity = min(quantity, watched)
     except NotInvertibleError:
-        return "ψ_q′ or D is not proven nonsingular on the box that a step needs"
+        return _SINGULAR + " on the box that a step needs"
     except _RefusedError as refusal:
         return str(refusal)
     remainder = max(upper(d * length) for d in gap)
@@ -216,7 +217,7 @@ def march(field: Field, box: Sequence[Ball], duration: float, options: Options) 
         try:
             series = all_series(field.program, start.centre, options.order)
         except NotInvertibleError:
-            yield Stuck("ψ_q′ or D is not proven nonsingular at the state reached")
+            yield Stuck(_SINGULAR + " at the state reached")
             return
         guess = _affordable(series[: field.program.inputs], options)
         here = options._replace(shortest=min(options.shortest, end - time), longest=min(options.longest, end - time))
