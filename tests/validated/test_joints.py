@@ -63,12 +63,16 @@ def with_kinds(name, **kinds):
 def planar_platform():
     """The 3-RRR whose platform has one planar joint where `models/` has two slides and a turn."""
     described = ccpin.load("planar_3rrr").description
-    first, *_, last = parts = [j for j in described.joints if j.name.startswith("platform_")]
-    gone = {j.name for j in parts}
-    place = first.placement.copy()
-    place[:3, :3] = place[:3, :3] @ np.column_stack([Z, X, Y])  # its own z along the plane's normal, y
-    joint = Joint("platform", "planar", first.parent, last.child, place, axis=Z)
-    return described, joint, gone
+    first, _, last = (j for j in described.joints if j.name.startswith("platform_"))
+    joint = Joint("platform", "planar", first.parent, last.child, first.placement, axis=Y)
+    others = tuple(j for j in described.joints if not j.name.startswith("platform_"))
+    used = {j.child for j in (*others, joint)} | {described.root}
+    return replace(
+        described,
+        joints=(*others, joint),
+        links=tuple(link for link in described.links if link.name in used),
+        reference={name: pose for name, pose in described.reference.items() if not name.startswith("platform_")},
+    )
 
 
 def gear_train():
@@ -105,6 +109,7 @@ MECHANISMS = {
     "floating": flying_four_bar,
     "geared": lambda: ccpin.load(gear_train()),
     "rod": lambda: ccpin.load(rod_four_bar()),
+    "planar": lambda: ccpin.load(planar_platform()),
     "redundant": lambda: ccpin.load("bennett"),
     "many redundant": lambda: ccpin.load(revolute_delta()),
 }
@@ -227,6 +232,16 @@ def test_a_ball_joint_moves_as_three_revolute_ones():
     assert first.verdict == second.verdict == "proven"
     places = ([_place(e.loop, m, name) for name in ("crank", "rocker")] for e, m in zip((first, second), models, strict=True))
     assert meet(first, second, *places, 0.1)
+
+
+def test_a_planar_joint_moves_as_two_slides_and_a_turn():
+    """The 3-RRR's motors, its platform on one joint or on three."""
+    twin, model = (ccpin.ReducedModel(ccpin.load(file)) for file in (planar_platform(), "planar_3rrr"))
+    q = model.alpha(model.mechanism.q_reference) + 0.01
+    first, second = (enclose(m, law_of(m, q), q, [0.5, -0.2, 0.1], 0.02, **QUICK) for m in (twin, model))
+    assert first.verdict == second.verdict == "proven"
+    motors = ([_place(e.loop, m, f"motor{k}") for k in (1, 2, 3)] for e, m in ((first, twin), (second, model)))
+    assert meet(first, second, *motors, 0.02)
 
 
 def _place(loop, model, name):
