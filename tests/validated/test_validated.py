@@ -387,17 +387,11 @@ def test_a_spatial_mechanism_is_enclosed():
 
 
 def test_scope(rpdr_model):
-    """Redundant rows, other laws and other joints are refused with the reason."""
-    with pytest.raises(UnsupportedMechanismError, match="square"):
-        enclose(ccpin.ReducedModel(ccpin.load("bennett")), None, [0.5], None, 0.01)
+    """Other laws, and starts of another shape, are refused with the reason."""
     with pytest.raises(UnsupportedMechanismError, match="TorqueFunction"):
         enclose(rpdr_model, ccpin.control.TorqueFunction(lambda t, q, v: q), START, None, 0.01)
     with pytest.raises(InvalidInputError, match="shape"):
         enclose(rpdr_model, None, [0.0], None, 0.01)
-    growth = Growth(np.random.default_rng(0))
-    growth.grow("base", ["spherical"])
-    with pytest.raises(UnsupportedMechanismError, match="spherical"):
-        exact_joints(build_tree(growth.drawn().description))
 
 
 @pytest.mark.parametrize(

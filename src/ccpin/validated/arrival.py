@@ -27,7 +27,7 @@ _MARGIN = 1e-9  # relative; the level's own 𝒱 uses a V(q_d) and g(q_d) rounde
 
 
 class Goal(NamedTuple):
-    """The law's set point: the level less a margin and V(q_d) in balls, the law, and the numbers of the computed σ(q_d)."""
+    """The law's set point: the level less a margin, V(q_d) in balls, the law, the numbers of the computed σ(q_d)."""
 
     level: float
     potential: Ball

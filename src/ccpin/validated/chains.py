@@ -187,9 +187,7 @@ def closure_rows(
     return rows
 
 
-def _coupling_row(
-    coupling: ResolvedCoupling, x: Table, places: dict[int, int], near: Array | None
-) -> Expression:
+def _coupling_row(coupling: ResolvedCoupling, x: Table, places: dict[int, int], near: Array | None) -> Expression:
     """Σ c (θ − θ_ref)ᵏ, less the whole turns there are."""
     total: Any = 0
     about = 0.0

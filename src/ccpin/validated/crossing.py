@@ -14,12 +14,12 @@ it is det ψ_q′. ∎
 from __future__ import annotations
 
 import math
-
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from ccpin.arrays import Array
 from ccpin.domain.verdict import Witness
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError

@@ -14,7 +14,7 @@ from ccpin.validated.jets import Jet, jets
 from ccpin.validated.laws import HALF_A_TURN
 from ccpin.validated.series import NotInvertibleError
 from ccpin.validated.tape import Program
-from ccpin.validated.wide import Wide, hull, joined, raised, zeros
+from ccpin.validated.wide import Wide, exactly, hull, joined, raised, zeros
 
 _POINT = 1e-15
 _LARGER = 1.05  # than needed: room for the pieces' own boxes in it
@@ -163,6 +163,24 @@ def curvature(loop: ClosedLoop, instants: Instants, slope: Wide, around: Boxes) 
     return Curvature(slope, change, whole)
 
 
+def feedback(loop: ClosedLoop, instants: Instants, reach: Array | None, pieces: int) -> Wide:
+    """Balls around ∂u/∂(q, q̇) of a sampled law, of shape (B, motors, 2n): at middles, or in boxes (2n,) about them.
+
+    Raises:
+        UnboundedError: The motors' efforts are not proven to exist there.
+    """
+    assert loop.efforts is not None, "asked for sampled loops only"
+    size, rest = 2 * loop.n, len(loop.efforts.outputs)
+    if loop.gains is not None:
+        return exactly(np.broadcast_to(loop.gains, (len(instants.time), *loop.gains.shape)))
+    if reach is None:
+        states = _states(loop, _middles(loop, instants), instants.middle.at(np.s_[:, loop.n_x :]), None)
+        return _jets(states, loop, loop.efforts).slope.at(np.s_[:, :, :size])
+    around = boxes(loop, instants, np.append(reach, np.zeros(rest))[None], pieces)
+    over = _jets(around.states, loop, loop.efforts).slope
+    return hull(over, around.pieces).at(np.s_[:, :, :size])
+
+
 def _flow(loop: ClosedLoop, states: Wide) -> Wide:
     """F over boxes of states (q′, q̇)."""
     try:
@@ -178,10 +196,7 @@ def _flow_jets(loop: ClosedLoop, field: Jets, v: Wide) -> Jets:
     """F's jets from those of the outputs (q̇′, q̈)."""
     n, count, size = loop.n, len(v.mid), loop.n + v.mid.shape[1]
     value = Wide(
-        *(
-            np.concatenate([a, b[:, loop.n_x :]], axis=1)
-            for a, b in zip(v.at(np.s_[:, :n]), field.value, strict=True)
-        )
+        *(np.concatenate([a, b[:, loop.n_x :]], axis=1) for a, b in zip(v.at(np.s_[:, :n]), field.value, strict=True))
     )
     slope, bend = zeros(count, size, size), zeros(count, size, size, size)
     slope.mid[:, :n, n : 2 * n] = np.eye(n)

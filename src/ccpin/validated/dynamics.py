@@ -1,6 +1,7 @@
 """The closed loop as an explicit analytic differential equation (x, q̇)′ = f(x, q̇), on a tape.
 
-    ẋ = Γ(x) ρ(x) q̇ (13),    d/dt q̇ = D⁻¹(τ − ρᵀ(D′b + C′q̇′ + B′q̇′ + g′)) (22),    b = ρ̇q̇ = −ψ_q′⁻¹[φ̇_q′ q̇′; α̇_q′ q̇′] (35),
+    ẋ = Γ(x) ρ(x) q̇ (13),    d/dt q̇ = D⁻¹(τ − ρᵀ(D′b + C′q̇′ + B′q̇′ + g′)) (22),
+    b = ρ̇q̇ = −ψ_q′⁻¹[φ̇_q′ q̇′; α̇_q′ q̇′] (35),
 
 with x the numbers that hold q′ (`ccpin.validated.places`; ẋ = Γ q̇′), τ the law's generalized force, B′ the joints'
 dampers, springs in g′ and no dry friction. φ = 0 and the unit length of quaternions are invariants of the exact flow,
@@ -20,11 +21,11 @@ import numpy as np
 from scipy.linalg import qr
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw
+from ccpin.control.laws import ControlLaw, NoTorque
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.validated.balls import rational
 from ccpin.validated.chains import ExactJoint, Table, closure_rows, exact, exact_joints, poses
-from ccpin.validated.laws import Wrapped, acting, feedback_of, transmitted
+from ccpin.validated.laws import Wrapped, acting, efforts, gains_of, require_sampled, transmission
 from ccpin.validated.mechanics import closed, dynamic_terms
 from ccpin.validated.places import chosen, numbers_of
 from ccpin.validated.tape import Expression, Program, Tape
@@ -50,7 +51,7 @@ class ClosedLoop(NamedTuple):
         lyapunov: 𝒱 + V(q_d) of Theorem 3 for PD with simple gravity compensation, else ``None``.
         efforts: u(q′, q̇) of a law that is sampled and held, else ``None``. The state is then (x, q̇, u) with u′ = 0,
             and `field` and `drift` have as many outputs.
-        feedback: ∂u/∂(q, q̇) of that law, constant, of shape (n, 2n).
+        gains: ∂u/∂(q, q̇) of that law, of shape (n, 2n), where the motors sit on the independent joints.
     """
 
     n_x: int
@@ -69,7 +70,7 @@ class ClosedLoop(NamedTuple):
     energies: Program
     lyapunov: Program | None
     efforts: Program | None = None
-    feedback: Array | None = None
+    gains: Array | None = None
 
 
 def closed_loop(
@@ -92,9 +93,10 @@ def closed_loop(
     near = mechanism.q_reference if near is None else near
     joints = exact_joints(mechanism.tree)
     q, about = chosen(model.coordinates, joints), numbers_of(joints, near)
-    feedback = feedback_of(law) if held else None
     n_x, n = len(about), model.n
-    tape = Tape(n_x + n * (1 if feedback is None else 2))
+    if held:
+        require_sampled(law)
+    tape = Tape(n_x + n + (model.n_actuated if held else 0))
     x, v, u = np.split(np.array(tape.inputs, dtype=object), [n_x, n_x + n])
     rows = closure_rows(tape, constraints, joints, x, about)
     kept, others = _independent_rows(model, near)
@@ -103,7 +105,10 @@ def closed_loop(
     frames = poses(tape, joints, x)
     terms = dynamic_terms(mechanism.tree, joints, frames, motion, (x, v), exact(model.gravity_vector))
     does = acting(law, q, x, v, terms, about)
-    acceleration = tape.solve(terms.mass, ((u if held else does.force) - terms.bias)[:, None])[:, 0]
+    across = transmission(model, motion.rho)
+    wanted = efforts(tape, across, does.force) if law is not None and not isinstance(law, NoTorque) else []
+    force = does.force if not held else u if across is None else across @ u
+    acceleration = tape.solve(terms.mass, (force - terms.bias)[:, None])[:, 0]
     still = [0] * len(u)
     dependent = tuple(k for k in range(n_x) if k not in q.places)
     return ClosedLoop(
@@ -115,15 +120,15 @@ def closed_loop(
         dependent,
         q.scalar,
         does.wrapped,
-        field=tape.program([*motion.x_rate, *acceleration, *still], transmitted(tape, model, law, motion.rho)),
+        field=tape.program([*motion.x_rate, *acceleration, *still], () if held else wanted),
         closure=tape.program([*phi, *_unit_lengths(joints, x, dependent)]),
         jacobian=tape.program(motion.jacobian.ravel()),
         left_out=tape.program([rows[k] for k in others]) if others else None,
         drift=tape.program([*motion.x_rate, *[0] * n, *still]),
         energies=tape.program([terms.kinetic, terms.potential]),
         lyapunov=None if does.lyapunov is None else tape.program([does.lyapunov]),
-        efforts=tape.program(list(does.force)) if held else None,
-        feedback=feedback,
+        efforts=tape.program(list(wanted)) if held else None,
+        gains=gains_of(law) if across is None and held else None,
     )
 
 

@@ -237,7 +237,9 @@ def exact_start(
     """The exact closed start (x, q̇) as balls."""
     start = model.at(q0, guess)
     v = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
-    q_free = closed_start(loop, exact_q(model, loop, numbers(q0, "q0")), numbers_of(loop.joints, start.q_free, loop.near))
+    q_free = closed_start(
+        loop, exact_q(model, loop, numbers(q0, "q0")), numbers_of(loop.joints, start.q_free, loop.near)
+    )
     return [*q_free, *[ball(float(x)) for x in v]]
 
 

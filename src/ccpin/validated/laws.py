@@ -86,28 +86,34 @@ def _goal(law: SetPointLaw, q: Chosen, near: Array) -> tuple[Table, tuple[Wrappe
     return np.array(goal, dtype=object), tuple(wrapped)
 
 
-def transmitted(tape: Tape, model: ReducedModel, law: ControlLaw | None, rho: Table) -> list[Expression]:
-    """Values that exist only where ρᵀSᵀ has full rank, so that the motors produce every force of the law."""
-    if model.actuation is None or law is None or isinstance(law, NoTorque):
-        return []
-    across = rho.T @ exact(model.actuation).T
-    matrix = across if across.shape[0] == across.shape[1] else across @ across.T
-    return list(tape.solve(matrix, np.ones((len(matrix), 1), dtype=object))[:, 0])
+def transmission(model: ReducedModel, rho: Table) -> Table | None:
+    """ρᵀSᵀ, of shape (n, motors); ``None`` where u acts on q itself."""
+    return None if model.actuation is None else rho.T @ exact(model.actuation).T
 
 
-def feedback_of(law: ControlLaw | None) -> Array:
-    """∂u/∂(q, q̇) of a law that can be sampled and held.
+def efforts(tape: Tape, across: Table | None, force: Table) -> Table:
+    """The u of least norm with ρᵀSᵀu = a force; it exists only where ρᵀSᵀ has full rank."""
+    if across is None:
+        return force
+    if across.shape[0] == across.shape[1]:
+        return tape.solve(across, force[:, None])[:, 0]
+    return across.T @ tape.solve(across @ across.T, force[:, None])[:, 0]
+
+
+def gains_of(law: ControlLaw | None) -> Array:
+    """∂u/∂(q, q̇) of (28) where motors sit on the independent joints, of shape (n, 2n)."""
+    require_sampled(law)
+    assert isinstance(law, PDSimpleGravity)
+    return np.hstack([-law.K_p, -law.K_v])
+
+
+def require_sampled(law: ControlLaw | None) -> None:
+    """Check that a law can be sampled and held.
 
     Raises:
-        UnsupportedMechanismError: Another law than (28), or motors that do not sit on the independent joints.
+        UnsupportedMechanismError: Another law than (28).
     """
     if not isinstance(law, PDSimpleGravity):
         raise UnsupportedMechanismError(
             f"a sampled loop is enclosed under PDSimpleGravity only, not under {type(law).__name__}"
         )
-    if law.near.reference.transmission is not None:
-        raise UnsupportedMechanismError(
-            "a sampled loop is enclosed where the motors sit on the independent joints: efforts held elsewhere are not "
-            "constant generalized forces"
-        )
-    return np.hstack([-law.K_p, -law.K_v])

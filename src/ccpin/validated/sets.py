@@ -132,7 +132,8 @@ def starts_of(model: ReducedModel, loop: ClosedLoop, q0: ArrayLike, v0: ArrayLik
     if not loop.scalar:
         raise UnsupportedMechanismError(
             "sets of starts are boxes in coordinates whose rates are q̇: ball, planar and floating joints that are "
-            f"independent as a whole have none; name components or other joints instead of {model.mechanism.independent}"
+            "independent as a whole have none; name components or other joints as independent, in place of one of "
+            f"{', '.join(model.mechanism.independent)}"
         )
     pair = tuple(spread) if isinstance(spread, tuple) and len(spread) == 2 else (spread, spread)
     widths = []

@@ -91,7 +91,7 @@ class Stuck(NamedTuple):
 
 
 class Field(NamedTuple):
-    """What is integrated: f, a quantity that must be positive on every box (given as a lower bound), what else is asked.
+    """What is integrated: f, a quantity that must be positive on every box (as a lower bound), what else is asked.
 
     Attributes:
         program: f.

@@ -168,7 +168,7 @@ def _grown(job: Job, starts: Starts) -> tuple[Tube, int | None]:
         if section is None:
             section = first_section(job.loop, instants_of(step, 0.0, 1), starts.spread)
         try:
-            section = sampled_section(job.loop, step, section) if sampled else section
+            section = sampled_section(job.loop, step, section, job.cut) if sampled else section
             for batch in grow(job.loop, step, since, section, job.cut):
                 slices.extend(batch)
                 section = Section(batch[-1].end, batch[-1].kept)
@@ -201,7 +201,7 @@ def _at_a_sample(loop: ClosedLoop, state: Sequence[Ball]) -> list[Ball]:
     if loop.efforts is None:
         return list(state)
     known = state[: loop.n_x + loop.n]
-    return [*known, *values(loop.efforts, [*known, *[ball(0)] * loop.n])]
+    return [*known, *values(loop.efforts, [*known, *[ball(0)] * len(loop.efforts.outputs)])]
 
 
 def _tube(
