@@ -10,12 +10,13 @@ import pytest
 
 import ccpin
 from ccpin.description import Coupling, CouplingTerm, Inertia, Joint, Link, MechanismDescription
-from ccpin.errors import UnsupportedMechanismError
+from ccpin.errors import CcpinError, UnsupportedMechanismError
 from tests.support.ball_joint import ball_joint
 from tests.support.families import revolute_delta
 from tests.support.linkages import rssr, stewart_on_balls
 from tests.support.paper import GOAL, K_P, K_V, START
 from tests.support.rods import rod_four_bar
+from tests.support.strategies import DOF, JOINING, Growth
 
 flint = pytest.importorskip("flint")
 
@@ -152,6 +153,30 @@ def test_recorded_dynamics(name):
     np.testing.assert_allclose(numbers(values(loop.field, start)), expected, rtol=0, atol=1e-12 * scale)
     np.testing.assert_allclose(numbers(values(loop.energies, start)), state.energy(v), rtol=1e-12)
     np.testing.assert_allclose(numbers(values(loop.closure, start)), 0.0, rtol=0, atol=1e-12)
+
+
+def test_random_mechanisms_of_every_kind():
+    """The same of random trees of every joint kind and closure kind, with components and redundant rows."""
+    seen = set()
+    for seed in range(45):
+        rng = np.random.default_rng(seed)
+        growth = Growth(rng)
+        arms = [growth.grow("base", rng.choice(list(DOF), rng.integers(1, 4)).tolist()) for _ in range(2)]
+        growth.close(rng.choice(JOINING), *arms)
+        try:
+            model = ccpin.ReducedModel(ccpin.load(growth.drawn().description))
+            state, v = random_state(model, seed, 0.02)
+            loop = closed_loop(model, None, state.q_free)
+        except CcpinError:
+            continue
+        found = numbers(values(loop.field, balls(numbers_of(loop.joints, state.q_free, loop.near), v)))
+        accelerated = state.forward_dynamics(v, np.zeros(model.n_actuated))
+        expected = np.concatenate([x_rate(loop, state.q_free, state.rho @ v), accelerated])
+        scale = max(1.0, np.abs(expected).max()) / state.rcond
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * scale)
+        seen |= {joint.kind.name for joint in loop.joints} | {part.component for part in model.coordinates.parts}
+        seen |= {"redundant"} if loop.left_out else set()
+    assert seen >= {*DOF, "tx", "rz", "redundant"}
 
 
 def law_of(model, start, offset=0.05):
@@ -370,6 +395,7 @@ def test_the_certified_move_on_circles():
     assert move.verdict == "proven"
 
 
+@pytest.mark.slow
 def test_sets_of_starts_on_circles(rpdr_model):
     """Tubes of continuous joints are those of the revolute ones."""
     twin, law = paper_law_on_circles()
@@ -384,6 +410,23 @@ def test_sets_of_starts_on_circles(rpdr_model):
         (a, reach), (b, other) = (found.tubes[0].box(t) for found in sets)
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-12)
         np.testing.assert_allclose(reach, other, rtol=1e-2)
+
+
+@pytest.mark.parametrize("name", ["ball and universal", "redundant"])
+def test_sets_of_starts(name):
+    """Tubes of mechanisms with a ball joint, and with redundant rows: starts simulated one by one stay inside."""
+    model = ccpin.ReducedModel(MECHANISMS[name]())
+    state, v = random_state(model)
+    found = enclose_set(model, None, state.q, v, 0.01, spread=(1e-3, 1e-2), guess=state.q_free, cells=2, **QUICK)
+    assert found.verdict == "proven"
+    largest = 0.0
+    for signs in ([1.0, 1.0], [1.0, -1.0], [-1.0, 0.3]):
+        start = state.q + 1e-3 * signs[0], v + 1e-2 * signs[1]
+        motion = ccpin.simulate(model, ccpin.control.NoTorque(model), *start, duration=0.01, **FINE)
+        for t, q, speed in zip(motion.t, motion.q, motion.v, strict=True):
+            assert found.contains(t, q, speed, 1e-6)
+        largest = max(largest, np.abs(found.tubes[0].coordinates(0.01, q, speed)).max())
+    assert largest > 0.7
 
 
 def test_an_angle_half_a_turn_from_its_goal():

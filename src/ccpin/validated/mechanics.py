@@ -64,10 +64,10 @@ def closed(
     rho[rest] = tape.solve(jacobian, right)
     v_free = rho @ v
     x_rate = table @ v_free
+    along = dict(enumerate(x_rate.tolist()))  # q̇′ is held below, and not what Γ makes of it
     if q.scalar:
         x_rate[list(q.places)] = v
-    along = dict(enumerate(x_rate))
-    moving = [*tape.derivative(phi, along), *((table @ v_free)[place] for _, place in others)]
+    moving = [*tape.derivative(phi, along), *(along[place] for _, place in others)]
     turned = np.array(tape.derivative(moving, along), dtype=object)
     bias[rest] = tape.solve(jacobian, -turned[:, None])[:, 0]
     return Closed(jacobian, rho, v_free, bias, x_rate)
