@@ -23,7 +23,6 @@ flint = pytest.importorskip("flint")
 from ccpin.validated import certify_move, enclose, enclose_set  # noqa: E402
 from ccpin.validated.balls import around, ball  # noqa: E402
 from ccpin.validated.dynamics import closed_loop  # noqa: E402
-from ccpin.validated.places import numbers_of  # noqa: E402
 from ccpin.validated.series import values  # noqa: E402
 
 FINE = {"method": "DOP853", "rtol": 1e-12, "atol": 1e-13}
@@ -114,6 +113,8 @@ MECHANISMS = {
     "ball, independent": lambda: ball_joint().mechanism,
     "ball, dependent": lambda: ccpin.load(rssr()),
     "ball and universal": lambda: ccpin.load(ball_and_universal(damping=0.1)),
+    "ball with a spring": lambda: ccpin.load(ball_and_universal(stiffness=3.0)),
+    "single turn": lambda: ccpin.load(rssr(), free=["all"], independent=["crank", "ball:rx"]),
     "balls of a Stewart platform": lambda: ccpin.load(stewart_on_balls()),
     "continuous": lambda: ccpin.load(with_kinds("rpdr", **{f"joint{k}": "continuous" for k in range(1, 5)})),
     "floating": flying_four_bar,
@@ -131,13 +132,14 @@ def random_state(model, seed=1, size=0.03):
     return model.at(q), 0.5 * rng.normal(size=model.n)
 
 
-def x_rate(loop, q_free, v_free):
-    """Ẋ from the joints' own rates of q′."""
-    rates = []
+def x_rate(loop, state, v):
+    """Ẋ from the joints' own rates of q′, and q̇ for single turns."""
+    q_free, v_free, rates = state.q_free, state.rho @ v, []
     for joint in loop.joints:
         rate = joint.kind.rate(q_free[joint.q], v_free[joint.v])
         rates += [*rate[:-2], v_free[joint.v][-1]] if joint.kind.unit == 2 else [*rate]
-    return np.array(rates)
+    parts = (part for part in state.model.coordinates.parts if part.kind.unit == 4 and part.component is not None)
+    return np.array([*rates, *(v[part.v.start] for part in parts if not part.slides[0])])
 
 
 @pytest.mark.parametrize("name", MECHANISMS)
@@ -146,9 +148,9 @@ def test_recorded_dynamics(name):
     model = ccpin.ReducedModel(MECHANISMS[name]())
     state, v = random_state(model)
     loop = closed_loop(model, None, state.q_free)
-    start = balls(numbers_of(loop.joints, state.q_free, loop.near), v)
+    start = balls(loop.numbers(state.q_free), v)
     accelerated = state.forward_dynamics(v, np.zeros(model.n_actuated))
-    expected = np.concatenate([x_rate(loop, state.q_free, state.rho @ v), accelerated])
+    expected = np.concatenate([x_rate(loop, state, v), accelerated])
     scale = max(1.0, np.abs(expected).max())
     np.testing.assert_allclose(numbers(values(loop.field, start)), expected, rtol=0, atol=1e-12 * scale)
     np.testing.assert_allclose(numbers(values(loop.energies, start)), state.energy(v), rtol=1e-12)
@@ -169,14 +171,14 @@ def test_random_mechanisms_of_every_kind():
             loop = closed_loop(model, None, state.q_free)
         except CcpinError:
             continue
-        found = numbers(values(loop.field, balls(numbers_of(loop.joints, state.q_free, loop.near), v)))
+        found = numbers(values(loop.field, balls(loop.numbers(state.q_free), v)))
         accelerated = state.forward_dynamics(v, np.zeros(model.n_actuated))
-        expected = np.concatenate([x_rate(loop, state.q_free, state.rho @ v), accelerated])
+        expected = np.concatenate([x_rate(loop, state, v), accelerated])
         scale = max(1.0, np.abs(expected).max()) / state.rcond
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * scale)
         seen |= {joint.kind.name for joint in loop.joints} | {part.component for part in model.coordinates.parts}
         seen |= {"redundant"} if loop.left_out else set()
-    assert seen >= {*DOF, "tx", "rz", "redundant"}
+    assert seen >= {*DOF, "tx", "rx", "rz", "redundant"}
 
 
 def law_of(model, start, offset=0.05):
@@ -412,9 +414,17 @@ def test_sets_of_starts_on_circles(rpdr_model):
         np.testing.assert_allclose(reach, other, rtol=1e-2)
 
 
-@pytest.mark.parametrize("name", ["ball and universal", "redundant"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "ball and universal",
+        "redundant",
+        pytest.param("single turn", marks=pytest.mark.slow),
+        pytest.param("ball with a spring", marks=pytest.mark.slow),
+    ],
+)
 def test_sets_of_starts(name):
-    """Tubes of mechanisms with a ball joint, and with redundant rows: starts simulated one by one stay inside."""
+    """Tubes of mechanisms with ball joints, and with redundant rows: starts simulated one by one stay inside."""
     model = ccpin.ReducedModel(MECHANISMS[name]())
     state, v = random_state(model)
     found = enclose_set(model, None, state.q, v, 0.01, spread=(1e-3, 1e-2), guess=state.q_free, cells=2, **QUICK)
@@ -440,15 +450,10 @@ def test_an_angle_half_a_turn_from_its_goal():
 
 
 def test_what_is_refused(rpdr_model):
-    """A spring in a ball, a single turn of a ball, sets on a ball, held efforts of motors elsewhere: each by name."""
+    """Sets on a whole ball, and other laws: each by name."""
     model = ball_joint()
     q = model.alpha(model.mechanism.q_reference)
     with pytest.raises(UnsupportedMechanismError, match="components"):
         enclose_set(model, None, q, None, 0.01, spread=1e-3)
-    with pytest.raises(UnsupportedMechanismError, match="spring of the spherical joint 'ball'"):
-        closed_loop(ccpin.ReducedModel(ccpin.load(ball_and_universal(stiffness=1.0))), None)
-    turn = ccpin.ReducedModel(ccpin.load(rssr(), free=["all"], independent=["crank", "ball:rx"]))
-    with pytest.raises(UnsupportedMechanismError, match="'ball:rx'"):
-        closed_loop(turn, None)
     with pytest.raises(UnsupportedMechanismError, match="TorqueFunction"):
         enclose(rpdr_model, ccpin.control.TorqueFunction(lambda t, q, v: q), START, None, 0.01)

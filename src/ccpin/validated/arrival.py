@@ -15,7 +15,6 @@ from ccpin.validated.branch import jets_of, states_of
 from ccpin.validated.curvature import UnboundedError, boxes
 from ccpin.validated.dynamics import ClosedLoop
 from ccpin.validated.enclose import at_rest, closed_start, determinant_bound, exact_q, unique_there
-from ccpin.validated.places import numbers_of
 from ccpin.validated.series import NotInvertibleError, values
 from ccpin.validated.step import Field, Options, Step, march, start_box
 from ccpin.validated.tube import Slice
@@ -70,7 +69,7 @@ def lyapunov(loop: ClosedLoop, goal: Goal, box: Sequence[Ball]) -> Ball:
 
 def goal_of(loop: ClosedLoop, law: PDSimpleGravity, level: float) -> Goal:
     """The set point of a law with a level in joules, in balls."""
-    x = numbers_of(loop.joints, law.q_free_d, loop.near)
+    x = loop.numbers(law.q_free_d)
     start = closed_start(loop, exact_q(law.model, loop, law.q_d), x)
     return Goal(level * (1 - _MARGIN), values(loop.energies, at_rest(loop, start))[1], law, x)
 

@@ -85,6 +85,22 @@ def bounds(box: Sequence[Ball]) -> tuple[Array, Array]:
     return np.array([lower(x) for x in box]), np.array([upper(x) for x in box])
 
 
+def gain(cosine: Ball, order: int) -> Ball:
+    """The range of a derivative of g(w) = 2 arccos(w)/√(1 − w²) = 2 ₂F₁(1, 1; 3/2; (1 − w)/2), w > −1.
+
+    The k-th is (−½)ᵏ times a positive, increasing function of z = (1 − w)/2: its derivatives are, by Euler's integral.
+    """
+    fraction = flint().fmpq
+    factor = fraction(2)
+    for k in range(order):
+        factor = factor * fraction(-1, 2) * (1 + k) * (1 + k) / (fraction(3, 2) + k)
+    z = (1 - cosine) / 2
+    if not z < 1:
+        return flint().arb(0, math.inf)
+    ends = (ball(x).hypgeom_2f1(1 + order, 1 + order, fraction(3, 2) + order) for x in (z.lower(), z.upper()))
+    return factor * hull([[end] for end in ends])[0]
+
+
 class Inverse(NamedTuple):
     """The inverses A⁻¹ = (CA)⁻¹C of all matrices A in a matrix of balls.
 

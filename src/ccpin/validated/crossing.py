@@ -57,7 +57,7 @@ def crossing(
     model: ReducedModel, loop: ClosedLoop, here: Sequence[Ball], since: float, duration: float, options: Options
 ) -> Crossing | None:
     """Where a free motion, enclosed up to the box of states `here` at t = `since`, is proved to meet a singularity."""
-    if loop.left_out is not None:  # other rows may be kept in other coordinates
+    if loop.left_out is not None or loop.turns:  # other rows may be kept in other coordinates, and other numbers
         return None
     sign = sign_of(signed_determinant(loop, here))
     followed = _other_coordinates(model, loop, here)
@@ -86,7 +86,7 @@ def _other_coordinates(
         other = closed_loop(sibling, None, q_free)
     except CcpinError:
         return None
-    if other.independent == loop.independent or not other.scalar:
+    if other.independent == loop.independent or not other.scalar or other.turns:
         return None
     x_rate = values(loop.drift, here)
     return other, [*here[: loop.n_x], *[x_rate[k] for k in other.independent]]

@@ -117,6 +117,11 @@ def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> Bo
         off = np.abs(whole.mid[:, angle.place] - float(angle.target.mid())) + whole.rad[:, angle.place]
         if not np.all(off < np.pi * (1.0 - 1e-9)):
             raise UnboundedError(HALF_A_TURN)
+    for turned in loop.upright:
+        place = slice(turned.joint.x.stop - 4, turned.joint.x.stop)
+        reference = np.array([float(x.mid()) for x in turned.reference])
+        if not np.all(whole.mid[:, place] @ reference - whole.rad[:, place] @ np.abs(reference) > 1e-9):
+            raise UnboundedError(HALF_A_TURN)
     v = Wide(centre[:, split:], v_reach)
     return Boxes(middles, whole, v, _in_pieces(loop, whole, v, pieces), pieces**n)
 

@@ -9,6 +9,8 @@ them. Beside them goes a bound ω ≥ |w(t) − Σ_{k<N} w_k tᵏ| on [0, h], fr
 - sin u, cos u:   T(u, |sin| + |cos|) + ω_u. For z = the truncated cos + i sin and ũ the truncated u, (z e^{−iũ})′ =
                   e^{−iũ}(z′ − iũ′z), whose bracket has only the terms of degree N − 1 and more of iũ′z; integrated
                   over [0, h] they are at most T, since j/(j + l) ≤ 1; and |e^{iu} − e^{iũ}| ≤ ω_u.
+- g(u):           Σ_j |g⁽ʲ⁾(u₀)|/j! · (what (ũ − u₀)ʲ has from degree N on), Lagrange's remainder of order N, and
+                  sup|g′| ω_u, g a function whose derivatives are known.
 - A⁻¹B:           |A(t)⁻¹| (ω_B + T(A, z) + ω_A ‖z‖), the truncated z's residual, A(t) in a ball for t in [0, h].
 
 As p′ has exactly the coefficients of f(p) below degree N, the bounds ω of f's outputs bound |p′ − f(p)|.
@@ -20,9 +22,9 @@ from collections.abc import Sequence
 from operator import mul
 from typing import Any, NamedTuple
 
-from ccpin.validated.balls import Ball, around, ball, flint, inverse, magnitude
+from ccpin.validated.balls import Ball, around, ball, flint, gain, inverse, magnitude
 from ccpin.validated.series import NotInvertibleError, extend
-from ccpin.validated.tape import ADD, COSINE, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
+from ccpin.validated.tape import ADD, COSINE, GAIN, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
 
 
 class _Bound(NamedTuple):
@@ -123,7 +125,24 @@ class _AlongPolynomial:
             both = self.bound([magnitude(s) + magnitude(c) for s, c in pair], ball(0))
             angle = self.bounds[item.a]
             return _tail(angle, both) + angle.rest
+        if item.kind == GAIN:
+            return self.composed(item)
         return ball(0)
+
+    def composed(self, item: Instruction) -> Ball:
+        """ω of g⁽ᵏ⁾(u)."""
+        u, centre, order = self.bounds[item.a], self.series[item.a][0], item.b
+        size, reach = len(u.terms), u.tails[1]
+        low, tail, total = [ball(1), *[ball(0)] * (size - 1)], ball(0), ball(0)
+        factorial = ball(1)
+        for j in range(1, size):
+            factorial = factorial * j
+            tail = tail * reach + sum((x * u.tails[max(size - i, 1)] for i, x in enumerate(low)), ball(0))
+            low = [sum((u.terms[i] * low[n - i] for i in range(1, n + 1)), ball(0)) for n in range(size)]
+            total += magnitude(gain(centre, order + j)) / factorial * tail
+        region = around(centre, reach + u.rest)
+        total += magnitude(gain(region, order + size)) / (factorial * size) * reach**size
+        return total + magnitude(gain(region, order + 1)) * u.rest
 
     def solution(self, item: Instruction) -> list[_Bound]:
         """Bounds of the entries of z = A⁻¹B, row-major."""

@@ -15,6 +15,7 @@ arithmetic with rounded lengths can prove; `Enclosure.left_open` bounds them alo
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -23,12 +24,14 @@ from scipy.linalg import qr
 from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw, NoTorque
 from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.kinematics.tree import Tree
 from ccpin.validated.balls import rational
-from ccpin.validated.chains import ExactJoint, Table, closure_rows, exact, exact_joints, poses
+from ccpin.validated.chains import ExactJoint, Table, closure_rows, exact, exact_joints, poses, rates
 from ccpin.validated.laws import Wrapped, acting, efforts, gains_of, require_sampled, transmission
-from ccpin.validated.mechanics import closed, dynamic_terms
+from ccpin.validated.mechanics import closed, dynamic_terms, with_springs
 from ccpin.validated.places import chosen, numbers_of
 from ccpin.validated.tape import Expression, Program, Tape
+from ccpin.validated.turns import BallTurn, Turn, ball_at, turn_rates, turn_rows, turns_of
 
 
 class ClosedLoop(NamedTuple):
@@ -42,8 +45,10 @@ class ClosedLoop(NamedTuple):
         dependent: The other places, in order: y.
         scalar: Whether q̇ is the rate of the numbers at `independent`, one each.
         wrapped: Angles of q that the law reads on circles.
+        turns: Single turns of balls among q; their numbers come after the joints'.
+        upright: Balls whose rotation vectors enter, as coordinates or by springs: less than half a turn.
         field: f, of n_x + n outputs.
-        closure: φ(x), and |p|² − 1 for the quaternions in y: as many outputs as y has numbers.
+        closure: φ(x), |p|² − 1 for the quaternions in y and what holds `turns`: as many outputs as y has numbers.
         jacobian: A square matrix, row-major, whose determinant is ± that of ψ_q′.
         left_out: The redundant rows of φ, or ``None``.
         drift: (ẋ, 0): the mechanism moved with q̇ constant.
@@ -62,6 +67,8 @@ class ClosedLoop(NamedTuple):
     dependent: tuple[int, ...]
     scalar: bool
     wrapped: tuple[Wrapped, ...]
+    turns: tuple[Turn, ...]
+    upright: tuple[BallTurn, ...]
     field: Program
     closure: Program
     jacobian: Program
@@ -71,6 +78,10 @@ class ClosedLoop(NamedTuple):
     lyapunov: Program | None
     efforts: Program | None = None
     gains: Array | None = None
+
+    def numbers(self, q_free: Array) -> Array:
+        """The numbers x of a configuration of shape (nq,), rounded; angles within half a turn of those `near`."""
+        return numbers_of(self.joints, q_free, self.near, self.turns)
 
 
 def closed_loop(
@@ -86,13 +97,14 @@ def closed_loop(
         held: With efforts held from sample to sample.
 
     Raises:
-        UnsupportedMechanismError: A single turn of a ball joint is independent, a spring is in a ball joint, or the
-            law is another than none and the two PD laws.
+        UnsupportedMechanismError: The law is another than none and the two PD laws.
     """
     mechanism, constraints = model.mechanism, model.parametrization.constraints
     near = mechanism.q_reference if near is None else near
     joints = exact_joints(mechanism.tree)
     q, about = chosen(model.coordinates, joints), numbers_of(joints, near)
+    turns = turns_of(model.coordinates, joints, about)
+    about = numbers_of(joints, near, None, turns)
     n_x, n = len(about), model.n
     if held:
         require_sampled(law)
@@ -101,9 +113,12 @@ def closed_loop(
     rows = closure_rows(tape, constraints, joints, x, about)
     kept, others = _independent_rows(model, near)
     phi = [rows[k] for k in kept]
-    motion = closed(tape, phi, (x, v), joints, q)
+    table = np.vstack([rates(tape, joints, x), turn_rates(tape, turns, x, mechanism.n_free)])
+    motion = closed(tape, phi, (x, v), table, q)
     frames = poses(tape, joints, x)
     terms = dynamic_terms(mechanism.tree, joints, frames, motion, (x, v), exact(model.gravity_vector))
+    sprung = _sprung(joints, mechanism.tree, about)
+    terms = with_springs(tape, terms, mechanism.tree, sprung, x, motion.rho)
     does = acting(law, q, x, v, terms, about)
     across = transmission(model, motion.rho)
     wanted = efforts(tape, across, does.force) if law is not None and not isinstance(law, NoTorque) else []
@@ -120,8 +135,10 @@ def closed_loop(
         dependent,
         q.scalar,
         does.wrapped,
+        turns,
+        (*(turn.ball for turn in turns), *(each for each in sprung if isinstance(each, BallTurn))),
         field=tape.program([*motion.x_rate, *acceleration, *still], () if held else wanted),
-        closure=tape.program([*phi, *_unit_lengths(joints, x, dependent)]),
+        closure=tape.program([*phi, *_unit_lengths(joints, x, dependent), *turn_rows(tape, turns, x)]),
         jacobian=tape.program(motion.jacobian.ravel()),
         left_out=tape.program([rows[k] for k in others]) if others else None,
         drift=tape.program([*motion.x_rate, *[0] * n, *still]),
@@ -139,6 +156,12 @@ def _independent_rows(model: ReducedModel, near: Array) -> tuple[list[int], list
         return list(range(rank)), []
     order = qr(constraints.value(near).jacobian.T, mode="r", pivoting=True)[1].tolist()
     return sorted(order[:rank]), sorted(order[rank:])
+
+
+def _sprung(joints: Sequence[ExactJoint], tree: Tree, near: Array) -> list[ExactJoint | BallTurn]:
+    """The joints with springs; of balls their turn from no rotation."""
+    stiff = (joint for joint in joints if tree.joints[joint.number - 1].stated.stiffness)
+    return [ball_at(joint, np.array([0.0, 0.0, 0.0, 1.0]), near) if joint.kind.unit else joint for joint in stiff]
 
 
 def _unit_lengths(joints: tuple[ExactJoint, ...], x: Table, dependent: tuple[int, ...]) -> list[Expression]:

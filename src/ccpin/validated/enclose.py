@@ -33,9 +33,10 @@ from ccpin.validated.crossing import Crossing, crossing, signed_determinant
 from ccpin.validated.defect import sizes_along
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
 from ccpin.validated.laws import HALF_A_TURN
-from ccpin.validated.places import configuration, numbers_of, on_manifold, unwound
+from ccpin.validated.places import configuration, on_manifold, unwound
 from ccpin.validated.series import gradients, values
 from ccpin.validated.step import QUANTUM, Field, Options, Step, evaluate, march, start_box, start_of
+from ccpin.validated.turns import upright
 
 SHORTEST_STEP = 2.0**-20
 
@@ -237,9 +238,7 @@ def exact_start(
     """The exact closed start (x, q̇) as balls."""
     start = model.at(q0, guess)
     v = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
-    q_free = closed_start(
-        loop, exact_q(model, loop, numbers(q0, "q0")), numbers_of(loop.joints, start.q_free, loop.near)
-    )
+    q_free = closed_start(loop, exact_q(model, loop, numbers(q0, "q0")), loop.numbers(start.q_free))
     return [*q_free, *[ball(float(x)) for x in v]]
 
 
@@ -262,7 +261,7 @@ def regular(loop: ClosedLoop) -> Field:
 
     def missing(box: Sequence[Ball]) -> str:
         near = (abs(angle.target - box[angle.place]) < flint().arb.pi() for angle in loop.wrapped)
-        return "" if all(near) else HALF_A_TURN
+        return "" if all(near) and all(upright(turned, box) for turned in loop.upright) else HALF_A_TURN
 
     return Field(loop.field, lambda box: determinant_bound(loop, box), missing)
 

@@ -16,7 +16,9 @@ from ccpin.validated.mechanics import Terms
 from ccpin.validated.places import Chosen, unwound
 from ccpin.validated.tape import Expression, Tape
 
-HALF_A_TURN = "an angle that the law reads on a circle is not proven less than half a turn from q_d, where it jumps"
+HALF_A_TURN = (
+    "an angle on a circle, or a ball's turn, is not proven less than half a turn from where it is counted from"
+)
 SetPointLaw = PDSimpleGravity | PDFullGravity
 
 

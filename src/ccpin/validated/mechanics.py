@@ -12,12 +12,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import cross
-from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.tree import Tree
 from ccpin.validated.balls import rational
-from ccpin.validated.chains import ExactJoint, Table, exact, rates
+from ccpin.validated.chains import ExactJoint, Table, exact
 from ccpin.validated.places import Chosen
 from ccpin.validated.tape import Expression, Tape
+from ccpin.validated.turns import BallTurn
 
 
 class Closed(NamedTuple):
@@ -40,12 +40,9 @@ class Terms(NamedTuple):
     potential: Expression
 
 
-def closed(
-    tape: Tape, phi: Sequence[Expression], state: tuple[Table, Table], joints: Sequence[ExactJoint], q: Chosen
-) -> Closed:
-    """ρ, q̇′ and b (35) from ψ_q′ = [φ_q′; α_q′]: rows of α_q′ that are single entries are solved beforehand."""
-    x, v = state
-    table = rates(tape, joints, x)
+def closed(tape: Tape, phi: Sequence[Expression], state: tuple[Table, Table], table: Table, q: Chosen) -> Closed:
+    """ρ, q̇′ and b (35) from ψ_q′ = [φ_q′; α_q′] and Γ: rows of α_q′ that are single entries are solved beforehand."""
+    v = state[1]
     (size, n_free), n = table.shape, len(v)
     slopes = np.array([tape.derivative(phi, {k: 1}) for k in range(size)], dtype=object).reshape(size, len(phi)).T
     known = [k for k in q.velocities if k >= 0]
@@ -81,12 +78,8 @@ def dynamic_terms(
     state: tuple[Table, Table],
     gravity: Table,
 ) -> Terms:
-    """D, bias force, gravity's and springs' force and energies, body by body and joint by joint.
-
-    Raises:
-        UnsupportedMechanismError: A spring in a ball joint.
-    """
-    x, v = state
+    """D, bias force, gravity's force and energies, body by body and joint by joint, without springs."""
+    v = state[1]
     n = len(v)
     mass, bias, weight = (np.zeros(shape, dtype=object) for shape in ((n, n), n, n))
     potential: Expression = 0
@@ -111,22 +104,27 @@ def dynamic_terms(
             bias = bias + row * rotor * motion.bias[place]
             if stated.damping:
                 bias = bias + row * (rational(stated.damping) * motion.v_free[place])
-        if stated.stiffness:
-            stretch = x[joint.x.start] - rational(_spring_reference(joint, tree))
-            potential = potential + rational(0.5) * rational(stated.stiffness) * stretch * stretch
-            weight = weight + motion.rho[joint.v.start] * (rational(stated.stiffness) * stretch)
     mass = np.tril(mass) + np.tril(mass, -1).T  # equal expressions: recorded once
     return Terms(mass, bias + weight, weight, rational(0.5) * (v @ (mass @ v)), potential)
 
 
-def _spring_reference(joint: ExactJoint, tree: Tree) -> float:
-    own = tree.joints[joint.number - 1]
-    if joint.kind.unit:
-        raise UnsupportedMechanismError(
-            f"validated integration does not cover the spring of the {joint.kind.name} joint '{own.name}'; describe "
-            "the joint as three revolute ones with a spring each, or leave the spring out"
-        )
-    return own.stated.spring_reference
+def with_springs(
+    tape: Tape, terms: Terms, tree: Tree, sprung: Sequence[ExactJoint | BallTurn], x: Table, rho: Table
+) -> Terms:
+    """The terms with the joints' springs: ½ k (θ − θ₀)², and ½ k |r|² of balls, whose moment is k r."""
+    potential, weight, half = terms.potential, np.zeros(rho.shape[1], dtype=object), rational(0.5)
+    for each in sprung:
+        joint = each.joint if isinstance(each, BallTurn) else each
+        stated = tree.joints[joint.number - 1].stated
+        if isinstance(each, BallTurn):
+            vector, cosine = each.relative(x)
+            stretch = vector * tape.gain(tape.node(cosine))
+        else:
+            stretch = np.array([x[joint.x.start] - rational(stated.spring_reference)], dtype=object)
+        pull = stretch * rational(stated.stiffness)
+        potential = potential + half * (pull @ stretch)
+        weight = weight + pull @ rho[joint.v]
+    return terms._replace(potential=potential, gravity=terms.gravity + weight, bias=terms.bias + weight)
 
 
 class _Motion(NamedTuple):

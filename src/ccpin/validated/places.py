@@ -14,10 +14,10 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.description.joint_kinds import JointKind
-from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.coordinates import Coordinate, IndependentCoordinates
 from ccpin.validated.balls import Ball, ball, flint
 from ccpin.validated.chains import ExactJoint
+from ccpin.validated.turns import Turn
 
 
 class Chosen(NamedTuple):
@@ -37,20 +37,17 @@ class Chosen(NamedTuple):
 
 
 def chosen(coordinates: IndependentCoordinates, joints: Sequence[ExactJoint]) -> Chosen:
-    """Where the independent coordinates stand.
-
-    Raises:
-        UnsupportedMechanismError: A single turn of a ball joint is independent.
-    """
+    """Where the independent coordinates stand; single turns of balls in numbers after the joints'."""
+    extra = joints[-1].x.stop if joints else 0
     places, velocities, scalar, circles = list[int](), list[int](), True, list[int]()
     by_place = {k: joint for joint in joints for k in range(joint.v.start, joint.v.stop)}
     for part in coordinates.parts:
         joint = by_place[part.v_free.start]
         if part.component is not None and part.kind.unit == 4 and not part.slides[0]:
-            raise UnsupportedMechanismError(
-                f"validated integration does not cover '{part.name}' as independent, one turn of a {part.kind.name} "
-                "joint; name other joints as independent, or leave an idle spin locked (load without free=)"
-            )
+            places.append(extra)
+            velocities.append(-1 - extra)
+            extra += 1
+            continue
         if part.wraps or (part.whole is not None and not joint.turning_axes):
             circles.append(len(velocities))
         where, moving = _windows(part, joint)
@@ -73,7 +70,9 @@ def _windows(part: Coordinate, joint: ExactJoint) -> tuple[list[int], list[int]]
     return list(x[window]), list(v[window])
 
 
-def numbers_of(joints: Sequence[ExactJoint], q_free: Array, near: Array | None = None) -> Array:
+def numbers_of(
+    joints: Sequence[ExactJoint], q_free: Array, near: Array | None = None, turns: Sequence[Turn] = ()
+) -> Array:
     """The numbers of a configuration of shape (nq,), rounded; angles within half a turn of those `near`."""
     numbers = list[float]()
     for joint in joints:
@@ -84,6 +83,9 @@ def numbers_of(joints: Sequence[ExactJoint], q_free: Array, near: Array | None =
                 angle += math.tau * round((near[joint.x.stop - 1] - angle) / math.tau)
             held = [*held[:-2], angle]
         numbers += held
+    for turn in turns:
+        joint, reference = turn.ball.joint, np.array([float(x.mid()) for x in turn.ball.reference])
+        numbers.append(float(joint.kind.rotation_vector(q_free[joint.q], reference)[turn.axis]))
     return np.array(numbers)
 
 

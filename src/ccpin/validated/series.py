@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from ccpin.validated.balls import Ball, Inverse, ball, flint, inverse
-from ccpin.validated.tape import ADD, COSINE, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
+from ccpin.validated.balls import Ball, Inverse, ball, flint, gain, inverse
+from ccpin.validated.tape import ADD, COSINE, GAIN, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
 
-Inverses = dict[Any, Inverse]  # a system's matrix (numbers of values) -> enclosure of its inverse
+Memory = dict[Any, Any]  # a system's matrix (numbers of values) -> its inverse; (w, k) -> coefficients of g⁽ᵏ⁾(w)
 
 
 class NotInvertibleError(ArithmeticError):
@@ -28,7 +28,7 @@ def values(program: Program, inputs: Sequence[Ball]) -> list[Ball]:
     return [found[number] for number in program.outputs]
 
 
-def _values(program: Program, inputs: Sequence[Ball], inverses: Inverses) -> list[Any]:
+def _values(program: Program, inputs: Sequence[Ball], inverses: Memory) -> list[Any]:
     found: list[Any] = [None] * program.size
     found[: program.inputs] = inputs
     for item in program.instructions:
@@ -36,7 +36,7 @@ def _values(program: Program, inputs: Sequence[Ball], inverses: Inverses) -> lis
     return found
 
 
-def _value(item: Instruction, found: list[Any], inverses: Inverses) -> Any:
+def _value(item: Instruction, found: list[Any], inverses: Memory) -> Any:
     a, b = item.a, item.b
     if item.kind == MULTIPLY:
         return found[a] * found[b]
@@ -50,6 +50,8 @@ def _value(item: Instruction, found: list[Any], inverses: Inverses) -> Any:
         return found[a].sin()
     if item.kind == COSINE:
         return found[a].cos()
+    if item.kind == GAIN:
+        return gain(found[a], b)
     if item.kind == PART:
         return found[a][b]
     if item.kind == SOLVE:
@@ -67,7 +69,7 @@ def gradients(program: Program, inputs: Sequence[Ball]) -> list[list[Ball]]:
     Raises:
         NotInvertibleError: As for `values`.
     """
-    inverses: Inverses = {}
+    inverses: Memory = {}
     middle = _values(program, [x.mid() for x in inputs], {})
     size = program.inputs
     zero = np.full(size, ball(0), dtype=object)
@@ -93,7 +95,7 @@ def gradients(program: Program, inputs: Sequence[Ball]) -> list[list[Ball]]:
     return [list(zero + slopes[number]) for number in program.outputs]
 
 
-def _gradient(item: Instruction, found: list[Any], slopes: list[Any], zero: Any, inverses: Inverses) -> Any:
+def _gradient(item: Instruction, found: list[Any], slopes: list[Any], zero: Any, inverses: Memory) -> Any:
     a, b = item.a, item.b
     if item.kind == MULTIPLY:
         return slopes[a] * found[b] + slopes[b] * found[a]
@@ -107,6 +109,8 @@ def _gradient(item: Instruction, found: list[Any], slopes: list[Any], zero: Any,
         return slopes[a] * found[b]
     if item.kind == COSINE:
         return slopes[a] * -found[b]
+    if item.kind == GAIN:
+        return slopes[a] * gain(found[a], b + 1)
     if item.kind == PART:
         return slopes[a][b]
     if item.kind == SOLVE:
@@ -114,7 +118,7 @@ def _gradient(item: Instruction, found: list[Any], slopes: list[Any], zero: Any,
     return 0
 
 
-def _solution_gradient(item: Instruction, found: list[Any], slopes: list[Any], zero: Any, inverses: Inverses) -> Any:
+def _solution_gradient(item: Instruction, found: list[Any], slopes: list[Any], zero: Any, inverses: Memory) -> Any:
     """From A z = B: ∂z = A⁻¹(∂B − ∂A z), of shape (mk, inputs)."""
 
     def table(numbers: tuple[tuple[int, ...], ...]) -> Any:
@@ -142,7 +146,7 @@ def all_series(program: Program, start: Sequence[Ball], order: int) -> list[Any]
     series: list[Any] = [[] for _ in range(program.size)]
     for k in range(program.inputs):
         series[k] = [start[k]]
-    inverses: Inverses = {}
+    inverses: Memory = {}
     for degree in range(order):
         _extend(program, series, degree, inverses)
         for k, number in enumerate(program.outputs):
@@ -156,17 +160,17 @@ def extend(program: Program, series: list[Any], order: int) -> None:
     Raises:
         NotInvertibleError: As for `values`.
     """
-    inverses: Inverses = {}
+    inverses: Memory = {}
     for degree in range(order):
         _extend(program, series, degree, inverses)
 
 
-def _extend(program: Program, series: list[Any], degree: int, inverses: Inverses) -> None:
+def _extend(program: Program, series: list[Any], degree: int, inverses: Memory) -> None:
     for item in program.instructions:
         _advance(item, degree, series, inverses)
 
 
-def _advance(item: Instruction, degree: int, series: list[Any], inverses: Inverses) -> None:
+def _advance(item: Instruction, degree: int, series: list[Any], inverses: Memory) -> None:
     """Append the coefficient of one degree to one value."""
     a, b = item.a, item.b
     if item.kind == MULTIPLY:
@@ -179,6 +183,8 @@ def _advance(item: Instruction, degree: int, series: list[Any], inverses: Invers
         result = item.constant * series[a][degree]
     elif item.kind in (SINE, COSINE):
         result = _trigonometric(item, degree, series)
+    elif item.kind == GAIN:
+        result = _composed(a, b, degree, series, inverses)
     elif item.kind == PART:
         result = series[a][degree][b]
     elif item.kind == SOLVE:
@@ -197,7 +203,17 @@ def _trigonometric(item: Instruction, degree: int, series: list[Any]) -> Ball:
     return total / (degree if item.kind == SINE else -degree)
 
 
-def _solution(item: Instruction, degree: int, series: list[Any], inverses: Inverses) -> list[Ball]:
+def _composed(a: int, order: int, degree: int, series: list[Any], known: Memory) -> Ball:
+    """A coefficient of h = g⁽ᵏ⁾(w), from h′ = g⁽ᵏ⁺¹⁾(w) w′."""
+    found = known.setdefault((a, order), [])
+    while len(found) <= degree:
+        n = len(found)
+        parts = (j * series[a][j] * _composed(a, order + 1, n - j, series, known) for j in range(1, n + 1))
+        found.append(sum(parts, ball(0)) / n if n else gain(series[a][0], order))
+    return found[degree]
+
+
+def _solution(item: Instruction, degree: int, series: list[Any], inverses: Memory) -> list[Ball]:
     """From A z = B: z_k = A₀⁻¹(B_k − Σ_{j≥1} A_j z_{k−j})."""
     matrix, right = item.b.matrix, item.b.right
     inverted = _inverse(matrix, lambda number: series[number][0], inverses)
@@ -209,7 +225,7 @@ def _solution(item: Instruction, degree: int, series: list[Any], inverses: Inver
     return list(inverted.times(flint().arb_mat(known.tolist())).entries())
 
 
-def _inverse(matrix: tuple[tuple[int, ...], ...], value: Callable[[int], Ball], inverses: Inverses) -> Inverse:
+def _inverse(matrix: tuple[tuple[int, ...], ...], value: Callable[[int], Ball], inverses: Memory) -> Inverse:
     if matrix not in inverses:
         found = inverse(flint().arb_mat([[value(number) for number in row] for row in matrix]))
         if found is None:

@@ -20,7 +20,6 @@ from ccpin.validated.balls import Ball, ball, flint
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
 from ccpin.validated.enclose import SHORTEST_STEP, checked_options, closed_start, exact_q
 from ccpin.validated.growing import Cut
-from ccpin.validated.places import numbers_of
 from ccpin.validated.step import QUANTUM, Options
 from ccpin.validated.tubes import Arrived, Job, Starts, Tube, cover
 
@@ -164,7 +163,7 @@ def job_of(
 
     def closed(q: Array, v: Array) -> list[Ball]:
         near = model.at(on_circles(model, q), guess).q_free
-        x = closed_start(loop, [ball(y) for y in q.tolist()], numbers_of(loop.joints, near, loop.near))
+        x = closed_start(loop, [ball(y) for y in q.tolist()], loop.numbers(near))
         return [*x, *(ball(y) for y in v.tolist())]
 
     return Job(loop, closed, duration, options, precision, cut, arrived, np.inf)
