@@ -157,10 +157,11 @@ def test_recorded_dynamics(name):
     np.testing.assert_allclose(numbers(values(loop.closure, start)), 0.0, rtol=0, atol=1e-12)
 
 
-def test_random_mechanisms_of_every_kind():
-    """The same of random trees of every joint kind and closure kind, with components and redundant rows."""
+@pytest.mark.parametrize("seeds", [(1, 9, 12, 14, 32, 36), pytest.param(range(120), marks=pytest.mark.slow)], ids=len)
+def test_random_mechanisms_of_every_kind(seeds):
+    """The same of random trees of every joint kind and closure kind, with components as coordinates."""
     seen = set()
-    for seed in range(45):
+    for seed in seeds:
         rng = np.random.default_rng(seed)
         growth = Growth(rng)
         arms = [growth.grow("base", rng.choice(list(DOF), rng.integers(1, 4)).tolist()) for _ in range(2)]
@@ -177,8 +178,7 @@ def test_random_mechanisms_of_every_kind():
         scale = max(1.0, np.abs(expected).max()) / state.rcond
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * scale)
         seen |= {joint.kind.name for joint in loop.joints} | {part.component for part in model.coordinates.parts}
-        seen |= {"redundant"} if loop.left_out else set()
-    assert seen >= {*DOF, "tx", "rx", "rz", "redundant"}
+    assert seen >= {*DOF, "tx", "rx", "rz"}
 
 
 def law_of(model, start, offset=0.05):
@@ -208,25 +208,23 @@ def assert_encloses(model, law, state, v, duration, **options):
     return found
 
 
-@pytest.mark.parametrize("name", [name for name in MECHANISMS if name != "balls of a Stewart platform"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow if name in ("balls of a Stewart platform", "many redundant") else ())
+        for name in MECHANISMS
+    ],
+)
 def test_encloses_what_an_integrator_computes(name):
     """Free motions of every kind of joint; the energy's ball stays at its start where nothing rubs."""
     model = ccpin.ReducedModel(MECHANISMS[name]())
     state, v = random_state(model)
-    found = assert_encloses(model, None, state, v, 0.01 if name == "many redundant" else 0.05)
+    found = assert_encloses(model, None, state, v, 0.01 if "balls" in name or "many" in name else 0.03)
     if name not in ("geared", "ball and universal"):
         assert found.energy(found.times[-1]).contains(found.energy(0.0).mid())
     redundant = model.mechanism.constraints().size > model.mechanism.n_free - model.n
     assert np.all(found.left_open < 1e-13)
     assert np.all(found.left_open > 0.0) == redundant
-
-
-@pytest.mark.slow
-def test_a_stewart_platform_is_enclosed():
-    """Six legs on ball joints."""
-    model = ccpin.ReducedModel(MECHANISMS["balls of a Stewart platform"]())
-    state, v = random_state(model)
-    assert_encloses(model, None, state, 0.2 * v, 0.02)
 
 
 def meet(first, second, places, others, duration, slack=0.0):
@@ -250,14 +248,14 @@ def test_continuous_joints_move_as_revolute_ones(rpdr_model, kinds):
     point = on_circles if circles else np.array
     plain = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
     law = ccpin.control.PDSimpleGravity(twin, point(GOAL), K_P, K_V)
-    expected = enclose(rpdr_model, plain, START, [1.0, -2.0], 0.02, **QUICK)
-    found = enclose(twin, law, point(START), [1.0, -2.0], 0.02, **QUICK)
+    expected = enclose(rpdr_model, plain, START, [1.0, -2.0], 0.01, **QUICK)
+    found = enclose(twin, law, point(START), [1.0, -2.0], 0.01, **QUICK)
     assert found.verdict == "proven"
     everywhere = range(4), range(4)
-    assert meet(found, expected, *everywhere, 0.02, slack=1e-14 if circles else 0.0)
+    assert meet(found, expected, *everywhere, 0.01, slack=1e-14 if circles else 0.0)
     other = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P * (1 + 1e-7), K_V)
     assert not meet(
-        found, enclose(rpdr_model, other, START, [1.0, -2.0], 0.02, **QUICK), *everywhere, 0.02, slack=1e-14
+        found, enclose(rpdr_model, other, START, [1.0, -2.0], 0.01, **QUICK), *everywhere, 0.01, slack=1e-14
     )
 
 
@@ -274,22 +272,22 @@ def test_a_ball_joint_moves_as_three_revolute_ones():
     joints = [j for j in described.joints if j is not ball_joint_there]
     twin = ccpin.load(replace(described, links=links, joints=(*joints, *turns)), independent=["crank"])
     models = [ccpin.ReducedModel(m) for m in (ccpin.load(described), twin)]
-    first, second = (enclose(m, None, m.alpha(m.mechanism.q_reference), [2.0], 0.1, **QUICK) for m in models)
+    first, second = (enclose(m, None, m.alpha(m.mechanism.q_reference), [2.0], 0.03, **QUICK) for m in models)
     assert first.verdict == second.verdict == "proven"
     places = (
         [_place(e.loop, m, name) for name in ("crank", "rocker")] for e, m in zip((first, second), models, strict=True)
     )
-    assert meet(first, second, *places, 0.1)
+    assert meet(first, second, *places, 0.03)
 
 
 def test_a_planar_joint_moves_as_two_slides_and_a_turn():
     """The 3-RRR's motors, its platform on one joint or on three."""
     twin, model = (ccpin.ReducedModel(ccpin.load(file)) for file in (planar_platform(), "planar_3rrr"))
     q = model.alpha(model.mechanism.q_reference) + 0.01
-    first, second = (enclose(m, law_of(m, q), q, [0.5, -0.2, 0.1], 0.02, **QUICK) for m in (twin, model))
+    first, second = (enclose(m, law_of(m, q), q, [0.5, -0.2, 0.1], 0.01, **QUICK) for m in (twin, model))
     assert first.verdict == second.verdict == "proven"
     motors = ([_place(e.loop, m, f"motor{k}") for k in (1, 2, 3)] for e, m in ((first, twin), (second, model)))
-    assert meet(first, second, *motors, 0.02)
+    assert meet(first, second, *motors, 0.01)
 
 
 def _place(loop, model, name):
@@ -333,10 +331,10 @@ def test_motors_elsewhere(rpdr_model):
     twin = ccpin.ReducedModel(ccpin.load("rpdr", actuated=["joint3", "joint4"]))
     laws = [ccpin.control.PDSimpleGravity(m, GOAL, K_P, K_V) for m in (rpdr_model, twin)]
     first, second = (
-        enclose(m, law, START, None, 0.05, **QUICK) for m, law in zip((rpdr_model, twin), laws, strict=True)
+        enclose(m, law, START, None, 0.02, **QUICK) for m, law in zip((rpdr_model, twin), laws, strict=True)
     )
-    assert meet(first, second, range(4), range(4), 0.05)
-    sample = ccpin.simulate(twin, laws[1], START, duration=0.05, **FINE)
+    assert meet(first, second, range(4), range(4), 0.02)
+    sample = ccpin.simulate(twin, laws[1], START, duration=0.02, **FINE)
     assert all(second.contains(*at_t, tolerance=1e-9) for at_t in zip(sample.t, sample.q_free, sample.v, strict=True))
 
 
@@ -418,7 +416,7 @@ def test_sets_of_starts_on_circles(rpdr_model):
     "name",
     [
         "ball and universal",
-        "redundant",
+        pytest.param("redundant", marks=pytest.mark.slow),
         pytest.param("single turn", marks=pytest.mark.slow),
         pytest.param("ball with a spring", marks=pytest.mark.slow),
     ],

@@ -226,9 +226,10 @@ def _solution(item: Instruction, degree: int, series: list[Any], inverses: Memor
 
 
 def _inverse(matrix: tuple[tuple[int, ...], ...], value: Callable[[int], Ball], inverses: Memory) -> Inverse:
-    if matrix not in inverses:
-        found = inverse(flint().arb_mat([[value(number) for number in row] for row in matrix]))
-        if found is None:
+    known: Inverse | None = inverses.get(matrix)
+    if known is None:
+        known = inverse(flint().arb_mat([[value(number) for number in row] for row in matrix]))
+        if known is None:
             raise NotInvertibleError
-        inverses[matrix] = found
-    return inverses[matrix]
+        inverses[matrix] = known
+    return known
