@@ -24,10 +24,10 @@ flint = pytest.importorskip("flint")
 from ccpin.validated import certify_move, enclose  # noqa: E402
 from ccpin.validated.balls import ball  # noqa: E402
 from ccpin.validated.chains import closure_rows, exact_joints  # noqa: E402
+from ccpin.validated.closing import closed_start  # noqa: E402
 from ccpin.validated.defect import defect  # noqa: E402
 from ccpin.validated.dynamics import closed_loop  # noqa: E402
 from ccpin.validated.enclose import (  # noqa: E402
-    closed_start,
     exact_start,
     regular,
 )

@@ -12,9 +12,10 @@ from ccpin.control.laws import PDSimpleGravity
 from ccpin.errors import InvalidInputError
 from ccpin.validated.balls import Ball, ball, flint, upper
 from ccpin.validated.branch import jets_of, states_of
+from ccpin.validated.closing import at_rest, closed_start, unique_there
 from ccpin.validated.curvature import UnboundedError, boxes
 from ccpin.validated.dynamics import ClosedLoop
-from ccpin.validated.enclose import at_rest, closed_start, determinant_bound, exact_q, unique_there
+from ccpin.validated.enclose import determinant_bound, exact_q, regular
 from ccpin.validated.series import NotInvertibleError, values
 from ccpin.validated.step import Field, Options, Step, march, start_box
 from ccpin.validated.tube import Slice
@@ -47,7 +48,7 @@ def unconnected(loop: ClosedLoop, end: Sequence[Ball], goal: Goal, options: Opti
         return min(regularity, room_left) if regularity > 0 and room_left > 0 else 0.0
 
     here = [*q_free, *line]
-    for step in march(Field(loop.drift, room), here, 1.0, options._replace(shortest=2.0**-12)):
+    for step in march(Field(loop.drift, room, regular(loop).missing), here, 1.0, options._replace(shortest=2.0**-12)):
         if not isinstance(step, Step):
             return "the line from the state reached to the set point is not proven to stay below the level"
         here = start_box(step.end)

@@ -17,8 +17,9 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.validated.balls import Ball, ball, flint
+from ccpin.validated.closing import closed_start
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
-from ccpin.validated.enclose import SHORTEST_STEP, checked_options, closed_start, exact_q
+from ccpin.validated.enclose import SHORTEST_STEP, checked_options, exact_q
 from ccpin.validated.growing import Cut
 from ccpin.validated.step import QUANTUM, Options
 from ccpin.validated.tubes import Arrived, Job, Starts, Tube, cover
@@ -42,7 +43,7 @@ class SetEnclosure:
     def contains(self, t: float, q: ArrayLike, v: ArrayLike, tolerance: float = 0.0, *, effort: ArrayLike = ()) -> bool:
         """Whether a state at a time is in one of the tubes, widened by a part of its width; computed.
 
-        Of a sampled loop the efforts held belong to the state.
+        q has one number for each velocity, of a circle the angle. Of a sampled loop the efforts held belong to the state.
         """
         return any(bool(np.abs(tube.coordinates(t, q, v, effort)).max() <= 1.0 + tolerance) for tube in self.tubes)
 

@@ -34,7 +34,7 @@ class Starts(NamedTuple):
     """A box of starts: its centre's doubles and its half-widths.
 
     Attributes:
-        q, v: The centre, of shape (n,) each, exact.
+        q, v: The centre, of shape (n,) each, exact; of a circle the angle.
         spread: Half-widths in q and q̇, of shape (2n,).
     """
 
@@ -81,9 +81,9 @@ class Tube:
 
         Args:
             t: Time, s; at a sample that from then on.
-            q: Of shape (n,).
+            q: Of shape (n,), of a circle the angle.
             v: Of shape (n,).
-            effort: What the motors hold, of shape (n,), where the law is sampled.
+            effort: What the motors hold, of shape (motors,), where the law is sampled.
 
         Raises:
             InvalidInputError: The time is not covered.
