@@ -78,7 +78,7 @@ TARGETS = (
     Target("the move, 1 s", 1e-2, _of(simulated.PART, simulated.COST, RK45)),
     Target("the move / MuJoCo RK4 at 1e-4", 0.1, _of(simulated.PART, simulated.COST, RK45), True),
     Target("the move's samples, core and NumPy", 1e-12, _of(simulated.PART, simulated.SAME, RK45)),
-    Target("RPDR's torus decided to 99.9 %", 0.5, _of(atlas.PART, atlas.TO_SHARE, atlas.WHO)),
+    Target("99.9 % of the RPDR's branch on the torus", 0.5, _of(atlas.PART, atlas.TO_SHARE, atlas.WHO)),
     Target("Delta, [−0.4, 0.7]³", 1.0, _of(atlas.PART, "map to depth 4", atlas.WHO, "delta")),
     Target("Delta's default map", 10.0, _of(atlas.PART, atlas.WHOLE, atlas.WHO)),
 )

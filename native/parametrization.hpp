@@ -3,11 +3,12 @@
 // Clusters share no row and no column of ψ, so each is solved alone: a step that one cluster does not trust shortens the
 // way of that cluster only, and the branch reached is the same.
 #pragma once
-#include "tangent.hpp"
+#include "continuation.hpp"
 
 namespace ccpin {
 
 constexpr double kContraction = 0.125, kChord = 0.0625, kNoise = 1e-9;
+constexpr double kWideNearSingular = 0.25, kWide = 0.5;  // of what these and `kTurn` allow: by what margin estimates are to hold where nothing is proved
 constexpr double kStill = 1e-3;  // of the inverse of ψ_q′ times the way since it was factorised
 constexpr double kStraight = 1e-6;  // shorter first corrections than this need no second derivative
 constexpr double kLargestMove = 1.0, kShortestStep = 0x1p-30, kOpenStart = 1e-6;
@@ -20,9 +21,9 @@ struct ClosedPoint {
   std::vector<int> sign;
 };
 
-class Parametrization : public Tangent {
+class Parametrization : public Continuation {
  public:
-  explicit Parametrization(const Mechanism& mechanism) : Tangent(mechanism) {
+  explicit Parametrization(const Mechanism& mechanism) : Continuation(mechanism) {
     q_start_.resize(m.n_q), q_ahead_.resize(m.n_q), line_.resize(m.n), here_.resize(m.nq);
     for (const Cluster& c : m.clusters) open_by_.resize(std::max(open_by_.size(), size_t(c.phi_rows())));
   }
@@ -87,6 +88,8 @@ class Parametrization : public Tangent {
   std::vector<double> open_by_;  // −φ of an open start,
   double opening_ = 0;           // and how much of it shall be left
   bool wants_rho_ = true;
+  std::vector<double> missing_, gap_;  // residual and gap of the start
+  double shrank_ = 0;                  // the largest ratio of a correction to the one before
 
   bool solve(const Cluster& c, ClusterState& s, const double* q, const double* start, const Known* known) {
     bool open = false;
@@ -95,16 +98,17 @@ class Parametrization : public Tangent {
     return walk(c, s, q, open ? here_.data() : start);
   }
 
-  // One trusted Newton solve on ψ̄ (11): its second correction is at most an eighth of the first, no step is longer than
-  // one, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B changes by half of itself at most. Where ρ at a closed start is known, the
+  // One trusted Newton solve on ψ̄ (11): its second correction is at most a sixteenth of the first, no step is longer than
+  // one, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B changes by a quarter of itself at most; near singular sets half as much, unless
+  // the step is proved. Where ρ at a closed start is known, the
   // first step is ρ Δq, and where ∂²σ/∂q² is, ½ ρ̇ q̇ is ½ ∂²σ/∂q² Δq².
   //
   // The first correction Δ is followed at once by ½ ρ̇ q̇ with q̇′ = Δ, which is what the next one would be to second order
-  // (Chebyshev's method, of third order): it must be an eighth of Δ at most, together with that next one.
+  // (Chebyshev's method, of third order): it must be so small a part of Δ, together with that next one.
   //
   // Later a factor serves two corrections (Shamanskii's method, of third order too). The second one, ψ̄ anew but ψ_q′ that
   // of the iterate before, is taken where it is at most a sixteenth of the first: with h half of ω‖Δ₁‖ it is at most
-  // h‖Δ₁‖, and Newton's own at most h/(1 − 2h)‖Δ₁‖, so that he would trust the step too (Deuflhard, Newton Methods for
+  // h‖Δ₁‖, and Newton's own at most h/(1 − 2h)‖Δ₁‖, a fourteenth (Deuflhard, Newton Methods for
   // Nonlinear Problems, 2004, sec. 2.1). Otherwise it is tried where corrections shrink so fast that it will be the last.
   // Where q′ alone is wanted the solution needs no ψ_q′ of its own if the last one's inverse times the way since is so
   // small that the determinant cannot vanish on it.
@@ -112,10 +116,14 @@ class Parametrization : public Tangent {
     copy_cluster(c, start, q_free.data());
     const int first = known && c.n() ? 1 : 0;
     int sign = first ? known->sign : 0;
+    shrank_ = 0;
     double last = 0, bend = 0;            // a correction, and ½ ρ̇ q̇
     double shrinking = 0, expected = 0;   // of corrections by the factor at hand, and how long the next is likely to be
     if (first) {
       last = tangent_step(c, s, q, known->rho);
+      gap_.assign(s.right.begin(), s.right.begin() + c.direct.size());
+      missing_.assign(c.rows(), 0.);
+      std::copy_n(s.right.begin() + c.direct.size(), c.components.size(), missing_.begin() + c.phi_rows());
       if (!(last <= kLargestMove)) return false;
       if (last > kStraight && known->curvature.size()) bend = bend_known(c, s, known->curvature);
       if (!trusted(bend, last)) return false;
@@ -126,11 +134,12 @@ class Parametrization : public Tangent {
     for (int iteration = first; iteration < kMaxNewton; ++iteration) {
       const double size = opening_ > 0 ? residuals_left(c, s, q) : residuals(c, s, q);
       const bool closed = size <= m.tolerance || (iteration && last <= kNoise && size <= 100 * m.tolerance);
-      if (served && closed && !wants_rho_ && inverse * way <= kStill) return regular_since(before_, s);
+      if (served && closed && !wants_rho_ && inverse * way <= kStill)
+        if (const Turn turn = turn_since(before_, s); !turn.near_singular()) return clear(turn);
       if (served && !closed && last > kNoise && expected * shrinking <= m.tolerance) {
         const double length = newton_step(c, s);
         if (length <= kChord * last && (served == 1 || length * shrinking <= m.tolerance)) {
-          shrinking = std::max(shrinking, length / last), expected = length * shrinking;
+          shrinking = std::max(shrinking, length / last), shrank_ = std::max(shrank_, length / last), expected = length * shrinking;
           last = length, bend = 0, way += length, ++served;
           move(c, s.step.data());
           continue;
@@ -138,11 +147,12 @@ class Parametrization : public Tangent {
       }
       factorize(c, s);
       if (iteration == 0) {
+        missing_ = s.residual, gap_ = s.gap;
         sign = s.factor.sign;
         for (int r = 0; r < c.phi_rows(); ++r) open |= std::abs(s.residual[r]) > kOpenStart;
       }
       if (too_singular(c, s) || s.factor.sign != sign) return false;
-      if (closed) return finish(c, s, true) && (iteration == 0 || regular_since(before_, s));
+      if (closed) return finish(c, s, true) && (iteration == 0 || accepted(c, s, start, size));
       const double length = iteration && wants_rho_ ? newton_step(c, s) : probing_step(c, s, inverse);
       if (iteration == 0) before_ = s.probe;
       if (!(length <= kLargestMove)) return false;
@@ -156,7 +166,22 @@ class Parametrization : public Tangent {
     }
     return false;
   }
-  static bool trusted(double next, double last) { return next <= kContraction * last || next <= kNoise; }
+  bool trusted(double next, double last) {
+    if (next <= kNoise) return true;
+    shrank_ = std::max(shrank_, next / last);
+    return next <= kContraction * last;
+  }
+  // Whether estimates hold by a wide margin, wider near singular sets.
+  bool clear(const Turn& turn) const {
+    const double wide = turn.near_singular() ? kWideNearSingular : kWide;
+    return shrank_ <= wide * kContraction && turn.change <= wide * kTurn;
+  }
+  // Whether a solution is what the start is continued to: by such estimates, or near singular sets by proof.
+  bool accepted(const Cluster& c, ClusterState& s, const double* start, double off) {
+    const Turn turn = turn_since(before_, s);
+    if (!turn.trusted()) return false;
+    return clear(turn) || (turn.near_singular() && proved(c, s, start, missing_, gap_, off));
+  }
 
   // Adds ½ ρ̇ q̇ with q̇′ the step to it, and returns its length: here, and by ∂²σ/∂q² at a closed start.
   double bend_here(const Cluster& c, ClusterState& s) {
@@ -254,21 +279,21 @@ class Parametrization : public Tangent {
       for (int i : c.coordinates) target(m.coordinates[i], q, ahead);
     });
   }
-  // In steps that Newton trusts, from a start to q_ahead_ as f(1) sets it.
+  // In steps that Newton trusts, halved where he does not and doubled after two that he did, from a start to q_ahead_ as f(1) sets it.
   template <class F> bool follow(const Cluster& c, ClusterState& s, const double* start, F&& f) {
     copy_cluster(c, start, here_.data());
     double done = 0, stride = 0.5;
-    bool open = false;
+    bool open = false, grows = true;
     while (stride >= kShortestStep) {
       const double ahead = std::min(1.0, done + stride);
       f(ahead);
       if (!newton(c, s, q_ahead_.data(), here_.data(), nullptr, open)) {
-        stride *= 0.5;
+        stride *= 0.5, grows = false;
         continue;
       }
       if (ahead == 1) return true;
       copy_cluster(c, q_free.data(), here_.data());
-      done = ahead, stride *= 2;
+      done = ahead, stride *= grows ? 2 : 1, grows = true;
     }
     return false;
   }

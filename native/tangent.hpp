@@ -8,7 +8,8 @@ namespace ccpin {
 // It is computed only where pivots or ρ say that it could matter.
 constexpr double kSingular = 1e-9, kSuspiciousPivots = 1e-6, kSuspiciousRho = 1e5;
 constexpr double kTurn = 0.5;      // of ψ_q′⁻¹ B: the most that a trusted step changes of it,
-constexpr double kRounded = 2;     // and of its square times the tolerance of closed points: the most it may be
+constexpr double kRounded = 2;     // and of its square times the tolerance of closed points: the most it may be,
+constexpr double kFarFromSingular = 2e-8;  // and where estimates are relied on
 
 class Tangent : public Constraints {
  public:
@@ -177,14 +178,20 @@ class Tangent : public Constraints {
       }
     return largest;
   }
-  // Whether ψ_q′ was regular on the way here, by that of the start, and rounding decides at neither end.
-  bool regular_since(const std::vector<double>& before, const ClusterState& s) const {
+  // How much ψ_q′⁻¹ B has changed since the start, and the square of its size times the rounding of closed points: whether
+  // ψ_q′ was regular on the way here, and rounding decides at neither end.
+  struct Turn {
+    double change, rounded;
+    bool trusted() const { return change <= kTurn && rounded <= kRounded; }
+    bool near_singular() const { return !(rounded <= kFarFromSingular); }
+  };
+  Turn turn_since(const std::vector<double>& before, const ClusterState& s) const {
     double change = 0, size = 0, here = 0;
     for (size_t k = 0; k < before.size(); ++k) {
       const double d = s.probe[k] - before[k];
       change += d * d, size += before[k] * before[k], here += s.probe[k] * s.probe[k];
     }
-    return change <= kTurn * kTurn * size && std::max(size, here) * m.tolerance <= kRounded;
+    return {change > 0 ? std::sqrt(change / size) : 0, std::max(size, here) * m.tolerance};
   }
   bool too_singular(const Cluster& c, ClusterState& s) {
     if (s.factor.ratio >= kSuspiciousPivots) return false;

@@ -13,7 +13,7 @@ from ccpin.errors import CcpinError
 
 ROOMS = ("control", "description", "domain", "dynamics", "mechanism", "plotting", "simulation", "validated")
 WRONG = (None, "rpbr", -1, np.nan, [], [[1.0, 2.0]], np.zeros((3, 3)), {"a": 1}, [object()], np.ones(2) * 1j, 10**400)
-FLAGS = {"floating_base", "loop", "open_browser", "failures", "workers", "executor", "checkpoint"}
+FLAGS = {"floating_base", "loop", "open_browser", "failures", "proved", "workers", "executor", "checkpoint"}
 # What these hold is given by ccpin, or looked at where it is used.
 HELD = {"Atlas", "Gains", "Region", "SetPointCertificate", "State", "Trajectory", "Scene", "Viewer", "Mechanism"}
 ABSTRACT = {"ControlLaw", "HasForce", "Reference", "TrackingLaw", "drawing"}
@@ -59,6 +59,7 @@ class Bench:
             "v_free": np.zeros(4),
             "threads": 1,
             "t": 0.0,
+            "proved": False,
         }
         right |= {"failures": None, "Q": [self.q], "V": [self.rest], "U": [self.rest], "A": [self.rest]}
         right |= {

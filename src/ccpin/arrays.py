@@ -113,7 +113,10 @@ _FEW = 1500
 
 def rows_of(record: Columns, rows: Indices | Mask | slice) -> Columns:
     """The chosen rows of every array of a named tuple (and of the named tuples in it)."""
-    return type(record)(*(rows_of(part, rows) if isinstance(part, tuple) else part[rows] for part in record))
+    if isinstance(rows, slice):
+        return type(record)(*(rows_of(part, rows) if isinstance(part, tuple) else part[rows] for part in record))
+    index = np.flatnonzero(rows) if rows.dtype == np.bool_ else rows
+    return type(record)(*(rows_of(part, index) if isinstance(part, tuple) else part.take(index, 0) for part in record))
 
 
 def joined(records: Iterable[Columns]) -> Columns:

@@ -17,6 +17,7 @@ pytest.importorskip("flint")
 
 from ccpin import auditing
 from ccpin.auditing import boxes, closures, document, gluing, verify
+from tests.support.altered import changed
 
 CASES = {
     "four_bar": ((0.7,), None, 8, None),
@@ -34,21 +35,6 @@ def case(request, tmp_path_factory):
     path = tmp_path_factory.mktemp("audit") / "atlas.json"
     atlas.save(path)
     return mechanism, atlas, path, sample
-
-
-def changed(path, tmp_path, change, stamp=True):
-    """The document with arrays changed; its fingerprint brought up to date unless told otherwise."""
-    whole = json.loads(path.read_text())
-    arrays = {n: np.array(a["data"], dtype=a["dtype"]).reshape(a["shape"]) for n, a in whole["arrays"].items()}
-    change(arrays)
-    whole["arrays"] = {
-        n: {"dtype": str(a.dtype), "shape": a.shape, "data": a.ravel().tolist()} for n, a in arrays.items()
-    }
-    if stamp:
-        whole["fingerprint"] = document.fingerprint(arrays)
-    other = tmp_path / "changed.json"
-    other.write_text(json.dumps(whole))
-    return other
 
 
 def test_true_claims_are_proved(case):

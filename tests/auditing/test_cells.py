@@ -1,7 +1,5 @@
 """Cells called empty or singular: what is true is proved, what was planted is found."""
 
-import json
-
 import numpy as np
 import pytest
 
@@ -16,6 +14,7 @@ pytest.importorskip("flint")
 
 from ccpin.auditing import closures, document, emptiness, gluing, singular, verify
 from ccpin.auditing.audit import _faces as audit_faces
+from tests.support.altered import changed
 
 TORUS = np.full(2, -np.pi), np.full(2, np.pi)
 
@@ -32,18 +31,6 @@ def torus(tmp_path_factory):
 def claim(audit, word):
     """The claim whose words hold one."""
     return next(c for c in audit.claims if word in c.what)
-
-
-def changed(path, tmp_path, change):
-    """The document with arrays changed."""
-    whole = json.loads(path.read_text())
-    arrays = {n: np.array(a["data"], dtype=a["dtype"]).reshape(a["shape"]) for n, a in whole["arrays"].items()}
-    change(arrays)
-    whole["arrays"] = {
-        n: {"dtype": str(a.dtype), "shape": a.shape, "data": a.ravel().tolist()} for n, a in arrays.items()
-    }
-    (tmp_path / "changed.json").write_text(json.dumps(whole))
-    return tmp_path / "changed.json"
 
 
 def test_empty_and_singular_cells_are_proved(torus):

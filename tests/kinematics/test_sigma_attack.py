@@ -69,6 +69,20 @@ def test_five_bar_keeps_its_mode(rpdr_model, size):
     assert seen >= 3 * size  # of 15 or 150 queries each
 
 
+@pytest.mark.parametrize("distance", [1e-5, 1e-4, 1e-3])
+def test_the_five_bar_is_followed_next_to_its_singular_point(rpdr_model, distance):
+    """Where the elbows nearly coincide joints turn far on a short way: reached in the guess's mode, not refused."""
+    mechanism, rng, centre = rpdr_model.mechanism, np.random.default_rng(75), rpdr.coincident_elbows()
+    for k in range(6):
+        mode, angle = (1 if k % 2 else -1), rng.uniform(0.0, 2.0 * np.pi)
+        start, end = (
+            centre + r * np.array([np.cos(a), np.sin(a)])
+            for r, a in ((0.2, angle), (distance, angle + rng.uniform(-1, 1)))
+        )
+        q_free = rpdr_model.sigma(end, to_free(mechanism, rpdr.sigma(start, mode)))
+        assert np.abs(wrap(to_paper(mechanism, q_free) - rpdr.sigma(end, mode))).max() < 1e-8 / distance
+
+
 @pytest.mark.parametrize("size", SIZES)
 def test_open_guesses_of_the_five_bar_keep_their_mode(rpdr_model, size):
     """Next to the isolated singular point an open guess is closed on its own side of det ψ_q′ = 0, or refused."""

@@ -1,6 +1,6 @@
 """Ask the compiled core what it must refuse, under AddressSanitizer and UndefinedBehaviorSanitizer.
 
-    python tests/native/fuzz.py [--examples 200] [--seed 0] [--folder build/fuzz]
+    python -m tests.native.fuzz [--examples 200] [--seed 0] [--folder build/fuzz]
 
 Builds the core with both sanitizers into a folder of its own, then runs itself again with their library loaded first:
 random mechanisms, NaN, wrong sizes, singular and unreachable q through every method, and specifications and runs with

@@ -1,9 +1,6 @@
-"""The two scripts on tracking run, on the RPDR alone, and what they write says what it should."""
+"""The script that compares laws runs, on the RPDR alone, and what it writes says what it should."""
 
 import json
-
-import numpy as np
-import pytest
 
 from tests.support.loading import script
 
@@ -30,20 +27,3 @@ def test_compare_laws(tmp_path, monkeypatch, capsys):
     assert text in capsys.readouterr().out
     assert text.count("\n") == 7
     assert is_picture(tmp_path / "laws.png")
-
-
-def test_tracking_degradation(tmp_path, monkeypatch, capsys):
-    """The error grows in proportion to the period and to the error in σ, and σ is always found within the cap."""
-    module = script("tracking_degradation")
-    monkeypatch.setattr(module, "CASES", module.CASES[:1])
-    monkeypatch.setattr(module, "PERIODS", (2e-3, 4e-3))
-    monkeypatch.setattr(module, "SIGMA_ERRORS", (1e-3, 1e-2))
-    module.main(tmp_path)
-    curves = json.loads((tmp_path / "curves.json").read_text())["rpdr"]
-    for found in curves.values():
-        periods, sizes = ([row["error"] for row in found[key]] for key in ("sampled", "sigma"))
-        assert np.divide(*periods[::-1]) == pytest.approx(2.0, rel=0.1)
-        assert np.divide(*sizes[::-1]) == pytest.approx(10.0, rel=0.1)
-        assert all(row["held"] == 0 and row["steps"] <= module.MAX_NEWTON_STEPS for row in found["sampled"])
-    assert "σ held 0 times" in capsys.readouterr().out
-    assert is_picture(tmp_path / "curves.png")

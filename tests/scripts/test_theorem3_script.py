@@ -1,8 +1,11 @@
 """The script that asks whether Theorem 3 covers the paper's experiment."""
 
+import pytest
+
 from tests.support.loading import script
 
 
+@pytest.mark.slow
 def test_theorem3_rpdr(tmp_path, capsys):
     """It says that the gain condition holds on 𝒟 and the paper's start is outside of B₂, and draws both motions."""
     script("theorem3_rpdr").main(tmp_path)

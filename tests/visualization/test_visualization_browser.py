@@ -146,12 +146,16 @@ def other_peoples_leg():
 
 @pytest.mark.parametrize(
     "mechanism",
-    [lambda: ccpin.load("rpdr"), lambda: ccpin.load("delta"), lambda: bare(ccpin.load("stewart")), other_peoples_leg],
-    ids=["rpdr", "delta", "bare stewart", "leg without meshes"],
+    [
+        pytest.param(lambda: ccpin.load("rpdr"), id="rpdr"),
+        pytest.param(lambda: bare(ccpin.load("stewart")), id="bare stewart"),
+        pytest.param(lambda: ccpin.load("delta"), id="delta", marks=pytest.mark.slow),
+        pytest.param(other_peoples_leg, id="leg without meshes", marks=pytest.mark.slow),
+    ],
 )
 def test_every_view_shows_the_whole_mechanism(mechanism, tmp_path):
     """From all four sides it is inside the picture and takes a sensible share; the four pictures differ."""
-    with opened(visualization.snapshot(mechanism(), None, tmp_path / "s.html").as_uri()) as page:
+    with opened(visualization.snapshot(mechanism(), None, tmp_path / "s.html").as_uri(), 480, 320) as page:
         seen = []
         for name in ("iso", "front", "side", "top"):
             page.evaluate(f"look({name!r}, false)")
@@ -212,7 +216,7 @@ def test_time_is_the_users(rpdr, run, tmp_path):
     name = rpdr.closures[0].name
     page = visualization.animate(rpdr, motion.t, motion.q_free, tmp_path / "a.html", trace=name, forces=forces, fps=25)
     frames = 11
-    with opened(page.as_uri()) as page:
+    with opened(page.as_uri(), 600, 400) as page:
         assert page.evaluate("player.playing && player.loop")
         assert page.evaluate(f"({MOVED})(player.time)")
         press(page, " ")

@@ -35,8 +35,8 @@ def capped_sigma(
 ) -> NewtonSolve:
     """Solve ψ̄(q′, q) = 0 (11) from a start with at most `max_newton_steps` linear solves.
 
-    As in `Parametrization.sigma` an iteration is trusted only if each correction is at most an eighth of the one
-    before and det ψ_q′ keeps its sign; there is no walk when it is not.
+    An iteration is trusted only if each correction is at most an eighth of the one before, det ψ_q′ keeps its sign and
+    ψ_q′⁻¹ changes by half at most; there is no walk when it is not, and no proof as in `Parametrization.sigma`.
 
     Args:
         parametrization: ψ.

@@ -168,8 +168,15 @@ class ReducedModel:
 
     # Shorthands: one thing at one q. Errors are those of `at` and of the State's method.
 
-    def sigma(self, q: ArrayLike, guess: Near = None) -> Array:
-        """q′ = σ(q) (12), of shape (nq,), on the branch of `guess`: a copy of `State.q_free`."""
+    def sigma(self, q: ArrayLike, guess: Near = None, *, proved: bool = False) -> Array:
+        """q′ = σ(q) (12), of shape (nq,), on the branch of `guess`: a copy of `State.q_free`.
+
+        With `proved` no step on the way rests on an estimate (`ccpin.kinematics.continuation`): the answer is what the
+        guess is continued to, and no singular configuration lies between. It takes milliseconds.
+        """
+        if proved:
+            wanted, start = checked_q(self.coordinates, q), self._start(guess)
+            return self.parametrization.sigma(wanted, start, proved=True).q_free.copy()
         answer = self.core.sigma(q, self._place(guess))
         return self.at(q, guess).q_free.copy() if answer is None else np.asarray(answer)
 

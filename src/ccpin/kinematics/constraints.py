@@ -153,6 +153,10 @@ class Constraints:
                 derivative[k] += 2.0 * second * v_free[i] * directions.dv[i]
         return derivative
 
+    def end_points(self, at: ConstraintValue) -> Array:
+        """p_A of every closure, then p_B, in the world, metres, of shape (2 L, 3)."""
+        return self._rows.end_points(at.placed)
+
     def wrenches(self, at: ConstraintValue) -> Array:
         """What each loop row's unit multiplier does to its end A: (force, moment about A's closure point), (R, 6).
 

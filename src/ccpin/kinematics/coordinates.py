@@ -141,13 +141,15 @@ class IndependentCoordinates:
 
     def jacobian(self, q_free: Array) -> Array:
         """α_q′, of shape (n, n′): a constant selection where whole joints are independent."""
-        if self.constant:
-            return self._selection
-        jacobian = self._selection.copy()
+        return self._selection if self.constant else self._selection + self.component_jacobian(q_free)
+
+    def component_jacobian(self, q_free: Array) -> Array:
+        """The rows of α_q′ that belong to components and are not constant, of shape (n, n′); the others are zero."""
+        jacobian = np.zeros_like(self._selection)
         for part in self.parts:
             if part.component is not None:
                 q = q_free[part.q_free]
-                rows = part.kind.rotation(q) if part.slides[0] else log_jacobian(self._rotation_vector(part, q))
+                rows = part.kind.rotation(q) if part.slides[0] else log_jacobian(self.rotation_vector(part, q))
                 jacobian[part.v, part.v_free] = _row(part, rows)
         return jacobian
 
@@ -162,7 +164,7 @@ class IndependentCoordinates:
                 if part.slides[0]:
                     rows = part.kind.rotation(q) @ skew(omega)
                 else:
-                    rows = log_jacobian_rate(self._rotation_vector(part, q), omega)
+                    rows = log_jacobian_rate(self.rotation_vector(part, q), omega)
                 rate[part.v, part.v_free] = _row(part, rows)
         return rate
 
@@ -189,7 +191,7 @@ class IndependentCoordinates:
                 turning = np.cross(turns.T, np.cross(omega, v_local)).T + skew(omega) @ dv_local
                 derivative[part.v] = (part.kind.rotation(q) @ (turning + np.cross(domega.T, v_local).T))[axis]
             else:
-                r = self._rotation_vector(part, q)
+                r = self.rotation_vector(part, q)
                 changes = zip(turns.T, domega.T, strict=True)
                 derivative[part.v] = [log_bias_derivative(r, omega, *change)[axis] for change in changes]
         return derivative
@@ -248,17 +250,17 @@ class IndependentCoordinates:
     def turned(self, q_free: Array) -> float:
         """The longest rotation vector of a joint whose single turns are coordinates, rad; at π they jump."""
         parts = [part for part in self.parts if part.component is not None and not part.wraps and not part.slides[0]]
-        return max((float(np.linalg.norm(self._rotation_vector(p, q_free[p.q_free]))) for p in parts), default=0.0)
+        return max((float(np.linalg.norm(self.rotation_vector(p, q_free[p.q_free]))) for p in parts), default=0.0)
 
-    def _rotation_vector(self, part: Coordinate, q: Array) -> Array:
-        """r of a joint's q: from the reference for a quaternion, from the circle's own zero otherwise."""
+    def rotation_vector(self, part: Coordinate, q: Array) -> Array:
+        """r of a joint's own q: from the reference for a quaternion, from the circle's own zero otherwise."""
         return part.kind.rotation_vector(q, self.q_reference[part.q_free] if part.kind.unit == 4 else None)
 
     def _coordinate(self, part: Coordinate, q_free: Array) -> float:
         q = q_free[part.q_free]
         if part.slides[0]:
             return float(q[part.kind.components.index(part.component)])
-        return float(self._rotation_vector(part, q)[_axis(part)])
+        return float(self.rotation_vector(part, q)[_axis(part)])
 
 
 def _entry(window: slice, k: int) -> slice:

@@ -17,6 +17,7 @@ from ccpin.arrays import Array, Indices
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
 from ccpin.kinematics.clusters import clusters
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
+from ccpin.kinematics.continuation import Continuation
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.linear import Factor, factorize
 from ccpin.kinematics.points import moved
@@ -26,6 +27,8 @@ SINGULAR_RCOND = 1e-10
 _CONTRACTION = 0.125
 _TURN = 0.5
 _ROUNDED = 2.0
+_FAR_FROM_SINGULAR = 2e-8
+_WIDE, _WIDE_NEAR_SINGULAR = 0.5, 0.25
 _NOISE = 1e-9
 _SHORTEST_STEP = 2.0**-30
 _LARGEST_MOVE = 1.0
@@ -39,7 +42,7 @@ class ClosedPoint(NamedTuple):
         q_free: q′, of shape (nq,).
         factor: The factorised ψ_q′(q′).
         rho: ρ(q′), of shape (n′, n).
-        probe: ψ_q′⁻¹ B for the B of `Parametrization.regular_between`, of shape (n′, 2).
+        probe: ψ_q′⁻¹ B for the B of `Parametrization.turn_between`, of shape (n′, 2).
         constraints: φ and φ_q′ there.
     """
 
@@ -76,12 +79,18 @@ class NewtonSolve(NamedTuple):
         steps: Newton steps taken.
         residual: Largest |ψ̄| at the last iterate, metres and radians.
         started_open: Whether the start was not closed.
+        change: By how much of itself ψ_q′⁻¹ B changed on the way.
+        contraction: The largest part that a correction was of the one before.
+        near_singular: Whether ψ_q′⁻¹ is so large somewhere on the way that estimates are to hold by a wider margin.
     """
 
     point: ClosedPoint | None
     steps: int
     residual: float
     started_open: bool
+    change: float = 0.0
+    contraction: float = 0.0
+    near_singular: bool = False
 
 
 class Parametrization:
@@ -89,6 +98,7 @@ class Parametrization:
 
     Attributes:
         rules: When σ's Newton steps are trusted and done.
+        continuation: What proves a step where these tests are not passed by a wide margin.
         turnable: Whether some closure's rows vanish with its axes turned end for end too.
     """
 
@@ -103,6 +113,7 @@ class Parametrization:
         self.turnable = any(loop.turnable for loop in constraints.loops)
         self._unstructured = np.random.default_rng(0).uniform(-1.0, 1.0, (len(self._unit), 2))
         self._cluster_of = _clusters_of(coordinates.tree, constraints)
+        self.continuation = Continuation(constraints, coordinates, tolerance)
 
     def psi_jacobian(self, q_free: Array) -> Array:
         """ψ_q′ = [φ_q′; α_q′] (10), of shape (m + n, n′)."""
@@ -140,21 +151,26 @@ class Parametrization:
             right[m:] = alpha_rate @ w
         return -point.factor.solve(right)
 
-    def sigma(self, q: Array, guess: Array | ClosedPoint | None = None) -> ClosedPoint:
+    def sigma(self, q: Array, guess: Array | ClosedPoint | None = None, proved: bool = False) -> ClosedPoint:
         """q′ = σ(q) (12), on the branch of `guess`.
 
-        Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A step is trusted only if its second
-        Newton correction is at most an eighth of the first, det ψ_q′ keeps its sign, and ψ_q′ is `regular_between` its
-        ends: with ω the affine-covariant Lipschitz constant of ψ_q′, half of ω‖Δ₁‖ is estimated by ‖Δ₂‖/‖Δ₁‖, so the
-        first is a quarter of the largest value for which the Newton–Kantorovich theorem gives one solution,
-        continuously connected to the guess; the last sees what the correction, by a symmetry, does not. Where one does
-        not hold, σ walks along the straight line from α(guess) to q in shorter steps; an open guess is closed first,
-        likewise, by letting φ vanish along a straight line. The path depends on q and guess only.
+        Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A step is taken if it is safe by a wide
+        margin: its second Newton correction is at most a sixteenth of the first, det ψ_q′ keeps its sign, and ψ_q′⁻¹
+        B changes by a quarter of itself at most (`turn_between`). With ω the affine-covariant Lipschitz constant of
+        ψ_q′, half of ω‖Δ₁‖ is estimated by ‖Δ₂‖/‖Δ₁‖, so the first is an eighth of the largest value for which the
+        Newton–Kantorovich theorem gives one solution, continuously connected to the guess; the last sees what the
+        correction, by a symmetry, does not. These are estimates. Where ψ_q′⁻¹ is large, so near singular
+        configurations, they are to be passed by twice that margin. A bolder step there, of up to an eighth and a
+        half, and every step if `proved` is asked for, is taken only if the theorem of `continuation` proves it.
+        Otherwise σ walks along the straight line from α(guess) to q in shorter steps; an open guess is closed first,
+        likewise, by letting φ vanish along a straight line. The path depends on q, guess and `proved` only.
 
         Args:
             q: Independent coordinates, of shape (model.nq,).
             guess: A configuration (closed or nearly so) on the branch wanted; default the reference. A closed point
                 spares the first evaluation.
+            proved: Take no step on an estimate. The point is then that which the guess is continued to along the
+                straight lines, by proof, and no singular configuration is on the way.
 
         Raises:
             UnreachableError: The line is blocked by a singularity before q.
@@ -162,10 +178,10 @@ class Parametrization:
             InvalidInputError: The guess cannot be closed, or only with a closure's axes turned end for end.
         """
         start = self.q_reference if guess is None else guess
-        solve = self.newton(start, q, self.rules)
+        solve = self._step(start, q, proved)
         point = solve.point
         if point is None:
-            point = self._walk(self._closed_start(start) if solve.started_open else start, q)
+            point = self._walk(self._closed_start(start, proved) if solve.started_open else start, q, proved)
         if isinstance(guess, np.ndarray) and self.turnable and not self.constraints.aligned(point.q_free):
             raise InvalidInputError(
                 "the guess satisfies φ = 0 with a closure's axes turned end for end; pass a configuration closed the "
@@ -173,7 +189,23 @@ class Parametrization:
             )
         return point
 
-    def _walk(self, start: Array | ClosedPoint, q: Array) -> ClosedPoint:
+    def _step(self, here: Array | ClosedPoint, q: Array, proved: bool, open_by: Array | float = 0.0) -> NewtonSolve:
+        """Newton's method from a configuration, as far as it is trusted by a wide margin or proved."""
+        solve = self.newton(here, q, self.rules, open_by)
+        if solve.point is None or not solve.steps:
+            return solve
+        wide = _WIDE_NEAR_SINGULAR if solve.near_singular else _WIDE
+        clear = solve.contraction <= wide * _CONTRACTION and solve.change <= wide * _TURN
+        asks = proved or (solve.near_singular and not clear)
+        sure = self._proves(here, solve) if asks else clear
+        return solve if sure else solve._replace(point=None)
+
+    def _proves(self, here: Array | ClosedPoint, solve: NewtonSolve) -> bool:
+        """Whether the solution is proved to be what a configuration is continued to."""
+        end, begin = solve.point, here.constraints if isinstance(here, ClosedPoint) else self.constraints.value(here)
+        return end is not None and self.continuation.proved(begin, end.constraints, end.factor, solve.residual)
+
+    def _walk(self, start: Array | ClosedPoint, q: Array, proved: bool) -> ClosedPoint:
         """σ(q) along the straight line from α(start), step by step."""
         coordinates = self.coordinates
         q_start = coordinates.alpha(_configuration(start))
@@ -181,7 +213,7 @@ class Parametrization:
 
         def step(here: Array | ClosedPoint, ahead: float) -> ClosedPoint | None:
             target = q if ahead == 1.0 else coordinates.integrate(q_start, ahead * line)
-            return self.newton(here, target, self.rules).point
+            return self._step(here, target, proved).point
 
         here, done = _follow(step, start)
         if done == 1.0:
@@ -208,7 +240,7 @@ class Parametrization:
             rcond=rcond,
         )
 
-    def _closed_start(self, start: Array | ClosedPoint) -> ClosedPoint:
+    def _closed_start(self, start: Array | ClosedPoint, proved: bool) -> ClosedPoint:
         """Close an open guess at its own q: φ goes to zero along a straight line, step by step.
 
         Raises:
@@ -218,7 +250,7 @@ class Parametrization:
         q, phi = self.coordinates.alpha(q_free), self.constraints.residual(q_free)
 
         def step(here: Array | ClosedPoint, ahead: float) -> ClosedPoint | None:
-            return self.newton(here, q, self.rules, (1.0 - ahead) * phi).point
+            return self._step(here, q, proved, (1.0 - ahead) * phi).point
 
         here, done = _follow(step, start)
         if done == 1.0:
@@ -229,20 +261,23 @@ class Parametrization:
             "pass a closed configuration of the branch wanted"
         )
 
-    def regular_between(self, before: Array, after: Array) -> bool:
-        """Whether ψ_q′ stays regular between two near configurations, by Y = ψ_q′⁻¹ B at each, cluster by cluster.
+    def turn_between(self, before: Array, after: Array) -> tuple[float, float]:
+        """How much ψ_q′⁻¹ changes between two near configurations, and how large it is, by Y = ψ_q′⁻¹ B.
 
         Where ψ_q′ becomes singular Y grows beyond all bounds and comes back with the other sign, for every B that is
         not orthogonal to a left null vector there; B has no structure, so that none is, and two columns, so that such a
-        vector may turn past one on the way. A step is to change half of Y at most. And |Y| tells ‖ψ_q′⁻¹‖: where its
-        square times the rounding of closed configurations is not small, they are known no better than the distance to
-        the next branch.
+        vector may turn past one on the way. And |Y| tells ‖ψ_q′⁻¹‖: where its square times the rounding of closed
+        configurations is not small, they are known no better than the distance to the next branch.
+
+        Returns:
+            The largest change of a cluster's Y relative to itself, and the largest |Y|² times that rounding.
         """
         sizes, here, changes = (
             np.bincount(self._cluster_of, np.einsum("ij,ij->i", x, x)) for x in (before, after, after - before)
         )
+        change = max((c / s for c, s in zip(changes.tolist(), sizes.tolist(), strict=True) if c), default=0.0)
         rounded = float(max(sizes.max(initial=0.0), here.max(initial=0.0))) * self.rules.tolerance
-        return rounded <= _ROUNDED and bool(np.all(changes <= _TURN**2 * sizes))
+        return float(np.sqrt(change)), rounded
 
     def newton(
         self, start: Array | ClosedPoint, q: Array, rules: NewtonRules, open_by: Array | float = 0.0
@@ -254,7 +289,7 @@ class Parametrization:
         """
         known = start if isinstance(start, ClosedPoint) else None
         q_free: Array = start.q_free if isinstance(start, ClosedPoint) else start.copy()
-        sign, last, residual, started_open, probe = 0, np.inf, np.inf, False, np.zeros((0, 2))
+        sign, last, residual, started_open, probe, shrank = 0, np.inf, np.inf, False, np.zeros((0, 2)), 0.0
         for steps in range(rules.most_steps + 1):
             if known is not None and not steps:
                 point, factor = known.constraints, known.factor
@@ -270,14 +305,17 @@ class Parametrization:
                 break
             if residual <= rules.tolerance or (last <= rules.noise and residual <= rules.stalled):
                 found = self._closed_point(point, factor)
-                trusted = found if self.regular_between(probe, found.probe) else None
-                return NewtonSolve(trusted, steps, residual, started_open)
+                change, rounded = self.turn_between(probe, found.probe)
+                trusted = found if change <= _TURN and rounded <= _ROUNDED else None
+                return NewtonSolve(trusted, steps, residual, started_open, change, shrank, rounded > _FAR_FROM_SINGULAR)
             if steps == rules.most_steps:
                 break
             step = factor.solve(gap)
             length = float(np.linalg.norm(step))
             if not length <= _LARGEST_MOVE or length > max(rules.contraction * last, rules.noise):
                 return NewtonSolve(None, steps + 1, residual, started_open)
+            if length > rules.noise:
+                shrank = max(shrank, length / last)
             q_free, last = moved(self.model, q_free, step), length
         return NewtonSolve(None, steps, residual, started_open)
 
@@ -304,15 +342,15 @@ class Parametrization:
 def _follow(
     step: Callable[[Array | ClosedPoint, float], ClosedPoint | None], start: Array | ClosedPoint
 ) -> tuple[Array | ClosedPoint, float]:
-    """Where a path leads in steps, each half as long where it is not trusted, and how much of it: 1, all."""
-    here, done, stride = start, 0.0, 0.5
+    """Where a path leads, and how much of it: 1, all. Steps are halved where not trusted, doubled after two taken."""
+    here, done, stride, grows = start, 0.0, 0.5, True
     while stride >= _SHORTEST_STEP:
         ahead = min(1.0, done + stride)
         point = step(here, ahead)
         if point is None:
-            stride *= 0.5
+            stride, grows = 0.5 * stride, False
             continue
-        here, done, stride = point, ahead, 2.0 * stride
+        here, done, stride, grows = point, ahead, 2.0 * stride if grows else stride, True
         if ahead == 1.0:
             break
     return here, done

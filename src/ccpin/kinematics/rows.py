@@ -132,6 +132,10 @@ class RowStack:
         wrenches[:, 3:] -= cross(placed.vectors[self._fixed :][self._pulled[: self.size]], wrenches[:, :3])
         return wrenches
 
+    def end_points(self, placed: Placed) -> Array:
+        """p_A of every loop, then p_B, of shape (2 L, 3)."""
+        return placed.vectors[self._fixed :]
+
     def jacobian(self, placed: Placed) -> Array:
         """φ_q′, of shape (R, n′)."""
         return self._on_paths(placed.wrenches @ placed.spatial)

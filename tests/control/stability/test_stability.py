@@ -436,6 +436,7 @@ def test_atlas_in_space():
     assert max(np.linalg.norm(model.gravity_derivative(q), 2) for q in inside) <= certificate.beta < 30.0
 
 
+@pytest.mark.slow
 def test_the_whole_branch_as_domain(rpdr, rpdr_model):
     """The default atlas, thousands of boxes, is no work spent: about the goal the level is that of cells laid there."""
     branch = certify(rpdr, GOAL)

@@ -165,8 +165,7 @@ class Search:
 
     def _undecided(self, reason: str) -> Found:
         count, n = self.tube.motion[0].start.shape
-        open_end = np.full((count, 2 * n), np.inf)
-        none = 0.0 * self.tube.motion[0].start
+        open_end, none = np.full((count, 2 * n), np.inf), np.zeros((count, 2 * n))
         return Found("undecided", reason, open_end, open_end[0, :n], 0.0, np.inf, open_end[0], np.inf, none)
 
 
