@@ -43,7 +43,7 @@ class SetEnclosure:
     def contains(self, t: float, q: ArrayLike, v: ArrayLike, tolerance: float = 0.0, *, effort: ArrayLike = ()) -> bool:
         """Whether a state at a time is in one of the tubes, widened by a part of its width; computed.
 
-        q has one number for each velocity, of a circle the angle. Efforts that a sampled loop holds belong to the state.
+        q has one number for each velocity, of a circle the angle. Efforts held by a sampled loop belong to the state.
         """
         return any(bool(np.abs(tube.coordinates(t, q, v, effort)).max() <= 1.0 + tolerance) for tube in self.tubes)
 
