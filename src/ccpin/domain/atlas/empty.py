@@ -101,3 +101,23 @@ def drift(head: Chain, width: Array, travel: Array) -> Array:
             moved += length * width[:, joint]
         length = length + np.linalg.norm(head.translations[j])
     return moved
+
+
+def bend(head: Chain, width: Array, travel: Array) -> Array:
+    """By how much a chain's tip can miss its linearization at the centre of boxes as in `drift`, of shape (B,).
+
+    Half of the bound of its second derivative along a step: Y″ + 2ωY′ + ωf from the tip to the root, Y′ and Y″ those of
+    what is behind a joint that turns by ω and moves what it carries by f.
+    """
+    length, first, second = np.full(len(width), np.linalg.norm(head.tip)), *np.zeros((2, len(width)))
+    for j in reversed(range(len(head.joints))):
+        joint = head.joints[j]
+        if head.prismatic[j]:
+            first = first + width[:, joint]
+            length = length + travel[:, joint]
+        else:
+            own = length * width[:, joint]
+            second = second + width[:, joint] * (2.0 * first + own)
+            first = first + own
+        length = length + np.linalg.norm(head.translations[j])
+    return 0.5 * second

@@ -15,9 +15,17 @@ So a cell is empty where some λ violates this for all of its q. With λ the wei
 three points it says of a Delta whose platform is level that the sphere has a radius of at most l, which is all there is
 to say; ‖C‖_* says it for every way the platform is turned.
 
-Over a cell a_k moves by at most r_k from its place at the centre, so the left side falls by at most
+Over a cell, with W the rows λ_k(b_k − b̄) and C₀ = A₀ᵀW at its centre, the rows of A being a_k, any positive S has
 
-    2 Σ |λ_k| |a_k − ā| r_k + Σ |λ_k| r_k² + (Σ |λ_k| r_k)² + 2 Σ |λ_k| |b_k − b̄| r_k.
+    2‖C‖_* ≤ tr S + tr(C S⁻¹ Cᵀ),
+
+as ‖C S^(−½) S^½‖_* ≤ ‖C S^(−½)‖_F ‖S^½‖_F. So the left side less the right is at least a quadratic form of A. With
+N = diag λ − λλᵀ − W S⁻¹ Wᵀ, P = N A₀, a_k's derivatives J_kj at the centre, h_j the half widths, |a_k − a_k0| ≤ r_k and
+|a_k − a_k0 − Σ J_kj δ_j| ≤ s_k, it falls by at most
+
+    2 Σ_j |Σ_k P_k·J_kj| h_j + 2 Σ_k |P_k| s_k + Σ_kl |N_kl| r_k r_l.
+
+S has the eigenvectors v_i of C₀ᵀC₀ and the eigenvalues (σ_i² + d_i²)^½, d_i = Σ_k |W_k v_i| r_k: about the best.
 """
 
 from __future__ import annotations
@@ -26,13 +34,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask
-from ccpin.domain.atlas.empty import drift
+from ccpin.arrays import Array, Mask, rows_of
+from ccpin.domain.atlas.empty import bend, drift
 from ccpin.domain.chain_stack import move, stack_chains
 from ccpin.domain.chains import Chain, ClosureSystem
 
 _SAME = 1e-12
 _SLACK = 1e-9  # of the sums: far above rounding
+_LEAST_VALUE = 1e-12
 _RIDGES = (1e-2, 1e-3)
 _TURNS = 8
 _CHUNK = 20_000
@@ -132,38 +141,81 @@ def platform_empty(system: ClosureSystem, platform: Platform, centre: Array, hal
     theta[:, system.independent], width[:, system.independent] = centre, half * (1.0 + 2.0**-51) + 1e-14
     travel = np.abs(theta) + width
     margin = 4.0 * system.rounding * system.magnitude(travel)
-    ends, moves = [], []
-    for head, weights, offset in zip(platform.heads, platform.weights, platform.offset, strict=True):
-        tip = move(stack_chains((head,), system.n_free, system.m), theta).x[:, 0]
-        ends.append(tip @ weights.T + offset)
-        moves.append(drift(head, width, travel) + margin)
-    return _violated(platform, np.stack(ends, axis=1), np.stack(moves, axis=1))
+    ends = _Ends.none(len(centre), platform, system)
+    for k, (head, weights, offset) in enumerate(zip(platform.heads, platform.weights, platform.offset, strict=True)):
+        motion = move(stack_chains((head,), system.n_free, system.m), theta)
+        ends.places[:, k] = motion.x[:, 0] @ weights.T + offset
+        for at, joint in enumerate(head.joints):
+            column = np.flatnonzero(system.independent == joint)
+            ends.slopes[:, k, :, column[0]] += motion.b[:, 0, at] @ weights.T * width[:, joint, None]
+        ends.moves[:, k], ends.bends[:, k] = drift(head, width, travel), bend(head, width, travel)
+    ends.moves[:], ends.bends[:] = ends.moves + margin[:, None], ends.bends + margin[:, None]
+    return _violated(platform, ends)
 
 
-def _violated(platform: Platform, ends: Array, moves: Array) -> Mask:
-    """Theorem E for a (B, K, r) and r (B, K).
+class _Ends(NamedTuple):
+    """Where K legs begin, over B cells.
+
+    Attributes:
+        places: a at the cells' centres, of shape (B, K, r).
+        slopes: J_kj h_j, of shape (B, K, r, n).
+        moves: r, of shape (B, K).
+        bends: s, of shape (B, K).
+    """
+
+    places: Array
+    slopes: Array
+    moves: Array
+    bends: Array
+
+    @classmethod
+    def none(cls, count: int, platform: Platform, system: ClosureSystem) -> _Ends:
+        """All zero."""
+        shape = (count, *platform.places.shape)
+        return cls(np.zeros(shape), np.zeros((*shape, system.n)), np.zeros(shape[:2]), np.zeros(shape[:2]))
+
+
+def _violated(platform: Platform, ends: _Ends) -> Mask:
+    """Theorem E for B cells.
 
     The theorem's gap between its sides is min over R of g(λ, R), concave in λ and linear in R. λ is sought as the best
     answer to the mean of the turns R that were the best answers to the λ before.
     """
-    empty, rows = np.zeros(len(ends), dtype=np.bool_), np.arange(len(ends))
-    turned = np.broadcast_to(np.eye(ends.shape[2]), (len(ends), ends.shape[2], ends.shape[2]))
-    for count in range(1, _TURNS + 1):
-        a, r = ends[rows], moves[rows]
-        weights = _weights(a, platform.places, turned, platform.lengths, _RIDGES[count % 2])
-        spread = a - np.sum(weights[..., None] * a, axis=1, keepdims=True)
-        aside = platform.places - np.sum(weights[..., None] * platform.places, axis=1, keepdims=True)
-        left, values, right = np.linalg.svd(np.swapaxes(weights[..., None] * spread, 1, 2) @ aside)
-        size, far, near = np.abs(weights), np.linalg.norm(spread, axis=2), np.linalg.norm(aside, axis=2)
-        least = np.sum(weights * (far**2 + near**2 - platform.lengths**2), axis=1) - 2.0 * values.sum(axis=1)
-        falls = np.sum(size * (2.0 * (far + near) * r + r**2), axis=1) + np.sum(size * r, axis=1) ** 2
-        scale = np.sum(size * (far + near + platform.lengths + 1.0) ** 2, axis=1)
-        found = least > falls + _SLACK * (1.0 + np.abs(weights.sum(axis=1) - 1.0) * 2.0**40) * scale
+    count, _, size = ends.places.shape
+    empty, rows = np.zeros(count, dtype=np.bool_), np.arange(count)
+    turned = np.broadcast_to(np.eye(size), (count, size, size))
+    for turn in range(1, _TURNS + 1):
+        here = rows_of(ends, rows)
+        weights = _weights(here.places, platform.places, turned, platform.lengths, _RIDGES[turn % 2])
+        found, best = _gap_left(platform, here, weights)
         empty[rows[found]] = True
-        rows, turned = rows[~found], (turned + (left @ right - turned) / (count + 1))[~found]
+        rows, turned = rows[~found], (turned + (best - turned) / (turn + 1))[~found]
         if not rows.size:
             break
     return empty
+
+
+def _gap_left(platform: Platform, ends: _Ends, weights: Array) -> tuple[Mask, Array]:
+    """Whether weights λ (B, K) prove cells empty, and the turns R that are best for them at the cells' centres."""
+    a, r = ends.places, ends.moves
+    spread = a - np.sum(weights[..., None] * a, axis=1, keepdims=True)
+    aside = platform.places - np.sum(weights[..., None] * platform.places, axis=1, keepdims=True)
+    W = weights[..., None] * aside
+    left, values, right = np.linalg.svd(np.swapaxes(spread, 1, 2) @ W)
+    along = W @ np.swapaxes(right, 1, 2)
+    S = np.maximum(np.hypot(values, np.sum(np.abs(along) * r[..., None], axis=1)), _LEAST_VALUE)
+    far, near = np.linalg.norm(spread, axis=2), np.linalg.norm(aside, axis=2)
+    least = np.sum(weights * (far**2 + near**2 - platform.lengths**2), axis=1) - np.sum(S + values**2 / S, axis=1)
+    scaled = along / S[:, None]
+    P = weights[..., None] * spread - (scaled * values[:, None]) @ np.swapaxes(left, 1, 2)
+    diagonal = weights[:, :, None] * np.eye(weights.shape[1])
+    N = diagonal - weights[:, :, None] * weights[:, None] - scaled @ np.swapaxes(along, 1, 2)
+    falls = 2.0 * np.abs(np.einsum("bkr,bkrj->bj", P, ends.slopes)).sum(axis=1)
+    falls += 2.0 * np.sum(np.linalg.norm(P, axis=2) * ends.bends, axis=1)
+    falls += np.einsum("bkl,bk,bl->b", np.abs(N), r, r)
+    scale = np.sum(np.abs(weights) * (far + near + platform.lengths + 1.0) ** 2, axis=1)
+    unsure = _SLACK * (1.0 + np.abs(weights.sum(axis=1) - 1.0) * 2.0**40) * scale
+    return least > falls + unsure, left @ right
 
 
 def _weights(a: Array, b: Array, turned: Array, lengths: Array, ridge: float) -> Array:
