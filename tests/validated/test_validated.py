@@ -24,10 +24,10 @@ flint = pytest.importorskip("flint")
 from ccpin.validated import certify_move, enclose  # noqa: E402
 from ccpin.validated.balls import ball  # noqa: E402
 from ccpin.validated.chains import closure_rows, exact_joints  # noqa: E402
+from ccpin.validated.closing import closed_start  # noqa: E402
 from ccpin.validated.defect import defect  # noqa: E402
 from ccpin.validated.dynamics import closed_loop  # noqa: E402
 from ccpin.validated.enclose import (  # noqa: E402
-    closed_start,
     exact_start,
     regular,
 )
@@ -387,17 +387,11 @@ def test_a_spatial_mechanism_is_enclosed():
 
 
 def test_scope(rpdr_model):
-    """Redundant rows, other laws and other joints are refused with the reason."""
-    with pytest.raises(UnsupportedMechanismError, match="square"):
-        enclose(ccpin.ReducedModel(ccpin.load("bennett")), None, [0.5], None, 0.01)
+    """Other laws, and starts of another shape, are refused with the reason."""
     with pytest.raises(UnsupportedMechanismError, match="TorqueFunction"):
         enclose(rpdr_model, ccpin.control.TorqueFunction(lambda t, q, v: q), START, None, 0.01)
     with pytest.raises(InvalidInputError, match="shape"):
         enclose(rpdr_model, None, [0.0], None, 0.01)
-    growth = Growth(np.random.default_rng(0))
-    growth.grow("base", ["spherical"])
-    with pytest.raises(UnsupportedMechanismError, match="spherical"):
-        exact_joints(build_tree(growth.drawn().description))
 
 
 @pytest.mark.parametrize(

@@ -7,13 +7,15 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.errors import InvalidInputError
 from ccpin.validated.balls import Ball, ball, flint, upper
 from ccpin.validated.branch import jets_of, states_of
+from ccpin.validated.closing import at_rest, closed_start, unique_there
 from ccpin.validated.curvature import UnboundedError, boxes
 from ccpin.validated.dynamics import ClosedLoop
-from ccpin.validated.enclose import at_rest, closed_start, determinant_bound, unique_there
+from ccpin.validated.enclose import determinant_bound, exact_q, regular
 from ccpin.validated.series import NotInvertibleError, values
 from ccpin.validated.step import Field, Options, Step, march, start_box
 from ccpin.validated.tube import Slice
@@ -25,17 +27,18 @@ _MARGIN = 1e-9  # relative; the level's own 𝒱 uses a V(q_d) and g(q_d) rounde
 
 
 class Goal(NamedTuple):
-    """The law's set point in balls: the level less a margin, V(q_d), q_d, and the computed σ(q_d)."""
+    """The law's set point: the level less a margin, V(q_d) in balls, the law, the numbers of the computed σ(q_d)."""
 
     level: float
     potential: Ball
     law: PDSimpleGravity
+    x: Array
 
 
 def unconnected(loop: ClosedLoop, end: Sequence[Ball], goal: Goal, options: Options) -> str:
     """3. and 4. for a box of states: what could not be proven, or nothing."""
-    q_free = list(end[: loop.n_free])
-    q_d = [ball(float(x)) for x in goal.law.q_d]
+    q_free = list(end[: loop.n_x])
+    q_d = exact_q(goal.law.model, loop, goal.law.q_d)
     line = [(there - q_free[k].mid()).mid() for there, k in zip(q_d, loop.independent, strict=True)]
 
     def room(box: list[Ball]) -> float:
@@ -45,14 +48,14 @@ def unconnected(loop: ClosedLoop, end: Sequence[Ball], goal: Goal, options: Opti
         return min(regularity, room_left) if regularity > 0 and room_left > 0 else 0.0
 
     here = [*q_free, *line]
-    for step in march(Field(loop.drift, room), here, 1.0, options._replace(shortest=2.0**-12)):
+    for step in march(Field(loop.drift, room, regular(loop).missing), here, 1.0, options._replace(shortest=2.0**-12)):
         if not isinstance(step, Step):
             return "the line from the state reached to the set point is not proven to stay below the level"
         here = start_box(step.end)
     joint = [a.union(here[k]) for a, k in zip(q_d, loop.independent, strict=True)]
-    if not unique_there(loop, joint, here, goal.law.q_free_d):
+    if not unique_there(loop, joint, here, goal.x):
         return "the state reached is not proven to be on the set point's branch of σ"
-    around_goal = closed_start(loop, joint, goal.law.q_free_d)
+    around_goal = closed_start(loop, joint, goal.x)
     if upper(lyapunov(loop, goal, at_rest(loop, around_goal))) < goal.level:
         return ""
     return "𝒱 is not proven to be below the level next to the set point"
@@ -67,8 +70,9 @@ def lyapunov(loop: ClosedLoop, goal: Goal, box: Sequence[Ball]) -> Ball:
 
 def goal_of(loop: ClosedLoop, law: PDSimpleGravity, level: float) -> Goal:
     """The set point of a law with a level in joules, in balls."""
-    q_free = closed_start(loop, [ball(float(x)) for x in law.q_d], law.q_free_d)
-    return Goal(level * (1 - _MARGIN), values(loop.energies, at_rest(loop, q_free))[1], law)
+    x = loop.numbers(law.q_free_d)
+    start = closed_start(loop, exact_q(law.model, loop, law.q_d), x)
+    return Goal(level * (1 - _MARGIN), values(loop.energies, at_rest(loop, start))[1], law, x)
 
 
 class SetArrival:
@@ -106,7 +110,7 @@ class SetArrival:
         try:
             around = boxes(loop, piece.instant, piece.reach[None], self._cells)
             over = jets_of(around.states, loop, program)
-            v = piece.instant.middle.at(np.s_[:, loop.n_free :])
+            v = piece.instant.middle.at(np.s_[:, loop.n_x :])
             thin = jets_of(states_of(loop, around.centre, v), loop, program)
         except (UnboundedError, NotInvertibleError):
             return np.inf

@@ -11,7 +11,7 @@ import math
 import sys
 from collections.abc import Iterable, Sequence
 from functools import reduce
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -85,14 +85,48 @@ def bounds(box: Sequence[Ball]) -> tuple[Array, Array]:
     return np.array([lower(x) for x in box]), np.array([upper(x) for x in box])
 
 
-def inverse(matrix: Any) -> Any:
-    """A matrix of balls that encloses the inverse of every matrix in `matrix`, or ``None`` where none was proven.
+def gain(cosine: Ball, order: int) -> Ball:
+    """The range of a derivative of g(w) = 2 arccos(w)/√(1 − w²) = 2 ₂F₁(1, 1; 3/2; (1 − w)/2), w > −1.
 
-    With C an approximate inverse of the midpoint, A⁻¹ = (CA)⁻¹C: elimination meets a matrix near the identity.
+    The k-th is (−½)ᵏ times a positive, increasing function of z = (1 − w)/2: its derivatives are, by Euler's integral.
     """
+    fraction = flint().fmpq
+    factor = fraction(2)
+    for k in range(order):
+        factor = factor * fraction(-1, 2) * (1 + k) * (1 + k) / (fraction(3, 2) + k)
+    z = (1 - cosine) / 2
+    if not z < 1:
+        return flint().arb(0, math.inf)
+    ends = (ball(x).hypgeom_2f1(1 + order, 1 + order, fraction(3, 2) + order) for x in (z.lower(), z.upper()))
+    return factor * hull([[end] for end in ends])[0]
+
+
+class Inverse(NamedTuple):
+    """The inverses A⁻¹ = (CA)⁻¹C of all matrices A in a matrix of balls.
+
+    Attributes:
+        near: C, an approximate inverse of the midpoint.
+        rest: Balls around (CA)⁻¹.
+    """
+
+    near: Any
+    rest: Any
+
+    def times(self, right: Any) -> Any:
+        """Balls around A⁻¹B: what cancels in CB does so before the radii of (CA)⁻¹ come in."""
+        return self.rest * (self.near * right)
+
+    @property
+    def matrix(self) -> Any:
+        """Balls around A⁻¹."""
+        return self.rest * self.near
+
+
+def inverse(matrix: Any) -> Inverse | None:
+    """The inverse of every matrix in `matrix`, or ``None`` where none was proven; elimination meets CA, nearly I."""
     try:
         near = matrix.mid().inv().mid()
-        return (near * matrix).inv() * near
+        return Inverse(near, (near * matrix).inv())
     except ZeroDivisionError:
         return None
 

@@ -102,9 +102,9 @@ def nearly_closed(loop: ClosedLoop, centre: Array, offset: Array) -> Array:
 
 def _closure(loop: ClosedLoop, q_free: Wide) -> tuple[Wide, Wide]:
     """φ and φ_q′ over boxes, of shapes (B, m) and (B, m, n′)."""
-    unit = exactly(np.broadcast_to(np.eye(loop.n_free), (len(q_free.mid), loop.n_free, loop.n_free)))
+    unit = exactly(np.broadcast_to(np.eye(loop.n_x), (len(q_free.mid), loop.n_x, loop.n_x)))
     found = jets(loop.closure, _inputs(loop, q_free, [unit]), order=1)
-    return _gathered(found, loop.n_free)[:2]
+    return _gathered(found, loop.n_x)[:2]
 
 
 class States(NamedTuple):
@@ -137,7 +137,7 @@ def states_of(loop: ClosedLoop, q_free: Wide, rest: Wide, reach: Array | None = 
         NotInvertibleError: ψ_q′ is not proven nonsingular on one of them.
     """
     q_free, n, dependent = Wide(*(x.copy() for x in q_free)), loop.n, list(loop.dependent)
-    rho, bend, twist = (zeros(len(q_free.mid), loop.n_free, *[n] * degree) for degree in (1, 2, 3))
+    rho, bend, twist = (zeros(len(q_free.mid), loop.n_x, *[n] * degree) for degree in (1, 2, 3))
     slopes = rho, bend, twist
     slopes[0].mid[:, list(loop.independent)] = np.eye(n)
     for _ in range((1 if reach is None else _SIGMA_ROUNDS) if dependent else 0):
@@ -179,7 +179,7 @@ def jets_of(states: States, loop: ClosedLoop, program: Program) -> Jets:
     """
     n, (boxes, rest) = loop.n, states.rest.mid.shape
     d = n + rest
-    along = [zeros(boxes, loop.n_free, *[d] * degree) for degree in (1, 2, 3)]
+    along = [zeros(boxes, loop.n_x, *[d] * degree) for degree in (1, 2, 3)]
     for degree, (whole, part) in enumerate(zip(along, states.slopes, strict=True)):
         for numbers, found in zip(whole, part, strict=True):
             numbers[(slice(None), slice(None), *[slice(n)] * (degree + 1))] = found
@@ -187,7 +187,7 @@ def jets_of(states: States, loop: ClosedLoop, program: Program) -> Jets:
     along[2] = along[2].at(over)
     inputs = [
         Jet(states.q_free.at(np.s_[:, k]), *(x.at(np.s_[:, k]) for x in along[: 1 if k in loop.independent else 3]))
-        for k in range(loop.n_free)
+        for k in range(loop.n_x)
     ]
     unit = np.broadcast_to(np.eye(d), (boxes, d, d))
     inputs += [Jet(states.rest.at(np.s_[:, k]), exactly(unit[:, n + k])) for k in range(rest)]
@@ -199,7 +199,7 @@ def _inputs(loop: ClosedLoop, q_free: Wide, slopes: Sequence[Wide]) -> list[Jet]
     """q′ with the slopes given, each of shape (B, n′, d, …), at rest."""
     still = Jet(exactly(np.zeros(len(q_free.mid))))
     moving = [Jet(q_free.at(np.s_[:, k]), *(x.at(np.s_[:, k]) for x in slopes)) for k in range(q_free.mid.shape[1])]
-    return [*moving, *[still] * (loop.field.inputs - loop.n_free)]
+    return [*moving, *[still] * (loop.field.inputs - loop.n_x)]
 
 
 def _gathered(found: list[Jet], width: int) -> Jets:

@@ -45,7 +45,8 @@ from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.validated.arrival import Goal, SetArrival, goal_of, lyapunov, unconnected
-from ccpin.validated.balls import Ball, ball, flint, lower, upper
+from ccpin.validated.balls import Ball, flint, lower, upper
+from ccpin.validated.crossing import witness_of
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
 from ccpin.validated.enclose import SHORTEST_STEP, Enclosure, checked_options, collect, exact_start, regular
 from ccpin.validated.sets import checked_cut, job_of, starts_of, told
@@ -147,10 +148,11 @@ def certify_move(
     model, (level, rigorous) = model_of(model), _level(arrival, law)
     sampled = not rigorous and not isinstance(arrival, int | float)
     options = checked_options(duration, precision, Options(order, tolerance, pieces, SHORTEST_STEP, np.inf))
-    starts, cut = starts_of(model, q0, v0, spread), checked_cut(parts, cells, np.inf)
+    cut = checked_cut(parts, cells, np.inf)
     with flint().ctx.workprec(precision):
-        loop = closed_loop(model, law)
+        loop = closed_loop(model, law, model.at(q0, guess).q_free)
         goal = goal_of(loop, law, level)
+        starts = starts_of(model, loop, q0, v0, spread)
         if starts.spread.any():
             inside = SetArrival(loop, goal, options, cells)
             move = _of_a_set(job_of(model, loop, guess, duration, options, precision, cut, inside), starts, parts)
@@ -172,7 +174,7 @@ def _of_one(
     return MoveCertificate(
         run.verdict,
         run.reason,
-        _witness(loop, end) if run.verdict == "refuted" else None,
+        witness_of("state", loop, end) if run.verdict == "refuted" else None,
         float(enclosure.times[-1]),
         lower(lyapunov(loop, goal, start)),
         upper(lyapunov(loop, goal, end)),
@@ -229,13 +231,6 @@ def _run(loop: ClosedLoop, start: Sequence[Ball], goal: Goal, duration: float, o
             ask_below = _RETRY * value
     told = f"not proven to arrive within {time:.6g} s and {len(steps)} steps: {missing}"
     return _Outcome("undecided", f"{told}; a longer duration= or {_MORE}", steps, "")
-
-
-def _witness(loop: ClosedLoop, end: Sequence[Ball]) -> Witness:
-    """The middle of a box of states."""
-    q_free = np.array([float(x.mid()) for x in end[: loop.n_free]])
-    error = max(upper(abs(x - ball(c))) for x, c in zip(end, q_free.tolist(), strict=False))
-    return Witness("state", q_free[list(loop.independent)], q_free, error)
 
 
 def _level(arrival: Certificate | float, law: PDSimpleGravity) -> tuple[float, bool]:

@@ -13,17 +13,20 @@ it is det ψ_q′. ∎
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from ccpin.arrays import Array
 from ccpin.domain.verdict import Witness
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError
 from ccpin.mechanism.siblings import best_independent, with_independent
 from ccpin.validated.balls import Ball, ball, determinant, flint, lower, upper
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
+from ccpin.validated.places import configuration
 from ccpin.validated.series import values
 from ccpin.validated.step import Field, Options, Step, evaluate, march
 
@@ -39,9 +42,9 @@ class Crossing(NamedTuple):
 
 
 def signed_determinant(loop: ClosedLoop, box: Sequence[Ball]) -> Ball:
-    """Det ∂φ/∂y on a box of states or configurations."""
-    at_rest = [*box[: loop.n_free], *[ball(0)] * (loop.field.inputs - loop.n_free)]
-    size = len(loop.dependent)
+    """± det ψ_q′, always of the same sign, on a box of states or configurations."""
+    at_rest = [*box[: loop.n_x], *[ball(0)] * (loop.field.inputs - loop.n_x)]
+    size = math.isqrt(len(loop.jacobian.outputs))
     return determinant(flint().arb_mat(size, size, values(loop.jacobian, at_rest))) if size else ball(1)
 
 
@@ -54,6 +57,8 @@ def crossing(
     model: ReducedModel, loop: ClosedLoop, here: Sequence[Ball], since: float, duration: float, options: Options
 ) -> Crossing | None:
     """Where a free motion, enclosed up to the box of states `here` at t = `since`, is proved to meet a singularity."""
+    if loop.left_out is not None or loop.turns:  # other rows may be kept in other coordinates, and other numbers
+        return None
     sign = sign_of(signed_determinant(loop, here))
     followed = _other_coordinates(model, loop, here)
     if not sign or followed is None:
@@ -74,17 +79,22 @@ def _other_coordinates(
     model: ReducedModel, loop: ClosedLoop, here: Sequence[Ball]
 ) -> tuple[ClosedLoop, list[Ball]] | None:
     """The motion in coordinates that measure it well at a box of states, and that box in them."""
-    q_free = np.array([float(x.mid()) for x in here[: loop.n_free]])
+    q_free = middle_of(loop, here)
     try:
         names = best_independent(model.mechanism, q_free, model.rho(q_free))
         sibling = ReducedModel(with_independent(model.mechanism, names, q_free), model.gravity_vector)
-        other = closed_loop(sibling, None)
+        other = closed_loop(sibling, None, q_free)
     except CcpinError:
         return None
-    if other.independent == loop.independent:
+    if other.independent == loop.independent or not other.scalar or other.turns:
         return None
-    v_free = values(loop.drift, here)
-    return other, [*here[: loop.n_free], *[v_free[k] for k in other.independent]]
+    x_rate = values(loop.drift, here)
+    return other, [*here[: loop.n_x], *[x_rate[k] for k in other.independent]]
+
+
+def middle_of(loop: ClosedLoop, box: Sequence[Ball]) -> Array:
+    """The configuration q′ in the middle of a box of states or configurations."""
+    return np.array([float(x.mid()) for x in configuration(loop.joints, box)])
 
 
 def _state(step: Step, time: float | Ball) -> list[Ball]:
@@ -101,8 +111,13 @@ def _located(loop: ClosedLoop, step: Step, begin: float, sign: int) -> Crossing:
         if found == 0 or not first < middle < last:
             break
         first, last = (middle, last) if found == sign else (first, middle)
-    between = _state(step, ball(first).union(ball(last)))[: loop.n_free]
-    q_free = np.array([float(x.mid()) for x in between])
-    error = max(upper(abs(x - ball(float(c)))) for x, c in zip(between, q_free, strict=True))
-    witness = Witness("singular", q_free[list(loop.independent)], q_free, error)
+    witness = witness_of("singular", loop, _state(step, ball(first).union(ball(last))))
     return Crossing(begin + first, begin + last, witness)
+
+
+def witness_of(kind: Literal["singular", "state"], loop: ClosedLoop, box: Sequence[Ball]) -> Witness:
+    """The middle of a box of states."""
+    told = configuration(loop.joints, box)
+    q_free = np.array([float(x.mid()) for x in told])
+    error = max(upper(abs(x - ball(float(c)))) for x, c in zip(told, q_free, strict=True))
+    return Witness(kind, np.array([float(box[k].mid()) for k in loop.independent]), q_free, error)

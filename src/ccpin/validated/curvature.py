@@ -11,9 +11,10 @@ from ccpin.arrays import Array
 from ccpin.validated.branch import Jets, States, closed_boxes, jets_of, nearly_closed, states_of
 from ccpin.validated.dynamics import ClosedLoop
 from ccpin.validated.jets import Jet, jets
+from ccpin.validated.laws import HALF_A_TURN
 from ccpin.validated.series import NotInvertibleError
 from ccpin.validated.tape import Program
-from ccpin.validated.wide import Wide, hull, joined, raised, zeros
+from ccpin.validated.wide import Wide, exactly, hull, joined, raised, zeros
 
 _POINT = 1e-15
 _LARGER = 1.05  # than needed: room for the pieces' own boxes in it
@@ -83,13 +84,13 @@ def at_middles(loop: ClosedLoop, instants: Instants) -> Jets:
     Raises:
         UnboundedError: The closed loop is not proven regular there.
     """
-    v = instants.middle.at(np.s_[:, loop.n_free :])
+    v = instants.middle.at(np.s_[:, loop.n_x :])
     return _flow_jets(loop, _jets(_states(loop, _middles(loop, instants), v, None), loop, loop.field), v)
 
 
 def _middles(loop: ClosedLoop, instants: Instants) -> Wide:
     """σ at the middles, in boxes as small as the doubles are."""
-    q_free = instants.middle.at(np.s_[:, : loop.n_free])
+    q_free = instants.middle.at(np.s_[:, : loop.n_x])
     centre, proven = closed_boxes(loop, q_free.mid, q_free.rad[:, list(loop.independent)] + _POINT)
     if not proven.all():
         raise UnboundedError(_BRANCH)
@@ -102,7 +103,7 @@ def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> Bo
     Raises:
         UnboundedError: σ is not proven to be single there.
     """
-    split, n, independent = loop.n_free, loop.n, list(loop.independent)
+    split, n, independent = loop.n_x, loop.n, list(loop.independent)
     centre = instants.middle.mid
     moved = np.abs(instants.during.mid - centre) + instants.during.rad
     q_reach, v_reach = raised(moved[:, independent] + reach[:, :n]), raised(moved[:, split:] + reach[:, n:])
@@ -112,6 +113,15 @@ def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> Bo
     inside = np.all(middles.rad[:, loop.dependent] < whole.rad[:, loop.dependent])
     if not (proven.all() and inside):
         raise UnboundedError(_BRANCH)
+    for angle in loop.wrapped:
+        off = np.abs(whole.mid[:, angle.place] - float(angle.target.mid())) + whole.rad[:, angle.place]
+        if not np.all(off < np.pi * (1.0 - 1e-9)):
+            raise UnboundedError(HALF_A_TURN)
+    for turned in loop.upright:
+        place = slice(turned.joint.x.stop - 4, turned.joint.x.stop)
+        reference = np.array([float(x.mid()) for x in turned.reference])
+        if not np.all(whole.mid[:, place] @ reference - whole.rad[:, place] @ np.abs(reference) > 1e-9):
+            raise UnboundedError(HALF_A_TURN)
     v = Wide(centre[:, split:], v_reach)
     return Boxes(middles, whole, v, _in_pieces(loop, whole, v, pieces), pieces**n)
 
@@ -150,12 +160,30 @@ def curvature(loop: ClosedLoop, instants: Instants, slope: Wide, around: Boxes) 
     along = _flow_jets(loop, _jets(alone.states, loop, loop.field), alone.v)
     change = (along.bend @ _flow(loop, instants.during).at(np.s_[:, None, :, None])).at((..., 0))
     over = _jets(around.states, loop, loop.field)
-    bend = hull(over.bend.at(np.s_[:, loop.n_free :]), around.pieces)
+    bend = hull(over.bend.at(np.s_[:, loop.n_x :]), around.pieces)
     size = loop.n + around.v.mid.shape[1]
     whole = zeros(len(instants.time), size, size, size)
     for numbers, part in zip(whole, bend, strict=True):
         numbers[:, loop.n :] = part
     return Curvature(slope, change, whole)
+
+
+def feedback(loop: ClosedLoop, instants: Instants, reach: Array | None, pieces: int) -> Wide:
+    """Balls around ∂u/∂(q, q̇) of a sampled law, of shape (B, motors, 2n): at middles, or in boxes (2n,) about them.
+
+    Raises:
+        UnboundedError: The motors' efforts are not proven to exist there.
+    """
+    assert loop.efforts is not None, "asked for sampled loops only"
+    size, rest = 2 * loop.n, len(loop.efforts.outputs)
+    if loop.gains is not None:
+        return exactly(np.broadcast_to(loop.gains, (len(instants.time), *loop.gains.shape)))
+    if reach is None:
+        states = _states(loop, _middles(loop, instants), instants.middle.at(np.s_[:, loop.n_x :]), None)
+        return _jets(states, loop, loop.efforts).slope.at(np.s_[:, :, :size])
+    around = boxes(loop, instants, np.append(reach, np.zeros(rest))[None], pieces)
+    over = _jets(around.states, loop, loop.efforts).slope
+    return hull(over, around.pieces).at(np.s_[:, :, :size])
 
 
 def _flow(loop: ClosedLoop, states: Wide) -> Wide:
@@ -164,8 +192,8 @@ def _flow(loop: ClosedLoop, states: Wide) -> Wide:
         found = jets(loop.field, [Jet(states.at(np.s_[:, k])) for k in range(loop.field.inputs)], order=0)
     except NotInvertibleError:
         raise UnboundedError(_REGULAR) from None
-    parts = [states.at(np.s_[:, loop.n_free + k]) for k in range(loop.n)]
-    parts += [jet.value for jet in found[loop.n_free :]]
+    parts = [states.at(np.s_[:, loop.n_x + k]) for k in range(loop.n)]
+    parts += [jet.value for jet in found[loop.n_x :]]
     return Wide(*(np.stack(column, axis=1) for column in zip(*parts, strict=True)))
 
 
@@ -173,16 +201,13 @@ def _flow_jets(loop: ClosedLoop, field: Jets, v: Wide) -> Jets:
     """F's jets from those of the outputs (q̇′, q̈)."""
     n, count, size = loop.n, len(v.mid), loop.n + v.mid.shape[1]
     value = Wide(
-        *(
-            np.concatenate([a, b[:, loop.n_free :]], axis=1)
-            for a, b in zip(v.at(np.s_[:, :n]), field.value, strict=True)
-        )
+        *(np.concatenate([a, b[:, loop.n_x :]], axis=1) for a, b in zip(v.at(np.s_[:, :n]), field.value, strict=True))
     )
     slope, bend = zeros(count, size, size), zeros(count, size, size, size)
     slope.mid[:, :n, n : 2 * n] = np.eye(n)
     for whole, part in ((slope, field.slope), (bend, field.bend)):
         for numbers, found in zip(whole, part, strict=True):
-            numbers[:, n:] = found[:, loop.n_free :]
+            numbers[:, n:] = found[:, loop.n_x :]
     return Jets(value, slope, bend)
 
 

@@ -9,6 +9,8 @@ them. Beside them goes a bound ω ≥ |w(t) − Σ_{k<N} w_k tᵏ| on [0, h], fr
 - sin u, cos u:   T(u, |sin| + |cos|) + ω_u. For z = the truncated cos + i sin and ũ the truncated u, (z e^{−iũ})′ =
                   e^{−iũ}(z′ − iũ′z), whose bracket has only the terms of degree N − 1 and more of iũ′z; integrated
                   over [0, h] they are at most T, since j/(j + l) ≤ 1; and |e^{iu} − e^{iũ}| ≤ ω_u.
+- g(u):           Σ_j |g⁽ʲ⁾(u₀)|/j! · (what (ũ − u₀)ʲ has from degree N on), Lagrange's remainder of order N, and
+                  sup|g′| ω_u, g a function whose derivatives are known.
 - A⁻¹B:           |A(t)⁻¹| (ω_B + T(A, z) + ω_A ‖z‖), the truncated z's residual, A(t) in a ball for t in [0, h].
 
 As p′ has exactly the coefficients of f(p) below degree N, the bounds ω of f's outputs bound |p′ − f(p)|.
@@ -20,9 +22,9 @@ from collections.abc import Sequence
 from operator import mul
 from typing import Any, NamedTuple
 
-from ccpin.validated.balls import Ball, around, ball, flint, inverse, magnitude
-from ccpin.validated.series import NotInvertibleError
-from ccpin.validated.tape import ADD, COSINE, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
+from ccpin.validated.balls import Ball, around, ball, flint, gain, inverse, magnitude
+from ccpin.validated.series import NotInvertibleError, extend
+from ccpin.validated.tape import ADD, COSINE, GAIN, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
 
 
 class _Bound(NamedTuple):
@@ -55,22 +57,41 @@ def defect(program: Program, series: Sequence[Any], length: Ball) -> list[Ball]:
     Raises:
         NotInvertibleError: A matrix to be inverted may be singular along p.
     """
-    order = len(series[0]) - 1
-    powers = [ball(1)]
-    for _ in range(order):
-        powers.append((powers[-1] * length).upper())
-    run = _AlongPolynomial(series, powers, length)
-    for k in range(program.inputs):
-        run.bounds[k] = run.bound(series[k][:order], magnitude(series[k][order]) * powers[order])
-    for item in program.instructions:
-        run.visit(item)
+    run = _AlongPolynomial.over(program, series, length)
     return [run.bounds[number].rest for number in program.outputs]
+
+
+def sizes_along(program: Program, polynomial: Sequence[Sequence[Ball]], length: Ball) -> list[Ball]:
+    """Bounds of a program's outputs along a polynomial p of its inputs on [0, h].
+
+    Raises:
+        NotInvertibleError: As for `defect`.
+    """
+    order = len(polynomial[0]) - 1
+    series: list[Any] = [*(list(row) for row in polynomial), *([] for _ in range(program.size - program.inputs))]
+    extend(program, series, order)
+    run = _AlongPolynomial.over(program, series, length)
+    return [run.bounds[number].size + run.bounds[number].rest for number in program.outputs]
 
 
 class _AlongPolynomial:
     def __init__(self, series: Sequence[Any], powers: list[Ball], length: Ball) -> None:
         self.series, self.powers, self.length = series, powers, length
         self.bounds: list[Any] = [None] * len(series)
+
+    @classmethod
+    def over(cls, program: Program, series: Sequence[Any], length: Ball) -> _AlongPolynomial:
+        """All values of a program bounded."""
+        order = len(series[0]) - 1
+        powers = [ball(1)]
+        for _ in range(order):
+            powers.append((powers[-1] * length).upper())
+        run = cls(series, powers, length)
+        for k in range(program.inputs):
+            run.bounds[k] = run.bound(series[k][:order], magnitude(series[k][order]) * powers[order])
+        for item in program.instructions:
+            run.visit(item)
+        return run
 
     def bound(self, coefficients: Sequence[Ball], rest: Ball) -> _Bound:
         terms = [magnitude(c) * power for c, power in zip(coefficients, self.powers, strict=False)]
@@ -104,7 +125,24 @@ class _AlongPolynomial:
             both = self.bound([magnitude(s) + magnitude(c) for s, c in pair], ball(0))
             angle = self.bounds[item.a]
             return _tail(angle, both) + angle.rest
+        if item.kind == GAIN:
+            return self.composed(item)
         return ball(0)
+
+    def composed(self, item: Instruction) -> Ball:
+        """ω of g⁽ᵏ⁾(u)."""
+        u, centre, order = self.bounds[item.a], self.series[item.a][0], item.b
+        size, reach = len(u.terms), u.tails[1]
+        low, tail, total = [ball(1), *[ball(0)] * (size - 1)], ball(0), ball(0)
+        factorial = ball(1)
+        for j in range(1, size):
+            factorial = factorial * j
+            tail = tail * reach + sum((x * u.tails[max(size - i, 1)] for i, x in enumerate(low)), ball(0))
+            low = [sum((u.terms[i] * low[n - i] for i in range(1, n + 1)), ball(0)) for n in range(size)]
+            total += magnitude(gain(centre, order + j)) / factorial * tail
+        region = around(centre, reach + u.rest)
+        total += magnitude(gain(region, order + size)) / (factorial * size) * reach**size
+        return total + magnitude(gain(region, order + 1)) * u.rest
 
     def solution(self, item: Instruction) -> list[_Bound]:
         """Bounds of the entries of z = A⁻¹B, row-major."""
@@ -120,7 +158,7 @@ class _AlongPolynomial:
                 pairs = [(self.bounds[a], z) for a, z in zip(row, parts[column::columns], strict=True)]
                 known = self.bounds[number].rest
                 residual.append(sum((_tail(a, z) + a.rest * z.size for a, z in pairs), known))
-        sizes = table(m, m, [magnitude(entry) for entry in inverted.entries()])
+        sizes = table(m, m, [magnitude(entry) for entry in inverted.matrix.entries()])
         rests = (sizes * table(m, columns, residual)).entries()
         return [part._replace(rest=magnitude(rest)) for part, rest in zip(parts, rests, strict=True)]
 

@@ -1,13 +1,16 @@
-"""The closed loop as an explicit analytic differential equation x′ = f(x), x = (q′, q̇), on a tape.
+"""The closed loop as an explicit analytic differential equation (x, q̇)′ = f(x, q̇), on a tape.
 
-    d/dt q′ = ρ(q′) q̇ (13),    d/dt q̇ = D⁻¹(τ − ρᵀ(D′b + C′q̇′ + B′q̇′ + g′)) (22),    b = ρ̇q̇ = −ψ_q′⁻¹[φ̇_q′ q̇′; 0] (35),
+    ẋ = Γ(x) ρ(x) q̇ (13),    d/dt q̇ = D⁻¹(τ − ρᵀ(D′b + C′q̇′ + B′q̇′ + g′)) (22),
+    b = ρ̇q̇ = −ψ_q′⁻¹[φ̇_q′ q̇′; α̇_q′ q̇′] (35),
 
-with τ the law's generalized force, B′ the joints' dampers, springs in g′ and no dry friction. φ(q′) = 0 is an invariant
-of the exact flow, because φ_q′ρ = 0: a solution that starts closed stays closed. f is analytic wherever ψ_q′ and D are
+with x the numbers that hold q′ (`ccpin.validated.places`; ẋ = Γ q̇′), τ the law's generalized force, B′ the joints'
+dampers, springs in g′ and no dry friction. φ = 0 and the unit length of quaternions are invariants of the exact flow,
+because φ_q′ρ = 0 and pᵀ(p ⊗ ω) = 0: a solution that starts closed stays closed. f is analytic wherever ψ_q′ and D are
 nonsingular, whether closed or not.
 
-Inertial forces are projected body by body (Kane's form): with c the centre of mass, J_c and J_ω the partial
-velocities along the columns of ρ, D = Σ m J_cᵀJ_c + J_ωᵀ I J_ω + ρᵀ diag(rotor inertias) ρ.
+Redundant rows. Where φ has more rows than its rank m, ψ_q′ is of m rows that are independent at the start: the motion
+is that of the mechanism which these close. The others would vanish with them if the rank were m all along, which no
+arithmetic with rounded lengths can prove; `Enclosure.left_open` bounds them along the motion instead.
 """
 
 from __future__ import annotations
@@ -16,241 +19,156 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import qr
 
-from ccpin.arrays import Array, cross
-from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.arrays import Array
+from ccpin.control.laws import ControlLaw, NoTorque
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.errors import UnsupportedMechanismError
 from ccpin.kinematics.tree import Tree
 from ccpin.validated.balls import rational
-from ccpin.validated.chains import ExactJoint, Table, closure_rows, exact, exact_joints, poses
+from ccpin.validated.chains import ExactJoint, Table, closure_rows, exact, exact_joints, poses, rates
+from ccpin.validated.laws import Wrapped, acting, efforts, gains_of, require_sampled, transmission
+from ccpin.validated.mechanics import closed, dynamic_terms, with_springs
+from ccpin.validated.places import chosen, numbers_of
 from ccpin.validated.tape import Expression, Program, Tape
+from ccpin.validated.turns import BallTurn, Turn, ball_at, turn_rates, turn_rows, turns_of
 
 
 class ClosedLoop(NamedTuple):
-    """A mechanism under a law as programs over x = (q′, q̇).
+    """A mechanism under a law as programs over (x, q̇).
 
     Attributes:
-        n_free, n: Sizes of q′ and q̇.
-        independent: Places of q in q′.
-        dependent: The other places, in order.
-        field: f(x), of n_free + n outputs.
-        closure: φ(q′), m outputs.
-        jacobian: ∂φ/∂y for the dependent coordinates y, row-major, m² outputs: |det ψ_q′| is its determinant's size.
-        drift: (ρ(q′) q̇, 0): the mechanism moved with q̇ constant.
+        n_x, n: Sizes of x and q̇.
+        joints: The joints, with their places in x.
+        near: The numbers that angles on circles are counted from, of shape (n_x,).
+        independent: Places of q in x.
+        dependent: The other places, in order: y.
+        scalar: Whether q̇ is the rate of the numbers at `independent`, one each.
+        wrapped: Angles of q that the law reads on circles.
+        turns: Single turns of balls among q; their numbers come after the joints'.
+        upright: Balls whose rotation vectors enter, as coordinates or by springs: less than half a turn.
+        field: f, of n_x + n outputs.
+        closure: φ(x), |p|² − 1 for the quaternions in y and what holds `turns`: as many outputs as y has numbers.
+        jacobian: A square matrix, row-major, whose determinant is ± that of ψ_q′.
+        left_out: The redundant rows of φ, or ``None``.
+        drift: (ẋ, 0): the mechanism moved with q̇ constant.
         energies: Kinetic energy and potential energy, in joules.
         lyapunov: 𝒱 + V(q_d) of Theorem 3 for PD with simple gravity compensation, else ``None``.
-        efforts: u(q′, q̇) of a law that is sampled and held, else ``None``. The state is then (q′, q̇, u) with u′ = 0,
+        efforts: u(q′, q̇) of a law that is sampled and held, else ``None``. The state is then (x, q̇, u) with u′ = 0,
             and `field` and `drift` have as many outputs.
-        feedback: ∂u/∂(q, q̇) of that law, constant, of shape (n, 2n).
+        gains: ∂u/∂(q, q̇) of that law, of shape (n, 2n), where the motors sit on the independent joints.
     """
 
-    n_free: int
+    n_x: int
     n: int
+    joints: tuple[ExactJoint, ...]
+    near: Array
     independent: tuple[int, ...]
     dependent: tuple[int, ...]
+    scalar: bool
+    wrapped: tuple[Wrapped, ...]
+    turns: tuple[Turn, ...]
+    upright: tuple[BallTurn, ...]
     field: Program
     closure: Program
     jacobian: Program
+    left_out: Program | None
     drift: Program
     energies: Program
     lyapunov: Program | None
     efforts: Program | None = None
-    feedback: Array | None = None
+    gains: Array | None = None
+
+    def numbers(self, q_free: Array) -> Array:
+        """The numbers x of a configuration of shape (nq,), rounded; angles within half a turn of those `near`."""
+        return numbers_of(self.joints, q_free, self.near, self.turns)
 
 
-def closed_loop(model: ReducedModel, law: ControlLaw | None, held: bool = False) -> ClosedLoop:
-    """Record a mechanism and its law at the current precision; `held`: with efforts held from sample to sample.
+def closed_loop(
+    model: ReducedModel, law: ControlLaw | None, near: Array | None = None, *, held: bool = False
+) -> ClosedLoop:
+    """Record a mechanism and its law at the current precision.
+
+    Args:
+        model: The reduced model.
+        law: The law.
+        near: A configuration of shape (nq,) about which the motion is, default the reference: where the rows of φ are
+            chosen, and what angles on circles are counted from.
+        held: With efforts held from sample to sample.
 
     Raises:
-        InvalidInputError: `model` is no reduced model.
-        UnsupportedMechanismError: Joints other than revolute and prismatic, rows of φ that are redundant, independent
-            coordinates that are not whole joints, or a law other than none and the two PD laws.
+        UnsupportedMechanismError: The law is another than none and the two PD laws.
     """
-    mechanism, coordinates = model.mechanism, model.coordinates
-    if not (coordinates.scalar and coordinates.constant):
-        raise UnsupportedMechanismError("validated integration covers whole 1-dof joints as independent coordinates")
-    constraints = model.parametrization.constraints
-    n_free, n = mechanism.n_free, model.n
+    mechanism, constraints = model.mechanism, model.parametrization.constraints
+    near = mechanism.q_reference if near is None else near
     joints = exact_joints(mechanism.tree)
-    if constraints.size + n != n_free:
-        raise UnsupportedMechanismError(
-            f"validated integration needs a square ψ_q′; φ has {constraints.size} rows for "
-            f"{n_free - n} dependent coordinates"
-        )
-    independent = [part.q_free.start for part in coordinates.parts]
-    dependent = [k for k in range(n_free) if k not in independent]
-    feedback = _feedback(law) if held else None
-    tape = Tape(n_free + n * (1 if feedback is None else 2))
-    q_free, v, u = np.split(np.array(tape.inputs, dtype=object), [n_free, n_free + n])
-    phi = closure_rows(tape, constraints, joints, q_free)
-    closed = _closed(tape, phi, v, independent, dependent)
-    frames = poses(tape, joints, q_free)
-    terms = _dynamics(mechanism.tree, joints, frames, closed, (q_free, v), exact(model.gravity_vector))
-    force, lyapunov = _law(law, q_free[independent], v, terms)
-    acting = u if held else force
-    acceleration = tape.solve(terms.mass, (acting - terms.bias)[:, None])[:, 0]
+    q, about = chosen(model.coordinates, joints), numbers_of(joints, near)
+    turns = turns_of(model.coordinates, joints, about)
+    about = numbers_of(joints, near, None, turns)
+    n_x, n = len(about), model.n
+    if held:
+        require_sampled(law)
+    tape = Tape(n_x + n + (model.n_actuated if held else 0))
+    x, v, u = np.split(np.array(tape.inputs, dtype=object), [n_x, n_x + n])
+    rows = closure_rows(tape, constraints, joints, x, about)
+    kept, others = _independent_rows(model, near)
+    phi = [rows[k] for k in kept]
+    table = np.vstack([rates(tape, joints, x), turn_rates(tape, turns, x, mechanism.n_free)])
+    motion = closed(tape, phi, (x, v), table, q)
+    frames = poses(tape, joints, x)
+    terms = dynamic_terms(mechanism.tree, joints, frames, motion, (x, v), exact(model.gravity_vector))
+    sprung = _sprung(joints, mechanism.tree, about)
+    terms = with_springs(tape, terms, mechanism.tree, sprung, x, motion.rho)
+    does = acting(law, q, x, v, terms, about)
+    across = transmission(model, motion.rho)
+    wanted = efforts(tape, across, does.force) if law is not None and not isinstance(law, NoTorque) else []
+    force = does.force if not held else u if across is None else across @ u
+    acceleration = tape.solve(terms.mass, (force - terms.bias)[:, None])[:, 0]
     still = [0] * len(u)
+    dependent = tuple(k for k in range(n_x) if k not in q.places)
     return ClosedLoop(
-        n_free,
+        n_x,
         n,
-        tuple(independent),
-        tuple(dependent),
-        field=tape.program([*closed.v_free, *acceleration, *still]),
-        closure=tape.program(phi),
-        jacobian=tape.program(closed.jacobian.ravel()),
-        drift=tape.program([*closed.v_free, *[0] * n, *still]),
+        joints,
+        about,
+        q.places,
+        dependent,
+        q.scalar,
+        does.wrapped,
+        turns,
+        (*(turn.ball for turn in turns), *(each for each in sprung if isinstance(each, BallTurn))),
+        field=tape.program([*motion.x_rate, *acceleration, *still], () if held else wanted),
+        closure=tape.program([*phi, *_unit_lengths(joints, x, dependent), *turn_rows(tape, turns, x)]),
+        jacobian=tape.program(motion.jacobian.ravel()),
+        left_out=tape.program([rows[k] for k in others]) if others else None,
+        drift=tape.program([*motion.x_rate, *[0] * n, *still]),
         energies=tape.program([terms.kinetic, terms.potential]),
-        lyapunov=None if lyapunov is None else tape.program([lyapunov]),
-        efforts=tape.program(list(force)) if held else None,
-        feedback=feedback,
+        lyapunov=None if does.lyapunov is None else tape.program([does.lyapunov]),
+        efforts=tape.program(list(wanted)) if held else None,
+        gains=gains_of(law) if across is None and held else None,
     )
 
 
-def _feedback(law: ControlLaw | None) -> Array:
-    """∂u/∂(q, q̇) of a law that can be sampled and held.
-
-    Raises:
-        UnsupportedMechanismError: Another law than (28), or motors that do not sit on the independent joints.
-    """
-    if not isinstance(law, PDSimpleGravity):
-        raise UnsupportedMechanismError(
-            f"a sampled loop is enclosed under PDSimpleGravity only, not under {type(law).__name__}"
-        )
-    if law.near.reference.transmission is not None:
-        raise UnsupportedMechanismError(
-            "a sampled loop is enclosed where the motors sit on the independent joints: efforts held elsewhere are not "
-            "constant generalized forces"
-        )
-    return np.hstack([-law.K_p, -law.K_v])
+def _independent_rows(model: ReducedModel, near: Array) -> tuple[list[int], list[int]]:
+    """Rows of φ that are independent at a configuration, as many as its rank, and the others; all where none is."""
+    constraints, rank = model.parametrization.constraints, model.mechanism.n_free - model.n
+    if constraints.size == rank:
+        return list(range(rank)), []
+    order = qr(constraints.value(near).jacobian.T, mode="r", pivoting=True)[1].tolist()
+    return sorted(order[:rank]), sorted(order[rank:])
 
 
-class _Closed(NamedTuple):
-    """∂φ/∂y, ρ, q̇′ and b."""
-
-    jacobian: Table
-    rho: Table
-    v_free: Table
-    bias: Table
+def _sprung(joints: Sequence[ExactJoint], tree: Tree, near: Array) -> list[ExactJoint | BallTurn]:
+    """The joints with springs; of balls their turn from no rotation."""
+    stiff = (joint for joint in joints if tree.joints[joint.number - 1].stated.stiffness)
+    return [ball_at(joint, np.array([0.0, 0.0, 0.0, 1.0]), near) if joint.kind.unit else joint for joint in stiff]
 
 
-class _DynamicTerms(NamedTuple):
-    """D, ρᵀ(D′b + C′q̇′ + B′q̇′ + g′), g, and the energies."""
-
-    mass: Table
-    bias: Table
-    gravity: Table
-    kinetic: Expression
-    potential: Expression
-
-
-def _closed(tape: Tape, phi: list[Expression], v: Table, independent: list[int], dependent: list[int]) -> _Closed:
-    """What the closures make of q̇."""
-    n_free, n = len(independent) + len(dependent), len(v)
-    slopes = np.array([tape.derivative(phi, {k: 1}) for k in range(n_free)], dtype=object).T
-    jacobian = slopes[:, dependent]
-    rho, bias = np.zeros((n_free, n), dtype=object), np.zeros(n_free, dtype=object)
-    rho[independent] = np.eye(n, dtype=object)
-    rho[dependent] = tape.solve(jacobian, -slopes[:, independent])
-    v_free = rho @ v
-    direction = dict(enumerate(v_free))
-    rate = np.array(tape.derivative(tape.derivative(phi, direction), direction), dtype=object)
-    bias[dependent] = tape.solve(jacobian, -rate[:, None])[:, 0]
-    return _Closed(jacobian, rho, v_free, bias)
-
-
-def _dynamics(
-    tree: Tree,
-    joints: Sequence[ExactJoint],
-    frames: dict[int, Table],
-    closed: _Closed,
-    state: tuple[Table, Table],
-    gravity: Table,
-) -> _DynamicTerms:
-    """D, bias force, gravity's and springs' force and energies, body by body and joint by joint."""
-    q_free, v = state
-    n = len(v)
-    mass, bias, weight = (np.zeros(shape, dtype=object) for shape in ((n, n), n, n))
-    potential: Expression = 0
-    for joint, body in zip(joints, _motions(joints, frames, closed), strict=True):
-        rotation, position = frames[joint.number][:3, :3], frames[joint.number][:3, 3]
-        inertia, place = tree.model.inertias[joint.number], joint.number - 1
-        m, rotor, tensor = rational(inertia.mass), rational(tree.model.armature[place]), exact(inertia.inertia)
-        lever = rotation @ exact(inertia.lever)
-        partial = body.velocity[:n] + cross(body.omega[:n], lever)
-        turns = body.omega @ rotation
-        turning, omega, alpha = turns[:n], turns[n], body.alpha @ rotation
-        whirl = cross(body.omega[n], cross(body.omega[n], lever))
-        acceleration = body.acceleration + cross(body.alpha, lever) + whirl
-        moment = tensor @ alpha + cross(omega, tensor @ omega)
-        row = closed.rho[place]
-        potential = potential - m * (gravity @ (position + lever))
-        weight = weight - (partial @ gravity) * m
-        bias = bias + (partial @ acceleration) * m + turning @ moment + row * rotor * closed.bias[place]
-        mass = mass + (partial @ partial.T) * m + turning @ tensor @ turning.T + np.outer(row, row) * rotor
-        stated = tree.joints[place].stated
-        if stated.stiffness:
-            pull = rational(stated.stiffness) * (q_free[place] - rational(stated.spring_reference))
-            potential = potential + rational(0.5) * pull * (q_free[place] - rational(stated.spring_reference))
-            weight = weight + row * pull
-        if stated.damping:
-            bias = bias + row * (rational(stated.damping) * closed.v_free[place])
-    mass = np.tril(mass) + np.tril(mass, -1).T  # equal expressions: recorded once
-    return _DynamicTerms(mass, bias + weight, weight, rational(0.5) * (v @ (mass @ v)), potential)
-
-
-class _Motion(NamedTuple):
-    """How a body moves, in world axes; with n columns of ρ, a row each, and q̇′ below them.
-
-    Attributes:
-        omega: Angular velocities, of shape (n + 1, 3).
-        velocity: The origin's velocities, alike.
-        alpha: ω̇ for q̇′ and q̈′ = b, of shape (3,).
-        acceleration: The origin's acceleration, alike.
-    """
-
-    omega: Table
-    velocity: Table
-    alpha: Table
-    acceleration: Table
-
-
-def _motions(joints: Sequence[ExactJoint], frames: dict[int, Table], closed: _Closed) -> list[_Motion]:
-    """Every body's motion, by joint. A joint's axis in the world is the same before and after the joint turns."""
-    rates = np.column_stack([closed.rho, closed.v_free])
-    still = np.zeros((rates.shape[1], 3), dtype=object)
-    found = {0: _Motion(still, still, still[0], still[0])}
+def _unit_lengths(joints: tuple[ExactJoint, ...], x: Table, dependent: tuple[int, ...]) -> list[Expression]:
+    """½(|p|² − 1) of the quaternions p among the dependent numbers."""
+    found = list[Expression]()
     for joint in joints:
-        omega, velocity, alpha, acceleration = found[joint.parent]
-        arm = frames[joint.number][:3, 3] - frames[joint.parent][:3, 3]
-        axis = frames[joint.parent][:3, :3] @ (joint.placement[:3, :3] @ joint.axis)
-        along, change = np.outer(rates[joint.number - 1], axis), axis * closed.bias[joint.number - 1]
-        velocity = velocity + cross(omega, arm)
-        acceleration = acceleration + cross(alpha, arm) + cross(omega[-1], cross(omega[-1], arm))
-        turning = cross(omega[-1], along[-1])
-        if joint.revolute:
-            found[joint.number] = _Motion(omega + along, velocity, alpha + turning + change, acceleration)
-        else:
-            found[joint.number] = _Motion(omega, velocity + along, alpha, acceleration + change + turning + turning)
-    return [found[joint.number] for joint in joints]
-
-
-def _law(law: ControlLaw | None, q: Table, v: Table, terms: _DynamicTerms) -> tuple[Table, Expression | None]:
-    """The generalized force ρᵀSᵀu of a law, and 𝒱 + V(q_d) with the law's own g(q_d).
-
-    Where motors do not sit on the independent joints, the laws' u has ρᵀSᵀu = this force wherever ρᵀSᵀ has full rank.
-    """
-    if law is None or isinstance(law, NoTorque):
-        return np.zeros(len(v), dtype=object), None
-    if not isinstance(law, PDSimpleGravity | PDFullGravity):
-        raise UnsupportedMechanismError(
-            f"validated integration knows PDSimpleGravity, PDFullGravity and no torque, not {type(law).__name__}"
-        )
-    error = exact(law.q_d) - q
-    spring = exact(law.K_p) @ error
-    force = spring - exact(law.K_v) @ v
-    if isinstance(law, PDFullGravity):
-        return force + terms.gravity, None
-    constant = exact(law.gravity_d)
-    stored = error @ constant + rational(0.5) * (error @ spring)
-    return force + constant, terms.kinetic + terms.potential + stored
+        if joint.kind.unit == 4 and joint.x.stop - 1 in dependent:
+            p = x[joint.x][-4:]
+            found.append(rational(0.5) * (p @ p) - rational(0.5))
+    return found

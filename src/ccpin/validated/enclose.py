@@ -1,10 +1,12 @@
 """`enclose`: a trajectory of the closed loop with a proof, and σ certified along it.
 
 Theorem. Let (q₀, q̇₀) be exact doubles and y₀ the one solution of φ(q₀, y₀) = 0 near the computed start.
-With x₀ = (q′₀, q̇₀) and steps proven by `ccpin.validated.step` from box to box, the solution x(t) of the
+With (q′₀, q̇₀) and steps proven by `ccpin.validated.step` from box to box, the solution of the
 closed loop (`ccpin.validated.dynamics`) exists on the whole time and lies in the boxes. Since φ is constant along it,
-φ(q′(t)) = 0; since ∂φ/∂y is proven nonsingular on every box, ψ_q′ is nonsingular along it, and q′(t) is the
-continuation of q′₀ along q(t) on one branch of σ: q′(t) = σ(q(t)).
+φ(q′(t)) = 0; since ψ_q′ is proven nonsingular on every box, q′(t) is the
+continuation of q′₀ along q(t) on one branch of σ: q′(t) = σ(q(t)). Circles and quaternions in q₀ stand for the points
+of unit length nearest to them. Of a φ with redundant rows this is so for independent rows of it, and the others are
+bounded along the motion (`Enclosure.left_open`).
 
 The mechanism is the one whose placements, masses, inertias, rotor inertias, gravity and closure frames are the doubles
 of `Mechanism.tree` and `Constraints` (see `ccpin.validated.chains` for rotations and axes); the law's gains, set point
@@ -15,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,13 +26,18 @@ from ccpin.arrays import Array, frozen, numbers, positive, step_or_infinite, vec
 from ccpin.control.laws import ControlLaw, NoTorque
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
-from ccpin.errors import ConvergenceError, InvalidInputError
+from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.validated.balls import Ball, around, ball, bounds, flint, hull, lower, upper
+from ccpin.validated.balls import Ball, around, ball, bounds, flint, hull, lower, magnitude, upper
+from ccpin.validated.closing import closed_start
 from ccpin.validated.crossing import Crossing, crossing, signed_determinant
+from ccpin.validated.defect import sizes_along
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
-from ccpin.validated.series import values
+from ccpin.validated.laws import HALF_A_TURN
+from ccpin.validated.places import configuration, on_manifold, unwound
+from ccpin.validated.series import gradients, values
 from ccpin.validated.step import QUANTUM, Field, Options, Step, evaluate, march, start_box, start_of
+from ccpin.validated.turns import upright
 
 SHORTEST_STEP = 2.0**-20
 
@@ -57,11 +64,12 @@ class Enclosure:
 
     Attributes:
         times: Ends of the steps, exact, of shape (K + 1,), in seconds.
-        q_free, q_free_radius: A box around q′ at those times, of shape (K + 1, n′), rad or m.
+        q_free, q_free_radius: A box around q′ at those times, of shape (K + 1, nq), rad or m.
         v, v_radius: A box around q̇ at those times, of shape (K + 1, n); of a sampled loop around q̇ and the efforts.
-        q_free_lower, q_free_upper: A box around q′ during each step, of shape (K, n′).
+        q_free_lower, q_free_upper: A box around q′ during each step, of shape (K, nq).
         v_lower, v_upper: A box around q̇ during each step, of shape (K, n).
         determinant: A lower bound of |det ψ_q′| on each step's box, positive, of shape (K,).
+        left_open: An upper bound of the size of φ's redundant rows during each step, m and rad, of shape (K,).
         verdict: ``"proven"``: the motion is closed and nonsingular over the whole time asked for. ``"refuted"``: it
             meets a singular configuration within that time, `witness` (`ccpin.validated.crossing`; free motions only).
             ``"undecided"``: it is enclosed up to ``times[-1]``, and what comes then is not known.
@@ -70,7 +78,7 @@ class Enclosure:
         precision: Working precision in bits.
         loop: The programs that were integrated.
         steps: What was proven of each step, in balls.
-        start: The exact closed start, in balls.
+        start: The exact closed start, in the numbers that hold q′ in `loop`'s programs, and q̇.
     """
 
     times: Array
@@ -83,6 +91,7 @@ class Enclosure:
     v_lower: Array
     v_upper: Array
     determinant: Array
+    left_open: Array
     verdict: Verdict
     reason: str
     witness: Witness | None
@@ -102,6 +111,11 @@ class Enclosure:
         Raises:
             InvalidInputError: The time is not covered.
         """
+        with flint().ctx.workprec(self.precision):
+            return _told(self.loop, self.inputs(t))
+
+    def inputs(self, t: float) -> list[Ball]:
+        """`box` in the numbers that the programs of `loop` take: of a circle in q′ the angle."""
         if not 0.0 <= t <= self.times[-1]:
             raise InvalidInputError(f"t = {t} s is not covered: the enclosure reaches from 0 to {self.times[-1]:.9g} s")
         k = min(int(np.searchsorted(self.times, t, side="right")) - 1, len(self.steps) - 1)
@@ -114,19 +128,32 @@ class Enclosure:
 
     def at(self, t: float) -> StateBox:
         """The box of `box` in doubles."""
-        return _bounds(self.box(t), self.loop.n_free)
+        return _bounds(self.loop, self.inputs(t))
 
     def contains(self, t: float, q_free: ArrayLike, v: ArrayLike, tolerance: float = 0.0) -> bool:
-        """Whether (q′, q̇) is in the sharp box at a time, widened by a tolerance (an integrator's, say)."""
-        state = np.concatenate([numbers(q_free, "q_free"), numbers(v, "v")])
+        """Whether (q′, q̇) is in the sharp box at a time, widened by a tolerance (an integrator's, say).
+
+        A quaternion and its negative are one rotation.
+        """
+        box = self.box(t)
+        state = np.concatenate([self._nearest(numbers(q_free, "q_free"), box), numbers(v, "v")])
         with flint().ctx.workprec(self.precision):
             slack = ball(tolerance)
-            return all(around(x, slack).contains(ball(float(s))) for x, s in zip(self.box(t), state, strict=True))
+            return all(around(x, slack).contains(ball(float(s))) for x, s in zip(box, state, strict=True))
+
+    def _nearest(self, q_free: Array, box: Sequence[Ball]) -> Array:
+        """Q′ with the signs of its quaternions as in a box."""
+        signed = q_free.copy()
+        for joint in self.loop.joints:
+            if joint.kind.unit == 4:
+                p = slice(joint.q.stop - 4, joint.q.stop)
+                signed[p] *= np.copysign(1.0, signed[p] @ [float(x.mid()) for x in box[p]])
+        return signed
 
     def energy(self, t: float) -> Ball:
         """Kinetic and potential energy at a time, in joules, as a ball."""
         with flint().ctx.workprec(self.precision):
-            kinetic, potential = values(self.loop.energies, self.box(t))
+            kinetic, potential = values(self.loop.energies, self.inputs(t))
             return kinetic + potential
 
 
@@ -148,9 +175,9 @@ def enclose(
     """Enclose the closed loop's exact trajectory, or say where the proof stops.
 
     Args:
-        model: The reduced model (or a mechanism): revolute and prismatic joints, square ψ_q′.
+        model: The reduced model (or a mechanism).
         law: `PDSimpleGravity`, `PDFullGravity`, `NoTorque` or ``None`` for no torque.
-        q0: Start, of shape (n,): the exact doubles.
+        q0: Start, of shape (model.nq,): the exact doubles.
         v0: Velocity at the start, of shape (n,), exact; default at rest.
         duration: Time in seconds (rounded up to a multiple of 2⁻⁴⁰ s).
         guess: Chooses the branch of σ(q0); default the mechanism's reference.
@@ -170,7 +197,7 @@ def enclose(
     model = model_of(model)
     options = checked_options(duration, precision, Options(order, tolerance, pieces, shortest_step, longest_step))
     with flint().ctx.workprec(precision):
-        loop = closed_loop(model, law)
+        loop = closed_loop(model, law, model.at(q0, guess).q_free)
         start = exact_start(model, loop, q0, v0, guess)
         steps, reason = [], ""
         for step in march(regular(loop), start, duration, options):
@@ -209,20 +236,39 @@ def checked_options(duration: float, precision: int, options: Options) -> Option
 def exact_start(
     model: ReducedModel, loop: ClosedLoop, q0: ArrayLike, v0: ArrayLike | None, guess: ArrayLike | None
 ) -> list[Ball]:
-    """The exact closed start (q′, q̇) as balls."""
+    """The exact closed start (x, q̇) as balls."""
     start = model.at(q0, guess)
     v = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
-    q_free = closed_start(loop, [ball(float(x)) for x in start.q], start.q_free)
+    q_free = closed_start(loop, exact_q(model, loop, numbers(q0, "q0")), loop.numbers(start.q_free))
     return [*q_free, *[ball(float(x)) for x in v]]
 
 
+def exact_q(model: ReducedModel, loop: ClosedLoop, q: Array) -> list[Ball]:
+    """The numbers at `loop.independent` of an exact q of shape (model.nq,)."""
+    found = list[Ball]()
+    for part in model.coordinates.parts:
+        held = [ball(float(x)) for x in q[part.q]]
+        if part.whole is not None:
+            held = on_manifold(part.kind, held)
+        if part.kind.unit == 2 and not part.slides[-1]:
+            near = loop.near[loop.independent[len(found) + len(held) - 1]]
+            held[-1] = unwound(held[-1], float(near))
+        found += held
+    return found
+
+
 def regular(loop: ClosedLoop) -> Field:
-    """The closed loop's equation, |det ψ_q′| watched."""
-    return Field(loop.field, lambda box: determinant_bound(loop, box))
+    """The closed loop's equation, |det ψ_q′| watched, and that the law's angles are less than half a turn off."""
+
+    def missing(box: Sequence[Ball]) -> str:
+        near = (abs(angle.target - box[angle.place]) < flint().arb.pi() for angle in loop.wrapped)
+        return "" if all(near) and all(upright(turned, box) for turned in loop.upright) else HALF_A_TURN
+
+    return Field(loop.field, lambda box: determinant_bound(loop, box), missing)
 
 
 def determinant_bound(loop: ClosedLoop, box: Sequence[Ball]) -> float:
-    """A lower bound of |det ψ_q′| on a box of states: up to its sign, ψ_q′'s determinant is that of ∂φ/∂y."""
+    """A lower bound of |det ψ_q′| on a box of states."""
     return lower(ball(signed_determinant(loop, box).abs_lower()))
 
 
@@ -235,10 +281,11 @@ def collect(
     met: Crossing | None = None,
 ) -> Enclosure:
     """The enclosure that proven steps make; `reason` says why it ended early, if it did, `met` what it then met."""
-    nodes = [_bounds(start_box(s), loop.n_free) for s in (start_of(start), *(step.end for step in steps))]
+    nodes = [_bounds(loop, start_box(s)) for s in (start_of(start), *(step.end for step in steps))]
     columns: StateBox = StateBox(*(frozen(column) for column in zip(*nodes, strict=True)))
-    during = [bounds(hull(step.boxes)) for step in steps]
-    size = loop.field.inputs
+    during = [bounds(hull([_told(loop, box) for box in step.boxes])) for step in steps]
+    split = columns.q_free.shape[1]
+    size = split + columns.v.shape[1]
     below, above = np.moveaxis(np.reshape(during, (len(steps), 2, size)), 1, 0)
     times = np.concatenate([[0.0], np.cumsum([step.length for step in steps])])
     told = f"closed and nonsingular for {times[-1]:.9g} s, in {len(steps)} steps"
@@ -249,7 +296,6 @@ def collect(
             f"rigour stops at t = {times[-1]:.9g} s after {len(steps)} steps: {reason}; more pieces=, a higher order= "
             "or precision=, or a smaller shortest_step= may lead farther"
         )
-    split = loop.n_free
     return Enclosure(
         **columns._asdict(),
         times=frozen(times),
@@ -258,6 +304,7 @@ def collect(
         v_lower=frozen(below[:, split:]),
         v_upper=frozen(above[:, split:]),
         determinant=frozen([step.quantity for step in steps]),
+        left_open=frozen([left_open(loop, step) for step in steps]),
         verdict="refuted" if met else "undecided" if reason else "proven",
         reason=told,
         witness=met.witness if met else None,
@@ -268,111 +315,27 @@ def collect(
     )
 
 
-def _bounds(box: Sequence[Ball], n_free: int) -> StateBox:
+def left_open(loop: ClosedLoop, step: Step) -> float:
+    """An upper bound of |φ_i| along a step for the rows of φ left out as redundant; 0 where there are none.
+
+    φ_i(x(t)) is φ_i(p(t)), whose Taylor series `defect` bounds, and at most |∂φ_i/∂x| times the error off that.
+    """
+    if loop.left_out is None:
+        return 0.0
+    length = ball(step.length)
+    along = sizes_along(loop.left_out, step.polynomial, length)
+    slopes = gradients(loop.left_out, hull(step.boxes))
+    off = (sum((magnitude(a) * e for a, e in zip(row, step.error, strict=True)), ball(0)) for row in slopes)
+    return max(upper(size + change) for size, change in zip(along, off, strict=True))
+
+
+def _told(loop: ClosedLoop, box: Sequence[Ball]) -> list[Ball]:
+    """A box of (x, q̇, …) as one of (q′, q̇, …)."""
+    return [*configuration(loop.joints, box), *box[loop.n_x :]]
+
+
+def _bounds(loop: ClosedLoop, box: Sequence[Ball]) -> StateBox:
+    box, n_free = _told(loop, box), loop.joints[-1].q.stop
     centre = np.array([float(x.mid()) for x in box])
     radius = np.array([upper(abs(x - ball(c))) for x, c in zip(box, centre.tolist(), strict=True)])
     return StateBox(centre[:n_free], radius[:n_free], centre[n_free:], radius[n_free:])
-
-
-# The exact closed start: existence and uniqueness of y with φ(q, y) = 0 near a computed one.
-
-_NEWTON_STEPS = 20
-_UNIQUE = (1e-2, 1e-3, 1e-4, 1e-6, 1e-8, 1e-10)
-
-
-def closed_start(loop: ClosedLoop, q: Sequence[Ball], q_free: Array) -> list[Ball]:
-    """The one closed configuration near the computed q′ at every q of a box, as a box as small as the precision gives.
-
-    "Near" is the largest of a few radii (rad or m) for which it is unique, and at most 1e-2.
-
-    Raises:
-        ConvergenceError: It is not proven; most likely q′ is open or nearly singular.
-    """
-    near, y = _newton(loop, q, q_free)
-    far = max((abs(a - b).upper() for a, b in zip(y, near, strict=True)), default=ball(0))
-    for radius in _UNIQUE:
-        proven = krawczyk(loop, q, y, [ball(radius)] * len(y))
-        if proven is not None and far < radius:
-            return _assemble(loop, q, _sharpened(loop, q, y, proven))
-    raise ConvergenceError(
-        "no closed configuration is proven to exist near the computed start; pass a q and a guess on a closed, "
-        "nonsingular configuration, or raise the precision"
-    )
-
-
-def unique_there(loop: ClosedLoop, q: Sequence[Ball], box: Sequence[Ball], q_free: Array) -> bool:
-    """Whether a box of closed configurations belongs to the branch of the computed q′: q is one box for both."""
-    near, y = _newton(loop, q, q_free)
-    for radius in _UNIQUE:
-        reach = [ball(radius)] * len(y)
-        inside = all(
-            around(centre, ball(radius)).contains(box[k]) and abs(centre - start) < radius
-            for centre, start, k in zip(y, near, loop.dependent, strict=True)
-        )
-        if inside and krawczyk(loop, q, y, reach) is not None:
-            return True
-    return False
-
-
-def krawczyk(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball], radius: Sequence[Ball]) -> list[Ball] | None:
-    """K of the theorem where it lies in the interior of Y = y ± radius, else ``None``."""
-    if not y:
-        return []
-    size, matrix = len(y), flint().arb_mat
-    box = [around(centre, r) for centre, r in zip(y, radius, strict=True)]
-    try:
-        near = _jacobian(loop, q, y).mid().inv().mid()
-    except ZeroDivisionError:
-        return None
-    centre = matrix(size, 1, list(y))
-    spread = matrix(size, 1, [inside - middle for inside, middle in zip(box, y, strict=True)])
-    identity = matrix(np.eye(size, dtype=int).tolist())
-    image = centre - near * _residual(loop, q, y) + (identity - near * _jacobian(loop, q, box)) * spread
-    found = list(image.entries())
-    return found if all(b.contains_interior(k) for b, k in zip(box, found, strict=True)) else None
-
-
-def _sharpened(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball], proven: list[Ball]) -> list[Ball]:
-    """Apply Krawczyk's operator to its own image, inflated, while that shrinks it."""
-    best = proven
-    for _ in range(_NEWTON_STEPS):
-        radius = [(abs(b - c) * 2).upper() for b, c in zip(best, y, strict=True)]
-        image = krawczyk(loop, q, y, [r / 4 for r in radius])
-        if image is None:
-            return best
-        best = image
-    return best
-
-
-def _newton(loop: ClosedLoop, q: Sequence[Ball], q_free: Array) -> tuple[list[Ball], list[Ball]]:
-    """The computed y, and y after Newton's method at the centre of q: a start for the proof, not a proof."""
-    near = [ball(float(q_free[k])) for k in loop.dependent]
-    centre, y = [x.mid() for x in q], near
-    for _ in range(_NEWTON_STEPS if y else 0):
-        try:
-            step = _jacobian(loop, centre, y).mid().inv() * _residual(loop, centre, y)
-        except ZeroDivisionError:
-            break
-        y = [(a - b).mid() for a, b in zip(y, step.entries(), strict=True)]
-    return near, y
-
-
-def _residual(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> Any:
-    return flint().arb_mat(len(y), 1, values(loop.closure, at_rest(loop, _assemble(loop, q, y))))
-
-
-def _jacobian(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> Any:
-    return flint().arb_mat(len(y), len(y), values(loop.jacobian, at_rest(loop, _assemble(loop, q, y))))
-
-
-def _assemble(loop: ClosedLoop, q: Sequence[Ball], y: Sequence[Ball]) -> list[Ball]:
-    q_free: list[Ball] = [None] * loop.n_free
-    for places, parts in ((loop.independent, q), (loop.dependent, y)):
-        for k, part in zip(places, parts, strict=True):
-            q_free[k] = part
-    return q_free
-
-
-def at_rest(loop: ClosedLoop, box: Sequence[Ball]) -> list[Ball]:
-    """The configurations of a box of states, or a box of configurations, at rest: inputs of the programs."""
-    return [*box[: loop.n_free], *[ball(0)] * (loop.field.inputs - loop.n_free)]

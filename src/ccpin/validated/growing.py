@@ -13,9 +13,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.validated.curvature import Instants, UnboundedError, at_middles
+from ccpin.validated.curvature import Instants, UnboundedError, at_middles, feedback
 from ccpin.validated.dynamics import ClosedLoop
-from ccpin.validated.slices import instants_of
+from ccpin.validated.slices import beginning, instants_of
 from ccpin.validated.step import Step
 from ccpin.validated.tube import Slice, advance, frames
 from ccpin.validated.wide import Wide, exactly, inverse, raised
@@ -60,30 +60,31 @@ def first_section(loop: ClosedLoop, start: Instants, spread: Array) -> Section:
 def fastest_rate(loop: ClosedLoop, instants: Instants) -> float:
     """The largest rate 1/s of the linearised flow at some slices' middles."""
     slope, size = at_middles(loop, instants).slope.mid, 2 * loop.n
-    if loop.feedback is not None:
-        slope = slope[:, :size, :size] + slope[:, :size, size:] @ loop.feedback
+    if loop.efforts is not None:
+        slope = slope[:, :size, :size] + slope[:, :size, size:] @ feedback(loop, instants, None, 1).mid
     return float(np.abs(np.linalg.eigvals(slope)).max())
 
 
-def sampled_section(loop: ClosedLoop, step: Step, section: Section) -> Section:
+def sampled_section(loop: ClosedLoop, step: Step, section: Section, cut: Cut) -> Section:
     """A cross-section (q, q̇, …) of a sampled loop just after a sample: the law's efforts follow from q and q̇.
 
-    With e_u = Fe, F the feedback and e the deviation of (q, q̇), a frame with the columns (B, FB) and (0, ε) has z_u = 0
-    there, up to the rounding of FB.
+    e_u = Ke, e the deviation of (q, q̇) and K in the range of ∂u/∂(q, q̇) over a box about the cross-section. With F in
+    its middle a frame with the columns (B, FB) and (0, ε) has ε z_u = (K − F)Bz there.
     """
-    assert loop.feedback is not None, "asked for sampled loops only"
     size = 2 * loop.n
     units = np.repeat([1.0, max(fastest_rate(loop, instants_of(step, 0.0, 1)), 1.0)], loop.n)
-    rows, feedback = section.frame.at(np.s_[:size]), loop.feedback
+    rows = section.frame.at(np.s_[:size])
     begin = _turned(rows.mid[:, :size], section.bound[:size], units)
     back = inverse(exactly(begin))
     if back is None:
         raise UnboundedError("the tube's cross-section is too thin in some direction for the arithmetic")
     bound = raised((back @ rows).size @ section.bound)
-    along = feedback @ begin
-    edges = _THINNEST * (np.abs(along) @ bound)
-    off = (exactly(feedback) @ exactly(begin) - exactly(along)).size
-    frame = np.block([[begin, np.zeros((size, loop.n))], [along, np.diag(edges)]])
+    reach = raised(rows.size @ section.bound)
+    gains = feedback(loop, beginning(step), reach, cut.pieces).at(0)
+    along = gains.mid @ begin
+    off = (gains @ exactly(begin) - exactly(along)).size
+    edges = np.maximum(_THINNEST * (np.abs(along) @ bound), off @ bound)
+    frame = np.block([[begin, np.zeros((size, len(along)))], [along, np.diag(edges)]])
     return Section(exactly(frame), np.append(bound, raised(raised(off @ bound) / edges)))
 
 
@@ -96,7 +97,7 @@ def grow(loop: ClosedLoop, step: Step, since: float, section: Section, cut: Cut)
     whole = instants_of(step, since, 1)
     rate = fastest_rate(loop, whole)
     moved = np.abs(whole.during.mid - whole.middle.mid)[0] + whole.during.rad[0]
-    moved[loop.n_free :] /= max(rate, 1.0)
+    moved[loop.n_x :] /= max(rate, 1.0)
     count = math.ceil(max(step.length / cut.longest, step.length * rate / _FINE, moved.max() / _STRIDE, 1.0))
     finest, instants = count << _FINER, instants_of(step, since, count)
     batch = most = max(1, _AT_ONCE // cut.pieces**loop.n)
@@ -105,7 +106,7 @@ def grow(loop: ClosedLoop, step: Step, since: float, section: Section, cut: Cut)
     while done < len(instants.time):
         part = instants.part(np.s_[done : done + batch])
         begin = last.mid
-        if loop.feedback is None:
+        if loop.efforts is None:
             begin = _turned(begin, bound, np.repeat([1.0, max(rate, 1.0)], loop.n))
         spread = np.abs(np.linalg.solve(begin, last.mid)) @ bound
         room = np.tile(_ROOM * spread + _AIR * spread.max(), (len(part.time), 1))

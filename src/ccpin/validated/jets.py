@@ -20,8 +20,8 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.validated.series import NotInvertibleError
-from ccpin.validated.tape import ADD, COSINE, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
-from ccpin.validated.wide import Wide, inverse, of_balls, raised, sine_and_cosine, stacked, zeros
+from ccpin.validated.tape import ADD, COSINE, GAIN, MULTIPLY, PART, SCALE, SINE, SOLVE, SUBTRACT, Instruction, Program
+from ccpin.validated.wide import Wide, gain, inverse, of_balls, raised, sine_and_cosine, stacked, zeros
 
 
 class Jet(NamedTuple):
@@ -81,8 +81,10 @@ class _Run:
             result = Jet._make(None if x is None else _spread(factor, x.mid.ndim) * x for x in found[a])
         elif item.kind in (SINE, COSINE):
             sine, cosine = self.trigonometric(a)
-            value, rate = (sine, cosine) if item.kind == SINE else (cosine, -sine)
-            result = self.turned(found[a], value, rate)
+            waves = (sine, cosine, -sine, -cosine) if item.kind == SINE else (cosine, -sine, -cosine, sine)
+            result = self.composed(found[a], waves)
+        elif item.kind == GAIN:
+            result = self.composed(found[a], tuple(gain(found[a].value, b + k) for k in range(4)))
         elif item.kind == SOLVE:
             found[item.target] = self.solution(item)
             return
@@ -110,16 +112,16 @@ class _Run:
             twist = _sum(twist, _shared(_sum(_outer(one.slope, two.bend), _outer(two.slope, one.bend))))
         return Jet(a.value * b.value, slope, bend, twist)
 
-    def turned(self, angle: Jet, value: Wide, rate: Wide) -> Jet:
-        """w(angle) with w′ = rate, w″ = −value and w‴ = −rate."""
-        slope, bend, twist = _scaled(rate, angle.slope), _scaled(rate, angle.bend), None
+    def composed(self, x: Jet, w: tuple[Wide, ...]) -> Jet:
+        """w(x), of w with its first three derivatives at x."""
+        slope, bend, twist = _scaled(w[1], x.slope), _scaled(w[1], x.bend), None
         if self.order >= 2:
-            bend = _sum(bend, _scaled(-value, _outer(angle.slope, angle.slope)))
+            bend = _sum(bend, _scaled(w[2], _outer(x.slope, x.slope)))
         if self.order >= 3:
-            (value_over, rate_over), over = (x.at(self.over) for x in (value, rate)), self.over_boxes(angle)
-            twist = _sum(_scaled(rate_over, angle.twist), _scaled(-value_over, _shared(_outer(over.slope, over.bend))))
-            twist = _sum(twist, _scaled(-rate_over, _outer(over.slope, _outer(over.slope, over.slope))))
-        return Jet(value, slope, bend, twist)
+            (_, first, second, third), over = (part.at(self.over) for part in w), self.over_boxes(x)
+            twist = _sum(_scaled(first, x.twist), _scaled(second, _shared(_outer(over.slope, over.bend))))
+            twist = _sum(twist, _scaled(third, _outer(over.slope, _outer(over.slope, over.slope))))
+        return Jet(w[0], slope, bend, twist)
 
     def over_boxes(self, jet: Jet) -> Jet:
         """A jet without the centres."""

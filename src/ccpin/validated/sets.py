@@ -13,11 +13,13 @@ from ccpin.arrays import Array, numbers, positive, step_or_infinite, vector, who
 from ccpin.control.laws import ControlLaw
 from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
-from ccpin.errors import InvalidInputError
+from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.validated.balls import Ball, flint
+from ccpin.validated.balls import Ball, ball, flint
+from ccpin.validated.closing import closed_start
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
-from ccpin.validated.enclose import SHORTEST_STEP, checked_options, exact_start
+from ccpin.validated.enclose import SHORTEST_STEP, checked_options, exact_q
 from ccpin.validated.growing import Cut
 from ccpin.validated.step import QUANTUM, Options
 from ccpin.validated.tubes import Arrived, Job, Starts, Tube, cover
@@ -41,7 +43,7 @@ class SetEnclosure:
     def contains(self, t: float, q: ArrayLike, v: ArrayLike, tolerance: float = 0.0, *, effort: ArrayLike = ()) -> bool:
         """Whether a state at a time is in one of the tubes, widened by a part of its width; computed.
 
-        Of a sampled loop the efforts held belong to the state.
+        q has one number for each velocity, of a circle the angle. Efforts held by a sampled loop belong to the state.
         """
         return any(bool(np.abs(tube.coordinates(t, q, v, effort)).max() <= 1.0 + tolerance) for tube in self.tubes)
 
@@ -69,7 +71,7 @@ def enclose_set(
     Args:
         model: As for `ccpin.validated.enclose`.
         law: As there.
-        q0: Centre of the starts, of shape (n,).
+        q0: Centre of the starts, of shape (model.nq,).
         v0: Centre of their velocities; default at rest.
         duration: Time in seconds.
         spread: How far starts are from the centre: one number for all of q and q̇, or a pair, of q (rad, m) and of q̇
@@ -89,14 +91,15 @@ def enclose_set(
     Raises:
         CcpinError: python-flint is not installed.
         InvalidInputError: A bad argument.
-        UnsupportedMechanismError, ConvergenceError: As for `ccpin.validated.enclose`.
+        UnsupportedMechanismError, ConvergenceError: As for `ccpin.validated.enclose`; also where a ball, planar or
+            floating joint is independent as a whole.
     """
     model = model_of(model)
     options = checked_options(duration, precision, Options(order, tolerance, pieces, SHORTEST_STEP, np.inf))
     cut = checked_cut(parts, cells, longest_slice)
     with flint().ctx.workprec(precision):
-        loop = closed_loop(model, law, held=period is not None)
-        starts = starts_of(model, q0, v0, spread)
+        loop = closed_loop(model, law, model.at(q0, guess).q_free, held=period is not None)
+        starts = starts_of(model, loop, q0, v0, spread)
         if not starts.spread.any():
             raise InvalidInputError("spread = 0 leaves one motion: `enclose` encloses it")
         job = job_of(model, loop, guess, duration, options, precision, cut)
@@ -119,12 +122,19 @@ def checked_cut(parts: int, cells: int, longest_slice: float) -> Cut:
     return Cut(cells, longest_slice)
 
 
-def starts_of(model: ReducedModel, q0: ArrayLike, v0: ArrayLike | None, spread: Any) -> Starts:
-    """A box of starts.
+def starts_of(model: ReducedModel, loop: ClosedLoop, q0: ArrayLike, v0: ArrayLike | None, spread: Any) -> Starts:
+    """A box of starts; its centre has the angle of a circle in q0.
 
     Raises:
         InvalidInputError: A bad shape, or a negative spread.
+        UnsupportedMechanismError: Coordinates whose rates are not q̇.
     """
+    if not loop.scalar:
+        raise UnsupportedMechanismError(
+            "sets of starts are boxes in coordinates whose rates are q̇: ball, planar and floating joints that are "
+            "independent as a whole have none; name components or other joints as independent, in place of one of "
+            f"{', '.join(model.mechanism.independent)}"
+        )
     pair = tuple(spread) if isinstance(spread, tuple) and len(spread) == 2 else (spread, spread)
     widths = []
     for part in pair:
@@ -136,7 +146,8 @@ def starts_of(model: ReducedModel, q0: ArrayLike, v0: ArrayLike | None, spread: 
             )
         widths.append(np.broadcast_to(width, (model.n,)))
     v = np.zeros(model.n) if v0 is None else vector(v0, "v0", model.n)
-    return Starts(vector(q0, "q0", model.n), v, np.concatenate(widths))
+    centre = exact_q(model, loop, checked_q(model.coordinates, q0))
+    return Starts(np.array([float(x.mid()) for x in centre]), v, np.concatenate(widths))
 
 
 def job_of(
@@ -152,9 +163,20 @@ def job_of(
     """What is asked of every part of the starts."""
 
     def closed(q: Array, v: Array) -> list[Ball]:
-        return exact_start(model, loop, q, v, guess)
+        near = model.at(on_circles(model, q), guess).q_free
+        x = closed_start(loop, [ball(y) for y in q.tolist()], loop.numbers(near))
+        return [*x, *(ball(y) for y in v.tolist())]
 
     return Job(loop, closed, duration, options, precision, cut, arrived, np.inf)
+
+
+def on_circles(model: ReducedModel, q: Array) -> Array:
+    """The q of shape (model.nq,) of one number for each velocity: of an angle its point on the circle."""
+    parts = [
+        q[part.v] if part.whole is None else [np.cos(q[part.v.start]), np.sin(q[part.v.start])]
+        for part in model.coordinates.parts
+    ]
+    return np.concatenate(parts)
 
 
 def told(tubes: list[Tube], missing: str, parts: int) -> tuple[Verdict, str]:

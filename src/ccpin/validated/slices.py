@@ -12,6 +12,13 @@ from ccpin.validated.step import QUANTUM, Step, evaluate
 from ccpin.validated.wide import of_balls
 
 
+def beginning(step: Step) -> Instants:
+    """A step's first moment."""
+    path = [around(x, e) for x, e in zip(evaluate(step.polynomial, ball(0)), step.error, strict=True)]
+    at = of_balls([path])
+    return Instants(np.zeros(1), np.zeros(1), at, at)
+
+
 def instants_of(step: Step, since: float, count: int) -> Instants:
     """A step as so many slices, all times multiples of 2⁻⁴¹ s and so exact; twice as many keep the cuts.
 

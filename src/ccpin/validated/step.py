@@ -33,6 +33,7 @@ from ccpin.validated.tape import Program
 QUANTUM = 2.0**-40  # steps are multiples, so that times are exact doubles
 _BOX_PRECISION = 64  # bits; enough for boxes as wide as a step
 _GROWTH = 1e3
+_SINGULAR = "ψ_q′, D or (of motors elsewhere than on the independent joints) ρᵀSᵀ is not proven nonsingular"
 
 Quantity = Callable[[list[Ball]], float]
 
@@ -90,10 +91,17 @@ class Stuck(NamedTuple):
 
 
 class Field(NamedTuple):
-    """What is integrated: f, and a quantity that must be positive on every box (given as a lower bound)."""
+    """What is integrated: f, a quantity that must be positive on every box (as a lower bound), what else is asked.
+
+    Attributes:
+        program: f.
+        quantity: The quantity.
+        missing: What else is not proven on a box, in words.
+    """
 
     program: Program
     quantity: Quantity
+    missing: Callable[[Sequence[Ball]], str] = lambda _: ""
 
 
 class _RefusedError(Exception):
@@ -146,11 +154,13 @@ def attempt(field: Field, start: Start, series: Sequence[Any], length: float, pi
             watched = field.quantity(tube)
             if not watched > 0:  # NaN too
                 return "ψ_q′ is not proven nonsingular on the box that a step needs"
+            if missing := field.missing(tube):
+                return missing
             largest = [a.max(b) for a, b in zip(largest, during, strict=True)]
             boxes.append(tube)
             quantity = min(quantity, watched)
     except NotInvertibleError:
-        return "ψ_q′ or D is not proven nonsingular on the box that a step needs"
+        return _SINGULAR + " on the box that a step needs"
     except _RefusedError as refusal:
         return str(refusal)
     remainder = max(upper(d * length) for d in gap)
@@ -207,7 +217,7 @@ def march(field: Field, box: Sequence[Ball], duration: float, options: Options) 
         try:
             series = all_series(field.program, start.centre, options.order)
         except NotInvertibleError:
-            yield Stuck("ψ_q′ or D is not proven nonsingular at the state reached")
+            yield Stuck(_SINGULAR + " at the state reached")
             return
         guess = _affordable(series[: field.program.inputs], options)
         here = options._replace(shortest=min(options.shortest, end - time), longest=min(options.longest, end - time))

@@ -15,7 +15,7 @@ import numpy as np
 
 from ccpin.validated.balls import ball, flint
 
-INPUT, CONSTANT, ADD, SUBTRACT, MULTIPLY, SCALE, SINE, COSINE, SOLVE, PART = range(10)
+INPUT, CONSTANT, ADD, SUBTRACT, MULTIPLY, SCALE, SINE, COSINE, SOLVE, PART, GAIN = range(11)
 Expression = Any  # a Node, or a constant: int, fmpq or arb
 
 
@@ -26,7 +26,7 @@ class Instruction(NamedTuple):
         kind: Its code.
         target: The number of the value it defines (for SOLVE: of nothing; its PARTs define the values).
         a, b: Numbers of its operands: SINE and COSINE know each other by b; PART is column b of a row-major
-            solution of SOLVE a; SOLVE keeps a `LinearSystem` in b.
+            solution of SOLVE a; SOLVE keeps a `LinearSystem` in b, GAIN the order of its derivative.
         constant: The factor of SCALE, the value of CONSTANT.
     """
 
@@ -139,6 +139,10 @@ class Tape:
         self._known[SINE, a.index] = sine
         return sine, self._record(COSINE, a.index, sine.index)
 
+    def gain(self, cosine: Node, order: int = 0) -> Node:
+        """A derivative of g(w) = 2 arccos(w)/√(1 − w²), analytic for w > −1 (`ccpin.validated.turns`)."""
+        return self._record(GAIN, cosine.index, order)
+
     def solve(self, matrix: Any, right: Any) -> Any:
         """A⁻¹B for A of shape (m, m): an array of nodes of B's shape (m, k)."""
         if not len(matrix):
@@ -157,10 +161,10 @@ class Tape:
             slopes[number] = self._slope(self.instructions[number], slopes, direction)
         return [slopes[e.index] if isinstance(e, Node) else 0 for e in expressions]
 
-    def program(self, outputs: Sequence[Expression]) -> Program:
-        """The instructions that outputs need, constants as balls at the current precision."""
+    def program(self, outputs: Sequence[Expression], also: Sequence[Expression] = ()) -> Program:
+        """The instructions that outputs need, and those of values that are `also` to exist; constants as balls now."""
         numbers = tuple(self.node(output).index for output in outputs)
-        needed = self._ancestors(list(numbers), set())
+        needed = self._ancestors([*numbers, *(self.node(value).index for value in also)], set())
         kept = tuple(
             item if item.constant is None else item._replace(constant=ball(item.constant))
             for item in self.instructions
@@ -195,6 +199,8 @@ class Tape:
             return slopes[item.a] * of(item.b) + slopes[item.b] * of(item.a)
         if item.kind == SCALE:
             return slopes[item.a] * item.constant
+        if item.kind == GAIN:
+            return slopes[item.a] * self.gain(of(item.a), item.b + 1)
         if item.kind == SINE:
             return slopes[item.a] * of(item.b)
         return slopes[item.a] * of(item.b) * -1
@@ -228,6 +234,6 @@ def _operands(item: Instruction) -> list[int]:
         return []
     if item.kind == SOLVE:
         return [number for table in item.b for row in table for number in row]
-    if item.kind in (SCALE, PART):
+    if item.kind in (SCALE, PART, GAIN):
         return [item.a]
     return [item.a, item.b]

@@ -30,8 +30,9 @@ and the two agree at q̄; where φ_y is nonsingular two continuous solutions tha
 on it. ∎
 
 Sampled loops. Where a law reads q and q̇ at samples and its efforts u are held, ξ = (q, q̇, u) and F = (q̇, q̈, 0)
-between them, N = 3n, and the theorem holds as it is; at a sample the deviation's part in u becomes Ke, K the law's
-constant feedback (`ccpin.validated.growing.sampled_section`), which is one more change of frame.
+between them, N = 2n and the number of motors, and the theorem holds as it is; at a sample the deviation's part in u
+becomes Ke, K a mean of the law's ∂u/∂(q, q̇) (`ccpin.validated.growing.sampled_section`), which is one more change of
+frame.
 
 The tube's cross-section is cut into pieces to bound H: F″ along the segments lies in the hull of its ranges over the
 pieces, each with its σ in the interior of the box on which σ is unique.

@@ -34,7 +34,7 @@ class Starts(NamedTuple):
     """A box of starts: its centre's doubles and its half-widths.
 
     Attributes:
-        q, v: The centre, of shape (n,) each, exact.
+        q, v: The centre, of shape (n,) each, exact; of a circle the angle.
         spread: Half-widths in q and q̇, of shape (2n,).
     """
 
@@ -81,9 +81,9 @@ class Tube:
 
         Args:
             t: Time, s; at a sample that from then on.
-            q: Of shape (n,).
+            q: Of shape (n,), of a circle the angle.
             v: Of shape (n,).
-            effort: What the motors hold, of shape (n,), where the law is sampled.
+            effort: What the motors hold, of shape (motors,), where the law is sampled.
 
         Raises:
             InvalidInputError: The time is not covered.
@@ -100,8 +100,8 @@ class Tube:
 
     def _centre(self, t: float) -> Array:
         loop = self.enclosure.loop
-        state = np.array([float(x.mid()) for x in self.enclosure.box(t)])
-        return np.concatenate([state[list(loop.independent)], state[loop.n_free :]])
+        state = np.array([float(x.mid()) for x in self.enclosure.inputs(t)])
+        return np.concatenate([state[list(loop.independent)], state[loop.n_x :]])
 
     def _slice(self, t: float) -> Slice:
         if not (self.slices and 0.0 <= t <= self.duration):
@@ -168,7 +168,7 @@ def _grown(job: Job, starts: Starts) -> tuple[Tube, int | None]:
         if section is None:
             section = first_section(job.loop, instants_of(step, 0.0, 1), starts.spread)
         try:
-            section = sampled_section(job.loop, step, section) if sampled else section
+            section = sampled_section(job.loop, step, section, job.cut) if sampled else section
             for batch in grow(job.loop, step, since, section, job.cut):
                 slices.extend(batch)
                 section = Section(batch[-1].end, batch[-1].kept)
@@ -200,8 +200,8 @@ def _at_a_sample(loop: ClosedLoop, state: Sequence[Ball]) -> list[Ball]:
     """A state with the efforts that a sampled law reads from it; itself under any other."""
     if loop.efforts is None:
         return list(state)
-    known = state[: loop.n_free + loop.n]
-    return [*known, *values(loop.efforts, [*known, *[ball(0)] * loop.n])]
+    known = state[: loop.n_x + loop.n]
+    return [*known, *values(loop.efforts, [*known, *[ball(0)] * len(loop.efforts.outputs)])]
 
 
 def _tube(

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
+from ccpin.validated import balls
 from ccpin.validated.balls import Ball, ball, flint, upper
 
 _UNIT = 2.0**-53
@@ -136,6 +137,14 @@ def sine_and_cosine(angle: Wide) -> tuple[Wide, Wide]:
         return Wide(value, (reach + _TRIGONOMETRIC) * _OUT)
 
     return around(sine, cosine), around(cosine, sine)
+
+
+def gain(cosine: Wide, order: int) -> Wide:
+    """A derivative of `ccpin.validated.balls.gain`'s function over balls of shape (B,)."""
+    with flint().ctx.workprec(_BITS):
+        pairs = zip(cosine.mid.tolist(), cosine.rad.tolist(), strict=True)
+        found = of_balls([[balls.gain(flint().arb(mid, rad), order)] for mid, rad in pairs])
+    return found.at(np.s_[:, 0])
 
 
 def inverse(matrix: Wide) -> Wide | None:
