@@ -13,7 +13,8 @@ from benchmarks.measured import Measured, Options
 from benchmarks.table import table
 from benchmarks.targets import checked
 
-PARTS = ("models", "families", "batches", "memory", "simulated", "accuracy", "atlas", "certificates", "load", "walks")
+PARTS = ("models", "families", "batches", "memory", "simulated", "accuracy", "atlas", "certificates", "enclosures")
+PARTS += ("load", "walks")
 PEOPLES_MODELS = ("cassie_like", "digit_like")
 
 

@@ -16,13 +16,15 @@ from benchmarks.__main__ import PARTS, main
 from benchmarks.measured import NATIVE, NUMPY, Measured, Options
 from benchmarks.page import page
 from benchmarks.parts import memory, models, simulated
-from benchmarks.peers import NotForThisError, drake
+from benchmarks.peers import NotForThisError, codac, drake
 from benchmarks.peers.mujoco import MuJoCo
 from benchmarks.peers.pinocchio import Pinocchio
 from benchmarks.subjects import backend, difference, model_on, place
 from benchmarks.table import table
 from benchmarks.targets import TARGETS, verdicts
 from benchmarks.timing import exponent, in_turn
+from tests.oracles import rpdr as oracle
+from tests.support.paper import GOAL, K_P, K_V, START, to_paper
 from tests.support.places import ROOT
 
 SMALLEST = Options.smallest()
@@ -173,3 +175,19 @@ def test_calls_are_timed_in_turn():
     assert "".join(seen[-6:]) == "ababab"
     assert times["a"].ratio(times["a"]) == 1.0
     assert exponent([1, 2, 4], [3.0, 12.0, 48.0]) == pytest.approx(2.0)
+
+
+def test_codac_has_the_closed_loop(rpdr_model):
+    """The equation that Codac gets is the reduced model's under the law."""
+    pytest.importorskip("codac")
+    from codac import IntervalVector
+
+    law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
+    f, rng = codac.closed_loop(codac.Law(K_P, K_V, GOAL, rpdr_model.at(GOAL).g)), np.random.default_rng(3)
+    for q in START + rng.uniform(-0.2, 0.2, (5, 2)):
+        v, state = rng.normal(size=2), rpdr_model.at(q)
+        paper = to_paper(rpdr_model.mechanism, state.q_free)
+        found = np.ravel(f.eval(IntervalVector([*map(float, [*q, *(paper[:2] + paper[2:]), *v])])).mid())
+        far = (oracle.rho(paper)[:2] + oracle.rho(paper)[2:]) @ v
+        expected = [*v, *far, *state.forward_dynamics(v, law.torque(0.0, q, v))]
+        np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-10)
