@@ -8,7 +8,7 @@
 namespace ccpin {
 
 constexpr double kContraction = 0.125, kChord = 0.0625, kNoise = 1e-9;
-constexpr double kWideNearSingular = 0.25, kWide = 0.5;  // of what these and `kTurn` allow: by what margin estimates are to hold where nothing is proved
+constexpr double kNearSingular = 0.25, kNarrow = 0.5;  // what estimates may use of these and `kTurn`; far from singular sets of `kTurn`
 constexpr double kStill = 1e-3;  // of the inverse of ψ_q′ times the way since it was factorised
 constexpr double kStraight = 1e-6;  // shorter first corrections than this need no second derivative
 constexpr double kLargestMove = 1.0, kShortestStep = 0x1p-30, kOpenStart = 1e-6;
@@ -98,9 +98,9 @@ class Parametrization : public Continuation {
     return walk(c, s, q, open ? here_.data() : start);
   }
 
-  // One trusted Newton solve on ψ̄ (11): its second correction is at most a sixteenth of the first, no step is longer than
-  // one, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B changes by a quarter of itself at most; near singular sets half as much, unless
-  // the step is proved. Where ρ at a closed start is known, the
+  // One trusted Newton solve on ψ̄ (11): its second correction is at most an eighth of the first, no step is longer than
+  // one, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B changes by a quarter of itself at most; near singular sets by a thirty-second and
+  // an eighth, unless the step is proved. Where ρ at a closed start is known, the
   // first step is ρ Δq, and where ∂²σ/∂q² is, ½ ρ̇ q̇ is ½ ∂²σ/∂q² Δq².
   //
   // The first correction Δ is followed at once by ½ ρ̇ q̇ with q̇′ = Δ, which is what the next one would be to second order
@@ -173,8 +173,8 @@ class Parametrization : public Continuation {
   }
   // Whether estimates hold by a wide margin, wider near singular sets.
   bool clear(const Turn& turn) const {
-    const double wide = turn.near_singular() ? kWideNearSingular : kWide;
-    return shrank_ <= wide * kContraction && turn.change <= wide * kTurn;
+    const bool near = turn.near_singular();
+    return shrank_ <= (near ? kNearSingular : 1) * kContraction && turn.change <= (near ? kNearSingular : kNarrow) * kTurn;
   }
   // Whether a solution is what the start is continued to: by such estimates, or near singular sets by proof.
   bool accepted(const Cluster& c, ClusterState& s, const double* start, double off) {

@@ -28,7 +28,7 @@ _CONTRACTION = 0.125
 _TURN = 0.5
 _ROUNDED = 2.0
 _FAR_FROM_SINGULAR = 2e-8
-_WIDE, _WIDE_NEAR_SINGULAR = 0.5, 0.25
+_NEAR_SINGULAR, _NARROW = 0.25, 0.5
 _NOISE = 1e-9
 _SHORTEST_STEP = 2.0**-30
 _LARGEST_MOVE = 1.0
@@ -155,12 +155,12 @@ class Parametrization:
         """q′ = σ(q) (12), on the branch of `guess`.
 
         Newton's method on ψ̄(q′, q) = ψ(q′) − [0; q] (11) from the guess. A step is taken if it is safe by a wide
-        margin: its second Newton correction is at most a sixteenth of the first, det ψ_q′ keeps its sign, and ψ_q′⁻¹
-        B changes by a quarter of itself at most (`turn_between`). With ω the affine-covariant Lipschitz constant of
-        ψ_q′, half of ω‖Δ₁‖ is estimated by ‖Δ₂‖/‖Δ₁‖, so the first is an eighth of the largest value for which the
+        margin: its second Newton correction is at most an eighth of the first, det ψ_q′ keeps its sign, and ψ_q′⁻¹ B
+        changes by a quarter of itself at most (`turn_between`). With ω the affine-covariant Lipschitz constant of
+        ψ_q′, half of ω‖Δ₁‖ is estimated by ‖Δ₂‖/‖Δ₁‖, so the first is a quarter of the largest value for which the
         Newton–Kantorovich theorem gives one solution, continuously connected to the guess; the last sees what the
         correction, by a symmetry, does not. These are estimates. Where ψ_q′⁻¹ is large, so near singular
-        configurations, they are to be passed by twice that margin. A bolder step there, of up to an eighth and a
+        configurations, a thirty-second and an eighth are asked. A bolder step there, of up to an eighth and a
         half, and every step if `proved` is asked for, is taken only if the theorem of `continuation` proves it.
         Otherwise σ walks along the straight line from α(guess) to q in shorter steps; an open guess is closed first,
         likewise, by letting φ vanish along a straight line. The path depends on q, guess and `proved` only.
@@ -194,8 +194,8 @@ class Parametrization:
         solve = self.newton(here, q, self.rules, open_by)
         if solve.point is None or not solve.steps:
             return solve
-        wide = _WIDE_NEAR_SINGULAR if solve.near_singular else _WIDE
-        clear = solve.contraction <= wide * _CONTRACTION and solve.change <= wide * _TURN
+        contraction, turn = (_NEAR_SINGULAR, _NEAR_SINGULAR) if solve.near_singular else (1.0, _NARROW)
+        clear = solve.contraction <= contraction * _CONTRACTION and solve.change <= turn * _TURN
         asks = proved or (solve.near_singular and not clear)
         sure = self._proves(here, solve) if asks else clear
         return solve if sure else solve._replace(point=None)
