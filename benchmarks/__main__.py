@@ -13,8 +13,19 @@ from benchmarks.measured import Measured, Options
 from benchmarks.table import table
 from benchmarks.targets import checked
 
-PARTS = ("models", "families", "batches", "memory", "simulated", "accuracy", "atlas", "certificates", "enclosures")
-PARTS += ("load", "walks")
+PARTS = (
+    "models",
+    "families",
+    "batches",
+    "memory",
+    "simulated",
+    "accuracy",
+    "atlas",
+    "certificates",
+    "enclosures",
+    "load",
+    "walks",
+)
 PEOPLES_MODELS = ("cassie_like", "digit_like")
 
 

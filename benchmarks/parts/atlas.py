@@ -14,6 +14,7 @@ import ccpin
 from benchmarks.measured import Measured, Options
 from benchmarks.timing import exponent, timed
 from ccpin.domain import certify, certify_path, kantorovich_radius
+from tests.oracles import rpdr
 
 PART = "atlas"
 WHO = "ccpin"
@@ -81,7 +82,7 @@ def branch_share() -> float:
     With d and β distance and direction of elbow 1 from the second motor and a the proximal links' length, the elbows
     are within L where cos(q2 − β) ≥ (d² + a² − L²)/2ad.
     """
-    base, proximal, reach = 0.3048, 0.2794, 2 * 0.3048
+    base, proximal, reach = rpdr.C, rpdr.A1, rpdr.A3 + rpdr.A4
     elbow = proximal * np.exp(1j * np.linspace(-np.pi, np.pi, 100_000, endpoint=False)) - base
     cosine = (np.abs(elbow) ** 2 + proximal**2 - reach**2) / (2.0 * proximal * np.abs(elbow))
     return float(np.mean(np.arccos(np.clip(cosine, -1.0, 1.0))) / np.pi)

@@ -32,10 +32,9 @@ class Law(NamedTuple):
 
 
 class Enclosed(NamedTuple):
-    """How far a set of starts was enclosed (s), the largest width of a velocity there (rad/s), and CPU seconds."""
+    """How far a set of starts was enclosed (s), and CPU seconds."""
 
     until: float
-    width: float
     cost: float
 
 
@@ -81,8 +80,8 @@ def closed_loop(law: Law) -> Any:
     first, second, mixed = (carried[i] + dragged[i] + (own[i] if i < 2 else 0.0) for i in range(3))
     u = [float(law.K_p[k]) * (float(law.q_d[k]) - q[k]) - float(law.K_v[k]) * v[k] + float(law.g_d[k]) for k in (0, 1)]
     e = [u[k] - near_force[k] - rho[0][k] * far_force[0] - rho[1][k] * far_force[1] for k in (0, 1)]
-    below = first * second - sqr(mixed)
-    a = (second * e[0] - mixed * e[1]) / below, (first * e[1] - mixed * e[0]) / below
+    determinant = first * second - sqr(mixed)
+    a = (second * e[0] - mixed * e[1]) / determinant, (first * e[1] - mixed * e[0]) / determinant
     return codac.AnalyticFunction([x], codac.vec(v[0], v[1], w[0], w[1], *a))
 
 
@@ -99,10 +98,9 @@ def enclosed(law: Law, start: np.ndarray, spread: np.ndarray, duration: float, s
     began = time.process_time()
     tube = codac.CtcLohner(f).contract(tube, codac.TimePropag.FWD)
     cost = time.process_time() - began
-    until, width = 0.0, float(2.0 * spread[4:].max())
+    until = 0.0
     for k in range(1, round(duration / step)):
-        at = tube(k * step)
-        if not np.isfinite(at.max_diam()):
+        if not np.isfinite(tube(k * step).max_diam()):
             break
-        until, width = k * step, max(at[4].diam(), at[5].diam())
-    return Enclosed(until, width, cost)
+        until = k * step
+    return Enclosed(until, cost)

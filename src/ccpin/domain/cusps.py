@@ -46,11 +46,10 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, apply, records, rows_of
 from ccpin.domain.atlas.cells import Corners, corners_of
-from ccpin.domain.bounds_reach import chain_reach
 from ccpin.domain.boxes import Problem, closure_derivatives, problem_of
-from ccpin.domain.chain_stack import Derivatives, gather, third_along
+from ccpin.domain.chain_stack import Derivatives, third_along
 from ccpin.domain.chains import closure_system
-from ccpin.domain.extended import proved_within, solved
+from ccpin.domain.extended import proved_within, solved, third_bound
 from ccpin.domain.newton import without_turns
 from ccpin.domain.singularities import SingularCurve, singularities
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
@@ -173,11 +172,8 @@ class _Equations:
 
     def _third(self, point: _Point, radius: Array) -> Array:
         """τ, of shape (B, m)."""
-        stack, box = self.problem.stack, np.tile(radius[:, None], point.theta.shape[1])
-        margin = self._margin(np.abs(point.theta) + box)
-        reach = chain_reach(stack, point.values.arms, gather(stack, np.abs(point.theta)), gather(stack, box), margin)
-        gains = np.swapaxes(np.linalg.norm(stack.weights, axis=2), 0, 1)
-        return np.asarray(reach.max(axis=2, initial=0.0) @ gains.T)
+        box = np.tile(radius[:, None], point.theta.shape[1])
+        return third_bound(self.problem, point.theta, point.values.arms, box)
 
     def _whole(self, y: Array) -> Array:
         """Dependent coordinates (B, m) among all of them, (B, n′)."""

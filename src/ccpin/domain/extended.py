@@ -16,7 +16,9 @@ from typing import Protocol, TypeVar
 import numpy as np
 
 from ccpin.arrays import Array, Indices, apply
-from ccpin.domain.boxes import SLACK, inverses, solve_many
+from ccpin.domain.bounds_reach import chain_reach
+from ccpin.domain.boxes import SLACK, Problem, inverses, solve_many
+from ccpin.domain.chain_stack import gather
 
 UNIT = 2.0**-53
 _SETTLED = 1e-8  # a step after which Newton's next one is lost in rounding
@@ -40,6 +42,18 @@ class Equations(Protocol[P]):
 
     def slope(self, point: P) -> Array:
         """F′, of shape (B, unknowns, unknowns)."""
+
+
+def third_bound(problem: Problem, theta: Array, arms: Array, box: Array) -> Array:
+    """τ ≥ every third and fourth derivative of φ_i over |θ − θ₀| ≤ box (B, n′), of shape (B, m).
+
+    τ_i = Σ_c ‖(B_c)_i‖ max_j ρ_cj with ρ of `chain_reach`, `arms` (B, C, k) being |∂x_c/∂θ_j| at θ₀ (B, n′).
+    """
+    system, stack = problem.system, problem.stack
+    margin = system.rounding * system.magnitude(np.abs(theta) + box)
+    reach = chain_reach(stack, arms, gather(stack, np.abs(theta)), gather(stack, box), margin)
+    gains = np.swapaxes(np.linalg.norm(stack.weights, axis=2), 0, 1)
+    return np.asarray(reach.max(axis=2, initial=0.0) @ gains.T)
 
 
 def solved(equations: Equations[P], x: Array, steps: int) -> Array:

@@ -11,7 +11,7 @@ the image of a fold.
 **Theorem S.** Where the lemma of `extended` holds for F at x₀ with r, exactly one x within r of x₀ has F(x) = 0.
 
 Δ is crude, as r is some 1e-9: with p = (|d|, 1) and P = Σp bounding the moves of θ for ‖x − x₀‖ ≤ 1, τ_i = Σ_c
-‖(B_c)_i‖ max_j ρ_cj bounding every third derivative of φ_i on the ball (`bounds_reach.chain_reach`),
+‖(B_c)_i‖ max_j ρ_cj bounding every third derivative of φ_i on the ball (`extended.third_bound`),
 
     |φ_θθ − φ_θθ(θ₀)| ≤ τPr,    |φ_θ − φ_θ(θ₀)| ≤ (|φ_θθ(θ₀)| + τPr) p r,
     |φ_θθw − φ_θθ(θ₀)w₀| ≤ |φ_θθ(θ₀)|1 r + τPr(|w₀|₁ + mr).
@@ -26,10 +26,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.domain.bounds_reach import chain_reach
 from ccpin.domain.boxes import Problem, closure_derivatives, closure_values
-from ccpin.domain.chain_stack import Derivatives, gather
-from ccpin.domain.extended import proved_within, solved
+from ccpin.domain.chain_stack import Derivatives
+from ccpin.domain.extended import proved_within, solved, third_bound
 
 _STEPS, _STEPS_AHEAD = 40, 8
 
@@ -102,14 +101,12 @@ class _System:
 
     def drift(self, point: _Point, radius: Array) -> tuple[Array, Array]:
         """Δ for radii (B,), and the rounding error of F′'s entries, of shape (B, 2m + 1, 2m + 1) each."""
-        system, stack, m = self.problem.system, self.problem.stack, self.problem.system.m
+        system, m = self.problem.system, self.problem.system.m
         moves = np.ones((len(radius), system.n_free))
         moves[:, system.independent] = np.abs(self.directions)
         box = radius[:, None] * moves
         margin = system.rounding * system.magnitude(np.abs(point.theta) + box)
-        reach = chain_reach(stack, point.values.arms, gather(stack, np.abs(point.theta)), gather(stack, box), margin)
-        gains = np.swapaxes(np.linalg.norm(stack.weights, axis=2), 0, 1)
-        third = reach.max(axis=2, initial=0.0) @ gains.T * box.sum(axis=1, keepdims=True)
+        third = third_bound(self.problem, point.theta, point.values.arms, box) * box.sum(axis=1, keepdims=True)
         bent = np.abs(point.values.hessian)
         weight = np.abs(point.kernel).sum(axis=1)
         turned = apply(bent + third[:, :, None, None], box[:, None])

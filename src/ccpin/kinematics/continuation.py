@@ -66,6 +66,7 @@ class Continuation:
 
     Attributes:
         reaches: k and t.
+        unstructured: B, two right sides of ψ_q′ without structure, of shape (m + n, 2).
     """
 
     def __init__(self, constraints: Constraints, coordinates: IndependentCoordinates, tolerance: float) -> None:

@@ -111,7 +111,6 @@ class Parametrization:
         tolerance = 1e-14 * max(1.0, _reach(self.model))
         self.rules = NewtonRules(tolerance, _MOST_STEPS, stalled=100 * tolerance)
         self.turnable = any(loop.turnable for loop in constraints.loops)
-        self._unstructured = np.random.default_rng(0).uniform(-1.0, 1.0, (len(self._unit), 2))
         self._cluster_of = _clusters_of(coordinates.tree, constraints)
         self.continuation = Continuation(constraints, coordinates, tolerance)
 
@@ -300,7 +299,7 @@ class Parametrization:
             residual = float(np.abs(gap).max(initial=0.0))
             if not steps:
                 sign, started_open = factor.sign, bool(np.abs(point.phi).max(initial=0.0) > 1e-6)
-                probe = factor.solve(self._unstructured) if known is None else known.probe
+                probe = factor.solve(self.continuation.unstructured) if known is None else known.probe
             if factor.rcond < SINGULAR_RCOND or factor.sign != sign:
                 break
             if residual <= rules.tolerance or (last <= rules.noise and residual <= rules.stalled):
@@ -336,7 +335,8 @@ class Parametrization:
                 q_free=point.q_free,
                 rcond=factor.rcond,
             )
-        return ClosedPoint(point.q_free, factor, factor.solve(self._unit), factor.solve(self._unstructured), point)
+        probe = factor.solve(self.continuation.unstructured)
+        return ClosedPoint(point.q_free, factor, factor.solve(self._unit), probe, point)
 
 
 def _follow(

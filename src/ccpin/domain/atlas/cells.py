@@ -267,6 +267,12 @@ def place(tree: CellTree, region: Region, cells: Indices) -> tuple[Array, Array]
     return region.position(tree.lower[cells] + 0.5 * size), 0.5 * region.width * (size / WHOLE)
 
 
+def leaves_holding(tree: CellTree, region: Region, q: Array, error: Array) -> Indices:
+    """The leaf that holds each q (K, n) with all of its error (K, n or 1); −1 where none does."""
+    low, high = (tree.locate(region.cell_coordinates(q + side * error)) for side in (-1.0, 1.0))
+    return np.where(low == high, low, -1)
+
+
 # Which cells of an atlas touch which leaves, and where.
 
 

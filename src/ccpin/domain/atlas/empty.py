@@ -84,40 +84,26 @@ def empty_cells(system: ClosureSystem, groups: tuple[_Group, ...], centre: Array
             gap = gap + (move(stack_chains((anchor.head,), system.n_free, system.m), theta).x @ weights.T)[:, 0]
             norm = float(np.linalg.norm(weights, 2))
             rest = anchor.length + travel[:, anchor.slides].sum(axis=1)
-            reach += norm * (rest + drift(anchor.head, width, travel))
+            reach += norm * (rest + drift(anchor.head, width, travel)[0])
         empty |= np.linalg.norm(gap, axis=1) > reach * (1.0 + 1e-10)
     return empty
 
 
-def drift(head: Chain, width: Array, travel: Array) -> Array:
-    """How far a chain's tip can move over boxes of half widths (B, n′) within |θ| ≤ travel, of shape (B,)."""
-    length, moved = np.full(len(width), np.linalg.norm(head.tip)), np.zeros(len(width))
-    for j in reversed(range(len(head.joints))):
-        joint = head.joints[j]
-        if head.prismatic[j]:
-            moved += width[:, joint]
-            length = length + travel[:, joint]
-        else:
-            moved += length * width[:, joint]
-        length = length + np.linalg.norm(head.translations[j])
-    return moved
+def drift(head: Chain, width: Array, travel: Array) -> tuple[Array, Array]:
+    """How far a chain's tip can move over boxes of half widths (B, n′) within |θ| ≤ travel, and miss its linearization.
 
-
-def bend(head: Chain, width: Array, travel: Array) -> Array:
-    """By how much a chain's tip can miss its linearization at the centre of boxes as in `drift`, of shape (B,).
-
-    Half of the bound of its second derivative along a step: Y″ + 2ωY′ + ωf from the tip to the root, Y′ and Y″ those of
-    what is behind a joint that turns by ω and moves what it carries by f.
+    From the tip to the root, f being what a joint that turns by ω moves what it carries: Y′ + f, and half of
+    Y″ + 2ωY′ + ωf, a bound of the second derivative along a step; both of shape (B,).
     """
-    length, first, second = np.full(len(width), np.linalg.norm(head.tip)), *np.zeros((2, len(width)))
+    length, moved, second = np.full(len(width), np.linalg.norm(head.tip)), *np.zeros((2, len(width)))
     for j in reversed(range(len(head.joints))):
         joint = head.joints[j]
         if head.prismatic[j]:
-            first = first + width[:, joint]
+            moved = moved + width[:, joint]
             length = length + travel[:, joint]
         else:
             own = length * width[:, joint]
-            second = second + width[:, joint] * (2.0 * first + own)
-            first = first + own
+            second = second + width[:, joint] * (2.0 * moved + own)
+            moved = moved + own
         length = length + np.linalg.norm(head.translations[j])
-    return 0.5 * second
+    return moved, 0.5 * second

@@ -35,7 +35,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Mask, rows_of
-from ccpin.domain.atlas.empty import bend, drift
+from ccpin.domain.atlas.empty import drift
 from ccpin.domain.chain_stack import move, stack_chains
 from ccpin.domain.chains import Chain, ClosureSystem
 
@@ -148,8 +148,8 @@ def platform_empty(system: ClosureSystem, platform: Platform, centre: Array, hal
         for at, joint in enumerate(head.joints):
             column = np.flatnonzero(system.independent == joint)
             ends.slopes[:, k, :, column[0]] += motion.b[:, 0, at] @ weights.T * width[:, joint, None]
-        ends.moves[:, k], ends.bends[:, k] = drift(head, width, travel), bend(head, width, travel)
-    ends.moves[:], ends.bends[:] = ends.moves + margin[:, None], ends.bends + margin[:, None]
+        moved, missed = drift(head, width, travel)
+        ends.moves[:, k], ends.bends[:, k] = moved + margin, missed + margin
     return _violated(platform, ends)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Indices, rows_of
-from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of, place
+from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of, leaves_holding, place
 from ccpin.domain.atlas.run import Runner
 from ccpin.domain.boxes import Boxes, Problem
 from ccpin.domain.folds import Folds, SingularPoints, singular_points
@@ -145,11 +145,9 @@ def _marked(
     error = (found.error * np.maximum(1.0, stretch))[:, None]
     inside = found.proved & np.all(np.isfinite(theta), axis=1)
     theta, error = theta[inside], error[inside]
-    q = theta[:, independent]
-    low, high = (tree.locate(region.cell_coordinates(q + side * error)) for side in (-1.0, 1.0))
-    rows = np.flatnonzero((low == high) & (low >= 0))
-    rows = rows[tree.status[low[rows]] == CellStatus.UNDECIDED]
-    cells, first = np.unique(low[rows], return_index=True)
+    leaf = leaves_holding(tree, region, theta[:, independent], error)
+    rows = np.flatnonzero((leaf >= 0) & (tree.status[leaf] == CellStatus.UNDECIDED))
+    cells, first = np.unique(leaf[rows], return_index=True)
     tree.status[cells] = CellStatus.SINGULAR
     return SingularCells(cells, theta[rows[first]])
 

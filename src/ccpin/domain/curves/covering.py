@@ -27,8 +27,9 @@ from scipy.spatial import cKDTree
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
 from ccpin.domain.boxes import SLACK, Problem, closure_derivatives, solve_many
-from ccpin.domain.curves.system import first_order, third_bound, values_at
+from ccpin.domain.curves.system import first_order, values_at
 from ccpin.domain.curves.tubes import Frames, Points, Tubes, bounds_of, frames_at, inverse_without, places_in
+from ccpin.domain.extended import third_bound
 from ccpin.domain.newton import without_turns
 from ccpin.domain.sheets.narrowing import Candidates
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Indices, Mask, instance, joined, matrix_rows, positive, rows_of, whole
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import CellStatus, Corners, Region
+from ccpin.domain.atlas.cells import CellStatus, Corners, Region, leaves_holding
 from ccpin.domain.atlas.run import stoppable
 from ccpin.domain.boxes import BoundsName, Problem, closure_values, problem_of
 from ccpin.domain.chains import ClosureSystem, closure_system
@@ -297,11 +297,8 @@ def _curve(problem: Problem, chain: Chain) -> CertifiedCurve:
 
 def _cells(atlas: Atlas, at: Points, independent: Indices) -> Indices:
     """The leaves that hold the q of points with all of their error."""
-    q, error = at.x[:, independent], at.error[:, independent]
-    low, high = (
-        atlas.tree.locate(atlas.region.cell_coordinates(atlas.region.reduce(q + side * error))) for side in (-1.0, 1.0)
-    )
-    return np.asarray(low[(low == high) & (low >= 0)], dtype=np.intp)
+    leaf = leaves_holding(atlas.tree, atlas.region, atlas.region.reduce(at.x[:, independent]), at.error[:, independent])
+    return leaf[leaf >= 0]
 
 
 def _holds(problem: Problem, curve: CertifiedCurve) -> bool:

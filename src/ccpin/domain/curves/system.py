@@ -7,7 +7,7 @@ With θ = (q, y), n = 2 independent and m dependent coordinates, x = (θ, w) and
 says that θ is closed and that w spans part of the kernel of φ_y (Moore and Spence 1980): M = 2m + 1 equations in
 N = 2m + 2 unknowns, regular at simple folds, at cusps of their image in q and on self-motions (`singularities`).
 
-Over |θ − θ₀| ≤ b, |w − w₀| ≤ v let τ_i bound all third and fourth derivatives of φ_i (`bounds_reach.chain_reach`). Then
+Over |θ − θ₀| ≤ b, |w − w₀| ≤ v let τ_i bound all third and fourth derivatives of φ_i (`extended.third_bound`). Then
 
     |φ_θθ − φ_θθ(θ₀)| ≤ τ|b|₁,    |φ_θθy w − φ_θθy(θ₀)w₀| ≤ τ|b|₁(|w₀|₁ + |v|₁) + τ|v|₁
 
@@ -23,9 +23,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Mask, apply
-from ccpin.domain.bounds_reach import chain_reach
 from ccpin.domain.boxes import Problem, closure_derivatives, solve_many
-from ccpin.domain.chain_stack import Derivatives, gather, third_along
+from ccpin.domain.chain_stack import Derivatives, third_along
+from ccpin.domain.extended import third_bound
 
 _SETTLED, _FAR = 1e-7, 1.0
 
@@ -132,12 +132,3 @@ def drift(problem: Problem, values: Values, box: Array) -> Drift:
         np.concatenate([bent, bent * weight + third * spread, none], axis=1),
         np.concatenate([np.zeros_like(bent), bent, none], axis=1),
     )
-
-
-def third_bound(problem: Problem, theta: Array, arms: Array, box: Array) -> Array:
-    """τ over |θ − θ₀| ≤ box (B, n′), of shape (B, m)."""
-    system, stack = problem.system, problem.stack
-    margin = system.rounding * system.magnitude(np.abs(theta) + box)
-    reach = chain_reach(stack, arms, gather(stack, np.abs(theta)), gather(stack, box), margin)
-    gains = np.swapaxes(np.linalg.norm(stack.weights, axis=2), 0, 1)
-    return np.asarray(reach.max(axis=2, initial=0.0) @ gains.T)
