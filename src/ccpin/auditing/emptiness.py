@@ -15,7 +15,8 @@ none: so, or by a row of φ over the box, or of
 
     Ãφ(θ) ∈ Ãφ(θ₀) + Ãφ_θ(box)(θ − θ₀)
 
-that 0 is not in; what of a box the latter leaves, solved for one coordinate at a time, takes its place. Where a
+with Ã = I or Ã ≈ φ_y⁻¹ that 0 is not in; what of a box this leaves, solved for one coordinate at a time, takes its
+place. Where a
 dependent coordinate slides, or there are more than six, the lemma alone is tried, over parts of the cell.
 
 The same search, with boxes kept on which |I − Ãφ_y|w < w for some w > 0, is what `counts` begins with.
@@ -26,18 +27,18 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from flint import arb
+from flint import arb, arb_mat
 
 from ccpin.auditing.boxes import contracts, defect
-from ccpin.auditing.closures import Closures, Motion, Path, columns, exact, motion_of
+from ccpin.auditing.closures import Closures, Motion, Path, columns, exact, floats, motion_of
 from ccpin.auditing.document import Array, Document, Integers, corners
 from ccpin.auditing.lengths import least_size, norm_of, root_of, segments_of
 
-_BUDGET, _REACH = 8000, 400  # boxes over one cell, and where the lemma alone is tried
+_BUDGET, _REACH = 20_000, 400  # boxes over one cell, and where the lemma alone is tried
 _MOST = 6
 _TAIL = 0.6  # rad: joints that may turn more than this each way are behind the cut
-_SLOPES = 0.4  # rad: boxes whose turns are wider are halved before slopes are tried
-_SHRUNK = 0.7
+_WIDE, _SLOPES = 0.8, 0.4  # rad: boxes whose turns are wider are halved before slopes are tried, and Ã
+_SHRUNK, _CUT = 0.7, 0.1
 _FINE = 0.002  # of the size: last joints of chains in no other loop are halved after all others move φ by less
 
 
@@ -136,7 +137,7 @@ class Emptiness:
             elif smaller.half.sum() < _SHRUNK * box.half.sum():
                 waiting.append(smaller)
             else:
-                waiting += halves(smaller, int(np.argmax(self._moves(smaller))) if keep else self._worst(smaller))
+                waiting += halves(smaller, self._between(smaller) if keep else self._worst(smaller))
         return kept
 
     def _too_far(self, box: Ball) -> bool:
@@ -176,43 +177,55 @@ class Emptiness:
 
     def narrowed(self, box: Ball) -> tuple[Ball | None, bool]:
         """What of a box may close (``None``: nothing), and whether φ_y is proved nonsingular on all of it."""
-        closures, balls = self.closures, box.balls()
+        closures, dependent, balls = self.closures, self.document.dependent, box.balls()
         motions = closures.motions(balls)
         phi = closures.value(balls, motions)
         if not all(phi[i, 0].contains(0) for i in range(closures.m)):
             return None, False
-        dependent = self.document.dependent
-        if np.any(box.half[dependent] > _SLOPES):
+        if np.any(box.half[dependent] > _WIDE):
             return box, False
-        middle = 0.5 * (box.low + box.high)
-        slope = closures.at(middle)[1]
+        middle = [arb(float(x)) for x in 0.5 * (box.low + box.high)]
+        start = closures.motions(middle)
+        slope, value = closures.jacobian(motions), closures.value(middle, start)
+        smaller = self._solved(box, middle, value, slope)
+        if smaller is None or np.any(box.half[dependent] > _SLOPES):
+            return smaller, False
         try:
-            A = exact(np.linalg.inv(slope[:, dependent]).astype(np.float64))
+            A = exact(np.linalg.inv(floats(columns(closures.jacobian(start), dependent))).astype(np.float64))
         except np.linalg.LinAlgError:
-            return box, False
-        point = [arb(float(x)) for x in middle]
-        constant = A * closures.value(point, closures.motions(point))
-        along = A * closures.jacobian(motions)
-        delta = [b - x for b, x in zip(balls, point, strict=True)]
+            return smaller, False
+        along = A * slope
+        return self._solved(smaller, middle, A * value, along), contracts(defect(columns(along, dependent)))
+
+    def _solved(self, box: Ball, middle: list[arb], value: arb_mat, slope: arb_mat) -> Ball | None:
+        """What of a box is left by 0 ∈ f(θ₀) + f_θ(box)(θ − θ₀), row by row, solved for dependent coordinates."""
         low, high = box.low.copy(), box.high.copy()
-        for row, j in enumerate(int(d) for d in dependent):
-            terms = [along[row, k] * delta[k] for k in range(closures.n_free)]
-            total = sum(terms, constant[row, 0])
-            if not total.contains(0):
-                return None, False
-            if along[row, j].contains(0):
-                continue
-            found = point[j] - (sum((t for k, t in enumerate(terms) if k != j), constant[row, 0])) / along[row, j]
-            low[j], high[j] = max(low[j], _below(found)), min(high[j], _above(found))
-            if low[j] > high[j]:
-                return None, False
-        return Ball(low, high), contracts(defect(columns(along, dependent)))
+        delta = [ball - x for ball, x in zip(box.balls(), middle, strict=True)]
+        for row in range(self.closures.m):
+            terms = [slope[row, k] * delta[k] for k in range(self.closures.n_free)]
+            if not sum(terms, value[row, 0]).contains(0):
+                return None
+            for j in (int(d) for d in self.document.dependent):
+                if slope[row, j].contains(0):
+                    continue
+                rest = sum((t for k, t in enumerate(terms) if k != j), value[row, 0])
+                found = middle[j] - rest / slope[row, j]
+                low[j], high[j] = max(low[j], _below(found)), min(high[j], _above(found))
+                if low[j] > high[j]:
+                    return None
+        return Ball(low, high)
 
     def _worst(self, box: Ball) -> int:
         """The coordinate to halve: what moves φ most, those last that the lemma does without."""
         moves = self._moves(box)
         first = self._first[int(np.argmax(moves[self._first]))]
         return int(first) if moves[first] > _FINE else int(np.argmax(moves))
+
+    def _between(self, box: Ball) -> int:
+        """The coordinate to halve where boxes are kept: the same, but of q as late as of those last."""
+        first = np.intersect1d(self._first, self.document.dependent)
+        wide = np.any(box.half[first] > _CUT)
+        return self._widest(box, first) if wide else int(np.argmax(self._moves(box)))
 
     def _widest(self, box: Ball, among: Integers) -> int:
         return int(among[int(np.argmax(self._moves(box)[among]))])
