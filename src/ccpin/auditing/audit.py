@@ -26,6 +26,7 @@ _WORDS = {
     "glue": "shared faces with one σ",
     "empty": "cells without a closed configuration",
     "singular": "cells with a singular configuration",
+    "demand": "boxes within the limits, motors in hold of them, as dexterous as said",
     "count": "cells with as many closed configurations, none singular",
 }
 _BESIDES = "limits, motors and dexterity; that the closures are those of a file (compare the fingerprint)"
@@ -131,6 +132,7 @@ def verify(
         "glue": touching,
         "empty": list(range(len(document.empty.number))),
         "singular": list(range(len(document.singular.number))),
+        "demand": [] if document.demands is None else list(range(len(document.centre))),
         "count": [] if document.counts is None else list(range(len(document.counts.said))),
     }
     chosen = {kind: _chosen(len(every), sample, seed + k) for k, (kind, every) in enumerate(kinds.items())}
@@ -218,6 +220,7 @@ def _checked_there(tasks: Iterable[Any]) -> list[Result]:
 def _checked(held: _Held, tasks: Iterable[Any]) -> list[Result]:
     from ccpin.auditing.boxes import proved
     from ccpin.auditing.counts import counted
+    from ccpin.auditing.demands import met
     from ccpin.auditing.gluing import same_solution
     from ccpin.auditing.singular import singular
 
@@ -230,6 +233,8 @@ def _checked(held: _Held, tasks: Iterable[Any]) -> list[Result]:
             results.append((kind, (what.first, what.second), same_solution(closures, document, what)))
         elif kind == "empty":
             results.append((kind, (int(document.empty.number[what]),), held.emptiness.proved(what)))
+        elif kind == "demand":
+            results.append((kind, (what,), met(closures, document, what, _CUTS)))
         elif kind == "count":
             number = 0 if document.counts is None else int(document.counts.cells.number[what])
             results.append((kind, (number,), counted(held.emptiness, what)))

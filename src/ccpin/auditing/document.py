@@ -69,6 +69,23 @@ class Counts(NamedTuple):
     boxes: Integers
 
 
+class Demands(NamedTuple):
+    """What boxes of a workspace are said to keep.
+
+    Attributes:
+        lower, upper: Limits of θ, (n′,), the largest number where there is none.
+        driven: Indices in θ of what motors drive; none: nothing is said of motors and dexterity.
+        units: What a unit of each parameter counts as where dexterity is measured, (n,).
+        dexterity: The least 1/κ.
+    """
+
+    lower: Array
+    upper: Array
+    driven: Integers
+    units: Array
+    dexterity: float
+
+
 class Document(NamedTuple):
     """What a certificate claims, and of which closures φ(θ) = Σ B x(θ) + Gθ + d (rows of `moduli` modulo these).
 
@@ -85,6 +102,7 @@ class Document(NamedTuple):
         singular: Cells said to hold the q of a singular one.
         witnesses: θ of one over each of these, to rounding, (K, n′).
         counts: How many closed configurations there are, of sheets.
+        demands: What is asked of boxes besides, of a workspace.
     """
 
     header: dict[str, Any]
@@ -110,6 +128,7 @@ class Document(NamedTuple):
     singular: Cells
     witnesses: Array
     counts: Counts | None = None
+    demands: Demands | None = None
 
 
 def read(path: str | Path) -> Document:
@@ -142,7 +161,14 @@ def read(path: str | Path) -> Document:
 
 
 def _of_atlas(arrays: dict[str, Any]) -> dict[str, Any]:
-    return {"seed": arrays["seed"], "unglued": arrays["unglued"], "faces": None}
+    return {"seed": arrays["seed"], "unglued": arrays["unglued"], "faces": None, "demands": _demands(arrays)}
+
+
+def _demands(arrays: dict[str, Any]) -> Demands | None:
+    if not any(name.startswith("demand_") for name in arrays):
+        return None
+    said = {name: arrays[f"demand_{name}"] for name in Demands._fields}
+    return Demands(**said | {"dexterity": float(said["dexterity"])})
 
 
 def _of_sheets(arrays: dict[str, Any]) -> dict[str, Any]:

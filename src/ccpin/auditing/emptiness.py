@@ -16,8 +16,8 @@ none: so, or by a row of φ over the box, or of
     Ãφ(θ) ∈ Ãφ(θ₀) + Ãφ_θ(box)(θ − θ₀)
 
 with Ã = I or Ã ≈ φ_y⁻¹ that 0 is not in; what of a box this leaves, solved for one coordinate at a time, takes its
-place. Where a
-dependent coordinate slides, or there are more than six, the lemma alone is tried, over parts of the cell.
+place. Where a dependent coordinate slides, or there are more than six, the lemma alone is tried, over parts of the
+cell.
 
 The same search, with boxes kept on which |I − Ãφ_y|w < w for some w > 0, is what `counts` begins with.
 """
