@@ -21,6 +21,10 @@ applies. 2: φ_x + φ_y ∂y/∂x = 0, so Z = ∂y/∂x − X has Z = (I − Ã�
 (I − M)⁻¹F ≤ T as the inverse is nonnegative. 3: the singular values of UᵀK_cV are those of S to g (Weyl), and those of
 K_c times a number between the products of the least and of the greatest of U and V; Weyl again. ∎
 
+For any real matrix B, Ã φ_θ(θ) B lies in Ã φ_θ(θ₀) B + Σ_j Ã H_j B [−w_j, w_j] over a cell, with H_j holding the
+derivatives of φ_θ along the j-th column of D or E as in `boxes`, w_j that parameter's half width; and in Ã[φ_θ]B as
+evaluated over the cell. Of the two the narrower is taken, entry by entry.
+
 Where a carriage has x, φ's own rows do not depend on x: φ_y″ is block triangular with the matrix ψ_q′ of the mechanism
 among the square blocks on its diagonal.
 """
@@ -53,7 +57,7 @@ def met(closures: Closures, document: Document, k: int, cuts: int) -> bool:
     cells = [(-box.half, box.half, cuts)]
     while cells:
         low, high, left = cells.pop()
-        if _holds(closures, document, demands, _reached(document, box, low, high)):
+        if _holds(_Slopes(closures, document, box, (low, high)), demands):
             continue
         if not left:
             return False
@@ -83,17 +87,50 @@ def _within(demands: Demands, theta: list[arb]) -> bool:
     )
 
 
-def _holds(closures: Closures, document: Document, demands: Demands, theta: list[arb]) -> bool:
+class _Slopes:
+    """φ_θ over a cell of a box's parameters and its tube."""
+
+    def __init__(self, closures: Closures, document: Document, box: Box, cell: tuple[Array, Array]) -> None:
+        self.document, self.size = document, closures.n_free
+        middle = 0.5 * (cell[0] + cell[1])
+        start = (box.directions * exact(middle)).entries()
+        theta = [x + d for x, d in zip(box.centre, start, strict=True)]
+        around = closures.motions(_reached(document, box, *cell))
+        self.middle, self.plain = closures.jacobian(closures.motions(theta)), closures.jacobian(around)
+        moves = [[box.directions[i, j] for i in range(self.size)] for j in range(len(middle))]
+        for j in range(closures.m):
+            moves.append([arb(0)] * self.size)
+            for row, index in enumerate(document.dependent):
+                moves[-1][int(index)] = box.modes[row, j]
+        ends = zip(middle, *cell, strict=True)
+        widths = [arb(0, float(np.nextafter(max(b - x, x - a), np.inf))) for x, a, b in ends]
+        widths += [arb(0, float(r.upper())) for r in box.radius]
+        self.bends = [(closures.variation(around, move), w) for move, w in zip(moves, widths, strict=True)]
+
+    def between(self, gain: arb_mat, right: arb_mat) -> arb_mat:
+        """Ã φ_θ B."""
+        total = gain * self.middle * right
+        for bend, width in self.bends:
+            total = total + gain * bend * right * width
+        plain = gain * self.plain * right
+        entries = [a if a.rad() <= b.rad() else b for a, b in zip(total.entries(), plain.entries(), strict=True)]
+        return arb_mat(total.nrows(), total.ncols(), entries)
+
+    def chosen(self, which: Integers) -> arb_mat:
+        """B that chooses columns."""
+        return exact(np.eye(self.size)[:, which])
+
+
+def _holds(slopes: _Slopes, demands: Demands) -> bool:
     """1 and, where it is asked for, dexterity, over a cell."""
-    slope = closures.jacobian(closures.motions(theta))
-    others = np.setdiff1d(np.arange(closures.n_free), demands.driven)
-    gain = _inverse(columns(slope, others))
-    if gain is None or not contracts(defect(gain * columns(slope, others))):
+    others = np.setdiff1d(np.arange(slopes.size), demands.driven)
+    gain = _inverse(columns(slopes.middle, others))
+    if gain is None or not contracts(defect(slopes.between(gain, slopes.chosen(others)))):
         return False
     if demands.dexterity == 0.0:
         return True
-    found = _derivative(slope, document)
-    return found is not None and _dexterous(demands, document, *found)
+    found = _derivative(slopes)
+    return found is not None and _dexterous(demands, slopes.document, *found)
 
 
 def _inverse(matrix: arb_mat) -> arb_mat | None:
@@ -104,16 +141,19 @@ def _inverse(matrix: arb_mat) -> arb_mat | None:
         return None
 
 
-def _derivative(slope: arb_mat, document: Document) -> tuple[Array, Array] | None:
+def _derivative(slopes: _Slopes) -> tuple[Array, Array] | None:
     """X and T of 2."""
-    inner, outer = columns(slope, document.dependent), columns(slope, document.independent)
-    gain = _inverse(inner)
+    document = slopes.document
+    gain = _inverse(columns(slopes.middle, document.dependent))
     if gain is None:
         return None
-    shrunk, X = defect(gain * inner), floats(-(gain * outer))
+    shrunk = defect(slopes.between(gain, slopes.chosen(document.dependent)))
     if not contracts(shrunk):
         return None
-    residual = (gain * (outer + inner * exact(X))).entries()
+    X = floats(-(gain * columns(slopes.middle, document.independent)))
+    along = np.zeros((slopes.size, X.shape[1]))
+    along[document.independent], along[document.dependent] = np.eye(X.shape[1]), X
+    residual = slopes.between(gain, exact(along)).entries()
     first = np.array([_upper(x) for x in residual]).reshape(X.shape)
     rough = np.array([[_upper(x) for x in row] for row in shrunk])
     T = np.linalg.solve(np.eye(len(rough)) - rough, first) * _ROOM + _LEAST
