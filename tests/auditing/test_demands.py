@@ -23,7 +23,7 @@ def workspace(tmp_path_factory):
     x = task_problem(end_effector, None, True, 0.0, None, "auto").x
     width = np.array([0.02, 0.02, 0.1])
     atlas = certify_workspace(
-        end_effector, (x - width, x + width), limits=LIMITS, dexterity=0.1, length=0.3, max_depth=3
+        end_effector, (x - width, x + width), limits=LIMITS, dexterity=0.1, length=0.3, max_depth=3, bounds="reach"
     )
     path = tmp_path_factory.mktemp("demands") / "workspace.json"
     atlas.save(path)
@@ -103,7 +103,7 @@ def test_motors_that_lose_hold_are_found(workspace, tmp_path):
 
 
 def test_the_derivative_is_enclosed(workspace):
-    """∂y/∂x of 2 against a solve at random places of the tubes."""
+    """∂y/∂x of 2 against a solve at random places of the tubes, to what that is rounded by."""
     rng = np.random.default_rng(3)
     read = document.read(workspace[1])
     own = closures.Closures(read)
@@ -117,4 +117,4 @@ def test_the_derivative_is_enclosed(workspace):
             theta[read.dependent] += read.modes[k] @ (zeta * read.radius[k])
             slope = own.at(theta)[1]
             exact = -np.linalg.solve(slope[:, read.dependent], slope[:, read.independent])
-            assert np.all(np.abs(exact - X) <= T)
+            assert np.all(np.abs(exact - X) <= T + 1e-12)
