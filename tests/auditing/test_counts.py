@@ -11,6 +11,7 @@ pytest.importorskip("flint")
 from ccpin.auditing import closures, counts, document, emptiness, gluing, verify
 from ccpin.auditing.audit import _faces as audit_faces
 from tests.support.altered import changed
+from tests.support.legs import WHOLE, load_slice
 
 TORUS = np.full(2, -np.pi), np.full(2, np.pi)
 
@@ -120,3 +121,29 @@ def test_counts_of_cells_that_have_other_numbers_are_found(sheets, tmp_path, mon
         assert counts.counted(look, row_of(read, cell)) is False
     assert not np.any(np.isin(two, read.counts.cells.number))
     assert not any(look.proved(int(k)) for k in np.flatnonzero(np.isin(read.empty.number, two)))
+
+
+def test_workers_count_the_same(sheets):
+    alone, shared = (verify(sheets[1], sample=3, workers=workers).claims for workers in (1, 2))
+    assert alone == shared
+    assert alone[4].checked == 3
+
+
+@pytest.mark.slow
+def test_counts_of_the_3rpr(tmp_path):
+    """Cells of its slice with four configurations and with two, some seconds each; four said to be two are found."""
+    found = certify_sheets(load_slice(), WHOLE, max_depth=5)
+    path = tmp_path / "legs.json"
+    found.save(path)
+    read, look = looker(path)
+    cells = [read.counts.cells.number[read.counts.said == number][0] for number in (4, 2)]
+    assert all(counts.counted(look, row_of(read, cell)) for cell in cells)
+
+    def plant(arrays):
+        rows = np.flatnonzero(arrays["members_cell"] == cells[0])
+        arrays["count"][cells[0]] = 2
+        for name in ("members_cell", "members_box"):
+            arrays[name] = np.delete(arrays[name], rows[2:])
+
+    read, look = looker(changed(path, tmp_path, plant))
+    assert counts.counted(look, row_of(read, cells[0])) is False
