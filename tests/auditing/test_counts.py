@@ -5,6 +5,7 @@ import pytest
 
 import ccpin
 from ccpin.domain import CellStatus, certify_sheets
+from ccpin.errors import InvalidInputError
 
 pytest.importorskip("flint")
 
@@ -100,6 +101,14 @@ def test_wrong_counts_are_found(sheets, cell, tmp_path, planted):
 
     read, look = looker(changed(path, tmp_path, plant))
     assert counts.counted(look, row_of(read, cell)) is False
+
+
+def test_boxes_that_are_none_are_refused(sheets, tmp_path):
+    def plant(arrays):
+        arrays["members_box"][0] = len(arrays["box_centre"])
+
+    with pytest.raises(InvalidInputError, match="members_box"):
+        document.read(changed(sheets[1], tmp_path, plant))
 
 
 def test_counts_of_cells_that_have_other_numbers_are_found(sheets, tmp_path, monkeypatch):

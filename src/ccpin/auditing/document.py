@@ -168,7 +168,14 @@ def _demands(arrays: dict[str, Any]) -> Demands | None:
     if not any(name.startswith("demand_") for name in arrays):
         return None
     said = {name: arrays[f"demand_{name}"] for name in Demands._fields}
+    _among(said["driven"], len(said["lower"]), "demand_driven")
     return Demands(**said | {"dexterity": float(said["dexterity"])})
+
+
+def _among(places: Integers, count: int, name: str) -> None:
+    """Refuse places that are none of so many."""
+    if np.any((places < 0) | (places >= count)):
+        raise InvalidInputError(f"{name} names places outside of the {count} there are")
 
 
 def _of_sheets(arrays: dict[str, Any]) -> dict[str, Any]:
@@ -180,6 +187,7 @@ def _counts(arrays: dict[str, Any]) -> Counts:
     """What is said of how many there are; of cells called empty only where that is not 0."""
     status, said = arrays["tree_status"], arrays["count"]
     certified, empty = status == _CERTIFIED, status == _EMPTY
+    _among(arrays["members_box"], len(arrays["box_centre"]), "members_box")
     cells = np.flatnonzero((arrays["tree_child"] < 0) & np.where(empty, said > 0, certified | (said >= 0)))
     return Counts(_cells(arrays, cells), said[cells], certified[cells], arrays["members_cell"], arrays["members_box"])
 
