@@ -5,15 +5,14 @@ import pytest
 
 import ccpin
 from ccpin import domain
-from ccpin.domain import CellStatus, certify, certify_sheets
+from ccpin.domain import CellStatus, certify
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr as oracle
 from tests.support.legs import WHOLE, load_slice
 
 pytest.importorskip("flint")
 
-from ccpin.auditing import closures, document, emptiness, gluing, singular, verify
-from ccpin.auditing.audit import _faces as audit_faces
+from ccpin.auditing import closures, document, emptiness, singular, verify
 from tests.support.altered import changed
 
 TORUS = np.full(2, -np.pi), np.full(2, np.pi)
@@ -109,30 +108,6 @@ def test_cells_emptied_by_search_are_proved(tmp_path):
     assert look.searched
     largest = np.argsort(-np.prod(read.empty.upper - read.empty.lower, axis=1))[:4]
     assert all(look.proved(int(k)) for k in largest)
-
-
-def test_sheets_are_audited(tmp_path):
-    """Boxes, the faces said to be glued, empty and singular cells; wrong faces are found; counts are not looked at."""
-    sheets = certify_sheets(ccpin.load("rpdr"), TORUS, max_depth=5)
-    path = tmp_path / "sheets.json"
-    sheets.save(path)
-    audit = verify(path, sample=12)
-    assert audit.holds, str(audit)
-    assert len(audit.claims) == 4
-    assert "how many configurations" in audit.not_checked
-    second = sheets.members.box[sheets.members.cell == sheets.members.cell[0]]
-    assert len(second) == 2
-
-    def crossed(arrays):
-        other = {int(second[0]): second[1], int(second[1]): second[0]}
-        rows = np.isin(arrays["glued_first"], second)
-        arrays["glued_first"][rows] = [other[int(k)] for k in arrays["glued_first"][rows]]
-
-    read = document.read(changed(path, tmp_path, crossed))
-    own, faces = closures.Closures(read), audit_faces(read)
-    wrong = [c for c in faces if c.first in second]
-    assert wrong
-    assert not any(gluing.same_solution(own, read, c) for c in wrong)
 
 
 def test_what_slides_is_not_looked_at(tmp_path):

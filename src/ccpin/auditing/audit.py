@@ -26,9 +26,11 @@ _WORDS = {
     "glue": "shared faces with one σ",
     "empty": "cells without a closed configuration",
     "singular": "cells with a singular configuration",
+    "demand": "boxes within the limits, motors in hold of them, as dexterous as said",
+    "count": "cells with as many closed configurations, none singular",
 }
-_BESIDES = "limits, motors and dexterity; that the closures are those of a file (compare the fingerprint)"
-_COUNTS = "how many configurations there are, and that cells without a mark hold no singular one"
+_BESIDES = "that the closures are those of a file (compare the fingerprint)"
+_ASKED = "that limits, driven joints and dexterity are those that were asked for"
 
 
 Result = tuple[str, tuple[int, ...], "bool | None"]
@@ -103,7 +105,9 @@ def verify(
     where the document does not list them as unglued (of sheets: where it says so), and that every box is reached from
     the seed's by such neighbours; that cells called singular hold a singular configuration; and that those called empty
     hold none, where that can be told by the triangle inequality, or by a search of all turns of up to six dependent
-    coordinates (a claim counts as looked at if so).
+    coordinates (a claim counts as looked at if so); and, by such a search, how many there are over the cells of sheets
+    that are counted, none of them singular. Of a workspace's boxes it is proved that they keep the document's limits,
+    that the motors determine the motion, and its dexterity.
 
     Args:
         path: The .json or .npz file.
@@ -130,6 +134,8 @@ def verify(
         "glue": touching,
         "empty": list(range(len(document.empty.number))),
         "singular": list(range(len(document.singular.number))),
+        "demand": [] if document.demands is None else list(range(len(document.centre))),
+        "count": [] if document.counts is None else list(range(len(document.counts.said))),
     }
     chosen = {kind: _chosen(len(every), sample, seed + k) for k, (kind, every) in enumerate(kinds.items())}
     tasks = [(kind, kinds[kind][k]) for kind, rows in chosen.items() for k in rows]
@@ -155,7 +161,7 @@ def verify(
         theorem=document.header.get("theorem", ""),
         fingerprint=document.header["fingerprint"],
         claims=tuple(claims),
-        not_checked=_BESIDES if document.seed is not None else f"{_COUNTS}; {_BESIDES}",
+        not_checked=_BESIDES if document.demands is None else f"{_BESIDES}; {_ASKED}",
     )
 
 
@@ -215,6 +221,8 @@ def _checked_there(tasks: Iterable[Any]) -> list[Result]:
 
 def _checked(held: _Held, tasks: Iterable[Any]) -> list[Result]:
     from ccpin.auditing.boxes import proved
+    from ccpin.auditing.counts import counted
+    from ccpin.auditing.demands import met
     from ccpin.auditing.gluing import same_solution
     from ccpin.auditing.singular import singular
 
@@ -227,6 +235,11 @@ def _checked(held: _Held, tasks: Iterable[Any]) -> list[Result]:
             results.append((kind, (what.first, what.second), same_solution(closures, document, what)))
         elif kind == "empty":
             results.append((kind, (int(document.empty.number[what]),), held.emptiness.proved(what)))
+        elif kind == "demand":
+            results.append((kind, (what,), met(closures, document, what, _CUTS)))
+        elif kind == "count":
+            number = 0 if document.counts is None else int(document.counts.cells.number[what])
+            results.append((kind, (number,), counted(held.emptiness, what)))
         else:
             results.append((kind, (int(document.singular.number[what]),), singular(closures, document, what)))
     return results

@@ -38,7 +38,7 @@ from ccpin.auditing.closures import Closures, columns, exact, floats
 from ccpin.auditing.document import Array, Document
 
 _PARTS, _ROOM, _NEWTON, _ROUNDS = 6, 1.05, 8, 6
-_WIDEN = (1.0 + 2.0**-51, 1e-14)  # what the claim adds to h, so that boxes of rounded corners overlap
+WIDEN = (1.0 + 2.0**-51, 1e-14)  # what the claim adds to h, so that boxes of rounded corners overlap
 
 
 Sizes = list[list[arb]]
@@ -62,7 +62,7 @@ def box_of(document: Document, k: int) -> Box:
         exact(document.directions[k]),
         exact(document.modes[k]),
         [arb(float(x)) for x in document.radius[k]],
-        document.half[k] * _WIDEN[0] + _WIDEN[1],
+        document.half[k] * WIDEN[0] + WIDEN[1],
     )
 
 
@@ -176,7 +176,7 @@ def look(
     units = [arb_mat(m, 1, [arb(int(i == j)) for i in range(m)]) for j in range(m)]
     moves += [_embedded(box, document, unit) for unit in units]
     bends = [A * closures.variation(around, move) for move in moves]
-    drift, plain = _sizes(A * (slope * box.directions)), _defect(A * (columns(slope, chosen) * box.modes))
+    drift, plain = _sizes(A * (slope * box.directions)), defect(A * (columns(slope, chosen) * box.modes))
     whole, mean = plain, plain
     for k, (bend, width) in enumerate(zip(bends, [*spread, *map(float, part)], strict=True)):
         bent = _scaled(_sizes(columns(bend, chosen) * box.modes), width)
@@ -184,14 +184,14 @@ def look(
         mean = _sum(mean, bent if k < len(spread) else _scaled(bent, 0.5))
         if k < len(spread):
             drift = _sum(drift, _scaled(_sizes(bend * box.directions), 0.5 * width))
-    whole = _least(whole, _defect(A * (columns(closures.jacobian(around), chosen) * box.modes)))
+    whole = _least(whole, defect(A * (columns(closures.jacobian(around), chosen) * box.modes)))
     least = _least(mean, whole)
     value = A * closures.value(start, motions)
     offset = [sum((row[j] * arb(e) for j, e in enumerate(spread)), abs(value[i, 0])) for i, row in enumerate(drift)]
     reach = [arb(float(r)) for r in part]
     image = [sum((x * r for x, r in zip(row, reach, strict=True)), y) for row, y in zip(least, offset, strict=True)]
     return Looked(
-        _contracts(whole),
+        contracts(whole),
         all(x < r for x, r in zip(image, reach, strict=True)),
         any(2 * abs(f) > x + r for f, x, r in zip(value.entries(), image, reach, strict=True)),
         np.array([_upper(x) for x in offset]),
@@ -213,7 +213,7 @@ def _embedded(box: Box, document: Document, zeta: arb_mat) -> list[arb]:
     return whole
 
 
-def _contracts(matrix: Sizes) -> bool:
+def contracts(matrix: Sizes) -> bool:
     """Whether |M|w < w for some w > 0: the sum of the powers of |M| applied to 1, where it converges."""
     rough = np.array([[_upper(x) for x in row] for row in matrix])
     if not np.all(np.isfinite(rough)):
@@ -228,7 +228,7 @@ def _contracts(matrix: Sizes) -> bool:
     return all(sum((x * y for x, y in zip(row, w, strict=True)), arb(0)) < w[i] for i, row in enumerate(matrix))
 
 
-def _defect(matrix: arb_mat) -> Sizes:
+def defect(matrix: arb_mat) -> Sizes:
     """|I − X|."""
     return [[abs(int(i == j) - matrix[i, j]) for j in range(matrix.ncols())] for i in range(matrix.nrows())]
 

@@ -147,26 +147,22 @@ def _path(chain: Chain) -> Path:
 
 
 def motion_of(path: Path, theta: list[arb]) -> Motion:
-    """A chain at θ."""
-    R, o = exact(np.eye(3)), arb_mat(3, 1)
-    passed = []
+    """A chain at θ. What lies behind a joint is summed from the tip: it knows nothing of what lies before it."""
+    R, passed = exact(np.eye(3)), []
     for turn in path.turns:
-        o = o + R * turn.translation
+        step = R * turn.translation
         R = R * turn.rotation
         axis, angle = R * turn.axis, theta[turn.joint]
         if turn.prismatic:
-            o = o + axis * angle
+            step = step + axis * angle
         else:
             sine, cosine = angle.sin_cos()
             R = R + R * (turn.skew * sine + turn.square * (1 - cosine))
-        passed.append((turn.joint, axis, arb_mat(o), turn.prismatic))
-    arm = R * path.tip
-    x = arm if path.direction else o + arm
+        passed.append((turn.joint, axis, step, turn.prismatic))
+    x = R * path.tip
     joints = []
-    for joint, axis, origin, slides in passed:
-        if slides:
-            along = arb_mat(3, 1) if path.direction else axis
-        else:
-            along = cross(axis, x if path.direction else x - origin)
-        joints.append((joint, axis, along, slides))
-    return Motion(x, tuple(joints))
+    for joint, axis, step, slides in reversed(passed):
+        carried = arb_mat(3, 1) if path.direction else axis
+        joints.append((joint, axis, carried if slides else cross(axis, x), slides))
+        x = x if path.direction else x + step
+    return Motion(x, tuple(reversed(joints)))

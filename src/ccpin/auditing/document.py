@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 ATLAS, SHEETS = "ccpin-atlas-4", "ccpin-sheets-1"
 _UNITS = 2.0**32
-_EMPTY, _SINGULAR = 4, 6
+_CERTIFIED, _EMPTY, _SINGULAR = 2, 4, 6
 _BOXES = ("centre", "half", "directions", "modes", "radius")
 _CHAIN = ("joints", "rotations", "translations", "axes", "prismatic", "tip", "direction", "weights")
 
@@ -52,6 +52,40 @@ class Faces(NamedTuple):
     at_second: Array
 
 
+class Counts(NamedTuple):
+    """Cells over which a number of closed configurations is said, and the boxes that lie over cells.
+
+    Attributes:
+        cells: The cells.
+        said: How many each has, (K,).
+        certified: Whether each of them is said to be in a box, (K,).
+        of, boxes: The numbers of cells and of boxes over them, side by side.
+    """
+
+    cells: Cells
+    said: Integers
+    certified: NDArray[np.bool_]
+    of: Integers
+    boxes: Integers
+
+
+class Demands(NamedTuple):
+    """What boxes of a workspace are said to keep.
+
+    Attributes:
+        lower, upper: Limits of θ, (n′,), the largest number where there is none.
+        driven: Indices in θ of what motors drive; none: nothing is said of motors and dexterity.
+        units: What a unit of each parameter counts as where dexterity is measured, (n,).
+        dexterity: The least 1/κ.
+    """
+
+    lower: Array
+    upper: Array
+    driven: Integers
+    units: Array
+    dexterity: float
+
+
 class Document(NamedTuple):
     """What a certificate claims, and of which closures φ(θ) = Σ B x(θ) + Gθ + d (rows of `moduli` modulo these).
 
@@ -67,6 +101,8 @@ class Document(NamedTuple):
         empty: Cells said to hold no closed configuration.
         singular: Cells said to hold the q of a singular one.
         witnesses: θ of one over each of these, to rounding, (K, n′).
+        counts: How many closed configurations there are, of sheets.
+        demands: What is asked of boxes besides, of a workspace.
     """
 
     header: dict[str, Any]
@@ -91,6 +127,8 @@ class Document(NamedTuple):
     empty: Cells
     singular: Cells
     witnesses: Array
+    counts: Counts | None = None
+    demands: Demands | None = None
 
 
 def read(path: str | Path) -> Document:
@@ -123,12 +161,35 @@ def read(path: str | Path) -> Document:
 
 
 def _of_atlas(arrays: dict[str, Any]) -> dict[str, Any]:
-    return {"seed": arrays["seed"], "unglued": arrays["unglued"], "faces": None}
+    return {"seed": arrays["seed"], "unglued": arrays["unglued"], "faces": None, "demands": _demands(arrays)}
+
+
+def _demands(arrays: dict[str, Any]) -> Demands | None:
+    if not any(name.startswith("demand_") for name in arrays):
+        return None
+    said = {name: arrays[f"demand_{name}"] for name in Demands._fields}
+    _among(said["driven"], len(said["lower"]), "demand_driven")
+    return Demands(**said | {"dexterity": float(said["dexterity"])})
+
+
+def _among(places: Integers, count: int, name: str) -> None:
+    """Refuse places that are none of so many."""
+    if np.any((places < 0) | (places >= count)):
+        raise InvalidInputError(f"{name} names places outside of the {count} there are")
 
 
 def _of_sheets(arrays: dict[str, Any]) -> dict[str, Any]:
     faces = Faces(*(arrays[f"glued_{name}"] for name in Faces._fields))
-    return {"seed": None, "unglued": np.zeros((0, 2), dtype=np.int64), "faces": faces}
+    return {"seed": None, "unglued": np.zeros((0, 2), dtype=np.int64), "faces": faces, "counts": _counts(arrays)}
+
+
+def _counts(arrays: dict[str, Any]) -> Counts:
+    """What is said of how many there are; of cells called empty only where that is not 0."""
+    status, said = arrays["tree_status"], arrays["count"]
+    certified, empty = status == _CERTIFIED, status == _EMPTY
+    _among(arrays["members_box"], len(arrays["box_centre"]), "members_box")
+    cells = np.flatnonzero((arrays["tree_child"] < 0) & np.where(empty, said > 0, certified | (said >= 0)))
+    return Counts(_cells(arrays, cells), said[cells], certified[cells], arrays["members_cell"], arrays["members_box"])
 
 
 def _claimed(arrays: dict[str, Any]) -> dict[str, Any]:

@@ -15,8 +15,11 @@ none: so, or by a row of φ over the box, or of
 
     Ãφ(θ) ∈ Ãφ(θ₀) + Ãφ_θ(box)(θ − θ₀)
 
-that 0 is not in; what of a box the latter leaves, solved for one coordinate at a time, takes its place. Where a
-dependent coordinate slides, or there are more than six, the lemma alone is tried, over parts of the cell.
+with Ã = I or Ã ≈ φ_y⁻¹ that 0 is not in; what of a box this leaves, solved for one coordinate at a time, takes its
+place. Where a dependent coordinate slides, or there are more than six, the lemma alone is tried, over parts of the
+cell.
+
+The same search, with boxes kept on which |I − Ãφ_y|w < w for some w > 0, is what `counts` begins with.
 """
 
 from __future__ import annotations
@@ -26,16 +29,17 @@ from typing import NamedTuple
 import numpy as np
 from flint import arb, arb_mat
 
-from ccpin.auditing.closures import Closures, Motion, Path, exact, motion_of
+from ccpin.auditing.boxes import contracts, defect
+from ccpin.auditing.closures import Closures, Motion, Path, columns, exact, floats, motion_of
 from ccpin.auditing.document import Array, Document, Integers, corners
+from ccpin.auditing.lengths import least_size, norm_of, root_of, segments_of
 
-_BUDGET, _REACH = 8000, 400  # boxes over one cell, and where the lemma alone is tried
+_BUDGET, _REACH = 20_000, 400  # boxes over one cell, and where the lemma alone is tried
 _MOST = 6
 _TAIL = 0.6  # rad: joints that may turn more than this each way are behind the cut
-_SLOPES = 0.4  # rad: boxes whose turns are wider are halved before slopes are tried
-_SHRUNK = 0.7
+_WIDE, _SLOPES = 0.8, 0.4  # rad: boxes whose turns are wider are halved before slopes are tried, and Ã
+_SHRUNK, _CUT = 0.7, 0.1
 _FINE = 0.002  # of the size: last joints of chains in no other loop are halved after all others move φ by less
-_PARALLEL, _TILT = 1e-13, 1e-11
 
 
 class _Group(NamedTuple):
@@ -45,7 +49,7 @@ class _Group(NamedTuple):
     chains: tuple[int, ...]
 
 
-class _Ball(NamedTuple):
+class Ball(NamedTuple):
     """A box of all coordinates by its corners, as doubles."""
 
     low: Array
@@ -53,9 +57,11 @@ class _Ball(NamedTuple):
 
     @property
     def half(self) -> Array:
+        """Half its widths."""
         return 0.5 * (self.high - self.low)
 
     def balls(self) -> list[arb]:
+        """It in balls."""
         return [arb(float(a)).union(arb(float(b))) for a, b in zip(self.low, self.high, strict=True)]
 
 
@@ -69,11 +75,12 @@ class Emptiness:
             rows = tuple(int(r) for r in np.flatnonzero(np.any(chain.weights != 0.0, axis=1)))
             by_rows.setdefault(rows, []).append(k)
         self.groups = [_Group(rows, tuple(chains)) for rows, chains in by_rows.items() if self._plain(rows, chains)]
-        self.norms = [_norm(path.weights) for path in closures.paths]
-        self.segments = [_segments(path, norm) for path, norm in zip(closures.paths, self.norms, strict=True)]
+        self.norms = [norm_of(path.weights) for path in closures.paths]
+        self.segments = [segments_of(path, norm) for path, norm in zip(closures.paths, self.norms, strict=True)]
         slides = {int(j) for c in document.chains for j, p in zip(c.joints, c.prismatic, strict=True) if p}
         self._sliding = slides & set(document.dependent.tolist())
-        known = bool(np.all(document.periodic[document.dependent])) and not np.any(document.moduli)
+        linear = np.any(document.moduli) or np.any(document.couplings[:, document.dependent])
+        known = bool(np.all(document.periodic[document.dependent])) and not linear
         own = set(document.dependent.tolist())
         ours = [[j for j in chain.joints.tolist() if j in own] for chain in document.chains]
         loops = [{j for k in group.chains for j in ours[k]} for group in self.groups]
@@ -92,27 +99,48 @@ class Emptiness:
     def proved(self, k: int) -> bool | None:
         """Whether the k-th empty cell was proved to be so; ``None`` where there is no way to look at it."""
         low, high = corners(self.document, self.document.empty, k)
-        full = _Ball(np.full(self.closures.n_free, -np.pi - 1e-9), np.full(self.closures.n_free, np.pi + 1e-9))
-        full.low[self.document.independent], full.high[self.document.independent] = low, high
-        waiting, left = [full], _BUDGET if self.searched else _REACH
+        full = self.whole(low, high)
+        if self.searched:
+            return self.remaining([full], keep=False) == []
+        waiting, left = [full], _REACH
         while waiting and left:
+            left -= 1
+            box = waiting.pop()
+            if not self._too_far(box):
+                waiting += halves(box, self._widest(box, self.document.independent))
+        return not waiting or None
+
+    def whole(self, low: Array, high: Array) -> Ball:
+        """The box of all turns of the dependent coordinates over a cell's corners."""
+        full = Ball(np.full(self.closures.n_free, -np.pi - 1e-9), np.full(self.closures.n_free, np.pi + 1e-9))
+        full.low[self.document.independent], full.high[self.document.independent] = low, high
+        return full
+
+    def remaining(self, boxes: list[Ball], keep: bool) -> list[Ball] | None:
+        """Boxes that hold every closed configuration of some; `keep`: those on which φ_y is proved nonsingular.
+
+        ``None`` where the budget ended before.
+        """
+        waiting, kept, left = list(boxes), list[Ball](), _BUDGET
+        while waiting:
+            if not left:
+                return None
             left -= 1
             box = waiting.pop()
             if self._too_far(box):
                 continue
-            if not self.searched:
-                waiting += _halves(box, self._widest(box, self.document.independent))
-                continue
-            smaller = self._narrowed(box)
+            smaller, regular = self.narrowed(box)
             if smaller is None:
                 continue
-            if smaller.half.sum() < _SHRUNK * box.half.sum():
+            if keep and regular:
+                kept.append(smaller)
+            elif smaller.half.sum() < _SHRUNK * box.half.sum():
                 waiting.append(smaller)
             else:
-                waiting += _halves(smaller, self._worst(smaller))
-        return not waiting if self.searched or not waiting else None
+                waiting += halves(smaller, self._between(smaller) if keep else self._worst(smaller))
+        return kept
 
-    def _too_far(self, box: _Ball) -> bool:
+    def _too_far(self, box: Ball) -> bool:
         """Whether the chains, cut where they turn freely, cannot meet."""
         balls, half = box.balls(), box.half
         for group in self.groups:
@@ -144,64 +172,77 @@ class Emptiness:
             found += [segments.before] if k else []
             if turn.prismatic:
                 by = abs(balls[turn.joint])
-                found.append((by * segments.along[0], _least(by) * segments.along[1]))
+                found.append((by * segments.along[0], least_size(by) * segments.along[1]))
         return [*found, self.segments[number][-1].before] if turns else []
 
-    def _narrowed(self, box: _Ball) -> _Ball | None:
-        """The box without some of what closes nothing; ``None`` if that is all of it."""
-        closures, balls = self.closures, box.balls()
+    def narrowed(self, box: Ball) -> tuple[Ball | None, bool]:
+        """What of a box may close (``None``: nothing), and whether φ_y is proved nonsingular on all of it."""
+        closures, dependent, balls = self.closures, self.document.dependent, box.balls()
         motions = closures.motions(balls)
         phi = closures.value(balls, motions)
         if not all(phi[i, 0].contains(0) for i in range(closures.m)):
-            return None
-        dependent = self.document.dependent
-        if np.any(box.half[dependent] > _SLOPES):
-            return box
-        middle = 0.5 * (box.low + box.high)
-        slope = closures.at(middle)[1]
+            return None, False
+        if np.any(box.half[dependent] > _WIDE):
+            return box, False
+        middle = [arb(float(x)) for x in 0.5 * (box.low + box.high)]
+        start = closures.motions(middle)
+        slope, value = closures.jacobian(motions), closures.value(middle, start)
+        smaller = self._solved(box, middle, value, slope)
+        if smaller is None or np.any(box.half[dependent] > _SLOPES):
+            return smaller, False
         try:
-            A = exact(np.linalg.inv(slope[:, dependent]).astype(np.float64))
+            A = exact(np.linalg.inv(floats(columns(closures.jacobian(start), dependent))).astype(np.float64))
         except np.linalg.LinAlgError:
-            return box
-        point = [arb(float(x)) for x in middle]
-        constant = A * closures.value(point, closures.motions(point))
-        along = A * closures.jacobian(motions)
-        delta = [b - x for b, x in zip(balls, point, strict=True)]
-        low, high = box.low.copy(), box.high.copy()
-        for row, j in enumerate(int(d) for d in dependent):
-            terms = [along[row, k] * delta[k] for k in range(closures.n_free)]
-            total = sum(terms, constant[row, 0])
-            if not total.contains(0):
-                return None
-            if along[row, j].contains(0):
-                continue
-            found = point[j] - (sum((t for k, t in enumerate(terms) if k != j), constant[row, 0])) / along[row, j]
-            low[j], high[j] = max(low[j], _below(found)), min(high[j], _above(found))
-            if low[j] > high[j]:
-                return None
-        return _Ball(low, high)
+            return smaller, False
+        along = A * slope
+        return self._solved(smaller, middle, A * value, along), contracts(defect(columns(along, dependent)))
 
-    def _worst(self, box: _Ball) -> int:
+    def _solved(self, box: Ball, middle: list[arb], value: arb_mat, slope: arb_mat) -> Ball | None:
+        """What of a box is left by 0 ∈ f(θ₀) + f_θ(box)(θ − θ₀), row by row, solved for dependent coordinates."""
+        low, high = box.low.copy(), box.high.copy()
+        delta = [ball - x for ball, x in zip(box.balls(), middle, strict=True)]
+        for row in range(self.closures.m):
+            terms = [slope[row, k] * delta[k] for k in range(self.closures.n_free)]
+            if not sum(terms, value[row, 0]).contains(0):
+                return None
+            for j in (int(d) for d in self.document.dependent):
+                if slope[row, j].contains(0):
+                    continue
+                rest = sum((t for k, t in enumerate(terms) if k != j), value[row, 0])
+                found = middle[j] - rest / slope[row, j]
+                low[j], high[j] = max(low[j], _below(found)), min(high[j], _above(found))
+                if low[j] > high[j]:
+                    return None
+        return Ball(low, high)
+
+    def _worst(self, box: Ball) -> int:
         """The coordinate to halve: what moves φ most, those last that the lemma does without."""
         moves = self._moves(box)
         first = self._first[int(np.argmax(moves[self._first]))]
         return int(first) if moves[first] > _FINE else int(np.argmax(moves))
 
-    def _widest(self, box: _Ball, among: Integers) -> int:
+    def _between(self, box: Ball) -> int:
+        """The coordinate to halve where boxes are kept: the same, but of q as late as of those last."""
+        first = np.intersect1d(self._first, self.document.dependent)
+        wide = np.any(box.half[first] > _CUT)
+        return self._widest(box, first) if wide else int(np.argmax(self._moves(box)))
+
+    def _widest(self, box: Ball, among: Integers) -> int:
         return int(among[int(np.argmax(self._moves(box)[among]))])
 
-    def _moves(self, box: _Ball) -> Array:
+    def _moves(self, box: Ball) -> Array:
         """How far φ moves over a box with each coordinate, as shares of its size."""
         slope = np.abs(self.closures.at(0.5 * (box.low + box.high))[1]).max(axis=0, initial=0.0)
         size = slope.max(initial=1e-9)
         return np.asarray((slope / size + 0.1) * box.half)
 
 
-def _halves(box: _Ball, axis: int) -> list[_Ball]:
+def halves(box: Ball, axis: int) -> list[Ball]:
+    """The two halves of a box."""
     middle = 0.5 * (box.low[axis] + box.high[axis])
     below, above = box.high.copy(), box.low.copy()
     below[axis] = above[axis] = middle
-    return [_Ball(box.low, below), _Ball(above, box.high)]
+    return [Ball(box.low, below), Ball(above, box.high)]
 
 
 def _head(path: Path, cut: int, balls: list[arb]) -> Motion:
@@ -212,66 +253,10 @@ def _head(path: Path, cut: int, balls: list[arb]) -> Motion:
 
 def _cannot_close(gap: list[arb], longest: list[arb], shortest: list[arb]) -> bool:
     """The lemma for a sum of heads, bounds of segments' lengths, and the lengths of those known exactly (else 0)."""
-    least = _root(sum((_least(x) * _least(x) for x in gap), arb(0)))
-    most = _root(sum((abs(x) * abs(x) for x in gap), arb(0)))
+    least = root_of(sum((least_size(x) * least_size(x) for x in gap), arb(0)))
+    most = root_of(sum((abs(x) * abs(x) for x in gap), arb(0)))
     total = sum(longest, arb(0))
     return least > total or any(short > most + (total - long) for short, long in zip(shortest, longest, strict=True))
-
-
-class _Segments(NamedTuple):
-    """What W sees at most and at least of the segment before a joint (or the tip), and of a slide of it by one."""
-
-    before: tuple[arb, arb]
-    along: tuple[arb, arb]
-
-
-def _segments(path: Path, norm: arb) -> list[_Segments]:
-    """Those of a chain's joints, and of its tip."""
-    rows = path.weights * path.weights.transpose()
-    used = [i for i in range(rows.nrows()) if rows[i, i] != 0]
-    whole = _is_identity(path.weights.transpose() * path.weights)
-    flat = len(used) == 2 and _is_identity(arb_mat(2, 2, [rows[i, j] for i in used for j in used]))
-    found, rotation = list[_Segments](), exact(np.eye(3))
-
-    def seen(vector: arb_mat) -> tuple[arb, arb]:
-        if not (whole or flat):
-            return _length(vector) * norm, arb(0)
-        size = _length(path.weights * vector) + arb(0, _TILT) * _length(vector)
-        return size, _least(size)
-
-    for turn in path.turns:
-        before, rotation = seen(rotation * turn.translation), rotation * turn.rotation
-        found.append(_Segments(before, seen(rotation * turn.axis)))
-        flat = flat and (turn.prismatic or bool(_length(path.weights * (rotation * turn.axis)) < _PARALLEL))
-    tip = seen(rotation * path.tip)
-    return [*found, _Segments(tip, tip)]
-
-
-def _is_identity(matrix: arb_mat) -> bool:
-    """Whether a matrix is I but for roundings."""
-    size = matrix.nrows()
-    return all(abs(matrix[i, j] - int(i == j)) < _PARALLEL for i in range(size) for j in range(size))
-
-
-def _norm(weights: arb_mat) -> arb:
-    """‖W‖₂ ≤ √‖WWᵀ‖_∞."""
-    square = weights * weights.transpose()
-    sums = [sum((abs(square[i, j]) for j in range(square.ncols())), arb(0)) for i in range(square.nrows())]
-    return _root(max(sums, key=lambda x: float(x.upper())))
-
-
-def _length(vector: arb_mat) -> arb:
-    return _root(sum((abs(x) * abs(x) for x in vector.entries()), arb(0)))
-
-
-def _root(x: arb) -> arb:
-    """The root of what is not negative, whatever roundings say."""
-    return x.sqrt() if x > 0 else arb(0).union(arb(x.upper()).sqrt())
-
-
-def _least(x: arb) -> arb:
-    """The least size in a ball."""
-    return arb(0) if x.contains(0) else arb(abs(x).lower())
 
 
 def _below(x: arb) -> float:

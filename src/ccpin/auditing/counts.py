@@ -1,0 +1,150 @@
+"""Cells over which a number of closed configurations is said, all of them nonsingular.
+
+**Lemma.** Let all dependent coordinates turn, and let every closed configuration over a cell lie, up to whole turns, in
+one of finitely many boxes of all coordinates, on each of which |I − Ãφ_y|w < w for a matrix Ã and a w > 0 of its own.
+
+1. None of them is singular, and every q of the cell has as many.
+2. On a convex set of y over one q with such an Ã and w there is one at most.
+
+*Proof.* Ãφ_y is nonsingular where |I − Ãφ_y| contracts. So near each of them they are one smooth function of q, and
+over the cell they are a compact set, as turns are: a covering of the cell, which is connected, by equally many sheets.
+2: the mean of φ_y between two of them contracts alike, is nonsingular, and takes their difference to 0. ∎
+
+The boxes are found by the search of `emptiness`. Those that hold the cell's middle are searched on there, over that q
+alone, until each is empty or, by 2 for what it spans with the ball in which a solution is proved (`gluing.near`), holds
+no other. Two such balls are told apart, or shown to hold the same solution by 2. What is left is their number.
+
+A certified cell says besides that each of them is in a box of its own that is proved by Theorem K and covers the cell.
+As each such box holds one solution over the middle and no two the same, the boxes hold all solutions over the cell: the
+one in each is a continuous function of q, and functions that differ somewhere differ everywhere, by 1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from flint import arb
+
+from ccpin.auditing.boxes import WIDEN, contracts, defect
+from ccpin.auditing.closures import columns, exact
+from ccpin.auditing.document import Array, Counts, Document, corners
+from ccpin.auditing.emptiness import Ball, Emptiness, halves
+from ccpin.auditing.gluing import in_tube, near
+
+_BUDGET = 2000  # boxes over one q
+_TURN = 2.0 * np.pi
+
+Solution = tuple[Array, float]
+"""θ, and the radius about its y within which a solution is proved to be."""
+
+
+def counted(search: Emptiness, k: int) -> bool | None:
+    """Whether what the document says of its k-th counted cell was proved; ``None``: there is no way to look at it."""
+    document, counts = search.document, search.document.counts
+    if counts is None or not search.searched:
+        return None
+    boxes = counts.boxes[counts.of == counts.cells.number[k]]
+    certified, said = bool(counts.certified[k]), int(counts.said[k])
+    if certified and (len(boxes) != said or not all(_covers(document, counts, int(b), k) for b in boxes)):
+        return False
+    kept = search.remaining([search.whole(*corners(document, counts.cells, k))], keep=True)
+    if kept is None:
+        return False
+    low, high = _exact_corners(document, counts, k)
+    found = _over(search, kept, np.array([float((0.5 * (a + b)).mid()) for a, b in zip(low, high, strict=True)]))
+    if found is None or len(found) != said:
+        return False
+    return not certified or _one_each(document, boxes.tolist(), found)
+
+
+def _over(search: Emptiness, boxes: list[Ball], q: Array) -> list[Solution] | None:
+    """All closed configurations over one q that boxes hold; ``None`` where that is not proved."""
+    waiting, found = list[Ball](), list[Solution]()
+    independent = search.document.independent
+    for box in boxes:
+        if np.all(box.low[independent] <= q) and np.all(q <= box.high[independent]):
+            low, high = box.low.copy(), box.high.copy()
+            low[independent] = high[independent] = q
+            waiting.append(Ball(low, high))
+    left = _BUDGET
+    while waiting:
+        if not left:
+            return None
+        left -= 1
+        box = waiting.pop()
+        smaller = search.narrowed(box)[0]
+        if smaller is None:
+            continue
+        solution = near(search.closures, search.document, 0.5 * (smaller.low + smaller.high))
+        if solution is not None and _alone(search, smaller, solution):
+            known = _among(search, found, solution)
+            if known is None:
+                return None
+            found += [] if known else [solution]
+        else:
+            at = search.document.dependent
+            waiting += halves(smaller, int(at[int(np.argmax(smaller.half[at]))]))
+    return found
+
+
+def _alone(search: Emptiness, box: Ball, solution: Solution) -> bool:
+    """Whether 2 holds for what a box over one q spans with a solution's ball."""
+    theta, radius = solution
+    at, low, high = search.document.dependent, box.low.copy(), box.high.copy()
+    low[at] = np.minimum(low[at], np.nextafter(theta[at] - radius, -np.inf))
+    high[at] = np.maximum(high[at], np.nextafter(theta[at] + radius, np.inf))
+    closures, middle = search.closures, 0.5 * (low + high)
+    try:
+        A = exact(np.linalg.inv(closures.at(middle)[1][:, at]).astype(np.float64))
+    except np.linalg.LinAlgError:
+        return False
+    slope = closures.jacobian(closures.motions(Ball(low, high).balls()))
+    return contracts(defect(A * columns(slope, at)))
+
+
+def _among(search: Emptiness, found: list[Solution], solution: Solution) -> bool | None:
+    """Whether a solution is one of those found, up to whole turns; ``None`` where that is not proved."""
+    at, (theta, radius) = search.document.dependent, solution
+    for other, reach in found:
+        turns = np.round((other[at] - theta[at]) / _TURN)
+        moved = [arb(float(t)) + 2 * arb.pi() * int(n) for t, n in zip(theta[at], turns, strict=True)]
+        gaps = [abs(arb(float(x)) - t) for x, t in zip(other[at], moved, strict=True)]
+        if any(gap > arb(radius) + arb(reach) for gap in gaps):
+            continue
+        again, room = other.copy(), 1e-12 + 2.0 * radius
+        again[at] = [float(t.mid()) for t in moved]
+        spanned = Ball(np.minimum(other, again), np.maximum(other, again))
+        spanned.low[at] -= room
+        spanned.high[at] += room
+        return True if _alone(search, spanned, (other, reach)) else None
+    return False
+
+
+def _one_each(document: Document, boxes: list[int], found: list[Solution]) -> bool:
+    """Whether each solution over the middle of a cell is in the tube of a box of its own."""
+    still = np.zeros(len(document.independent))
+    free = list(boxes)
+    for theta, radius in found:
+        mine = next((b for b in free if in_tube(document, b, theta, radius, still)), None)
+        if mine is None:
+            return False
+        free.remove(mine)
+    return True
+
+
+def _exact_corners(document: Document, counts: Counts, k: int) -> tuple[list[arb], list[arb]]:
+    """A cell's corners, not rounded."""
+    ends = [(arb(float(a)), arb(float(b)) - arb(float(a))) for a, b in zip(document.lower, document.upper, strict=True)]
+    low, high = (
+        [start + width * float(share) for (start, width), share in zip(ends, shares[k], strict=True)]
+        for shares in (counts.cells.lower, counts.cells.upper)
+    )
+    return low, high
+
+
+def _covers(document: Document, counts: Counts, box: int, k: int) -> bool:
+    """Whether a box lies over all of the k-th counted cell, roundings of its corners apart."""
+    low, high = _exact_corners(document, counts, k)
+    centre, half = document.centre[box, document.independent], document.half[box] * WIDEN[0] + WIDEN[1]
+    room = 1e-15 * (1.0 + np.abs(document.lower) + np.abs(document.upper))
+    reach = [(arb(float(c)), arb(float(h)) + float(r)) for c, h, r in zip(centre, half, room, strict=True)]
+    return all(c - h <= a and b <= c + h for (c, h), a, b in zip(reach, low, high, strict=True))
