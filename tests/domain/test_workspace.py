@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import ndimage
 
 import ccpin
 from ccpin import domain
@@ -11,8 +12,9 @@ from ccpin.domain.demands import conditioning
 from ccpin.domain.workspace import task_problem
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 from tests.oracles import delta as delta_oracle
+from tests.oracles import rpdr as rpdr_oracle
 from tests.oracles import stewart as stewart_oracle
-from tests.oracles.geometry import rot_x, rot_y, rot_z
+from tests.oracles.geometry import rot_x, rot_y, rot_z, wrap
 from tests.support.places import MODELS
 
 CENTRE = np.array([0.0, 0.0, 0.45])
@@ -260,3 +262,29 @@ def test_attack_with_many_points(stewart, delta, cube, rng):
     for _ in range(40):
         points = within(rng, ball, 5000)
         attack_delta(delta, ball.atlas, points)
+
+
+def test_the_roomiest_place_of_the_five_bar():
+    """Without a centre: a square of joint angles as large as any is, by the closed form of the reach on a grid."""
+    space, step = domain.JointSpace(ccpin.load("rpdr"), ("joint1", "joint2")), 0.02
+    square = domain.largest_cube(space, limits=False, tolerance=0.05)
+    start = domain.largest_cube(space, [-np.pi / 2, -np.pi / 2], limits=False, tolerance=0.5)
+    assert square.half > start.half
+    around = np.arange(-np.pi - 2.0, np.pi + 2.0, step)
+    closes = np.array([[rpdr_oracle.elongation(start.centre + (a, b)) < 1.0 for b in around] for a in around])
+    for singular in (rpdr_oracle.coincident_elbows(), -rpdr_oracle.coincident_elbows()):
+        gap = [np.abs(wrap(start.centre[k] + around - singular[k])) for k in range(2)]
+        closes &= (gap[0][:, None] > step) | (gap[1] > step)
+    most = step * float(ndimage.distance_transform_cdt(np.pad(closes, 1), "chessboard").max())
+    assert 0.9 * most < square.half < most + step
+    assert square.atlas.verify().all()
+    disc = domain.largest_ball(space, limits=False, tolerance=0.1)
+    assert square.half < disc.half < np.sqrt(2.0) * square.half
+
+
+def test_the_roomiest_place_of_the_stewart_platform(stewart, cube):
+    """It is no worse than about the middle, by the map's fineness, whatever turns are asked for besides."""
+    free = domain.largest_cube(stewart, tilt=[0.02, 0.02, 0.0], tolerance=0.2, within=0.05)
+    assert free.half == pytest.approx(0.05, rel=1e-6)
+    assert np.abs(free.centre - np.append(CENTRE, np.zeros(3))).max() < cube.half
+    assert domain.largest_cube(stewart, seconds=1e-3).atlas.complete is False

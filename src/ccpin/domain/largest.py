@@ -5,10 +5,14 @@ all that are left; its distance is the half width. Every cell nearer is certifie
 the cube is, whatever was tried and whenever the work was stopped. `obstacle` is a place outside of it at which a
 straight move from the centre is proved to fail: no cube about this centre (with these turns) that holds it is all
 workspace, so the true largest half width lies between `half` and `upper`.
+
+Where no centre is given one is sought first (`room`): on a map about the start, some times as wide as what is certified
+there, made again twice as wide while that finds more room or what is found touches its border. Turns are held on it.
 """
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -26,6 +30,7 @@ from ccpin.domain.atlas.run import Work
 from ccpin.domain.atlas.survey import Effort, survey
 from ccpin.domain.boxes import BoundsName
 from ccpin.domain.obstacles import demand_witnesses
+from ccpin.domain.room import roomiest
 from ccpin.domain.task_space import JointSpace
 from ccpin.domain.verdict import Witness
 from ccpin.domain.workspace import Limits, TaskProblem, task_problem
@@ -36,6 +41,9 @@ from ccpin.mechanism.mechanism import mechanism_of
 _CELLS, _TRIED = 6, 24
 _PUSHED = 4.0
 _GROWN, _GROWTHS, _EDGE = 2.0, 6, 1e-6
+_FIRST, _AROUND = 0.5, 4.0  # a first cube's tolerance, and how many times as wide a map about it is
+_MAP_DEPTHS, _MANY_MAP_DEPTH = {1: 10, 2: 8, 3: 5}, 4
+_MAP_SECONDS, _BETTER = 0.5, 1.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +133,7 @@ def _sides(region: Region) -> list[Mask]:
 
 def largest_cube(
     end_effector: EndEffector | JointSpace,
-    centre: ArrayLike,
+    centre: ArrayLike | None = None,
     guess: ArrayLike | None = None,
     *,
     proportions: ArrayLike = 1.0,
@@ -139,12 +147,13 @@ def largest_cube(
     bounds: BoundsName = "auto",
     work: Work | None = None,
 ) -> LargestWorkspace:
-    """The largest certified cube of positions about a centre, all turns up to `tilt` included.
+    """The largest certified cube of positions, about a centre or where there is most room, turns up to `tilt` included.
 
     Args:
         end_effector: The point of a link that is to get everywhere in it.
         centre: Its position in the middle (metres, in the world; two coordinates in a plane), or all task coordinates
-            (`ccpin.domain.task_space`).
+            (`ccpin.domain.task_space`); default the roomiest place of a map about where `guess` has it (a search first
+            that takes some times as long, and finds it to a thirty-second of the map).
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         proportions: What the edges (or the ball's axes) are to one another, one number or one for each: the half
             width found, times these.
@@ -172,7 +181,7 @@ def largest_cube(
 
 def largest_ball(
     end_effector: EndEffector | JointSpace,
-    centre: ArrayLike,
+    centre: ArrayLike | None = None,
     guess: ArrayLike | None = None,
     *,
     proportions: ArrayLike = 1.0,
@@ -194,7 +203,7 @@ def largest_ball(
 class _Asked(NamedTuple):
     """What was asked for, as it was given."""
 
-    centre: ArrayLike
+    centre: ArrayLike | None
     proportions: ArrayLike
     tilt: ArrayLike
     within: float | None
@@ -230,7 +239,7 @@ def _goal(start: TaskProblem, asked: _Asked) -> _Goal:
     """Lengths make the cube, turns are tilt; in a space of turns alone they make the cube."""
     across = start.slides if start.slides.any() else np.ones(len(start.names), dtype=np.bool_)
     turns = int(np.count_nonzero(~across))
-    given = numbers(asked.centre, "centre")
+    given = start.x if asked.centre is None else numbers(asked.centre, "centre")
     if given.shape == (len(across) - turns,):
         given = np.concatenate([given, np.zeros(turns)])
     edges, tilt = np.zeros(len(across)), np.zeros(len(across))
@@ -246,17 +255,61 @@ def _goal(start: TaskProblem, asked: _Asked) -> _Goal:
 def _largest(
     start: TaskProblem, asked: _Asked, end_effector: EndEffector | JointSpace, work: Work | None
 ) -> LargestWorkspace:
-    goal, effort = _goal(start, asked), Effort(0, positive(asked.tolerance, "tolerance"), None, asked.seconds)
+    goal, tolerance, began = _goal(start, asked), positive(asked.tolerance, "tolerance"), time.monotonic()
     if asked.seconds is not None:
         positive(asked.seconds, "seconds")
     work = Work() if work is None else instance(work, "work", Work)
     grows = asked.within is None
-    most = _reach(start, end_effector) / float(goal.edges.max()) if grows else positive(asked.within, "within")
+    reach = _reach(start, end_effector) / float(goal.edges.max())
+    most = reach if grows else positive(asked.within, "within")
     weights = np.divide(1.0, goal.edges, out=np.zeros_like(goal.edges), where=goal.edges > 0.0)
-    theta, shape = start.moved_to(goal.centre), Shape(weights, asked.round)
-    for _ in range(_GROWTHS if grows else 1):
-        atlas = survey(start.problem, theta, start.names, goal.region(most), effort, work, shape)
-        if not atlas.complete or atlas.radius < most * (1.0 - _EDGE):
-            break
-        most *= _GROWN
-    return LargestWorkspace(goal.centre, atlas.radius, asked.round, goal.tilt[goal.edges == 0.0], atlas, shape)
+    search = _Search(Shape(weights, asked.round), most, _GROWN * reach, grows, work)
+    if asked.centre is None:
+        start, goal = search.moved(start, goal, asked.seconds and _MAP_SECONDS * asked.seconds)
+    left = None if asked.seconds is None else max(began + asked.seconds - time.monotonic(), 1e-3)
+    atlas = search.about(start, goal, tolerance, left)
+    return LargestWorkspace(goal.centre, atlas.radius, asked.round, goal.tilt[goal.edges == 0.0], atlas, search.shape)
+
+
+class _Search(NamedTuple):
+    """How distances are measured, where searches begin, how far a map goes, and whether searches go on beyond."""
+
+    shape: Shape
+    most: float
+    reach: float
+    grows: bool
+    work: Work
+
+    def about(self, start: TaskProblem, goal: _Goal, tolerance: float, seconds: float | None) -> Atlas:
+        """The largest about a centre."""
+        theta, most, effort = start.moved_to(goal.centre), self.most, Effort(0, tolerance, None, seconds)
+        for _ in range(_GROWTHS if self.grows else 1):
+            atlas = survey(start.problem, theta, start.names, goal.region(most), effort, self.work, self.shape)
+            if not atlas.complete or atlas.radius < most * (1.0 - _EDGE):
+                break
+            most *= _GROWN
+        return atlas
+
+    def moved(self, start: TaskProblem, goal: _Goal, seconds: float | None) -> tuple[TaskProblem, _Goal]:
+        """The start and the goal, moved to the roomiest place of a map about the start."""
+        flat, until = goal._replace(tilt=0.0 * goal.tilt), None if seconds is None else time.monotonic() + seconds
+        first = self.about(start, flat, _FIRST, seconds).radius
+        half = min(_AROUND * first, self.reach) if first > 0.0 else self.reach
+        free = int(np.count_nonzero(goal.edges))
+        depth = _MAP_DEPTHS.get(free, _MANY_MAP_DEPTH)
+        theta, best, found = start.moved_to(goal.centre), first, None
+        while True:
+            left = None if until is None else max(until - time.monotonic(), 1e-3)
+            effort = Effort(depth, None, None, left)
+            atlas = survey(start.problem, theta, start.names, flat.region(half), effort, self.work)
+            room = roomiest(atlas, self.shape.round)
+            better = room.share * half > best * _BETTER
+            if better:
+                best, found = room.share * half, room
+            if not atlas.complete or half >= self.reach or (room.enclosed and not better):
+                break
+            half = min(_GROWN * half, self.reach)
+        if found is None:
+            return start, goal
+        there = TaskProblem(start.names, start.slides, start.problem, found.theta)
+        return there, goal._replace(centre=found.centre)
