@@ -238,7 +238,7 @@ def _reached(document: Document, seed: NDArray[np.float64], pairs: list[tuple[in
     from ccpin.auditing.gluing import in_tube, near
 
     reached = np.zeros(len(document.centre), dtype=np.bool_)
-    found = near(Closures(document), document, seed)
+    found = near(Closures(document), document.dependent, seed)
     still = np.zeros(len(document.independent))
     todo = [] if found is None else [k for k in range(len(reached)) if in_tube(document, k, *found, still)]
     beside: dict[int, list[int]] = {}

@@ -1,0 +1,323 @@
+"""That the rest of a region holds no singular closed configuration but those on a document's curves.
+
+The search is the auditor's own: from the region and whole turns of the dependent joints (the ranges stated, of those
+that slide), cut into equal parts; of the document it uses the proved tubes and the boxes listed as uncovered. A part is
+halved until each box of θ is shown to hold none, or only what a tube holds, or lies in a listed box.
+
+**Lemma A.** On a box of θ no configuration closes where 0 is not in φ(box), nor where 0 is not in a row of
+Pφ(θ_c) + Pφ_θ(box)(θ − θ_c), P any matrix; solved for one coordinate each row leaves a part of the box. None is singular
+where |1 − Pφ_y(box)|u < u for a P and a u > 0.
+
+*Proof.* The mean value theorem, and Neumann's series. ∎
+
+**Lemma B.** Let A hold [φ_y; lᵀ] over a box of θ, P be a matrix with last column p, and u > 0 have
+|p| + |1 − PA|u ≤ u, |1 − PA|u < u. Then each w ≠ 0 with φ_y w = 0 in the box is a multiple of one with lᵀw = 1, and that
+has |w − p| ≤ |1 − PA|u.
+
+*Proof.* Where lᵀw = 0, w = (1 − PA)w with |1 − PA| of spectral radius below 1, so w = 0. Else lᵀw = 1 may be had:
+w = p + (1 − PA)w, hence |w| ≤ Σ |1 − PA|ᵏ|p| ≤ u. ∎
+
+**Lemma C.** Let x = x_c + st + e, |s| ≤ σ, |e| ≤ r, e_j = 0, hold all (θ, w) of a box by Lemma B, X a box about
+these, P a matrix with row j zero. Each zero of G among them has e in −PG(x_c) − PG′(X)t s + (1 − PG′(X))e, which may be
+cut with |e| ≤ r again and again. Where that leaves nothing, none of the box is singular; where what it leaves lies in a
+proved tube with the same l, all that are lie on its curve.
+
+*Proof.* G(x) = G(x_c) + M(st + e) with M in the hull of G′(X); P times that is 0, and e is added on both sides. ∎
+
+Sums of slopes over boxes are in balls; corners of boxes are doubles, outward, and listed boxes are 1e-12 wider.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from flint import arb, arb_mat
+from scipy.linalg import qr
+
+from ccpin.auditing.boxes import contracts, defect
+from ccpin.auditing.closures import Closures, columns, exact, floats
+from ccpin.auditing.curves import Placed, Singular, placed, turns, without_turns
+from ccpin.auditing.document import Array, Curves
+
+PARTS = 4096
+_DEPTH = 12  # 2¹² of them
+_BUDGET, _LEAST = 20_000, 1e-9  # boxes of a part, and how narrow
+_WIDER = 1e-12  # region, ranges and listed boxes
+_SLOPES = 0.6  # rad: boxes whose turns are wider are halved before slopes are tried
+_NEAR = 1.5  # half lengths of the nearest tube: wider boxes are in none
+_BESIDE, _PASSES, _GAIN = 3, 3, 0.8
+_SHRUNK = 0.7
+
+
+class Cover:
+    """What is needed to look at parts of a document's region, made once."""
+
+    def __init__(self, closures: Closures, document: Curves) -> None:
+        self.closures, self.document = closures, document
+        self.turning = turns(closures, document)
+        self.tubes = [placed(closures, document, k) for k in range(len(document.tubes))]
+        size = closures.n_free
+        self._free = np.array(self.turning[:size])
+        self._middles = np.array([tube.theta for tube in document.tubes]).reshape(-1, size)
+        self._lengths = np.array([tube.half for tube in document.tubes])
+        self._listed = 0.5 * (document.uncovered_lower + document.uncovered_upper)
+        self._reach = 0.5 * (document.uncovered_upper - document.uncovered_lower) + _WIDER
+        self.root = _root(document, self._free)
+
+    def part(self, number: int) -> Box:
+        """One of the equal parts of what is to be searched."""
+        box = self.root
+        weight = np.where(self._free, 1.0, np.pi / np.maximum(self.root.half, 1e-300))
+        for bit in range(_DEPTH):
+            box = box.halves(int(np.argmax(box.half * weight)))[number >> bit & 1]
+        return box
+
+    def proved(self, number: int) -> bool:
+        """Whether a part was proved to hold no singular configurations but those of tubes and listed boxes."""
+        waiting, left = [self.part(number)], _BUDGET
+        while waiting:
+            box, left = waiting.pop(), left - 1
+            rest = self._left_of(box)
+            if rest is None:
+                continue
+            if not left or rest.half.max() < _LEAST:
+                return False
+            if rest.half.sum() < _SHRUNK * box.half.sum():
+                waiting.append(rest)
+            else:
+                waiting += self._cut(rest)
+        return True
+
+    def _left_of(self, box: Box) -> Box | None:
+        """What may hold other singular configurations of a box; ``None``: nothing."""
+        if self._is_listed(box):
+            return None
+        balls = box.balls()
+        motions = self.closures.motions(balls)
+        phi = self.closures.value(balls, motions)
+        if not all(phi[i, 0].contains(0) for i in range(self.closures.m)):
+            return None
+        if box.half[self._free].max(initial=0.0) > _SLOPES:
+            return box
+        slope, middle = self.closures.jacobian(motions), box.middle
+        value, at = self.closures.at(middle)
+        if self._regular(slope, at):
+            return None
+        smaller = self._closing(box, slope, at)
+        if smaller is None or self._in_a_tube(smaller):
+            return None
+        return smaller
+
+    def _regular(self, slope: arb_mat, at: Array) -> bool:
+        """Whether φ_y is regular on the box (Lemma A)."""
+        dependent = self.document.dependent
+        try:
+            inverse = np.linalg.inv(at[:, dependent])
+        except np.linalg.LinAlgError:
+            return False
+        return contracts(defect(exact(inverse) * columns(slope, dependent)))
+
+    def _closing(self, box: Box, slope: arb_mat, at: Array) -> Box | None:
+        """The box without some of what closes nothing (Lemma A), P the inverse of the columns that move φ most."""
+        m, middle = self.closures.m, box.middle
+        pivots = qr(at * box.half, mode="r", pivoting=True)[1][:m]
+        try:
+            P = exact(np.linalg.inv(at[:, pivots]))
+        except np.linalg.LinAlgError:
+            return box
+        point = [arb(float(x)) for x in middle]
+        constant, along = P * self.closures.value(point, self.closures.motions(point)), P * slope
+        low, high = box.low.copy(), box.high.copy()
+        for row in range(m):
+            terms = [
+                along[row, k] * (arb(float(low[k])).union(arb(float(high[k]))) - point[k])
+                for k in range(self.closures.n_free)
+            ]
+            if not sum(terms, constant[row, 0]).contains(0):
+                return None
+            j = int(pivots[row])
+            if along[row, j].contains(0):
+                continue
+            others = sum((term for k, term in enumerate(terms) if k != j), constant[row, 0])
+            found = point[j] - others / along[row, j]
+            low[j], high[j] = max(low[j], _below(found)), min(high[j], _above(found))
+            if low[j] > high[j]:
+                return None
+        return Box(low, high)
+
+    def _in_a_tube(self, box: Box) -> bool:
+        """Whether all singular configurations of the box are on one tube's curve, or there are none (Lemma C)."""
+        gap = box.middle - self._middles
+        gap -= np.where(self._free, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)
+        distance = np.abs(gap).max(axis=1)
+        for k in np.argsort(distance, kind="stable")[:_BESIDE]:
+            if box.half.max() <= _NEAR * self._lengths[k] and settled(box, self.tubes[int(k)], self.turning):
+                return True
+        return False
+
+    def _is_listed(self, box: Box) -> bool:
+        """Whether a listed box holds all of a box."""
+        off = self._off(box)
+        return bool(np.any(np.all(off + box.half <= self._reach, axis=1)))
+
+    def _off(self, box: Box) -> Array:
+        gap = box.middle - self._listed
+        return np.asarray(np.abs(gap - np.where(self._free, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)))
+
+    def _cut(self, box: Box) -> list[Box]:
+        """Two halves, cut where φ moves most."""
+        slope = np.abs(self.closures.at(box.middle)[1]).max(axis=0, initial=0.0)
+        size = slope.max(initial=1e-9)
+        return box.halves(int(np.argmax((slope / size + 0.1) * box.half)))
+
+
+class Box(NamedTuple):
+    """A box of θ by its corners."""
+
+    low: Array
+    high: Array
+
+    @property
+    def middle(self) -> Array:
+        """Between the corners."""
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def half(self) -> Array:
+        """Half of its edges."""
+        return 0.5 * (self.high - self.low)
+
+    def balls(self) -> list[arb]:
+        """All of it."""
+        return [arb(float(a)).union(arb(float(b))) for a, b in zip(self.low, self.high, strict=True)]
+
+    def halves(self, axis: int) -> tuple[Box, Box]:
+        """Both halves along an axis."""
+        below, above = self.high.copy(), self.low.copy()
+        below[axis] = above[axis] = self.middle[axis]
+        return Box(self.low, below), Box(above, self.high)
+
+
+def _root(document: Curves, free: Array) -> Box:
+    """The region, whole turns, and the ranges of what slides."""
+    low, high = np.full(len(free), -np.pi - 1e-9), np.full(len(free), np.pi + 1e-9)
+    slides = [k for k, j in enumerate(document.dependent) if not free[int(j)]]
+    chosen = document.dependent[slides]
+    low[chosen], high[chosen] = document.range_lower[slides] - _WIDER, document.range_upper[slides] + _WIDER
+    low[document.independent], high[document.independent] = document.lower - _WIDER, document.upper + _WIDER
+    return Box(low, high)
+
+
+class _Slanted(NamedTuple):
+    """x_c + st + e, |s| ≤ σ, e between the bounds (0 in row j)."""
+
+    centre: list[arb]
+    along: int
+    tangent: Array
+    half: float
+    low: Array
+    high: Array
+
+
+def settled(box: Box, tube: Placed, turning: list[bool]) -> bool:
+    """Lemmas B and C for a box of θ and a tube beside it."""
+    system = tube.system
+    middle = [arb(float(x)) for x in box.middle]
+    around = system.closures.motions(box.balls())
+    kernel = _kernel(box, tube, columns(system.closures.jacobian(around), system.dependent))
+    if kernel is None:
+        return False
+    x = np.concatenate([box.middle, kernel[0]])
+    extent = np.concatenate([np.nextafter(np.maximum(box.high - box.middle, box.middle - box.low), np.inf), kernel[1]])
+    slope = system.at(x)[1]
+    tangent = np.linalg.svd(slope)[2][-1]
+    along = int(np.argmax(np.abs(tangent)))
+    tangent = tangent / tangent[along]
+    others = np.delete(np.arange(system.n_free), along)
+    try:
+        P = exact(np.linalg.inv(slope[:, others]))
+    except np.linalg.LinAlgError:
+        return False
+    del middle
+    reach = (extent + np.abs(tangent) * extent[along]) * (1.0 + 1e-12)
+    reach[along] = 0.0
+    slanted = _Slanted([arb(float(v)) for v in x], along, tangent, float(extent[along]), -reach, reach)
+    for _ in range(_PASSES):
+        smaller = _narrowed(system, slanted, P, others)
+        if smaller is None or _inside(smaller, tube, turning):
+            return True
+        if not np.any((smaller.high - smaller.low)[others] < _GAIN * (slanted.high - slanted.low)[others]):
+            return False
+        slanted = smaller
+    return False
+
+
+def _kernel(box: Box, tube: Placed, inner: arb_mat) -> tuple[Array, Array] | None:
+    """p and |1 − PA|u of Lemma B."""
+    m = tube.system.closures.m
+    A = arb_mat(m + 1, m, [*inner.entries(), *tube.system.pairing])
+    left = np.linalg.pinv(floats(A))
+    rest = defect(exact(left) * A)
+    rough = np.array([[float(x.upper()) for x in row] for row in rest])
+    if not np.all(np.isfinite(rough)) or np.abs(rough).sum(axis=1).max() >= 10.0:
+        return None
+    u = np.linalg.solve(np.eye(m) - rough, np.abs(left[:, -1]) + 1e-12) if m else np.zeros(0)
+    if not np.all(u > 0.0):
+        return None
+    u = u * (1.0 + 1e-6)
+    image = [sum((x * arb(float(v)) for x, v in zip(row, u, strict=True)), arb(0)) for row in rest]
+    sound = all(
+        abs(arb(float(p))) + y <= float(v) and y < float(v) for p, y, v in zip(left[:, -1], image, u, strict=True)
+    )
+    return (left[:, -1], np.array([_above(y) for y in image])) if sound else None
+
+
+def _narrowed(system: Singular, box: _Slanted, P: arb_mat, others: Array) -> _Slanted | None:
+    """What Lemma C leaves; ``None``: nothing."""
+    middle = 0.5 * (box.low + box.high)
+    centre = [x + arb(float(d)) for x, d in zip(box.centre, middle, strict=True)]
+    half = np.nextafter(np.maximum(box.high - middle, middle - box.low), np.inf)
+    half[box.along] = 0.0
+    s = arb(0, box.half)
+    tangent = [arb(float(t)) for t in box.tangent]
+    around = [x + t * s + arb(0, float(r)) for x, t, r in zip(centre, tangent, half, strict=True)]
+    slope = P * system.jacobian(system.motions(around))
+    value = P * system.value(centre, system.motions(centre))
+    run = slope * exact(box.tangent)
+    low, high = np.zeros_like(half), np.zeros_like(half)
+    for row, k in enumerate(map(int, others)):
+        found = -value[row, 0] - run[row, 0] * s
+        for column in map(int, others):
+            found = found + (int(column == k) - slope[row, column]) * arb(0, float(half[column]))
+        low[k], high[k] = max(-half[k], _below(found)), min(half[k], _above(found))
+        if low[k] > high[k]:
+            return None
+    return _Slanted(centre, box.along, box.tangent, box.half, low, high)
+
+
+def _inside(box: _Slanted, tube: Placed, turning: list[bool]) -> bool:
+    """Whether all of it lies in a tube with the same l."""
+    j, s = tube.tube.along, arb(0, box.half)
+    gap = [x - y for x, y in zip(box.centre, tube.centre, strict=True)]
+    gap = [without_turns(g) if turn else g for g, turn in zip(gap, turning, strict=True)]
+    e = [arb(float(a)).union(arb(float(b))) for a, b in zip(box.low, box.high, strict=True)]
+    t = [arb(float(x)) for x in box.tangent]
+    sign = tube.tangent[j]
+    reach = (gap[j] + t[j] * s + e[j]) * sign
+    if not abs(reach) <= tube.tube.half:
+        return False
+    for k in map(int, tube.others):
+        way = tube.tangent[k] * sign
+        off = gap[k] - way * gap[j] + (t[k] - way * t[j]) * s + e[k] - way * e[j]
+        if not abs(off) <= tube.radius[k]:
+            return False
+    return True
+
+
+def _below(x: arb) -> float:
+    return float(np.nextafter(float(x.lower()), -np.inf))
+
+
+def _above(x: arb) -> float:
+    return float(np.nextafter(float(x.upper()), np.inf))
