@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.auditing.document import Document, read
+from ccpin.auditing.document import Curves, Document, read
 from ccpin.errors import CcpinError, InvalidInputError
 
 if TYPE_CHECKING:
     from ccpin.auditing.closures import Closures
+    from ccpin.auditing.covering import Cover
     from ccpin.auditing.emptiness import Emptiness
 
 _CUTS = 12
@@ -26,9 +27,15 @@ _WORDS = {
     "glue": "shared faces with one σ",
     "empty": "cells without a closed configuration",
     "singular": "cells with a singular configuration",
+    "tube": "tubes with one singular curve each",
+    "joint": "tubes whose curve goes on in the next",
+    "cover": "parts of the region without other singular configurations",
 }
-_BESIDES = "limits, motors and dexterity; that the closures are those of a file (compare the fingerprint)"
+_LIMITS = "limits, motors and dexterity"
+_FILE = "that the closures are those of a file (compare the fingerprint)"
 _COUNTS = "how many configurations there are, and that cells without a mark hold no singular one"
+_CURVES = "what singular configurations the {} boxes hold that the document leaves uncovered ({:.3g} % at most of all \
+coordinates' ranges); those beyond the region and beyond what slides may; whether two curves are one; their kinds"
 
 
 Result = tuple[str, tuple[int, ...], "bool | None"]
@@ -97,17 +104,22 @@ def verify(
     workers: int = 1,
     progress: Callable[[Progress], None] | None = None,
 ) -> Audit:
-    """Check a certificate that `Atlas.save` or `SheetAtlas.save` wrote, by arithmetic and code of its own.
+    """Check a certificate that an atlas's, a sheet atlas's or a singular cover's `save` wrote, by code of its own.
 
-    Proved are: Theorem K for the boxes; that the seed is a solution of its box; that neighbours carry the same σ
+    Proved are, of atlases: Theorem K for the boxes; that the seed is a solution of its box; that neighbours carry the same σ
     where the document does not list them as unglued (of sheets: where it says so), and that every box is reached from
     the seed's by such neighbours; that cells called singular hold a singular configuration; and that those called empty
     hold none, where that can be told by the triangle inequality, or by a search of all turns of up to six dependent
     coordinates (a claim counts as looked at if so).
 
+    Of singular curves: that each tube holds one and no other singular configuration; that it is the next tube's curve
+    too, and closed curves' last tube's the first's; and that no part of the region has singular configurations, in any
+    assembly mode, but in these tubes and in the boxes listed as uncovered, by a search of its own.
+
     Args:
         path: The .json or .npz file.
-        sample: How many boxes, shared faces, empty and singular cells, chosen at random; default all.
+        sample: How many claims of each kind (boxes, shared faces, cells; tubes, parts of the region), chosen at random;
+            default all.
         seed: Of that choice.
         workers: Processes to share the work among. A script that asks for more than one needs the guard
             ``if __name__ == "__main__":``.
@@ -124,13 +136,7 @@ def verify(
     if sample is not None and sample < 1:
         raise InvalidInputError(f"sample = {sample} must be at least 1")
     document = read(path)
-    touching = _faces(document)
-    kinds: dict[str, list[Any]] = {
-        "box": list(range(len(document.centre))),
-        "glue": touching,
-        "empty": list(range(len(document.empty.number))),
-        "singular": list(range(len(document.singular.number))),
-    }
+    kinds = _curves(document) if isinstance(document, Curves) else _cells(document)
     chosen = {kind: _chosen(len(every), sample, seed + k) for k, (kind, every) in enumerate(kinds.items())}
     tasks = [(kind, kinds[kind][k]) for kind, rows in chosen.items() for k in rows]
     failed: dict[str, list[tuple[int, ...]]] = {kind: [] for kind in kinds}
@@ -147,16 +153,48 @@ def verify(
     claims = [
         Claim(_WORDS[kind], len(every), looked[kind], tuple(sorted(failed[kind])))
         for kind, every in kinds.items()
-        if kind in ("box", "glue") or every
+        if kind not in ("empty", "singular") or every
     ]
-    if document.seed is not None:
-        claims.insert(2, _reached(document, document.seed, [(c.first, c.second) for c in touching]))
+    if isinstance(document, Document) and document.seed is not None:
+        claims.insert(2, _reached(document, document.seed, [(c.first, c.second) for c in kinds["glue"]]))
     return Audit(
         theorem=document.header.get("theorem", ""),
         fingerprint=document.header["fingerprint"],
         claims=tuple(claims),
-        not_checked=_BESIDES if document.seed is not None else f"{_COUNTS}; {_BESIDES}",
+        not_checked=_besides(document),
     )
+
+
+def _cells(document: Document) -> dict[str, list[Any]]:
+    """What is claimed of an atlas."""
+    return {
+        "box": list(range(len(document.centre))),
+        "glue": _faces(document),
+        "empty": list(range(len(document.empty.number))),
+        "singular": list(range(len(document.singular.number))),
+    }
+
+
+def _curves(document: Curves) -> dict[str, list[Any]]:
+    """What is claimed of singular curves."""
+    from ccpin.auditing.covering import parts
+
+    joints, first = list[tuple[int, int]](), 0
+    for size, closed in zip(document.sizes.tolist(), document.closed.tolist(), strict=True):
+        joints += [(k, k + 1) for k in range(first, first + size - 1)]
+        joints += [(first + size - 1, first)] if closed else []
+        first += size
+    return {"tube": list(range(len(document.tubes))), "joint": joints, "cover": list(range(len(parts(document))))}
+
+
+def _besides(document: Document | Curves) -> str:
+    """What is not looked at."""
+    if isinstance(document, Curves):
+        from ccpin.auditing.covering import listed_share
+
+        listed = _CURVES.format(len(document.uncovered_lower), 100.0 * listed_share(document))
+        return f"{listed}; {_FILE}"
+    return f"{_LIMITS}; {_FILE}" if document.seed is not None else f"{_COUNTS}; {_LIMITS}; {_FILE}"
 
 
 def _faces(document: Document) -> list[Any]:
@@ -176,7 +214,7 @@ def _chosen(count: int, sample: int | None, seed: int) -> NDArray[np.int64]:
     return np.sort(np.random.default_rng(seed).choice(count, sample, replace=False))
 
 
-def _results(document: Document, tasks: list[Any], workers: int) -> Iterator[list[Result]]:
+def _results(document: Document | Curves, tasks: list[Any], workers: int) -> Iterator[list[Result]]:
     parts = [tasks[k : k + _PART] for k in range(0, len(tasks), _PART)]
     if workers <= 1:
         held = _Held.of(document)
@@ -187,25 +225,27 @@ def _results(document: Document, tasks: list[Any], workers: int) -> Iterator[lis
 
 
 class _Held(NamedTuple):
-    """A document, its closures and what its empty cells need, made once."""
+    """A document, its closures and what its cells need, made once."""
 
-    document: Document
+    document: Any
     closures: Closures
-    emptiness: Emptiness
+    cells: Emptiness | Cover
 
     @staticmethod
-    def of(document: Document) -> _Held:
+    def of(document: Document | Curves) -> _Held:
         from ccpin.auditing.closures import Closures
+        from ccpin.auditing.covering import Cover
         from ccpin.auditing.emptiness import Emptiness
 
         closures = Closures(document)
-        return _Held(document, closures, Emptiness(closures, document))
+        cells = Cover(closures, document) if isinstance(document, Curves) else Emptiness(closures, document)
+        return _Held(document, closures, cells)
 
 
 _held: list[_Held] = []  # of a process of the pool
 
 
-def _open(document: Document) -> None:
+def _open(document: Document | Curves) -> None:
     _held[:] = [_Held.of(document)]
 
 
@@ -215,18 +255,25 @@ def _checked_there(tasks: Iterable[Any]) -> list[Result]:
 
 def _checked(held: _Held, tasks: Iterable[Any]) -> list[Result]:
     from ccpin.auditing.boxes import proved
+    from ccpin.auditing.curves import goes_on, one_curve
     from ccpin.auditing.gluing import same_solution
     from ccpin.auditing.singular import singular
 
     results: list[Result] = []
-    document, closures = held.document, held.closures
+    document, closures, cells = held
     for kind, what in tasks:
         if kind == "box":
             results.append((kind, (what,), proved(closures, document, what, _CUTS)))
         elif kind == "glue":
             results.append((kind, (what.first, what.second), same_solution(closures, document, what)))
         elif kind == "empty":
-            results.append((kind, (int(document.empty.number[what]),), held.emptiness.proved(what)))
+            results.append((kind, (int(document.empty.number[what]),), cells.proved(what)))
+        elif kind == "tube":
+            results.append((kind, (what,), one_curve(closures, document, what)))
+        elif kind == "joint":
+            results.append((kind, what, goes_on(closures, document, *what)))
+        elif kind == "cover":
+            results.append((kind, (what,), cells.proved(what)))
         else:
             results.append((kind, (int(document.singular.number[what]),), singular(closures, document, what)))
     return results

@@ -140,7 +140,7 @@ class Closures:
         for path, motion in zip(self.paths, motions, strict=True):
             turned, first, second, mixed = (arb_mat(3, 1) for _ in range(4))
             passed = []
-            for joint, axis, along, slides in motion.joints:
+            for joint, axis, _, slides in motion.joints:
                 moved = cross(second, axis)
                 if not slides:
                     first, second = first + axis * one[joint], second + axis * other[joint]

@@ -40,8 +40,8 @@ from ccpin.auditing.closures import Closures, columns, exact, floats
 from ccpin.auditing.curves import Placed, Singular, placed, turns, without_turns
 from ccpin.auditing.document import Array, Curves
 
-PARTS = 4096
-_DEPTH = 12  # 2¹² of them
+_CELL = 0.2  # rad: how wide cells are
+_FEWEST, _MOST = 6, 12  # how often the region is halved
 _BUDGET, _LEAST = 20_000, 1e-9  # boxes of a part, and how narrow
 _WIDER = 1e-12  # region, ranges and listed boxes
 _SLOPES = 0.6  # rad: boxes whose turns are wider are halved before slopes are tried
@@ -62,20 +62,12 @@ class Cover:
         self._middles = np.array([tube.theta for tube in document.tubes]).reshape(-1, size)
         self._lengths = np.array([tube.half for tube in document.tubes])
         self._listed = 0.5 * (document.uncovered_lower + document.uncovered_upper)
+        self.parts = parts(document)
         self._reach = 0.5 * (document.uncovered_upper - document.uncovered_lower) + _WIDER
-        self.root = _root(document, self._free)
-
-    def part(self, number: int) -> Box:
-        """One of the equal parts of what is to be searched."""
-        box = self.root
-        weight = np.where(self._free, 1.0, np.pi / np.maximum(self.root.half, 1e-300))
-        for bit in range(_DEPTH):
-            box = box.halves(int(np.argmax(box.half * weight)))[number >> bit & 1]
-        return box
 
     def proved(self, number: int) -> bool:
         """Whether a part was proved to hold no singular configurations but those of tubes and listed boxes."""
-        waiting, left = [self.part(number)], _BUDGET
+        waiting, left = [self.parts[number]], _BUDGET
         while waiting:
             box, left = waiting.pop(), left - 1
             rest = self._left_of(box)
@@ -199,14 +191,29 @@ class Box(NamedTuple):
         return Box(self.low, below), Box(above, self.high)
 
 
-def _root(document: Curves, free: Array) -> Box:
-    """The region, whole turns, and the ranges of what slides."""
+def parts(document: Curves) -> list[Box]:
+    """Parts of the region, equal cells; over each of them whole turns, and the ranges of what slides."""
+    free = np.array([document.free(j) for j in range(document.couplings.shape[1])])
     low, high = np.full(len(free), -np.pi - 1e-9), np.full(len(free), np.pi + 1e-9)
     slides = [k for k, j in enumerate(document.dependent) if not free[int(j)]]
     chosen = document.dependent[slides]
     low[chosen], high[chosen] = document.range_lower[slides] - _WIDER, document.range_upper[slides] + _WIDER
     low[document.independent], high[document.independent] = document.lower - _WIDER, document.upper + _WIDER
-    return Box(low, high)
+    found, q = [Box(low, high)], document.independent
+    for depth in range(_MOST):
+        axis = q[int(np.argmax(found[0].half[q]))]
+        if depth >= _FEWEST and 2.0 * found[0].half[axis] <= _CELL:
+            break
+        found = [half for box in found for half in box.halves(int(axis))]
+    return found
+
+
+def listed_share(document: Curves) -> float:
+    """How much of all that is searched lies in listed boxes, at most."""
+    every = parts(document)
+    width = np.max([box.high for box in every], axis=0) - np.min([box.low for box in every], axis=0)
+    listed = document.uncovered_upper - document.uncovered_lower
+    return float(min(1.0, np.prod(np.minimum(listed / width, 1.0), axis=1).sum()))
 
 
 class _Slanted(NamedTuple):

@@ -6,17 +6,17 @@ With x = (θ, w) and any vector l the equations
 
 say that θ is a singular closed configuration and that w spans part of the kernel of φ_y. A tube is
 x = x₀ + st + e, |s| ≤ δ, |e| ≤ R, e_j = 0, with t_j = ±1. Claimed: for every such s exactly one e has G = 0, and G′
-without its column j is nonsingular all over the tube; so what of {G = 0} is in it is one smooth arc from end to end.
-That is the claim of a box of Theorem K (`boxes`) for G in place of φ, s in place of δ and e in place of ζ, and is proved
-so.
+without its column j is nonsingular there; so what of {G = 0} is in it is one smooth arc from end to end.
+That is the claim of a box of Theorem K (`boxes`) for G in place of φ, s in place of δ and e in place of ζ, and proved
+as that is.
 
 **Lemma (gluing).** Of two proved tubes A and B let two zeros of B's arc, at s₁ < s₂ = 0, lie in A at a₁ < a₂, a₂ > 0,
 their w divided by A's lᵀw; or else two of A's, at a₁ = 0 < a₂, in B at s₁ < s₂, s₁ < 0. Then both arcs are of one
 curve, and if that is not closed they run the same way along it, B's middle behind A's. Where each tube of a ring is so
 glued to the next the curve is closed.
 
-*Proof.* A zero of B's equations is one of A's with w divided by lᵀw, and in A there are none but A's arc. On a curve that
-is not closed one arc leads from the one zero to the other, and is passed the same way by A and B; B's middle, s = 0, is
+*Proof.* A zero of B's equations is one of A's with w divided by lᵀw, and in A there are none but A's arc. On a curve
+that is not closed one arc leads from the one zero to the other, and is passed the same way by A and B; B's middle, s = 0, is
 the zero at a₂ > 0 (or A's middle the one at s₁ < 0). In a ring on such a curve a middle would come after itself. ∎
 """
 
@@ -184,13 +184,8 @@ def place(x: list[arb], tube: Placed, turning: list[bool]) -> arb | None:
 
 
 def turns(closures: Closures, document: Curves) -> list[bool]:
-    """Which coordinates of x are angles that φ knows modulo 2π: those that only turn chains, in no coupling."""
-    slides = {int(j) for c in document.chains for j, p in zip(c.joints, c.prismatic, strict=True) if p}
-    free = [
-        bool(document.periodic[j]) and j not in slides and not np.any(document.couplings[:, j])
-        for j in range(closures.n_free)
-    ]
-    return [*free, *[False] * closures.m]
+    """Which coordinates of x are angles that φ knows modulo 2π."""
+    return [*(document.free(j) for j in range(closures.n_free)), *[False] * closures.m]
 
 
 def without_turns(angle: arb) -> arb:

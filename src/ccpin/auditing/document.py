@@ -40,13 +40,20 @@ class HasClosures(Protocol):
     """What closures are made of: φ(θ) = Σ B x(θ) + Gθ + d, rows of `moduli` modulo these."""
 
     @property
-    def chains(self) -> tuple[Chain, ...]: ...
+    def chains(self) -> tuple[Chain, ...]:
+        """Those of the x."""
+
     @property
-    def couplings(self) -> Array: ...
+    def couplings(self) -> Array:
+        """G."""
+
     @property
-    def offset(self) -> Array: ...
+    def offset(self) -> Array:
+        """The d of φ."""
+
     @property
-    def moduli(self) -> Array: ...
+    def moduli(self) -> Array:
+        """What rows count modulo; 0: nothing."""
 
 
 class Cells(NamedTuple):
@@ -154,6 +161,11 @@ class Curves(NamedTuple):
     closed: NDArray[np.bool_]
     uncovered_lower: Array
     uncovered_upper: Array
+
+    def free(self, joint: int) -> bool:
+        """Whether a coordinate is an angle that φ knows modulo 2π: one that only turns chains, in no coupling."""
+        slides = any(np.any(chain.prismatic[chain.joints == joint]) for chain in self.chains)
+        return bool(self.periodic[joint]) and not slides and not np.any(self.couplings[:, joint])
 
 
 def read(path: str | Path) -> Document | Curves:
