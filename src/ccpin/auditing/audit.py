@@ -106,10 +106,10 @@ def verify(
 ) -> Audit:
     """Check a certificate that an atlas's, a sheet atlas's or a singular cover's `save` wrote, by code of its own.
 
-    Proved are, of atlases: Theorem K for the boxes; that the seed is a solution of its box; that neighbours carry the same σ
-    where the document does not list them as unglued (of sheets: where it says so), and that every box is reached from
-    the seed's by such neighbours; that cells called singular hold a singular configuration; and that those called empty
-    hold none, where that can be told by the triangle inequality, or by a search of all turns of up to six dependent
+    Proved are, of atlases: Theorem K for the boxes; that the seed is a solution of its box; that neighbours carry the
+    same σ where the document does not list them as unglued (of sheets: where it says so), and that every box is reached
+    from the seed's by such neighbours; that cells called singular hold a singular configuration; and that those called
+    empty hold none, where that can be told by the triangle inequality, or by a search of all turns of up to six dependent
     coordinates (a claim counts as looked at if so).
 
     Of singular curves: that each tube holds one and no other singular configuration; that it is the next tube's curve

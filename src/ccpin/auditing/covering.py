@@ -5,14 +5,14 @@ that slide), cut into equal parts; of the document it uses the proved tubes and 
 halved until each box of θ is shown to hold none, or only what a tube holds, or lies in a listed box.
 
 **Lemma A.** On a box of θ no configuration closes where 0 is not in φ(box), nor where 0 is not in a row of
-Pφ(θ_c) + Pφ_θ(box)(θ − θ_c), P any matrix; solved for one coordinate each row leaves a part of the box. None is singular
-where |1 − Pφ_y(box)|u < u for a P and a u > 0.
+Pφ(θ_c) + Pφ_θ(box)(θ − θ_c), P any matrix; solved for one coordinate each row leaves a part of the box. None is
+singular where |1 − Pφ_y(box)|u < u for a P and a u > 0.
 
 *Proof.* The mean value theorem, and Neumann's series. ∎
 
 **Lemma B.** Let A hold [φ_y; lᵀ] over a box of θ, P be a matrix with last column p, and u > 0 have
-|p| + |1 − PA|u ≤ u, |1 − PA|u < u. Then each w ≠ 0 with φ_y w = 0 in the box is a multiple of one with lᵀw = 1, and that
-has |w − p| ≤ |1 − PA|u.
+|p| + |1 − PA|u ≤ u, |1 − PA|u < u. Then each w ≠ 0 with φ_y w = 0 in the box is a multiple of one with lᵀw = 1, and
+that has |w − p| ≤ |1 − PA|u.
 
 *Proof.* Where lᵀw = 0, w = (1 − PA)w with |1 − PA| of spectral radius below 1, so w = 0. Else lᵀw = 1 may be had:
 w = p + (1 − PA)w, hence |w| ≤ Σ |1 − PA|ᵏ|p| ≤ u. ∎
@@ -38,8 +38,10 @@ from scipy.linalg import qr
 from ccpin.auditing.boxes import contracts, defect
 from ccpin.auditing.closures import Closures, columns, exact, floats
 from ccpin.auditing.curves import Placed, Singular, placed, turns, without_turns
-from ccpin.auditing.document import Array, Curves
+from ccpin.auditing.document import Array, Curves, Integers
+from ccpin.auditing.reach import Box, Reach, above, below
 
+_FINE = 0.1  # rad: last joints of chains are cut after all others
 _CELL = 0.2  # rad: how wide cells are
 _FEWEST, _MOST = 6, 12  # how often the region is halved
 _BUDGET, _LEAST = 20_000, 1e-9  # boxes of a part, and how narrow
@@ -47,7 +49,7 @@ _WIDER = 1e-12  # region, ranges and listed boxes
 _SLOPES = 0.6  # rad: boxes whose turns are wider are halved before slopes are tried
 _NEAR = 1.5  # half lengths of the nearest tube: wider boxes are in none
 _BESIDE, _PASSES, _GAIN = 3, 3, 0.8
-_SHRUNK = 0.7
+_SHRUNK, _WIDE = 0.7, 3.0
 
 
 class Cover:
@@ -59,6 +61,7 @@ class Cover:
         self.tubes = [placed(closures, document, k) for k in range(len(document.tubes))]
         size = closures.n_free
         self._free = np.array(self.turning[:size])
+        self.reach, self.every = Reach(closures, document, frozenset()), np.arange(size)
         self._middles = np.array([tube.theta for tube in document.tubes]).reshape(-1, size)
         self._lengths = np.array([tube.half for tube in document.tubes])
         self._listed = 0.5 * (document.uncovered_lower + document.uncovered_upper)
@@ -73,70 +76,80 @@ class Cover:
             rest = self._left_of(box)
             if rest is None:
                 continue
-            if not left or rest.half.max() < _LEAST:
+            if not left or rest.box.half.max() < _LEAST:
                 return False
-            if rest.half.sum() < _SHRUNK * box.half.sum():
-                waiting.append(rest)
+            if rest.box.half.sum() < _SHRUNK * box.half.sum():
+                waiting.append(rest.box)
             else:
-                waiting += self._cut(rest)
+                waiting += rest.box.halves(rest.axis)
         return True
 
-    def _left_of(self, box: Box) -> Box | None:
+    def _left_of(self, box: Box) -> _Left | None:
         """What may hold other singular configurations of a box; ``None``: nothing."""
-        if self._is_listed(box):
+        if self._is_listed(box) or self.reach.too_far(box):
             return None
         balls = box.balls()
         motions = self.closures.motions(balls)
         phi = self.closures.value(balls, motions)
         if not all(phi[i, 0].contains(0) for i in range(self.closures.m)):
             return None
+        at, slope = _Middle.of(self.closures, box), self.closures.jacobian(motions)
         if box.half[self._free].max(initial=0.0) > _SLOPES:
-            return box
-        slope, middle = self.closures.jacobian(motions), box.middle
-        value, at = self.closures.at(middle)
-        if self._regular(slope, at):
+            return _Left(box, self._steepest(box, at.slope, self.every))
+        if self._regular(slope, at.slope):
             return None
-        smaller = self._closing(box, slope, at)
-        if smaller is None or self._in_a_tube(smaller):
-            return None
-        return smaller
+        left = self._closing(box, slope, at)
+        return None if left is None or self._in_a_tube(left.box) else left
 
     def _regular(self, slope: arb_mat, at: Array) -> bool:
         """Whether φ_y is regular on the box (Lemma A)."""
         dependent = self.document.dependent
         try:
-            inverse = np.linalg.inv(at[:, dependent])
+            inverse = _inverse(at[:, dependent])
         except np.linalg.LinAlgError:
             return False
         return contracts(defect(exact(inverse) * columns(slope, dependent)))
 
-    def _closing(self, box: Box, slope: arb_mat, at: Array) -> Box | None:
-        """The box without some of what closes nothing (Lemma A), P the inverse of the columns that move φ most."""
-        m, middle = self.closures.m, box.middle
-        pivots = qr(at * box.half, mode="r", pivoting=True)[1][:m]
+    def _closing(self, box: Box, slope: arb_mat, at: _Middle) -> _Left | None:
+        """The box without some of what closes nothing (Lemma A), P the inverse of the columns that move φ most.
+
+        It is to be halved along another column, or where these are wider than the others make them along the widest.
+        """
+        m = self.closures.m
+        pivots = qr(at.slope * box.half, mode="r", pivoting=True)[1][:m]
         try:
-            P = exact(np.linalg.inv(at[:, pivots]))
+            P = exact(_inverse(at.slope[:, pivots]))
         except np.linalg.LinAlgError:
-            return box
-        point = [arb(float(x)) for x in middle]
-        constant, along = P * self.closures.value(point, self.closures.motions(point)), P * slope
-        low, high = box.low.copy(), box.high.copy()
+            return _Left(box, self._steepest(box, at.slope, self.every))
+        constant, along = P * at.value, P * slope
+        low, high, half = box.low.copy(), box.high.copy(), box.half
+        rest = np.setdiff1d(self.every, pivots)
+        implied = np.abs(floats(along)[:, rest]) @ half[rest]
+        wide = half[pivots] > _WIDE * implied
         for row in range(m):
-            terms = [
-                along[row, k] * (arb(float(low[k])).union(arb(float(high[k]))) - point[k])
-                for k in range(self.closures.n_free)
-            ]
+            deltas = [arb(float(a)).union(arb(float(b))) - x for a, b, x in zip(low, high, at.point, strict=True)]
+            terms = [along[row, k] * delta for k, delta in enumerate(deltas)]
             if not sum(terms, constant[row, 0]).contains(0):
                 return None
             j = int(pivots[row])
             if along[row, j].contains(0):
                 continue
             others = sum((term for k, term in enumerate(terms) if k != j), constant[row, 0])
-            found = point[j] - others / along[row, j]
-            low[j], high[j] = max(low[j], _below(found)), min(high[j], _above(found))
+            found = at.point[j] - others / along[row, j]
+            low[j], high[j] = max(low[j], below(found)), min(high[j], above(found))
             if low[j] > high[j]:
                 return None
-        return Box(low, high)
+        left = Box(low, high)
+        return _Left(left, self._steepest(left, at.slope, pivots[wide] if np.any(wide) else rest))
+
+    def _steepest(self, box: Box, slope: Array, among: Integers) -> int:
+        """Along which of some coordinates φ moves most over a box."""
+        moves = np.abs(slope).max(axis=0, initial=0.0)
+        moves = (moves / moves.max(initial=1e-9) + 0.1) * box.half
+        first = np.intersect1d(among, self.reach.first)
+        if first.size and moves[first].max() > _FINE:
+            return int(first[int(np.argmax(moves[first]))])
+        return int(among[int(np.argmax(moves[among]))])
 
     def _in_a_tube(self, box: Box) -> bool:
         """Whether all singular configurations of the box are on one tube's curve, or there are none (Lemma C)."""
@@ -157,38 +170,30 @@ class Cover:
         gap = box.middle - self._listed
         return np.asarray(np.abs(gap - np.where(self._free, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)))
 
-    def _cut(self, box: Box) -> list[Box]:
-        """Two halves, cut where φ moves most."""
-        slope = np.abs(self.closures.at(box.middle)[1]).max(axis=0, initial=0.0)
-        size = slope.max(initial=1e-9)
-        return box.halves(int(np.argmax((slope / size + 0.1) * box.half)))
+
+class _Left(NamedTuple):
+    """What is left of a box, and along which axis it is to be halved."""
+
+    box: Box
+    axis: int
 
 
-class Box(NamedTuple):
-    """A box of θ by its corners."""
+class _Middle(NamedTuple):
+    """A box's middle, φ there in balls, and φ_θ in plain floating point."""
 
-    low: Array
-    high: Array
+    point: list[arb]
+    value: arb_mat
+    slope: Array
 
-    @property
-    def middle(self) -> Array:
-        """Between the corners."""
-        return 0.5 * (self.low + self.high)
+    @staticmethod
+    def of(closures: Closures, box: Box) -> _Middle:
+        point = [arb(float(x)) for x in box.middle]
+        motions = closures.motions(point)
+        return _Middle(point, closures.value(point, motions), floats(closures.jacobian(motions)))
 
-    @property
-    def half(self) -> Array:
-        """Half of its edges."""
-        return 0.5 * (self.high - self.low)
 
-    def balls(self) -> list[arb]:
-        """All of it."""
-        return [arb(float(a)).union(arb(float(b))) for a, b in zip(self.low, self.high, strict=True)]
-
-    def halves(self, axis: int) -> tuple[Box, Box]:
-        """Both halves along an axis."""
-        below, above = self.high.copy(), self.low.copy()
-        below[axis] = above[axis] = self.middle[axis]
-        return Box(self.low, below), Box(above, self.high)
+def _inverse(matrix: Array) -> Array:
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
 def parts(document: Curves) -> list[Box]:
@@ -230,7 +235,6 @@ class _Slanted(NamedTuple):
 def settled(box: Box, tube: Placed, turning: list[bool]) -> bool:
     """Lemmas B and C for a box of θ and a tube beside it."""
     system = tube.system
-    middle = [arb(float(x)) for x in box.middle]
     around = system.closures.motions(box.balls())
     kernel = _kernel(box, tube, columns(system.closures.jacobian(around), system.dependent))
     if kernel is None:
@@ -243,10 +247,9 @@ def settled(box: Box, tube: Placed, turning: list[bool]) -> bool:
     tangent = tangent / tangent[along]
     others = np.delete(np.arange(system.n_free), along)
     try:
-        P = exact(np.linalg.inv(slope[:, others]))
+        P = exact(_inverse(slope[:, others]))
     except np.linalg.LinAlgError:
         return False
-    del middle
     reach = (extent + np.abs(tangent) * extent[along]) * (1.0 + 1e-12)
     reach[along] = 0.0
     slanted = _Slanted([arb(float(v)) for v in x], along, tangent, float(extent[along]), -reach, reach)
@@ -264,7 +267,7 @@ def _kernel(box: Box, tube: Placed, inner: arb_mat) -> tuple[Array, Array] | Non
     """p and |1 − PA|u of Lemma B."""
     m = tube.system.closures.m
     A = arb_mat(m + 1, m, [*inner.entries(), *tube.system.pairing])
-    left = np.linalg.pinv(floats(A))
+    left = np.asarray(np.linalg.pinv(floats(A)), dtype=np.float64)
     rest = defect(exact(left) * A)
     rough = np.array([[float(x.upper()) for x in row] for row in rest])
     if not np.all(np.isfinite(rough)) or np.abs(rough).sum(axis=1).max() >= 10.0:
@@ -277,7 +280,7 @@ def _kernel(box: Box, tube: Placed, inner: arb_mat) -> tuple[Array, Array] | Non
     sound = all(
         abs(arb(float(p))) + y <= float(v) and y < float(v) for p, y, v in zip(left[:, -1], image, u, strict=True)
     )
-    return (left[:, -1], np.array([_above(y) for y in image])) if sound else None
+    return (left[:, -1], np.array([above(y) for y in image])) if sound else None
 
 
 def _narrowed(system: Singular, box: _Slanted, P: arb_mat, others: Array) -> _Slanted | None:
@@ -297,7 +300,7 @@ def _narrowed(system: Singular, box: _Slanted, P: arb_mat, others: Array) -> _Sl
         found = -value[row, 0] - run[row, 0] * s
         for column in map(int, others):
             found = found + (int(column == k) - slope[row, column]) * arb(0, float(half[column]))
-        low[k], high[k] = max(-half[k], _below(found)), min(half[k], _above(found))
+        low[k], high[k] = max(-half[k], below(found)), min(half[k], above(found))
         if low[k] > high[k]:
             return None
     return _Slanted(centre, box.along, box.tangent, box.half, low, high)
@@ -320,11 +323,3 @@ def _inside(box: _Slanted, tube: Placed, turning: list[bool]) -> bool:
         if not abs(off) <= tube.radius[k]:
             return False
     return True
-
-
-def _below(x: arb) -> float:
-    return float(np.nextafter(float(x.lower()), -np.inf))
-
-
-def _above(x: arb) -> float:
-    return float(np.nextafter(float(x.upper()), np.inf))

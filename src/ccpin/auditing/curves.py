@@ -16,8 +16,9 @@ curve, and if that is not closed they run the same way along it, B's middle behi
 glued to the next the curve is closed.
 
 *Proof.* A zero of B's equations is one of A's with w divided by lᵀw, and in A there are none but A's arc. On a curve
-that is not closed one arc leads from the one zero to the other, and is passed the same way by A and B; B's middle, s = 0, is
-the zero at a₂ > 0 (or A's middle the one at s₁ < 0). In a ring on such a curve a middle would come after itself. ∎
+that is not closed one arc leads from the one zero to the other, and is passed the same way by A and B; B's
+middle, s = 0, is the zero at a₂ > 0 (or A's middle the one at s₁ < 0). In a ring on such a curve a middle would
+come after itself. ∎
 """
 
 from __future__ import annotations

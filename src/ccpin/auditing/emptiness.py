@@ -1,17 +1,7 @@
 """Cells said to hold no closed configuration.
 
-**Lemma.** Let a closure's point rows read Σ_c W_c x_c + d = 0. Cut each chain anywhere: the head's tip h_c(θ) is a
-point that the joints above the cut move; what is behind it are segments whose lengths seen by W_c are at most l_i. No
-configuration of a box of all coordinates closes these rows where |Σ W_c h_c + d| > Σ l_i; nor, where the lengths are
-exactly l_i, where l_k > |Σ W_c h_c + d| + Σ_{i≠k} l_i for some k.
-
-*Proof.* Σ W_c h_c + d and the segments add up to 0: none is longer than all others together. ∎
-
-W_c sees a segment's length as it is where W_cᵀW_c = I, and where W_cW_cᵀ = I and all turns of the chain before it are
-about the direction that W_c does not see, so that they keep the part of it that W_c sees.
-
 Where all dependent coordinates turn, boxes of their whole turns over the cell are halved until each is shown to hold
-none: so, or by a row of φ over the box, or of
+none: by the lemma of `reach`, or a row of φ over the box, or of
 
     Ãφ(θ) ∈ Ãφ(θ₀) + Ãφ_θ(box)(θ − θ₀)
 
@@ -21,42 +11,18 @@ dependent coordinate slides, or there are more than six, the lemma alone is trie
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from flint import arb, arb_mat
+from flint import arb
 
-from ccpin.auditing.closures import Closures, Motion, Path, exact, motion_of
+from ccpin.auditing.closures import Closures, exact
 from ccpin.auditing.document import Array, Document, Integers, corners
+from ccpin.auditing.reach import Box, Reach, above, below
 
 _BUDGET, _REACH = 8000, 400  # boxes over one cell, and where the lemma alone is tried
 _MOST = 6
-_TAIL = 0.6  # rad: joints that may turn more than this each way are behind the cut
 _SLOPES = 0.4  # rad: boxes whose turns are wider are halved before slopes are tried
 _SHRUNK = 0.7
 _FINE = 0.002  # of the size: last joints of chains in no other loop are halved after all others move φ by less
-_PARALLEL, _TILT = 1e-13, 1e-11
-
-
-class _Group(NamedTuple):
-    """The chains of one closure's point rows: their numbers and the rows."""
-
-    rows: tuple[int, ...]
-    chains: tuple[int, ...]
-
-
-class _Ball(NamedTuple):
-    """A box of all coordinates by its corners, as doubles."""
-
-    low: Array
-    high: Array
-
-    @property
-    def half(self) -> Array:
-        return 0.5 * (self.high - self.low)
-
-    def balls(self) -> list[arb]:
-        return [arb(float(a)).union(arb(float(b))) for a, b in zip(self.low, self.high, strict=True)]
 
 
 class Emptiness:
@@ -64,44 +30,25 @@ class Emptiness:
 
     def __init__(self, closures: Closures, document: Document) -> None:
         self.closures, self.document = closures, document
-        by_rows: dict[tuple[int, ...], list[int]] = {}
-        for k, chain in enumerate(document.chains):
-            rows = tuple(int(r) for r in np.flatnonzero(np.any(chain.weights != 0.0, axis=1)))
-            by_rows.setdefault(rows, []).append(k)
-        self.groups = [_Group(rows, tuple(chains)) for rows, chains in by_rows.items() if self._plain(rows, chains)]
-        self.norms = [_norm(path.weights) for path in closures.paths]
-        self.segments = [_segments(path, norm) for path, norm in zip(closures.paths, self.norms, strict=True)]
         slides = {int(j) for c in document.chains for j, p in zip(c.joints, c.prismatic, strict=True) if p}
-        self._sliding = slides & set(document.dependent.tolist())
+        sliding = slides & set(document.dependent.tolist())
+        self.reach = Reach(closures, document, sliding)
         known = bool(np.all(document.periodic[document.dependent])) and not np.any(document.moduli)
-        own = set(document.dependent.tolist())
-        ours = [[j for j in chain.joints.tolist() if j in own] for chain in document.chains]
-        loops = [{j for k in group.chains for j in ours[k]} for group in self.groups]
-        last = {joints[-1] for joints in ours if joints and sum(joints[-1] in loop for loop in loops) == 1}
-        self._first = np.array(sorted({*range(closures.n_free)} - self._sliding - last), dtype=np.int64)
-        self.searched = known and not self._sliding and len(document.dependent) <= _MOST
-
-    def _plain(self, rows: tuple[int, ...], chains: list[int]) -> bool:
-        document, chosen = self.document, list(rows)
-        shared = any(
-            k not in chains and np.any(chain.weights[chosen] != 0.0) for k, chain in enumerate(document.chains)
-        )
-        linear = np.any(document.couplings[chosen] != 0.0) or np.any(document.moduli[chosen] != 0.0)
-        return not (shared or linear or any(document.chains[k].direction for k in chains))
+        self.searched = known and not sliding and len(document.dependent) <= _MOST
 
     def proved(self, k: int) -> bool | None:
         """Whether the k-th empty cell was proved to be so; ``None`` where there is no way to look at it."""
         low, high = corners(self.document, self.document.empty, k)
-        full = _Ball(np.full(self.closures.n_free, -np.pi - 1e-9), np.full(self.closures.n_free, np.pi + 1e-9))
+        full = Box(np.full(self.closures.n_free, -np.pi - 1e-9), np.full(self.closures.n_free, np.pi + 1e-9))
         full.low[self.document.independent], full.high[self.document.independent] = low, high
         waiting, left = [full], _BUDGET if self.searched else _REACH
         while waiting and left:
             left -= 1
             box = waiting.pop()
-            if self._too_far(box):
+            if self.reach.too_far(box):
                 continue
             if not self.searched:
-                waiting += _halves(box, self._widest(box, self.document.independent))
+                waiting += box.halves(self._widest(box, self.document.independent))
                 continue
             smaller = self._narrowed(box)
             if smaller is None:
@@ -109,45 +56,10 @@ class Emptiness:
             if smaller.half.sum() < _SHRUNK * box.half.sum():
                 waiting.append(smaller)
             else:
-                waiting += _halves(smaller, self._worst(smaller))
+                waiting += smaller.halves(self._worst(smaller))
         return not waiting if self.searched or not waiting else None
 
-    def _too_far(self, box: _Ball) -> bool:
-        """Whether the chains, cut where they turn freely, cannot meet."""
-        balls, half = box.balls(), box.half
-        for group in self.groups:
-            gap, longest, shortest = [self.closures.offset[row, 0] for row in group.rows], list[arb](), list[arb]()
-            for number in group.chains:
-                chain, path = self.document.chains[number], self.closures.paths[number]
-                pairs = zip(chain.joints.tolist(), chain.prismatic.tolist(), strict=True)
-                free = [j in self._sliding if slides else half[j] > _TAIL for j, slides in pairs]
-                cut = free.index(True) if any(free) else len(free)
-                rest = self._rest(number, cut, balls)
-                if rest is None:
-                    break
-                moved = path.weights * _head(path, cut, balls).x
-                gap = [value + moved[row, 0] for value, row in zip(gap, group.rows, strict=True)]
-                longest += [long for long, _ in rest]
-                shortest += [short for _, short in rest]
-            else:
-                if _cannot_close(gap, longest, shortest):
-                    return True
-        return False
-
-    def _rest(self, number: int, cut: int, balls: list[arb]) -> list[tuple[arb, arb]] | None:
-        """The most and the least of the segments behind a cut; ``None`` where one slides without bounds."""
-        turns, found = self.closures.paths[number].turns[cut:], list[tuple[arb, arb]]()
-        for k, turn in enumerate(turns):
-            segments = self.segments[number][cut + k]
-            if turn.prismatic and turn.joint in self._sliding:
-                return None
-            found += [segments.before] if k else []
-            if turn.prismatic:
-                by = abs(balls[turn.joint])
-                found.append((by * segments.along[0], _least(by) * segments.along[1]))
-        return [*found, self.segments[number][-1].before] if turns else []
-
-    def _narrowed(self, box: _Ball) -> _Ball | None:
+    def _narrowed(self, box: Box) -> Box | None:
         """The box without some of what closes nothing; ``None`` if that is all of it."""
         closures, balls = self.closures, box.balls()
         motions = closures.motions(balls)
@@ -157,7 +69,7 @@ class Emptiness:
         dependent = self.document.dependent
         if np.any(box.half[dependent] > _SLOPES):
             return box
-        middle = 0.5 * (box.low + box.high)
+        middle = box.middle
         slope = closures.at(middle)[1]
         try:
             A = exact(np.linalg.inv(slope[:, dependent]).astype(np.float64))
@@ -176,107 +88,22 @@ class Emptiness:
             if along[row, j].contains(0):
                 continue
             found = point[j] - (sum((t for k, t in enumerate(terms) if k != j), constant[row, 0])) / along[row, j]
-            low[j], high[j] = max(low[j], _below(found)), min(high[j], _above(found))
+            low[j], high[j] = max(low[j], below(found)), min(high[j], above(found))
             if low[j] > high[j]:
                 return None
-        return _Ball(low, high)
+        return Box(low, high)
 
-    def _worst(self, box: _Ball) -> int:
+    def _worst(self, box: Box) -> int:
         """The coordinate to halve: what moves φ most, those last that the lemma does without."""
         moves = self._moves(box)
-        first = self._first[int(np.argmax(moves[self._first]))]
+        first = self.reach.first[int(np.argmax(moves[self.reach.first]))]
         return int(first) if moves[first] > _FINE else int(np.argmax(moves))
 
-    def _widest(self, box: _Ball, among: Integers) -> int:
+    def _widest(self, box: Box, among: Integers) -> int:
         return int(among[int(np.argmax(self._moves(box)[among]))])
 
-    def _moves(self, box: _Ball) -> Array:
+    def _moves(self, box: Box) -> Array:
         """How far φ moves over a box with each coordinate, as shares of its size."""
-        slope = np.abs(self.closures.at(0.5 * (box.low + box.high))[1]).max(axis=0, initial=0.0)
+        slope = np.abs(self.closures.at(box.middle)[1]).max(axis=0, initial=0.0)
         size = slope.max(initial=1e-9)
         return np.asarray((slope / size + 0.1) * box.half)
-
-
-def _halves(box: _Ball, axis: int) -> list[_Ball]:
-    middle = 0.5 * (box.low[axis] + box.high[axis])
-    below, above = box.high.copy(), box.low.copy()
-    below[axis] = above[axis] = middle
-    return [_Ball(box.low, below), _Ball(above, box.high)]
-
-
-def _head(path: Path, cut: int, balls: list[arb]) -> Motion:
-    if cut == len(path.turns):
-        return motion_of(path, balls)
-    return motion_of(Path(path.turns[:cut], path.turns[cut].translation, False, path.weights), balls)
-
-
-def _cannot_close(gap: list[arb], longest: list[arb], shortest: list[arb]) -> bool:
-    """The lemma for a sum of heads, bounds of segments' lengths, and the lengths of those known exactly (else 0)."""
-    least = _root(sum((_least(x) * _least(x) for x in gap), arb(0)))
-    most = _root(sum((abs(x) * abs(x) for x in gap), arb(0)))
-    total = sum(longest, arb(0))
-    return least > total or any(short > most + (total - long) for short, long in zip(shortest, longest, strict=True))
-
-
-class _Segments(NamedTuple):
-    """What W sees at most and at least of the segment before a joint (or the tip), and of a slide of it by one."""
-
-    before: tuple[arb, arb]
-    along: tuple[arb, arb]
-
-
-def _segments(path: Path, norm: arb) -> list[_Segments]:
-    """Those of a chain's joints, and of its tip."""
-    rows = path.weights * path.weights.transpose()
-    used = [i for i in range(rows.nrows()) if rows[i, i] != 0]
-    whole = _is_identity(path.weights.transpose() * path.weights)
-    flat = len(used) == 2 and _is_identity(arb_mat(2, 2, [rows[i, j] for i in used for j in used]))
-    found, rotation = list[_Segments](), exact(np.eye(3))
-
-    def seen(vector: arb_mat) -> tuple[arb, arb]:
-        if not (whole or flat):
-            return _length(vector) * norm, arb(0)
-        size = _length(path.weights * vector) + arb(0, _TILT) * _length(vector)
-        return size, _least(size)
-
-    for turn in path.turns:
-        before, rotation = seen(rotation * turn.translation), rotation * turn.rotation
-        found.append(_Segments(before, seen(rotation * turn.axis)))
-        flat = flat and (turn.prismatic or bool(_length(path.weights * (rotation * turn.axis)) < _PARALLEL))
-    tip = seen(rotation * path.tip)
-    return [*found, _Segments(tip, tip)]
-
-
-def _is_identity(matrix: arb_mat) -> bool:
-    """Whether a matrix is I but for roundings."""
-    size = matrix.nrows()
-    return all(abs(matrix[i, j] - int(i == j)) < _PARALLEL for i in range(size) for j in range(size))
-
-
-def _norm(weights: arb_mat) -> arb:
-    """‖W‖₂ ≤ √‖WWᵀ‖_∞."""
-    square = weights * weights.transpose()
-    sums = [sum((abs(square[i, j]) for j in range(square.ncols())), arb(0)) for i in range(square.nrows())]
-    return _root(max(sums, key=lambda x: float(x.upper())))
-
-
-def _length(vector: arb_mat) -> arb:
-    return _root(sum((abs(x) * abs(x) for x in vector.entries()), arb(0)))
-
-
-def _root(x: arb) -> arb:
-    """The root of what is not negative, whatever roundings say."""
-    return x.sqrt() if x > 0 else arb(0).union(arb(x.upper()).sqrt())
-
-
-def _least(x: arb) -> arb:
-    """The least size in a ball."""
-    return arb(0) if x.contains(0) else arb(abs(x).lower())
-
-
-def _below(x: arb) -> float:
-    return float(np.nextafter(float(x.lower()), -np.inf))
-
-
-def _above(x: arb) -> float:
-    return float(np.nextafter(float(x.upper()), np.inf))
