@@ -109,8 +109,8 @@ def verify(
     Proved are, of atlases: Theorem K for the boxes; that the seed is a solution of its box; that neighbours carry the
     same σ where the document does not list them as unglued (of sheets: where it says so), and that every box is reached
     from the seed's by such neighbours; that cells called singular hold a singular configuration; and that those called
-    empty hold none, where that can be told by the triangle inequality, or by a search of all turns of up to six dependent
-    coordinates (a claim counts as looked at if so).
+    empty hold none, where that can be told by the triangle inequality, or by a search of all turns of up to six
+    dependent coordinates (a claim counts as looked at if so).
 
     Of singular curves: that each tube holds one and no other singular configuration; that it is the next tube's curve
     too, and closed curves' last tube's the first's; and that no part of the region has singular configurations, in any
@@ -136,7 +136,7 @@ def verify(
     if sample is not None and sample < 1:
         raise InvalidInputError(f"sample = {sample} must be at least 1")
     document = read(path)
-    kinds = _curves(document) if isinstance(document, Curves) else _cells(document)
+    kinds = _of_curves(document) if isinstance(document, Curves) else _of_cells(document)
     chosen = {kind: _chosen(len(every), sample, seed + k) for k, (kind, every) in enumerate(kinds.items())}
     tasks = [(kind, kinds[kind][k]) for kind, rows in chosen.items() for k in rows]
     failed: dict[str, list[tuple[int, ...]]] = {kind: [] for kind in kinds}
@@ -165,7 +165,7 @@ def verify(
     )
 
 
-def _cells(document: Document) -> dict[str, list[Any]]:
+def _of_cells(document: Document) -> dict[str, list[Any]]:
     """What is claimed of an atlas."""
     return {
         "box": list(range(len(document.centre))),
@@ -175,8 +175,9 @@ def _cells(document: Document) -> dict[str, list[Any]]:
     }
 
 
-def _curves(document: Curves) -> dict[str, list[Any]]:
+def _of_curves(document: Curves) -> dict[str, list[Any]]:
     """What is claimed of singular curves."""
+    from ccpin.auditing.closures import Closures
     from ccpin.auditing.covering import parts
 
     joints, first = list[tuple[int, int]](), 0
@@ -184,7 +185,8 @@ def _curves(document: Curves) -> dict[str, list[Any]]:
         joints += [(k, k + 1) for k in range(first, first + size - 1)]
         joints += [(first + size - 1, first)] if closed else []
         first += size
-    return {"tube": list(range(len(document.tubes))), "joint": joints, "cover": list(range(len(parts(document))))}
+    count = len(parts(Closures(document), document))
+    return {"tube": list(range(len(document.tubes))), "joint": joints, "cover": list(range(count))}
 
 
 def _besides(document: Document | Curves) -> str:

@@ -41,12 +41,12 @@ from ccpin.auditing.curves import Placed, Singular, placed, turns, without_turns
 from ccpin.auditing.document import Array, Curves, Integers
 from ccpin.auditing.reach import Box, Reach, above, below
 
-_FINE = 0.1  # rad: last joints of chains are cut after all others
-_CELL = 0.2  # rad: how wide cells are
-_FEWEST, _MOST = 6, 12  # how often the region is halved
+_FINE = 0.15  # rad: last joints of chains are cut after all others
+_CELL = 0.4  # rad: how wide parts are
+_FEWEST, _MOST = 6, 10  # how often all is halved
 _BUDGET, _LEAST = 20_000, 1e-9  # boxes of a part, and how narrow
 _WIDER = 1e-12  # region, ranges and listed boxes
-_SLOPES = 0.6  # rad: boxes whose turns are wider are halved before slopes are tried
+_SLOPES = 0.9  # rad: boxes whose turns are wider are halved before slopes are tried
 _NEAR = 1.5  # half lengths of the nearest tube: wider boxes are in none
 _BESIDE, _PASSES, _GAIN = 3, 3, 0.8
 _SHRUNK, _WIDE = 0.7, 3.0
@@ -65,7 +65,7 @@ class Cover:
         self._middles = np.array([tube.theta for tube in document.tubes]).reshape(-1, size)
         self._lengths = np.array([tube.half for tube in document.tubes])
         self._listed = 0.5 * (document.uncovered_lower + document.uncovered_upper)
-        self.parts = parts(document)
+        self.parts = parts(closures, document)
         self._reach = 0.5 * (document.uncovered_upper - document.uncovered_lower) + _WIDER
 
     def proved(self, number: int) -> bool:
@@ -76,7 +76,7 @@ class Cover:
             rest = self._left_of(box)
             if rest is None:
                 continue
-            if not left or rest.box.half.max() < _LEAST:
+            if left <= 0 or rest.box.half.max() < _LEAST:
                 return False
             if rest.box.half.sum() < _SHRUNK * box.half.sum():
                 waiting.append(rest.box)
@@ -125,7 +125,8 @@ class Cover:
         low, high, half = box.low.copy(), box.high.copy(), box.half
         rest = np.setdiff1d(self.every, pivots)
         implied = np.abs(floats(along)[:, rest]) @ half[rest]
-        wide = half[pivots] > _WIDE * implied
+        wide = np.array([bool(along[row, int(j)].contains(0)) for row, j in enumerate(pivots)])
+        wide |= half[pivots] > _WIDE * implied
         for row in range(m):
             deltas = [arb(float(a)).union(arb(float(b))) - x for a, b, x in zip(low, high, at.point, strict=True)]
             terms = [along[row, k] * delta for k, delta in enumerate(deltas)]
@@ -196,17 +197,22 @@ def _inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
-def parts(document: Curves) -> list[Box]:
-    """Parts of the region, equal cells; over each of them whole turns, and the ranges of what slides."""
+def searched(document: Curves) -> Box:
+    """The region, whole turns, and the ranges of what slides."""
     free = np.array([document.free(j) for j in range(document.couplings.shape[1])])
     low, high = np.full(len(free), -np.pi - 1e-9), np.full(len(free), np.pi + 1e-9)
     slides = [k for k, j in enumerate(document.dependent) if not free[int(j)]]
     chosen = document.dependent[slides]
     low[chosen], high[chosen] = document.range_lower[slides] - _WIDER, document.range_upper[slides] + _WIDER
     low[document.independent], high[document.independent] = document.lower - _WIDER, document.upper + _WIDER
-    found, q = [Box(low, high)], document.independent
+    return Box(low, high)
+
+
+def parts(closures: Closures, document: Curves) -> list[Box]:
+    """Equal parts of that, cut along coordinates that are no chain's last."""
+    found, first = [searched(document)], Reach(closures, document, frozenset()).first
     for depth in range(_MOST):
-        axis = q[int(np.argmax(found[0].half[q]))]
+        axis = first[int(np.argmax(found[0].half[first]))]
         if depth >= _FEWEST and 2.0 * found[0].half[axis] <= _CELL:
             break
         found = [half for box in found for half in box.halves(int(axis))]
@@ -215,8 +221,7 @@ def parts(document: Curves) -> list[Box]:
 
 def listed_share(document: Curves) -> float:
     """How much of all that is searched lies in listed boxes, at most."""
-    every = parts(document)
-    width = np.max([box.high for box in every], axis=0) - np.min([box.low for box in every], axis=0)
+    width = 2.0 * searched(document).half
     listed = document.uncovered_upper - document.uncovered_lower
     return float(min(1.0, np.prod(np.minimum(listed / width, 1.0), axis=1).sum()))
 
