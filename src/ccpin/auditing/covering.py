@@ -44,7 +44,7 @@ from ccpin.auditing.reach import Box, Reach, above, below
 _FINE = 0.15  # rad: last joints of chains are cut after all others
 _CELL = 0.4  # rad: how wide parts are
 _FEWEST, _MOST = 6, 10  # how often all is halved
-_BUDGET, _LEAST = 20_000, 1e-9  # boxes of a part, and how narrow
+_BUDGET, _LEAST = 20_000, 1e-6  # boxes of a part, and how narrow
 _WIDER = 1e-12  # region, ranges and listed boxes
 _SLOPES = 0.9  # rad: boxes whose turns are wider are halved before slopes are tried
 _NEAR = 1.5  # half lengths of the nearest tube: wider boxes are in none
