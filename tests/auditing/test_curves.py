@@ -208,7 +208,7 @@ def test_other_closures_are_found(region, tmp_path):
     assert len(claim(audit, "one singular curve").failed) == 3
 
 
-@pytest.mark.parametrize("name", ["curve_tubes", "tube_radius", "tube_half"])
+@pytest.mark.parametrize("name", ["curve_tubes", "tube_radius", "tube_half", "range_lower"])
 def test_documents_out_of_shape_are_refused(region, tmp_path, name):
     """Arrays that are not as long as others."""
 

@@ -1,8 +1,8 @@
 """That the rest of a region holds no singular closed configuration but those on a document's curves.
 
-The search is the auditor's own: from the region and whole turns of the dependent joints (the ranges stated, of those
-that slide), cut into equal parts; of the document it uses the proved tubes and the boxes listed as uncovered. A part is
-halved until each box of θ is shown to hold none, or only what a tube holds, or lies in a listed box.
+The search is the auditor's own, so that no covering need be stored: from the region and whole turns of the dependent
+joints (the ranges stated, of those that slide), cut into equal parts; of the document it uses the tubes, proved apart,
+and the boxes listed as uncovered. A part is halved until each box of θ is shown to hold none, or only what a tube holds, or lies in a listed box.
 
 **Lemma A.** On a box of θ no configuration closes where 0 is not in φ(box), nor where 0 is not in a row of
 Pφ(θ_c) + Pφ_θ(box)(θ − θ_c), P any matrix; solved for one coordinate each row leaves a part of the box. None is
@@ -50,6 +50,7 @@ _SLOPES = 0.9  # rad: boxes whose turns are wider are halved before slopes are t
 _NEAR = 1.5  # half lengths of the nearest tube: wider boxes are in none
 _BESIDE, _PASSES, _GAIN = 3, 3, 0.8
 _SHRUNK, _WIDE = 0.7, 3.0
+_HELD = 0.2  # of a box: where a listed box holds so much the rest is cut off
 
 
 class Cover:
@@ -78,7 +79,10 @@ class Cover:
                 continue
             if left <= 0 or rest.box.half.max() < _LEAST:
                 return False
-            if rest.box.half.sum() < _SHRUNK * box.half.sum():
+            face = self._face(rest.box)
+            if face is not None:
+                waiting += rest.box.cut(*face)
+            elif rest.box.half.sum() < _SHRUNK * box.half.sum():
                 waiting.append(rest.box)
             else:
                 waiting += rest.box.halves(rest.axis)
@@ -164,12 +168,25 @@ class Cover:
 
     def _is_listed(self, box: Box) -> bool:
         """Whether a listed box holds all of a box."""
-        off = self._off(box)
-        return bool(np.any(np.all(off + box.half <= self._reach, axis=1)))
+        return bool(np.any(np.all(np.abs(self._off(box)) + box.half <= self._reach, axis=1)))
 
     def _off(self, box: Box) -> Array:
+        """From the listed boxes' middles to a box's, without whole turns."""
         gap = box.middle - self._listed
-        return np.asarray(np.abs(gap - np.where(self._free, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)))
+        return np.asarray(gap - np.where(self._free, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0))
+
+    def _face(self, box: Box) -> tuple[int, float] | None:
+        """Where to cut a box of which a listed box holds a good part: its axis and place; ``None``: there is none."""
+        middle, reach = box.middle - self._off(box), self._reach - 0.5 * _WIDER
+        low, high = np.maximum(box.low, middle - reach), np.minimum(box.high, middle + reach)
+        shares = np.maximum(high - low, 0.0) / np.maximum(2.0 * box.half, 1e-300)
+        held = np.prod(shares, axis=1)
+        if held.max(initial=0.0) < _HELD:
+            return None
+        k = int(np.argmax(held))
+        axis = int(np.argmin(shares[k]))
+        place = low[k, axis] if low[k, axis] - box.low[axis] > box.high[axis] - high[k, axis] else high[k, axis]
+        return (axis, float(place)) if box.low[axis] < place < box.high[axis] else None
 
 
 class _Left(NamedTuple):

@@ -220,9 +220,13 @@ def _of_curves(arrays: dict[str, Any]) -> dict[str, Any]:
     count, sizes, closed = len(given["half"]), arrays["curve_tubes"], arrays["curve_closed"]
     shaped = all(given[name].shape == (count, width) for name, width in widths.items())
     shaped &= given["half"].shape == given["along"].shape == (count,) and sizes.shape == closed.shape == (len(sizes),)
+    n = len(arrays["system_independent"])
+    shaped &= all(rest[f"range_{end}"].shape == (m,) and arrays[end].shape == (n,) for end in ("lower", "upper"))
+    shaped &= rest["uncovered_lower"].shape == rest["uncovered_upper"].shape == (len(rest["uncovered_lower"]), size)
+    shaped &= all(np.all(np.isfinite(array)) for array in (*given.values(), *rest.values()))
     if not shaped or int(sizes.sum()) != count or np.any(sizes < 1):
         raise InvalidInputError(
-            "the tubes of the document's curves are not as many, or not of the shapes, that it says"
+            "the tubes or boxes of the document are not as many, or not of the shapes, that it says"
         )
     rows = zip(*given.values(), strict=True)
     tubes = tuple(Tube(a, b, c, int(j), t, float(half), r) for a, b, c, j, t, half, r in rows)

@@ -48,8 +48,12 @@ class Box(NamedTuple):
 
     def halves(self, axis: int) -> tuple[Box, Box]:
         """Both halves along an axis."""
+        return self.cut(axis, float(self.middle[axis]))
+
+    def cut(self, axis: int, place: float) -> tuple[Box, Box]:
+        """Both parts where an axis is cut."""
         below, above = self.high.copy(), self.low.copy()
-        below[axis] = above[axis] = self.middle[axis]
+        below[axis] = above[axis] = place
         return Box(self.low, below), Box(above, self.high)
 
 
