@@ -2,7 +2,8 @@
 
 The search is the auditor's own, so that no covering need be stored: from the region and whole turns of the dependent
 joints (the ranges stated, of those that slide), cut into equal parts; of the document it uses the tubes, proved apart,
-and the boxes listed as uncovered. A part is halved until each box of θ is shown to hold none, or only what a tube holds, or lies in a listed box.
+and the boxes listed as uncovered. A part is halved until each box of θ is shown to hold none, or only what a tube
+holds, or lies in a listed box.
 
 **Lemma A.** On a box of θ no configuration closes where 0 is not in φ(box), nor where 0 is not in a row of
 Pφ(θ_c) + Pφ_θ(box)(θ − θ_c), P any matrix; solved for one coordinate each row leaves a part of the box. None is
