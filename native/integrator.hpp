@@ -46,7 +46,7 @@ template <class F> class Integrator {
     bool rejected = false;
     double trial = std::min(std::max(h, shortest), longest_);
     for (;;) {
-      if (trial < shortest) return !(failed = true);
+      if (!(trial >= shortest)) return !(failed = true);  // NaN too, from states beyond what numbers hold
       reached = std::min(t + trial, end_);
       taken_ = trial = reached - t;
       if (!stages()) return false;

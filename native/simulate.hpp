@@ -113,7 +113,7 @@ template <class Solver> bool robust_step(Solver& solver, double end, double shor
   for (double shortened = 0;;) {
     if (solver.step()) return true;
     shortened = 0.25 * (shortened > 0 ? shortened : std::min(solver.h, end - solver.t));
-    if (solver.failed || shortened < shortest || !solver.restart(shortened)) return false;
+    if (solver.failed || !(shortened >= shortest) || !solver.restart(shortened)) return false;
   }
 }
 

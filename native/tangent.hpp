@@ -9,7 +9,7 @@ namespace ccpin {
 constexpr double kSingular = 1e-9, kSuspiciousPivots = 1e-6, kSuspiciousRho = 1e5;
 constexpr double kTurn = 0.5;      // of ψ_q′⁻¹ B: the most that a trusted step changes of it,
 constexpr double kRounded = 2;     // and of its square times the tolerance of closed points: the most it may be,
-constexpr double kFarFromSingular = 2e-8;  // and where estimates are relied on
+constexpr double kFarFromSingular = 2e-7;  // and where estimates are relied on
 
 class Tangent : public Constraints {
  public:

@@ -1,6 +1,7 @@
-"""What every test file shares: the case study loaded once, and reproducible Hypothesis runs."""
+"""What every test file shares: the case study loaded once, reproducible Hypothesis runs, and Ctrl-C that is heard."""
 
 import os
+import signal
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -11,6 +12,9 @@ _SLOW_DRAWS = [HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.fil
 settings.register_profile("reproducible", deadline=None, derandomize=True, suppress_health_check=_SLOW_DRAWS)
 settings.register_profile("explore", deadline=None, max_examples=2000, suppress_health_check=_SLOW_DRAWS)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "reproducible"))
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as shells start what they put in the background
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

@@ -193,7 +193,7 @@ def _ask_for_runs(kernel: Any, near: np.ndarray, sizes: tuple[int, ...], rng: np
     leaving = {"most": float(rng.choice([1e-3, 1e3])), "turn": 2.0, "rows": [1.0] * nv, "columns": [1.0] * n}
     run = {"times": np.linspace(0.0, 0.01, 3), "start": np.zeros(n_q + n), "rtol": 1e-6, "atol": 1e-8,
            "max_step": np.inf, "singular_rcond": 1e-7, "goal": [], "band": 0.0, "speed": 0.0, "hold": 0.0,
-           "wrenches": None, "sampling": None, "origin": 0.0, "evaluations": np.inf, "seconds": np.inf,
+           "wrenches": None, "sampling": None, "origin": 0.0, "evaluations": 2e4, "seconds": np.inf,
            "begin": 0.0, "until": 0.01, "first_step": float(rng.choice([0.0, 1e-3])),
            "leaving": leaving if rng.random() < 0.5 else None,
            "lower": [-np.inf] * motors, "upper": [float(rng.choice([1e-3, np.inf]))] * motors}  # fmt: skip

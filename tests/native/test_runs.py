@@ -277,3 +277,17 @@ def test_noisy_loops_are_the_references(rpdr_model):
     quiet = ccpin.simulate(rpdr_model, law, q0, duration=0.03, sampling=Sampling(1e-3), sample_period=0.01)
     np.testing.assert_allclose(found.u, expected.u, rtol=0, atol=1e-8)
     assert np.abs(found.u - quiet.u).max() > 1e-2
+
+
+@pytest.mark.filterwarnings("ignore::RuntimeWarning")  # of SciPy, which is asked where the core has no answer
+@pytest.mark.parametrize("method", ["RK45", "DOP853"])
+@pytest.mark.parametrize("speed", [1e160, 1e308])
+def test_speeds_whose_squares_are_no_numbers_end_a_run(rpdr_model, method, speed):
+    """Steps that are NaN end the search for one that is short enough, in runs and where torques are held."""
+    q0, v0 = rpdr_model.alpha(rpdr_model.mechanism.q_reference), np.array([speed, 0.0])
+    ran = ccpin.simulate(rpdr_model, None, q0, v0, duration=0.01, method=method)
+    assert (ran.status, len(ran.t)) == ("singular", 1)
+    simulator = ccpin.simulation.Simulator(rpdr_model, method=method)
+    simulator.reset(q0, v0)
+    assert simulator.step(np.zeros(2), 0.01).t == 0.0
+    assert simulator.stop.status == "singular"
