@@ -128,10 +128,14 @@ def test_singular_curves_are_told(tmp_path, capsys):
     assert "rpdr: proven: every singular configuration" in told
     assert "curve 0: fold, open" in told
     assert (tmp_path / "singularities.png").stat().st_size > 0
-    assert main(["domain", "rpdr", "--curves", *region, "--json"]) == 0
+    saved = str(tmp_path / "curves.json")
+    assert main(["domain", "rpdr", "--curves", *region, "--json", "--save", saved]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert (facts["verdict"], facts["uncovered"], facts["complete"]) == ("proven", 0, True)
     assert [curve["kind"] for curve in facts["curves"]] == ["fold"]
+    assert main(["verify", saved, "--model", "rpdr", "--sample", "2", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["holds"], told["model"], len(told["claims"])) == (True, True, 3)
     assert main(["domain", "rpdr", "--curves", "--centre-deg", "57", "123"]) == 1
     assert main(["domain", "rpdr", "--curves", "--depth", "3"]) == 1
     assert "--curves takes no --depth" in capsys.readouterr().err

@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.auditing.document import Document, read
+from ccpin.auditing.document import Curves, Document, read
 from ccpin.errors import CcpinError, InvalidInputError
 
 if TYPE_CHECKING:
     from ccpin.auditing.closures import Closures
-    from ccpin.auditing.emptiness import Emptiness
 
 _CUTS = 12
 _PART = 16
@@ -28,9 +27,14 @@ _WORDS = {
     "singular": "cells with a singular configuration",
     "demand": "boxes within the limits, motors in hold of them, as dexterous as said",
     "count": "cells with as many closed configurations, none singular",
+    "tube": "tubes with one singular curve each",
+    "joint": "tubes whose curve goes on in the next",
+    "cover": "parts of the region without other singular configurations",
 }
-_BESIDES = "that the closures are those of a file (compare the fingerprint)"
+_FILE = "that the closures are those of a file (compare the fingerprint)"
 _ASKED = "that limits, driven joints and dexterity are those that were asked for"
+_CURVES = "what singular configurations the {} boxes hold that the document leaves uncovered ({:.3g} % at most of all \
+coordinates' ranges); those beyond the region and beyond what slides may; whether two curves are one; their kinds"
 
 
 Result = tuple[str, tuple[int, ...], "bool | None"]
@@ -99,19 +103,24 @@ def verify(
     workers: int = 1,
     progress: Callable[[Progress], None] | None = None,
 ) -> Audit:
-    """Check a certificate that `Atlas.save` or `SheetAtlas.save` wrote, by arithmetic and code of its own.
+    """Check a certificate that an atlas's, a sheet atlas's or a singular cover's `save` wrote, by code of its own.
 
-    Proved are: Theorem K for the boxes; that the seed is a solution of its box; that neighbours carry the same σ
-    where the document does not list them as unglued (of sheets: where it says so), and that every box is reached from
-    the seed's by such neighbours; that cells called singular hold a singular configuration; and that those called empty
-    hold none, where that can be told by the triangle inequality, or by a search of all turns of up to six dependent
-    coordinates (a claim counts as looked at if so); and, by such a search, how many there are over the cells of sheets
-    that are counted, none of them singular. Of a workspace's boxes it is proved that they keep the document's limits,
-    that the motors determine the motion, and its dexterity.
+    Proved are, of atlases: Theorem K for the boxes; that the seed is a solution of its box; that neighbours carry the
+    same σ where the document does not list them as unglued (of sheets: where it says so), and that every box is reached
+    from the seed's by such neighbours; that cells called singular hold a singular configuration; and that those called
+    empty hold none, where that can be told by the triangle inequality, or by a search of all turns of up to six
+    dependent coordinates (a claim counts as looked at if so); and, by such a search, how many there are over the cells
+    of sheets that are counted, none of them singular. Of a workspace's boxes it is proved that they keep the document's
+    limits, that the motors determine the motion, and its dexterity.
+
+    Of singular curves: that each tube holds one and no other singular configuration; that it is the next tube's curve
+    too, and closed curves' last tube's the first's; and that no part of the region has singular configurations, in any
+    assembly mode, but in these tubes and in the boxes listed as uncovered, by a search of its own.
 
     Args:
         path: The .json or .npz file.
-        sample: How many boxes, shared faces, empty and singular cells, chosen at random; default all.
+        sample: How many claims of each kind (boxes, shared faces, cells; tubes, parts of the region), chosen at random;
+            default all.
         seed: Of that choice.
         workers: Processes to share the work among. A script that asks for more than one needs the guard
             ``if __name__ == "__main__":``.
@@ -128,15 +137,7 @@ def verify(
     if sample is not None and sample < 1:
         raise InvalidInputError(f"sample = {sample} must be at least 1")
     document = read(path)
-    touching = _faces(document)
-    kinds: dict[str, list[Any]] = {
-        "box": list(range(len(document.centre))),
-        "glue": touching,
-        "empty": list(range(len(document.empty.number))),
-        "singular": list(range(len(document.singular.number))),
-        "demand": [] if document.demands is None else list(range(len(document.centre))),
-        "count": [] if document.counts is None else list(range(len(document.counts.said))),
-    }
+    kinds = _of_curves(document) if isinstance(document, Curves) else _of_cells(document)
     chosen = {kind: _chosen(len(every), sample, seed + k) for k, (kind, every) in enumerate(kinds.items())}
     tasks = [(kind, kinds[kind][k]) for kind, rows in chosen.items() for k in rows]
     failed: dict[str, list[tuple[int, ...]]] = {kind: [] for kind in kinds}
@@ -153,16 +154,52 @@ def verify(
     claims = [
         Claim(_WORDS[kind], len(every), looked[kind], tuple(sorted(failed[kind])))
         for kind, every in kinds.items()
-        if kind in ("box", "glue") or every
+        if kind not in ("empty", "singular", "demand", "count") or every
     ]
-    if document.seed is not None:
-        claims.insert(2, _reached(document, document.seed, [(c.first, c.second) for c in touching]))
+    if isinstance(document, Document) and document.seed is not None:
+        claims.insert(2, _reached(document, document.seed, [(c.first, c.second) for c in kinds["glue"]]))
     return Audit(
         theorem=document.header.get("theorem", ""),
         fingerprint=document.header["fingerprint"],
         claims=tuple(claims),
-        not_checked=_BESIDES if document.demands is None else f"{_BESIDES}; {_ASKED}",
+        not_checked=_besides(document),
     )
+
+
+def _of_cells(document: Document) -> dict[str, list[Any]]:
+    """What is claimed of an atlas."""
+    return {
+        "box": list(range(len(document.centre))),
+        "glue": _faces(document),
+        "empty": list(range(len(document.empty.number))),
+        "singular": list(range(len(document.singular.number))),
+        "demand": [] if document.demands is None else list(range(len(document.centre))),
+        "count": [] if document.counts is None else list(range(len(document.counts.said))),
+    }
+
+
+def _of_curves(document: Curves) -> dict[str, list[Any]]:
+    """What is claimed of singular curves."""
+    from ccpin.auditing.closures import Closures
+    from ccpin.auditing.covering import parts
+
+    joints, first = list[tuple[int, int]](), 0
+    for size, closed in zip(document.sizes.tolist(), document.closed.tolist(), strict=True):
+        joints += [(k, k + 1) for k in range(first, first + size - 1)]
+        joints += [(first + size - 1, first)] if closed else []
+        first += size
+    count = len(parts(Closures(document), document))
+    return {"tube": list(range(len(document.tubes))), "joint": joints, "cover": list(range(count))}
+
+
+def _besides(document: Document | Curves) -> str:
+    """What is not looked at."""
+    if isinstance(document, Curves):
+        from ccpin.auditing.covering import listed_share
+
+        listed = _CURVES.format(len(document.uncovered_lower), 100.0 * listed_share(document))
+        return f"{listed}; {_FILE}"
+    return _FILE if document.demands is None else f"{_FILE}; {_ASKED}"
 
 
 def _faces(document: Document) -> list[Any]:
@@ -182,7 +219,7 @@ def _chosen(count: int, sample: int | None, seed: int) -> NDArray[np.int64]:
     return np.sort(np.random.default_rng(seed).choice(count, sample, replace=False))
 
 
-def _results(document: Document, tasks: list[Any], workers: int) -> Iterator[list[Result]]:
+def _results(document: Document | Curves, tasks: list[Any], workers: int) -> Iterator[list[Result]]:
     parts = [tasks[k : k + _PART] for k in range(0, len(tasks), _PART)]
     if workers <= 1:
         held = _Held.of(document)
@@ -193,25 +230,27 @@ def _results(document: Document, tasks: list[Any], workers: int) -> Iterator[lis
 
 
 class _Held(NamedTuple):
-    """A document, its closures and what its empty cells need, made once."""
+    """A document, its closures and what its cells need, made once."""
 
-    document: Document
+    document: Any
     closures: Closures
-    emptiness: Emptiness
+    cells: Any
 
     @staticmethod
-    def of(document: Document) -> _Held:
+    def of(document: Document | Curves) -> _Held:
         from ccpin.auditing.closures import Closures
+        from ccpin.auditing.covering import Cover
         from ccpin.auditing.emptiness import Emptiness
 
         closures = Closures(document)
-        return _Held(document, closures, Emptiness(closures, document))
+        cells = Cover(closures, document) if isinstance(document, Curves) else Emptiness(closures, document)
+        return _Held(document, closures, cells)
 
 
 _held: list[_Held] = []  # of a process of the pool
 
 
-def _open(document: Document) -> None:
+def _open(document: Document | Curves) -> None:
     _held[:] = [_Held.of(document)]
 
 
@@ -222,24 +261,30 @@ def _checked_there(tasks: Iterable[Any]) -> list[Result]:
 def _checked(held: _Held, tasks: Iterable[Any]) -> list[Result]:
     from ccpin.auditing.boxes import proved
     from ccpin.auditing.counts import counted
+    from ccpin.auditing.curves import goes_on, one_curve
     from ccpin.auditing.demands import met
     from ccpin.auditing.gluing import same_solution
     from ccpin.auditing.singular import singular
 
     results: list[Result] = []
-    document, closures = held.document, held.closures
+    document, closures, cells = held
     for kind, what in tasks:
         if kind == "box":
             results.append((kind, (what,), proved(closures, document, what, _CUTS)))
         elif kind == "glue":
             results.append((kind, (what.first, what.second), same_solution(closures, document, what)))
         elif kind == "empty":
-            results.append((kind, (int(document.empty.number[what]),), held.emptiness.proved(what)))
+            results.append((kind, (int(document.empty.number[what]),), cells.proved(what)))
         elif kind == "demand":
             results.append((kind, (what,), met(closures, document, what, _CUTS)))
         elif kind == "count":
-            number = 0 if document.counts is None else int(document.counts.cells.number[what])
-            results.append((kind, (number,), counted(held.emptiness, what)))
+            results.append((kind, (int(document.counts.cells.number[what]),), counted(cells, what)))
+        elif kind == "tube":
+            results.append((kind, (what,), one_curve(closures, document, what)))
+        elif kind == "joint":
+            results.append((kind, what, goes_on(closures, document, *what)))
+        elif kind == "cover":
+            results.append((kind, (what,), cells.proved(what)))
         else:
             results.append((kind, (int(document.singular.number[what]),), singular(closures, document, what)))
     return results
@@ -251,7 +296,7 @@ def _reached(document: Document, seed: NDArray[np.float64], pairs: list[tuple[in
     from ccpin.auditing.gluing import in_tube, near
 
     reached = np.zeros(len(document.centre), dtype=np.bool_)
-    found = near(Closures(document), document, seed)
+    found = near(Closures(document), document.dependent, seed)
     still = np.zeros(len(document.independent))
     todo = [] if found is None else [k for k in range(len(reached)) if in_tube(document, k, *found, still)]
     beside: dict[int, list[int]] = {}

@@ -34,8 +34,8 @@ from typing import NamedTuple
 import numpy as np
 from flint import arb, arb_mat
 
-from ccpin.auditing.closures import Closures, columns, exact, floats
-from ccpin.auditing.document import Array, Document
+from ccpin.auditing.closures import Equations, columns, exact, floats
+from ccpin.auditing.document import Array, Document, Integers
 
 _PARTS, _ROOM, _NEWTON, _ROUNDS = 6, 1.05, 8, 6
 WIDEN = (1.0 + 2.0**-51, 1e-14)  # what the claim adds to h, so that boxes of rounded corners overlap
@@ -46,13 +46,14 @@ Sizes = list[list[arb]]
 
 
 class Box(NamedTuple):
-    """A box in balls: θ_c, D, V and R; h as doubles."""
+    """A box in balls: θ_c, D, V and R; h as doubles; which coordinates y are."""
 
     centre: list[arb]
     directions: arb_mat
     modes: arb_mat
     radius: list[arb]
     half: Array
+    dependent: Integers
 
 
 def box_of(document: Document, k: int) -> Box:
@@ -63,18 +64,23 @@ def box_of(document: Document, k: int) -> Box:
         exact(document.modes[k]),
         [arb(float(x)) for x in document.radius[k]],
         document.half[k] * WIDEN[0] + WIDEN[1],
+        document.dependent,
     )
 
 
-def proved(closures: Closures, document: Document, k: int, cuts: int) -> bool:
-    """Whether the box's claim was proved with each parameter cut in two up to so many times."""
-    box = box_of(document, k)
-    if not (np.all(document.radius[k] > 0) and np.all(document.half[k] >= 0)):
+def proved(closures: Equations, document: Document, k: int, cuts: int) -> bool:
+    """Whether the k-th box's claim was proved, as by `box_proved`."""
+    return bool(np.all(document.half[k] >= 0)) and box_proved(closures, box_of(document, k), cuts)
+
+
+def box_proved(closures: Equations, box: Box, cuts: int) -> bool:
+    """Whether a box's claim was proved with each parameter cut in two up to so many times."""
+    if not all(r > 0 for r in box.radius):
         return False
     cells = [(-box.half, box.half, cuts)]
     while cells:
         low, high, left = cells.pop()
-        if holds(closures, document, box, (low, high), narrowing=2 * left <= cuts):
+        if holds(closures, box, (low, high), narrowing=2 * left <= cuts):
             continue
         if not left:
             return False
@@ -96,30 +102,30 @@ class Looked(NamedTuple):
     carried: Array
 
 
-def holds(closures: Closures, document: Document, box: Box, cell: tuple[Array, Array], narrowing: bool) -> bool:
+def holds(closures: Equations, box: Box, cell: tuple[Array, Array], narrowing: bool) -> bool:
     """The claim for one cell; `narrowing`: the tube is narrowed by 3 where 1 does not hold for all of it."""
     radius = np.array([float(r.upper()) for r in box.radius])
-    tube = look(closures, document, box, cell, np.zeros_like(radius), radius)
+    tube = look(closures, box, cell, np.zeros_like(radius), radius)
     if tube is None:
         return False
-    if not tube.one_at_most and not (narrowing and _one_in_tube(closures, document, box, cell, radius)):
+    if not tube.one_at_most and not (narrowing and _one_in_tube(closures, box, cell, radius)):
         return False
     if tube.one_at_least:
         return True
-    middle = _solution(closures, document, box, 0.5 * (cell[0] + cell[1]))
+    middle = _solution(closures, box, 0.5 * (cell[0] + cell[1]))
     room = np.nextafter(radius - np.abs(middle), -np.inf)
     part = room
     for _ in range(_PARTS):
         if not np.all(part > 0):
             return False
-        found = look(closures, document, box, cell, middle, part)
+        found = look(closures, box, cell, middle, part)
         if found is None or found.one_at_least:
             return found is not None
         part = np.minimum(room, _ROOM * (found.offset + found.carried @ part))
     return False
 
 
-def _one_in_tube(closures: Closures, document: Document, box: Box, cell: tuple[Array, Array], radius: Array) -> bool:
+def _one_in_tube(closures: Equations, box: Box, cell: tuple[Array, Array], radius: Array) -> bool:
     """Whether 1 holds for what 3 leaves of the tube, tried at its ends."""
     lower, upper = -radius, radius.copy()
     for _ in range(_ROUNDS):
@@ -127,46 +133,44 @@ def _one_in_tube(closures: Closures, document: Document, box: Box, cell: tuple[A
             for side in (False, True):
                 end = lower.copy(), upper.copy()
                 end[not side][k] = lower[k] + (0.75 if side else 0.25) * (upper[k] - lower[k])
-                found = look(closures, document, box, cell, 0.5 * (end[0] + end[1]), np.array(_half_width(*end)))
+                found = look(closures, box, cell, 0.5 * (end[0] + end[1]), np.array(_half_width(*end)))
                 if found is not None and found.none:
                     (upper if side else lower)[k] = end[not side][k]
-        left = look(closures, document, box, cell, 0.5 * (lower + upper), np.array(_half_width(lower, upper)))
+        left = look(closures, box, cell, 0.5 * (lower + upper), np.array(_half_width(lower, upper)))
         if left is not None and left.one_at_most:
             return True
     return False
 
 
-def _solution(closures: Closures, document: Document, box: Box, delta: Array) -> Array:
+def _solution(closures: Equations, box: Box, delta: Array) -> Array:
     """ζ of a solution at δ, by Newton's method in plain floating point."""
     zeta, modes = np.zeros(closures.m), floats(box.modes)
     base = np.array([float(x) for x in box.centre]) + floats(box.directions) @ delta
     for _ in range(_NEWTON):
         theta = base.copy()
-        theta[document.dependent] += modes @ zeta
+        theta[box.dependent] += modes @ zeta
         phi, jacobian = closures.at(theta)
         try:
-            step = np.linalg.solve(jacobian[:, document.dependent] @ modes, phi)
+            step = np.linalg.solve(jacobian[:, box.dependent] @ modes, phi)
         except np.linalg.LinAlgError:
             break
         zeta = zeta - step
     return zeta
 
 
-def look(
-    closures: Closures, document: Document, box: Box, cell: tuple[Array, Array], middle: Array, part: Array
-) -> Looked | None:
+def look(closures: Equations, box: Box, cell: tuple[Array, Array], middle: Array, part: Array) -> Looked | None:
     """The lemma over a cell (low, high) and ζ₀ ± r; ``None`` where no Ã was found."""
     delta = 0.5 * (cell[0] + cell[1])
     spread = _half_width(*cell)
     shift = box.directions * exact(delta)
-    lift = _embedded(box, document, exact(middle))
+    lift = _embedded(box, exact(middle))
     start = [x + shift[i, 0] + lift[i] for i, x in enumerate(box.centre)]
     along = (box.directions * arb_mat(len(spread), 1, [arb(0, e) for e in spread])).entries()
-    aside = _embedded(box, document, arb_mat(len(part), 1, [arb(0, float(r)) for r in part]))
+    aside = _embedded(box, arb_mat(len(part), 1, [arb(0, float(r)) for r in part]))
     motions = closures.motions(start)
     slope = closures.jacobian(motions)
     around = closures.motions([x + a + b for x, a, b in zip(start, along, aside, strict=True)])
-    chosen, m = document.dependent, closures.m
+    chosen, m = box.dependent, closures.m
     inner = floats(columns(slope, chosen)) @ floats(box.modes)
     try:
         A = exact(np.linalg.inv(inner).astype(np.float64))
@@ -174,7 +178,7 @@ def look(
         return None
     moves = [[box.directions[i, j] for i in range(closures.n_free)] for j in range(len(spread))]
     units = [arb_mat(m, 1, [arb(int(i == j)) for i in range(m)]) for j in range(m)]
-    moves += [_embedded(box, document, unit) for unit in units]
+    moves += [_embedded(box, unit) for unit in units]
     bends = [A * closures.variation(around, move) for move in moves]
     drift, plain = _sizes(A * (slope * box.directions)), defect(A * (columns(slope, chosen) * box.modes))
     whole, mean = plain, plain
@@ -205,10 +209,10 @@ def _half_width(low: Array, high: Array) -> list[float]:
     return [float(np.nextafter(max(b - m, m - a), np.inf)) for a, m, b in zip(low, middle, high, strict=True)]
 
 
-def _embedded(box: Box, document: Document, zeta: arb_mat) -> list[arb]:
+def _embedded(box: Box, zeta: arb_mat) -> list[arb]:
     """Eζ."""
     moved, whole = box.modes * zeta, [arb(0)] * len(box.centre)
-    for row, index in enumerate(document.dependent):
+    for row, index in enumerate(box.dependent):
         whole[int(index)] = moved[row, 0]
     return whole
 

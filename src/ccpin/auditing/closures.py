@@ -6,12 +6,12 @@ The closures meant are those of the mechanism whose rotations and axes are ortho
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from flint import arb, arb_mat
 
-from ccpin.auditing.document import Array, Chain, Document, Integers
+from ccpin.auditing.document import Array, Chain, HasClosures, Integers
 
 _NEAR = arb(0, 2.0**-50)
 
@@ -57,10 +57,32 @@ def cross(a: arb_mat, b: arb_mat) -> arb_mat:
     return arb_mat(3, 1, [y * w - z * v, z * u - x * w, x * v - y * u])
 
 
+class Equations(Protocol):
+    """Rows of equations of some coordinates θ, over balls: what Theorem K and gluing speak of."""
+
+    m: int
+    n_free: int
+
+    def motions(self, theta: list[arb]) -> Any:
+        """What all that follows is made of."""
+
+    def value(self, theta: list[arb], motions: Any) -> arb_mat:
+        """The rows, (m, 1)."""
+
+    def jacobian(self, motions: Any) -> arb_mat:
+        """Their derivatives, (m, n′)."""
+
+    def variation(self, motions: Any, direction: list[arb]) -> arb_mat:
+        """The derivatives of these along a direction, (m, n′)."""
+
+    def at(self, theta: Array) -> tuple[Array, Array]:
+        """The rows and their derivatives in plain floating point."""
+
+
 class Closures:
     """φ of a document."""
 
-    def __init__(self, document: Document) -> None:
+    def __init__(self, document: HasClosures) -> None:
         self.m, self.n_free = document.couplings.shape
         self.paths = tuple(_path(chain) for chain in document.chains)
         self.couplings, self.offset = exact(document.couplings), exact(document.offset)
@@ -106,6 +128,36 @@ class Closures:
                 joint, axis, along, slides = motion.joints[k]
                 self._add(total, joint, path.weights * (changes[k] if slides else changes[k] + cross(axis, moving)))
                 moving = moving + along * direction[joint]
+        return total
+
+    def second_variation(self, motions: list[Motion], one: list[arb], other: list[arb]) -> arb_mat:
+        """Σ_bc ∂²φ_θ/∂θ_b∂θ_c · w_b d_c along two directions w and d: (m, n′).
+
+        The derivative along d of what `variation` sums along w: an axis a moves by (Σ a d above it) × a, a column
+        ∂x/∂θ by what `variation` says.
+        """
+        total = arb_mat(self.m, self.n_free)
+        for path, motion in zip(self.paths, motions, strict=True):
+            turned, first, second, mixed = (arb_mat(3, 1) for _ in range(4))
+            passed = []
+            for joint, axis, _, slides in motion.joints:
+                moved = cross(second, axis)
+                if not slides:
+                    first, second = first + axis * one[joint], second + axis * other[joint]
+                    mixed = mixed + moved * one[joint]
+                passed.append((first, second, mixed, moved))
+            below, beside = arb_mat(3, 1), arb_mat(3, 1)
+            for k in range(len(motion.joints) - 1, -1, -1):
+                joint, axis, along, slides = motion.joints[k]
+                first, second, mixed, moved = passed[k]
+                changed = cross(second, along)
+                bent = cross(mixed, along)
+                if not slides:
+                    changed = changed + cross(axis, beside)
+                    bent = bent + cross(moved, below) + cross(axis, turned)
+                self._add(total, joint, path.weights * (bent + cross(first, changed)))
+                turned = turned + changed * one[joint]
+                below, beside = below + along * one[joint], beside + along * other[joint]
         return total
 
     def _add(self, total: arb_mat, column: int, what: arb_mat) -> None:

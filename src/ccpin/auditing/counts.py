@@ -27,8 +27,9 @@ from flint import arb
 from ccpin.auditing.boxes import WIDEN, contracts, defect
 from ccpin.auditing.closures import columns, exact
 from ccpin.auditing.document import Array, Counts, Document, corners
-from ccpin.auditing.emptiness import Ball, Emptiness, halves
+from ccpin.auditing.emptiness import Emptiness
 from ccpin.auditing.gluing import in_tube, near
+from ccpin.auditing.reach import Box
 
 _BUDGET = 2000  # boxes over one q
 _TURN = 2.0 * np.pi
@@ -56,15 +57,15 @@ def counted(search: Emptiness, k: int) -> bool | None:
     return not certified or _one_each(document, boxes.tolist(), found)
 
 
-def _over(search: Emptiness, boxes: list[Ball], q: Array) -> list[Solution] | None:
+def _over(search: Emptiness, boxes: list[Box], q: Array) -> list[Solution] | None:
     """All closed configurations over one q that boxes hold; ``None`` where that is not proved."""
-    waiting, found = list[Ball](), list[Solution]()
+    waiting, found = list[Box](), list[Solution]()
     independent = search.document.independent
     for box in boxes:
         if np.all(box.low[independent] <= q) and np.all(q <= box.high[independent]):
             low, high = box.low.copy(), box.high.copy()
             low[independent] = high[independent] = q
-            waiting.append(Ball(low, high))
+            waiting.append(Box(low, high))
     left = _BUDGET
     while waiting:
         if not left:
@@ -74,7 +75,7 @@ def _over(search: Emptiness, boxes: list[Ball], q: Array) -> list[Solution] | No
         smaller = search.narrowed(box)[0]
         if smaller is None:
             continue
-        solution = near(search.closures, search.document, 0.5 * (smaller.low + smaller.high))
+        solution = near(search.closures, search.document.dependent, smaller.middle)
         if solution is not None and _alone(search, smaller, solution):
             known = _among(search, found, solution)
             if known is None:
@@ -82,11 +83,11 @@ def _over(search: Emptiness, boxes: list[Ball], q: Array) -> list[Solution] | No
             found += [] if known else [solution]
         else:
             at = search.document.dependent
-            waiting += halves(smaller, int(at[int(np.argmax(smaller.half[at]))]))
+            waiting += smaller.halves(int(at[int(np.argmax(smaller.half[at]))]))
     return found
 
 
-def _alone(search: Emptiness, box: Ball, solution: Solution) -> bool:
+def _alone(search: Emptiness, box: Box, solution: Solution) -> bool:
     """Whether 2 holds for what a box over one q spans with a solution's ball."""
     theta, radius = solution
     at, low, high = search.document.dependent, box.low.copy(), box.high.copy()
@@ -97,7 +98,7 @@ def _alone(search: Emptiness, box: Ball, solution: Solution) -> bool:
         A = exact(np.linalg.inv(closures.at(middle)[1][:, at]).astype(np.float64))
     except np.linalg.LinAlgError:
         return False
-    slope = closures.jacobian(closures.motions(Ball(low, high).balls()))
+    slope = closures.jacobian(closures.motions(Box(low, high).balls()))
     return contracts(defect(A * columns(slope, at)))
 
 
@@ -112,7 +113,7 @@ def _among(search: Emptiness, found: list[Solution], solution: Solution) -> bool
             continue
         again, room = other.copy(), 1e-12 + 2.0 * radius
         again[at] = [float(t.mid()) for t in moved]
-        spanned = Ball(np.minimum(other, again), np.maximum(other, again))
+        spanned = Box(np.minimum(other, again), np.maximum(other, again))
         spanned.low[at] -= room
         spanned.high[at] += room
         return True if _alone(search, spanned, (other, reach)) else None

@@ -6,7 +6,7 @@ import hashlib
 import json
 import zipfile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,10 @@ from ccpin.errors import InvalidInputError
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-ATLAS, SHEETS = "ccpin-atlas-4", "ccpin-sheets-1"
+ATLAS, SHEETS, CURVES = "ccpin-atlas-4", "ccpin-sheets-1", "ccpin-curves-1"
 _UNITS = 2.0**32
 _CERTIFIED, _EMPTY, _SINGULAR = 2, 4, 6
+_SYSTEM = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 _BOXES = ("centre", "half", "directions", "modes", "radius")
 _CHAIN = ("joints", "rotations", "translations", "axes", "prismatic", "tip", "direction", "weights")
 
@@ -33,6 +34,26 @@ class Chain(NamedTuple):
     tip: Array
     direction: bool
     weights: Array
+
+
+class HasClosures(Protocol):
+    """What closures are made of: φ(θ) = Σ B x(θ) + Gθ + d, rows of `moduli` modulo these."""
+
+    @property
+    def chains(self) -> tuple[Chain, ...]:
+        """Those of the x."""
+
+    @property
+    def couplings(self) -> Array:
+        """G."""
+
+    @property
+    def offset(self) -> Array:
+        """The d of φ."""
+
+    @property
+    def moduli(self) -> Array:
+        """What rows count modulo; 0: nothing."""
 
 
 class Cells(NamedTuple):
@@ -131,27 +152,87 @@ class Document(NamedTuple):
     demands: Demands | None = None
 
 
-def read(path: str | Path) -> Document:
+class Tube(NamedTuple):
+    """A tube x = x₀ + st + e of x = (θ, w), |s| ≤ δ, |e| ≤ R, e_j = 0, and l, the pairing of w: lᵀw = 1.
+
+    Attributes:
+        theta, kernel, pairing: x₀ in two parts, (n′,) and (m,); l, (m,).
+        along: j.
+        tangent, half, radius: t (N,), δ, R (N,).
+    """
+
+    theta: Array
+    kernel: Array
+    pairing: Array
+    along: int
+    tangent: Array
+    half: float
+    radius: Array
+
+
+class Curves(NamedTuple):
+    """What a certificate claims of all singular curves over a region, and of which closures (as `Document`).
+
+    Attributes:
+        header, chains, couplings, offset, moduli, independent, dependent, periodic: As for a `Document`.
+        lower, upper: The region.
+        range_lower, range_upper: What is claimed of the dependent coordinates that do not turn, (m,).
+        tubes: All tubes.
+        sizes, closed: How many of them each curve has, in their order, and whether it closes on itself.
+        uncovered_lower, uncovered_upper: Boxes of θ in which nothing is claimed, angles modulo 2π, (K, n′).
+    """
+
+    header: dict[str, Any]
+    chains: tuple[Chain, ...]
+    couplings: Array
+    offset: Array
+    moduli: Array
+    independent: Integers
+    dependent: Integers
+    periodic: NDArray[np.bool_]
+    lower: Array
+    upper: Array
+    range_lower: Array
+    range_upper: Array
+    tubes: tuple[Tube, ...]
+    sizes: Integers
+    closed: NDArray[np.bool_]
+    uncovered_lower: Array
+    uncovered_upper: Array
+
+    def free(self, joint: int) -> bool:
+        """Whether a coordinate is an angle that φ knows modulo 2π: one that only turns chains, in no coupling."""
+        slides = any(np.any(chain.prismatic[chain.joints == joint]) for chain in self.chains)
+        return bool(self.periodic[joint]) and not slides and not np.any(self.couplings[:, joint])
+
+
+def read(path: str | Path) -> Document | Curves:
     """The document in a file.
 
     Raises:
         InvalidInputError: It cannot be read, is of another kind, or its fingerprint is not that of its closures.
     """
     header, arrays = _contents(Path(path))
-    if header.get("format") not in (ATLAS, SHEETS):
-        raise InvalidInputError(f"{path}: the format is {header.get('format')!r}, not {ATLAS!r} or {SHEETS!r}")
+    if header.get("format") not in (ATLAS, SHEETS, CURVES):
+        raise InvalidInputError(
+            f"{path}: the format is {header.get('format')!r}, not {ATLAS!r}, {SHEETS!r} or {CURVES!r}"
+        )
     try:
         chains = []
         for k in range(header["chains"]):
             fields = {name: arrays[f"chain{k}_{name}"] for name in _CHAIN}
             fields["direction"] = bool(fields["direction"])
             chains.append(Chain(**fields))
-        own = {name: arrays[f"system_{name}"] for name in ("couplings", "offset", "moduli")}
-        kinds = {name: arrays[f"system_{name}"] for name in ("independent", "dependent", "periodic")}
-        boxes = {name: arrays[f"box_{name}"] for name in _BOXES}
-        rest = {name: arrays[name] for name in ("lower", "upper", "wrapped")}
-        rest |= _claimed(arrays) | (_of_sheets(arrays) if header["format"] == SHEETS else _of_atlas(arrays))
-        document = Document(header=header, chains=tuple(chains), **own, **kinds, **boxes, **rest)
+        own = {name: arrays[f"system_{name}"] for name in _SYSTEM}
+        rest = {name: arrays[name] for name in ("lower", "upper")}
+        if header["format"] == CURVES:
+            document: Document | Curves = Curves(
+                header=header, chains=tuple(chains), **own, **rest, **_of_curves(arrays)
+            )
+        else:
+            rest |= {"wrapped": arrays["wrapped"]} | {name: arrays[f"box_{name}"] for name in _BOXES}
+            rest |= _claimed(arrays) | (_of_sheets(arrays) if header["format"] == SHEETS else _of_atlas(arrays))
+            document = Document(header=header, chains=tuple(chains), **own, **rest)
         stated = header["fingerprint"]
     except KeyError as error:
         raise InvalidInputError(f"{path}: the document lacks {error}") from error
@@ -190,6 +271,27 @@ def _counts(arrays: dict[str, Any]) -> Counts:
     _among(arrays["members_box"], len(arrays["box_centre"]), "members_box")
     cells = np.flatnonzero((arrays["tree_child"] < 0) & np.where(empty, said > 0, certified | (said >= 0)))
     return Counts(_cells(arrays, cells), said[cells], certified[cells], arrays["members_cell"], arrays["members_box"])
+
+
+def _of_curves(arrays: dict[str, Any]) -> dict[str, Any]:
+    given = {name: arrays[f"tube_{name}"] for name in Tube._fields}
+    rest = {name: arrays[name] for name in ("range_lower", "range_upper", "uncovered_lower", "uncovered_upper")}
+    m, size = arrays["system_couplings"].shape
+    widths = {"theta": size, "kernel": m, "pairing": m, "tangent": size + m, "radius": size + m}
+    count, sizes, closed = len(given["half"]), arrays["curve_tubes"], arrays["curve_closed"]
+    shaped = all(given[name].shape == (count, width) for name, width in widths.items())
+    shaped &= given["half"].shape == given["along"].shape == (count,) and sizes.shape == closed.shape == (len(sizes),)
+    n = len(arrays["system_independent"])
+    shaped &= all(rest[f"range_{end}"].shape == (m,) and arrays[end].shape == (n,) for end in ("lower", "upper"))
+    shaped &= rest["uncovered_lower"].shape == rest["uncovered_upper"].shape == (len(rest["uncovered_lower"]), size)
+    shaped &= all(np.all(np.isfinite(array)) for array in (*given.values(), *rest.values()))
+    if not shaped or int(sizes.sum()) != count or np.any(sizes < 1):
+        raise InvalidInputError(
+            "the tubes or boxes of the document are not as many, or not of the shapes, that it says"
+        )
+    rows = zip(*given.values(), strict=True)
+    tubes = tuple(Tube(a, b, c, int(j), t, float(half), r) for a, b, c, j, t, half, r in rows)
+    return rest | {"tubes": tubes, "sizes": sizes, "closed": closed}
 
 
 def _claimed(arrays: dict[str, Any]) -> dict[str, Any]:

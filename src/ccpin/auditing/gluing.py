@@ -14,8 +14,8 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ccpin.auditing.boxes import box_of
-from ccpin.auditing.closures import Closures, columns, exact
-from ccpin.auditing.document import Array, Document
+from ccpin.auditing.closures import Closures, Equations, columns, exact
+from ccpin.auditing.document import Array, Document, Integers
 
 _CLOSE = 1e-9  # of the region's width: faces nearer than this are one
 _NEWTON = 12
@@ -78,12 +78,12 @@ def solution(closures: Closures, document: Document, k: int, q: Array) -> tuple[
     offset = q - document.centre[k, document.independent]
     theta = document.centre[k] + document.directions[k] @ offset
     theta[document.independent] = q
-    return near(closures, document, theta)
+    return near(closures, document.dependent, theta)
 
 
-def near(closures: Closures, document: Document, theta: Array) -> tuple[Array, float] | None:
+def near(closures: Equations, dependent: Integers, theta: Array) -> tuple[Array, float] | None:
     """A solution near θ over its q, and the radius within which it is proved."""
-    theta, dependent = theta.copy(), document.dependent
+    theta = theta.copy()
     inverse: Array = np.zeros((closures.m, closures.m))
     for _ in range(_NEWTON):
         phi, jacobian = closures.at(theta)

@@ -1,4 +1,4 @@
-"""Lengths that a closure's rows see of a chain's segments (the lemma of `emptiness`)."""
+"""Lengths that a closure's rows see of a chain's segments (the lemma of `reach`)."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ _EXAMPLES = """\
 example: ccpin domain rpdr --centre-deg -108 -72
          ccpin domain rpdr --lower-deg -110 -75 --upper-deg -105 -70 --plot figures
          ccpin domain rpdr --sheets
-         ccpin domain rpdr --curves"""
+         ccpin domain rpdr --curves --save curves.json"""
 _BAR = "{l_bar}{bar}| {n:.1f} % certified, {postfix}"
 SHEET_SHARES = ("counted", "certified", "empty", "singular", "undecided")
 SHARES = ("certified", "empty", "singular", "undecided", "unreached")
@@ -62,7 +62,7 @@ def add_domain(commands: Any) -> None:
             "--save",
             type=Path,
             metavar="FILE",
-            help="write the atlas, a certificate for `ccpin verify` (.json, else npz)",
+            help="write the atlas, sheets or curves, a certificate for `ccpin verify` (.json, else npz)",
         ),
         shtab.FILE,
     )
@@ -153,11 +153,13 @@ def _curves(options: argparse.Namespace, mechanism: Mechanism, region: tuple[Arr
 
     if vector(options, "centre", mechanism) is not None:
         raise InvalidInputError("singular curves are of every assembly mode: --curves takes a region, no --centre")
-    for name in ("depth", "checkpoint", "workers", "scheduler", "save"):
+    for name in ("depth", "checkpoint", "workers", "scheduler"):
         if getattr(options, name) is not None:
-            raise InvalidInputError(f"--curves takes no --{name}: it is one search in this process, and keeps nothing")
+            raise InvalidInputError(f"--curves takes no --{name}: it is one search in this process")
     with busy(options.json, "covering the region and following curves"):
         cover = domain.certify_singularities(mechanism, region)
+    if options.save is not None:
+        cover.save(options.save)
     if options.plot is not None:
         drawn = plotting.plot_singularities(mechanism, [curve.points for curve in cover.curves])
         plotting.save(drawn, options.plot / "singularities.png")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 from pathlib import Path
 from typing import Any
@@ -14,18 +15,20 @@ from ccpin.cli.progress import progress_bar
 
 _EXAMPLES = """\
 example: ccpin domain rpdr --centre-deg -108 -72 --atlas --depth 4 --save rpdr.json
-         ccpin verify rpdr.json --model rpdr --sample 50"""
+         ccpin verify rpdr.json --model rpdr --sample 50
+         ccpin domain rpdr --curves --save curves.json
+         ccpin verify curves.json --sample 20 --workers 2"""
 _BAR = "{l_bar}{bar}| {postfix} [{elapsed}<{remaining}]"
 
 
 def add_verify(commands: Any) -> None:
     """The command and its options."""
-    what = "check a saved atlas in ball arithmetic, by code of its own (exit code 1 where a claim is not proved)"
+    what = "check a saved atlas or cover in ball arithmetic, by code of its own (exit code 1: a claim is not proved)"
     parser = commands.add_parser("verify", help=what, description=what, epilog=_EXAMPLES)
     file = parser.add_argument("certificate", type=Path, metavar="FILE", help="what `ccpin domain --save` wrote")
     complete(file, shtab.FILE)
     parser.add_argument("--model", metavar="MODEL", help="also: the closures are those of this model's file today")
-    parser.add_argument("--sample", type=count, metavar="N", help="N boxes and faces at random (default: all)")
+    parser.add_argument("--sample", type=count, metavar="N", help="N claims of each kind at random (default: all)")
     parser.add_argument("--workers", type=count, default=1, metavar="N", help="share the work among N processes")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=_verify)
@@ -50,6 +53,11 @@ def _verify(options: argparse.Namespace) -> int:
 
 def _is_about(path: Path, model: str) -> bool:
     import ccpin
-    from ccpin.domain import Atlas
+    from ccpin.domain import Atlas, SheetAtlas, SingularCover
+    from ccpin.errors import InvalidInputError
 
-    return Atlas.load(path).is_about(ccpin.load(model))
+    mechanism = ccpin.load(model)
+    for kind in (SingularCover, SheetAtlas):
+        with contextlib.suppress(InvalidInputError):
+            return kind.load(path).is_about(mechanism)
+    return Atlas.load(path).is_about(mechanism)

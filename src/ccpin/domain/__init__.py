@@ -9,13 +9,8 @@ from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.atlas.run import Work
 from ccpin.domain.atlas.survey import certify
 from ccpin.domain.chains import scalar_coordinates_at
-from ccpin.domain.curves.curves import (
-    CertifiedCurve,
-    CrossedCells,
-    SingularCover,
-    UncoveredBoxes,
-    certify_singularities,
-)
+from ccpin.domain.curves.cover import CertifiedCurve, CrossedCells, SingularCover, UncoveredBoxes
+from ccpin.domain.curves.curves import certify_singularities
 from ccpin.domain.cusps import Cusp, cusps
 from ccpin.domain.design import Design, design, scaled_links
 from ccpin.domain.largest import LargestWorkspace, largest_ball, largest_cube

@@ -156,11 +156,45 @@ def test_work_that_ends_early_lists_what_waits(rpdr, ended):
     assert missed(found, of_five_bar(rpdr, RPDR, 5000, 6, REGION)) == 0
 
 
-def test_a_region_without_singularities(rpdr):
+@pytest.mark.parametrize("ended", [{"budget": 2000}, {"budget": 3000}, {"seconds": 0.4}])
+@pytest.mark.parametrize("suffix", ["json", "npz"])
+def test_saved_work_goes_on(rpdr, cover, tmp_path, ended, suffix):
+    """Broken off, saved, loaded and continued: the curves that one search finds, and nothing is left."""
+    path = tmp_path / f"cover.{suffix}"
+    early = domain.certify_singularities(rpdr, REGION, **ended)
+    early.save(path)
+    loaded = domain.SingularCover.load(path)
+    assert loaded.is_about(rpdr)
+    assert loaded.fingerprint == cover.fingerprint
+    assert repr(loaded) == repr(early)
+    assert loaded.reason == early.reason
+    assert np.array_equal(loaded.uncovered.lower, early.uncovered.lower)
+    whole = loaded.continued()
+    assert whole.verdict == "proven"
+    assert whole.tried > early.tried
+    assert [(curve.kind, curve.closed) for curve in whole.curves] == [(c.kind, c.closed) for c in cover.curves]
+    assert whole.verify()
+    assert missed(whole, of_five_bar(rpdr, RPDR, 5000, 9, REGION)) == 0
+
+
+def test_loaded_curves_are_the_same(cover, tmp_path):
+    """Every number of every curve, bit for bit."""
+    cover.save(tmp_path / "cover.npz")
+    loaded = domain.SingularCover.load(tmp_path / "cover.npz")
+    assert loaded.verify()
+    for one, other in zip(cover.curves, loaded.curves, strict=True):
+        assert (one.kind, one.closed) == (other.kind, other.closed)
+        for a, b in zip((*one.tubes, one.q_free, one.error), (*other.tubes, other.q_free, other.error), strict=True):
+            assert np.array_equal(a, b)
+
+
+def test_a_region_without_singularities(rpdr, tmp_path):
     """Nothing is singular over the paper's region 𝒟, and that is proved."""
     found = domain.certify_singularities(rpdr, np.deg2rad([[-150.0, -160.0], [-90.0, -100.0]]))
     assert (found.verdict, found.curves) == ("proven", ())
     assert found.verify()
+    found.save(tmp_path / "none.json")
+    assert domain.SingularCover.load(tmp_path / "none.json").verdict == "proven"
     assert list(found.curve_of(rpdr.q_reference)) == [-1]
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, joined
+from ccpin.arrays import Array, joined, rows_of
 from ccpin.domain.boxes import Problem
 from ccpin.domain.curves.system import onto_curves, values_at
 from ccpin.domain.curves.tubes import Points, Tubes, glued, longest, places_in
@@ -41,20 +41,33 @@ def follow(problem: Problem, theta: Array, kernel: Array, going: Callable[[Tubes
     first = _tube_at(problem, theta, kernel, _FIRST, None)
     if first is None:
         return None
-    ahead, closed = _one_way(problem, first, going)
+    return _both_ways(problem, [first], going)
+
+
+def prolonged(problem: Problem, chain: Chain, going: Callable[[Tubes], bool]) -> Chain:
+    """A chain that was cut short, followed on as by `follow`."""
+    if chain.closed:
+        return chain
+    return _both_ways(problem, [rows_of(chain.tubes, slice(k, k + 1)) for k in range(len(chain.tubes.half))], going)
+
+
+def _both_ways(problem: Problem, tubes: list[Tubes], going: Callable[[Tubes], bool]) -> Chain:
+    """The chain that begins with some tubes, each glued to the next."""
+    ahead, closed = _one_way(problem, tubes, going)
     if closed:
         return Chain(joined(ahead), True)
-    behind, _ = _one_way(problem, first.turned(), going)
-    return Chain(joined([*(tube.turned() for tube in behind[:0:-1]), *ahead]), False)
+    behind, closed = _one_way(problem, [tube.turned() for tube in reversed(ahead)], going)
+    return Chain(joined([tube.turned() for tube in reversed(behind)]), closed)
 
 
 def _tube_at(problem: Problem, theta: Array, kernel: Array, sizes: Array, forward: Array | None) -> Tubes | None:
     return longest(problem, values_at(problem, theta[None], kernel[None], kernel[None]), sizes, forward)
 
 
-def _one_way(problem: Problem, first: Tubes, going: Callable[[Tubes], bool]) -> tuple[list[Tubes], bool]:
-    """Tubes from one on as s grows, and whether they return to it."""
-    tubes, start = [first], Points(first.x, np.full_like(first.x, _SAME))
+def _one_way(problem: Problem, tubes: list[Tubes], going: Callable[[Tubes], bool]) -> tuple[list[Tubes], bool]:
+    """Tubes and those that follow as s grows, and whether they return to the first."""
+    first, tubes = tubes[0], list(tubes)
+    start = Points(first.x, np.full_like(first.x, _SAME))
     while len(tubes) < MOST_TUBES and going(tubes[-1]):
         following = _next(problem, tubes[-1])
         if following is None:

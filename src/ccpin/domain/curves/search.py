@@ -8,7 +8,7 @@ both ways. So every singular configuration over the region lies on a curve in tu
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from ccpin.domain.atlas.cells import Region
 from ccpin.domain.atlas.run import Flag, Stopped
 from ccpin.domain.boxes import Problem, closure_derivatives, closure_values
 from ccpin.domain.curves.covering import Nearby, directions, extents
-from ccpin.domain.curves.following import Chain, follow
+from ccpin.domain.curves.following import Chain, follow, prolonged
 from ccpin.domain.curves.system import onto_curves
 from ccpin.domain.curves.tubes import Points, Tubes
 from ccpin.domain.sheets.candidates import Ranges, beyond
@@ -72,17 +72,27 @@ class Search:
         tried: How many boxes were looked at.
     """
 
-    def __init__(self, problem: Problem, place: Place, flag: Flag) -> None:
+    def __init__(self, problem: Problem, place: Place, flag: Flag, chains: Iterable[Chain] = ()) -> None:
         self.problem, self.plain, self.place = problem, problem._replace(phasors=None), place
-        self.chains: list[Chain] = []
         self.tried = 0
         self._flag = flag
+        self.chains = [prolonged(self.plain, chain, self._wanted) for chain in chains]
         self._nearby: Nearby | None = None
         self._looked = np.inf
+        self._gather()
 
-    def run(self, resolution: float, budget: int, report: Callable[[int, int], None]) -> Found:
-        """Halve, drop, follow and settle until all boxes are settled, or smaller than `resolution`."""
-        waiting, limit = self._whole(), None
+    def run(
+        self,
+        resolution: float,
+        budget: int,
+        report: Callable[[int, int], None],
+        waiting: Candidates | None = None,
+    ) -> Found:
+        """Halve, drop, follow and settle until all boxes are settled, or smaller than `resolution`.
+
+        The boxes are those that wait; by default one that holds everything.
+        """
+        waiting, limit = self._whole() if waiting is None else waiting, None
         small = [rows_of(waiting, slice(0))]
         while waiting.cell.size and limit is None:
             report(sum(len(chain.tubes.half) for chain in self.chains), len(waiting.cell))
@@ -157,8 +167,13 @@ class Search:
             points = rows_of(points, slice(1, None))
             if chain is not None:
                 self.chains.append(chain)
-                self._nearby = Nearby(self.plain, joined([chain.tubes for chain in self.chains]))
+                self._gather()
             self._check()
+
+    def _gather(self) -> None:
+        """Have the tubes of all curves at hand."""
+        if self.chains:
+            self._nearby = Nearby(self.plain, joined([chain.tubes for chain in self.chains]))
 
     def _near(self, waiting: Candidates) -> tuple[Array, Array]:
         """Singular configurations near boxes, to rounding, and their kernels; those at the place looked at."""

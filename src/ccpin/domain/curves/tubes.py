@@ -96,6 +96,19 @@ class Tubes(NamedTuple):
         return np.concatenate([self.theta, self.kernel], axis=1)
 
 
+def no_tubes(problem: Problem) -> Tubes:
+    """None of a problem's tubes."""
+    m, size = problem.system.m, problem.system.n_free
+    columns = {"theta": size, "kernel": m, "pairing": m, "tangent": size + m, "radius": size + m, "hull": size + m}
+    return Tubes(
+        **{name: np.zeros((0, width)) for name, width in columns.items()},
+        along=np.zeros(0, dtype=np.intp),
+        half=np.zeros(0),
+        gain=np.zeros((0, size + m, 2 * m + 1)),
+        kappa=np.zeros(0),
+    )
+
+
 class Frames(NamedTuple):
     """Where tubes are to be: j (B,), t (B, N) and P (B, N, M)."""
 

@@ -1,0 +1,400 @@
+"""All singular curves over a region as a document: what is claimed of them, saved, loaded and continued."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ccpin.arrays import Array, Indices, Mask, instance, joined, matrix_rows, positive, rows_of, whole
+from ccpin.domain.atlas import store
+from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.cells import CellStatus, Region, leaves_holding
+from ccpin.domain.atlas.run import stoppable
+from ccpin.domain.boxes import BoundsName, Problem, closure_values, problem_of
+from ccpin.domain.curves import covering, system, tubes
+from ccpin.domain.curves.covering import Nearby, extents
+from ccpin.domain.curves.following import Chain
+from ccpin.domain.curves.search import Found, Place, Search
+from ccpin.domain.curves.system import values_at
+from ccpin.domain.curves.tubes import Frames, Points, Tubes, certify_tubes, glued, no_tubes, zeros_in
+from ccpin.domain.newton import without_turns
+from ccpin.domain.sheets import narrowing
+from ccpin.domain.sheets.candidates import Ranges
+from ccpin.domain.sheets.narrowing import Candidates
+from ccpin.domain.singularities import CurveKind, SingularCurve
+from ccpin.domain.verdict import Verdict
+from ccpin.errors import InvalidInputError
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+
+_STILL = 1e-7
+_SAMPLES = 33  # of a tube
+_TOUCHING = 1e-12
+_AGAIN = 1.0 + 1e-6  # how far the same bounds may differ when formed again
+
+KIND = store.Kind(
+    "cover of singular curves",
+    "ccpin-curves-1",
+    "\n\n".join(m.__doc__ or "" for m in (system, tubes, narrowing, covering)),
+)
+"""What its files say they are: G, Theorem R, Propositions N and U, Lemma W and Proposition B."""
+
+
+class CertifiedCurve(NamedTuple):
+    """A connected curve of singular configurations, in tubes that hold it and no other (Theorem R of `curves.tubes`).
+
+    Attributes:
+        kind: ``fold`` or ``self-motion``, as for `SingularCurve`; told from where the tubes' middles are, not proved.
+        q: Image of the tubes' middles in the independent coordinates, of shape (k, 2); one row for a self-motion.
+        q_free: The middles of the tubes, in order, of shape (k, nq).
+        closed: Whether it is proved to close on itself (turns of 2π of a joint not counted). What is not closed leaves
+            the region, or ends where it could not be followed.
+        error: A singular configuration of the curve is this near each middle in every coordinate (rad, m), (k,).
+        radius: The whole arc in a tube is this near its middle, (k,).
+        tubes: The tubes themselves.
+    """
+
+    kind: CurveKind
+    q: Array
+    q_free: Array
+    closed: bool
+    error: Array
+    radius: Array
+    tubes: Tubes
+
+    @property
+    def points(self) -> SingularCurve:
+        """Its points as `singularities` gives them, for pictures and `cusps`; of a closed one the first comes last."""
+        order = np.arange(len(self.q_free) + self.closed) % len(self.q_free)
+        q = self.q if self.kind == "self-motion" else self.q[order]
+        return SingularCurve(self.kind, q, self.q_free[order], self.closed, self.error[order])
+
+
+class UncoveredBoxes(NamedTuple):
+    """Boxes of all scalar coordinates θ that may hold singular configurations on no curve found.
+
+    Attributes:
+        lower, upper: Corners, of shape (K, n′); angles modulo 2π.
+    """
+
+    lower: Array
+    upper: Array
+
+
+_REGION = ("lower", "upper", "wrapped")
+_RECORDS: dict[str, Any] = {"tube": Tubes, "range": Ranges, "uncovered": UncoveredBoxes}
+
+
+class CrossedCells(NamedTuple):
+    """Cells of an atlas over which a singular configuration is proved to lie.
+
+    Attributes:
+        cells: Their numbers in the atlas's tree, of shape (K,).
+        share: Of the atlas's region.
+    """
+
+    cells: Indices
+    share: float
+
+
+@dataclass(frozen=True, eq=False)
+class SingularCover:
+    """All singular curves over a region, and what is not covered by them.
+
+    What is claimed: every singular closed configuration over the region (φ_y singular, y in the ranges searched: full
+    turns, the limits of slides) lies on one of the curves, inside its tubes, or in one of the boxes that are uncovered.
+    Beyond the region nothing is.
+
+    Attributes:
+        names: The independent coordinates, in the order of q.
+        region: What was asked for.
+        problem: The closures.
+        curves: The curves, folds first.
+        uncovered: Boxes that may hold others: about bifurcations, where curves cross or configurations are singular
+            twice; and wherever the work ended early.
+        tried: How many boxes were looked at.
+        limit: What ended the work early: ``"interrupted"`` (Ctrl-C, or the time was over) or ``"budget"``; else
+            ``None``.
+        resolution: Boxes with all edges below twice this were not halved.
+        ranges: What was searched of the dependent coordinates.
+    """
+
+    names: tuple[str, ...]
+    region: Region
+    problem: Problem
+    curves: tuple[CertifiedCurve, ...]
+    uncovered: UncoveredBoxes
+    tried: int
+    limit: str | None
+    resolution: float
+    ranges: Ranges
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(curve.kind for curve in self.curves) or "none"
+        return f"SingularCover({', '.join(self.names)}: curves {kinds}; {len(self.uncovered.lower)} boxes uncovered)"
+
+    @property
+    def complete(self) -> bool:
+        """Whether no interrupt ended the work; what is there is proved nevertheless."""
+        return self.limit != "interrupted"
+
+    @property
+    def verdict(self) -> Verdict:
+        """Of the claim that the curves are all there are over the region; no box can refute it."""
+        return "undecided" if len(self.uncovered.lower) else "proven"
+
+    @property
+    def reason(self) -> str:
+        """The verdict in a sentence."""
+        tubes = sum(len(curve.radius) for curve in self.curves)
+        spent = f"{len(self.curves)} curves in {tubes} tubes; {self.tried} boxes of all coordinates were tried"
+        if self.verdict == "proven":
+            return f"every singular configuration over the region lies on a curve found: {spent}"
+        more = {
+            "interrupted": "the work was interrupted, and continued(seconds=…) decides more",
+            "budget": "continued(budget=…) decides more",
+            None: f"they are smaller than resolution = {self.resolution:g}, about places where curves may cross",
+        }[self.limit]
+        return f"{spent}, and {len(self.uncovered.lower)} are left that may hold others: {more}"
+
+    def curve_of(self, q_free: ArrayLike) -> Indices:
+        """On which of the curves each of some configurations may be, of shape (K,); −1: on none of them.
+
+        A configuration counts as on a curve if it lies, with the weakest direction of φ_y as kernel, where the curve is
+        known to be in a tube: within its enclosure, not only near it.
+
+        Args:
+            q_free: Configurations, of shape (K, nq).
+
+        Raises:
+            InvalidInputError: They are not that.
+        """
+        theta = self._thetas(q_free)
+        found = np.full(len(theta), -1, dtype=np.intp)
+        if not self.curves or not len(theta):
+            return found
+        inner = closure_values(self.problem, theta)[1][:, :, self.problem.system.dependent]
+        x = np.concatenate([theta, np.linalg.svd(inner)[2][:, -1]], axis=1)
+        points = Points(x, np.full_like(x, _TOUCHING))
+        for number, curve in reversed(list(enumerate(self.curves))):
+            arcs = curve.tubes._replace(radius=curve.tubes.hull + 1e-9)
+            found[Nearby(self.problem, arcs).hold(points)] = number
+        return found
+
+    def is_uncovered(self, q_free: ArrayLike) -> Mask:
+        """Whether configurations (K, nq) lie in boxes that are uncovered, of shape (K,).
+
+        Raises:
+            InvalidInputError: They are not that.
+        """
+        theta, (lower, upper) = self._thetas(q_free), self.uncovered
+        found = np.zeros(len(theta), dtype=np.bool_)
+        middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower) + _TOUCHING
+        for k in range(len(theta)):
+            gap = without_turns(theta[k] - middle, self.problem.system.periodic)
+            found[k] = bool(np.any(np.all(np.abs(gap) <= half, axis=1)))
+        return found
+
+    def crossed(self, atlas: Atlas) -> CrossedCells:
+        """The undecided cells of an atlas that the curves cross.
+
+        Each holds the q of a configuration proved to be singular, which may be of another assembly mode than the
+        atlas's, as for cells that the atlas calls singular.
+
+        Args:
+            atlas: Of the same mechanism.
+
+        Raises:
+            InvalidInputError: It is none, or of other coordinates.
+        """
+        if instance(atlas, "atlas", Atlas).names != self.names:
+            raise InvalidInputError(f"the atlas is of {', '.join(atlas.names)}, the curves of {', '.join(self.names)}")
+        found = [np.zeros(0, dtype=np.intp)]
+        for curve in self.curves:
+            for share in np.linspace(-1.0, 1.0, _SAMPLES):
+                at = zeros_in(self.problem, curve.tubes, share * curve.tubes.half)
+                found.append(_cells(atlas, at, self.problem.system.independent))
+        cells = np.unique(np.concatenate(found))
+        cells = cells[atlas.tree.status[cells] == CellStatus.UNDECIDED]
+        return CrossedCells(cells, atlas.tree.share(cells))
+
+    def verify(self) -> bool:
+        """Check every tube and all gluing anew, from their data alone; not that the boxes tried were settled."""
+        return all(_holds(self.problem, curve) for curve in self.curves)
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of the closures it is about, as its file has it."""
+        return store.fingerprint_of(self.problem)
+
+    def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
+        """Whether the closures are those that a mechanism's file gives today, bit for bit."""
+        mechanism = mechanism_of(mechanism)
+        return store.same_closures(self.problem, mechanism, self.problem.system.theta(mechanism.q_reference))
+
+    def continued(
+        self,
+        *,
+        resolution: float | None = None,
+        budget: int = 1_000_000,
+        seconds: float | None = None,
+        bounds: BoundsName = "auto",
+        progress: Callable[[int, int], None] | None = None,
+    ) -> SingularCover:
+        """The same cover after more work on the boxes that are uncovered; curves that were cut short are followed on.
+
+        Args:
+            resolution: As for `certify_singularities`; default as it was.
+            budget: How many more boxes may be tried.
+            seconds: As for `certify_singularities`.
+            bounds: As for `certify_singularities`.
+            progress: As for `certify_singularities`.
+
+        Raises:
+            UnsupportedMechanismError: As for `certify_singularities`.
+            InvalidInputError: The resolution, budget or seconds is malformed.
+        """
+        effort = effort_of(self.resolution if resolution is None else resolution, budget, seconds, progress)
+        problem = problem_of(self.problem.system, bounds)
+        return searched(problem, self.names, Place(self.region, self.ranges), effort, self)
+
+    def save(self, path: str | Path) -> None:
+        """Write the cover to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it.
+
+        The boxes that were settled are not in it: the auditor has a search of its own.
+        """
+        header, arrays = store.pack_problem(self.problem)
+        header |= {"names": list(self.names), "tried": self.tried, "limit": self.limit, "resolution": self.resolution}
+        tubes = joined([no_tubes(self.problem), *(curve.tubes for curve in self.curves)])
+        records: dict[str, Any] = dict(zip(_RECORDS, (tubes, self.ranges, self.uncovered), strict=True))
+        for part, record in records.items():
+            arrays |= {f"{part}_{name}": array for name, array in record._asdict().items()}
+        arrays |= {name: getattr(self.region, name) for name in _REGION}
+        arrays["curve_tubes"] = np.array([len(curve.radius) for curve in self.curves], dtype=np.int64)
+        arrays["curve_closed"] = np.array([curve.closed for curve in self.curves], dtype=np.bool_)
+        store.write(path, KIND, header, arrays)
+
+    @classmethod
+    def load(cls, path: str | Path) -> SingularCover:
+        """Read a cover that `save` wrote. If the file may have been altered, call `verify` or `auditing.verify`.
+
+        Raises:
+            InvalidInputError: The file cannot be read or is none.
+        """
+        with store.reading(path, KIND) as (header, arrays):
+            tubes, ranges, uncovered = (
+                kind(**{name: arrays[f"{part}_{name}"] for name in kind._fields}) for part, kind in _RECORDS.items()
+            )
+            region: dict[str, Any] = {name: arrays[name] for name in _REGION}
+            problem = store.unpack_problem(header, arrays)
+            sizes = arrays["curve_tubes"].astype(np.int64)
+            curve = np.repeat(np.arange(len(sizes)), sizes)
+            chains = [Chain(tubes.take(curve == k), bool(end)) for k, end in enumerate(arrays["curve_closed"])]
+            return cls(
+                names=tuple(header["names"]),
+                region=Region(**region),
+                problem=problem,
+                curves=tuple(_curve(problem, chain) for chain in chains),
+                uncovered=uncovered,
+                tried=header["tried"],
+                limit=header["limit"],
+                resolution=header["resolution"],
+                ranges=ranges,
+            )
+
+    def _thetas(self, q_free: ArrayLike) -> Array:
+        chart = self.problem.system.chart
+        given = matrix_rows(np.atleast_2d(np.asarray(q_free)), "q_free", chart.nq)
+        return np.array([chart.theta(row) for row in given]).reshape(-1, chart.n_free)
+
+
+class Effort(NamedTuple):
+    """How far a search goes: halvings, boxes tried, seconds (``None``: no end), and whom to tell."""
+
+    resolution: float
+    budget: int
+    seconds: float | None
+    report: Callable[[int, int], None]
+
+
+def effort_of(
+    resolution: float, budget: int, seconds: float | None, progress: Callable[[int, int], None] | None
+) -> Effort:
+    """The same, checked."""
+    time = None if seconds is None else positive(seconds, "seconds")
+    return Effort(positive(resolution, "resolution"), whole(budget, "budget"), time, progress or _silent)
+
+
+def _silent(tubes: int, waiting: int) -> None:
+    """Tell nobody."""
+
+
+def searched(
+    problem: Problem, names: tuple[str, ...], place: Place, effort: Effort, before: SingularCover | None = None
+) -> SingularCover:
+    """The cover of a place, or what more work makes of one."""
+    chains, waiting, tried = list[Chain](), None, 0
+    if before is not None:
+        chains = [Chain(curve.tubes, curve.closed) for curve in before.curves]
+        waiting, tried = _waiting(problem, before.uncovered), before.tried
+    with stoppable(effort.seconds) as flag:
+        search = Search(problem, place, flag, chains)
+        found = search.run(effort.resolution, effort.budget, effort.report, waiting)
+    curves = sorted((_curve(search.plain, chain) for chain in found.chains), key=lambda curve: curve.kind)
+    return SingularCover(
+        names=names,
+        region=place.region,
+        problem=search.plain,
+        curves=tuple(curves),
+        uncovered=_uncovered(problem, found),
+        tried=tried + found.tried,
+        limit=found.limit,
+        resolution=effort.resolution,
+        ranges=place.ranges,
+    )
+
+
+def _uncovered(problem: Problem, found: Found) -> UncoveredBoxes:
+    reach = extents(problem, found.left)
+    return UncoveredBoxes(found.left.centre - reach, found.left.centre + reach)
+
+
+def _waiting(problem: Problem, boxes: UncoveredBoxes) -> Candidates:
+    """Boxes that were left, to be looked at again."""
+    system, centre = problem.system, 0.5 * (boxes.lower + boxes.upper)
+    half = np.maximum(boxes.upper - centre, centre - boxes.lower) + 1e-15 * (1.0 + np.abs(centre))
+    none = np.zeros((len(centre), system.m, system.n))
+    return Candidates(np.zeros(len(centre), dtype=np.intp), centre, half, none)
+
+
+def _curve(problem: Problem, chain: Chain) -> CertifiedCurve:
+    system, tubes = problem.system, chain.tubes
+    at = zeros_in(problem, tubes, np.zeros(len(tubes.half)))
+    error = (np.abs(at.x - tubes.x) + at.error)[:, : system.n_free].max(axis=1)
+    reach = (np.abs(tubes.tangent) * tubes.half[:, None] + tubes.hull)[:, : system.n_free].max(axis=1)
+    q = tubes.theta[:, system.independent]
+    still = bool(np.ptp(q, axis=0).max() < _STILL)
+    q = without_turns(q[:1], system.periodic[system.independent]) if still else q
+    q_free = system.chart.configuration(tubes.theta)
+    return CertifiedCurve("self-motion" if still else "fold", q, q_free, chain.closed, error, reach, tubes)
+
+
+def _cells(atlas: Atlas, at: Points, independent: Indices) -> Indices:
+    """The leaves that hold the q of points with all of their error."""
+    leaf = leaves_holding(atlas.tree, atlas.region, atlas.region.reduce(at.x[:, independent]), at.error[:, independent])
+    return leaf[leaf >= 0]
+
+
+def _holds(problem: Problem, curve: CertifiedCurve) -> bool:
+    """Whether Theorem R holds for the tubes of a curve, and each is glued to the next."""
+    tubes = curve.tubes
+    values = values_at(problem, tubes.theta, tubes.kernel, tubes.pairing)
+    proved = certify_tubes(problem, values, Frames(tubes.along, tubes.tangent, tubes.gain), tubes.half, tubes.radius)
+    known = np.all(proved.tubes.hull <= tubes.hull * _AGAIN) and np.all(proved.tubes.kappa <= tubes.kappa * _AGAIN)
+    following = joined([rows_of(tubes, slice(1, None)), rows_of(tubes, slice(0, int(curve.closed)))])
+    same = glued(problem, rows_of(tubes, slice(0, len(following.half))), following)
+    return bool(proved.proved.all() and known and same.all())

@@ -1,0 +1,234 @@
+"""Covers of singular curves: true ones are proved, planted errors are found."""
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin import domain
+from ccpin.errors import InvalidInputError
+from tests.oracles import five_bar as oracle
+from tests.support.altered import changed
+from tests.support.five_bars import load_five_bar
+from tests.support.legs import load_slice
+
+pytest.importorskip("flint")
+
+from ccpin.auditing import closures, covering, curves, document, verify
+
+REGION = np.array([[0.9, 1.0], [2.2, 2.3]])  # of the RPDR, with the isolated point and a piece of the fold
+SLICE = np.array([[0.168, 0.247], [0.192, 0.271]])  # of the 3-RPR, with a cusp
+CROSSING = oracle.FiveBar(0.2, 0.3, 0.2, 0.3, 0.4)  # the fold crosses itself at q = 0
+CASES = {"rpdr": REGION, "3-RPR": SLICE, "five-bar": np.array([[0.1, 0.1], [0.5, 0.5]])}
+
+
+@pytest.fixture(scope="module", params=CASES)
+def case(request, tmp_path_factory):
+    """A cover and its file."""
+    load = {"rpdr": lambda: ccpin.load("rpdr"), "3-RPR": load_slice, "five-bar": lambda: load_five_bar(CROSSING)}
+    found = domain.certify_singularities(load[request.param](), CASES[request.param])
+    assert found.curves
+    path = tmp_path_factory.mktemp("cover") / "cover.json"
+    found.save(path)
+    return found, path
+
+
+@pytest.fixture(scope="module")
+def region(tmp_path_factory):
+    """The RPDR's cover of REGION, and its file."""
+    found = domain.certify_singularities(ccpin.load("rpdr"), REGION)
+    path = tmp_path_factory.mktemp("cover") / "cover.json"
+    found.save(path)
+    return found, path
+
+
+def claim(audit, word):
+    """The claim whose words hold one."""
+    return next(c for c in audit.claims if word in c.what)
+
+
+def test_true_covers_are_proved(case):
+    """A sample of tubes, of gluings and of parts of the region."""
+    found, path = case
+    audit = verify(path, sample=4)
+    assert audit.holds, str(audit)
+    assert "Theorem R" in audit.theorem
+    tubes = sum(len(curve.radius) for curve in found.curves)
+    assert claim(audit, "one singular curve").of == tubes
+    assert claim(audit, "goes on").of == sum(len(c.radius) - 1 + c.closed for c in found.curves)
+    assert claim(audit, "parts").checked == 4
+    assert "0 boxes" in audit.not_checked
+
+
+def test_the_equations_are_those_of_singular_configurations(case):
+    """G vanishes to rounding on the tubes' middles; G′ and its variation are its derivatives."""
+    read = document.read(case[1])
+    own, tube, rng = closures.Closures(read), read.tubes[0], np.random.default_rng(0)
+    system = curves.Singular(own, read.dependent, tube.pairing)
+    x, step = np.concatenate([tube.theta, tube.kernel]), 1e-6 * np.eye(len(tube.tangent))
+    assert np.abs(system.at(x)[0]).max() < 1e-9
+    x, way = x + 0.3 * rng.normal(size=len(x)), rng.normal(size=len(x))
+    slope = np.stack([(system.at(x + d)[0] - system.at(x - d)[0]) / 2e-6 for d in step], axis=1)
+    np.testing.assert_allclose(system.at(x)[1], slope, atol=1e-8)
+    bent = (system.at(x + 1e-6 * way)[1] - system.at(x - 1e-6 * way)[1]) / 2e-6
+    moved = system.motions([closures.arb(float(v)) for v in x])
+    found = closures.floats(system.variation(moved, [closures.arb(float(v)) for v in way]))
+    np.testing.assert_allclose(found, bent, atol=1e-7)
+
+
+@pytest.mark.parametrize("what", ["moved", "shrunk", "longer", "wider", "column"])
+def test_a_wrong_tube_is_found(case, tmp_path, what):
+    """Beside its curve, too narrow to hold it, beyond its ends, too wide to hold it alone, and of no j."""
+    _, path = case
+
+    def damage(arrays):
+        if what == "moved":
+            arrays["tube_theta"][1] += 0.1
+        elif what == "shrunk":
+            arrays["tube_radius"][1] *= 1e-6
+        elif what == "longer":
+            arrays["tube_half"][1] *= 30.0
+        elif what == "wider":
+            arrays["tube_radius"][1] *= 100.0
+        else:
+            arrays["tube_along"][1] = (arrays["tube_along"][1] + 1) % len(arrays["tube_tangent"][1])
+
+    read = document.read(changed(path, tmp_path, damage))
+    own = closures.Closures(read)
+    assert not curves.one_curve(own, read, 1)
+    assert curves.one_curve(own, read, 0)
+
+
+def rows(arrays, order):
+    """All tubes in another order, or only some."""
+    for name in document.Tube._fields:
+        arrays[f"tube_{name}"] = arrays[f"tube_{name}"][order]
+
+
+def test_gluing_in_another_order_is_found(region, tmp_path):
+    """Two tubes that change places, and a ring with a tube left out, are no longer glued."""
+    found, path = region
+    first = np.cumsum([0] + [len(curve.radius) for curve in found.curves])[[c.closed for c in found.curves].index(True)]
+
+    def swapped(arrays):
+        order = np.arange(len(arrays["tube_half"]))
+        order[[first + 20, first + 40]] = order[[first + 40, first + 20]]
+        rows(arrays, order)
+
+    def shorter(arrays):
+        rows(arrays, np.delete(np.arange(len(arrays["tube_half"])), [first + 20, first + 21, first + 22]))
+        arrays["curve_tubes"][[c.closed for c in found.curves].index(True)] -= 3
+
+    for change, wrong in ((swapped, 19), (shorter, 19)):
+        read = document.read(changed(path, tmp_path, change))
+        own = closures.Closures(read)
+        assert not curves.goes_on(own, read, first + wrong, first + wrong + 1)
+        assert curves.goes_on(own, read, first + 3, first + 4)
+        assert not curves.goes_on(own, read, first + 4, first + 3)
+
+
+def test_an_open_curve_called_closed_is_found(region, tmp_path):
+    """Its last tube is not glued to its first."""
+    found, path = region
+    k = [curve.closed for curve in found.curves].index(False)
+
+    def closed(arrays):
+        arrays["curve_closed"][k] = True
+
+    read = document.read(changed(path, tmp_path, closed))
+    start = sum(len(curve.radius) for curve in found.curves[:k])
+    assert not curves.goes_on(closures.Closures(read), read, start + len(found.curves[k].radius) - 1, start)
+
+
+def parts_on(read, theta):
+    """The parts that hold configurations."""
+    cover = covering.Cover(closures.Closures(read), read)
+    theta = theta - np.where(read.periodic, 2.0 * np.pi * np.round(theta / (2.0 * np.pi)), 0.0)
+    held = [any(np.all((t >= box.low) & (t <= box.high)) for t in theta) for box in cover.parts]
+    return cover, np.flatnonzero(held)
+
+
+def test_a_missing_curve_is_found(region, tmp_path, monkeypatch):
+    """With either of the curves left out, a part of the region that it crosses is not proved."""
+    monkeypatch.setattr(covering, "_BUDGET", 4000)
+    found, path = region
+    assert len(found.curves) == 2
+    ends = np.cumsum([0] + [len(curve.radius) for curve in found.curves])
+    for k in range(2):
+
+        def without(arrays, k=k):
+            rows(arrays, np.delete(np.arange(ends[-1]), np.arange(ends[k], ends[k + 1])))
+            arrays["curve_tubes"], arrays["curve_closed"] = (
+                np.delete(arrays[f"curve_{name}"], k) for name in ("tubes", "closed")
+            )
+
+        read = document.read(changed(path, tmp_path, without))
+        cover, crossed = parts_on(read, found.curves[k].tubes.theta)
+        assert crossed.size
+        assert not cover.proved(int(crossed[0]))
+
+
+def test_what_is_not_listed_is_found(region, tmp_path, monkeypatch):
+    """A cover that was broken off is proved but for the boxes it lists; with one of these left out it is not."""
+    found = domain.certify_singularities(ccpin.load("rpdr"), REGION, budget=3000)
+    assert len(found.uncovered.lower)
+    found.save(tmp_path / "early.json")
+    audit = verify(tmp_path / "early.json", sample=3)
+    assert audit.holds, str(audit)
+    assert f"{len(found.uncovered.lower)} boxes" in audit.not_checked
+    bare = domain.certify_singularities(ccpin.load("rpdr"), REGION, budget=200)
+    assert not bare.curves
+    bare.save(tmp_path / "bare.json")
+    theta = region[0].curves[-1].tubes.theta[:1]
+    monkeypatch.setattr(covering, "_BUDGET", 4000)
+    cover, (part,) = parts_on(document.read(tmp_path / "bare.json"), theta)
+    assert cover.proved(int(part))
+
+    def without(arrays):
+        middle = 0.5 * (arrays["uncovered_lower"] + arrays["uncovered_upper"])
+        gap = np.abs(np.remainder(theta - middle + np.pi, 2.0 * np.pi) - np.pi)
+        kept = np.any(gap > 0.5 * (arrays["uncovered_upper"] - arrays["uncovered_lower"]), axis=1)
+        assert not kept.all()
+        for end in ("lower", "upper"):
+            arrays[f"uncovered_{end}"] = arrays[f"uncovered_{end}"][kept]
+
+    cover, (part,) = parts_on(document.read(changed(tmp_path / "bare.json", tmp_path, without)), theta)
+    assert not cover.proved(int(part))
+
+
+def test_other_closures_are_found(region, tmp_path):
+    """Links a fifth longer: the fingerprint tells; where that is brought up to date too no tube is proved."""
+    _, path = region
+
+    def longer(arrays):
+        arrays["chain0_tip"] = arrays["chain0_tip"] * 1.2
+
+    with pytest.raises(InvalidInputError, match="fingerprint"):
+        verify(changed(path, tmp_path, longer, stamp=False))
+    audit = verify(changed(path, tmp_path, longer), sample=3)
+    assert len(claim(audit, "one singular curve").failed) == 3
+
+
+@pytest.mark.parametrize("name", ["curve_tubes", "tube_radius", "tube_half", "range_lower"])
+def test_documents_out_of_shape_are_refused(region, tmp_path, name):
+    """Arrays that are not as long as others."""
+
+    def shorter(arrays):
+        arrays[name] = arrays[name][1:]
+
+    with pytest.raises(InvalidInputError, match="tubes"):
+        verify(changed(region[1], tmp_path, shorter))
+
+
+def test_workers_say_the_same(region):
+    """Two processes find what one does."""
+    assert verify(region[1], sample=2, workers=2).claims == verify(region[1], sample=2).claims
+
+
+@pytest.mark.slow
+def test_the_whole_torus_of_the_rpdr(tmp_path):
+    """Every tube and every gluing; of the parts all but some in which the auditor's search ends undecided."""
+    domain.certify_singularities(ccpin.load("rpdr")).save(tmp_path / "torus.npz")
+    audit = verify(tmp_path / "torus.npz", workers=2)
+    assert [len(told.failed) for told in audit.claims[:2]] == [0, 0]
+    assert len(claim(audit, "parts").failed) <= 6, str(audit)
+    assert audit.whole
