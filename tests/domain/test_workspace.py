@@ -18,7 +18,7 @@ from tests.oracles.geometry import rot_x, rot_y, rot_z, wrap
 from tests.support.places import MODELS
 
 CENTRE = np.array([0.0, 0.0, 0.45])
-POINTS = 2000
+POINTS = 800
 
 
 @pytest.fixture
@@ -152,7 +152,7 @@ def test_joint_limits_bound_the_workspace(delta):
     guess = delta.solve(middle)
     start = guess.q
     narrow = {name: (q - 0.1, q + 0.1) for name, q in zip(delta_oracle.INDEPENDENT, start, strict=True)}
-    cube = domain.largest_cube(delta, middle, guess.q_free, limits=narrow, tolerance=0.1)
+    cube = domain.largest_cube(delta, middle, guess.q_free, limits=narrow, tolerance=0.2)
     assert 0.0 < cube.half < 0.06
     assert cube.obstacle.kind == "limit"
     arms = [delta.solve(middle + cube.half * np.array(c)).q for c in np.ndindex(2, 2, 2)]
@@ -283,6 +283,7 @@ def test_the_roomiest_place_of_the_five_bar():
     assert 0.9 * away < disc.half < away + step
 
 
+@pytest.mark.slow
 def test_the_roomiest_place_of_the_stewart_platform(stewart, cube):
     """It is no worse than about the middle, by the map's fineness, whatever turns are asked for besides."""
     free = domain.largest_cube(stewart, tilt=[0.02, 0.02, 0.0], tolerance=0.2, within=0.05)

@@ -370,7 +370,7 @@ def test_cost_is_linear_and_memory_flat(rpdr_model, tmp_path, monkeypatch, store
 
     Counted in bytes, since seconds show what is quadratic only after thousands of moves.
     """
-    ledger, law_to, count = Ledger(monkeypatch), tracking(rpdr_model), 10
+    ledger, law_to, count = Ledger(monkeypatch), tracking(rpdr_model), 6
 
     def noting(goal, q_free):
         ledger.note()

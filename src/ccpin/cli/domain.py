@@ -23,7 +23,7 @@ from ccpin.mechanism.mechanism import Mechanism
 _EXAMPLES = """\
 example: ccpin domain rpdr --centre-deg -108 -72
          ccpin domain rpdr --lower-deg -110 -75 --upper-deg -105 -70 --plot figures
-         ccpin domain rpdr --sheets
+         ccpin domain rpdr --sheets --depth 6
          ccpin domain rpdr --curves --save curves.json"""
 _BAR = "{l_bar}{bar}| {n:.1f} % certified, {postfix}"
 SHEET_SHARES = ("counted", "certified", "empty", "singular", "undecided")

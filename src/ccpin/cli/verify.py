@@ -16,8 +16,8 @@ from ccpin.cli.progress import progress_bar
 _EXAMPLES = """\
 example: ccpin domain rpdr --centre-deg -108 -72 --atlas --depth 4 --save rpdr.json
          ccpin verify rpdr.json --model rpdr --sample 50
-         ccpin domain rpdr --curves --save curves.json
-         ccpin verify curves.json --sample 20 --workers 2"""
+         ccpin domain rpdr --curves --lower-deg 30 90 --upper-deg 80 150 --save curves.json
+         ccpin verify curves.json --sample 4"""
 _BAR = "{l_bar}{bar}| {postfix} [{elapsed}<{remaining}]"
 
 
