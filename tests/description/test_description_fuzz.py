@@ -8,8 +8,8 @@ import ccpin
 from tests.support.damage import VALUES, XML_DAMAGE, complaint, damage_bytes
 from tests.support.places import MODELS
 
-CASES = 1200
-CHUNKS = 12
+CASES = 800
+CHUNKS = 8
 
 TOOLBOX_URDF = """<robot name="bar">
 <link name="base"/>

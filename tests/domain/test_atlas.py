@@ -444,6 +444,7 @@ def test_how_the_work_is_spread_is_checked(rpdr):
             certify(rpdr, SEED, workers=workers)
 
 
+@pytest.mark.slow
 def test_dask_workers_do_not_change_the_atlas(rpdr):
     """Dask with worker processes of its own gives the same boxes bit for bit."""
     distributed = pytest.importorskip("distributed")

@@ -97,6 +97,7 @@ def test_a_goal_that_cannot_be_reached_is_an_error(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_with_too_few_motors_it_is_released(tmp_path):
     """No set-point law, and the reason; the motion is a free one."""
     mechanism = ccpin.load("rpdr", actuated=["joint1"])

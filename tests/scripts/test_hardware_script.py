@@ -16,6 +16,7 @@ SAMPLED = ["--sample-rate", "1000", "--encoder-counts", "4096", "--velocity-cuto
 MOTORS = ["--saturation", "12", "12", "--delay-samples", "1"]
 
 
+@pytest.mark.slow
 def test_the_hardware_experiment(tmp_path, capsys):
     """Every run reaches its goal in about the paper's 0.3 s; friction leaves the error it explains, the ideal none."""
     script("hardware").main(tmp_path)

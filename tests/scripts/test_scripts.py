@@ -25,6 +25,7 @@ def test_point_to_point(tmp_path, capsys):
     assert (tmp_path / "animation.html").stat().st_size > 100_000
 
 
+@pytest.mark.slow
 def test_repetitive(tmp_path, capsys, monkeypatch):
     """Fig. 10 on the bench, every move into 5 % of it in under 0.3 s; the ideal way back takes 0.45 s into ±2°."""
     monkeypatch.setattr(study, "CYCLES", 1)

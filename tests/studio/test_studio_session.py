@@ -199,6 +199,7 @@ def test_the_cache_makes_room(tmp_path, monkeypatch):
     assert cache.load("atlas-0") is None
 
 
+@pytest.mark.slow
 def test_slices_follow_the_other_coordinates(subjects):
     """A sampled slice is finite where σ is, with 1/κ(ψ) of the State there; wrong axes are refused."""
     desk = Desk(subjects("stewart"))

@@ -148,7 +148,7 @@ def other_peoples_leg():
     "mechanism",
     [
         pytest.param(lambda: ccpin.load("rpdr"), id="rpdr"),
-        pytest.param(lambda: bare(ccpin.load("stewart")), id="bare stewart"),
+        pytest.param(lambda: bare(ccpin.load("stewart")), id="bare stewart", marks=pytest.mark.slow),
         pytest.param(lambda: ccpin.load("delta"), id="delta", marks=pytest.mark.slow),
         pytest.param(other_peoples_leg, id="leg without meshes", marks=pytest.mark.slow),
     ],
@@ -326,7 +326,7 @@ def test_a_pose_drawn_ends_the_motion(rpdr, run):
         assert page.evaluate("[player.duration, bar.style.display]") == [0, "none"]
 
 
-@pytest.mark.parametrize("ending", [".mp4", ".gif"])
+@pytest.mark.parametrize("ending", [".mp4", pytest.param(".gif", marks=pytest.mark.slow)])
 def test_films_have_the_frames_of_the_page(ending, rpdr, run, tmp_path):
     """A film decodes to the size and number of frames asked for, each unlike the one before; it lasts as long."""
     pytest.importorskip("choreographer")

@@ -155,6 +155,7 @@ def test_rate_of_another_controller(rpdr_model):
 # ---- the RPDR against its closed form -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_rpdr_levels_are_below_the_truth_and_near():
     """c never exceeds the closed form's level, and is within a few per cent of it."""
     certificate = _case("rpdr")[1]

@@ -100,6 +100,7 @@ def test_many_errors_of_sigma(law_class, sigma_error):
 
 
 @every_law
+@pytest.mark.slow
 def test_delta(law_class):
     """Eighteen dependent coordinates: the bound holds against constant and switching δ."""
     law = law_for(law_class, "delta")

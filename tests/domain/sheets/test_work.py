@@ -98,6 +98,7 @@ def test_an_end_by_the_clock_keeps_what_is_proved(rpdr, share):
     assert atlas.counted_fraction + atlas.singular_fraction + atlas.undecided_fraction == pytest.approx(1.0, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_half_of_the_time_is_for_boxes(rpdr):
     """A search that would not end leaves time to count and certify what it found."""
     atlas = certify_sheets(rpdr, TORUS, max_depth=14, budget=100_000_000, seconds=8.0)
