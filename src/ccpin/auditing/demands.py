@@ -37,6 +37,7 @@ from flint import arb, arb_mat
 from ccpin.auditing.boxes import Box, box_of, contracts, defect
 from ccpin.auditing.closures import Closures, columns, exact, floats
 from ccpin.auditing.document import Array, Demands, Document, Integers
+from ccpin.auditing.reach import above
 
 _ROOM = 1.0 + 1e-6
 _LEAST = 1e-300
@@ -154,8 +155,8 @@ def _derivative(slopes: _Slopes) -> tuple[Array, Array] | None:
     along = np.zeros((slopes.size, X.shape[1]))
     along[document.independent], along[document.dependent] = np.eye(X.shape[1]), X
     residual = slopes.between(gain, exact(along)).entries()
-    first = np.array([_upper(x) for x in residual]).reshape(X.shape)
-    rough = np.array([[_upper(x) for x in row] for row in shrunk])
+    first = np.array([above(abs(x)) for x in residual]).reshape(X.shape)
+    rough = np.array([[above(abs(x)) for x in row] for row in shrunk])
     T = np.linalg.solve(np.eye(len(rough)) - rough, first) * _ROOM + _LEAST
     if not (np.all(np.isfinite(T)) and np.all(T > 0.0)):
         return None
@@ -193,8 +194,3 @@ def _frobenius(matrix: arb_mat) -> arb:
     """An upper bound of ‖·‖_F."""
     total = sum((abs(x) * abs(x) for x in matrix.entries()), arb(0))
     return arb(arb(total.upper()).sqrt().upper())
-
-
-def _upper(x: arb) -> float:
-    """At least |x|."""
-    return float(np.nextafter(float(abs(x).upper()), np.inf))

@@ -12,7 +12,7 @@ import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
 
 NamedArrays = dict[str, NDArray[np.generic]]
+Record = TypeVar("Record")
 _SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 
 
@@ -113,27 +114,47 @@ def reading(path: str | Path, kind: Kind) -> Iterator[tuple[dict[str, Any], Name
 def pack(covering: Covering) -> tuple[dict[str, Any], NamedArrays]:
     """What every kind holds, as a header and arrays."""
     header, arrays = pack_problem(covering.problem)
-    region = covering.region
-    arrays |= {f"box_{name}": array for name, array in covering.boxes._asdict().items()}
-    arrays |= {f"tree_{name}": array for name, array in covering.tree.cells._asdict().items()}
-    arrays |= {f"singular_{name}": array for name, array in covering.singular._asdict().items()}
-    return header, arrays | {"lower": region.lower, "upper": region.upper, "wrapped": region.wrapped}
+    arrays |= packed("box", covering.boxes) | packed("tree", covering.tree.cells)
+    return header, arrays | packed("singular", covering.singular) | pack_region(covering.region)
 
 
 def unpack(header: dict[str, Any], arrays: NamedArrays) -> Covering:
     """What `pack` packed."""
-    cells: dict[str, Any] = {name: arrays[f"tree_{name}"] for name in Cells._fields}
-    numbers: dict[str, Any] = {name: arrays[f"box_{name}"] for name in Boxes._fields}
-    singular: dict[str, Any] = {name: arrays[f"singular_{name}"] for name in SingularCells._fields}
-    corners: dict[str, Any] = {name: arrays[name] for name in ("lower", "upper")}
-    region = Region(**corners, wrapped=arrays["wrapped"].astype(np.bool_))
     return Covering(
-        unpack_problem(header, arrays), region, CellTree(Cells(**cells)), Boxes(**numbers), SingularCells(**singular)
+        unpack_problem(header, arrays),
+        unpack_region(arrays),
+        CellTree(unpacked("tree", Cells, arrays)),
+        unpacked("box", Boxes, arrays),
+        unpacked("singular", SingularCells, arrays),
     )
 
 
-def same_closures(problem: Problem, mechanism: Mechanism, theta: Array) -> bool:
-    """Whether a problem's closures are those that a mechanism's file gives today, bit for bit; θ is its charts' centre.
+def pack_region(region: Region) -> NamedArrays:
+    """A region as arrays."""
+    return {"lower": region.lower, "upper": region.upper, "wrapped": region.wrapped}
+
+
+def unpack_region(arrays: NamedArrays) -> Region:
+    """What `pack_region` packed."""
+    corners: dict[str, Any] = {name: arrays[name] for name in ("lower", "upper")}
+    return Region(**corners, wrapped=arrays["wrapped"].astype(np.bool_))
+
+
+def packed(part: str, record: Any) -> NamedArrays:
+    """The fields of a record of arrays, under names that begin with its own."""
+    return {f"{part}_{name}": array for name, array in record._asdict().items()}
+
+
+def unpacked(part: str, kind: type[Record], arrays: NamedArrays) -> Record:
+    """What `packed` packed."""
+    fields: tuple[str, ...] = kind._fields  # type: ignore[attr-defined]
+    return kind(**{name: arrays[f"{part}_{name}"] for name in fields})
+
+
+def same_closures(problem: Problem, mechanism: Mechanism, theta: Array | None = None) -> bool:
+    """Whether a problem's closures are those that a mechanism's file gives today, bit for bit.
+
+    θ is its charts' centre; default the mechanism's reference.
 
     Raises:
         InvalidInputError: It is a workspace's, whose closures hold an end effector besides, which no file names.
@@ -146,6 +167,8 @@ def same_closures(problem: Problem, mechanism: Mechanism, theta: Array) -> bool:
     chart = problem.system.chart
     if (chart.nq, chart.n_free) != (mechanism.nq, mechanism.n_free):
         return False
+    if theta is None:
+        theta = problem.system.theta(mechanism.q_reference)
     system = closure_system(mechanism, chart.configuration(theta[None, : chart.n_free])[0])
     return fingerprint_of(problem_of(system)) == fingerprint_of(problem)
 

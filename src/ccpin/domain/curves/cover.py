@@ -85,7 +85,6 @@ class UncoveredBoxes(NamedTuple):
     upper: Array
 
 
-_REGION = ("lower", "upper", "wrapped")
 _RECORDS: dict[str, Any] = {"tube": Tubes, "range": Ranges, "uncovered": UncoveredBoxes}
 
 
@@ -233,8 +232,7 @@ class SingularCover:
 
     def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
         """Whether the closures are those that a mechanism's file gives today, bit for bit."""
-        mechanism = mechanism_of(mechanism)
-        return store.same_closures(self.problem, mechanism, self.problem.system.theta(mechanism.q_reference))
+        return store.same_closures(self.problem, mechanism_of(mechanism))
 
     def continued(
         self,
@@ -272,8 +270,8 @@ class SingularCover:
         tubes = joined([no_tubes(self.problem), *(curve.tubes for curve in self.curves)])
         records: dict[str, Any] = dict(zip(_RECORDS, (tubes, self.ranges, self.uncovered), strict=True))
         for part, record in records.items():
-            arrays |= {f"{part}_{name}": array for name, array in record._asdict().items()}
-        arrays |= {name: getattr(self.region, name) for name in _REGION}
+            arrays |= store.packed(part, record)
+        arrays |= store.pack_region(self.region)
         arrays["curve_tubes"] = np.array([len(curve.radius) for curve in self.curves], dtype=np.int64)
         arrays["curve_closed"] = np.array([curve.closed for curve in self.curves], dtype=np.bool_)
         store.write(path, KIND, header, arrays)
@@ -286,17 +284,14 @@ class SingularCover:
             InvalidInputError: The file cannot be read or is none.
         """
         with store.reading(path, KIND) as (header, arrays):
-            tubes, ranges, uncovered = (
-                kind(**{name: arrays[f"{part}_{name}"] for name in kind._fields}) for part, kind in _RECORDS.items()
-            )
-            region: dict[str, Any] = {name: arrays[name] for name in _REGION}
+            tubes, ranges, uncovered = (store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items())
             problem = store.unpack_problem(header, arrays)
             sizes = arrays["curve_tubes"].astype(np.int64)
             curve = np.repeat(np.arange(len(sizes)), sizes)
             chains = [Chain(tubes.take(curve == k), bool(end)) for k, end in enumerate(arrays["curve_closed"])]
             return cls(
                 names=tuple(header["names"]),
-                region=Region(**region),
+                region=store.unpack_region(arrays),
                 problem=problem,
                 curves=tuple(_curve(problem, chain) for chain in chains),
                 uncovered=uncovered,

@@ -199,15 +199,14 @@ class SheetAtlas:
 
     def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
         """Whether the closures are those that a mechanism's file gives today, bit for bit."""
-        mechanism = mechanism_of(mechanism)
-        return store.same_closures(self.problem, mechanism, self.problem.system.theta(mechanism.q_reference))
+        return store.same_closures(self.problem, mechanism_of(mechanism))
 
     def save(self, path: str | Path) -> None:
         """Write the sheets to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
         header, arrays = store.pack(store.Covering(self.problem, self.region, self.tree, self.boxes, self.singular))
         header |= {"names": list(self.names), "complete": self.complete}
         for part in _RECORDS:
-            arrays |= {f"{part}_{name}": array for name, array in getattr(self, part)._asdict().items()}
+            arrays |= store.packed(part, getattr(self, part))
         store.write(path, KIND, header, arrays | {"count": self.count})
 
     @classmethod
@@ -218,10 +217,7 @@ class SheetAtlas:
             InvalidInputError: The file cannot be read or is none.
         """
         with store.reading(path, KIND) as (header, arrays):
-            records = {
-                part: kind(**{name: arrays[f"{part}_{name}"] for name in kind._fields})
-                for part, kind in _RECORDS.items()
-            }
+            records = {part: store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items()}
             return cls(
                 names=tuple(header["names"]),
                 count=arrays["count"].astype(np.int64),
