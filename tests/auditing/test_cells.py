@@ -110,14 +110,31 @@ def test_cells_emptied_by_search_are_proved(tmp_path):
     assert all(look.proved(int(k)) for k in largest)
 
 
-def test_what_slides_is_not_looked_at(tmp_path):
-    """A 3-RRR's platform slides: cells that a search emptied count as not looked at, neither proved nor failed."""
+@pytest.fixture(scope="module")
+def legs(tmp_path_factory):
+    """An atlas of a 3-RRR, cells of which are empty although no two of its points are too far apart; its file."""
     mechanism = ccpin.load("planar_3rrr")
     q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
     atlas = certify(mechanism, q0, max_depth=2, exhaustive=True, resolution=0.1)
+    path = tmp_path_factory.mktemp("legs") / "atlas.json"
+    atlas.save(path)
+    return atlas, path
+
+
+def test_cells_emptied_by_theorem_e_are_proved(legs):
+    """All of a 3-RRR's."""
+    atlas, path = legs
     assert atlas.empty_fraction > 0.0
-    atlas.save(tmp_path / "atlas.npz")
-    audit = verify(tmp_path / "atlas.npz", sample=3)
+    read = document.read(path)
+    look = emptiness.Emptiness(closures.Closures(read), read)
+    assert all(look.proved(k) for k in range(len(read.empty.number)))
+
+
+def test_what_there_is_no_way_to_look_at_is_no_failure(legs, monkeypatch):
+    """Without legs of a body, and with more dependent coordinates than are searched: neither proved nor failed."""
+    monkeypatch.setattr(emptiness.Platform, "of", lambda reach: None)
+    monkeypatch.setattr(emptiness, "_MOST", 5)
+    audit = verify(legs[1], sample=3)
     assert (claim(audit, "without a closed").checked, claim(audit, "without a closed").failed) == (0, ())
     assert audit.holds
     assert not audit.whole

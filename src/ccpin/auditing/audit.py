@@ -108,9 +108,9 @@ def verify(
     Proved are, of atlases: Theorem K for the boxes; that the seed is a solution of its box; that neighbours carry the
     same σ where the document does not list them as unglued (of sheets: where it says so), and that every box is reached
     from the seed's by such neighbours; that cells called singular hold a singular configuration; and that those called
-    empty hold none, where that can be told by the triangle inequality, or by a search of all turns of up to six
-    dependent coordinates (a claim counts as looked at if so); and, by such a search, how many there are over the cells
-    of sheets that are counted, none of them singular. Of a workspace's boxes it is proved that they keep the document's
+    empty hold none, where that can be told by the triangle inequality, by the lengths of legs that meet in one body, or
+    by a search of all values of up to six dependent coordinates (a claim counts as looked at if so); and, by such a
+    search, how many there are over the cells of sheets that are counted, none of them singular. Of a workspace's boxes it is proved that they keep the document's
     limits, that the motors determine the motion, and its dexterity.
 
     Of singular curves: that each tube holds one and no other singular configuration; that it is the next tube's curve

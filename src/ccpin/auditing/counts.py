@@ -1,13 +1,15 @@
 """Cells over which a number of closed configurations is said, all of them nonsingular.
 
-**Lemma.** Let all dependent coordinates turn, and let every closed configuration over a cell lie, up to whole turns, in
-one of finitely many boxes of all coordinates, on each of which |I − Ãφ_y|w < w for a matrix Ã and a w > 0 of its own.
+**Lemma.** Let every closed configuration over a cell lie, up to whole turns, in one of finitely many bounded boxes of
+all coordinates, on each of which |I − Ãφ_y|w < w for a matrix Ã and a w > 0 of its own. Let each box lie either within
+or beyond the ranges in which slides are counted.
 
-1. None of them is singular, and every q of the cell has as many.
+1. None of them is singular, and every q of the cell has as many within the ranges.
 2. On a convex set of y over one q with such an Ã and w there is one at most.
 
 *Proof.* Ãφ_y is nonsingular where |I − Ãφ_y| contracts. So near each of them they are one smooth function of q, and
-over the cell they are a compact set, as turns are: a covering of the cell, which is connected, by equally many sheets.
+over the cell they are a compact set, and so are those in either kind of boxes, which have none in common: coverings of
+the cell, which is connected, by equally many sheets each.
 2: the mean of φ_y between two of them contracts alike, is nonsingular, and takes their difference to 0. ∎
 
 The boxes are found by the search of `emptiness`. Those that hold the cell's middle are searched on there, over that q
@@ -51,10 +53,31 @@ def counted(search: Emptiness, k: int) -> bool | None:
     if kept is None:
         return False
     low, high = _exact_corners(document, counts, k)
+    kept = _within(search, counts, kept)
+    if kept is None:
+        return False
     found = _over(search, kept, np.array([float((0.5 * (a + b)).mid()) for a, b in zip(low, high, strict=True)]))
     if found is None or len(found) != said:
         return False
     return not certified or _one_each(document, boxes.tolist(), found)
+
+
+def _within(search: Emptiness, counts: Counts, boxes: list[Box]) -> list[Box] | None:
+    """What of boxes lies within the ranges of slides; ``None`` where that is not decided."""
+    ours = np.isin(search.document.dependent, search.sliding)
+    at, lower, upper = search.document.dependent[ours], counts.range_lower[ours], counts.range_upper[ours]
+    waiting, found, left = list(boxes), list[Box](), _BUDGET
+    while waiting:
+        left -= 1
+        box = waiting.pop()
+        if np.all(lower <= box.low[at]) and np.all(box.high[at] <= upper):
+            found.append(box)
+        elif not (np.any(box.high[at] < lower) or np.any(upper < box.low[at])):
+            if left <= 0:
+                return None
+            smaller = search.narrowed(box)[0]
+            waiting += [] if smaller is None else smaller.halves(search.steepest(smaller))
+    return found
 
 
 def _over(search: Emptiness, boxes: list[Box], q: Array) -> list[Solution] | None:
@@ -106,7 +129,7 @@ def _among(search: Emptiness, found: list[Solution], solution: Solution) -> bool
     """Whether a solution is one of those found, up to whole turns; ``None`` where that is not proved."""
     at, (theta, radius) = search.document.dependent, solution
     for other, reach in found:
-        turns = np.round((other[at] - theta[at]) / _TURN)
+        turns = np.where(np.isin(at, search.turning), np.round((other[at] - theta[at]) / _TURN), 0.0)
         moved = [arb(float(t)) + 2 * arb.pi() * int(n) for t, n in zip(theta[at], turns, strict=True)]
         gaps = [abs(arb(float(x)) - t) for x, t in zip(other[at], moved, strict=True)]
         if any(gap > arb(radius) + arb(reach) for gap in gaps):

@@ -81,6 +81,8 @@ class Counts(NamedTuple):
         said: How many each has, (K,).
         certified: Whether each of them is said to be in a box, (K,).
         of, boxes: The numbers of cells and of boxes over them, side by side.
+        range_lower, range_upper: Between what those counted have their dependent coordinates, (m,); a full turn of
+            those that turn.
     """
 
     cells: Cells
@@ -88,6 +90,8 @@ class Counts(NamedTuple):
     certified: NDArray[np.bool_]
     of: Integers
     boxes: Integers
+    range_lower: Array
+    range_upper: Array
 
 
 class Demands(NamedTuple):
@@ -270,7 +274,9 @@ def _counts(arrays: dict[str, Any]) -> Counts:
     certified, empty = status == _CERTIFIED, status == _EMPTY
     _among(arrays["members_box"], len(arrays["box_centre"]), "members_box")
     cells = np.flatnonzero((arrays["tree_child"] < 0) & np.where(empty, said > 0, certified | (said >= 0)))
-    return Counts(_cells(arrays, cells), said[cells], certified[cells], arrays["members_cell"], arrays["members_box"])
+    ranges = arrays["ranges_lower"], arrays["ranges_upper"]
+    members = arrays["members_cell"], arrays["members_box"]
+    return Counts(_cells(arrays, cells), said[cells], certified[cells], *members, *ranges)
 
 
 def _of_curves(arrays: dict[str, Any]) -> dict[str, Any]:

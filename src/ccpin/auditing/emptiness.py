@@ -1,13 +1,13 @@
 """Cells said to hold no closed configuration.
 
-Where all dependent coordinates turn, boxes of their whole turns over the cell are halved until each is shown to hold
-none: by the lemma of `reach`, or a row of φ over the box, or of
+The lemmas of `reach` and `platform` are tried first, over parts of the cell. Then boxes over the cell of whole turns of
+the dependent coordinates, and of all that slides can have (the lemma of `slides`), are halved until each is shown to
+hold none: by the lemma of `reach`, or a row of φ over the box, or of
 
     Ãφ(θ) ∈ Ãφ(θ₀) + Ãφ_θ(box)(θ − θ₀)
 
 with Ã = I or Ã ≈ φ_y⁻¹ that 0 is not in; what of a box this leaves, solved for one coordinate at a time, takes its
-place. Where a dependent coordinate slides, or there are more than six, the lemma alone is tried, over parts of the
-cell.
+place. That search is not tried where a slide has no end, or more than six coordinates depend.
 
 The same search, with boxes kept on which |I − Ãφ_y|w < w for some w > 0, is what `counts` begins with.
 """
@@ -20,7 +20,9 @@ from flint import arb, arb_mat
 from ccpin.auditing.boxes import contracts, defect
 from ccpin.auditing.closures import Closures, columns, exact, floats
 from ccpin.auditing.document import Array, Document, Integers, corners
+from ccpin.auditing.platform import Platform
 from ccpin.auditing.reach import Box, Reach, above, below
+from ccpin.auditing.slides import bounds_of
 
 _BUDGET, _REACH = 20_000, 400  # boxes over one cell, and where the lemma alone is tried
 _MOST = 6
@@ -34,32 +36,63 @@ class Emptiness:
 
     def __init__(self, closures: Closures, document: Document) -> None:
         self.closures, self.document = closures, document
+        dependent = document.dependent
         slides = {int(j) for c in document.chains for j, p in zip(c.joints, c.prismatic, strict=True) if p}
-        sliding = slides & set(document.dependent.tolist())
-        self.reach = Reach(closures, document, sliding)
-        linear = np.any(document.moduli) or np.any(document.couplings[:, document.dependent])
-        known = bool(np.all(document.periodic[document.dependent])) and not linear
-        self.searched = known and not sliding and len(document.dependent) <= _MOST
+        self.sliding = np.array(sorted(slides & set(dependent.tolist())), dtype=np.int64)
+        self.turning = np.setdiff1d(dependent, self.sliding)
+        self.bounds = bounds_of(Reach(closures, document, frozenset()), self.sliding)
+        self.reach = Reach(closures, document, set(np.flatnonzero(np.isinf(self.bounds)).tolist()))
+        self.platform = Platform.of(self.reach)
+        linear = np.any(document.moduli) or np.any(document.couplings[:, dependent])
+        known = bool(np.all(document.periodic[self.turning])) and not linear and not self.reach.unbounded
+        self.searched = known and len(dependent) <= _MOST
 
     def proved(self, k: int) -> bool | None:
         """Whether the k-th empty cell was proved to be so; ``None`` where there is no way to look at it."""
-        low, high = corners(self.document, self.document.empty, k)
-        full = self.whole(low, high)
-        if self.searched:
-            return self.remaining([full], keep=False) == []
-        waiting, left = [full], _REACH
+        boxes = self._asked(self.whole(*corners(self.document, self.document.empty, k)))
+        if self._all_apart(boxes):
+            return True
+        return self.remaining(boxes, keep=False) == [] if self.searched else None
+
+    def _all_apart(self, boxes: list[Box]) -> bool:
+        """Whether boxes, halved as often as need be, are proved to be empty by `_apart`."""
+        waiting, left = list(boxes), _REACH
         while waiting and left:
             left -= 1
             box = waiting.pop()
-            if not self.reach.too_far(box):
-                waiting += box.halves(self._widest(box, self.document.independent))
-        return not waiting or None
+            if self._apart(box):
+                continue
+            if not self._apart(self._over_middle(box)):
+                return False
+            waiting += box.halves(self._widest(box, self.document.independent))
+        return not waiting
+
+    def _over_middle(self, box: Box) -> Box:
+        """The part of a box over the middle of its q."""
+        at, low, high = self.document.independent, box.low.copy(), box.high.copy()
+        low[at] = high[at] = box.middle[at]
+        return Box(low, high)
+
+    def _apart(self, box: Box) -> bool:
+        """Whether chains cannot meet by the lemmas of `reach` or `platform`."""
+        return self.reach.too_far(box) or (self.platform is not None and self.platform.cannot_meet(box))
 
     def whole(self, low: Array, high: Array) -> Box:
-        """The box of all turns of the dependent coordinates over a cell's corners."""
-        full = Box(np.full(self.closures.n_free, -np.pi - 1e-9), np.full(self.closures.n_free, np.pi + 1e-9))
+        """The box of all values that dependent coordinates can have over a cell's corners (0 where there is no end)."""
+        most = np.where(np.isinf(self.bounds), 0.0, self.bounds)
+        full = Box(-most, most)
         full.low[self.document.independent], full.high[self.document.independent] = low, high
         return full
+
+    def _asked(self, box: Box) -> list[Box]:
+        """What of a box lies in the ranges that a document of sheets speaks of."""
+        counts, at = self.document.counts, self.document.dependent
+        if counts is not None:
+            ours = np.isin(at, self.sliding)
+            at = at[ours]
+            box.low[at] = np.maximum(box.low[at], counts.range_lower[ours])
+            box.high[at] = np.minimum(box.high[at], counts.range_upper[ours])
+        return [box] if np.all(box.low <= box.high) else []
 
     def remaining(self, boxes: list[Box], keep: bool) -> list[Box] | None:
         """Boxes that hold every closed configuration of some; `keep`: those on which φ_y is proved nonsingular.
@@ -82,7 +115,7 @@ class Emptiness:
             elif smaller.half.sum() < _SHRUNK * box.half.sum():
                 waiting.append(smaller)
             else:
-                waiting += smaller.halves(self._between(smaller) if keep else self._worst(smaller))
+                waiting += smaller.halves(self._between(smaller) if keep else self.steepest(smaller))
         return kept
 
     def narrowed(self, box: Box) -> tuple[Box | None, bool]:
@@ -92,13 +125,13 @@ class Emptiness:
         phi = closures.value(balls, motions)
         if not all(phi[i, 0].contains(0) for i in range(closures.m)):
             return None, False
-        if np.any(box.half[dependent] > _WIDE):
+        if np.any(box.half[self.turning] > _WIDE):
             return box, False
         middle = [arb(float(x)) for x in box.middle]
         start = closures.motions(middle)
         slope, value = closures.jacobian(motions), closures.value(middle, start)
         smaller = self._solved(box, middle, value, slope)
-        if smaller is None or np.any(box.half[dependent] > _SLOPES):
+        if smaller is None or np.any(box.half[self.turning] > _SLOPES):
             return smaller, False
         try:
             A = exact(np.linalg.inv(floats(columns(closures.jacobian(start), dependent))).astype(np.float64))
@@ -125,7 +158,7 @@ class Emptiness:
                     return None
         return Box(low, high)
 
-    def _worst(self, box: Box) -> int:
+    def steepest(self, box: Box) -> int:
         """The coordinate to halve: what moves φ most, those last that the lemma does without."""
         moves = self._moves(box)
         first = self.reach.first[int(np.argmax(moves[self.reach.first]))]

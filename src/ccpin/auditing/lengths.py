@@ -9,7 +9,7 @@ from flint import arb, arb_mat
 
 from ccpin.auditing.closures import Path, exact
 
-_PARALLEL, _TILT = 1e-13, 1e-11
+PARALLEL, TILT = 1e-13, 1e-11  # what counts as parallel, or as I, and what it may do to a length
 
 
 class Segments(NamedTuple):
@@ -23,28 +23,28 @@ def segments_of(path: Path, norm: arb) -> list[Segments]:
     """Those of a chain's joints, and of its tip."""
     rows = path.weights * path.weights.transpose()
     used = [i for i in range(rows.nrows()) if rows[i, i] != 0]
-    whole = _is_identity(path.weights.transpose() * path.weights)
-    flat = len(used) == 2 and _is_identity(arb_mat(2, 2, [rows[i, j] for i in used for j in used]))
+    whole = is_identity(path.weights.transpose() * path.weights)
+    flat = len(used) == 2 and is_identity(arb_mat(2, 2, [rows[i, j] for i in used for j in used]))
     found, rotation = list[Segments](), exact(np.eye(3))
 
     def seen(vector: arb_mat) -> tuple[arb, arb]:
         if not (whole or flat):
-            return _length(vector) * norm, arb(0)
-        size = _length(path.weights * vector) + arb(0, _TILT) * _length(vector)
+            return size_of(vector) * norm, arb(0)
+        size = size_of(path.weights * vector) + arb(0, TILT) * size_of(vector)
         return size, least_size(size)
 
     for turn in path.turns:
         before, rotation = seen(rotation * turn.translation), rotation * turn.rotation
         found.append(Segments(before, seen(rotation * turn.axis)))
-        flat = flat and (turn.prismatic or bool(_length(path.weights * (rotation * turn.axis)) < _PARALLEL))
+        flat = flat and (turn.prismatic or bool(size_of(path.weights * (rotation * turn.axis)) < PARALLEL))
     tip = seen(rotation * path.tip)
     return [*found, Segments(tip, tip)]
 
 
-def _is_identity(matrix: arb_mat) -> bool:
+def is_identity(matrix: arb_mat) -> bool:
     """Whether a matrix is I but for roundings."""
     size = matrix.nrows()
-    return all(abs(matrix[i, j] - int(i == j)) < _PARALLEL for i in range(size) for j in range(size))
+    return all(abs(matrix[i, j] - int(i == j)) < PARALLEL for i in range(size) for j in range(size))
 
 
 def norm_of(weights: arb_mat) -> arb:
@@ -54,7 +54,8 @@ def norm_of(weights: arb_mat) -> arb:
     return root_of(max(sums, key=lambda x: float(x.upper())))
 
 
-def _length(vector: arb_mat) -> arb:
+def size_of(vector: arb_mat) -> arb:
+    """|x|."""
     return root_of(sum((abs(x) * abs(x) for x in vector.entries()), arb(0)))
 
 

@@ -57,7 +57,7 @@ class Box(NamedTuple):
         return Box(self.low, below), Box(above, self.high)
 
 
-class _Group(NamedTuple):
+class Group(NamedTuple):
     """The chains of one closure's point rows: their numbers and the rows."""
 
     rows: tuple[int, ...]
@@ -78,7 +78,7 @@ class Reach:
         for k, chain in enumerate(document.chains):
             rows = tuple(int(r) for r in np.flatnonzero(np.any(chain.weights != 0.0, axis=1)))
             by_rows.setdefault(rows, []).append(k)
-        self.groups = [_Group(rows, tuple(chains)) for rows, chains in by_rows.items() if self._plain(rows, chains)]
+        self.groups = [Group(rows, tuple(chains)) for rows, chains in by_rows.items() if self._plain(rows, chains)]
         self.norms = [norm_of(path.weights) for path in closures.paths]
         self.segments = [segments_of(path, norm) for path, norm in zip(closures.paths, self.norms, strict=True)]
         own = set(document.dependent.tolist())
@@ -105,10 +105,10 @@ class Reach:
                 pairs = zip(chain.joints.tolist(), chain.prismatic.tolist(), strict=True)
                 free = [j in self.unbounded if slides else half[j] > _TAIL for j, slides in pairs]
                 cut = free.index(True) if any(free) else len(free)
-                rest = self._rest(number, cut, balls)
+                rest = self.behind(number, cut, balls)
                 if rest is None:
                     break
-                moved = path.weights * _head(path, cut, balls).x
+                moved = path.weights * head_of(path, cut, balls).x
                 gap = [value + moved[row, 0] for value, row in zip(gap, group.rows, strict=True)]
                 longest += [long for long, _ in rest]
                 shortest += [short for _, short in rest]
@@ -117,7 +117,7 @@ class Reach:
                     return True
         return False
 
-    def _rest(self, number: int, cut: int, balls: list[arb]) -> list[tuple[arb, arb]] | None:
+    def behind(self, number: int, cut: int, balls: list[arb]) -> list[tuple[arb, arb]] | None:
         """The most and the least of the segments behind a cut; ``None`` where one slides without bounds."""
         turns, found = self.closures.paths[number].turns[cut:], list[tuple[arb, arb]]()
         for k, turn in enumerate(turns):
@@ -131,7 +131,8 @@ class Reach:
         return [*found, self.segments[number][-1].before] if turns else []
 
 
-def _head(path: Path, cut: int, balls: list[arb]) -> Motion:
+def head_of(path: Path, cut: int, balls: list[arb]) -> Motion:
+    """The part of a chain above a cut: its tip is where the joint is at which it was cut."""
     if cut == len(path.turns):
         return motion_of(path, balls)
     return motion_of(Path(path.turns[:cut], path.turns[cut].translation, False, path.weights), balls)

@@ -1,0 +1,106 @@
+"""Dependent slides in the auditor: how far loops let them go, and counts of configurations that have them."""
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin import domain
+from ccpin.domain import certify, certify_sheets
+from tests.oracles import slider_crank as oracle
+from tests.support.altered import changed
+
+pytest.importorskip("flint")
+
+from ccpin.auditing import closures, counts, document, emptiness, verify
+
+
+def looker(path):
+    """The document in a file, and the auditor's search for it."""
+    read = document.read(path)
+    return read, emptiness.Emptiness(closures.Closures(read), read)
+
+
+@pytest.fixture(scope="module")
+def limited(tmp_path_factory):
+    """Sheets of a slider-crank whose slider may be between 10 and 15 cm: one configuration, or none; and their file."""
+    crank = ccpin.load("slider_crank", joints={"slider": {"lower": 0.1, "upper": 0.15}})
+    path = tmp_path_factory.mktemp("slides") / "sheets.json"
+    found = certify_sheets(crank)
+    found.save(path)
+    return found, path
+
+
+def test_a_slide_goes_as_far_as_its_loop(tmp_path):
+    """Crank, rod and offset in a line; the auditor knows no limits."""
+    certify_sheets(ccpin.load("slider_crank"), max_depth=2).save(tmp_path / "sheets.json")
+    _, look = looker(tmp_path / "sheets.json")
+    assert look.searched
+    np.testing.assert_allclose(look.bounds[look.sliding], oracle.CRANK + oracle.ROD - oracle.OFFSET, rtol=1e-9)
+
+
+def test_no_pose_slides_farther(tmp_path):
+    """A 3-RRR's platform, which slides both ways: poses everywhere are within the bounds."""
+    mechanism = ccpin.load("planar_3rrr")
+    model, rng = ccpin.ReducedModel(mechanism), np.random.default_rng(0)
+    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    certify(mechanism, q0, (q0 - 1e-3, q0 + 1e-3), max_depth=1).save(tmp_path / "box.json")
+    _, look = looker(tmp_path / "box.json")
+    assert len(look.sliding) == 2
+    found = 0
+    for _ in range(60):
+        try:
+            pose = model.sigma(q0 + rng.uniform(-1.5, 1.5, 3))
+        except ccpin.errors.CcpinError:
+            continue
+        found += 1
+        assert np.all(np.abs(pose[look.sliding]) <= look.bounds[look.sliding])
+    assert found > 5
+
+
+def test_counts_within_limits_are_those_of_the_closed_form(limited):
+    """Every cell that is counted is proved to have one where Pythagoras has one within the limits, else none."""
+    path = limited[1]
+    audit = verify(path)
+    assert audit.holds, str(audit)
+    assert audit.whole
+    read, _ = looker(path)
+    assert set(read.counts.said.tolist()) <= {0, 1}
+    for k, said in enumerate(read.counts.said):
+        low, high = document.corners(read, read.counts.cells, k)
+        sliders = np.array([oracle.sigma(q)["slider"] for q in np.linspace(low[0], high[0], 50)[1:-1]])
+        assert np.all((sliders >= 0.1) & (sliders <= 0.15)) == said
+    assert len(read.empty.number) > 0
+
+
+@pytest.mark.parametrize("planted", ["wider", "narrower", "one more"])
+def test_wrong_ranges_and_numbers_are_found(limited, tmp_path, planted):
+    """Ranges that hold the other configuration too, or none, and another number."""
+    read, _ = looker(limited[1])
+    cell = int(read.counts.cells.number[0])
+
+    def plant(arrays):
+        slide = np.flatnonzero(arrays["ranges_upper"] - arrays["ranges_lower"] < 1.0)[0]
+        if planted == "wider":
+            arrays["ranges_lower"][slide] = -0.2
+        if planted == "narrower":
+            arrays["ranges_upper"][slide] = 0.1001
+        if planted == "one more":
+            arrays["count"][cell] += 1
+
+    read, look = looker(changed(limited[1], tmp_path, plant))
+    row = int(np.flatnonzero(read.counts.cells.number == cell)[0])
+    assert counts.counted(look, row) is False
+
+
+def test_an_empty_cell_is_not_empty_beyond_the_limits(limited, tmp_path, monkeypatch):
+    """What is empty within limits is not proved to be so once they are taken away."""
+    monkeypatch.setattr(emptiness, "_BUDGET", 500)
+    read, look = looker(limited[1])
+    assert all(look.proved(k) for k in range(len(read.empty.number)))
+
+    def plant(arrays):
+        slide = np.flatnonzero(arrays["ranges_upper"] - arrays["ranges_lower"] < 1.0)[0]
+        arrays["ranges_lower"][slide], arrays["ranges_upper"][slide] = -0.2, 0.2
+
+    read, look = looker(changed(limited[1], tmp_path, plant))
+    assert not any(look.proved(k) for k in range(min(3, len(read.empty.number))))
