@@ -6,8 +6,8 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.domain import CellStatus, certify
-from tests.domain.test_platform import circumradius, modes_of_3rrr
 from tests.oracles import delta as spheres
+from tests.oracles import planar_3rrr as three_legs
 
 pytest.importorskip("flint")
 
@@ -40,12 +40,12 @@ def test_delta(half, points, tmp_path):
     _, look = looker("delta", tmp_path)
     assert len(look.platform.legs) == 6
     arms = np.random.default_rng(0).uniform(-np.pi, np.pi, (20 * points, 3))
-    near = arms[np.argsort(np.abs(circumradius(arms) / spheres.FOREARM - 1.0))[:points]]
+    near = arms[np.argsort(np.abs(spheres.circumradius(arms) / spheres.FOREARM - 1.0))[:points]]
     inside = near + half * np.random.default_rng(1).uniform(-1.0, 1.0, near.shape)
-    meet = circumradius(inside) <= spheres.FOREARM
+    meet = spheres.circumradius(inside) <= spheres.FOREARM
     assert 0 < np.sum(meet) < points
     assert not any(apart(look, q, half) for q in near[meet])
-    some = arms[circumradius(arms) > spheres.FOREARM][:points]
+    some = arms[spheres.circumradius(arms) > spheres.FOREARM][:points]
     assert np.mean([apart(look, q, half) for q in some]) > (0.4 if half else 0.8)
 
 
@@ -55,7 +55,7 @@ def test_3rrr(points, tmp_path):
     _, look = looker("planar_3rrr", tmp_path)
     assert len(look.platform.legs) == 3
     q = np.random.default_rng(2).uniform(-np.pi, np.pi, (points, 3))
-    modes, doubtful = modes_of_3rrr(q)
+    modes, doubtful = three_legs.modes(q)
     empty = np.array([apart(look, row, 0.0) for row in q])
     assert not np.any(empty & ~doubtful & (modes > 0))
     assert np.mean(empty[modes == 0]) > 0.8

@@ -11,7 +11,6 @@ from ccpin.domain.atlas.platform import platform_empty, platform_of
 from ccpin.domain.chain_stack import move, stack_chains
 from ccpin.domain.chains import Chain, closure_system
 from tests.oracles import delta as spheres
-from tests.oracles import planar_3rpr as sextic
 from tests.oracles import planar_3rrr as three_legs
 
 SIZES = [8_000, pytest.param(100_000, marks=pytest.mark.slow)]
@@ -23,14 +22,6 @@ def system_of(name):
     return closure_system(mechanism, mechanism.q_reference)
 
 
-def circumradius(arms):
-    """Of the triangles of the three spheres' centres, (K,)."""
-    centres = np.array([spheres.sphere_centres(row) for row in arms])
-    one, two = centres[:, 1] - centres[:, 0], centres[:, 2] - centres[:, 0]
-    edges = [np.linalg.norm(edge, axis=1) for edge in (one, two, one - two)]
-    return np.prod(edges, axis=0) / (2.0 * np.linalg.norm(np.cross(one, two), axis=1))
-
-
 @pytest.mark.parametrize("points", SIZES)
 @pytest.mark.parametrize(("half", "told"), [(0.0, 0.8), (0.02, 0.4), (0.05, 0.03)])
 def test_no_delta_closes_where_it_says_so(half, told, points):
@@ -39,18 +30,9 @@ def test_no_delta_closes_where_it_says_so(half, told, points):
     arms = np.random.default_rng(0).uniform(-np.pi, np.pi, (points, 3))
     empty = platform_empty(system, platform_of(system), arms, np.full_like(arms, half))
     inside = arms + half * np.random.default_rng(1).uniform(-1.0, 1.0, arms.shape)
-    missed = circumradius(inside) > spheres.FOREARM
+    missed = spheres.circumradius(inside) > spheres.FOREARM
     assert not np.any(empty & ~missed)
     assert np.mean(empty) > told * np.mean(missed)
-
-
-def modes_of_3rrr(angles):
-    """How many assembly modes three motors' angles (K, 3) have: the knees are the base of a 3-RPR."""
-    way = np.exp(1j * three_legs.DIRECTIONS)
-    knees = three_legs.BASE_RADIUS * way + three_legs.PROXIMAL * np.exp(1j * angles)
-    pins = three_legs.PLATFORM_RADIUS * way
-    shape = knees[:, 1:2] - knees[:, :1], knees[:, 2:] - knees[:, :1], pins[1] - pins[0], pins[2] - pins[0]
-    return sextic.modes(np.full((len(angles), 3), three_legs.DISTAL), shape=shape)
 
 
 @pytest.mark.parametrize("points", SIZES)
@@ -60,7 +42,7 @@ def test_no_3rrr_closes_where_it_says_so(half, told, points):
     system, rng = system_of("planar_3rrr"), np.random.default_rng(2)
     centres = rng.uniform(-np.pi, np.pi, (points, 3))
     empty = platform_empty(system, platform_of(system), centres, np.full_like(centres, half))
-    modes, doubtful = modes_of_3rrr(centres + half * rng.uniform(-1.0, 1.0, centres.shape))
+    modes, doubtful = three_legs.modes(centres + half * rng.uniform(-1.0, 1.0, centres.shape))
     assert not np.any(empty & ~doubtful & (modes > 0))
     assert np.mean(empty) > told * np.mean(modes == 0)
 
@@ -108,7 +90,7 @@ def test_cells_of_an_atlas_are_emptied():
     q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
     atlas = certify(mechanism, q0, max_depth=4, exhaustive=True, resolution=0.1, seconds=20.0)
     q = np.random.default_rng(3).uniform(-np.pi, np.pi, (20_000, 3))
-    modes, doubtful = modes_of_3rrr(q)
+    modes, doubtful = three_legs.modes(q)
     empty = atlas.status(q) == CellStatus.EMPTY
     assert not np.any(empty & ~doubtful & (modes > 0))
     assert empty.mean() > 0.02

@@ -20,6 +20,14 @@ def sphere_centres(arms):
     return np.column_stack([radial * np.cos(YAW), radial * np.sin(YAW), -ARM * np.sin(arms)])
 
 
+def circumradius(arms):
+    """Of the triangles of the three spheres' centres, for arm angles (K, 3), of shape (K,)."""
+    centres = np.array([sphere_centres(row) for row in arms])
+    one, two = centres[:, 1] - centres[:, 0], centres[:, 2] - centres[:, 0]
+    edges = [np.linalg.norm(edge, axis=1) for edge in (one, two, one - two)]
+    return np.prod(edges, axis=0) / (2.0 * np.linalg.norm(np.cross(one, two), axis=1))
+
+
 def forward(arms):
     """Platform position: the lower of the two points at distance FOREARM from the three centres."""
     c1, c2, c3 = sphere_centres(np.asarray(arms))

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from . import planar_3rpr as sextic
 from .geometry import wrap
 
 BASE_RADIUS, PLATFORM_RADIUS, PROXIMAL, DISTAL = 0.35, 0.10, 0.20, 0.20
@@ -31,3 +32,12 @@ def inverse(x, z, theta):
 def configuration(p):
     """The parameters are the platform's x, z and θ."""
     return inverse(*p)
+
+
+def modes(angles):
+    """How many assembly modes three motors' angles (K, 3) have: the knees are the base of a 3-RPR."""
+    way = np.exp(1j * DIRECTIONS)
+    knees = BASE_RADIUS * way + PROXIMAL * np.exp(1j * angles)
+    pins = PLATFORM_RADIUS * way
+    shape = knees[:, 1:2] - knees[:, :1], knees[:, 2:] - knees[:, :1], pins[1] - pins[0], pins[2] - pins[0]
+    return sextic.modes(np.full((len(angles), 3), DISTAL), shape=shape)
