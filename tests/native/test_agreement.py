@@ -23,6 +23,7 @@ from ccpin.description import (
 from ccpin.description.closure_kinds import GAP, Fixed, LoopRows, Product, X, Y, Z
 from ccpin.dynamics.wrenches import wrench_rows
 from ccpin.simulation.forces import _Acting, _Bearings
+from tests.support import agreement
 from tests.support.agreement import (
     allowed,
     differences,
@@ -71,6 +72,20 @@ def test_models(path):
     if not path.exists():
         pytest.skip(f"no {path}: these files belong to others")
     compare_states(path, 12)
+
+
+@pytest.mark.parametrize("name", ["g", "acceleration", "da_dq"])
+def test_an_error_that_is_no_rounding_is_seen(name, monkeypatch):
+    """An error of 4e-12 at every state is not taken for rounding errors."""
+    mechanism, native_ones = ccpin.load("sarrus"), agreement._native
+
+    def altered(*arguments):
+        yield from ((n, np.asarray(value) * (1.0 + 4e-12 * (n == name))) for n, value in native_ones(*arguments))
+
+    monkeypatch.setattr(agreement, "_native", altered)
+    model, kernel, rng = reference_model(mechanism), native.kernel(mechanism), np.random.default_rng(1)
+    found = differences(model, kernel, np.array([0.2]), rng)
+    assert [one.name for one in found if one.relative > one.allowed] == [name]
 
 
 @pytest.mark.slow
