@@ -141,16 +141,31 @@ def test_a_branch_with_a_turned_platform_is_not_entered():
             model.sigma(q, guess)
 
 
+def beside_the_end(model, rng, q, near, count):
+    """Queries (count, n) about where σ ends along a line from q, of all distances down to 1e-9 of the way there."""
+    way, least, most = rng.normal(size=len(q)), 0.0, 3.0
+    for _ in range(8):
+        places = np.linspace(least, most, BATCH)
+        told = np.array([k for k, _ in answers(model, q + places[:, None] * way, near)])
+        lost = np.setdiff1d(np.arange(BATCH), told)
+        if not lost.size or lost[0] == 0:
+            break
+        least, most = places[lost[0] - 1], places[lost[0]]
+    return q + least * (way + around(rng, count, len(q), -9.0))
+
+
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("name", OTHERS)
 def test_the_way_back_ends_at_the_start(name, size):
-    """A line lifted to a branch and back ends where it began, which it would not after a jump."""
+    """A line lifted to a branch and back ends where it began, which it would not after a jump; a third end at folds."""
     model, oracle = ccpin.ReducedModel(ccpin.load(name)), OTHERS[name]
     mechanism, rng, seen = model.mechanism, np.random.default_rng(74), 0
     for k in range(2 * size):
         start = named(mechanism, oracle.configuration(rng.uniform(*oracle.BOX.T)))
         q_start = model.alpha(start)
-        queries = q_start + rng.uniform(-1.0, 1.0, (BATCH, len(q_start))) * (1.0 if k % 2 else 0.1)
+        queries = q_start + rng.uniform(-1.0, 1.0, (BATCH, len(q_start))) * (1.0 if k % 3 else 0.1)
+        if k % 3 == 1:
+            queries = beside_the_end(model, rng, q_start, start, BATCH)
         for i, q_free in answers(model, queries[:4], start):
             try:
                 back = model.sigma(q_start, q_free)

@@ -219,6 +219,14 @@ def test_random_mechanisms(drawn, seed):
     compare_random(ccpin.load(drawn.description), seed)
 
 
+@pytest.mark.slow
+@settings(max_examples=200, deadline=None)
+@given(mechanisms(), seeds)
+def test_random_mechanisms_thoroughly(drawn, seed):
+    """The same for two hundred of them."""
+    compare_random(ccpin.load(drawn.description), seed)
+
+
 @settings(max_examples=20)
 @given(mechanisms(), seeds)
 def test_random_couplings(drawn, seed):
