@@ -76,6 +76,22 @@ def test_a_verdict_survives_saving(torus, tmp_path):
     assert (again.verdict, again.reason) == (torus.verdict, torus.reason)
 
 
+def test_results_print_as_their_verdicts(rpdr):
+    """And no arrays: a proof has thousands of numbers."""
+    model, end = ccpin.ReducedModel(rpdr), SEED + 0.02
+    law = ccpin.control.PDSimpleGravity(model, end, 11.0, 1.0)
+    for result in (
+        certify_path(rpdr, [SEED, end]),
+        ccpin.domain.theorem2(rpdr, rpdr.q_reference),
+        ccpin.control.certify_law(law),
+        ccpin.validated.enclose(model, law, SEED, None, 2e-3),
+        ccpin.validated.enclose_set(model, law, SEED, None, 1e-3, spread=1e-5, parts=1),
+    ):
+        assert repr(result) == f"{type(result).__name__}({result.verdict}: {result.reason})"
+        assert "array" not in repr(result)
+        assert len(repr(result)) < 400
+
+
 @pytest.mark.parametrize("tube", [0.0, 1e-4])
 def test_paths_into_the_boundary_are_refuted_at_it(rpdr, tube):
     """Of forty ends in all directions, each refuted path's witness lies on the closed form's fold and in the tube."""

@@ -110,8 +110,8 @@ def verify(
     from the seed's by such neighbours; that cells called singular hold a singular configuration; and that those called
     empty hold none, where that can be told by the triangle inequality, by the lengths of legs that meet in one body, or
     by a search of all values of up to six dependent coordinates (a claim counts as looked at if so); and, by such a
-    search, how many there are over the cells of sheets that are counted, none of them singular. Of a workspace's boxes it is proved that they keep the document's
-    limits, that the motors determine the motion, and its dexterity.
+    search, how many there are over the cells of sheets that are counted, none of them singular. Of a workspace's boxes
+    it is proved that they keep the document's limits, that the motors determine the motion, and its dexterity.
 
     Of singular curves: that each tube holds one and no other singular configuration; that it is the next tube's curve
     too, and closed curves' last tube's the first's; and that no part of the region has singular configurations, in any

@@ -67,6 +67,9 @@ class CertifiedPath:
     pieces: PPoly
     problem: Problem
 
+    def __repr__(self) -> str:
+        return f"CertifiedPath({self.verdict}: {self.reason})"
+
     def sigma(self, t: ArrayLike) -> Array:
         """q′ = σ(q(t)) along the certified part: (nq,) for a number, (K, nq) for an array (K,).
 

@@ -102,6 +102,9 @@ class MoveCertificate:
     enclosure: Enclosure
     tubes: tuple[Tube, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"MoveCertificate({self.verdict}: {self.reason})"
+
 
 def certify_move(
     model: ReducedModel | Mechanism,

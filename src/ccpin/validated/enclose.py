@@ -100,6 +100,9 @@ class Enclosure:
     steps: tuple[Step, ...]
     start: tuple[Ball, ...]
 
+    def __repr__(self) -> str:
+        return f"Enclosure({self.verdict}: {self.reason})"
+
     @property
     def smallest_determinant(self) -> float:
         """A lower bound of |det ψ_q′| along the whole trajectory (infinite without steps)."""

@@ -40,6 +40,9 @@ class SetEnclosure:
     reason: str
     tubes: tuple[Tube, ...]
 
+    def __repr__(self) -> str:
+        return f"SetEnclosure({self.verdict}: {self.reason})"
+
     def contains(self, t: float, q: ArrayLike, v: ArrayLike, tolerance: float = 0.0, *, effort: ArrayLike = ()) -> bool:
         """Whether a state at a time is in one of the tubes, widened by a part of its width; computed.
 

@@ -71,6 +71,9 @@ class Tube:
     enclosure: Enclosure
     slices: tuple[Slice, ...]
 
+    def __repr__(self) -> str:
+        return f"Tube({self.verdict}: {self.reason})"
+
     @property
     def duration(self) -> float:
         """How far the tube is proven, s."""

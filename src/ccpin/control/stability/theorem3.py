@@ -112,6 +112,9 @@ class SetPointCertificate:
     proved: int
     _region: _MemberCells | _SampledRegion | None = field(repr=False)
 
+    def __repr__(self) -> str:
+        return f"SetPointCertificate({self.verdict}: {self.reason})"
+
     @property
     def verdict(self) -> Verdict:
         """See the attributes."""

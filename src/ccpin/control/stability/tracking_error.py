@@ -88,6 +88,9 @@ class TrackingCertificate:
     _tube: Tube = field(repr=False)
     _room: Array = field(repr=False)
 
+    def __repr__(self) -> str:
+        return f"TrackingCertificate({self.verdict}: {self.reason})"
+
     @property
     def error(self) -> Array:
         """A bound of |e_i(t)| for all t ≥ 0, of shape (n,); infinite where nothing is proved."""

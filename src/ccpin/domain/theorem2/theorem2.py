@@ -109,6 +109,9 @@ class Theorem2Result:
     centre: Array
     uniqueness: float
 
+    def __repr__(self) -> str:
+        return f"Theorem2Result({self.verdict}: {self.reason})"
+
 
 class CentreBounds(NamedTuple):
     """Upper bounds at a centre, rounding included: ω, γ and the length of A F(z₀)."""
