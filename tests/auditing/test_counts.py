@@ -156,3 +156,12 @@ def test_counts_of_the_3rpr(tmp_path):
 
     read, look = looker(changed(path, tmp_path, plant))
     assert counts.counted(look, row_of(read, cells[0])) is False
+
+
+@pytest.mark.slow
+def test_all_of_the_rpdrs_sheets(tmp_path):
+    """Every claim of the document that `certify_sheets` writes of the torus, some 16,000, in three minutes."""
+    certify_sheets(ccpin.load("rpdr"), TORUS).save(tmp_path / "sheets.json")
+    audit = verify(tmp_path / "sheets.json")
+    assert audit.whole
+    assert audit.holds, str(audit)
