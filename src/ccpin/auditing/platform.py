@@ -35,12 +35,16 @@ _TRIES = 150  # values of λ for each of its numbers
 
 
 class _Leg(NamedTuple):
-    """One closure: its rows, the number of the chain that is the leg, where that is cut, and β as a column."""
+    """One closure: its rows, the number of the chain that is the leg, where that is cut, β as a column, and its length.
+
+    That length is the point's from the body's last joint, which for two rows may be more than |β|.
+    """
 
     rows: tuple[int, ...]
     number: int
     cut: int
     beta: arb_mat
+    far: arb
 
 
 class Platform:
@@ -91,7 +95,7 @@ class Platform:
                 slope = _blurred(weights * along)
                 for i in range(self.size):
                     slopes[self.independent.index(joint)][k, i] += slope[i, 0]
-            squares.append(_square(behind, size_of(leg.beta)))
+            squares.append(_square(behind, leg.far))
         deltas = [balls[j] - middle[j] for j in self.independent]
         return _Ends(_rows(at), _rows(over), slopes, deltas, squares)
 
@@ -161,7 +165,7 @@ def _leg(reach: Reach, group: Group, side: int) -> _Leg | None:
     rotation = exact(np.eye(3))
     for turn in body.turns:
         rotation = rotation * turn.rotation
-    return _Leg(group.rows, number, cut, weights * (rotation * body.tip))
+    return _Leg(group.rows, number, cut, weights * (rotation * body.tip), size_of(body.tip))
 
 
 def _turns_as_seen(body: Path, weights: arb_mat) -> bool:
@@ -199,11 +203,11 @@ def _blurred(vector: arb_mat) -> arb_mat:
     return arb_mat(vector.nrows(), 1, [x + room for x in vector.entries()])
 
 
-def _square(behind: list[tuple[arb, arb]], beta: arb) -> arb:
-    """l² of segments of which the most and the least are known, uncertain by `TILT` of them and of β."""
+def _square(behind: list[tuple[arb, arb]], far: arb) -> arb:
+    """l² of segments of which the most and the least are known, uncertain by `TILT` of them and of what is `far`."""
     total = sum((most for most, _ in behind), arb(0))
     least = max((low + high - total for high, low in behind), key=lambda x: float(x.lower()), default=arb(0))
-    length = total.union(least if least > 0 else arb(0)) + arb(0, TILT) * (total + beta)
+    length = total.union(least if least > 0 else arb(0)) + arb(0, TILT) * (total + far)
     return length * length
 
 
