@@ -259,6 +259,12 @@ def _checked_there(tasks: Iterable[Any]) -> list[Result]:
 
 
 def _checked(held: _Held, tasks: Iterable[Any]) -> list[Result]:
+    looks = _looks(held)
+    return [(kind, *looks[kind](what)) for kind, what in tasks]
+
+
+def _looks(held: _Held) -> dict[str, Callable[[Any], tuple[tuple[int, ...], bool | None]]]:
+    """How each kind of claim is looked at: which one it is, and whether it was proved."""
     from ccpin.auditing.boxes import proved
     from ccpin.auditing.counts import counted
     from ccpin.auditing.curves import goes_on, one_curve
@@ -266,28 +272,18 @@ def _checked(held: _Held, tasks: Iterable[Any]) -> list[Result]:
     from ccpin.auditing.gluing import same_solution
     from ccpin.auditing.singular import singular
 
-    results: list[Result] = []
     document, closures, cells = held
-    for kind, what in tasks:
-        if kind == "box":
-            results.append((kind, (what,), proved(closures, document, what, _CUTS)))
-        elif kind == "glue":
-            results.append((kind, (what.first, what.second), same_solution(closures, document, what)))
-        elif kind == "empty":
-            results.append((kind, (int(document.empty.number[what]),), cells.proved(what)))
-        elif kind == "demand":
-            results.append((kind, (what,), met(closures, document, what, _CUTS)))
-        elif kind == "count":
-            results.append((kind, (int(document.counts.cells.number[what]),), counted(cells, what)))
-        elif kind == "tube":
-            results.append((kind, (what,), one_curve(closures, document, what)))
-        elif kind == "joint":
-            results.append((kind, what, goes_on(closures, document, *what)))
-        elif kind == "cover":
-            results.append((kind, (what,), cells.proved(what)))
-        else:
-            results.append((kind, (int(document.singular.number[what]),), singular(closures, document, what)))
-    return results
+    return {
+        "box": lambda k: ((k,), proved(closures, document, k, _CUTS)),
+        "glue": lambda face: ((face.first, face.second), same_solution(closures, document, face)),
+        "empty": lambda k: ((int(document.empty.number[k]),), cells.proved(k)),
+        "singular": lambda k: ((int(document.singular.number[k]),), singular(closures, document, k)),
+        "demand": lambda k: ((k,), met(closures, document, k, _CUTS)),
+        "count": lambda k: ((int(document.counts.cells.number[k]),), counted(cells, k)),
+        "tube": lambda k: ((k,), one_curve(closures, document, k)),
+        "joint": lambda pair: (pair, goes_on(closures, document, *pair)),
+        "cover": lambda k: ((k,), cells.proved(k)),
+    }
 
 
 def _reached(document: Document, seed: NDArray[np.float64], pairs: list[tuple[int, int]]) -> Claim:
