@@ -37,16 +37,7 @@ from ccpin.domain.boxes import SLACK, Problem
 from ccpin.domain.curves.covering import Nearby
 from ccpin.domain.curves.following import Chain
 from ccpin.domain.curves.system import values_at
-from ccpin.domain.curves.tubes import (
-    Frames,
-    Points,
-    Tubes,
-    bounds_of,
-    glued,
-    inverse_without,
-    places_in,
-    zeros_in,
-)
+from ccpin.domain.curves.tubes import Frames, Points, Tubes, bounds_of, glued, inverse_without, places_in, zeros_in
 from ccpin.domain.newton import without_turns
 
 _LAST = 4  # tubes of a chain from which it may go on in another
@@ -92,7 +83,8 @@ def held(problem: Problem, tubes: Tubes, others: Tubes) -> Mask:
         if not row.size:
             break
         middle = zeros_in(problem, tubes.take(row), s)
-        going = ~nearby.hold(_around(problem, tubes.take(row), _Piece(s, half), middle))
+        with np.errstate(all="ignore"):
+            going = ~nearby.hold(_around(problem, tubes.take(row), _Piece(s, half), middle))
         found[row[~nearby.hold(middle)]] = False  # and no shorter piece is
         going &= found[row]
         row, s, half = np.tile(row[going], 2), s[going], 0.5 * half[going]
@@ -125,16 +117,15 @@ def _around(problem: Problem, tubes: Tubes, piece: _Piece, middle: Points) -> Po
     """Boxes that hold the curve on a piece of each tube, about its middle zero."""
     size, rows, half = problem.system.n_free, np.arange(len(piece.s)), piece.half
     values = values_at(problem, middle.x[:, :size], middle.x[:, size:], tubes.pairing)
-    with np.errstate(all="ignore"):
-        tangent = np.linalg.svd(values.slope)[2][:, -1]
-        tangent *= (tubes.tangent[rows, tubes.along] / tangent[rows, tubes.along])[:, None]
-        radius = np.abs(tubes.x + piece.s[:, None] * tubes.tangent - middle.x) + tubes.hull + _ROUNDING
-        radius += half[:, None] * np.abs(tubes.tangent - tangent)
-        radius[rows, tubes.along] = 0.0
-        frames = Frames(tubes.along, tangent, inverse_without(values.slope, tubes.along))
-        for _ in range(_PASSES):
-            bounds = bounds_of(problem, values, frames, half, radius)
-            radius = np.fmin(radius, (bounds.y + apply(bounds.z, radius)) * SLACK)
+    tangent = np.linalg.svd(values.slope)[2][:, -1]
+    tangent = tangent * (tubes.tangent[rows, tubes.along] / tangent[rows, tubes.along])[:, None]
+    radius = np.abs(tubes.x + piece.s[:, None] * tubes.tangent - middle.x) + tubes.hull + _ROUNDING
+    radius += half[:, None] * np.abs(tubes.tangent - tangent)
+    radius[rows, tubes.along] = 0.0
+    frames = Frames(tubes.along, tangent, inverse_without(values.slope, tubes.along))
+    for _ in range(_PASSES):
+        bounds = bounds_of(problem, values, frames, half, radius)
+        radius = np.fmin(radius, (bounds.y + apply(bounds.z, radius)) * SLACK)
     return Points(middle.x, (half[:, None] * np.abs(tangent) + radius) * SLACK + _ROUNDING)
 
 

@@ -6,9 +6,9 @@ in its tubes, or in a box that one of them lists.
 
 *Proof.* Its q lies in one of the regions, whose cover claims that. ∎
 
-A search goes 1e-12 beyond the bounds of its region each way, so that nothing is between two bounds which rounding sets
-apart. Curves that are proved to be one are listed as one (`joining`), in tubes that hold all that theirs held. Where
-that is not proved both stay: the claim is the same, and one curve is listed twice.
+A search goes beyond the bounds of its region by more than rounding sets two bounds apart (`search.BEYOND`), so that
+nothing is between them. Curves that are proved to be one are listed as one, in tubes that hold all that theirs held
+(`joining`). Where that is not proved both stay: the claim is the same, and one curve is listed twice.
 """
 
 from __future__ import annotations
@@ -26,9 +26,10 @@ from ccpin.domain.curves.cover import SingularCover
 from ccpin.domain.curves.curve import as_curve
 from ccpin.domain.curves.following import Chain
 from ccpin.domain.curves.joining import one_of_each
+from ccpin.domain.curves.search import BEYOND
 from ccpin.errors import InvalidInputError
 
-_ALIGNED = 1e-13  # of bounds (rad, m): well below what a search goes beyond them
+_ALIGNED = 0.1 * BEYOND  # of bounds (rad, m)
 _LIMITS = ("interrupted", "budget")
 
 

@@ -25,6 +25,8 @@ from ccpin.domain.curves.tubes import Points, Tubes
 from ccpin.domain.sheets.candidates import Ranges
 from ccpin.domain.sheets.narrowing import Candidates
 
+BEYOND = 1e-12
+"""How far a search goes beyond its region and ranges each way."""
 _MANY, _SMALL = 500, 0.15  # boxes, or the largest edge of all: from here on curves are looked for
 _MOST_STARTS = 20
 _NEWTON = 20
@@ -120,7 +122,7 @@ class Search:
             (system.dependent, ranges.lower, ranges.upper),
             (system.independent, region.lower, region.upper),
         ):
-            centre[:, columns], half[:, columns] = 0.5 * (lower + upper), 0.5 * (upper - lower) + 1e-12
+            centre[:, columns], half[:, columns] = 0.5 * (lower + upper), 0.5 * (upper - lower) + BEYOND
         return Candidates(np.zeros(1, dtype=np.intp), centre, half, np.zeros((1, system.m, system.n)))
 
     def _kept(self, waiting: Candidates) -> Candidates:
