@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 
 from ccpin import domain
+from ccpin.arrays import apply
 from ccpin.cli import main
 from ccpin.domain import merge, split_region
 from ccpin.domain.atlas.cells import Region
 from ccpin.domain.curves import joining
 from ccpin.domain.curves.following import Chain
-from ccpin.domain.curves.joining import held, one_of_each, without_held
+from ccpin.domain.curves.joining import _around, _Piece, held, one_of_each, without_held
 from ccpin.domain.curves.merging import filled
+from ccpin.domain.curves.system import first_order
 from ccpin.domain.curves.tubes import Points, places_in, zeros_in
 from ccpin.errors import InvalidInputError
 from tests.oracles import five_bar as oracle
@@ -302,6 +304,35 @@ def test_a_curve_that_another_holds_is_left_out(ring):
     turned = pieces(whole, [(7, 7 + len(whole.tubes.half))], (True,))[0]._replace(closed=True)
     found = without_held(problem, [whole, fold, arc, turned])
     assert sorted(chain.closed for chain in found) == [False, True]
+
+
+@pytest.fixture(scope="module")
+def cusped():
+    """The curve of the 3-RPR through a cusp."""
+    found = domain.certify_singularities(load_slice(), SLICE)
+    return found.problem, found.curves[0].tubes
+
+
+def on_the_curve(problem, tubes, s):
+    """x at parameters of tubes, by many steps of Newton's method with the tubes' gain."""
+    x, size = zeros_in(problem, tubes, s).x, problem.system.n_free
+    for _ in range(60):
+        x = x - apply(tubes.gain, first_order(problem, x[:, :size], x[:, size:], tubes.pairing)[0])
+    return x
+
+
+@pytest.mark.parametrize("share", [1.0, 0.3, 1e-3])
+@pytest.mark.parametrize("name", ["rpdr", "3-RPR"])
+def test_boxes_about_pieces_hold_the_curve(ring, cusped, name, share):
+    """Lemma J's boxes against the curve at random parameters of each piece; those about short ones hold little else."""
+    problem, tubes = (ring[0], ring[2].tubes) if name == "rpdr" else cusped
+    rng, half = np.random.default_rng(9), share * tubes.half
+    s = rng.uniform(-1.0, 1.0, len(half)) * (tubes.half - half)
+    box = _around(problem, tubes, _Piece(s, half), zeros_in(problem, tubes, s))
+    moves = (-1.0, 1.0, *rng.uniform(-1.0, 1.0, 20))
+    off = np.array([np.abs(on_the_curve(problem, tubes, s + move * half) - box.x) for move in moves])
+    assert np.all(off <= box.error + 1e-12)
+    assert share > 0.1 or np.all(box.error <= 1.2 * off.max(axis=0) + 0.01 * half[:, None])
 
 
 def test_arcs_said_to_be_held_are_held(rpdr, ring):

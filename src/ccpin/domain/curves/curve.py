@@ -26,7 +26,7 @@ class CertifiedCurve(NamedTuple):
         q: Image of the tubes' middles in the independent coordinates, of shape (k, 2); one row for a self-motion.
         q_free: The middles of the tubes, in order, of shape (k, nq).
         closed: Whether it is proved to close on itself (turns of 2π of a joint not counted). What is not closed leaves
-            the region, or ends where it could not be followed.
+            the region, or ends where it could not be followed or, of covers merged, was not proved to go on in another.
         error: A singular configuration of the curve is this near each middle in every coordinate (rad, m), (k,).
         radius: The whole arc in a tube is this near its middle, (k,).
         tubes: The tubes themselves.
