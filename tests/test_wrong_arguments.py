@@ -46,6 +46,7 @@ class Bench:
         self.box = (self.q - 0.02, self.q + 0.02)
         self.atlas = domain.certify(self.whole, self.q, region=self.box)
         self.sheets = domain.certify_sheets(self.whole, self.box, max_depth=2)
+        self.cover = domain.certify_singularities(self.whole, self.box)
         self.certificate = control.certify_law(self.law, self.box)
 
     def methods(self, thing, skip=()):
@@ -213,7 +214,12 @@ def _domain(b):
             {"mechanism": b.whole, "region": b.box, "resolution": 0.1, "budget": 1000, "seconds": None}
             | {"bounds": "auto"},
         ),
-        "merge": (domain.merge, {"atlases": [b.atlas]}),
+        "merge": (domain.merge, {"parts": [b.atlas]}),
+        "merge of covers": (domain.merge, {"parts": [b.cover]}),
+        "SingularCover.continued": (
+            b.cover.continued,
+            {"resolution": 0.1, "budget": 1000, "seconds": None, "bounds": "auto"},
+        ),
         "split_region": (domain.split_region, {"region": b.box, "parts": 2}),
         "cusps": (domain.cusps, {"mechanism": b.whole, "region": b.box, "curves": ()}),
         "certify_workspace": (

@@ -16,6 +16,7 @@ pytest.importorskip("flint")
 from ccpin.auditing import closures, covering, curves, document, verify
 
 REGION = np.array([[0.9, 1.0], [2.2, 2.3]])  # of the RPDR, with the isolated point and a piece of the fold
+FOLD = np.deg2rad([[100.0, 35.0], [140.0, 75.0]])  # of the RPDR: a piece of its fold, across both middles
 SLICE = np.array([[0.168, 0.247], [0.192, 0.271]])  # of the 3-RPR, with a cusp
 CROSSING = oracle.FiveBar(0.2, 0.3, 0.2, 0.3, 0.4)  # the fold crosses itself at q = 0
 CASES = {"rpdr": REGION, "3-RPR": SLICE, "five-bar": np.array([[0.1, 0.1], [0.5, 0.5]])}
@@ -165,6 +166,33 @@ def test_a_missing_curve_is_found(region, tmp_path, monkeypatch):
         cover, crossed = parts_on(read, found.curves[k].tubes.theta)
         assert crossed.size
         assert not cover.proved(int(crossed[0]))
+
+
+def test_merged_covers_are_proved_and_a_missing_curve_is_found(tmp_path, monkeypatch):
+    """Four quarters, the fold across both seams: proved whole; without the fold the parts that it crosses are not."""
+    monkeypatch.setattr(covering, "_BUDGET", 4000)
+    rpdr = ccpin.load("rpdr")
+    quarters = [domain.certify_singularities(rpdr, part) for part in domain.split_region(FOLD, 4)]
+    merged = domain.merge(quarters)
+    merged.save(tmp_path / "merged.json")
+    audit = verify(tmp_path / "merged.json", sample=6)
+    assert audit.holds, str(audit)
+    (curve,) = merged.curves
+    assert claim(audit, "one singular curve").of == len(curve.radius)
+    assert claim(audit, "goes on").of == len(curve.radius) - 1
+    cover, crossed = parts_on(document.read(tmp_path / "merged.json"), curve.tubes.theta)
+    assert crossed.size > 1
+    assert all(cover.proved(int(k)) for k in crossed[:2])
+    domain.SingularCover(**{**vars(merged), "curves": ()}).save(tmp_path / "without.json")
+    cover, crossed = parts_on(document.read(tmp_path / "without.json"), curve.tubes.theta)
+    assert not any(cover.proved(int(k)) for k in crossed[:2])
+    region = quarters[0].region  # of one quarter the document claims all the same for the whole region
+    domain.SingularCover(**{**vars(quarters[0]), "region": merged.region}).save(tmp_path / "quarter.json")
+    cover, crossed = parts_on(document.read(tmp_path / "quarter.json"), curve.tubes.theta)
+    q = np.array([0.5 * (cover.parts[k].low + cover.parts[k].high)[[0, 2]] for k in crossed])
+    beyond = crossed[np.any(q > region.upper + 0.1, axis=1)]
+    assert beyond.size
+    assert not cover.proved(int(beyond[-1]))
 
 
 def test_what_is_not_listed_is_found(region, tmp_path, monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 
 from ccpin.cli import main
 from ccpin.description import find_file
-from ccpin.domain import Atlas, SheetAtlas, certified_radius
+from ccpin.domain import Atlas, SheetAtlas, SingularCover, certified_radius
 
 CENTRE = ["--centre-deg", "-108", "-72"]
 REGION = ["--lower-deg", "-150", "-160", "--upper-deg", "-90", "-100"]
@@ -139,3 +139,18 @@ def test_singular_curves_are_told(tmp_path, capsys):
     assert main(["domain", "rpdr", "--curves", "--centre-deg", "57", "123"]) == 1
     assert main(["domain", "rpdr", "--curves", "--depth", "3"]) == 1
     assert "--curves takes no --depth" in capsys.readouterr().err
+
+
+def test_workers_and_chunks_give_the_same_curves(tmp_path, capsys):
+    """`--curves` with --workers 2 and a folder of chunks: the tubes of this process, bit for bit."""
+    request = ["domain", "rpdr", "--curves", "--lower-deg", "100", "35", "--upper-deg", "140", "75", "--json"]
+    more = ["--workers", "2", "--checkpoint", str(tmp_path / "chunks")]
+    assert main([*request, "--save", str(tmp_path / "here.npz")]) == 0
+    assert main([*request, "--save", str(tmp_path / "there.npz"), *more]) == 0
+    here, there = (SingularCover.load(tmp_path / f"{name}.npz") for name in ("here", "there"))
+    assert here.curves
+    for one, other in zip(here.curves, there.curves, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(one.tubes, other.tubes, strict=True))
+    assert here.tried == there.tried
+    assert list((tmp_path / "chunks").glob("*.npz"))
+    capsys.readouterr()

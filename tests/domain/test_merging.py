@@ -174,7 +174,7 @@ def test_what_does_not_belong_together_is_refused(rpdr):
         "other closures": [one, certify(ccpin.load("four_bar"), (0.7,), max_depth=2)],
         "holds other coordinates": [one, over((right[0], [right[1][0], right[0][1]]))],
         "nothing to merge": [],
-        r"atlases\[1\] must be an Atlas": [one, "two"],
+        r"parts\[1\] must be an Atlas": [one, "two"],
     }
     for message, atlases in cases.items():
         with pytest.raises(InvalidInputError, match=message):

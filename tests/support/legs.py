@@ -9,10 +9,10 @@ LEG1 = 0.1498
 WHOLE = np.array([[0.03, 0.03], [0.4, 0.4]])  # leg2 and leg3, m
 
 
-def load_slice(leg1=LEG1):
+def load_slice(leg1=LEG1, independent=None):
     """The mechanism with n = 2."""
     pose = {"leg1": leg1, "leg2": 0.15, "leg3": 0.17}
-    return ccpin.load(ROOT / "docs/howto/planar_3rpr.urdf", locked=["leg1"], reference=pose)
+    return ccpin.load(ROOT / "docs/howto/planar_3rpr.urdf", locked=["leg1"], independent=independent, reference=pose)
 
 
 def with_first_leg(q):

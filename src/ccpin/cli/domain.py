@@ -14,6 +14,7 @@ import shtab
 
 from ccpin.arrays import Array
 from ccpin.cli.command import complete, count, index
+from ccpin.cli.covers import curve_facts, curves_in_words
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import busy, progress_bar
 from ccpin.dynamics import ReducedModel
@@ -153,34 +154,20 @@ def _curves(options: argparse.Namespace, mechanism: Mechanism, region: tuple[Arr
 
     if vector(options, "centre", mechanism) is not None:
         raise InvalidInputError("singular curves are of every assembly mode: --curves takes a region, no --centre")
-    for name in ("depth", "checkpoint", "workers", "scheduler"):
-        if getattr(options, name) is not None:
-            raise InvalidInputError(f"--curves takes no --{name}: it is one search in this process")
-    with busy(options.json, "covering the region and following curves"):
-        cover = domain.certify_singularities(mechanism, region)
+    if options.depth is not None:
+        raise InvalidInputError("--curves takes no --depth: boxes are halved until they are settled")
+    with _executor(options.scheduler) as executor, busy(options.json, "covering the region and following curves"):
+        cover = domain.certify_singularities(
+            mechanism, region, workers=options.workers, executor=executor, checkpoint=options.checkpoint
+        )
     if options.save is not None:
         cover.save(options.save)
     if options.plot is not None:
         drawn = plotting.plot_singularities(mechanism, [curve.points for curve in cover.curves])
         plotting.save(drawn, options.plot / "singularities.png")
-    curves = [
-        {"kind": curve.kind, "closed": curve.closed, "tubes": len(curve.radius), "error": float(curve.error.max())}
-        for curve in cover.curves
-    ]
-    facts: dict[str, Any] = {"verdict": cover.verdict, "reason": cover.reason, "curves": curves}
-    facts |= {"uncovered": len(cover.uncovered.lower), "complete": cover.complete}
-    print(json.dumps(facts, indent=2) if options.json else _curves_in_words(mechanism, facts))
+    facts = curve_facts(cover)
+    print(json.dumps(facts, indent=2) if options.json else f"{mechanism.name}: {curves_in_words(facts)}")
     return 0 if cover.complete else 130
-
-
-def _curves_in_words(mechanism: Mechanism, facts: dict[str, Any]) -> str:
-    lines = [f"{mechanism.name}: {facts['verdict']}: {facts['reason']}"]
-    for k, curve in enumerate(facts["curves"]):
-        ends = "closed" if curve["closed"] else "open"
-        lines.append(
-            f"curve {k}: {curve['kind']}, {ends}, {curve['tubes']} tubes, known to {curve['error']:.1e} (rad or m)"
-        )
-    return "\n".join(lines)
 
 
 def _sheets_in_words(mechanism: Mechanism, facts: dict[str, Any]) -> str:

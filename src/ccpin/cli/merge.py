@@ -1,4 +1,4 @@
-"""`ccpin merge`: atlases of parts of a region as the one atlas of the region."""
+"""`ccpin merge`: atlases, or covers of singular curves, of the parts of a region as one of the region."""
 
 from __future__ import annotations
 
@@ -10,25 +10,31 @@ from typing import Any
 import shtab
 
 from ccpin.cli.command import complete
+from ccpin.cli.covers import curve_facts, curves_in_words
+from ccpin.cli.documents import document
 from ccpin.cli.progress import busy
 
 _EXAMPLES = """\
 example: ccpin domain rpdr --lower-deg -150 -160 --upper-deg -120 -100 --save left.npz
          ccpin domain rpdr --lower-deg -120 -160 --upper-deg -90 -100 --save right.npz
-         ccpin merge left.npz right.npz --out both.npz"""
+         ccpin merge left.npz right.npz --out both.npz
+         ccpin domain rpdr --curves --lower-deg 100 35 --upper-deg 120 75 --save a.json
+         ccpin domain rpdr --curves --lower-deg 120 35 --upper-deg 140 75 --save b.json
+         ccpin merge a.json b.json -o c.json"""
 _FACTS = ("certified_fraction", "empty_fraction", "singular_fraction", "undecided_fraction", "unreached_fraction")
 
 
 def add_merge(commands: Any) -> None:
     """The command and its options."""
-    what = "put saved atlases of the parts of a region together: of one branch, the regions got by halving one box"
-    parser = commands.add_parser("merge", help=what, description=what, epilog=_EXAMPLES)
-    files = parser.add_argument(
-        "atlases", type=Path, nargs="+", metavar="FILE", help="what `ccpin domain --save` wrote"
+    what = (
+        "put saved atlases, or saved singular curves, of the parts of a region together: atlases of one branch whose "
+        "regions are got by halving one box, curves whose regions fill one"
     )
+    parser = commands.add_parser("merge", help=what, description=what, epilog=_EXAMPLES)
+    files = parser.add_argument("parts", type=Path, nargs="+", metavar="FILE", help="what `ccpin domain --save` wrote")
     complete(files, shtab.FILE)
     out = parser.add_argument(
-        "--out", type=Path, required=True, metavar="FILE", help="write it there (.json, else npz)"
+        "-o", "--out", type=Path, required=True, metavar="FILE", help="write it there (.json, else npz)"
     )
     complete(out, shtab.FILE)
     parser.add_argument("--json", action="store_true", help="print JSON")
@@ -36,14 +42,17 @@ def add_merge(commands: Any) -> None:
 
 
 def _merge(options: argparse.Namespace) -> int:
-    from ccpin.domain import Atlas, merge
+    from ccpin.domain import SingularCover, merge
 
     with busy(options.json, "gluing the parts"):
-        atlas = merge([Atlas.load(path) for path in options.atlases])
-        atlas.save(options.out)
-    facts: dict[str, Any] = {name: getattr(atlas, name) for name in (*_FACTS, "single_valued", "complete", "verdict")}
-    if options.json:
-        print(json.dumps(facts | {"boxes": len(atlas.boxes.kappa), "radius": atlas.radius}, indent=2))
+        merged: Any = merge([document(path) for path in options.parts])
+        merged.save(options.out)
+    if isinstance(merged, SingularCover):
+        facts = curve_facts(merged)
+        words = f"{merged!r}\n{curves_in_words(facts)}"
     else:
-        print(f"{atlas!r}\n{atlas.verdict}: {atlas.reason}\nwritten to {options.out}")
+        facts = {name: getattr(merged, name) for name in (*_FACTS, "single_valued", "complete", "verdict")}
+        facts |= {"boxes": len(merged.boxes.kappa), "radius": merged.radius}
+        words = f"{merged!r}\n{merged.verdict}: {merged.reason}"
+    print(json.dumps(facts, indent=2) if options.json else f"{words}\nwritten to {options.out}")
     return 0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import json
 from pathlib import Path
 from typing import Any
@@ -11,6 +10,7 @@ from typing import Any
 import shtab
 
 from ccpin.cli.command import complete, count
+from ccpin.cli.documents import document
 from ccpin.cli.progress import progress_bar
 
 _EXAMPLES = """\
@@ -53,11 +53,5 @@ def _verify(options: argparse.Namespace) -> int:
 
 def _is_about(path: Path, model: str) -> bool:
     import ccpin
-    from ccpin.domain import Atlas, SheetAtlas, SingularCover
-    from ccpin.errors import InvalidInputError
 
-    mechanism = ccpin.load(model)
-    for kind in (SingularCover, SheetAtlas):
-        with contextlib.suppress(InvalidInputError):
-            return kind.load(path).is_about(mechanism)
-    return Atlas.load(path).is_about(mechanism)
+    return bool(document(path).is_about(ccpin.load(model)))

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import CellStatus, Region
-from ccpin.domain.atlas.merging import merge, split_region
+from ccpin.domain.atlas.merging import split_region
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.atlas.run import Work
 from ccpin.domain.atlas.survey import certify
 from ccpin.domain.chains import scalar_coordinates_at
-from ccpin.domain.curves.cover import CertifiedCurve, CrossedCells, SingularCover, UncoveredBoxes
+from ccpin.domain.curves.cover import CrossedCells, SingularCover, UncoveredBoxes
+from ccpin.domain.curves.curve import CertifiedCurve
 from ccpin.domain.curves.curves import certify_singularities
 from ccpin.domain.cusps import Cusp, cusps
 from ccpin.domain.design import Design, design, scaled_links
 from ccpin.domain.largest import LargestWorkspace, largest_ball, largest_cube
+from ccpin.domain.merging import merge
 from ccpin.domain.one_box import kantorovich_radius, newton_steps
 from ccpin.domain.path import CertifiedPath, certify_path
 from ccpin.domain.sheets.search import certify_sheets

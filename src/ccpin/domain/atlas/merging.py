@@ -9,12 +9,11 @@ another assembly mode, and is refused. Every other shared face is glued too, or 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, instance, joined, numbers, rows_of, whole
+from ccpin.arrays import Array, Indices, Mask, joined, numbers, rows_of, whole
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import (
     TURN,
@@ -30,7 +29,7 @@ from ccpin.domain.atlas.cells import (
 )
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.atlas.singular import SingularCells
-from ccpin.domain.atlas.store import pack_problem
+from ccpin.domain.atlas.store import same_problem
 from ccpin.domain.newton import glued
 from ccpin.errors import InvalidInputError
 
@@ -67,28 +66,8 @@ def _halves(lower: Array, upper: Array, axis: int) -> list[tuple[Array, Array]]:
     return [(lower, below), (above, upper)]
 
 
-def merge(atlases: Sequence[Atlas]) -> Atlas:
-    """One atlas of several, which are of one branch over the parts of one region.
-
-    The parts are made by `certify` (or `certify_workspace`) each from a closed configuration of its own over it, with
-    any effort, anywhere; `split_region` has suitable regions. The first one's q₀ is that of the whole.
-
-    Args:
-        atlases: Atlases over regions that are got from one box by halving it, and its parts, along coordinates.
-
-    Returns:
-        The atlas of the whole region, complete if all are. It is saved, verified and asked as any other; faces between
-        two parts at which they were not shown to carry the same σ are in `unglued`.
-
-    Raises:
-        InvalidInputError: They are about other closures or demands, their regions overlap, leave a gap or are not got
-            by halving, or one of them is not proved to be on the first one's branch.
-    """
-    if not isinstance(atlases, Iterable):
-        raise InvalidInputError(f"atlases must be a list of atlases, not {type(atlases).__name__}")
-    parts = [instance(atlas, f"atlases[{k}]", Atlas, "an Atlas") for k, atlas in enumerate(atlases)]
-    if not parts:
-        raise InvalidInputError("there is nothing to merge: give atlases")
+def merge_atlases(parts: list[Atlas]) -> Atlas:
+    """One atlas of several, of which there is one at least; `ccpin.domain.merge` says the rest."""
     for k, other in enumerate(parts[1:], start=2):
         _refuse_others(parts[0], other, k)
     region = _whole(parts)
@@ -120,8 +99,7 @@ def _refuse_others(first: Atlas, other: Atlas, k: int) -> None:
             f"part {k} is about other closures than part 1: parts are of one mechanism as one file states it (where it "
             "has ball joints or distances, whose charts are centred at q0, from one q0)"
         )
-    (header, arrays), (header_k, arrays_k) = pack_problem(first.problem), pack_problem(other.problem)
-    if header != header_k or {*arrays} != {*arrays_k} or any(np.any(arrays[n] != arrays_k[n]) for n in arrays):
+    if not same_problem(first.problem, other.problem):
         raise InvalidInputError(f"part {k} has other bounds=, limits= or dexterity= than part 1: they must be the same")
     if np.any(first.region.held != other.region.held):
         raise InvalidInputError(f"part {k} holds other coordinates than part 1: slices are merged with slices")

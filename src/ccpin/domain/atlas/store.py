@@ -217,6 +217,13 @@ def pack_problem(problem: Problem) -> tuple[dict[str, Any], NamedArrays]:
     return header, arrays
 
 
+def same_problem(one: Problem, other: Problem) -> bool:
+    """Whether two problems are the same, bit for bit: closures, charts, bounds and demands."""
+    (header, arrays), (header_two, arrays_two) = pack_problem(one), pack_problem(other)
+    same = header == header_two and {*arrays} == {*arrays_two}
+    return same and all(np.array_equal(arrays[name], arrays_two[name]) for name in arrays)
+
+
 def unpack_problem(header: dict[str, Any], arrays: NamedArrays) -> Problem:
     """The problem that `pack_problem` packed."""
     chains = []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,31 +11,28 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Indices, Mask, instance, joined, matrix_rows, positive, rows_of, whole
+from ccpin.arrays import Array, Indices, Mask, instance, joined, matrix_rows, positive, whole
 from ccpin.domain.atlas import store
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import CellStatus, Region, leaves_holding
-from ccpin.domain.atlas.run import stoppable
+from ccpin.domain.atlas.run import Runner, Work, executor_for, stoppable
 from ccpin.domain.boxes import BoundsName, Problem, closure_values, problem_of
 from ccpin.domain.curves import covering, system, tubes
 from ccpin.domain.curves.covering import Nearby, extents
+from ccpin.domain.curves.curve import CertifiedCurve, as_curve, holds
 from ccpin.domain.curves.following import Chain
 from ccpin.domain.curves.search import Found, Place, Search
-from ccpin.domain.curves.system import values_at
-from ccpin.domain.curves.tubes import Frames, Points, Tubes, certify_tubes, glued, no_tubes, zeros_in
+from ccpin.domain.curves.tubes import Points, Tubes, no_tubes, zeros_in
 from ccpin.domain.newton import without_turns
 from ccpin.domain.sheets import narrowing
 from ccpin.domain.sheets.candidates import Ranges
 from ccpin.domain.sheets.narrowing import Candidates
-from ccpin.domain.singularities import CurveKind, SingularCurve
 from ccpin.domain.verdict import Verdict
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
-_STILL = 1e-7
 _SAMPLES = 33  # of a tube
 _TOUCHING = 1e-12
-_AGAIN = 1.0 + 1e-6  # how far the same bounds may differ when formed again
 
 KIND = store.Kind(
     "cover of singular curves",
@@ -42,36 +40,6 @@ KIND = store.Kind(
     "\n\n".join(m.__doc__ or "" for m in (system, tubes, narrowing, covering)),
 )
 """What its files say they are: G, Theorem R, Propositions N and U, Lemma W and Proposition B."""
-
-
-class CertifiedCurve(NamedTuple):
-    """A connected curve of singular configurations, in tubes that hold it and no other (Theorem R of `curves.tubes`).
-
-    Attributes:
-        kind: ``fold`` or ``self-motion``, as for `SingularCurve`; told from where the tubes' middles are, not proved.
-        q: Image of the tubes' middles in the independent coordinates, of shape (k, 2); one row for a self-motion.
-        q_free: The middles of the tubes, in order, of shape (k, nq).
-        closed: Whether it is proved to close on itself (turns of 2π of a joint not counted). What is not closed leaves
-            the region, or ends where it could not be followed.
-        error: A singular configuration of the curve is this near each middle in every coordinate (rad, m), (k,).
-        radius: The whole arc in a tube is this near its middle, (k,).
-        tubes: The tubes themselves.
-    """
-
-    kind: CurveKind
-    q: Array
-    q_free: Array
-    closed: bool
-    error: Array
-    radius: Array
-    tubes: Tubes
-
-    @property
-    def points(self) -> SingularCurve:
-        """Its points as `singularities` gives them, for pictures and `cusps`; of a closed one the first comes last."""
-        order = np.arange(len(self.q_free) + self.closed) % len(self.q_free)
-        q = self.q if self.kind == "self-motion" else self.q[order]
-        return SingularCurve(self.kind, q, self.q_free[order], self.closed, self.error[order])
 
 
 class UncoveredBoxes(NamedTuple):
@@ -223,7 +191,7 @@ class SingularCover:
 
     def verify(self) -> bool:
         """Check every tube and all gluing anew, from their data alone; not that the boxes tried were settled."""
-        return all(_holds(self.problem, curve) for curve in self.curves)
+        return all(holds(self.problem, curve) for curve in self.curves)
 
     @property
     def fingerprint(self) -> str:
@@ -241,6 +209,9 @@ class SingularCover:
         budget: int = 1_000_000,
         seconds: float | None = None,
         bounds: BoundsName = "auto",
+        workers: int | None = None,
+        executor: Executor | None = None,
+        checkpoint: str | Path | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> SingularCover:
         """The same cover after more work on the boxes that are uncovered; curves that were cut short are followed on.
@@ -250,15 +221,18 @@ class SingularCover:
             budget: How many more boxes may be tried.
             seconds: As for `certify_singularities`.
             bounds: As for `certify_singularities`.
+            workers: As for `certify_singularities`.
+            executor: As for `certify_singularities`.
+            checkpoint: As for `certify_singularities`.
             progress: As for `certify_singularities`.
 
         Raises:
             UnsupportedMechanismError: As for `certify_singularities`.
-            InvalidInputError: The resolution, budget or seconds is malformed.
+            InvalidInputError: The resolution, budget, seconds or workers is malformed.
         """
         effort = effort_of(self.resolution if resolution is None else resolution, budget, seconds, progress)
-        problem = problem_of(self.problem.system, bounds)
-        return searched(problem, self.names, Place(self.region, self.ranges), effort, self)
+        problem, work = problem_of(self.problem.system, bounds), Work(workers, executor, checkpoint)
+        return searched(problem, self.names, Place(self.region, self.ranges), effort, work, self)
 
     def save(self, path: str | Path) -> None:
         """Write the cover to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it.
@@ -293,7 +267,7 @@ class SingularCover:
                 names=tuple(header["names"]),
                 region=store.unpack_region(arrays),
                 problem=problem,
-                curves=tuple(_curve(problem, chain) for chain in chains),
+                curves=tuple(as_curve(problem, chain) for chain in chains),
                 uncovered=uncovered,
                 tried=header["tried"],
                 limit=header["limit"],
@@ -329,17 +303,22 @@ def _silent(tubes: int, waiting: int) -> None:
 
 
 def searched(
-    problem: Problem, names: tuple[str, ...], place: Place, effort: Effort, before: SingularCover | None = None
+    problem: Problem,
+    names: tuple[str, ...],
+    place: Place,
+    effort: Effort,
+    work: Work,
+    before: SingularCover | None = None,
 ) -> SingularCover:
-    """The cover of a place, or what more work makes of one."""
+    """The cover of a place, or what more work makes of one; who does the work is all that `work` says."""
     chains, waiting, tried = list[Chain](), None, 0
     if before is not None:
         chains = [Chain(curve.tubes, curve.closed) for curve in before.curves]
         waiting, tried = _waiting(problem, before.uncovered), before.tried
-    with stoppable(effort.seconds) as flag:
-        search = Search(problem, place, flag, chains)
+    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
+        search = Search(Runner(problem, chosen, work.checkpoint, flag), place, chains)
         found = search.run(effort.resolution, effort.budget, effort.report, waiting)
-    curves = sorted((_curve(search.plain, chain) for chain in found.chains), key=lambda curve: curve.kind)
+    curves = sorted((as_curve(search.plain, chain) for chain in found.chains), key=lambda curve: curve.kind)
     return SingularCover(
         names=names,
         region=place.region,
@@ -366,30 +345,7 @@ def _waiting(problem: Problem, boxes: UncoveredBoxes) -> Candidates:
     return Candidates(np.zeros(len(centre), dtype=np.intp), centre, half, none)
 
 
-def _curve(problem: Problem, chain: Chain) -> CertifiedCurve:
-    system, tubes = problem.system, chain.tubes
-    at = zeros_in(problem, tubes, np.zeros(len(tubes.half)))
-    error = (np.abs(at.x - tubes.x) + at.error)[:, : system.n_free].max(axis=1)
-    reach = (np.abs(tubes.tangent) * tubes.half[:, None] + tubes.hull)[:, : system.n_free].max(axis=1)
-    q = tubes.theta[:, system.independent]
-    still = bool(np.ptp(q, axis=0).max() < _STILL)
-    q = without_turns(q[:1], system.periodic[system.independent]) if still else q
-    q_free = system.chart.configuration(tubes.theta)
-    return CertifiedCurve("self-motion" if still else "fold", q, q_free, chain.closed, error, reach, tubes)
-
-
 def _cells(atlas: Atlas, at: Points, independent: Indices) -> Indices:
     """The leaves that hold the q of points with all of their error."""
     leaf = leaves_holding(atlas.tree, atlas.region, atlas.region.reduce(at.x[:, independent]), at.error[:, independent])
     return leaf[leaf >= 0]
-
-
-def _holds(problem: Problem, curve: CertifiedCurve) -> bool:
-    """Whether Theorem R holds for the tubes of a curve, and each is glued to the next."""
-    tubes = curve.tubes
-    values = values_at(problem, tubes.theta, tubes.kernel, tubes.pairing)
-    proved = certify_tubes(problem, values, Frames(tubes.along, tubes.tangent, tubes.gain), tubes.half, tubes.radius)
-    known = np.all(proved.tubes.hull <= tubes.hull * _AGAIN) and np.all(proved.tubes.kappa <= tubes.kappa * _AGAIN)
-    following = joined([rows_of(tubes, slice(1, None)), rows_of(tubes, slice(0, int(curve.closed)))])
-    same = glued(problem, rows_of(tubes, slice(0, len(following.half))), following)
-    return bool(proved.proved.all() and known and same.all())

@@ -65,25 +65,46 @@ class Nearby:
             held |= places_in(self.problem, points, self.tubes.take(nearest)).inside
         return held
 
-    def settle(self, boxes: Candidates) -> Mask:
-        """Which boxes are proved to hold no singular configurations but those of the tubes' curves, of shape (K,)."""
-        done, extent = np.zeros(len(boxes.cell), dtype=np.bool_), extents(self.problem, boxes)
-        wide = extent.max(axis=1, initial=0.0)
-        for number, nearest in enumerate(self.of(boxes.centre, _BESIDE).T):
-            worth = ~done & (wide <= _WORTH * self.tubes.half[nearest])
-            if number:  # that a box is empty was tried
-                worth &= self._may_hold(boxes.centre, extent, nearest)
-            rows = np.flatnonzero(worth)
-            if rows.size:
-                done[rows] = settled(self.problem, rows_of(boxes, rows), self.tubes.take(nearest[rows]))
-        return done
+    def beside(self, boxes: Candidates) -> Beside:
+        """The tubes nearest to boxes, and which of the boxes are so narrow that one of them may settle each."""
+        nearest, wide = self.of(boxes.centre, _BESIDE), extents(self.problem, boxes).max(axis=1, initial=0.0)
+        return Beside(nearest, np.any(wide[:, None] <= _WORTH * self.tubes.half[nearest], axis=1))
 
-    def _may_hold(self, theta: Array, extent: Array, nearest: Indices) -> Mask:
-        """Whether boxes |θ − θ_c| ≤ extent are short enough, and so placed, that tubes may hold them, of shape (B,)."""
-        rows, along = np.arange(len(theta)), np.minimum(self.tubes.along[nearest], theta.shape[1] - 1)
-        gap = without_turns(theta - self.tubes.theta[nearest], self.problem.system.periodic)
-        reach = np.abs(gap[rows, along]) + extent[rows, along]
-        return np.asarray((reach <= self.tubes.half[nearest]) | (along != self.tubes.along[nearest]))
+
+class Beside(NamedTuple):
+    """Of K boxes the tubes nearest to each, the nearest first (K, k), and whether they are worth a try (K,)."""
+
+    nearest: Indices
+    worth: Mask
+
+
+def settled_beside(problem: Problem, boxes: Candidates, tubes: Tubes, nearest: Indices) -> Mask:
+    """Which boxes are proved to hold no singular configurations but those of one of the tubes nearest to each, (K,).
+
+    Args:
+        problem: The closures.
+        boxes: The boxes.
+        tubes: Tubes.
+        nearest: Which of them are nearest to each box, the nearest first, of shape (K, k).
+    """
+    done, extent = np.zeros(len(boxes.cell), dtype=np.bool_), extents(problem, boxes)
+    wide = extent.max(axis=1, initial=0.0)
+    for number, beside in enumerate(nearest.T):
+        worth = ~done & (wide <= _WORTH * tubes.half[beside])
+        if number:  # that a box is empty was tried
+            worth &= _may_hold(problem, boxes.centre, extent, tubes, beside)
+        rows = np.flatnonzero(worth)
+        if rows.size:
+            done[rows] = settled(problem, rows_of(boxes, rows), tubes.take(beside[rows]))
+    return done
+
+
+def _may_hold(problem: Problem, theta: Array, extent: Array, tubes: Tubes, beside: Indices) -> Mask:
+    """Whether boxes |θ − θ_c| ≤ extent are short enough, and so placed, that the tube beside each may hold it, (B,)."""
+    rows, along = np.arange(len(theta)), np.minimum(tubes.along[beside], theta.shape[1] - 1)
+    gap = without_turns(theta - tubes.theta[beside], problem.system.periodic)
+    reach = np.abs(gap[rows, along]) + extent[rows, along]
+    return np.asarray((reach <= tubes.half[beside]) | (along != tubes.along[beside]))
 
 
 def settled(problem: Problem, boxes: Candidates, tubes: Tubes) -> Mask:

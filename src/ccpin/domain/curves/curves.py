@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Executor
+from pathlib import Path
 
 from ccpin.domain.atlas.cells import Corners
+from ccpin.domain.atlas.run import Work
 from ccpin.domain.boxes import BoundsName, problem_of
 from ccpin.domain.chains import ClosureSystem, closure_system
 from ccpin.domain.curves.cover import SingularCover, effort_of, searched
@@ -22,6 +25,9 @@ def certify_singularities(
     budget: int = 1_000_000,
     seconds: float | None = None,
     bounds: BoundsName = "auto",
+    workers: int | None = None,
+    executor: Executor | None = None,
+    checkpoint: str | Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> SingularCover:
     """Enclose all parallel singular curves over a region, of every assembly mode, so that none is missed.
@@ -37,19 +43,25 @@ def certify_singularities(
         budget: How many boxes of all coordinates may be tried; those that wait then are listed.
         seconds: When to stop, measured by the clock. What is proved by then is kept, as after Ctrl-C.
         bounds: Of φ over boxes: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
+        workers: How many processes to start for the boxes, as for `certify`; curves are followed in this one. The
+            result is the same whoever does the work.
+        executor: In place of `workers` anything with ``submit``, as for `certify`.
+        checkpoint: A folder in which finished chunks of boxes are kept; the same call finds them again after an
+            interrupt or a crash.
         progress: Called before every wave of boxes with the number of tubes and of boxes that wait; what it raises
             ends the search.
 
     Raises:
         UnsupportedMechanismError: n ≠ 2, more than eight dependent coordinates, ball joints, distance closures,
             couplings of continuous joints, redundant rows, or closures that cannot be bounded.
-        InvalidInputError: The region, resolution, budget or seconds is malformed.
+        InvalidInputError: The region, resolution, budget, seconds or workers is malformed.
     """
     mechanism = mechanism_of(mechanism)
     system = _system(mechanism)
     effort = effort_of(resolution, budget, seconds, progress)
     place = Place(region_about(mechanism, system, region), searched_ranges(mechanism, system))
-    return searched(problem_of(system, bounds), tuple(mechanism.independent), place, effort)
+    work = Work(workers, executor, checkpoint)
+    return searched(problem_of(system, bounds), tuple(mechanism.independent), place, effort, work)
 
 
 def _system(mechanism: Mechanism) -> ClosureSystem:

@@ -15,16 +15,18 @@ import numpy as np
 
 from ccpin.arrays import Array, Mask, joined, rows_of
 from ccpin.domain.atlas.cells import Region
-from ccpin.domain.atlas.run import Flag, Stopped
+from ccpin.domain.atlas.run import Runner, Stopped
 from ccpin.domain.boxes import Problem, closure_derivatives, closure_values
 from ccpin.domain.curves.covering import Nearby, directions, extents
 from ccpin.domain.curves.following import Chain, follow, prolonged
 from ccpin.domain.curves.system import onto_curves
+from ccpin.domain.curves.tasks import narrow_boxes, settle_boxes
 from ccpin.domain.curves.tubes import Points, Tubes
-from ccpin.domain.sheets.candidates import Ranges, beyond
-from ccpin.domain.sheets.narrowing import Candidates, narrowed
+from ccpin.domain.sheets.candidates import Ranges
+from ccpin.domain.sheets.narrowing import Candidates
 
-_CHUNK = 1000
+BEYOND = 1e-12
+"""How far a search goes beyond its region and ranges each way."""
 _MANY, _SMALL = 500, 0.15  # boxes, or the largest edge of all: from here on curves are looked for
 _MOST_STARTS = 20
 _NEWTON = 20
@@ -67,15 +69,17 @@ class Found(NamedTuple):
 class Search:
     """A search: the problem with the bounds chosen for boxes, and with those for any tree for tubes; where; the curves.
 
+    Boxes are narrowed and settled in the runner's chunks; curves are followed in this process.
+
     Attributes:
         chains: The curves found.
         tried: How many boxes were looked at.
     """
 
-    def __init__(self, problem: Problem, place: Place, flag: Flag, chains: Iterable[Chain] = ()) -> None:
-        self.problem, self.plain, self.place = problem, problem._replace(phasors=None), place
+    def __init__(self, runner: Runner, place: Place, chains: Iterable[Chain] = ()) -> None:
+        self.problem, self.plain, self.place = runner.problem, runner.problem._replace(phasors=None), place
         self.tried = 0
-        self._flag = flag
+        self._runner = runner
         self.chains = [prolonged(self.plain, chain, self._wanted) for chain in chains]
         self._nearby: Nearby | None = None
         self._looked = np.inf
@@ -110,10 +114,6 @@ class Search:
             waiting = self._halved(waiting)
         return Found(tuple(self.chains), joined([*small, waiting]), self.tried, limit)
 
-    def _check(self) -> None:
-        if self._flag.is_set():
-            raise Stopped
-
     def _whole(self) -> Candidates:
         """One box that holds everything."""
         system, (region, ranges) = self.problem.system, self.place
@@ -122,20 +122,14 @@ class Search:
             (system.dependent, ranges.lower, ranges.upper),
             (system.independent, region.lower, region.upper),
         ):
-            centre[:, columns], half[:, columns] = 0.5 * (lower + upper), 0.5 * (upper - lower) + 1e-12
+            centre[:, columns], half[:, columns] = 0.5 * (lower + upper), 0.5 * (upper - lower) + BEYOND
         return Candidates(np.zeros(1, dtype=np.intp), centre, half, np.zeros((1, system.m, system.n)))
 
     def _kept(self, waiting: Candidates) -> Candidates:
         """The boxes that may hold singular configurations within the ranges, narrowed."""
-        parts = [rows_of(waiting, slice(0))]
-        for first in range(0, len(waiting.cell), _CHUNK):
-            self._check()
-            part = narrowed(self.problem, rows_of(waiting, slice(first, first + _CHUNK)))
-            if part.cell.size:
-                parts.append(narrowed(self.problem, part, True, np.ones(len(part.cell), dtype=np.bool_)))
+        found = narrow_boxes(self._runner, self.place.ranges, waiting)
         self.tried += len(waiting.cell)
-        found = joined(parts)
-        return rows_of(found, ~beyond(self.problem, self.place.ranges, found))
+        return found
 
     def _settled(self, waiting: Candidates) -> Candidates:
         """The boxes without those that tubes settle, once curves were looked for from them all."""
@@ -144,13 +138,7 @@ class Search:
         if (len(wide) > _MANY or widest < _SMALL) and widest <= 0.5 * self._looked:
             self._looked = widest
             self._look_from(waiting)
-        keep = np.ones(len(wide), dtype=np.bool_)
-        if self._nearby is not None:
-            for first in range(0, len(keep), _CHUNK):
-                self._check()
-                part = slice(first, first + _CHUNK)
-                keep[part] = ~self._nearby.settle(rows_of(waiting, part))
-        return rows_of(waiting, keep)
+        return waiting if self._nearby is None else settle_boxes(self._runner, self._nearby, waiting)
 
     def _look_from(self, waiting: Candidates) -> None:
         """Follow the curves that Newton's method finds from boxes and that no tube holds."""
@@ -168,7 +156,7 @@ class Search:
             if chain is not None:
                 self.chains.append(chain)
                 self._gather()
-            self._check()
+            self._runner.check()
 
     def _gather(self) -> None:
         """Have the tubes of all curves at hand."""
@@ -188,7 +176,7 @@ class Search:
 
     def _wanted(self, tube: Tubes) -> bool:
         """Whether a curve is to be followed beyond a tube (T = 1): it meets the place looked at, and there is time."""
-        if self._flag.is_set():
+        if self._runner.flag.is_set():
             return False
         reach = (np.abs(tube.tangent) * tube.half[:, None] + tube.radius)[:, : self.problem.system.n_free]
         return bool(self.place.meets(self.problem, tube.theta, reach)[0])
