@@ -277,6 +277,33 @@ def test_no_singular_configuration_is_lost(region, wide):
     assert smaller > 10  # that the lemmas do cut
 
 
+def test_rows_known_modulo_something_lose_nothing(region, tmp_path):
+    """The RPDR with 60 q3 = 0 modulo 2π for its first row: link 4 upright is singular, at any sixtieth of a turn."""
+
+    def modulo(arrays):
+        arrays["system_moduli"][0], arrays["system_couplings"][0, 1] = 2.0 * np.pi, 60.0
+        for name in ("chain0_weights", "chain1_weights"):
+            arrays[name][0] = 0.0
+
+    read, rng = document.read(changed(region[1], tmp_path, modulo)), np.random.default_rng(10)
+    own = closures.Closures(read)
+    cover = covering.Cover(own, read)
+    cover.tubes, cover._lengths, cover._middles = [], np.zeros(0), np.zeros((0, 4))
+    q1, q3 = rng.uniform(-np.pi, np.pi, 200), np.pi / 30.0 * rng.integers(-29, 30, 200)
+    up = rng.choice([-1.0, 1.0], 200)
+    sine = (rpdr.A1 * np.sin(q1) + rpdr.A3 * np.sin(q1 + q3) - rpdr.A4 * up) / rpdr.A2
+    theta = np.stack([q1, q3, np.arcsin(np.clip(sine, -1.0, 1.0)), np.zeros(200)], axis=1)
+    theta[:, 3] = 0.5 * np.pi * up - theta[:, 2]
+    for wide in (0.6, 0.1):
+        for t, box in boxes_with(rng, theta[np.abs(sine) < 0.99], wide):
+            phi, slope = own.at(t)
+            assert np.abs(phi).max() < 1e-9
+            assert abs(np.linalg.det(slope[:, read.dependent])) < 1e-9
+            left = cover._left_of(box)
+            assert left is not None
+            assert np.all((t >= left.low) & (t <= left.high))
+
+
 class Shifted(curves.Singular):
     """G less its value at some x, which is a zero then."""
 

@@ -16,6 +16,8 @@ with the l of a tube beside it, which may hold all that, or else with the kernel
 halving boxes alone cannot do: {φ = 0} and the curve on it are slanted, so that about a curve boxes parallel to the axes
 are many before they are so small that φ_y is regular on those off the curve.
 
+Rows of φ known modulo something are linear. They move by a tenth of that at most over boxes whose slopes are used, and
+so by less than half of it over what is slanted: no whole multiple but that nearest to the middle's value is there.
 Sums of slopes over boxes are in balls; corners of boxes are doubles, outward, and listed boxes are 1e-12 wider.
 """
 
@@ -40,6 +42,7 @@ _FEWEST, _MOST = 6, 10  # how often all is halved
 _BUDGET, _LEAST = 20_000, 1e-6  # boxes of a part, and how narrow
 _WIDER = 1e-12  # region, ranges and listed boxes
 _SLOPES = 0.9  # rad: boxes whose turns are wider are halved before slopes are tried
+_ROW = 0.1  # of a modulus: boxes over which a row moves more are halved before slopes are tried
 _SLANTED = 0.15  # rad or m: boxes wider than this are halved before they are slanted
 _NEAR, _FAR, _BESIDE = 1.5, 3.0, 3  # half lengths of a tube: wider boxes, and those farther away, have no use for it
 _SHRUNK = 0.7
@@ -90,13 +93,18 @@ class Cover:
         phi = self.closures.value(balls, motions)
         if not all(phi[i, 0].contains(0) for i in range(self.closures.m)):
             return None
-        if box.half[self._free].max(initial=0.0) > _SLOPES:
+        if box.half[self._free].max(initial=0.0) > _SLOPES or self._turns_over(phi):
             return box
         at, slope = _Middle.of(self.closures, box), self.closures.jacobian(motions)
         if self._regular(slope, at.slope):
             return None
         left = self._closing(box, slope, at)
         return left if left is None or left.half.max() > _SLANTED else self._beside_curves(left)
+
+    def _turns_over(self, phi: arb_mat) -> bool:
+        """Whether a row of φ that is known modulo something moves by a good part of that over the box."""
+        moduli = self.closures.moduli
+        return any(phi[int(k), 0].rad() > _ROW * float(moduli[k]) for k in np.flatnonzero(moduli))
 
     def _regular(self, slope: arb_mat, at: Array) -> bool:
         """Whether φ_y is regular on the box (Lemma A)."""
