@@ -11,20 +11,13 @@ singular where |1 − Pφ_y(box)|u < u for a P and a u > 0.
 
 *Proof.* The mean value theorem, and Neumann's series. ∎
 
-**Lemma B.** Let A hold [φ_y; lᵀ] over a box of θ, P be a matrix with last column p, and u > 0 have
-|p| + |1 − PA|u ≤ u, |1 − PA|u < u. Then each w ≠ 0 with φ_y w = 0 in the box is a multiple of one with lᵀw = 1, and
-that has |w − p| ≤ |1 − PA|u.
+Where both fail, and the box is small, Lemmas B and C of `slanted` leave of it what is about the curve that crosses it:
+with the l of a tube beside it, which may hold all that, or else with the kernel of φ_y at θ_c for l. That is what
+halving boxes alone cannot do: {φ = 0} and the curve on it are slanted, so that about a curve boxes parallel to the axes
+are many before they are so small that φ_y is regular on those off the curve.
 
-*Proof.* Where lᵀw = 0, w = (1 − PA)w with |1 − PA| of spectral radius below 1, so w = 0. Else lᵀw = 1 may be had:
-w = p + (1 − PA)w, hence |w| ≤ Σ |1 − PA|ᵏ|p| ≤ u. ∎
-
-**Lemma C.** Let x = x_c + st + e, |s| ≤ σ, |e| ≤ r, e_j = 0, hold all (θ, w) of a box by Lemma B, X a box about
-these, P a matrix with row j zero. Each zero of G among them has e in −PG(x_c) − PG′(X)t s + (1 − PG′(X))e, which may be
-cut with |e| ≤ r again and again. Where that leaves nothing, none of the box is singular; where what it leaves lies in a
-proved tube with the same l, all that are lie on its curve.
-
-*Proof.* G(x) = G(x_c) + M(st + e) with M in the hull of G′(X); P times that is 0, and e is added on both sides. ∎
-
+Rows of φ known modulo something are linear. They move by a tenth of that at most over boxes whose slopes are used, and
+so by less than half of it over what is slanted: no whole multiple but that nearest to the middle's value is there.
 Sums of slopes over boxes are in balls; corners of boxes are doubles, outward, and listed boxes are 1e-12 wider.
 """
 
@@ -38,9 +31,10 @@ from scipy.linalg import qr
 
 from ccpin.auditing.boxes import contracts, defect
 from ccpin.auditing.closures import Closures, columns, exact, floats
-from ccpin.auditing.curves import Placed, Singular, placed, turns, without_turns
-from ccpin.auditing.document import Array, Curves, Integers
+from ccpin.auditing.curves import Singular, placed, turns
+from ccpin.auditing.document import Array, Curves
 from ccpin.auditing.reach import Box, Reach, above, below
+from ccpin.auditing.slanted import cut_down
 
 _FINE = 0.15  # rad: last joints of chains are cut after all others
 _CELL = 0.4  # rad: how wide parts are
@@ -48,9 +42,10 @@ _FEWEST, _MOST = 6, 10  # how often all is halved
 _BUDGET, _LEAST = 20_000, 1e-6  # boxes of a part, and how narrow
 _WIDER = 1e-12  # region, ranges and listed boxes
 _SLOPES = 0.9  # rad: boxes whose turns are wider are halved before slopes are tried
-_NEAR = 1.5  # half lengths of the nearest tube: wider boxes are in none
-_BESIDE, _PASSES, _GAIN = 3, 3, 0.8
-_SHRUNK, _WIDE = 0.7, 3.0
+_ROW = 0.1  # of a modulus: boxes over which a row moves more are halved before slopes are tried
+_SLANTED = 0.15  # rad or m: boxes wider than this are halved before they are slanted
+_NEAR, _FAR, _BESIDE = 1.5, 3.0, 3  # half lengths of a tube: wider boxes, and those farther away, have no use for it
+_SHRUNK = 0.7
 _HELD = 0.2  # of a box: where a listed box holds so much the rest is cut off
 
 
@@ -63,7 +58,7 @@ class Cover:
         self.tubes = [placed(closures, document, k) for k in range(len(document.tubes))]
         size = closures.n_free
         self._free = np.array(self.turning[:size])
-        self.reach, self.every = Reach(closures, document, frozenset()), np.arange(size)
+        self.reach = Reach(closures, document, frozenset())
         self._middles = np.array([tube.theta for tube in document.tubes]).reshape(-1, size)
         self._lengths = np.array([tube.half for tube in document.tubes])
         self._listed = 0.5 * (document.uncovered_lower + document.uncovered_upper)
@@ -78,18 +73,18 @@ class Cover:
             rest = self._left_of(box)
             if rest is None:
                 continue
-            if left <= 0 or rest.box.half.max() < _LEAST:
+            if left <= 0 or rest.half.max() < _LEAST:
                 return False
-            face = self._face(rest.box)
+            face = self._face(rest)
             if face is not None:
-                waiting += rest.box.cut(*face)
-            elif rest.box.half.sum() < _SHRUNK * box.half.sum():
-                waiting.append(rest.box)
+                waiting += rest.cut(*face)
+            elif rest.half.sum() < _SHRUNK * box.half.sum():
+                waiting.append(rest)
             else:
-                waiting += rest.box.halves(rest.axis)
+                waiting += rest.halves(self._steepest(rest))
         return True
 
-    def _left_of(self, box: Box) -> _Left | None:
+    def _left_of(self, box: Box) -> Box | None:
         """What may hold other singular configurations of a box; ``None``: nothing."""
         if self._is_listed(box) or self.reach.too_far(box):
             return None
@@ -98,13 +93,18 @@ class Cover:
         phi = self.closures.value(balls, motions)
         if not all(phi[i, 0].contains(0) for i in range(self.closures.m)):
             return None
+        if box.half[self._free].max(initial=0.0) > _SLOPES or self._turns_over(phi):
+            return box
         at, slope = _Middle.of(self.closures, box), self.closures.jacobian(motions)
-        if box.half[self._free].max(initial=0.0) > _SLOPES:
-            return _Left(box, self._steepest(box, at.slope, self.every))
         if self._regular(slope, at.slope):
             return None
         left = self._closing(box, slope, at)
-        return None if left is None or self._in_a_tube(left.box) else left
+        return left if left is None or left.half.max() > _SLANTED else self._beside_curves(left)
+
+    def _turns_over(self, phi: arb_mat) -> bool:
+        """Whether a row of φ that is known modulo something moves by a good part of that over the box."""
+        moduli = self.closures.moduli
+        return any(phi[int(k), 0].rad() > _ROW * float(moduli[k]) for k in np.flatnonzero(moduli))
 
     def _regular(self, slope: arb_mat, at: Array) -> bool:
         """Whether φ_y is regular on the box (Lemma A)."""
@@ -115,29 +115,20 @@ class Cover:
             return False
         return contracts(defect(exact(inverse) * columns(slope, dependent)))
 
-    def _closing(self, box: Box, slope: arb_mat, at: _Middle) -> _Left | None:
-        """The box without some of what closes nothing (Lemma A), P the inverse of the columns that move φ most.
-
-        It is to be halved along another column, or where these are wider than the others make them along the widest.
-        """
-        m = self.closures.m
-        pivots = qr(at.slope * box.half, mode="r", pivoting=True)[1][:m]
+    def _closing(self, box: Box, slope: arb_mat, at: _Middle) -> Box | None:
+        """The box without some of what closes nothing (Lemma A), P the inverse of the columns that move φ most."""
+        pivots = qr(at.slope * np.sqrt(box.half), mode="r", pivoting=True)[1][: self.closures.m]
         try:
             P = exact(_inverse(at.slope[:, pivots]))
         except np.linalg.LinAlgError:
-            return _Left(box, self._steepest(box, at.slope, self.every))
+            return box
         constant, along = P * at.value, P * slope
-        low, high, half = box.low.copy(), box.high.copy(), box.half
-        rest = np.setdiff1d(self.every, pivots)
-        implied = np.abs(floats(along)[:, rest]) @ half[rest]
-        wide = np.array([bool(along[row, int(j)].contains(0)) for row, j in enumerate(pivots)])
-        wide |= half[pivots] > _WIDE * implied
-        for row in range(m):
+        low, high = box.low.copy(), box.high.copy()
+        for row, j in enumerate(map(int, pivots)):
             deltas = [arb(float(a)).union(arb(float(b))) - x for a, b, x in zip(low, high, at.point, strict=True)]
             terms = [along[row, k] * delta for k, delta in enumerate(deltas)]
             if not sum(terms, constant[row, 0]).contains(0):
                 return None
-            j = int(pivots[row])
             if along[row, j].contains(0):
                 continue
             others = sum((term for k, term in enumerate(terms) if k != j), constant[row, 0])
@@ -145,27 +136,37 @@ class Cover:
             low[j], high[j] = max(low[j], below(found)), min(high[j], above(found))
             if low[j] > high[j]:
                 return None
-        left = Box(low, high)
-        return _Left(left, self._steepest(left, at.slope, pivots[wide] if np.any(wide) else rest))
+        return Box(low, high)
 
-    def _steepest(self, box: Box, slope: Array, among: Integers) -> int:
-        """Along which of some coordinates φ moves most over a box."""
-        moves = np.abs(slope).max(axis=0, initial=0.0)
+    def _steepest(self, box: Box) -> int:
+        """Along which coordinate φ moves most over a box; last joints of chains come last."""
+        moves = np.abs(self.closures.at(box.middle)[1]).max(axis=0, initial=0.0)
         moves = (moves / moves.max(initial=1e-9) + 0.1) * box.half
-        first = np.intersect1d(among, self.reach.first)
-        if first.size and moves[first].max() > _FINE:
+        first = self.reach.first
+        if moves[first].max(initial=0.0) > _FINE:
             return int(first[int(np.argmax(moves[first]))])
-        return int(among[int(np.argmax(moves[among]))])
+        return int(np.argmax(moves))
 
-    def _in_a_tube(self, box: Box) -> bool:
-        """Whether all singular configurations of the box are on one tube's curve, or there are none (Lemma C)."""
+    def _beside_curves(self, box: Box) -> Box | None:
+        """What is left of a small box by Lemmas B and C, with the tubes beside it if there are any."""
+        near, size = self._near(box), box.half.max()
+        tubes = [self.tubes[k] for k in near if size <= _NEAR * self._lengths[k]]
+        if not tubes:
+            inner = self.closures.at(box.middle)[1][:, self.document.dependent]
+            weakest = np.linalg.svd(inner)[2][-1]
+            return cut_down(box, Singular(self.closures, self.document.dependent, weakest), None, self.turning)
+        left: Box | None = box
+        for tube in tubes:
+            left = None if left is None else cut_down(left, tube.system, tube, self.turning)
+        return left
+
+    def _near(self, box: Box) -> list[int]:
+        """The tubes nearest to a box's middle, of those that are not far from it."""
         gap = box.middle - self._middles
         gap -= np.where(self._free, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)
         distance = np.abs(gap).max(axis=1)
-        for k in np.argsort(distance, kind="stable")[:_BESIDE]:
-            if box.half.max() <= _NEAR * self._lengths[k] and settled(box, self.tubes[int(k)], self.turning):
-                return True
-        return False
+        first = np.argsort(distance, kind="stable")[:_BESIDE]
+        return [int(k) for k in first if distance[k] <= _FAR * self._lengths[k]]
 
     def _is_listed(self, box: Box) -> bool:
         """Whether a listed box holds all of a box."""
@@ -188,13 +189,6 @@ class Cover:
         axis = int(np.argmin(shares[k]))
         place = low[k, axis] if low[k, axis] - box.low[axis] > box.high[axis] - high[k, axis] else high[k, axis]
         return (axis, float(place)) if box.low[axis] < place < box.high[axis] else None
-
-
-class _Left(NamedTuple):
-    """What is left of a box, and along which axis it is to be halved."""
-
-    box: Box
-    axis: int
 
 
 class _Middle(NamedTuple):
@@ -242,107 +236,3 @@ def listed_share(document: Curves) -> float:
     width = 2.0 * searched(document).half
     listed = document.uncovered_upper - document.uncovered_lower
     return float(min(1.0, np.prod(np.minimum(listed / width, 1.0), axis=1).sum()))
-
-
-class _Slanted(NamedTuple):
-    """x_c + st + e, |s| ≤ σ, e between the bounds (0 in row j)."""
-
-    centre: list[arb]
-    along: int
-    tangent: Array
-    half: float
-    low: Array
-    high: Array
-
-
-def settled(box: Box, tube: Placed, turning: list[bool]) -> bool:
-    """Lemmas B and C for a box of θ and a tube beside it."""
-    system = tube.system
-    around = system.closures.motions(box.balls())
-    kernel = _kernel(box, tube, columns(system.closures.jacobian(around), system.dependent))
-    if kernel is None:
-        return False
-    x = np.concatenate([box.middle, kernel[0]])
-    extent = np.concatenate([np.nextafter(np.maximum(box.high - box.middle, box.middle - box.low), np.inf), kernel[1]])
-    slope = system.at(x)[1]
-    tangent = np.linalg.svd(slope)[2][-1]
-    along = int(np.argmax(np.abs(tangent)))
-    tangent = tangent / tangent[along]
-    others = np.delete(np.arange(system.n_free), along)
-    try:
-        P = exact(_inverse(slope[:, others]))
-    except np.linalg.LinAlgError:
-        return False
-    reach = (extent + np.abs(tangent) * extent[along]) * (1.0 + 1e-12)
-    reach[along] = 0.0
-    slanted = _Slanted([arb(float(v)) for v in x], along, tangent, float(extent[along]), -reach, reach)
-    for _ in range(_PASSES):
-        smaller = _narrowed(system, slanted, P, others)
-        if smaller is None or _inside(smaller, tube, turning):
-            return True
-        if not np.any((smaller.high - smaller.low)[others] < _GAIN * (slanted.high - slanted.low)[others]):
-            return False
-        slanted = smaller
-    return False
-
-
-def _kernel(box: Box, tube: Placed, inner: arb_mat) -> tuple[Array, Array] | None:
-    """p and |1 − PA|u of Lemma B."""
-    m = tube.system.closures.m
-    A = arb_mat(m + 1, m, [*inner.entries(), *tube.system.pairing])
-    left = np.asarray(np.linalg.pinv(floats(A)), dtype=np.float64)
-    rest = defect(exact(left) * A)
-    rough = np.array([[float(x.upper()) for x in row] for row in rest])
-    if not np.all(np.isfinite(rough)) or np.abs(rough).sum(axis=1).max() >= 10.0:
-        return None
-    u = np.linalg.solve(np.eye(m) - rough, np.abs(left[:, -1]) + 1e-12) if m else np.zeros(0)
-    if not np.all(u > 0.0):
-        return None
-    u = u * (1.0 + 1e-6)
-    image = [sum((x * arb(float(v)) for x, v in zip(row, u, strict=True)), arb(0)) for row in rest]
-    sound = all(
-        abs(arb(float(p))) + y <= float(v) and y < float(v) for p, y, v in zip(left[:, -1], image, u, strict=True)
-    )
-    return (left[:, -1], np.array([above(y) for y in image])) if sound else None
-
-
-def _narrowed(system: Singular, box: _Slanted, P: arb_mat, others: Array) -> _Slanted | None:
-    """What Lemma C leaves; ``None``: nothing."""
-    middle = 0.5 * (box.low + box.high)
-    centre = [x + arb(float(d)) for x, d in zip(box.centre, middle, strict=True)]
-    half = np.nextafter(np.maximum(box.high - middle, middle - box.low), np.inf)
-    half[box.along] = 0.0
-    s = arb(0, box.half)
-    tangent = [arb(float(t)) for t in box.tangent]
-    around = [x + t * s + arb(0, float(r)) for x, t, r in zip(centre, tangent, half, strict=True)]
-    slope = P * system.jacobian(system.motions(around))
-    value = P * system.value(centre, system.motions(centre))
-    run = slope * exact(box.tangent)
-    low, high = np.zeros_like(half), np.zeros_like(half)
-    for row, k in enumerate(map(int, others)):
-        found = -value[row, 0] - run[row, 0] * s
-        for column in map(int, others):
-            found = found + (int(column == k) - slope[row, column]) * arb(0, float(half[column]))
-        low[k], high[k] = max(-half[k], below(found)), min(half[k], above(found))
-        if low[k] > high[k]:
-            return None
-    return _Slanted(centre, box.along, box.tangent, box.half, low, high)
-
-
-def _inside(box: _Slanted, tube: Placed, turning: list[bool]) -> bool:
-    """Whether all of it lies in a tube with the same l."""
-    j, s = tube.tube.along, arb(0, box.half)
-    gap = [x - y for x, y in zip(box.centre, tube.centre, strict=True)]
-    gap = [without_turns(g) if turn else g for g, turn in zip(gap, turning, strict=True)]
-    e = [arb(float(a)).union(arb(float(b))) for a, b in zip(box.low, box.high, strict=True)]
-    t = [arb(float(x)) for x in box.tangent]
-    sign = tube.tangent[j]
-    reach = (gap[j] + t[j] * s + e[j]) * sign
-    if not abs(reach) <= tube.tube.half:
-        return False
-    for k in map(int, tube.others):
-        way = tube.tangent[k] * sign
-        off = gap[k] - way * gap[j] + (t[k] - way * t[j]) * s + e[k] - way * e[j]
-        if not abs(off) <= tube.radius[k]:
-            return False
-    return True
