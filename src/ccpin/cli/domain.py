@@ -17,6 +17,7 @@ from ccpin.cli.command import complete, count, index
 from ccpin.cli.covers import curve_facts, curves_in_words
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import busy, progress_bar
+from ccpin.cli.sheets import sheet_facts, sheets_in_words
 from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
@@ -27,7 +28,6 @@ example: ccpin domain rpdr --centre-deg -108 -72
          ccpin domain rpdr --sheets --depth 6
          ccpin domain rpdr --curves --save curves.json"""
 _BAR = "{l_bar}{bar}| {n:.1f} % certified, {postfix}"
-SHEET_SHARES = ("counted", "certified", "empty", "singular", "undecided")
 SHARES = ("certified", "empty", "singular", "undecided", "unreached")
 
 
@@ -141,10 +141,8 @@ def _sheets(options: argparse.Namespace, mechanism: Mechanism, region: tuple[Arr
         atlas.save(options.save)
     if options.plot is not None:
         plotting.save(plotting.plot_sheets(mechanism, atlas), options.plot / "sheets.png")
-    facts: dict[str, Any] = {f"{share}_fraction": getattr(atlas, f"{share}_fraction") for share in SHEET_SHARES}
-    sheets = [{"layers": s.layers, "boxes": len(s.boxes), "area": s.area, "sign": s.sign} for s in atlas.sheets]
-    facts |= {"counts": sorted({int(k) for k in atlas.count if k >= 0}), "sheets": sheets, "complete": atlas.complete}
-    print(json.dumps(facts, indent=2) if options.json else _sheets_in_words(mechanism, facts))
+    facts = sheet_facts(atlas)
+    print(json.dumps(facts, indent=2) if options.json else f"{mechanism.name}: {sheets_in_words(facts)}")
     return 0 if atlas.complete else 130
 
 
@@ -168,16 +166,6 @@ def _curves(options: argparse.Namespace, mechanism: Mechanism, region: tuple[Arr
     facts = curve_facts(cover)
     print(json.dumps(facts, indent=2) if options.json else f"{mechanism.name}: {curves_in_words(facts)}")
     return 0 if cover.complete else 130
-
-
-def _sheets_in_words(mechanism: Mechanism, facts: dict[str, Any]) -> str:
-    shares = ", ".join(f"{100 * facts[f'{share}_fraction']:.3f} % {share}" for share in SHEET_SHARES)
-    numbers = ", ".join(str(count) for count in facts["counts"])
-    lines = [f"{mechanism.name}: {shares} of the region", f"assembly modes over one q, proved: {numbers or 'nowhere'}"]
-    for k, sheet in enumerate(facts["sheets"]):
-        told = f"sheet {k}: {sheet['boxes']} boxes, area {sheet['area']:.6g}, sign of det {sheet['sign']:+d}"
-        lines.append(told + (f", {sheet['layers']} layers" if sheet["layers"] > 1 else ""))
-    return "\n".join(lines + ([] if facts["complete"] else ["interrupted: what is listed is proved"]))
 
 
 def _region(options: argparse.Namespace, mechanism: Mechanism) -> tuple[Array, Array] | None:

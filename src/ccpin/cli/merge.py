@@ -1,4 +1,4 @@
-"""`ccpin merge`: atlases, or covers of singular curves, of the parts of a region as one of the region."""
+"""`ccpin merge`: atlases, sheets, or covers of singular curves, of the parts of a region as one of the region."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from ccpin.cli.command import complete
 from ccpin.cli.covers import curve_facts, curves_in_words
 from ccpin.cli.documents import document
 from ccpin.cli.progress import busy
+from ccpin.cli.sheets import sheet_facts, sheets_in_words
 
 _EXAMPLES = """\
 example: ccpin domain rpdr --lower-deg -150 -160 --upper-deg -120 -100 --save left.npz
@@ -27,8 +28,8 @@ _FACTS = ("certified_fraction", "empty_fraction", "singular_fraction", "undecide
 def add_merge(commands: Any) -> None:
     """The command and its options."""
     what = (
-        "put saved atlases, or saved singular curves, of the parts of a region together: atlases of one branch whose "
-        "regions are got by halving one box, curves whose regions fill one"
+        "put saved atlases, sheets, or singular curves of the parts of a region together: atlases (of one branch) and "
+        "sheets whose regions are got by halving one box, curves whose regions fill one"
     )
     parser = commands.add_parser("merge", help=what, description=what, epilog=_EXAMPLES)
     files = parser.add_argument("parts", type=Path, nargs="+", metavar="FILE", help="what `ccpin domain --save` wrote")
@@ -42,7 +43,7 @@ def add_merge(commands: Any) -> None:
 
 
 def _merge(options: argparse.Namespace) -> int:
-    from ccpin.domain import SingularCover, merge
+    from ccpin.domain import SheetAtlas, SingularCover, merge
 
     with busy(options.json, "gluing the parts"):
         merged: Any = merge([document(path) for path in options.parts])
@@ -50,6 +51,9 @@ def _merge(options: argparse.Namespace) -> int:
     if isinstance(merged, SingularCover):
         facts = curve_facts(merged)
         words = f"{merged!r}\n{curves_in_words(facts)}"
+    elif isinstance(merged, SheetAtlas):
+        facts = sheet_facts(merged)
+        words = f"{merged!r}\n{sheets_in_words(facts)}"
     else:
         facts = {name: getattr(merged, name) for name in (*_FACTS, "single_valued", "complete", "verdict")}
         facts |= {"boxes": len(merged.boxes.kappa), "radius": merged.radius}

@@ -10,13 +10,15 @@ from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.merging import merge_atlases
 from ccpin.domain.curves.cover import SingularCover
 from ccpin.domain.curves.merging import merge_covers
+from ccpin.domain.sheets.merging import merge_sheets
+from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError
 
-Part = TypeVar("Part", Atlas, SingularCover)
+Part = TypeVar("Part", Atlas, SheetAtlas, SingularCover)
 
 
 def merge(parts: Sequence[Part]) -> Part:
-    """One atlas of several, or one cover of singular curves of several, over the parts of one region.
+    """One atlas, sheet atlas or cover of singular curves of several, over the parts of one region.
 
     The parts are made each on its own, with any effort, anywhere; `split_region` has suitable regions. What they make
     is saved, verified, asked and merged again as any other.
@@ -25,29 +27,35 @@ def merge(parts: Sequence[Part]) -> Part:
     over its region. The first one's q₀ is that of the whole. Faces between two parts at which they were not shown to
     carry the same σ are in `unglued`.
 
+    Sheet atlases are `certify_sheets`'s, of every assembly mode. Boxes on the two sides of a seam are glued where they
+    carry the same σ: sheets of several parts are one there.
+
     Covers are `certify_singularities`'s, of every assembly mode. Each singular configuration over the whole region is
     on a curve of one of them or in a box that one of them lists. Curves that go on from one part into another are
     joined, and those that several parts have are listed once, where that is proved; else each stays, as if it were a
     curve of its own, of which the claim is as true.
 
     Args:
-        parts: Atlases over regions that are got from one box by halving it, and its parts, along coordinates; or covers
-            over regions that fill a box together, and may overlap.
+        parts: Atlases or sheet atlases over regions that are got from one box by halving it, and its parts, along
+            coordinates; or covers over regions that fill a box together, and may overlap.
 
     Returns:
-        The atlas, or the cover, of the whole region, complete if all are.
+        That of the whole region, complete if all are.
 
     Raises:
-        InvalidInputError: They are about other closures, demands or ranges, their regions leave a gap, or of atlases:
-            they overlap or are not got by halving, or one is not proved to be on the first one's branch.
+        InvalidInputError: They are about other closures, demands or ranges, their regions leave a gap; or of atlases
+            and sheet atlases: they overlap or are not got by halving; or of atlases: one is not proved to be on the
+            first one's branch.
     """
     if not isinstance(parts, Iterable):
         raise InvalidInputError(f"parts must be a list of atlases, or of covers, not {type(parts).__name__}")
     given = list(parts)
     if not given:
-        raise InvalidInputError("there is nothing to merge: give atlases, or covers of singular curves")
+        raise InvalidInputError("there is nothing to merge: give atlases, sheet atlases or covers of singular curves")
     if isinstance(given[0], SingularCover):
         covers = [instance(part, f"parts[{k}]", SingularCover, "a SingularCover") for k, part in enumerate(given)]
         return merge_covers(covers)
-    what = "an Atlas, or all are covers of singular curves"
+    if isinstance(given[0], SheetAtlas):
+        return merge_sheets([instance(part, f"parts[{k}]", SheetAtlas, "a SheetAtlas") for k, part in enumerate(given)])
+    what = "an Atlas, or all are sheet atlases, or covers of singular curves"
     return merge_atlases([instance(part, f"parts[{k}]", Atlas, what) for k, part in enumerate(given)])
