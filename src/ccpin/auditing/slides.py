@@ -19,6 +19,7 @@ from ccpin.auditing.lengths import root_of, size_of
 from ccpin.auditing.reach import Group, Reach, above
 
 _TURN = np.pi + 1e-9
+_WIDER = 1e-12  # than the region: cells' corners are rounded
 
 
 def bounds_of(reach: Reach, sliding: Integers) -> Array:
@@ -26,7 +27,7 @@ def bounds_of(reach: Reach, sliding: Integers) -> Array:
     document, slides = reach.document, set(sliding.tolist())
     bounds = np.full(reach.closures.n_free, _TURN)
     bounds[sliding] = np.inf
-    bounds[document.independent] = np.nextafter(np.maximum(np.abs(document.lower), np.abs(document.upper)), np.inf)
+    bounds[document.independent] = np.maximum(np.abs(document.lower), np.abs(document.upper)) * (1.0 + _WIDER) + _WIDER
     for group in reach.groups:
         inside = {int(j) for k in group.chains for j in document.chains[k].joints} & slides
         for number in group.chains if inside else ():
