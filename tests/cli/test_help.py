@@ -1,12 +1,14 @@
 """What the command line says of itself: examples that run, exit codes, completion, errors that name the option."""
 
 import argparse
+import contextlib
 import json
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+import threading
 import time
 
 import pytest
@@ -141,15 +143,39 @@ def test_a_second_and_more_is_told_on_a_terminal_alone(capsys, monkeypatch):
 @pytest.mark.parametrize(
     "more", [["--duration", "0.2", "--friction-coulomb", "0.1"], ["--cycles", "1", "--wait", "0.1"]]
 )
-def test_simulate_tells_its_share(more, capsys, monkeypatch):
-    """A motion by its time, cycles by their moves: growing, from 0 to 100 %."""
+def test_simulate_tells_its_share(more, monkeypatch):
+    """A motion by its time, cycles by their moves: 0 where it begins, and at its end at least half, at most all."""
+    shares = []
+
+    @contextlib.contextmanager
+    def asked(quiet, what, share=None):
+        shares.append(share and share())
+        yield
+        shares.append(share and share())
+
+    monkeypatch.setattr("ccpin.cli.simulate.busy", asked)
+    assert main(["simulate", "rpdr", "--start-deg", "-150", "-160", "--goal-deg", "-90", "-100", *more]) == 0
+    assert shares[0] <= 0.0
+    assert 0.5 <= shares[1] <= 1.0
+
+
+def test_a_share_is_looked_up_while_it_grows(capsys, monkeypatch):
+    """By another thread, again and again, and shown between none and all."""
     monkeypatch.setattr("ccpin.cli.progress._PATIENCE", 0.0)
     monkeypatch.setattr("ccpin.cli.progress._LOOK", 0.005)
     monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
-    assert main(["simulate", "rpdr", "--start-deg", "-150", "-160", "--goal-deg", "-90", "-100", *more]) == 0
+    left, seen = [-0.5, 0.1, 0.5, 0.9, 1.5], threading.Event()
+
+    def share():
+        if len(left) == 1:
+            seen.set()
+        return left.pop(0) if len(left) > 1 else left[0]
+
+    with busy(False, "simulating", share):
+        assert seen.wait(60.0)
     shares = [int(share) for share in re.findall(r"simulating +(\d+) %", capsys.readouterr().err)]
     assert shares == sorted(shares)
-    assert 0 <= shares[0] < shares[-1] <= 100
+    assert {0, 10, 50, 90} <= set(shares) <= {0, 10, 50, 90, 100}
 
 
 def test_a_piped_command_writes_its_result_alone():
