@@ -20,6 +20,7 @@ ORDER = (
     "files",
     "displays",
     "auditing",
+    "proof",
     "description",
     "kinematics",
     "mechanism",
