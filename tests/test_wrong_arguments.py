@@ -83,7 +83,7 @@ class Bench:
 def _ccpin(b):
     names, reference = list(b.whole.independent), {b.whole.independent[0]: 0.1}
     load = {"path": "rpdr", "closures": (), "couplings": (), "independent": names, "actuated": names, "joints": {}}
-    load |= {"motors": {}, "format": None, "model": None, "include_root": None, "xacro_arguments": None}
+    load |= {"motors": {}, "format": None, "model": None, "include_root": None, "xacro": False, "xacro_arguments": None}
     load |= {"reference": reference, "geometry": None, "constraints": (), "geometry_tolerance": 1e-5}
     run = {"model": b.model, "controller": b.law, "q0": b.q, "v0": b.rest, "duration": 0.005, "guess": None}
     run |= {"method": "RK45", "rtol": 1e-6, "atol": 1e-6, "sample_period": 0.005, "max_step": 1.0, "region": None}
@@ -177,7 +177,14 @@ def _description(b):
     return {
         "read_description": (
             description.read_description,
-            {"path": "rpdr", "format": None, "model": None, "include_root": None, "xacro_arguments": None},
+            {
+                "path": "rpdr",
+                "format": None,
+                "model": None,
+                "include_root": None,
+                "xacro": False,
+                "xacro_arguments": None,
+            },
         ),
         "scaled": (
             description.scaled,

@@ -51,6 +51,7 @@ def add_mechanism(parser: argparse.ArgumentParser, optional: bool = False) -> No
     parser.add_argument("--model", metavar="NAME", help="which model of an SDF file, where it holds several")
     below = "folder an SDF or MJCF file may include from (its own)"
     complete(parser.add_argument("--include-root", metavar="DIR", help=below), shtab.DIRECTORY)
+    parser.add_argument("--xacro", action="store_true", help="expand xacro, a program, in a file of another name too")
     parser.add_argument("--xacro-arg", nargs="+", metavar="NAME:=VALUE", default=[], help="arguments of a xacro file")
     parser.add_argument("--json", action="store_true", help="print machine-readable JSON (SI units, radians)")
 
@@ -71,6 +72,7 @@ def load(options: argparse.Namespace) -> Mechanism:
             format=options.format,
             model=options.model,
             include_root=options.include_root,
+            xacro=options.xacro,
             xacro_arguments=xacro_arguments,
         )
 

@@ -84,6 +84,7 @@ def read_description(
     *,
     model: str | None = None,
     include_root: str | Path | None = None,
+    xacro: bool = False,
     xacro_arguments: Mapping[str, str] | None = None,
 ) -> MechanismDescription:
     """Read a file in the format its content shows, or in the one named.
@@ -94,6 +95,8 @@ def read_description(
         format: ``"urdf"``, ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` (toolbox-parallel-robots: YAML beside a URDF).
         model: Which model of an SDFormat file to read, where it holds several.
         include_root: The folder an SDFormat or MJCF file may include others from; default its own.
+        xacro: Expand xacro elements and expressions also where the file's name does not end in ``.xacro``. A xacro
+            file is a program, so no other is expanded unasked (`ccpin.description.xacro_files`).
         xacro_arguments: Values of a xacro file's arguments.
 
     Raises:
@@ -114,7 +117,7 @@ def read_description(
         from ccpin.description.toolbox import toolbox_description
 
         return toolbox_description(text, file)
-    from ccpin.description.xacro_files import is_xacro
+    from ccpin.description.xacro_files import SUFFIX, is_xacro
     from ccpin.description.xml import fail, parse_xml, tag
 
     root = parse_xml(text, str(file))
@@ -132,6 +135,12 @@ def read_description(
     if kind == "urdf" and is_xacro(root):
         from ccpin.description.xacro_files import xacro_description
 
+        if not (xacro or file.suffix == SUFFIX):
+            raise fail(
+                root,
+                "the file holds xacro elements or expressions, which are programs: they are run only in a file whose "
+                "name ends in .xacro, or where xacro=True (--xacro) says that this one is trusted",
+            )
         return xacro_description(file, root, xacro_arguments)
     if kind == "urdf":
         from ccpin.description.urdf import urdf_description

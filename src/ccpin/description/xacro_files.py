@@ -1,23 +1,30 @@
 """xacro files: URDFs with macros, expanded by xacrodoc (the extra ``[xacro]``).
 
-A xacro file is a program: it may read other files and evaluates expressions. Read only those you trust.
+A xacro file is a program: it reads other files and the environment, and its expressions are Python. So only a file that
+is one by name (``.xacro``), or of which its reader is told so, is expanded. Its expressions are confined to what xacro
+hands them: one that names or reaches for anything that begins with an underscore, the way from a value to its
+interpreter, is refused. That stops the ways known, and promises no more: expand only files you trust.
 """
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import io
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from ccpin.description.model import MechanismDescription
 from ccpin.description.urdf import urdf_description
 from ccpin.description.xml import XmlElement, parse_xml
 from ccpin.errors import DescriptionError
 
+SUFFIX = ".xacro"
 _NAMESPACE = "xacro"
+_FORMATTING = ("format", "format_map")  # of strings: their fields are expressions of another grammar
 _ONE_AT_A_TIME = threading.Lock()  # xacro keeps what it expands in module variables
 
 
@@ -56,7 +63,7 @@ def _expanded(file: Path, name: str, arguments: dict[str, str]) -> tuple[bytes, 
         )
         raise DescriptionError(message, source=str(file)) from None
     printed = io.StringIO()
-    with _ONE_AT_A_TIME, contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+    with _ONE_AT_A_TIME, _confined(), contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
         try:
             packages.reset()
             packages.walk_up_from(file)
@@ -68,3 +75,38 @@ def _expanded(file: Path, name: str, arguments: dict[str, str]) -> tuple[bytes, 
             reason = " ".join(str(error).split())[:300] or type(error).__name__
             raise DescriptionError(f"cannot expand the file: {reason}", source=str(file), element="xacro") from None
     return text.encode(), [line.strip() for line in printed.getvalue().splitlines() if line.strip()]
+
+
+@contextlib.contextmanager
+def _confined() -> Iterator[None]:
+    """While it lasts xacro's two evaluators, of ``${…}`` and of ``$(eval …)``, refuse what `_refuse_reaching` does."""
+    import xacro
+    from xacro import substitution_args
+
+    def checked(evaluate: Callable[..., Any]) -> Callable[..., Any]:
+        def confined(expression: str, *arguments: Any) -> Any:
+            _refuse_reaching(expression)
+            return evaluate(expression, *arguments)
+
+        return confined
+
+    of_braces, of_eval = xacro.safe_eval, substitution_args._eval
+    xacro.safe_eval, substitution_args._eval = checked(of_braces), checked(of_eval)
+    try:
+        yield
+    finally:
+        xacro.safe_eval, substitution_args._eval = of_braces, of_eval
+
+
+def _refuse_reaching(expression: str) -> None:
+    """Nothing, if an expression of Python stays with the values it is given.
+
+    Raises:
+        ValueError: It has a name or an attribute that begins with an underscore, or formats a string by its own fields.
+        SyntaxError: It is no expression.
+    """
+    for node in ast.walk(ast.parse(expression.strip(), mode="eval")):
+        word = node.id if isinstance(node, ast.Name) else node.attr if isinstance(node, ast.Attribute) else ""
+        text = node.value if isinstance(node, ast.Constant) and isinstance(node.value, str) else ""
+        if word.startswith("_") or word in _FORMATTING or "__" in text:
+            raise ValueError(f"the expression '{expression.strip()[:80]}' reaches behind its values, which is refused")

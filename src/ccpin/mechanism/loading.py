@@ -46,6 +46,7 @@ def load(
     format: str | None = None,
     model: str | None = None,
     include_root: str | Path | None = None,
+    xacro: bool = False,
     xacro_arguments: Mapping[str, str] | None = None,
     geometry: pin.GeometryModel | None = None,
     constraints: Iterable[object] = (),
@@ -79,6 +80,7 @@ def load(
         format: ``"urdf"``, ``"sdf"``, ``"mjcf"`` or ``"toolbox"`` to override detection from the content.
         model: Which model of an SDFormat file to read, where it holds several.
         include_root: The folder an SDFormat or MJCF file may include others from; default its own.
+        xacro: Expand xacro also where the file's name does not end in ``.xacro``: a xacro file is a program.
         xacro_arguments: Values of a xacro file's arguments (the extra ``[xacro]``).
         geometry: What to draw of a `pinocchio.Model`.
         constraints: Pinocchio's constraint models that close the loops of a `pinocchio.Model`.
@@ -105,7 +107,7 @@ def load(
         description = describe_pinocchio(path, geometry=geometry, constraints=constraints)
     else:
         description = read_description(
-            path, format, model=model, include_root=include_root, xacro_arguments=xacro_arguments
+            path, format, model=model, include_root=include_root, xacro=xacro, xacro_arguments=xacro_arguments
         )
     if joints is not None or motors is not None:
         description = with_stated(description, joints, motors)

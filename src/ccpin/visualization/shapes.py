@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from ccpin.arrays import Array, frozen
+from ccpin.description.meshes import LARGEST, SUFFIXES, is_mesh
 from ccpin.description.model import Shape, frame
 
 MAX_FACES_SMOOTHED = 50_000
@@ -47,10 +48,11 @@ def read_mesh(path: str) -> Triangles | str:
     """
     import trimesh
 
-    if not Path(path).is_file():
-        return f"mesh '{path}' is not there; it is left out of the picture"
+    if not is_mesh(Path(path)):
+        known = f"no regular file of one of the kinds drawn ({', '.join(SUFFIXES)}; {LARGEST / 1e6:.0f} MB at most)"
+        return f"mesh '{path}' is not there, or {known}; it is left out of the picture"
     try:
-        mesh = trimesh.load(path, force="mesh")
+        mesh = trimesh.load(path, force="mesh", skip_materials=True)
         if 0 < len(mesh.faces) <= MAX_FACES_SMOOTHED:
             mesh = trimesh.graph.smooth_shade(mesh, angle=np.pi / 6)
     except Exception as error:  # trimesh's loaders raise whatever their parsers do; a picture must not fail for that

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.arrays import Array
+from ccpin.description.meshes import LARGEST
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
 from ccpin.description.model import Inertia, frame
@@ -18,7 +19,6 @@ from ccpin.description.xml import ZERO, source_of
 
 _READABLE = (".msh", ".obj", ".stl")
 _MOST_NUMBERS = 10_000_000
-_LARGEST = 500_000_000  # bytes of a mesh file
 _THINNEST = 1e-9  # volume or area by the mesh's size to the third or second power
 _WAYS = ("legacy", "exact", "convex", "shell")
 
@@ -106,8 +106,8 @@ class MeshAsset:
         if not _is_file(file):
             raise self._fail("there is no such file")
         try:
-            if file.stat().st_size > _LARGEST:
-                raise self._fail(f"it has more than {_LARGEST / 1e6:.0f} MB")
+            if file.stat().st_size > LARGEST:
+                raise self._fail(f"it has more than {LARGEST / 1e6:.0f} MB")
             if file.suffix.lower() == ".msh":
                 return trimesh.Trimesh(*_msh(file.read_bytes()), process=False)
             return trimesh.load(file, force="mesh", process=False, skip_materials=True)
