@@ -9,6 +9,7 @@ import threading
 import urllib.error
 import urllib.request
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
@@ -55,7 +56,7 @@ def test_live_viewer_serves_on_loopback_and_stops(rpdr, swing):
     with visualization.view(rpdr, swing[1], swing[0], open_browser=False) as viewer:
         assert viewer.url.startswith("http://127.0.0.1:")
         assert b"viewer.connect" in urllib.request.urlopen(viewer.url, timeout=10).read()
-        port = int(viewer.url.rstrip("/").rpartition(":")[2])
+        port = urlsplit(viewer.url).port
         listening = Path("/proc/net/tcp")
         if listening.exists():
             rows = [line.split() for line in listening.read_text().splitlines()[1:]]

@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import threading
 import webbrowser
-from typing import Any
 
 from ccpin.studio.page import studio_page
 from ccpin.studio.session import Session
 from ccpin.studio.subject import Subject
-from ccpin.visualization.live import Server
 from ccpin.visualization.page import Recorder
+from ccpin.visualization.server import Connection, Server
 
-LARGEST_MESSAGE = 1 << 20
 LAST_WORK = 5.0
 """Seconds in which cancelled work ends when the studio closes."""
-LOOPBACK_NAMES = r"127\.0\.0\.1|localhost"
 
 
 class Studio:
@@ -36,10 +32,9 @@ class Studio:
         self.subject = subject
         recorder = Recorder()
         scene = subject.scene(recorder)
-        self._text = studio_page(subject.title, recorder.commands, subject.told(scene))
-        self._sessions: set[Any] = set()
+        text = studio_page(subject.title, recorder.commands, subject.told(scene))
         self._closed = threading.Event()
-        self._server = Server(self._application, self._hang_up, port)
+        self._server = Server(text, "session", self._welcome, port)
         if open_browser:
             webbrowser.open(self.url)
 
@@ -51,7 +46,7 @@ class Studio:
     @property
     def sessions(self) -> int:
         """How many pages are open."""
-        return len(self._sessions)
+        return len(self._server.guests)
 
     def wait(self, timeout: float | None = None) -> bool:
         """Block until the studio is closed or `timeout` seconds have passed; return whether it is closed."""
@@ -59,7 +54,7 @@ class Studio:
 
     def close(self) -> None:
         """Cancel all work, stop the server and its thread; does nothing the second time."""
-        sessions = [socket.session for socket in tuple(self._sessions)]
+        sessions = self._server.guests
         self._server.close()
         for session in sessions:
             session.wait(LAST_WORK)
@@ -71,54 +66,6 @@ class Studio:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _hang_up(self) -> None:
-        for socket in tuple(self._sessions):
-            socket.close()
-            socket.on_close()
-
-    def _application(self, loop: asyncio.AbstractEventLoop) -> Any:
-        from tornado.web import Application, RequestHandler
-        from tornado.websocket import WebSocketClosedError, WebSocketHandler
-
-        studio = self
-
-        class Page(RequestHandler):  # type: ignore[misc]
-            def get(self) -> None:
-                self.set_header("Cache-Control", "no-store")
-                self.write(studio._text)
-
-        class SessionSocket(WebSocketHandler):  # type: ignore[misc]
-            session: Session | None = None
-
-            def open(self, *args: str, **kwargs: str) -> None:
-                self.set_nodelay(True)
-                self.session = Session(studio.subject, self._told)
-                studio._sessions.add(self)
-
-            def on_message(self, message: str | bytes) -> None:
-                if self.session is not None:
-                    self.session.hear(message)
-
-            def on_close(self) -> None:
-                studio._sessions.discard(self)
-                if self.session is not None:
-                    self.session.close()
-
-            def _told(self, message: dict[str, Any]) -> None:
-                """Called from any thread; a page that has gone hears nothing."""
-                text = json.dumps(message)
-                if threading.get_ident() == owner[0]:
-                    self._write(text)
-                elif not loop.is_closed():
-                    loop.call_soon_threadsafe(self._write, text)
-
-            def _write(self, text: str) -> None:
-                try:
-                    self.write_message(text)
-                except WebSocketClosedError:
-                    self.on_close()
-
-        owner = [threading.get_ident()]
-        application = Application(log_function=lambda handler: None, websocket_max_message_size=LARGEST_MESSAGE)
-        application.add_handlers(LOOPBACK_NAMES, [("/", Page), ("/session", SessionSocket)])
-        return application
+    def _welcome(self, page: Connection) -> Session:
+        """The session of a page that has opened; what it tells is a JSON text each."""
+        return Session(self.subject, lambda message: page.send(json.dumps(message)))

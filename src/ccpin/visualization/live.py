@@ -1,131 +1,71 @@
-"""A live MeshCat viewer: a small web server on the loopback interface, in a thread of this process."""
+"""A live MeshCat viewer: a scene whose commands go to the pages that are open."""
 
 from __future__ import annotations
 
-import asyncio
 import threading
 import webbrowser
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from numpy.typing import ArrayLike
 
-from ccpin.errors import CcpinError
 from ccpin.visualization.embedded import frame
 from ccpin.visualization.page import Recorder
 from ccpin.visualization.playback import checked_pose
+from ccpin.visualization.server import Connection, Guest, Server
 
 if TYPE_CHECKING:
     from ccpin.visualization.scene import Scene
 
-LOOPBACK = "127.0.0.1"
-TIMEOUT = 20.0
-"""Seconds to wait for the server thread to start or to stop."""
-
 
 class LiveRecorder(Recorder):
-    """A recorder that also forwards each command to the connected browsers, and greets a new one with them all."""
+    """A recorder that also forwards each command to the pages that are open, and greets a new one with them all."""
 
     def __init__(self) -> None:
         super().__init__()
         self._lock = threading.RLock()
-        self._sockets: set[Any] = set()
-        self.loop: asyncio.AbstractEventLoop | None = None
+        self._pages: set[Connection] = set()
 
     def send(self, command: Any) -> None:
         """Keep a command and show it."""
         with self._lock:
             super().send(command)
 
-    def join(self, socket: Any) -> None:
-        """Show everything to a newly connected browser; called on the event loop."""
+    def join(self, page: Connection) -> Guest:
+        """Show everything to a page that has opened."""
         with self._lock:
-            self._sockets.add(socket)
+            self._pages.add(page)
             for command in self.commands:
-                socket.write_message(command, binary=True)
+                page.send(command, greeting=True)
+        return _Watcher(self, page)
 
-    def leave(self, socket: Any) -> None:
-        """Forget a browser; called on the event loop."""
+    def leave(self, page: Connection) -> None:
+        """Forget a page."""
         with self._lock:
-            self._sockets.discard(socket)
-
-    def hang_up(self) -> None:
-        """Close all connections and forward nothing any more; called on the event loop."""
-        self.loop = None
-        for socket in tuple(self._sockets):
-            socket.close()
+            self._pages.discard(page)
 
     def _forward(self, packed: bytes) -> None:
-        if self.loop is not None and not self.loop.is_closed():
-            for socket in tuple(self._sockets):
-                self.loop.call_soon_threadsafe(_write, socket, packed)
+        for page in tuple(self._pages):
+            page.send(packed)
 
 
-class Server:
-    """Serves a Tornado application on the loopback interface, in a thread, until closed.
+class _Watcher(NamedTuple):
+    """A page that shows a scene, and has nothing to say."""
 
-    Args:
-        application: Makes it, given the event loop it runs on.
-        hang_up: Closes its connections; called on the event loop.
-        port: Where; 0 for any that is free.
+    recorder: LiveRecorder
+    page: Connection
 
-    Attributes:
-        url: The address of its root.
-
-    Raises:
-        CcpinError: The port cannot be opened.
-    """
-
-    def __init__(
-        self, application: Callable[[asyncio.AbstractEventLoop], Any], hang_up: Callable[[], None], port: int = 0
-    ) -> None:
-        self.url = ""
-        self._application, self._hang_up, self._port = application, hang_up, port
-        self._loop = asyncio.new_event_loop()
-        self._stop = asyncio.Event()
-        self._ready = threading.Event()
-        self._failure: BaseException | None = None
-        self._thread = threading.Thread(target=self._run, name="ccpin-viewer", daemon=True)
-        self._thread.start()
-        if not self._ready.wait(TIMEOUT) or not self.url:
-            where = f"{LOOPBACK}:{port}" if port else LOOPBACK
-            raise CcpinError(f"the web server could not start on {where}: {self._failure}")
+    def hear(self, message: str | bytes) -> None:
+        """Nothing comes of it."""
 
     def close(self) -> None:
-        """Stop serving; does nothing the second time."""
-        if self._thread.is_alive():
-            self._loop.call_soon_threadsafe(self._stop.set)
-            self._thread.join(TIMEOUT)
-
-    def _run(self) -> None:
-        asyncio.set_event_loop(self._loop)
-        try:
-            self._loop.run_until_complete(self._serve())
-        except (OSError, OverflowError, asyncio.TimeoutError) as error:
-            self._failure = error
-        finally:
-            self._ready.set()
-            self._loop.close()
-
-    async def _serve(self) -> None:
-        from tornado.httpserver import HTTPServer
-        from tornado.netutil import bind_sockets
-
-        sockets = bind_sockets(self._port, LOOPBACK)
-        server = HTTPServer(self._application(self._loop))
-        server.add_sockets(sockets)
-        self.url = f"http://{LOOPBACK}:{sockets[0].getsockname()[1]}/"
-        self._ready.set()
-        await self._stop.wait()
-        server.stop()
-        self._hang_up()
-        await asyncio.wait_for(server.close_all_connections(), TIMEOUT / 4)
+        """Forget it."""
+        self.recorder.leave(self.page)
 
 
 class Viewer:
     """An open live viewer of a scene drawn into a `LiveRecorder`; close it, or use it as a context manager."""
 
-    def __init__(self, scene: Scene, server: Server, open_browser: bool = False) -> None:
+    def __init__(self, scene: Scene, server: Server[Guest], open_browser: bool = False) -> None:
         self.scene = scene
         self._server = server
         self._closed = threading.Event()
@@ -173,43 +113,6 @@ class Viewer:
         self.close()
 
 
-def _write(socket: Any, packed: bytes) -> None:
-    """Write to a web socket unless its browser has gone in the meantime."""
-    from tornado.websocket import WebSocketClosedError
-
-    try:
-        socket.write_message(packed, binary=True)
-    except WebSocketClosedError:
-        socket.close()
-
-
-def serve_scene(text: str, recorder: LiveRecorder) -> Server:
-    """Serve one page, which connects to ``/scene``, and the recorded scene on a free loopback port, until closed."""
-
-    def application(loop: asyncio.AbstractEventLoop) -> Any:
-        recorder.loop = loop
-        return _application(text, recorder)
-
-    return Server(application, recorder.hang_up)
-
-
-def _application(text: str, recorder: LiveRecorder) -> Any:
-    from tornado.web import Application, RequestHandler
-    from tornado.websocket import WebSocketHandler
-
-    class Page(RequestHandler):  # type: ignore[misc]
-        def get(self) -> None:
-            self.set_header("Cache-Control", "no-store")
-            self.write(text)
-
-    class SceneSocket(WebSocketHandler):  # type: ignore[misc]
-        def open(self, *args: str, **kwargs: str) -> None:
-            recorder.join(self)
-
-        def on_message(self, message: str | bytes) -> None:
-            """Browsers have nothing to say."""
-
-        def on_close(self) -> None:
-            recorder.leave(self)
-
-    return Application([("/", Page), ("/scene", SceneSocket)], log_function=lambda handler: None)
+def serve_scene(text: str, recorder: LiveRecorder) -> Server[Guest]:
+    """Serve one page, which connects to ``scene`` beside it, and the recorded scene on a free loopback port."""
+    return Server(text, "scene", recorder.join)

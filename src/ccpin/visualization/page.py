@@ -48,7 +48,7 @@ class Command(dict[str, Any]):
 
 ASSETS = Path(__file__).parent / "assets"
 SCRIPTS = ("stage.js", "views.js", "overlays.js", "player.js")
-CONNECT = "viewer.connect(`ws://${location.host}/scene`);"
+CONNECT = "viewer.connect(`ws://${location.host}${location.pathname}scene`);"
 REPLAY = """for (const command of commands)
   viewer.handle_command_bytearray(Uint8Array.from(atob(command), c => c.charCodeAt(0)));"""
 

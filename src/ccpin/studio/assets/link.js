@@ -36,7 +36,7 @@ function later(wait, work) {             // once nothing has asked for it for a 
 }
 
 function connect(opened) {
-  link.socket = new WebSocket(`ws://${location.host}/session`);
+  link.socket = new WebSocket(`ws://${location.host}${location.pathname}session`);
   link.socket.onmessage = event => heard(JSON.parse(event.data));
   link.socket.onopen = opened;
   link.socket.onclose = () => {
