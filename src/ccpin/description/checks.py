@@ -14,6 +14,7 @@ from ccpin.description.model import Coupling, Inertia, Joint, Link, LoopClosure,
 from ccpin.errors import DescriptionError
 
 MAGNITUDE_LIMIT = 1e9
+_NAMED = 8  # names in a message
 _RECORDS = {"links": Link, "joints": Joint, "closures": LoopClosure, "couplings": Coupling, "motors": Motor}
 
 
@@ -94,14 +95,17 @@ class _Checker:
             parent_of[joint.child] = joint.parent
         roots = sorted(self.links - set(parent_of))
         if len(roots) > 1:
-            raise self.fail(f"link '{roots[1]}'", f"a second root: links {', '.join(roots)} have no parent joint")
+            named = ", ".join(roots[:_NAMED]) + ", …" * (len(roots) > _NAMED)
+            raise self.fail(f"link '{roots[1]}'", f"a second root: links {named} have no parent joint")
+        rooted = set(roots)
         for link in self.links:
-            seen = {link}
-            while link in parent_of:
-                link = parent_of[link]
-                if link in seen:
+            way: set[str] = set()
+            while link not in rooted:
+                if link in way:
                     raise self.fail(f"link '{link}'", "the joints form a cycle; cut it and state the loop as a closure")
-                seen.add(link)
+                way.add(link)
+                link = parent_of[link]
+            rooted |= way
 
     def something_has_mass(self) -> None:
         if all(link.inertia is None for link in self.d.links):

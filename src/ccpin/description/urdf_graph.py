@@ -9,7 +9,7 @@ from ccpin.arrays import Array
 from ccpin.description.closing_frames import closing_pairs
 from ccpin.description.graph import Connection, as_loop, loop_notes, zero_poses
 from ccpin.description.model import Coupling, Joint, Link, LoopClosure, inverse
-from ccpin.description.sdf.gearboxes import gear_coupling
+from ccpin.description.sdf.gearboxes import gear_couplings
 from ccpin.description.sdf.joints import (
     Frames,
     Joints,
@@ -57,7 +57,7 @@ def read_graph(root: XmlElement, links: Sequence[Link], joints: Sequence[Joint],
     parts = [as_loop(c, keep=bool(kept & {c.name, *(step.name for step in c.steps)})) for c in connections]
     notes += loop_notes(connections, parts)
     every = (*tree, *(joint for part in parts for joint in part.joints))
-    gears = [gear_coupling(gear, every, extension.poses) for gear in extension.found.gearboxes]
+    gears = gear_couplings(extension.found.gearboxes, every, extension.poses)
     names = {joint.name for joint in every}
     mimics = [mimic_coupling(name, said, names) for name, said in extension.found.mimics.items()]
     closures = tuple(closure for part in parts for closure in part.closures)

@@ -20,7 +20,7 @@ from ccpin.description.hinges import make_hinges
 from ccpin.description.model import IDENTITY, Coupling, Joint, Link, LoopClosure, MechanismDescription, inverse
 from ccpin.description.sdf.bodies import Bodies
 from ccpin.description.sdf.constraints import drake_closures
-from ccpin.description.sdf.gearboxes import gear_coupling
+from ccpin.description.sdf.gearboxes import gear_couplings
 from ccpin.description.sdf.includes import Including
 from ccpin.description.sdf.joints import mimic_coupling
 from ccpin.description.sdf.scopes import WORLD, Scope
@@ -122,7 +122,7 @@ class _Model:
         mimics = tuple(mimic_coupling(name, said, steps) for name, said in self.joints.mimics.items())
         root, mounts, parts = self._spanned({term.joint for mimic in mimics for term in mimic.terms})
         joints = (*mounts, *(joint for part in parts for joint in part.joints))
-        gears = tuple(gear_coupling(gear, joints, self.poses) for gear in self.joints.gearboxes)
+        gears = gear_couplings(self.joints.gearboxes, joints, self.poses)
         couplings = (*self.joints.couplings, *gears, *mimics)
         stated = [c for inner in self.scope.inside() for c in drake_closures(inner, self.notes)]
         make_hinges(stated, self.notes, "balls")
