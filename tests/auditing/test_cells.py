@@ -13,7 +13,7 @@ from tests.support.legs import WHOLE, load_slice
 pytest.importorskip("flint")
 
 from ccpin.auditing import closures, document, emptiness, singular, verify
-from tests.support.altered import changed
+from tests.support.altered import changed, without_boxes
 
 TORUS = np.full(2, -np.pi), np.full(2, np.pi)
 
@@ -59,13 +59,14 @@ def test_cells_that_are_not_empty_are_found(torus, tmp_path, monkeypatch):
 
     def plant(arrays):
         arrays["tree_status"][planted] = CellStatus.EMPTY
+        without_boxes(arrays, np.intersect1d(planted, atlas.tree.leaves(CellStatus.CERTIFIED)))
         kept = ~np.isin(arrays["singular_cell"], planted)
         arrays["singular_cell"], arrays["singular_theta"] = (
             arrays["singular_cell"][kept],
             arrays["singular_theta"][kept],
         )
 
-    read = document.read(changed(path, tmp_path, plant))
+    read = document.read(changed(path, tmp_path, plant, radius=0.0))
     look = emptiness.Emptiness(closures.Closures(read), read)
     rows = np.flatnonzero(np.isin(read.empty.number, planted))
     assert len(rows) == 40
@@ -79,11 +80,13 @@ def test_configurations_that_are_not_singular_are_found(torus, tmp_path):
     regular = atlas.boxes.centre[atlas.tree.box[certified]]
 
     def plant(arrays):
+        arrays["tree_status"][certified] = CellStatus.SINGULAR
+        without_boxes(arrays, certified)
         arrays["singular_theta"] = np.roll(arrays["singular_theta"], 7, axis=0)
         arrays["singular_cell"] = np.concatenate([arrays["singular_cell"], certified])
         arrays["singular_theta"] = np.concatenate([arrays["singular_theta"], regular])
 
-    read = document.read(changed(path, tmp_path, plant))
+    read = document.read(changed(path, tmp_path, plant, radius=0.0))
     own = closures.Closures(read)
     count = len(read.singular.number)
     for k in [*range(0, count - 5, 40), *range(count - 5, count)]:
@@ -91,9 +94,10 @@ def test_configurations_that_are_not_singular_are_found(torus, tmp_path):
 
     def bare(arrays):
         arrays["tree_status"][certified] = CellStatus.SINGULAR
+        without_boxes(arrays, certified)
 
     with pytest.raises(InvalidInputError, match="without a singular configuration"):
-        document.read(changed(path, tmp_path, bare))
+        document.read(changed(path, tmp_path, bare, radius=0.0))
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ pytest.importorskip("flint")
 
 from ccpin.auditing import closures, counts, document, emptiness, gluing, verify
 from ccpin.auditing.audit import _faces as audit_faces
-from tests.support.altered import changed
+from tests.support.altered import changed, without_members
 from tests.support.legs import WHOLE, load_slice
 
 TORUS = np.full(2, -np.pi), np.full(2, np.pi)
@@ -80,7 +80,7 @@ def test_solutions_over_a_middle_are_those_of_the_producer(sheets, cell):
 
 @pytest.mark.parametrize("planted", ["dropped", "dropped and counted", "twice", "one more", "elsewhere", "no more"])
 def test_wrong_counts_are_found(sheets, cell, tmp_path, planted):
-    """A box dropped, counted or not, one that stands twice, one that is none of the cell's, other numbers."""
+    """A box dropped, counted or not, one that stands twice, one that is none of the cell's, other numbers: refused."""
     found, path = sheets
     row = int(np.flatnonzero(found.members.cell == cell)[0])
 
@@ -99,8 +99,19 @@ def test_wrong_counts_are_found(sheets, cell, tmp_path, planted):
         if planted == "no more":
             arrays["count"][cell] = -1
 
-    read, look = looker(changed(path, tmp_path, plant))
-    assert counts.counted(look, row_of(read, cell)) is False
+    with pytest.raises(InvalidInputError, match=r"count: not as many|members_box|is not the box of cell"):
+        document.read(changed(path, tmp_path, plant))
+
+
+def test_a_wrong_number_is_found(sheets, cell):
+    """One more and one less than there are over a cell that is not certified."""
+    read, look = looker(sheets[1])
+    row = row_of(read, cell)
+    read.counts.certified[row] = False
+    assert counts.counted(look, row)
+    for wrong in (1, 3):
+        read.counts.said[row] = wrong
+        assert counts.counted(look, row) is False
 
 
 def test_boxes_that_are_none_are_refused(sheets, tmp_path):
@@ -112,22 +123,22 @@ def test_boxes_that_are_none_are_refused(sheets, tmp_path):
 
 
 def test_counts_of_cells_that_have_other_numbers_are_found(sheets, tmp_path, monkeypatch):
-    """Cells that hold a fold, said to be counted; empty ones, said to hold two; and two, said to be empty."""
+    """Cells that hold a fold, and empty ones, said to hold two; and two, said to be empty."""
     monkeypatch.setattr(emptiness, "_BUDGET", 1000)
     found, path = sheets
-    status = found.tree.status
     folded, empty = (found.tree.leaves(kind)[:4] for kind in (CellStatus.SINGULAR, CellStatus.EMPTY))
     two = found.tree.leaves(CellStatus.CERTIFIED)[:4]
-    assert status[two[0]] == CellStatus.CERTIFIED
 
     def plant(arrays):
         arrays["count"][np.concatenate([folded, empty])] = 2
+        arrays["tree_status"][empty] = CellStatus.UNDECIDED
         arrays["count"][two] = 0
         arrays["tree_status"][two] = CellStatus.EMPTY
+        without_members(arrays, two)
 
     read, look = looker(changed(path, tmp_path, plant))
     for cell in (*folded, *empty):
-        assert counts.counted(look, row_of(read, cell)) is False
+        assert not counts.counted(look, row_of(read, cell))
     assert not np.any(np.isin(two, read.counts.cells.number))
     assert not any(look.proved(int(k)) for k in np.flatnonzero(np.isin(read.empty.number, two)))
 
@@ -148,14 +159,9 @@ def test_counts_of_the_3rpr(tmp_path):
     cells = [read.counts.cells.number[read.counts.said == number][0] for number in (4, 2)]
     assert all(counts.counted(look, row_of(read, cell)) for cell in cells)
 
-    def plant(arrays):
-        rows = np.flatnonzero(arrays["members_cell"] == cells[0])
-        arrays["count"][cells[0]] = 2
-        for name in ("members_cell", "members_box"):
-            arrays[name] = np.delete(arrays[name], rows[2:])
-
-    read, look = looker(changed(path, tmp_path, plant))
-    assert counts.counted(look, row_of(read, cells[0])) is False
+    row = row_of(read, cells[0])
+    read.counts.said[row], read.counts.certified[row] = 2, False
+    assert counts.counted(look, row) is False
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ pytest.importorskip("flint")
 from flint import arb, arb_mat
 
 from ccpin.auditing import closures, document, emptiness, platform
-from tests.support.altered import changed
+from tests.support.altered import changed, without_boxes
 
 SIZES = [20, pytest.param(1_500, marks=pytest.mark.slow)]
 
@@ -116,8 +116,9 @@ def test_reachable_cells_called_empty_are_not_proved(tmp_path):
 
     def plant(arrays):
         arrays["tree_status"][leaves] = CellStatus.EMPTY
+        without_boxes(arrays, leaves)
 
-    read = document.read(changed(tmp_path / "delta.json", tmp_path, plant))
+    read = document.read(changed(tmp_path / "delta.json", tmp_path, plant, radius=0.0))
     look = emptiness.Emptiness(closures.Closures(read), read)
     rows = np.flatnonzero(np.isin(read.empty.number, leaves))
     assert len(rows) == len(leaves)

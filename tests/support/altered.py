@@ -7,8 +7,8 @@ import numpy as np
 from ccpin.auditing import document
 
 
-def changed(path, tmp_path, change, stamp=True):
-    """The document with arrays changed; its fingerprint brought up to date unless told otherwise."""
+def changed(path, tmp_path, change, stamp=True, **header):
+    """The document with arrays changed, and what of its header is named; its fingerprint brought up to date or not."""
     whole = json.loads(path.read_text())
     arrays = {n: np.array(a["data"], dtype=a["dtype"]).reshape(a["shape"]) for n, a in whole["arrays"].items()}
     change(arrays)
@@ -17,6 +17,40 @@ def changed(path, tmp_path, change, stamp=True):
     }
     if stamp:
         whole["fingerprint"] = document.fingerprint(arrays)
+    whole |= header
     other = tmp_path / "changed.json"
     other.write_text(json.dumps(whole))
     return other
+
+
+def without_boxes(arrays, cells):
+    """An atlas's arrays without the boxes of some certified cells, the others numbered anew."""
+    number = _without(arrays, arrays["tree_box"][cells])
+    arrays["tree_box"][cells] = -1
+    arrays["tree_box"][:] = number[arrays["tree_box"]]
+    arrays["unglued"] = arrays["unglued"][:0]
+
+
+def without_members(arrays, cells):
+    """Sheets' arrays without the boxes over some cells, the others numbered anew."""
+    stay = ~np.isin(arrays["members_cell"], cells)
+    number = _without(arrays, arrays["members_box"][~stay])
+    for name in ("members_cell", "members_box"):
+        arrays[name] = arrays[name][stay]
+    arrays["members_box"] = number[arrays["members_box"]]
+    rows = (number[arrays["glued_first"]] >= 0) & (number[arrays["glued_second"]] >= 0)
+    for name in ("glued_first", "glued_second", "glued_at_first", "glued_at_second"):
+        arrays[name] = arrays[name][rows]
+    for name in ("glued_first", "glued_second"):
+        arrays[name] = number[arrays[name]]
+
+
+def _without(arrays, lost):
+    """The new numbers of all boxes, −1 of those that are lost (and of −1); the arrays lose them."""
+    count = len(arrays["box_centre"])
+    kept = np.setdiff1d(np.arange(count), lost)
+    number = np.full(count + 1, -1)
+    number[kept] = np.arange(len(kept))
+    for name in [name for name in arrays if name.startswith("box_")]:
+        arrays[name] = arrays[name][kept]
+    return number

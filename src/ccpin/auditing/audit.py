@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from ccpin.auditing.closures import Closures
 
 _CUTS = 12
+_NEAR = 1e-9  # rad or m: how far a seed may be from a closed configuration
 _PART = 16
 _WORDS = {
     "box": "boxes with exactly one nonsingular solution",
@@ -294,7 +295,8 @@ def _reached(document: Document, seed: NDArray[np.float64], pairs: list[tuple[in
     reached = np.zeros(len(document.centre), dtype=np.bool_)
     found = near(Closures(document), document.dependent, seed)
     still = np.zeros(len(document.independent))
-    todo = [] if found is None else [k for k in range(len(reached)) if in_tube(document, k, *found, still)]
+    seeded = found is not None and bool(np.max(np.abs(found[0] - seed)) <= _NEAR)
+    todo = [k for k in range(len(reached)) if found and seeded and in_tube(document, k, *found, still)]
     beside: dict[int, list[int]] = {}
     for a, b in pairs:
         beside.setdefault(a, []).append(b)

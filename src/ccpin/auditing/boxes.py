@@ -35,10 +35,9 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ccpin.auditing.closures import Equations, columns, exact, floats
-from ccpin.auditing.document import Array, Document, Integers
+from ccpin.auditing.document import Array, Document, Integers, widened
 
 _PARTS, _ROOM, _NEWTON, _ROUNDS = 6, 1.05, 8, 6
-WIDEN = (1.0 + 2.0**-51, 1e-14)  # what the claim adds to h, so that boxes of rounded corners overlap
 
 
 Sizes = list[list[arb]]
@@ -63,7 +62,7 @@ def box_of(document: Document, k: int) -> Box:
         exact(document.directions[k]),
         exact(document.modes[k]),
         [arb(float(x)) for x in document.radius[k]],
-        document.half[k] * WIDEN[0] + WIDEN[1],
+        widened(document.half[k]),
         document.dependent,
     )
 

@@ -26,7 +26,7 @@ from __future__ import annotations
 import numpy as np
 from flint import arb
 
-from ccpin.auditing.boxes import WIDEN, contracts, defect
+from ccpin.auditing.boxes import contracts, defect
 from ccpin.auditing.closures import columns, exact
 from ccpin.auditing.document import Array, Counts, Document, corners
 from ccpin.auditing.emptiness import Emptiness
@@ -47,8 +47,6 @@ def counted(search: Emptiness, k: int) -> bool | None:
         return None
     boxes = counts.boxes[counts.of == counts.cells.number[k]]
     certified, said = bool(counts.certified[k]), int(counts.said[k])
-    if certified and (len(boxes) != said or not all(_covers(document, counts, int(b), k) for b in boxes)):
-        return False
     kept = search.remaining([search.whole(*corners(document, counts.cells, k))], keep=True)
     if kept is None:
         return False
@@ -163,12 +161,3 @@ def _exact_corners(document: Document, counts: Counts, k: int) -> tuple[list[arb
         for shares in (counts.cells.lower, counts.cells.upper)
     )
     return low, high
-
-
-def _covers(document: Document, counts: Counts, box: int, k: int) -> bool:
-    """Whether a box lies over all of the k-th counted cell, roundings of its corners apart."""
-    low, high = _exact_corners(document, counts, k)
-    centre, half = document.centre[box, document.independent], document.half[box] * WIDEN[0] + WIDEN[1]
-    room = 1e-15 * (1.0 + np.abs(document.lower) + np.abs(document.upper))
-    reach = [(arb(float(c)), arb(float(h)) + float(r)) for c, h, r in zip(centre, half, room, strict=True)]
-    return all(c - h <= a and b <= c + h for (c, h), a, b in zip(reach, low, high, strict=True))

@@ -1,23 +1,31 @@
-"""A certificate's document as plain arrays: a JSON file, or an npz file with a JSON header."""
+"""A certificate's document: what `container` reads and `declared` knows, and what `structure` and `cells` let pass."""
 
 from __future__ import annotations
 
 import hashlib
-import json
-import zipfile
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ccpin.auditing.cells import CERTIFIED, EMPTY, WHOLE, Over, check_atlas, check_boxes, check_sheets, check_tree
+from ccpin.auditing.container import Arrays, contents
+from ccpin.auditing.declared import CURVES, SHEETS, refuse_others
+from ccpin.auditing.structure import (
+    ContradictionError,
+    check_chart,
+    check_closures,
+    check_demands,
+    check_region,
+    in_range,
+    require,
+)
 from ccpin.errors import InvalidInputError
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-ATLAS, SHEETS, CURVES = "ccpin-atlas-4", "ccpin-sheets-1", "ccpin-curves-1"
-_UNITS = 2.0**32
-_CERTIFIED, _EMPTY, _SINGULAR = 2, 4, 6
+WIDEN = (1.0 + 2.0**-51, 1e-14)  # what Theorem K adds to h, so that boxes of rounded corners overlap
 _SYSTEM = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 _BOXES = ("centre", "half", "directions", "modes", "radius")
 _CHAIN = ("joints", "rotations", "translations", "axes", "prismatic", "tip", "direction", "weights")
@@ -123,6 +131,8 @@ class Document(NamedTuple):
         seed: θ on the branch, of an atlas; of sheets none.
         unglued: Pairs of boxes of which no gluing is claimed, of an atlas.
         faces: Where gluing is claimed, of sheets; of an atlas everywhere else.
+        over: Which box lies over which cell.
+        place, size: The cells under boxes, by box, in units of 2⁻³² of the region: lower corners and edges, (B, n).
         empty: Cells said to hold no closed configuration.
         singular: Cells said to hold the q of a singular one.
         witnesses: θ of one over each of these, to rounding, (K, n′).
@@ -149,6 +159,9 @@ class Document(NamedTuple):
     seed: Array | None
     unglued: Integers
     faces: Faces | None
+    over: Over
+    place: Integers
+    size: Integers
     empty: Cells
     singular: Cells
     witnesses: Array
@@ -214,106 +227,106 @@ def read(path: str | Path) -> Document | Curves:
     """The document in a file.
 
     Raises:
-        InvalidInputError: It cannot be read, is of another kind, or its fingerprint is not that of its closures.
+        InvalidInputError: It cannot be read, is of another kind or format, contradicts itself, or its fingerprint is
+            not that of its closures; the file and the field are named.
     """
-    header, arrays = _contents(Path(path))
-    if header.get("format") not in (ATLAS, SHEETS, CURVES):
-        raise InvalidInputError(
-            f"{path}: the format is {header.get('format')!r}, not {ATLAS!r}, {SHEETS!r} or {CURVES!r}"
-        )
-    try:
-        chains = []
-        for k in range(header["chains"]):
-            fields = {name: arrays[f"chain{k}_{name}"] for name in _CHAIN}
-            fields["direction"] = bool(fields["direction"])
-            chains.append(Chain(**fields))
-        own = {name: arrays[f"system_{name}"] for name in _SYSTEM}
-        rest = {name: arrays[name] for name in ("lower", "upper")}
-        if header["format"] == CURVES:
-            document: Document | Curves = Curves(
-                header=header, chains=tuple(chains), **own, **rest, **_of_curves(arrays)
-            )
-        else:
-            rest |= {"wrapped": arrays["wrapped"]} | {name: arrays[f"box_{name}"] for name in _BOXES}
-            rest |= _claimed(arrays) | (_of_sheets(arrays) if header["format"] == SHEETS else _of_atlas(arrays))
-            document = Document(header=header, chains=tuple(chains), **own, **rest)
-        stated = header["fingerprint"]
-    except KeyError as error:
-        raise InvalidInputError(f"{path}: the document lacks {error}") from error
-    if fingerprint(arrays) != stated:
+    header, arrays = contents(Path(path))
+    refuse_others(header, arrays, path)
+    if fingerprint(arrays) != header["fingerprint"]:
         raise InvalidInputError(f"{path}: the closures are not those of which the document's fingerprint was taken")
-    return document
+    try:
+        check_closures(header, arrays)
+        check_chart(header, arrays)
+        check_region(arrays)
+        check_demands(arrays)
+        return _curves(header, arrays) if header["format"] == CURVES else _of_cells(header, arrays)
+    except ContradictionError as fault:
+        raise InvalidInputError(f"{path}: {fault}") from fault
 
 
-def _of_atlas(arrays: dict[str, Any]) -> dict[str, Any]:
+def _closures(header: dict[str, Any], arrays: Arrays) -> dict[str, Any]:
+    """What every kind holds."""
+    chains = []
+    for k in range(header["chains"]):
+        fields: dict[str, Any] = {name: arrays[f"chain{k}_{name}"] for name in _CHAIN}
+        chains.append(Chain(**fields | {"direction": bool(fields["direction"])}))
+    own = {name: arrays[f"system_{name}"] for name in _SYSTEM}
+    return {"header": header, "chains": tuple(chains), "lower": arrays["lower"], "upper": arrays["upper"], **own}
+
+
+def _of_cells(header: dict[str, Any], arrays: Arrays) -> Document:
+    """An atlas or sheets."""
+    check_tree(arrays)
+    sheets = header["format"] == SHEETS
+    over = check_sheets(arrays) if sheets else check_atlas(header, arrays)
+    check_boxes(arrays, over, widened(arrays["box_half"]))
+    cell = over.cell[np.argsort(over.box)]
+    rest: dict[str, Any] = {name: arrays[f"box_{name}"] for name in _BOXES}
+    rest |= {"place": arrays["tree_lower"][cell], "size": arrays["tree_size"][cell], "over": over}
+    rest |= _claimed(arrays) | (_of_sheets(arrays) if sheets else _of_atlas(arrays))
+    return Document(**_closures(header, arrays), **rest, wrapped=arrays["wrapped"])
+
+
+def widened(half: Array) -> Array:
+    """The h of which Theorem K is claimed, by the h that is stated."""
+    return np.asarray(half * WIDEN[0] + WIDEN[1])
+
+
+def _of_atlas(arrays: Arrays) -> dict[str, Any]:
     return {"seed": arrays["seed"], "unglued": arrays["unglued"], "faces": None, "demands": _demands(arrays)}
 
 
-def _demands(arrays: dict[str, Any]) -> Demands | None:
-    if not any(name.startswith("demand_") for name in arrays):
+def _demands(arrays: Arrays) -> Demands | None:
+    if "demand_driven" not in arrays:
         return None
-    said = {name: arrays[f"demand_{name}"] for name in Demands._fields}
-    _among(said["driven"], len(said["lower"]), "demand_driven")
+    said: dict[str, Any] = {name: arrays[f"demand_{name}"] for name in Demands._fields}
     return Demands(**said | {"dexterity": float(said["dexterity"])})
 
 
-def _among(places: Integers, count: int, name: str) -> None:
-    """Refuse places that are none of so many."""
-    if np.any((places < 0) | (places >= count)):
-        raise InvalidInputError(f"{name} names places outside of the {count} there are")
-
-
-def _of_sheets(arrays: dict[str, Any]) -> dict[str, Any]:
+def _of_sheets(arrays: Arrays) -> dict[str, Any]:
     faces = Faces(*(arrays[f"glued_{name}"] for name in Faces._fields))
     return {"seed": None, "unglued": np.zeros((0, 2), dtype=np.int64), "faces": faces, "counts": _counts(arrays)}
 
 
-def _counts(arrays: dict[str, Any]) -> Counts:
-    """What is said of how many there are; of cells called empty only where that is not 0."""
+def _counts(arrays: Arrays) -> Counts:
+    """What is said of how many there are, of cells that are not called empty."""
     status, said = arrays["tree_status"], arrays["count"]
-    certified, empty = status == _CERTIFIED, status == _EMPTY
-    _among(arrays["members_box"], len(arrays["box_centre"]), "members_box")
-    cells = np.flatnonzero((arrays["tree_child"] < 0) & np.where(empty, said > 0, certified | (said >= 0)))
+    cells = np.flatnonzero((arrays["tree_child"] < 0) & (status != EMPTY) & (said >= 0))
     ranges = arrays["ranges_lower"], arrays["ranges_upper"]
     members = arrays["members_cell"], arrays["members_box"]
-    return Counts(_cells(arrays, cells), said[cells], certified[cells], *members, *ranges)
+    return Counts(_cells(arrays, cells), said[cells], status[cells] == CERTIFIED, *members, *ranges)
 
 
-def _of_curves(arrays: dict[str, Any]) -> dict[str, Any]:
+def _curves(header: dict[str, Any], arrays: Arrays) -> Curves:
+    """Singular curves.
+
+    Raises:
+        ContradictionError: The tubes or boxes are not as many, or not of the sizes, that it says.
+    """
     given = {name: arrays[f"tube_{name}"] for name in Tube._fields}
     rest = {name: arrays[name] for name in ("range_lower", "range_upper", "uncovered_lower", "uncovered_upper")}
-    m, size = arrays["system_couplings"].shape
-    widths = {"theta": size, "kernel": m, "pairing": m, "tangent": size + m, "radius": size + m}
-    count, sizes, closed = len(given["half"]), arrays["curve_tubes"], arrays["curve_closed"]
-    shaped = all(given[name].shape == (count, width) for name, width in widths.items())
-    shaped &= given["half"].shape == given["along"].shape == (count,) and sizes.shape == closed.shape == (len(sizes),)
-    n = len(arrays["system_independent"])
-    shaped &= all(rest[f"range_{end}"].shape == (m,) and arrays[end].shape == (n,) for end in ("lower", "upper"))
-    shaped &= rest["uncovered_lower"].shape == rest["uncovered_upper"].shape == (len(rest["uncovered_lower"]), size)
-    shaped &= all(np.all(np.isfinite(array)) for array in (*given.values(), *rest.values()))
-    if not shaped or int(sizes.sum()) != count or np.any(sizes < 1):
-        raise InvalidInputError(
-            "the tubes or boxes of the document are not as many, or not of the shapes, that it says"
-        )
+    sizes, closed = arrays["curve_tubes"], arrays["curve_closed"]
+    require(
+        np.all(sizes >= 1) and int(sizes.sum()) == len(given["half"]), "curve_tubes: not as many tubes as there are"
+    )
+    require(in_range(given["along"], given["tangent"].shape[1]), "tube_along names coordinates that are none")
+    require(np.all(given["half"] > 0.0) and np.all(given["radius"] >= 0.0), "tube_half, tube_radius: no sizes")
+    for name in ("range", "uncovered"):
+        require(np.all(rest[f"{name}_lower"] <= rest[f"{name}_upper"]), f"{name}_lower is above {name}_upper")
     rows = zip(*given.values(), strict=True)
     tubes = tuple(Tube(a, b, c, int(j), t, float(half), r) for a, b, c, j, t, half, r in rows)
-    return rest | {"tubes": tubes, "sizes": sizes, "closed": closed}
+    return Curves(**_closures(header, arrays), **rest, tubes=tubes, sizes=sizes, closed=closed)
 
 
-def _claimed(arrays: dict[str, Any]) -> dict[str, Any]:
+def _claimed(arrays: Arrays) -> dict[str, Any]:
     """What is said of cells."""
-    leaf = arrays["tree_child"] < 0
-    singular, seen = arrays["singular_cell"], arrays["tree_status"]
-    missing = np.setdiff1d(np.flatnonzero(leaf & (seen == _SINGULAR)), singular)
-    if missing.size:
-        raise InvalidInputError(f"cell {missing[0]} is called singular without a singular configuration")
-    empty = np.flatnonzero(leaf & (seen == _EMPTY))
-    cells = {"empty": _cells(arrays, empty), "singular": _cells(arrays, singular)}
+    empty = np.flatnonzero((arrays["tree_child"] < 0) & (arrays["tree_status"] == EMPTY))
+    cells = {"empty": _cells(arrays, empty), "singular": _cells(arrays, arrays["singular_cell"])}
     return cells | {"witnesses": arrays["singular_theta"]}
 
 
-def _cells(arrays: dict[str, Any], numbers: Integers) -> Cells:
-    lower, size = arrays["tree_lower"][numbers] / _UNITS, arrays["tree_size"][numbers] / _UNITS
+def _cells(arrays: Arrays, numbers: Integers) -> Cells:
+    lower, size = arrays["tree_lower"][numbers] / WHOLE, arrays["tree_size"][numbers] / WHOLE
     return Cells(numbers, lower, lower + size)
 
 
@@ -333,17 +346,3 @@ def fingerprint(arrays: dict[str, Any]) -> str:
         digest.update(f"{name}{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest.hexdigest()
-
-
-def _contents(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    try:
-        if path.suffix == ".json":
-            header = json.loads(path.read_text(encoding="utf-8"))
-            listed = header.pop("arrays")
-            arrays = {name: np.array(a["data"], dtype=a["dtype"]).reshape(a["shape"]) for name, a in listed.items()}
-            return header, arrays
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        return json.loads(arrays.pop("header").tobytes().decode()), arrays
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
-        raise InvalidInputError(f"{path}: not a readable certificate ({error})") from error

@@ -14,10 +14,10 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ccpin.auditing.boxes import box_of
+from ccpin.auditing.cells import WHOLE
 from ccpin.auditing.closures import Closures, Equations, columns, exact
 from ccpin.auditing.document import Array, Document, Integers
 
-_CLOSE = 1e-9  # of the region's width: faces nearer than this are one
 _NEWTON = 12
 
 
@@ -31,33 +31,24 @@ class Contact(NamedTuple):
 
 
 def contacts(document: Document) -> Iterator[Contact]:
-    """Every pair of boxes whose closures share a face (over the coordinates that a slice does not hold)."""
-    centre = document.centre[:, document.independent]
-    low, high = centre - document.half, centre + document.half
-    width = document.upper - document.lower
-    held = width <= 0.0
-    for k in map(int, np.flatnonzero(~held)):
-        ends, begins = _places(high[:, k], document, k, width), _places(low[:, k], document, k, width)
-        order = np.argsort(begins, kind="stable")
-        first = np.searchsorted(begins[order], ends - _CLOSE, "left")
-        last = np.searchsorted(begins[order], ends + _CLOSE, "right")
+    """Every pair of boxes whose cells share a face (over the coordinates that a slice does not hold), once."""
+    low, high = document.place, document.place + document.size
+    start, width = document.lower, document.upper - document.lower
+    for k in map(int, np.flatnonzero(width > 0.0)):
+        ends = np.where(document.wrapped[k], high[:, k] % WHOLE, high[:, k])
+        order = np.argsort(low[:, k], kind="stable")
+        begins = low[order, k]
+        first, last = (np.searchsorted(begins, ends, side) for side in ("left", "right"))
+        turn = np.zeros(len(width))
+        others = np.flatnonzero(np.arange(len(width)) != k)
         for a in range(len(low)):
-            candidates = order[first[a] : last[a]]
-            turn = np.zeros(low.shape[1])
-            turn[k] = np.round((high[a, k] - low[candidates[0], k]) / width[k]) * width[k] if candidates.size else 0.0
-            begin, end = np.maximum(low[a], low[candidates] + turn), np.minimum(high[a], high[candidates] + turn)
-            overlap = end - begin
-            overlap[:, held] = overlap[:, k] = 1.0
-            for row in np.flatnonzero(np.all(overlap > _CLOSE, axis=1)):
-                middle = 0.5 * (begin[row] + end[row])
-                middle[k] = high[a, k]
-                yield Contact(a, int(candidates[row]), middle, turn)
-
-
-def _places(face: Array, document: Document, k: int, width: Array) -> Array:
-    """Where faces lie in the region, from 0 to 1; on a coordinate that closes on itself its end is its beginning."""
-    place = (face - document.lower[k]) / width[k]
-    return np.asarray(np.mod(place + _CLOSE, 1.0) - _CLOSE if document.wrapped[k] else place)
+            beside = order[first[a] : last[a]]
+            begin, end = np.maximum(low[a], low[beside]), np.minimum(high[a], high[beside])
+            turn[k] = width[k] if high[a, k] != ends[a] else 0.0
+            for row in np.flatnonzero(np.all((end > begin)[:, others], axis=1)):
+                middle = start + width * (0.5 * (begin[row] + end[row]) / WHOLE)
+                middle[k] = start[k] + width[k] * (high[a, k] / WHOLE)
+                yield Contact(a, int(beside[row]), middle, turn.copy())
 
 
 def same_solution(closures: Closures, document: Document, contact: Contact) -> bool:

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -76,8 +77,6 @@ class ClosureSystem:
         moduli: Of shape (m,): a coupling of continuous joints holds modulo this angle (0: exactly).
         independent, dependent: Indices in θ, of shapes (n,) and (m,).
         periodic: Whether θ + 2π e_j means the same configuration and the same closures, of shape (n′,).
-        scale: An upper bound of every length that enters φ apart from slides, for rounding margins (m).
-        depth: The largest number of joints in a chain.
         chart: How θ and q′ correspond.
         rods: The rods that keep distances; their angles come last in θ.
     """
@@ -89,8 +88,6 @@ class ClosureSystem:
     independent: Indices
     dependent: Indices
     periodic: Mask
-    scale: float
-    depth: int
     chart: Chart
     rods: tuple[Rod, ...]
 
@@ -113,6 +110,23 @@ class ClosureSystem:
         """θ of a configuration (nq,): the chart's, and where the rods point."""
         theta = self.chart.theta(q_free)
         return np.concatenate([theta, *(rod.angles(theta) for rod in self.rods)])
+
+    @cached_property
+    def scale(self) -> float:
+        """An upper bound of every length that enters φ apart from slides, for rounding margins, at least 1 (m).
+
+        It is the sum of all link lengths, directions and offsets with their weights.
+        """
+        scale = 1.0 + float(np.abs(self.offset).sum() + np.abs(self.couplings).sum())
+        for chain in self.chains:
+            length = np.linalg.norm(chain.translations, axis=1).sum() + np.linalg.norm(chain.tip)
+            scale += float(length) * _largest_row(chain)
+        return scale
+
+    @property
+    def depth(self) -> int:
+        """The largest number of joints in a chain."""
+        return max((len(chain.joints) for chain in self.chains), default=0)
 
     @property
     def rounding(self) -> float:
@@ -176,8 +190,6 @@ def closure_system(mechanism: Mechanism, q_free: Array, task: TaskSpace | None =
         independent=independent,
         dependent=np.setdiff1d(np.arange(len(slides)), independent),
         periodic=~np.array(slides, dtype=np.bool_) & ~np.any(builder.couplings != 0.0, axis=0),
-        scale=_scale(builder),
-        depth=max((len(chain.joints) for chain in builder.chains), default=0),
         chart=chart,
         rods=tuple(rods.values()),
     )
@@ -193,15 +205,6 @@ def _refuse_redundant(mechanism: Mechanism, constraints: Constraints) -> None:
             "closure by one with fewer rows (a spherical instead of a revolute one, say) if that describes the "
             "mechanism as well"
         )
-
-
-def _scale(builder: _ChainCollector) -> float:
-    """Sum of all link lengths, directions and offsets with their weights, and at least 1."""
-    scale = 1.0 + float(np.abs(builder.offset).sum() + np.abs(builder.couplings).sum())
-    for chain in builder.chains:
-        length = np.linalg.norm(chain.translations, axis=1).sum() + np.linalg.norm(chain.tip)
-        scale += float(length) * _largest_row(chain)
-    return scale
 
 
 def _largest_row(chain: Chain) -> float:

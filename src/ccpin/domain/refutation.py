@@ -172,6 +172,5 @@ def line_problem(problem: Problem, theta: Array, direction: Array, parameter: in
         moduli=np.concatenate([system.moduli, np.zeros(n - 1)]),
         independent=np.array([parameter]),
         dependent=others,
-        scale=system.scale + float(np.abs(across).sum() + np.abs(offset).sum()),
     )
     return problem_of(extended, "reach" if problem.phasors is None else "planar")

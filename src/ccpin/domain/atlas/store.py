@@ -43,7 +43,7 @@ class Kind(NamedTuple):
     theorem: str
 
 
-ATLAS = Kind("atlas", "ccpin-atlas-4", "\n\n".join(m.__doc__ or "" for m in (boxes, folds)))
+ATLAS = Kind("atlas", "ccpin-atlas-5", "\n\n".join(m.__doc__ or "" for m in (boxes, folds)))
 
 
 class Covering(NamedTuple):
@@ -205,8 +205,6 @@ def pack_problem(problem: Problem) -> tuple[dict[str, Any], NamedArrays]:
     header = {
         "rods": rods,
         "chains": len(system.chains),
-        "scale": system.scale,
-        "depth": system.depth,
         "nq": system.chart.nq,
         "n_free": system.chart.n_free,
         "joints": [[j.name, j.kind.name, j.q.start, j.q.stop, j.v.start, j.v.stop] for j in system.chart.joints],
@@ -237,8 +235,6 @@ def unpack_problem(header: dict[str, Any], arrays: NamedArrays) -> Problem:
     named: dict[str, Any] = {name: arrays[f"system_{name}"] for name in _SYSTEM_ARRAYS}
     system = ClosureSystem(
         chains=tuple(chains),
-        scale=header["scale"],
-        depth=header["depth"],
         chart=Chart(joints, header["nq"], header["n_free"]),
         rods=tuple(
             _unpack_rod(rod, {n[len(f"rod{k}_") :]: a for n, a in arrays.items() if n.startswith(f"rod{k}_")})

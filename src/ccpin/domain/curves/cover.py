@@ -22,7 +22,7 @@ from ccpin.domain.curves.covering import Nearby, extents
 from ccpin.domain.curves.curve import CertifiedCurve, as_curve, holds
 from ccpin.domain.curves.following import Chain
 from ccpin.domain.curves.search import Found, Place, Search
-from ccpin.domain.curves.tubes import Points, Tubes, no_tubes, zeros_in
+from ccpin.domain.curves.tubes import Points, Stated, no_tubes, proved_again, stated, zeros_in
 from ccpin.domain.newton import without_turns
 from ccpin.domain.sheets import narrowing
 from ccpin.domain.sheets.candidates import Ranges
@@ -36,7 +36,7 @@ _TOUCHING = 1e-12
 
 KIND = store.Kind(
     "cover of singular curves",
-    "ccpin-curves-1",
+    "ccpin-curves-2",
     "\n\n".join(m.__doc__ or "" for m in (system, tubes, narrowing, covering)),
 )
 """What its files say they are: G, Theorem R, Propositions N and U, Lemma W and Proposition B."""
@@ -53,7 +53,7 @@ class UncoveredBoxes(NamedTuple):
     upper: Array
 
 
-_RECORDS: dict[str, Any] = {"tube": Tubes, "range": Ranges, "uncovered": UncoveredBoxes}
+_RECORDS: dict[str, Any] = {"tube": Stated, "range": Ranges, "uncovered": UncoveredBoxes}
 
 
 class CrossedCells(NamedTuple):
@@ -242,7 +242,7 @@ class SingularCover:
         header, arrays = store.pack_problem(self.problem)
         header |= {"names": list(self.names), "tried": self.tried, "limit": self.limit, "resolution": self.resolution}
         tubes = joined([no_tubes(self.problem), *(curve.tubes for curve in self.curves)])
-        records: dict[str, Any] = dict(zip(_RECORDS, (tubes, self.ranges, self.uncovered), strict=True))
+        records: dict[str, Any] = dict(zip(_RECORDS, (stated(tubes), self.ranges, self.uncovered), strict=True))
         for part, record in records.items():
             arrays |= store.packed(part, record)
         arrays |= store.pack_region(self.region)
@@ -254,12 +254,17 @@ class SingularCover:
     def load(cls, path: str | Path) -> SingularCover:
         """Read a cover that `save` wrote. If the file may have been altered, call `verify` or `auditing.verify`.
 
+        What follows from a tube (`tubes.proved_again`) is not in the file: it is formed anew.
+
         Raises:
-            InvalidInputError: The file cannot be read or is none.
+            InvalidInputError: The file cannot be read or is none, or Theorem R does not hold for a tube in it.
         """
         with store.reading(path, KIND) as (header, arrays):
-            tubes, ranges, uncovered = (store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items())
+            given, ranges, uncovered = (store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items())
             problem = store.unpack_problem(header, arrays)
+            tubes, proved = proved_again(problem, given)
+            if not np.all(proved):
+                raise InvalidInputError(f"{path}: tube {int(np.argmin(proved))} is not proved: the file was altered")
             sizes = arrays["curve_tubes"].astype(np.int64)
             curve = np.repeat(np.arange(len(sizes)), sizes)
             chains = [Chain(tubes.take(curve == k), bool(end)) for k, end in enumerate(arrays["curve_closed"])]

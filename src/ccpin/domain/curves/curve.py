@@ -15,7 +15,7 @@ from ccpin.domain.newton import without_turns
 from ccpin.domain.singularities import CurveKind, SingularCurve
 
 _STILL = 1e-7
-_AGAIN = 1.0 + 1e-6  # how far the same bounds may differ when formed again
+_AGAIN, _ROUNDED = 1e-6, 1e-15  # how far the same bounds may differ when formed again
 
 
 class CertifiedCurve(NamedTuple):
@@ -62,11 +62,18 @@ def as_curve(problem: Problem, chain: Chain) -> CertifiedCurve:
 
 
 def holds(problem: Problem, curve: CertifiedCurve) -> bool:
-    """Whether Theorem R holds for the tubes of a curve, and each is glued to the next."""
+    """Whether Theorem R holds for the tubes of a curve, and each is glued to the next.
+
+    κ and the bounds of |e| are to be those that follow: neither less nor, so that no other configuration counts as on
+    the curve, more.
+    """
     tubes = curve.tubes
     values = values_at(problem, tubes.theta, tubes.kernel, tubes.pairing)
     proved = certify_tubes(problem, values, Frames(tubes.along, tubes.tangent, tubes.gain), tubes.half, tubes.radius)
-    known = np.all(proved.tubes.hull <= tubes.hull * _AGAIN) and np.all(proved.tubes.kappa <= tubes.kappa * _AGAIN)
+    known = all(
+        np.allclose(getattr(proved.tubes, name), getattr(tubes, name), rtol=_AGAIN, atol=_ROUNDED)
+        for name in ("hull", "kappa")
+    )
     following = joined([rows_of(tubes, slice(1, None)), rows_of(tubes, slice(0, int(curve.closed)))])
     same = glued(problem, rows_of(tubes, slice(0, len(following.half))), following)
     return bool(proved.proved.all() and known and same.all())

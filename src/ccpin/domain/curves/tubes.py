@@ -46,7 +46,7 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
 from ccpin.domain.boxes import SLACK, Problem, inverses
-from ccpin.domain.curves.system import Values, drift, first_order, rounding_at
+from ccpin.domain.curves.system import Values, drift, first_order, rounding_at, values_at
 from ccpin.domain.newton import without_turns
 
 _WIDEN = 1e-13
@@ -115,6 +115,34 @@ class Frames(NamedTuple):
     along: Indices
     tangent: Array
     gain: Array
+
+
+class Stated(NamedTuple):
+    """What a tube is: the data of Theorem R but for P, which may be any, and for κ and |e|, which follow.
+
+    Attributes:
+        theta, kernel, pairing, along, tangent, half, radius: As for `Tubes`.
+    """
+
+    theta: Array
+    kernel: Array
+    pairing: Array
+    along: Indices
+    tangent: Array
+    half: Array
+    radius: Array
+
+
+def stated(tubes: Tubes) -> Stated:
+    """What tubes are."""
+    return Stated(*(getattr(tubes, name) for name in Stated._fields))
+
+
+def proved_again(problem: Problem, given: Stated) -> Tried:
+    """Tubes that are stated, with the P, κ and bounds of |e| that follow, and whether Theorem R holds for each."""
+    values = values_at(problem, given.theta, given.kernel, given.pairing)
+    frames = Frames(given.along, given.tangent, inverse_without(values.slope, given.along))
+    return certify_tubes(problem, values, frames, given.half, given.radius)
 
 
 def frames_at(slope: Array, forward: Array | None = None) -> Frames:

@@ -47,7 +47,7 @@ from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 _PART = 500
 _RECORDS: dict[str, Any] = {"members": Members, "glued": Glued, "left": Candidates, "ranges": Ranges}
 
-KIND = store.Kind("sheet atlas", "ccpin-sheets-1", "\n\n".join(m.__doc__ or "" for m in (theorem_k, narrowing, paving)))
+KIND = store.Kind("sheet atlas", "ccpin-sheets-2", "\n\n".join(m.__doc__ or "" for m in (theorem_k, narrowing, paving)))
 """What its files say they are: Theorem K, Propositions N, U and C."""
 
 
