@@ -42,6 +42,14 @@ def mimics(n):
     return chain(n, following="<mimic joint='j{before}'/>")
 
 
+def couplings(n):
+    """Joints coupled to their neighbours, each stated by links deep in the tree."""
+    coupling = (
+        "<coupling name='c{0}'><predecessor link='l{1}'/><successor link='l{before}'/><ratio value='2'/></coupling>"
+    )
+    return chain(n, each(coupling, 1, n))
+
+
 def model(*parts):
     """An SDFormat file."""
     return f'<sdf version="1.9"><model name="m">{"".join(parts)}</model></sdf>'
@@ -82,6 +90,7 @@ SHAPES = {
     "loops": loops,
     "notes": notes,
     "mimics": mimics,
+    "couplings": couplings,
     "frames": frames,
     "gears": gears,
     "gears along a chain": lambda n: gears(n, deep=True),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from ccpin.description.joint_tree import JointTree
 from ccpin.description.loop_elements import read_loops
 from ccpin.description.model import Coupling, CouplingTerm, Joint, LoopClosure
 from ccpin.description.xml import (
@@ -17,6 +18,8 @@ from ccpin.description.xml import (
     text_attribute,
     truth,
 )
+
+_MOST_TERMS = 1_000_000
 
 
 class Marks(NamedTuple):
@@ -69,35 +72,24 @@ def _couplings(root: XmlElement, joints: Sequence[Joint]) -> tuple[list[Coupling
     Chains are counted from the nearest common ancestor. Also returns the successors' joints: where a file
     leaves `independent` out on both sides, those are the dependent ones.
     """
-    by_child = {joint.child: joint for joint in joints}
+    tree, count = JointTree(joints), 0
     couplings: list[Coupling] = []
     hints: list[str] = []
     for element in children(root, "coupling"):
         name, ratio = text_attribute(element, "name"), number(child(element, "ratio"), "value")
-        first, second = (_chain(element, role, by_child) for role in ("predecessor", "successor"))
-        drivers, driven = (
-            [joint.name for joint in chain if joint not in other and joint.kind != "fixed"]
-            for chain, other in ((first, second), (second, first))
-        )
+        ends = [text_attribute(child(element, role), "link") for role in ("predecessor", "successor")]
+        for role, link in zip(("predecessor", "successor"), ends, strict=True):
+            if link not in tree.links:
+                raise fail(element, f"{role} link '{link}' does not exist")
+        between = list(tree.moving_between(*ends))
+        drivers, driven = ([joint.name for joint, side in between if side == wanted] for wanted in (1.0, -1.0))
+        count += len(between)
+        if count > _MOST_TERMS:
+            raise fail(element, f"the couplings up to this one join more than {_MOST_TERMS} joints")
         terms = [CouplingTerm(joint, (0.0, ratio)) for joint in drivers]
         couplings.append(Coupling(name, (*terms, *(CouplingTerm(joint, (0.0, -1.0)) for joint in driven))))
         hints += driven
     return couplings, hints
-
-
-def _chain(coupling: XmlElement, role: str, by_child: dict[str, Joint]) -> list[Joint]:
-    """The joints between a coupling's link and the root."""
-    link = text_attribute(child(coupling, role), "link")
-    if link not in by_child and all(link != joint.parent for joint in by_child.values()):
-        raise fail(coupling, f"{role} link '{link}' does not exist")
-    chain: list[Joint] = []
-    while link in by_child:
-        joint = by_child[link]
-        if joint in chain:
-            raise fail(coupling, "the joints form a cycle")
-        chain.append(joint)
-        link = joint.parent
-    return chain
 
 
 def _reference(root: XmlElement) -> dict[str, tuple[float, ...]]:
