@@ -12,6 +12,13 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     return next((other for other in known if found and other.lower() == found[0]), None)
 
 
+def meant(word: str, known: Iterable[str]) -> str | None:
+    """The known word of which this must be a misspelling: its letters in another order, or nearly it."""
+    expected = tuple(known)
+    shuffled = next((name for name in expected if len(name) > 2 and sorted(name) == sorted(word)), None)
+    return shuffled or nearest(word, expected)
+
+
 def choices(name: str, known: Iterable[str]) -> str:
     """How an error about an unknown name ends: the one that was meant, perhaps, and all there are."""
     listed = tuple(known)

@@ -25,10 +25,10 @@ from ccpin.description.model import (
 from ccpin.description.urdf_graph import extension_joints, onshape_closures, read_graph
 from ccpin.description.urdf_loops import marked_independent, read_marks
 from ccpin.description.urdf_physics import read_drive, read_dynamics, with_forces
+from ccpin.description.urdf_words import check_words
 from ccpin.description.xml import (
     Colour,
     XmlElement,
-    attributes_spelt,
     child,
     fail,
     numeric_attributes,
@@ -77,6 +77,7 @@ def urdf_description(root: XmlElement) -> MechanismDescription:
     if root.tag != "robot":
         raise DescriptionError("the root element of a URDF is <robot>", source=source, element=f"<{root.tag}>")
     reader = _TreeReader(root)
+    check_words(root, reader.notes)
     joints = [reader.joint(element) for element in root.iterfind("joint")]
     links = tuple(reader.link(element) for element in root.iterfind("link"))
     if not links:
@@ -138,8 +139,6 @@ class _TreeReader:
         for name, counts in NUMERIC.items():
             for element in root.iter("{*}" + name):
                 self.values[element] = numeric_attributes(element, counts)
-                if name != "color":
-                    attributes_spelt(element, counts)
         self.colours: dict[str, Colour] = {}
         for material in root.iterfind("material"):
             colour = self.colour(material)

@@ -93,7 +93,7 @@ def read_drive(root: XmlElement, kinds: Mapping[str, str]) -> Drive:
                 notes.append(f"{_named(element)} drives joint '{name}', which has a motor already: it is left out")
             motors.setdefault(name, motor)
     springs = _springs(root, kinds, notes)
-    _note_unread(root, notes)
+    _note_guarded(root, notes)
     return Drive(tuple(motors) or None, tuple(motors.values()), armature, springs, notes)
 
 
@@ -156,21 +156,8 @@ def _springs(root: XmlElement, known: Container[str], notes: list[str]) -> dict[
     return springs
 
 
-_NAMES = (
-    "link joint material transmission ros2_control gazebo loop loop_joint constraint coupling ball_constraint "
-    "distance_constraint group_state group end_effector virtual_joint passive_joint disable_collisions "
-    "collision_filter_group ignore_self_collision sensor"
-)
-_READ = frozenset(_NAMES.split())
-
-
-def _note_unread(root: XmlElement, notes: list[str]) -> None:
-    """Name the elements that may mean a force and are not read: bushings, soft limits, simulators' own."""
-    counts: dict[str, int] = {}
-    for element in root.iterchildren("*"):
-        if tag(element) not in _READ:
-            counts[tag(element)] = counts.get(tag(element), 0) + 1
-    notes += [f"<{name}> is not read ({count} of it)" for name, count in counts.items()]
+def _note_guarded(root: XmlElement, notes: list[str]) -> None:
+    """Name the joints whose soft limits are not kept."""
     guarded = [str(j.get("name")) for j in root.iterfind("joint") if j.find("safety_controller") is not None]
     if guarded:
         notes.append(f"the safety_controller of {', '.join(guarded)} is left out")

@@ -13,7 +13,7 @@ from lxml import etree
 
 from ccpin.arrays import Array
 from ccpin.description.model import IDENTITY
-from ccpin.description.names import nearest
+from ccpin.description.names import meant
 from ccpin.errors import DescriptionError, InvalidXmlError
 
 XmlElement: TypeAlias = Any  # lxml's etree._Element, which has no type stubs
@@ -124,10 +124,9 @@ def spelt(element: XmlElement, word: str, known: Iterable[str]) -> bool:
     expected = tuple(known)
     if word in expected:
         return True
-    shuffled = next((name for name in expected if len(name) > 2 and sorted(name) == sorted(word)), None)
-    meant = shuffled or nearest(word, expected)
-    if meant:
-        raise fail(element, f"'{word}' does not exist here; did you mean '{meant}'?")
+    near = meant(word, expected)
+    if near:
+        raise fail(element, f"'{word}' does not exist here; did you mean '{near}'?")
     return False
 
 
