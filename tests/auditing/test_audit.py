@@ -223,15 +223,19 @@ def test_the_command(tmp_path, capsys):
     certify(ccpin.load("four_bar"), (0.7,), max_depth=4).save(path)
     assert main(["verify", str(path), "--model", "four_bar", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert (told["holds"], told["whole"], told["model"]) == (True, True, True)
-    assert main(["verify", str(path), "--model", "rpdr"]) == 1
+    assert (told["holds"], told["refuted"], told["whole"], told["model"]) == (True, False, True, True)
+    assert main(["verify", str(path), "--model", "rpdr"]) == 4
     assert "NOT the same" in capsys.readouterr().out
 
     def flat(arrays):
         arrays["box_modes"][0] = 0.0
 
-    assert main(["verify", str(changed(path, tmp_path, flat))]) == 1
-    assert "NOT proved: 0" in capsys.readouterr().out
+    def beside(arrays):
+        arrays["box_centre"][0, arrays["system_dependent"][0]] += 0.5
+
+    for change, code, word in ((flat, 3, "not decided: 0"), (beside, 4, "FALSE: 0")):
+        assert main(["verify", str(changed(path, tmp_path, change))]) == code
+        assert word in capsys.readouterr().out
 
 
 def test_it_imports_nothing_of_the_producer():

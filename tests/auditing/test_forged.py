@@ -253,3 +253,85 @@ def test_a_tube_that_is_not_proved_is_not_loaded(cover, tmp_path):
 
     with pytest.raises(InvalidInputError, match="tube 2 is not proved"):
         domain.SingularCover.load(changed(cover[1], tmp_path, wider))
+
+
+def test_sheets_told_apart_that_are_one(sheets, tmp_path):
+    """Without gluing there would be as many sheets as boxes: at faces of certified cells they are seen to be one."""
+
+    def unglue(arrays):
+        for name in [name for name in arrays if name.startswith("glued_")]:
+            arrays[name] = arrays[name][:0]
+
+    audit = verify(changed(sheets[1], tmp_path, unglue))
+    assert audit.refuted
+    assert next(claim for claim in audit.claims if "two sheets" in claim.what).failed
+    assert f"{len(sheets[0].boxes.kappa)} sheets" in audit.claim
+    assert "2 sheets" in verify(sheets[1], sample=1).claim
+
+
+def test_a_curve_listed_twice(cover, tmp_path):
+    """Bit for bit, and from other tubes of the same curve."""
+    found, path = cover
+    first = np.arange(len(found.curves[0].radius))
+
+    def twice(shrink):
+        def change(arrays):
+            for name in [name for name in arrays if name.startswith("tube_")]:
+                arrays[name] = np.concatenate([arrays[name], arrays[name][first]])
+            arrays["tube_half"][-len(first) :] *= shrink
+            arrays["curve_tubes"] = np.append(arrays["curve_tubes"], len(first))
+            arrays["curve_closed"] = np.append(arrays["curve_closed"], found.curves[0].closed)
+
+        return change
+
+    for shrink in (1.0, 0.999):
+        audit = verify(changed(path, tmp_path, twice(shrink)), sample=60)
+        assert next(claim for claim in audit.claims if "no other one" in claim.what).failed
+
+
+def test_what_encloses_singular_configurations_is_told_as_not_looked_at(sheets, tmp_path):
+    """Emptied, it is a start for fewer cusps, and no claim."""
+
+    def empty(arrays):
+        for name in [name for name in arrays if name.startswith("left_")]:
+            arrays[name] = arrays[name][:0]
+
+    audit = verify(changed(sheets[1], tmp_path, empty), sample=2)
+    assert "what encloses singular configurations" in audit.not_checked
+
+
+def test_iterations_that_do_not_converge_are_not_loaded(atlas, sheets, tmp_path):
+    """Ã, w and κ are no part of what the auditor proves: the loader proves each box with them."""
+
+    def still(arrays):
+        arrays["box_preconditioner"][1] = 0.0
+
+    def fast(arrays):
+        arrays["box_kappa"][1] *= 0.5
+
+    for change in (still, fast):
+        for load, document in ((domain.Atlas.load, atlas), (domain.SheetAtlas.load, sheets)):
+            with pytest.raises(InvalidInputError, match="box 1 is not proved"):
+                load(changed(document[1], tmp_path, change))
+
+
+def test_shares_are_those_of_the_cells(atlas, sheets):
+    """What the auditor says of the region is what the producer does."""
+    for found, path in (atlas, sheets):
+        claim = verify(path, sample=1).claim
+        assert f"{100 * found.certified_fraction:.6g} % certified" in claim
+        assert f"{100 * found.empty_fraction:.6g} % empty" in claim
+
+
+def test_no_more_is_looked_at_where_enough_is_not_proved(atlas, tmp_path):
+    """So that a document made to take time takes a bounded one; two processes say what one does."""
+
+    def flat(arrays):
+        arrays["box_modes"][:] = 0.0
+
+    path = changed(atlas[1], tmp_path, flat)
+    alone, shared = (verify(path, workers=workers) for workers in (1, 2))
+    assert alone.claims == shared.claims
+    assert (alone.claims[0].checked, len(alone.claims[0].undecided)) == (8, 8)
+    assert not alone.holds
+    assert not alone.refuted

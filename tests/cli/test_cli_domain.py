@@ -135,7 +135,7 @@ def test_singular_curves_are_told(tmp_path, capsys):
     assert [curve["kind"] for curve in facts["curves"]] == ["fold"]
     assert main(["verify", saved, "--model", "rpdr", "--sample", "2", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert (told["holds"], told["model"], len(told["claims"])) == (True, True, 3)
+    assert (told["holds"], told["model"], len(told["claims"])) == (True, True, 4)
     assert main(["domain", "rpdr", "--curves", "--centre-deg", "57", "123"]) == 1
     assert main(["domain", "rpdr", "--curves", "--depth", "3"]) == 1
     assert "--curves takes no --depth" in capsys.readouterr().err

@@ -17,38 +17,48 @@ from ccpin.errors import CcpinError, InvalidInputError
 
 if TYPE_CHECKING:
     from ccpin.auditing.closures import Closures
+    from ccpin.auditing.gluing import Contact
 
-_CUTS = 12
+_CUTS = 24
 _NEAR = 1e-9  # rad or m: how far a seed may be from a closed configuration
 _PART = 16
+_ENOUGH = 8  # claims of a kind that are not proved: no more of it are looked at
 _WORDS = {
     "box": "boxes with exactly one nonsingular solution",
     "glue": "shared faces with one σ",
+    "apart": "shared faces at which two sheets have two σ",
     "empty": "cells without a closed configuration",
     "singular": "cells with a singular configuration",
     "demand": "boxes within the limits, motors in hold of them, as dexterous as said",
     "count": "cells with as many closed configurations, none singular",
     "tube": "tubes with one singular curve each",
     "joint": "tubes whose curve goes on in the next",
+    "once": "tubes whose curve is no other one on the list",
     "cover": "parts of the region without other singular configurations",
 }
-_FILE = "that the closures are those of a file (compare the fingerprint)"
-_ASKED = "that limits, driven joints and dexterity are those that were asked for"
-_CURVES = "what singular configurations the {} boxes hold that the document leaves uncovered ({:.3g} % at most of all \
-coordinates' ranges); those beyond the region and beyond what slides may; whether two curves are one; their kinds"
+_ALWAYS = ("box", "glue", "tube", "joint", "once", "cover")
 
 
-Result = tuple[str, tuple[int, ...], "bool | None"]
-"""A kind of claim, which of them, and whether it was proved; ``None``: there is no way to look at it."""
+Result = tuple[str, tuple[int, ...], "bool | None", bool]
+"""A kind of claim, which of them, whether it was proved or refuted, and whether there is a way to look at it."""
 
 
 class Claim(NamedTuple):
-    """One kind of claim: what it says, how many there are, how many were looked at, and which were not proved."""
+    """One kind of claim.
+
+    Attributes:
+        what: What it says.
+        of: How many there are.
+        checked: How many were looked at.
+        failed: Which of these were refuted: the document says what is false.
+        undecided: Which of these were neither proved nor refuted.
+    """
 
     what: str
     of: int
     checked: int
     failed: tuple[tuple[int, ...], ...]
+    undecided: tuple[tuple[int, ...], ...] = ()
 
 
 class Progress(NamedTuple):
@@ -67,17 +77,25 @@ class Audit:
         fingerprint: SHA-256 of the closures it is about.
         claims: The claims checked.
         not_checked: What the document says besides, in words.
+        claim: What the document claims as a whole, in words: shares of the region as its cells have them, and numbers
+            as its boxes have them.
     """
 
     theorem: str
     fingerprint: str
     claims: tuple[Claim, ...]
     not_checked: str
+    claim: str
 
     @property
     def holds(self) -> bool:
-        """Whether everything looked at was proved."""
-        return not any(claim.failed for claim in self.claims)
+        """Whether everything looked at was proved: where all was, `claim` is true."""
+        return not any(claim.failed or claim.undecided for claim in self.claims)
+
+    @property
+    def refuted(self) -> bool:
+        """Whether something that the document says was proved to be false."""
+        return any(claim.failed for claim in self.claims)
 
     @property
     def whole(self) -> bool:
@@ -85,14 +103,15 @@ class Audit:
         return all(claim.checked == claim.of for claim in self.claims)
 
     def __str__(self) -> str:
-        lines = [f"closures {self.fingerprint[:16]}…"]
+        lines = [f"closures {self.fingerprint[:16]}…", self.claim]
         for claim in self.claims:
             some = "" if claim.checked == claim.of else f" of {claim.of}"
-            good = claim.checked - len(claim.failed)
+            good = claim.checked - len(claim.failed) - len(claim.undecided)
             lines.append(f"{claim.what}: {good} proved of {claim.checked} looked at{some}")
-            if claim.failed:
-                shown = ", ".join(str(f[0] if len(f) == 1 else f) for f in claim.failed[:8])
-                lines.append(f"  NOT proved: {shown}{', …' if len(claim.failed) > 8 else ''}")
+            for word, which in (("FALSE", claim.failed), ("not decided", claim.undecided)):
+                if which:
+                    shown = ", ".join(str(f[0] if len(f) == 1 else f) for f in which[:_ENOUGH])
+                    lines.append(f"  {word}: {shown}{', …' if len(which) > _ENOUGH else ''}")
         return "\n".join([*lines, f"not looked at: {self.not_checked}"])
 
 
@@ -106,17 +125,24 @@ def verify(
 ) -> Audit:
     """Check a certificate that an atlas's, a sheet atlas's or a singular cover's `save` wrote, by code of its own.
 
+    First the document must be what its format declares and agree with itself (`declared`, `structure`, `cells`): cells
+    tile the region, each certified one has its own box, and what closes on itself is a full turn.
+
     Proved are, of atlases: Theorem K for the boxes; that the seed is a solution of its box; that neighbours carry the
     same σ where the document does not list them as unglued (of sheets: where it says so), and that every box is reached
     from the seed's by such neighbours; that cells called singular hold a singular configuration; and that those called
     empty hold none, where that can be told by the triangle inequality, by the lengths of legs that meet in one body, or
     by a search of all values of up to six dependent coordinates (a claim counts as looked at if so); and, by such a
-    search, how many there are over the cells of sheets that are counted, none of them singular. Of a workspace's boxes
+    search, how many there are over the cells of sheets that are counted, none of them singular, and that two sheets do
+    not meet in one over certified cells. Of a workspace's boxes
     it is proved that they keep the document's limits, that the motors determine the motion, and its dexterity.
 
     Of singular curves: that each tube holds one and no other singular configuration; that it is the next tube's curve
-    too, and closed curves' last tube's the first's; and that no part of the region has singular configurations, in any
-    assembly mode, but in these tubes and in the boxes listed as uncovered, by a search of its own.
+    too, and closed curves' last tube's the first's; that no curve is listed twice; and that no part of the region has
+    singular configurations, in any assembly mode, but in these tubes and in the boxes listed as uncovered, by a search
+    of its own.
+
+    Where eight claims of a kind are not proved no more of that kind are looked at.
 
     Args:
         path: The .json or .npz file.
@@ -128,7 +154,7 @@ def verify(
         progress: Called after every few checks.
 
     Raises:
-        InvalidInputError: The file is no certificate, or its fingerprint is not that of its closures.
+        InvalidInputError: The file is no certificate, contradicts itself, or its fingerprint is another closure's.
         CcpinError: python-flint is not installed.
     """
     try:
@@ -137,44 +163,72 @@ def verify(
         raise CcpinError("verifying needs python-flint: pip install 'ccpin[validated]'") from error
     if sample is not None and sample < 1:
         raise InvalidInputError(f"sample = {sample} must be at least 1")
+    from ccpin.auditing.wording import besides, claimed
+
     document = read(path)
     kinds = _of_curves(document) if isinstance(document, Curves) else _of_cells(document)
     chosen = {kind: _chosen(len(every), sample, seed + k) for k, (kind, every) in enumerate(kinds.items())}
     tasks = [(kind, kinds[kind][k]) for kind, rows in chosen.items() for k in rows]
-    failed: dict[str, list[tuple[int, ...]]] = {kind: [] for kind in kinds}
-    looked = dict.fromkeys(kinds, 0)
+    found = _Found(kinds)
     done = 0
-    for part in _results(document, tasks, workers):
-        for kind, which, good in part:
-            looked[kind] += good is not None
-            if good is False:
-                failed[kind].append(which)
+    for part in _results(document, tasks, workers, found):
+        for result in part:
+            found.add(*result)
         done += len(part)
         if progress is not None:
             progress(Progress(done, len(tasks)))
-    claims = [
-        Claim(_WORDS[kind], len(every), looked[kind], tuple(sorted(failed[kind])))
-        for kind, every in kinds.items()
-        if kind not in ("empty", "singular", "demand", "count") or every
-    ]
+    claims = [found.claim(kind) for kind, every in kinds.items() if kind in _ALWAYS or every]
     if isinstance(document, Document) and document.seed is not None:
         claims.insert(2, _reached(document, document.seed, [(c.first, c.second) for c in kinds["glue"]]))
     return Audit(
-        theorem=document.header.get("theorem", ""),
+        theorem=document.header["theorem"],
         fingerprint=document.header["fingerprint"],
         claims=tuple(claims),
-        not_checked=_besides(document),
+        not_checked=besides(document),
+        claim=claimed(document),
     )
 
 
+class _Found:
+    """What was found of each kind of claim."""
+
+    def __init__(self, kinds: dict[str, list[Any]]) -> None:
+        self._kinds = kinds
+        self._looked = dict.fromkeys(kinds, 0)
+        self._open: dict[str, list[tuple[tuple[int, ...], bool | None]]] = {kind: [] for kind in kinds}
+
+    def add(self, kind: str, which: tuple[int, ...], good: bool | None, seen: bool) -> None:
+        """One more; none where enough of its kind were not proved, so that the work has an end."""
+        if not seen or self.enough(kind):
+            return
+        self._looked[kind] += 1
+        if good is not True:
+            self._open[kind].append((which, good))
+
+    def enough(self, kind: str) -> bool:
+        """Whether so many of a kind were not proved that no more are looked at."""
+        return len(self._open[kind]) >= _ENOUGH
+
+    def claim(self, kind: str) -> Claim:
+        """What was found of a kind."""
+        failed, undecided = (
+            tuple(sorted(which for which, good in self._open[kind] if good is word)) for word in (False, None)
+        )
+        return Claim(_WORDS[kind], len(self._kinds[kind]), self._looked[kind], failed, undecided)
+
+
 def _of_cells(document: Document) -> dict[str, list[Any]]:
-    """What is claimed of an atlas."""
+    """What is claimed of an atlas or of sheets."""
+    from ccpin.auditing.gluing import apart
+
+    boxes = list(range(len(document.centre)))
     return {
-        "box": list(range(len(document.centre))),
+        "box": boxes,
         "glue": _faces(document),
+        "apart": [] if document.faces is None else list(apart(document, document.faces)),
         "empty": list(range(len(document.empty.number))),
         "singular": list(range(len(document.singular.number))),
-        "demand": [] if document.demands is None else list(range(len(document.centre))),
+        "demand": [] if document.demands is None else boxes,
         "count": [] if document.counts is None else list(range(len(document.counts.said))),
     }
 
@@ -190,17 +244,9 @@ def _of_curves(document: Curves) -> dict[str, list[Any]]:
         joints += [(first + size - 1, first)] if closed else []
         first += size
     count = len(parts(Closures(document), document))
-    return {"tube": list(range(len(document.tubes))), "joint": joints, "cover": list(range(count))}
-
-
-def _besides(document: Document | Curves) -> str:
-    """What is not looked at."""
-    if isinstance(document, Curves):
-        from ccpin.auditing.covering import listed_share
-
-        listed = _CURVES.format(len(document.uncovered_lower), 100.0 * listed_share(document))
-        return f"{listed}; {_FILE}"
-    return _FILE if document.demands is None else f"{_FILE}; {_ASKED}"
+    tubes = list(range(len(document.tubes)))
+    once = tubes if len(document.sizes) > 1 else []
+    return {"tube": tubes, "joint": joints, "once": once, "cover": list(range(count))}
 
 
 def _faces(document: Document) -> list[Any]:
@@ -220,12 +266,14 @@ def _chosen(count: int, sample: int | None, seed: int) -> NDArray[np.int64]:
     return np.sort(np.random.default_rng(seed).choice(count, sample, replace=False))
 
 
-def _results(document: Document | Curves, tasks: list[Any], workers: int) -> Iterator[list[Result]]:
-    parts = [tasks[k : k + _PART] for k in range(0, len(tasks), _PART)]
+def _results(document: Document | Curves, tasks: list[Any], workers: int, found: _Found) -> Iterator[list[Result]]:
+    """What is found of tasks, in their order; those of kinds of which there is enough are left out."""
     if workers <= 1:
         held = _Held.of(document)
-        yield from (_checked(held, part) for part in parts)
+        for kind, what in tasks:
+            yield [(kind, (), None, False)] if found.enough(kind) else _checked(held, [(kind, what)])
         return
+    parts = [tasks[k : k + _PART] for k in range(0, len(tasks), _PART)]
     with ProcessPoolExecutor(workers, get_context("spawn"), _open, (document,)) as pool:
         yield from pool.map(_checked_there, parts)
 
@@ -264,26 +312,37 @@ def _checked(held: _Held, tasks: Iterable[Any]) -> list[Result]:
     return [(kind, *looks[kind](what)) for kind, what in tasks]
 
 
-def _looks(held: _Held) -> dict[str, Callable[[Any], tuple[tuple[int, ...], bool | None]]]:
-    """How each kind of claim is looked at: which one it is, and whether it was proved."""
+def _looks(held: _Held) -> dict[str, Callable[[Any], tuple[tuple[int, ...], bool | None, bool]]]:
+    """How each kind of claim is looked at: which one it is, whether it was proved, and whether there is a way."""
     from ccpin.auditing.boxes import proved
     from ccpin.auditing.counts import counted
-    from ccpin.auditing.curves import goes_on, one_curve
+    from ccpin.auditing.curves import goes_on, listed_once, one_curve
     from ccpin.auditing.demands import met
     from ccpin.auditing.gluing import same_solution
     from ccpin.auditing.singular import singular
 
     document, closures, cells = held
+
+    def empty(k: int) -> tuple[tuple[int, ...], bool | None, bool]:
+        good = cells.proved(k)
+        return (int(document.empty.number[k]),), good, good is not None or cells.searched
+
+    def different(face: Contact) -> bool | None:
+        same = same_solution(closures, document, face)
+        return None if same is None else not same
+
     return {
-        "box": lambda k: ((k,), proved(closures, document, k, _CUTS)),
-        "glue": lambda face: ((face.first, face.second), same_solution(closures, document, face)),
-        "empty": lambda k: ((int(document.empty.number[k]),), cells.proved(k)),
-        "singular": lambda k: ((int(document.singular.number[k]),), singular(closures, document, k)),
-        "demand": lambda k: ((k,), met(closures, document, k, _CUTS)),
-        "count": lambda k: ((int(document.counts.cells.number[k]),), counted(cells, k)),
-        "tube": lambda k: ((k,), one_curve(closures, document, k)),
-        "joint": lambda pair: (pair, goes_on(closures, document, *pair)),
-        "cover": lambda k: ((k,), cells.proved(k)),
+        "box": lambda k: ((k,), proved(closures, document, k, _CUTS), True),
+        "glue": lambda face: ((face.first, face.second), same_solution(closures, document, face), True),
+        "apart": lambda face: ((face.first, face.second), different(face), True),
+        "empty": empty,
+        "singular": lambda k: ((int(document.singular.number[k]),), singular(closures, document, k), True),
+        "demand": lambda k: ((k,), met(closures, document, k, _CUTS), True),
+        "count": lambda k: ((int(document.counts.cells.number[k]),), counted(cells, k), cells.searched),
+        "tube": lambda k: ((k,), one_curve(closures, document, k), True),
+        "joint": lambda pair: (pair, goes_on(closures, document, *pair), True),
+        "once": lambda k: ((k,), listed_once(cells, k), True),
+        "cover": lambda k: ((k,), cells.proved(k), True),
     }
 
 
@@ -297,6 +356,7 @@ def _reached(document: Document, seed: NDArray[np.float64], pairs: list[tuple[in
     still = np.zeros(len(document.independent))
     seeded = found is not None and bool(np.max(np.abs(found[0] - seed)) <= _NEAR)
     todo = [k for k in range(len(reached)) if found and seeded and in_tube(document, k, *found, still)]
+    seeds = list(todo)
     beside: dict[int, list[int]] = {}
     for a, b in pairs:
         beside.setdefault(a, []).append(b)
@@ -307,4 +367,5 @@ def _reached(document: Document, seed: NDArray[np.float64], pairs: list[tuple[in
             reached[k] = True
             todo += [other for other in beside.get(k, []) if not reached[other]]
     lost = tuple((int(k),) for k in np.flatnonzero(~reached))
-    return Claim("boxes reached from the seed over such faces", len(reached), len(reached), lost)
+    refuted, undecided = (lost, ()) if seeds else ((), lost)
+    return Claim("boxes reached from the seed over such faces", len(reached), len(reached), refuted, undecided)

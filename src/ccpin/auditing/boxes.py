@@ -38,6 +38,7 @@ from ccpin.auditing.closures import Equations, columns, exact, floats
 from ccpin.auditing.document import Array, Document, Integers, widened
 
 _PARTS, _ROOM, _NEWTON, _ROUNDS = 6, 1.05, 8, 6
+_LOOKS = 4096  # cells of one box
 
 
 Sizes = list[list[arb]]
@@ -67,28 +68,39 @@ def box_of(document: Document, k: int) -> Box:
     )
 
 
-def proved(closures: Equations, document: Document, k: int, cuts: int) -> bool:
-    """Whether the k-th box's claim was proved, as by `box_proved`."""
-    return bool(np.all(document.half[k] >= 0)) and box_proved(closures, box_of(document, k), cuts)
+def proved(closures: Equations, document: Document, k: int, cuts: int) -> bool | None:
+    """Whether the k-th box's claim was proved or, as by `box_proved`, refuted."""
+    return box_proved(closures, box_of(document, k), cuts)
 
 
-def box_proved(closures: Equations, box: Box, cuts: int) -> bool:
-    """Whether a box's claim was proved with each parameter cut in two up to so many times."""
+def box_proved(closures: Equations, box: Box, cuts: int) -> bool | None:
+    """Whether a box's claim was proved (``True``) or refuted (``False``), cut in two so many times one after another.
+
+    It is refuted where 3 holds for the whole tube over a single δ: there is no solution in it. ``None``: neither.
+    """
     if not all(r > 0 for r in box.radius):
         return False
-    cells = [(-box.half, box.half, cuts)]
+    cells, looks = [(-box.half, box.half, cuts)], _LOOKS
     while cells:
         low, high, left = cells.pop()
-        if holds(closures, box, (low, high), narrowing=2 * left <= cuts):
+        looks -= 1
+        if holds(closures, box, (low, high), narrowing=cuts - left >= cuts // 4):
             continue
-        if not left:
-            return False
+        if not left or not looks:
+            return False if _misses(closures, box, 0.5 * (low + high)) else None
         axis = int(np.argmax(high - low))
         middle = 0.5 * (low[axis] + high[axis])
         below, above = high.copy(), low.copy()
         below[axis] = above[axis] = middle
         cells += [(low, below, left - 1), (above, high, left - 1)]
     return True
+
+
+def _misses(closures: Equations, box: Box, delta: Array) -> bool:
+    """Whether a box's tube was proved to hold no solution at δ."""
+    radius = np.array([float(r.upper()) for r in box.radius])
+    found = look(closures, box, (delta, delta), np.zeros_like(radius), radius)
+    return found is not None and found.none
 
 
 class Looked(NamedTuple):

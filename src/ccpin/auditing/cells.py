@@ -162,8 +162,6 @@ def check_boxes(arrays: Arrays, over: Over, half: NDArray[np.float64]) -> None:
     same = np.all(arrays["box_directions"][:, independent] == np.eye(n), axis=(1, 2))
     require(bool(np.all(same)), "box_directions: D is not I for the independent coordinates")
     require(np.all(arrays["box_half"] >= 0.0) and np.all(arrays["box_radius"] > 0.0), "box_half, box_radius: no sizes")
-    kappa = arrays["box_kappa"]
-    require(np.all((kappa >= 0.0) & (kappa < 1.0)) and np.all(arrays["box_weight"] > 0.0), "box_kappa, box_weight")
     start = [Fraction(float(x)) for x in arrays["lower"]]
     width = [Fraction(float(x)) - a for x, a in zip(arrays["upper"], start, strict=True)]
     centre = arrays["box_centre"][:, independent]

@@ -41,7 +41,7 @@ Solution = tuple[Array, float]
 
 
 def counted(search: Emptiness, k: int) -> bool | None:
-    """Whether what the document says of its k-th counted cell was proved; ``None``: there is no way to look at it."""
+    """Whether what is said of the k-th counted cell was proved or, by another number, refuted; ``None``: neither."""
     document, counts = search.document, search.document.counts
     if counts is None or not search.searched:
         return None
@@ -49,15 +49,15 @@ def counted(search: Emptiness, k: int) -> bool | None:
     certified, said = bool(counts.certified[k]), int(counts.said[k])
     kept = search.remaining([search.whole(*corners(document, counts.cells, k))], keep=True)
     if kept is None:
-        return False
+        return None
     low, high = _exact_corners(document, counts, k)
     kept = _within(search, counts, kept)
     if kept is None:
-        return False
+        return None
     found = _over(search, kept, np.array([float((0.5 * (a + b)).mid()) for a, b in zip(low, high, strict=True)]))
     if found is None or len(found) != said:
-        return False
-    return not certified or _one_each(document, boxes.tolist(), found)
+        return None if found is None else False
+    return not certified or _one_each(document, boxes.tolist(), found) or None
 
 
 def _within(search: Emptiness, counts: Counts, boxes: list[Box]) -> list[Box] | None:

@@ -59,14 +59,19 @@ class Cover:
         size = closures.n_free
         self._free = np.array(self.turning[:size])
         self.reach = Reach(closures, document, frozenset())
+        self.curve = np.repeat(np.arange(len(document.sizes)), document.sizes)
+        self._extents = np.array([np.abs(t.tangent) * t.half + t.radius for t in document.tubes])
         self._middles = np.array([tube.theta for tube in document.tubes]).reshape(-1, size)
         self._lengths = np.array([tube.half for tube in document.tubes])
         self._listed = 0.5 * (document.uncovered_lower + document.uncovered_upper)
         self.parts = parts(closures, document)
         self._reach = 0.5 * (document.uncovered_upper - document.uncovered_lower) + _WIDER
 
-    def proved(self, number: int) -> bool:
-        """Whether a part was proved to hold no singular configurations but those of tubes and listed boxes."""
+    def proved(self, number: int) -> bool | None:
+        """Whether a part was proved to hold no singular configurations but those of tubes and listed boxes.
+
+        ``None``: it was not.
+        """
         waiting, left = [self.parts[number]], _BUDGET
         while waiting:
             box, left = waiting.pop(), left - 1
@@ -74,7 +79,7 @@ class Cover:
             if rest is None:
                 continue
             if left <= 0 or rest.half.max() < _LEAST:
-                return False
+                return None
             face = self._face(rest)
             if face is not None:
                 waiting += rest.cut(*face)
@@ -159,6 +164,15 @@ class Cover:
         for tube in tubes:
             left = None if left is None else cut_down(left, tube.system, tube, self.turning)
         return left
+
+    def beside(self, theta: Array) -> list[int]:
+        """The tubes in whose box of θ, twice as wide, a configuration lies."""
+        if not len(self._middles):
+            return []
+        gap = theta - self._middles
+        gap -= np.where(self._free, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)
+        inside = np.all(np.abs(gap) <= 2.0 * self._extents[:, : len(theta)] + _WIDER, axis=1)
+        return [int(k) for k in np.flatnonzero(inside)]
 
     def _near(self, box: Box) -> list[int]:
         """The tubes nearest to a box's middle, of those that are not far from it."""

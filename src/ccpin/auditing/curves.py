@@ -23,7 +23,7 @@ come after itself. ∎
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from flint import arb, arb_mat
@@ -33,7 +33,10 @@ from ccpin.auditing.closures import Closures, Motion, columns, exact, floats
 from ccpin.auditing.document import Array, Curves, Integers, Tube
 from ccpin.auditing.gluing import near
 
-_CUTS = 6
+if TYPE_CHECKING:
+    from ccpin.auditing.covering import Cover
+
+_CUTS = 12
 _BACK = (0.4, 0.1)  # of a half length: where the other zero of a gluing is
 
 
@@ -128,8 +131,11 @@ def placed(closures: Closures, document: Curves, k: int) -> Placed:
     return Placed(tube, system, centre, tangent, radius, others)
 
 
-def one_curve(closures: Closures, document: Curves, k: int) -> bool:
-    """Whether the k-th tube was proved to hold one curve from end to end, and nothing else of {G = 0}."""
+def one_curve(closures: Closures, document: Curves, k: int) -> bool | None:
+    """Whether the k-th tube was proved to hold one curve from end to end, and nothing else of {G = 0}.
+
+    ``False``: it is no tube, or has no zero over a place; ``None``: neither.
+    """
     at = placed(closures, document, k)
     tube, j = at.tube, at.tube.along
     if not (0 <= j < at.system.n_free and abs(tube.tangent[j]) == 1.0 and tube.radius[j] == 0.0 and tube.half > 0.0):
@@ -139,11 +145,55 @@ def one_curve(closures: Closures, document: Curves, k: int) -> bool:
     return box_proved(at.system, box, _CUTS)
 
 
-def goes_on(closures: Closures, document: Curves, first: int, second: int) -> bool:
-    """Whether the second tube was proved to be glued to the first."""
+def goes_on(closures: Closures, document: Curves, first: int, second: int) -> bool | None:
+    """Whether the second tube was proved to be glued to the first; ``None``: it was not."""
     one, other = (placed(closures, document, k) for k in (first, second))
     turning = turns(closures, document)
-    return _begins_in(other, one, turning, 1.0) or _begins_in(one, other, turning, -1.0)
+    return _begins_in(other, one, turning, 1.0) or _begins_in(one, other, turning, -1.0) or None
+
+
+def listed_once(cover: Cover, k: int) -> bool | None:
+    """Whether the zero in the middle of the k-th tube was proved to be in no tube of another curve.
+
+    Of a curve that is in two tubes of others somewhere, a middle is in one (``False``), or ends overlap. ``None``: it
+    is not decided for a tube.
+    """
+    mine, own = cover.tubes[k], cover.curve[k]
+    x = np.concatenate([mine.tube.theta, mine.tube.kernel])
+    found = near(mine.system, mine.others, x)
+    if found is None:
+        return None
+    balls = [arb(float(v), 0.0 if j == mine.tube.along else found[1]) for j, v in enumerate(found[0])]
+    undecided = False
+    for other in cover.beside(found[0][: mine.system.closures.n_free]):
+        if cover.curve[other] == own:
+            continue
+        if place(balls, cover.tubes[other], cover.turning) is not None:
+            return False
+        undecided |= not _apart(balls, cover.tubes[other], cover.turning)
+    return None if undecided else True
+
+
+def _apart(x: list[arb], tube: Placed, turning: list[bool]) -> bool:
+    """Whether θ of balls was proved to lie beyond a tube in one coordinate, angles modulo 2π."""
+    size = tube.system.closures.n_free
+    for k, (a, b) in enumerate(zip(x[:size], tube.centre[:size], strict=True)):
+        gap = without_turns(a - b) if turning[k] else a - b
+        reach = abs(tube.tangent[k]) * tube.tube.half + tube.radius[k]
+        if abs(gap) > reach and (not turning[k] or abs(gap) + reach < 2 * arb.pi()):
+            return True
+    return _beyond(x, tube, turning)
+
+
+def _beyond(x: list[arb], tube: Placed, turning: list[bool]) -> bool:
+    """The same along the tube's own axes, where its reach is so small that other turns lead elsewhere."""
+    size, j = tube.system.closures.n_free, tube.tube.along
+    if j >= size or any(abs(t) * tube.tube.half + r > 1 for t, r in zip(tube.tangent, tube.radius, strict=True)):
+        return False
+    gaps = [a - b for a, b in zip(x[:size], tube.centre[:size], strict=True)]
+    gaps = [without_turns(gap) if turn else gap for gap, turn in zip(gaps, turning[:size], strict=True)]
+    s = gaps[j] * tube.tangent[j]
+    return any(abs(gap - t * s) > r for gap, t, r in zip(gaps, tube.tangent[:size], tube.radius[:size], strict=True))
 
 
 def _begins_in(inner: Placed, outer: Placed, turning: list[bool], sign: float) -> bool:

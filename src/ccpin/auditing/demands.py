@@ -37,37 +37,57 @@ from flint import arb, arb_mat
 from ccpin.auditing.boxes import Box, box_of, contracts, defect
 from ccpin.auditing.closures import Closures, columns, exact, floats
 from ccpin.auditing.document import Array, Demands, Document, Integers
+from ccpin.auditing.gluing import in_tube, near
 from ccpin.auditing.reach import above
 
 _ROOM = 1.0 + 1e-6
 _LEAST = 1e-300
+_LOOKS = 4096  # cells of one box
 
 
-def met(closures: Closures, document: Document, k: int, cuts: int) -> bool:
-    """Whether the k-th box was proved to meet the demands, each parameter cut in two up to so many times."""
+def met(closures: Closures, document: Document, k: int, cuts: int) -> bool | None:
+    """Whether the k-th box was proved to meet the demands, cut in two so many times one after another.
+
+    ``False``: σ over its middle was proved to be beyond a limit, or motors to be too many or few; ``None``: neither.
+    """
     demands = document.demands
     if demands is None:
         return True
     box = box_of(document, k)
     if not _within(demands, _reached(document, box, -box.half, box.half)):
-        return False
+        return False if _beyond(closures, document, k) else None
     if not demands.driven.size:
         return True
     if len(demands.driven) != len(document.independent):
         return False
-    cells = [(-box.half, box.half, cuts)]
+    cells, looks = [(-box.half, box.half, cuts)], _LOOKS
     while cells:
         low, high, left = cells.pop()
+        looks -= 1
         if _holds(_Slopes(closures, document, box, (low, high)), demands):
             continue
-        if not left:
-            return False
+        if not left or not looks:
+            return None
         axis = int(np.argmax((high - low) * np.abs(floats(box.directions)).max(axis=0)))
         middle = 0.5 * (low[axis] + high[axis])
         below, above = high.copy(), low.copy()
         below[axis] = above[axis] = middle
         cells += [(low, below, left - 1), (above, high, left - 1)]
     return True
+
+
+def _beyond(closures: Closures, document: Document, k: int) -> bool:
+    """Whether σ over a box's middle is beyond a limit."""
+    demands, still = document.demands, np.zeros(len(document.independent))
+    found = near(closures, document.dependent, document.centre[k])
+    if demands is None or found is None or not in_tube(document, k, *found, still):
+        return False
+    theta, radius = found[0][document.dependent], found[1]
+    low, high = demands.lower[document.dependent], demands.upper[document.dependent]
+    return any(
+        arb(float(x)) + radius < float(a) or arb(float(x)) - radius > float(b)
+        for x, a, b in zip(theta, low, high, strict=True)
+    )
 
 
 def _reached(document: Document, box: Box, low: Array, high: Array) -> list[arb]:

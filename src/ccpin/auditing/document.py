@@ -9,7 +9,17 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.auditing.cells import CERTIFIED, EMPTY, WHOLE, Over, check_atlas, check_boxes, check_sheets, check_tree
+from ccpin.auditing.cells import (
+    CERTIFIED,
+    EMPTY,
+    SINGULAR,
+    WHOLE,
+    Over,
+    check_atlas,
+    check_boxes,
+    check_sheets,
+    check_tree,
+)
 from ccpin.auditing.container import Arrays, contents
 from ccpin.auditing.declared import CURVES, SHEETS, refuse_others
 from ccpin.auditing.structure import (
@@ -136,6 +146,7 @@ class Document(NamedTuple):
         empty: Cells said to hold no closed configuration.
         singular: Cells said to hold the q of a singular one.
         witnesses: θ of one over each of these, to rounding, (K, n′).
+        shares: What share of the region is certified, empty and singular, and of sheets counted.
         counts: How many closed configurations there are, of sheets.
         demands: What is asked of boxes besides, of a workspace.
     """
@@ -165,6 +176,7 @@ class Document(NamedTuple):
     empty: Cells
     singular: Cells
     witnesses: Array
+    shares: dict[str, float]
     counts: Counts | None = None
     demands: Demands | None = None
 
@@ -322,7 +334,16 @@ def _claimed(arrays: Arrays) -> dict[str, Any]:
     """What is said of cells."""
     empty = np.flatnonzero((arrays["tree_child"] < 0) & (arrays["tree_status"] == EMPTY))
     cells = {"empty": _cells(arrays, empty), "singular": _cells(arrays, arrays["singular_cell"])}
-    return cells | {"witnesses": arrays["singular_theta"]}
+    return cells | {"witnesses": arrays["singular_theta"], "shares": _shares(arrays)}
+
+
+def _shares(arrays: Arrays) -> dict[str, float]:
+    """Shares of the region, of leaves by what is said of them."""
+    leaf, status = arrays["tree_child"] < 0, arrays["tree_status"]
+    share = np.where(leaf, np.prod(arrays["tree_size"] / WHOLE, axis=1), 0.0)
+    told = {"certified": status == CERTIFIED, "empty": status == EMPTY, "singular": status == SINGULAR}
+    told |= {"counted": arrays["count"] >= 0} if "count" in arrays else {}
+    return {name: float(share[rows].sum()) for name, rows in told.items()}
 
 
 def _cells(arrays: Arrays, numbers: Integers) -> Cells:

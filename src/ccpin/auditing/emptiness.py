@@ -48,11 +48,11 @@ class Emptiness:
         self.searched = known and len(dependent) <= _MOST
 
     def proved(self, k: int) -> bool | None:
-        """Whether the k-th empty cell was proved to be so; ``None`` where there is no way to look at it."""
+        """Whether the k-th empty cell was proved to be so; ``None``: it was not."""
         boxes = self._asked(self.whole(*corners(self.document, self.document.empty, k)))
         if self._all_apart(boxes):
             return True
-        return self.remaining(boxes, keep=False) == [] if self.searched else None
+        return (self.searched and self.remaining(boxes, keep=False) == []) or None
 
     def _all_apart(self, boxes: list[Box]) -> bool:
         """Whether boxes, halved as often as need be, are proved to be empty by `_apart`."""

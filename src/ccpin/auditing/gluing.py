@@ -12,11 +12,13 @@ from typing import NamedTuple
 
 import numpy as np
 from flint import arb, arb_mat
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ccpin.auditing.boxes import box_of
 from ccpin.auditing.cells import WHOLE
 from ccpin.auditing.closures import Closures, Equations, columns, exact
-from ccpin.auditing.document import Array, Document, Integers
+from ccpin.auditing.document import Array, Document, Faces, Integers
 
 _NEWTON = 12
 
@@ -51,17 +53,38 @@ def contacts(document: Document) -> Iterator[Contact]:
                 yield Contact(a, int(beside[row]), middle, turn.copy())
 
 
-def same_solution(closures: Closures, document: Document, contact: Contact) -> bool:
-    """Whether the two boxes of a contact are proved to carry the same solution."""
+def sheets_of(document: Document, faces: Faces) -> Integers:
+    """The sheet of each box: boxes that a way over glued faces joins have the same number."""
+    count = len(document.centre)
+    if not count:
+        return np.zeros(0, dtype=np.int64)
+    graph = coo_array((np.ones(len(faces.first)), (faces.first, faces.second)), shape=(count, count))
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def apart(document: Document, faces: Faces) -> Iterator[Contact]:
+    """Faces of certified cells at which two boxes are said to be of two sheets: no way over glued faces joins them."""
+    sheet = sheets_of(document, faces)
+    cell = np.empty(len(sheet), dtype=np.int64)
+    cell[document.over.box] = document.over.cell
+    counts = document.counts
+    certified = np.isin(cell, [] if counts is None else counts.cells.number[counts.certified])
+    for contact in contacts(document):
+        a, b = contact.first, contact.second
+        if certified[a] and certified[b] and sheet[a] != sheet[b]:
+            yield contact
+
+
+def same_solution(closures: Closures, document: Document, contact: Contact) -> bool | None:
+    """Whether the two boxes of a contact are proved to carry the same solution, or (``False``) two; ``None``: neither.
+
+    They carry two where that of the first is proved to lie beyond the second one's tube, which holds the second's.
+    """
     q = contact.middle
     found = solution(closures, document, contact.first, q)
-    if found is None:
-        return False
-    theta, radius = found
-    return all(
-        in_tube(document, k, theta, radius, turn)
-        for k, turn in ((contact.first, np.zeros_like(q)), (contact.second, contact.turn))
-    )
+    if found is None or not in_tube(document, contact.first, *found, np.zeros_like(q)):
+        return None
+    return in_tube(document, contact.second, *found, contact.turn)
 
 
 def solution(closures: Closures, document: Document, k: int, q: Array) -> tuple[Array, float] | None:
@@ -106,14 +129,17 @@ def near(closures: Equations, dependent: Integers, theta: Array) -> tuple[Array,
     return None
 
 
-def in_tube(document: Document, k: int, theta: Array, radius: float, turn: Array) -> bool:
-    """Whether every y within the radius of θ's is in a box's tube, θ turned back by `turn` and whole turns of y."""
+def in_tube(document: Document, k: int, theta: Array, radius: float, turn: Array) -> bool | None:
+    """Whether every y within the radius of θ's is in a box's tube, θ turned back by `turn` and whole turns of y.
+
+    ``False``: none is, whichever turns are taken. ``None``: neither, or θ is not over the box.
+    """
     box = box_of(document, k)
     turns = [2 * arb.pi() * round(float(t) / (2.0 * np.pi)) for t in turn]
     q = [arb(float(x)) - t for x, t in zip(theta[document.independent], turns, strict=True)]
     delta = [a - box.centre[int(i)] for a, i in zip(q, document.independent, strict=True)]
     if any(not abs(d) <= arb(float(h)) for d, h in zip(delta, box.half, strict=True)):
-        return False
+        return None
     predicted = box.directions * arb_mat(len(delta), 1, delta)
     gaps = []
     for index in (int(i) for i in document.dependent):
@@ -124,5 +150,15 @@ def in_tube(document: Document, k: int, theta: Array, radius: float, turn: Array
     try:
         zeta = box.modes.solve(arb_mat(len(gaps), 1, gaps))
     except ZeroDivisionError:
-        return False
-    return all(abs(zeta[i, 0]) <= r for i, r in enumerate(box.radius))
+        return None
+    if all(abs(zeta[i, 0]) <= r for i, r in enumerate(box.radius)):
+        return True
+    reach = (box.modes * arb_mat(len(gaps), 1, [arb(0, float(r.upper())) for r in box.radius])).entries()
+    beyond = any(abs(zeta[i, 0]) > r for i, r in enumerate(box.radius))
+    return False if beyond and _by_turns(document, gaps, reach) else None
+
+
+def _by_turns(document: Document, gaps: list[arb], reach: list[arb]) -> bool:
+    """Whether angles known modulo 2π lead into a tube's reach by their nearest turn alone, if by any."""
+    turning = [bool(document.periodic[int(index)]) for index in document.dependent]
+    return all(abs(gap) + abs(x) < 2 * arb.pi() for gap, x, turn in zip(gaps, reach, turning, strict=True) if turn)

@@ -16,15 +16,15 @@ from ccpin.auditing.document import Array, Document, corners
 _NEWTON = 30
 
 
-def singular(closures: Closures, document: Document, k: int) -> bool:
-    """Whether the k-th cell called singular was proved to hold the q of a singular configuration."""
+def singular(closures: Closures, document: Document, k: int) -> bool | None:
+    """Whether the k-th cell called singular was proved to hold the q of a singular configuration; ``None``: not so."""
     theta, low_high = document.witnesses[k], corners(document, document.singular, k)
     jacobian = closures.at(theta)[1]
     u, _, w = np.linalg.svd(jacobian[:, document.dependent])
     normal = u[:, -1] @ jacobian[:, document.independent]
     normal = np.where(document.upper > document.lower, normal, 0.0)
     directions = [normal / max(float(np.linalg.norm(normal)), 1e-300), *np.eye(len(normal))]
-    return any(_on_line(closures, document, theta, d, w[-1], low_high) for d in directions if np.any(d))
+    return any(_on_line(closures, document, theta, d, w[-1], low_high) for d in directions if np.any(d)) or None
 
 
 def _on_line(

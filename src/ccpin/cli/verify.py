@@ -18,12 +18,16 @@ example: ccpin domain rpdr --centre-deg -108 -72 --atlas --depth 4 --save rpdr.j
          ccpin verify rpdr.json --model rpdr --sample 50
          ccpin domain rpdr --curves --lower-deg 30 90 --upper-deg 80 150 --save curves.json
          ccpin verify curves.json --sample 4"""
+_UNDECIDED, _REFUTED = 3, 4
 _BAR = "{l_bar}{bar}| {postfix} [{elapsed}<{remaining}]"
 
 
 def add_verify(commands: Any) -> None:
     """The command and its options."""
-    what = "check a saved atlas or cover in ball arithmetic, by code of its own (exit code 1: a claim is not proved)"
+    what = (
+        "check a saved atlas or cover in ball arithmetic, by code of its own (exit code 3: a claim is not decided; 4: one "
+        "is refuted)"
+    )
     parser = commands.add_parser("verify", help=what, description=what, epilog=_EXAMPLES)
     file = parser.add_argument("certificate", type=Path, metavar="FILE", help="what `ccpin domain --save` wrote")
     complete(file, shtab.FILE)
@@ -42,13 +46,16 @@ def _verify(options: argparse.Namespace) -> int:
         audit = verify(options.certificate, sample=options.sample, workers=options.workers, progress=progress)
     if options.json:
         claims = [claim._asdict() for claim in audit.claims]
-        facts = {"holds": audit.holds, "whole": audit.whole, "fingerprint": audit.fingerprint, "claims": claims}
+        facts: dict[str, Any] = {"holds": audit.holds, "refuted": audit.refuted, "claim": audit.claim}
+        facts |= {"whole": audit.whole, "fingerprint": audit.fingerprint, "claims": claims}
         print(json.dumps(facts | {"model": same, "not_checked": audit.not_checked}, indent=2))
     else:
         print(audit)
         if same is not None:
             print(f"closures of {options.model}: {'the same, bit for bit' if same else 'NOT the same'}")
-    return 0 if audit.holds and same is not False else 1
+    if audit.refuted or same is False:
+        return _REFUTED
+    return 0 if audit.holds else _UNDECIDED
 
 
 def _is_about(path: Path, model: str) -> bool:

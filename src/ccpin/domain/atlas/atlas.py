@@ -253,7 +253,7 @@ class Atlas:
         """Read an atlas that `save` wrote. If the file may have been altered, call `verify` or `auditing.verify`.
 
         Raises:
-            InvalidInputError: The file cannot be read or is none.
+            InvalidInputError: The file cannot be read or is none, or a box in it is not proved.
         """
         with store.reading(path, store.ATLAS) as (header, arrays):
             return cls(
@@ -263,7 +263,7 @@ class Atlas:
                 unglued=arrays["unglued"].astype(np.int64),
                 complete=header["complete"],
                 seed=np.asarray(arrays["seed"], dtype=np.float64),
-                **store.unpack(header, arrays)._asdict(),
+                **store.unpack(header, arrays, path)._asdict(),
             )
 
     def _points(self, q: ArrayLike) -> Array:

@@ -17,12 +17,12 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.arrays import Array, frozen
+from ccpin.arrays import Array, frozen, rows_of
 from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.domain import boxes, folds
 from ccpin.domain.atlas.cells import Cells, CellTree, Region
 from ccpin.domain.atlas.singular import SingularCells
-from ccpin.domain.boxes import Boxes, Demands, Problem, problem_of
+from ccpin.domain.boxes import Boxes, Demands, Problem, problem_of, verify
 from ccpin.domain.chains import Chain, ClosureSystem, closure_system
 from ccpin.domain.chart import Chart, ChartJoint, Elementary
 from ccpin.domain.rods import Rod
@@ -32,6 +32,7 @@ from ccpin.mechanism.mechanism import Mechanism
 
 NamedArrays = dict[str, NDArray[np.generic]]
 Record = TypeVar("Record")
+_PART = 10_000  # boxes proved again at once
 _SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 
 
@@ -118,13 +119,22 @@ def pack(covering: Covering) -> tuple[dict[str, Any], NamedArrays]:
     return header, arrays | packed("singular", covering.singular) | pack_region(covering.region)
 
 
-def unpack(header: dict[str, Any], arrays: NamedArrays) -> Covering:
-    """What `pack` packed."""
+def unpack(header: dict[str, Any], arrays: NamedArrays, path: str | Path) -> Covering:
+    """What `pack` packed, each box proved again: solutions are found with the numbers that the file has.
+
+    Raises:
+        InvalidInputError: Theorem K does not hold for a box: the file was altered.
+    """
+    problem, boxes = unpack_problem(header, arrays), unpacked("box", Boxes, arrays)
+    for first in range(0, len(boxes.kappa), _PART):
+        proved = verify(problem, rows_of(boxes, slice(first, first + _PART)))
+        if not np.all(proved):
+            raise InvalidInputError(f"{path}: box {first + int(np.argmin(proved))} is not proved: the file was altered")
     return Covering(
-        unpack_problem(header, arrays),
+        problem,
         unpack_region(arrays),
         CellTree(unpacked("tree", Cells, arrays)),
-        unpacked("box", Boxes, arrays),
+        boxes,
         unpacked("singular", SingularCells, arrays),
     )
 

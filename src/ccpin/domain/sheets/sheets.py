@@ -214,7 +214,7 @@ class SheetAtlas:
         """Read sheets that `save` wrote. If the file may have been altered, call `verify` or `auditing.verify`.
 
         Raises:
-            InvalidInputError: The file cannot be read or is none.
+            InvalidInputError: The file cannot be read or is none, or a box in it is not proved.
         """
         with store.reading(path, KIND) as (header, arrays):
             records = {part: store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items()}
@@ -222,7 +222,7 @@ class SheetAtlas:
                 names=tuple(header["names"]),
                 count=arrays["count"].astype(np.int64),
                 complete=header["complete"],
-                **store.unpack(header, arrays)._asdict(),
+                **store.unpack(header, arrays, path)._asdict(),
                 **records,
             )
 
