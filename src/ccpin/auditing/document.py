@@ -316,7 +316,9 @@ def _curves(header: dict[str, Any], arrays: Arrays) -> Curves:
         ContradictionError: The tubes or boxes are not as many, or not of the sizes, that it says.
     """
     given = {name: arrays[f"tube_{name}"] for name in Tube._fields}
-    rest = {name: arrays[name] for name in ("range_lower", "range_upper", "uncovered_lower", "uncovered_upper")}
+    rest: dict[str, Any] = {
+        name: arrays[name] for name in ("range_lower", "range_upper", "uncovered_lower", "uncovered_upper")
+    }
     sizes, closed = arrays["curve_tubes"], arrays["curve_closed"]
     require(
         np.all(sizes >= 1) and int(sizes.sum()) == len(given["half"]), "curve_tubes: not as many tubes as there are"

@@ -25,8 +25,8 @@ _BAR = "{l_bar}{bar}| {postfix} [{elapsed}<{remaining}]"
 def add_verify(commands: Any) -> None:
     """The command and its options."""
     what = (
-        "check a saved atlas or cover in ball arithmetic, by code of its own (exit code 3: a claim is not decided; 4: one "
-        "is refuted)"
+        "check a saved atlas or cover in ball arithmetic, by code of its own (exit code 3: a claim is not decided; "
+        "4: one is refuted)"
     )
     parser = commands.add_parser("verify", help=what, description=what, epilog=_EXAMPLES)
     file = parser.add_argument("certificate", type=Path, metavar="FILE", help="what `ccpin domain --save` wrote")
