@@ -25,11 +25,11 @@ from ccpin.domain.curves.search import Found, Place, Search
 from ccpin.domain.curves.tubes import Points, Stated, no_tubes, proved_again, stated, zeros_in
 from ccpin.domain.newton import without_turns
 from ccpin.domain.sheets import narrowing
-from ccpin.domain.sheets.candidates import Ranges
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.verdict import Verdict
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.ranges import Ranges
 
 _SAMPLES = 33  # of a tube
 _TOUCHING = 1e-12
@@ -72,8 +72,9 @@ class CrossedCells(NamedTuple):
 class SingularCover:
     """All singular curves over a region, and what is not covered by them.
 
-    What is claimed: every singular closed configuration over the region (φ_y singular, y in the ranges searched: full
-    turns, the limits of slides) lies on one of the curves, inside its tubes, or in one of the boxes that are uncovered.
+    What is claimed: every singular closed configuration over the region that keeps the limits of slides and coupled
+    joints (φ_y singular; the ranges searched hold them all, by Lemma R of `ccpin.proof.ranges`) lies on one of the
+    curves, inside its tubes, or in one of the boxes that are uncovered.
     Beyond the region nothing is.
 
     Attributes:
@@ -87,7 +88,7 @@ class SingularCover:
         limit: What ended the work early: ``"interrupted"`` (Ctrl-C, or the time was over) or ``"budget"``; else
             ``None``.
         resolution: Boxes with all edges below twice this were not halved.
-        ranges: What was searched of the dependent coordinates.
+        ranges: What was searched of the dependent coordinates, and why that is all.
     """
 
     names: tuple[str, ...]

@@ -53,13 +53,15 @@ def certify_singularities(
 
     Raises:
         UnsupportedMechanismError: n ≠ 2, more than eight dependent coordinates, ball joints, distance closures,
-            couplings of continuous joints, redundant rows, or closures that cannot be bounded.
+            couplings of continuous joints, redundant rows, closures that cannot be bounded, or a slide or a coupled
+            joint that neither limits nor lengths nor couplings bound.
         InvalidInputError: The region, resolution, budget, seconds or workers is malformed.
     """
     mechanism = mechanism_of(mechanism)
     system = _system(mechanism)
     effort = effort_of(resolution, budget, seconds, progress)
-    place = Place(region_about(mechanism, system, region), searched_ranges(mechanism, system))
+    area = region_about(mechanism, system, region)
+    place = Place(area, searched_ranges(mechanism, system, area))
     work = Work(workers, executor, checkpoint)
     return searched(problem_of(system, bounds), tuple(mechanism.independent), place, effort, work)
 

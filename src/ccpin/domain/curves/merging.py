@@ -1,8 +1,8 @@
 """Covers of parts of a region, made apart, as the one cover of the region.
 
-**Proposition M.** Let covers of the same closures, of the same ranges of what slides, be of regions that together fill
-a box of q-space. Then every singular configuration over the box (y in the ranges) is on a curve of one of the covers,
-in its tubes, or in a box that one of them lists.
+**Proposition M.** Let covers of the same closures, within the same limits, be of regions that together fill a box of
+q-space. Then every singular configuration over the box that keeps the limits is on a curve of one of the covers, in its
+tubes, or in a box that one of them lists.
 
 *Proof.* Its q lies in one of the regions, whose cover claims that. ∎
 
@@ -28,6 +28,7 @@ from ccpin.domain.curves.following import Chain
 from ccpin.domain.curves.joining import one_of_each
 from ccpin.domain.curves.search import BEYOND
 from ccpin.errors import InvalidInputError
+from ccpin.proof.ranges import ranges_over
 
 _ALIGNED = 0.1 * BEYOND  # of bounds (rad, m)
 _LIMITS = ("interrupted", "budget")
@@ -40,9 +41,11 @@ def merge_covers(covers: Sequence[SingularCover]) -> SingularCover:
         _refuse_others(first, other, k)
     chains = [Chain(curve.tubes, curve.closed) for cover in covers for curve in cover.curves]
     curves = [as_curve(first.problem, chain) for chain in one_of_each(first.problem, chains)]
+    region = filled(first.problem, [cover.region for cover in covers])
     return replace(
         first,
-        region=filled(first.problem, [cover.region for cover in covers]),
+        region=region,
+        ranges=ranges_over(first.problem.system, first.ranges, (region.lower, region.upper)),
         curves=tuple(sorted(curves, key=lambda curve: curve.kind)),
         uncovered=joined(cover.uncovered for cover in covers),
         tried=sum(cover.tried for cover in covers),
@@ -57,13 +60,12 @@ def _refuse_others(first: SingularCover, other: SingularCover, k: int) -> None:
         raise InvalidInputError(
             f"part {k} is about other closures than part 1: parts are of one mechanism as one file states it"
         )
-    slides = ~first.problem.system.periodic[first.problem.system.dependent]
-    for bound, ours, theirs in zip(("lower", "upper"), first.ranges, other.ranges, strict=True):
-        if np.any(ours[slides] != theirs[slides]):
-            raise InvalidInputError(
-                f"part {k} was searched to other {bound} limits of what slides than part 1: {theirs[slides].tolist()} "
-                f"and {ours[slides].tolist()}"
-            )
+    ours, theirs = first.ranges.limits, other.ranges.limits
+    if np.any(ours != theirs):
+        row = int(np.argmax(np.any(ours != theirs, axis=1)))
+        raise InvalidInputError(
+            f"part {k} was searched within other limits than part 1: {theirs[row].tolist()} and {ours[row].tolist()}"
+        )
 
 
 def filled(problem: Problem, regions: Sequence[Region]) -> Region:

@@ -22,8 +22,8 @@ from ccpin.domain.curves.following import Chain, follow, prolonged
 from ccpin.domain.curves.system import onto_curves
 from ccpin.domain.curves.tasks import narrow_boxes, settle_boxes
 from ccpin.domain.curves.tubes import Points, Tubes
-from ccpin.domain.sheets.candidates import Ranges
 from ccpin.domain.sheets.narrowing import Candidates
+from ccpin.proof.ranges import Ranges
 
 BEYOND = 1e-12
 """How far a search goes beyond its region and ranges each way."""
@@ -47,7 +47,7 @@ class Place(NamedTuple):
         inside = region.wrapped | ((q >= region.lower - reach) & (q <= region.upper + reach))
         y, reach = theta[:, system.dependent], wide[:, system.dependent]
         within = (y >= ranges.lower - reach) & (y <= ranges.upper + reach)
-        return np.asarray(inside.all(axis=1) & np.all(system.periodic[system.dependent] | within, axis=1))
+        return np.asarray(inside.all(axis=1) & np.all(ranges.turning | within, axis=1))
 
 
 class Found(NamedTuple):

@@ -14,8 +14,9 @@ from ccpin.domain.atlas.tasks import Arrays
 from ccpin.domain.boxes import Problem
 from ccpin.domain.curves.covering import Nearby, settled_beside
 from ccpin.domain.curves.tubes import Tubes
-from ccpin.domain.sheets.candidates import Ranges, beyond
+from ccpin.domain.sheets.candidates import beyond
 from ccpin.domain.sheets.narrowing import Candidates, narrowed
+from ccpin.proof.ranges import Ranges
 
 _CHUNK = 1000
 _FIELDS = len(Candidates._fields)
@@ -34,7 +35,7 @@ def narrow_boxes(runner: Runner, ranges: Ranges, boxes: Candidates) -> Candidate
 
 def narrow_task(problem: Problem, arrays: Arrays) -> Arrays:
     """`narrow_boxes` for one chunk: (*ranges, *boxes) → boxes."""
-    ranges, boxes = Ranges(*arrays[:2]), Candidates(*arrays[2:])  # type: ignore[arg-type]
+    ranges, boxes = Ranges(*arrays[:4]), Candidates(*arrays[4:])  # type: ignore[arg-type]
     boxes = narrowed(problem, boxes)
     if boxes.cell.size:
         boxes = narrowed(problem, boxes, True, np.ones(len(boxes.cell), dtype=np.bool_))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
@@ -12,19 +10,12 @@ from ccpin.domain.atlas.run import Runner, Stopped
 from ccpin.domain.atlas.tasks import Arrays
 from ccpin.domain.boxes import Problem, closure_values
 from ccpin.domain.sheets.narrowing import Candidates, narrowed
+from ccpin.proof.ranges import Ranges
 
 _RATIO, _CURVED = 2.0, 0.3
 _FLOOR = 1e-3
 _CHUNK = 1000
 _LEAST = 1e-9
-_EDGE = 1e-9
-
-
-class Ranges(NamedTuple):
-    """What is searched of the dependent coordinates: bounds of shape (m,); a full turn of those that are periodic."""
-
-    lower: Array
-    upper: Array
 
 
 def whole_candidates(problem: Problem, ranges: Ranges, cells: Indices, q: Array, width: Array) -> Candidates:
@@ -32,7 +23,7 @@ def whole_candidates(problem: Problem, ranges: Ranges, cells: Indices, q: Array,
     system = problem.system
     centre, half = np.zeros((2, len(cells), system.n_free))
     centre[:, system.dependent] = 0.5 * (ranges.lower + ranges.upper)
-    half[:, system.dependent] = 0.5 * (ranges.upper - ranges.lower) + 1e-12
+    half[:, system.dependent] = 0.5 * (ranges.upper - ranges.lower) + 1e-3 * ranges.edge
     centre[:, system.independent], half[:, system.independent] = q, width
     return Candidates(cells, centre, half, np.zeros((len(cells), system.m, system.n)))
 
@@ -41,13 +32,13 @@ def narrowed_both(problem: Problem, ranges: Ranges, waiting: Candidates, singula
     """Candidates narrowed with both choices of Ã, without those beyond the ranges.
 
     Where singular ones are looked for, those that are nonsingular are dropped, unless they meet the end of a range that
-    is no full turn.
+    is a limit: beyond the others no configuration goes on (Lemma R of `ccpin.proof.ranges`).
     """
     parts = [rows_of(waiting, slice(0))]
     for first in range(0, len(waiting.cell), _CHUNK):
         part = narrowed(problem, rows_of(waiting, slice(first, first + _CHUNK)))
         if part.cell.size:
-            inner = ~_at_end(problem, ranges, part) if singular else None
+            inner = ~ranges.at_limit(*_extent(problem, part)) if singular else None
             parts.append(narrowed(problem, part, True, inner))
     result = joined(parts)
     return rows_of(result, ~beyond(problem, ranges, result))
@@ -56,15 +47,7 @@ def narrowed_both(problem: Problem, ranges: Ranges, waiting: Candidates, singula
 def beyond(problem: Problem, ranges: Ranges, boxes: Candidates) -> Mask:
     """Which boxes lie beyond the ranges, full turns apart."""
     low, high = _extent(problem, boxes)
-    return np.asarray(np.any((low > ranges.upper + _EDGE) | (high < ranges.lower - _EDGE), axis=1))
-
-
-def _at_end(problem: Problem, ranges: Ranges, boxes: Candidates) -> Mask:
-    """Which boxes meet the end of a range that is no full turn."""
-    slides = ~problem.system.periodic[problem.system.dependent]
-    low, high = _extent(problem, boxes)
-    meets = (low <= ranges.lower + _EDGE) | (high >= ranges.upper - _EDGE)
-    return np.asarray(np.any(meets[:, slides], axis=1))
+    return np.asarray(np.any((low > ranges.upper + ranges.edge) | (high < ranges.lower - ranges.edge), axis=1))
 
 
 def _extent(problem: Problem, boxes: Candidates) -> tuple[Array, Array]:
@@ -122,7 +105,7 @@ def handed_down(problem: Problem, tree: CellTree, region: Region, waiting: Candi
 
 def prune_task(problem: Problem, arrays: Arrays) -> Arrays:
     """`narrowed_both`, `to_halve` between plain arrays: (*ranges, singular, *candidates) → (*candidates, cut, due)."""
-    ranges, singular, waiting = Ranges(*arrays[:2]), bool(arrays[2]), Candidates(*arrays[3:])  # type: ignore[arg-type]
+    ranges, singular, waiting = Ranges(*arrays[:4]), bool(arrays[4]), Candidates(*arrays[5:])  # type: ignore[arg-type]
     waiting = narrowed_both(problem, ranges, waiting, singular)
     return (*waiting, *to_halve(problem, waiting))
 
@@ -157,7 +140,7 @@ class Pruning:
         return joined([*stuck, waiting])
 
     def _narrowed(self, waiting: Candidates) -> tuple[Candidates, Indices, Mask]:
-        chosen: Arrays = (self.ranges.lower, self.ranges.upper, np.array(self.singular))
+        chosen: Arrays = (*self.ranges, np.array(self.singular))
         parts = [slice(k, k + _CHUNK) for k in range(0, len(waiting.cell), _CHUNK)]
         found = self.runner.map(prune_task, [(*chosen, *rows_of(waiting, part)) for part in parts])
         *columns, cut, due = (np.concatenate(column) for column in zip(*found, strict=True))

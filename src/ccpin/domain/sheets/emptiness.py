@@ -1,16 +1,9 @@
 """Cells without any closed configuration, by exhaustive search where the triangle inequality says nothing.
 
 All values of the dependent coordinates are searched over the cells of an atlas (`paving`), from its first cell down to
-those that no box certifies; a cell whose last candidate is dropped is empty. Angles are searched all the way round. A
-slide has no such range, but closed loops bound it:
-
-**Proposition L.** Let the chains of a closure's point rows read Σ_c W_c x_c + d = 0, let one of them begin with slides
-along a₁, …, a_k with W a_i orthonormal, and let no chain hold another dependent slide. Then in every closed
-configuration each of these slides is at most Σ_c ‖W_c‖(length of c without them) + |d|.
-
-*Proof.* |s_i| ≤ |Σ s_i W a_i|, which is minus the sum of the rest. ∎
-
-Where a dependent slide is not of this kind, nothing is searched.
+those that no box certifies; a cell whose last candidate is dropped is empty. Angles are searched all the way round,
+slides and coupled joints as far as Lemma R of `ccpin.proof.ranges` bounds them, whatever their limits. Where it does
+not, nothing is searched.
 """
 
 from __future__ import annotations
@@ -21,17 +14,18 @@ from ccpin.arrays import Array, Indices, rows_of
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Region, place
 from ccpin.domain.atlas.run import Runner
 from ccpin.domain.boxes import Problem, certify_boxes
-from ccpin.domain.chains import Chain, ClosureSystem
+from ccpin.domain.chains import ClosureSystem
 from ccpin.domain.newton import newton
-from ccpin.domain.sheets.candidates import Pruning, Ranges, handed_down, whole_candidates
+from ccpin.domain.sheets.candidates import Pruning, handed_down, whole_candidates
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.paving import MOST_DEPENDENT
+from ccpin.errors import UnsupportedMechanismError
+from ccpin.proof.ranges import NO_LIMIT, Ranges, ranges_of
 
 _BUDGET = 2_000_000
 _ROUNDS = 12
 _NEWTON = 12
 _WORTH = 1e-3
-_ORTHONORMAL = 1e-9
 
 
 def search_empty(runner: Runner, tree: CellTree, region: Region, depth: int) -> None:
@@ -44,7 +38,7 @@ def search_empty(runner: Runner, tree: CellTree, region: Region, depth: int) -> 
         Stopped: An interrupt was asked for; what was proved by then is marked.
     """
     problem = runner.problem
-    ranges = all_values(problem.system, np.maximum(np.abs(region.lower), np.abs(region.upper)))
+    ranges = all_values(problem.system, region.lower, region.upper)
     if ranges is None or problem.system.m > MOST_DEPENDENT or _share(tree) < _WORTH:
         return
     root = np.zeros(1, dtype=np.intp)
@@ -101,45 +95,13 @@ def _unsettled(problem: Problem, tree: CellTree, waiting: Candidates) -> Candida
     return rows_of(waiting, ~np.isin(waiting.cell, waiting.cell[rows[tried.proved]]))
 
 
-def all_values(system: ClosureSystem, reach: Array) -> Ranges | None:
-    """Ranges that hold every closed configuration over |q| ≤ reach (n,); ``None`` where there are none known."""
+def all_values(system: ClosureSystem, lower: Array, upper: Array) -> Ranges | None:
+    """Ranges that hold every closed configuration over lower ≤ q ≤ upper (n,); ``None`` where there are none known."""
     if system.rods or np.any(system.moduli) or any(joint.kind.unit == 4 for joint in system.chart.joints):
         return None
-    bounds = np.full(system.n_free, np.pi)
-    travel = np.zeros(system.n_free)
-    travel[system.independent] = reach
-    for j in system.dependent[~system.periodic[system.dependent]]:
-        most = min((_slide_bound(system, chain, int(j), travel) for chain in system.chains), default=np.inf)
-        if not np.isfinite(most):
-            return None
-        bounds[j] = most
-    return Ranges(-bounds[system.dependent], bounds[system.dependent])
-
-
-def _slide_bound(system: ClosureSystem, chain: Chain, j: int, travel: Array) -> float:
-    """Proposition L for the slide θ_j from the rows that a chain enters; ∞ where it does not apply."""
-    rows = np.any(chain.weights != 0.0, axis=1)
-    others = [other for other in system.chains if np.any(other.weights[rows] != 0.0)]
-    sliding = system.dependent[~system.periodic[system.dependent]]
-    first = int(np.argmin(chain.prismatic)) if not np.all(chain.prismatic) else len(chain.joints)
-    leading = [k for k in range(first) if chain.joints[k] in sliding]
-    known = {int(chain.joints[k]) for k in leading}
-    foreign = any(
-        int(i) in sliding and not (other is chain and int(i) in known) for other in others for i in other.joints
-    )
-    plain = not (np.any(system.couplings[rows]) or any(other.direction for other in others))
-    if j not in known or foreign or not plain:
-        return np.inf
-    axes, turn = [], np.eye(3)
-    for k in range(first):
-        turn = turn @ chain.rotations[k]
-        axes.append(chain.weights[rows] @ turn @ chain.axes[k])
-    slides = np.array([axes[k] for k in leading])
-    if np.abs(slides @ slides.T - np.eye(len(leading))).max() > _ORTHONORMAL:
-        return np.inf
-    total = float(np.linalg.norm(system.offset[rows]))
-    for other in others:
-        length = np.linalg.norm(other.translations, axis=1).sum() + np.linalg.norm(other.tip)
-        length += travel[other.joints[other.prismatic]].sum()
-        total += float(np.linalg.norm(other.weights[rows], 2) * length)
-    return total * (1.0 + 1e-6) + 1e-9
+    limits = np.tile([-NO_LIMIT, NO_LIMIT], (system.m, 1))
+    names = [str(j) for j in range(system.n_free)]
+    try:
+        return ranges_of(system, np.zeros(system.n_free), (lower, upper), limits, names)
+    except UnsupportedMechanismError:
+        return None

@@ -3,8 +3,9 @@
 What is sound. What is said of a cell (how many closed configurations each of its q has, that there are none, that one
 is singular), of the boxes over it (Theorem K) and of two glued ones is about that cell and those boxes, whatever the
 region they are cells of: it stands. Boxes on the two sides of a seam are glued where the corollary of `boxes` proves
-that they carry the same σ there, as all others are. The boxes that enclose all singular closed configurations over each
-part enclose together those over the whole.
+that they carry the same σ there, as all others are. Parts count within the same limits, and so does the whole: the
+ranges over all of the region are derived anew (Lemma R of `ccpin.proof.ranges`). The boxes that enclose all singular
+closed configurations over each part enclose together those over the whole.
 
 Sheets of two parts are one where such gluing joins them; on it, as on any, assembly modes may change places round a
 cusp that no part has whole.
@@ -25,6 +26,7 @@ from ccpin.domain.atlas.run import Runner
 from ccpin.domain.sheets.front import Members, glued_pairs
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError
+from ccpin.proof.ranges import ranges_over
 
 
 def merge_sheets(parts: Sequence[SheetAtlas]) -> SheetAtlas:
@@ -46,6 +48,7 @@ def merge_sheets(parts: Sequence[SheetAtlas]) -> SheetAtlas:
     return replace(
         parts[0],
         region=region,
+        ranges=ranges_over(parts[0].problem.system, parts[0].ranges, (region.lower, region.upper)),
         tree=tree,
         boxes=boxes,
         members=members,
@@ -64,5 +67,5 @@ def _refuse_others(first: SheetAtlas, other: SheetAtlas, k: int) -> None:
             f"part {k} is about other closures, or other bounds=, than part 1: parts are of one mechanism as one file "
             "states it"
         )
-    if any(np.any(ours != theirs) for ours, theirs in zip(first.ranges, other.ranges, strict=True)):
+    if np.any(first.ranges.limits != other.ranges.limits):
         raise InvalidInputError(f"part {k} counts between other limits than part 1")

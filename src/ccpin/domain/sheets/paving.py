@@ -4,18 +4,19 @@ A search starts with one candidate a cell: the cell and the whole range of each 
 narrowed (Proposition N of `narrowing`), dropped where that shows them to be empty of what is looked for, and halved.
 
 - `cover_singular` looks for *singular* closed configurations over a region: it also drops candidates on which φ_y is
-  shown to be nonsingular, and halves cells where their own size is what makes a candidate wide. Candidates at the
-  end of a range that is no full turn are kept even so. What is left over the smallest cells encloses all singular
-  closed configurations over the region, and all that lie on such an end.
+  shown to be nonsingular, and halves cells where their own size is what makes a candidate wide. Candidates that meet a
+  limit are kept even so. What is left over the smallest cells encloses all singular closed configurations over the
+  region, and all that lie on a limit.
 - `all_solutions` looks for *all* closed configurations over points: it also drops candidates in which one is proved to
   be the only one (Theorem K and Proposition U), and keeps that one if it lies in the ranges.
 
 **Proposition C.** Over a connected union of cells without candidates of `cover_singular` every q has the same number of
 closed configurations in the ranges searched.
 
-*Proof.* Above the union no closed configuration is singular or on the end of a range (a full turn has none), so they
-are locally smooth functions of q that stay within the ranges; as the ranges are compact none appears or
-vanishes: their number is locally constant. ∎
+*Proof.* The ranges hold every closed configuration that keeps the limits, none of them at an end that is no limit
+(Lemma R of `ccpin.proof.ranges`; a full turn has no end). Above the union none is singular or on a limit, so they are
+locally smooth functions of q that keep the limits; as the ranges are compact none appears or vanishes: their number is
+locally constant. ∎
 
 Branch and prune of the sheets of parallel robots is that of S. Caro, D. Chablat, A. Goldsztejn, D. Ishii and
 C. Jermann, "A branch and prune algorithm for the computation of generalized aspects of parallel robots", Artificial
@@ -37,7 +38,6 @@ from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_boxes, closure_val
 from ccpin.domain.newton import newton, without_turns
 from ccpin.domain.sheets.candidates import (
     Pruning,
-    Ranges,
     halved,
     handed_down,
     narrowed_both,
@@ -45,6 +45,7 @@ from ccpin.domain.sheets.candidates import (
     whole_candidates,
 )
 from ccpin.domain.sheets.narrowing import Candidates, alone_in
+from ccpin.proof.ranges import Ranges
 
 _NEWTON = 12
 _WIDEST = 1.5  # rad: wider candidates are halved before Newton's method is tried from their middle
@@ -53,7 +54,7 @@ _BUDGET = 300_000  # candidates over one q
 
 MOST_DEPENDENT = 8
 """Dependent coordinates: the search of all values of more would not end."""
-_EDGE, _NEAR = 1e-9, 1e-6
+_NEAR = 1e-6
 
 
 class Cover(NamedTuple):
@@ -125,16 +126,16 @@ def all_solutions(problem: Problem, ranges: Ranges, q: Array) -> Solutions:
 
 def solutions_task(problem: Problem, arrays: Arrays) -> Arrays:
     """`all_solutions` between plain arrays: (*ranges, q) → (θ, complete)."""
-    found = all_solutions(problem, Ranges(*arrays[:2]), arrays[2])  # type: ignore[arg-type]
+    found = all_solutions(problem, Ranges(*arrays[:4]), arrays[4])  # type: ignore[arg-type]
     return found.theta, np.array(found.complete)
 
 
 def _within(problem: Problem, ranges: Ranges, boxes: Boxes) -> tuple[Mask, Mask]:
     """Which boxes' configurations lie within the ranges that are no full turns, and which beyond; some do not say."""
     system = problem.system
-    slides = ~system.periodic[system.dependent]
-    y, spread = boxes.centre[:, system.dependent][:, slides], (_spread(boxes) + _EDGE)[:, slides]
-    low, high = ranges.lower[slides], ranges.upper[slides]
+    ended = ~ranges.turning
+    y, spread = boxes.centre[:, system.dependent][:, ended], (_spread(boxes) + ranges.edge)[:, ended]
+    low, high = ranges.lower[ended], ranges.upper[ended]
     inside = np.all((y - spread >= low) & (y + spread <= high), axis=1)
     return inside, np.any((y + spread < low) | (y - spread > high), axis=1)
 

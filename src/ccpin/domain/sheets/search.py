@@ -15,12 +15,13 @@ from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for
 from ccpin.domain.atlas.singular import SingularCells, mark_in_cells
 from ccpin.domain.boxes import BoundsName, Problem, problem_of
 from ccpin.domain.chains import ClosureSystem, Seed, closure_system
-from ccpin.domain.sheets.candidates import Ranges
 from ccpin.domain.sheets.front import Front, Part, glued_pairs, parts_of
 from ccpin.domain.sheets.paving import MOST_DEPENDENT, cover_singular, solutions_task
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.kinematics.coordinates import component_names
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.ranges import NO_LIMIT, Ranges, ranges_of
 
 _DEPTHS = {1: 10, 2: 7, 3: 4}
 _DEEPER = 3
@@ -42,8 +43,9 @@ def certify_sheets(
 ) -> SheetAtlas:
     """Find and certify every sheet of σ over a region.
 
-    All closed configurations are counted, those of every assembly mode: all angles of the dependent joints, and all
-    lengths of dependent slides within the joints' limits (without limits, within the sum of all lengths).
+    All closed configurations are counted, those of every assembly mode: all angles of the dependent joints, and of
+    slides and of joints bound by couplings all there is within their limits. What is searched of those, and why that is
+    all, is in `SheetAtlas.ranges`.
 
     Args:
         mechanism: A mechanism (or its model) with up to three scalar independent coordinates and revolute, prismatic,
@@ -67,7 +69,8 @@ def certify_sheets(
 
     Raises:
         UnsupportedMechanismError: More than three coordinates or eight dependent ones, ball joints, distance closures,
-            couplings of continuous joints, redundant rows, or closures that cannot be bounded.
+            couplings of continuous joints, redundant rows, closures that cannot be bounded, or a slide or a coupled
+            joint that neither limits nor lengths nor couplings bound.
         InvalidInputError: The region, max_depth, seconds or workers is malformed.
     """
     mechanism = mechanism_of(mechanism)
@@ -79,7 +82,8 @@ def certify_sheets(
     time = None if seconds is None else positive(seconds, "seconds")
     problem, area = problem_of(system, bounds), region_about(mechanism, system, region)
     effort, work = Effort(depth, whole(budget, "budget"), time), Work(workers, executor, checkpoint, progress)
-    return _survey(problem, tuple(mechanism.independent), area, searched_ranges(mechanism, system), effort, work)
+    ranges = searched_ranges(mechanism, system, area)
+    return _survey(problem, tuple(mechanism.independent), area, ranges, effort, work)
 
 
 class Effort(NamedTuple):
@@ -157,18 +161,20 @@ def region_about(mechanism: Mechanism, system: ClosureSystem, region: Corners | 
     return region_of(mechanism, Seed(system, theta), region)
 
 
-def searched_ranges(mechanism: Mechanism, system: ClosureSystem) -> Ranges:
-    """Full turns, the limits of slides, and where those have none the sum of all lengths."""
-    model, middle = mechanism.tree.model, system.theta(mechanism.q_reference)
-    low, high = middle - np.pi, middle + np.pi
-    slides = np.flatnonzero(~system.periodic)
-    low[slides], high[slides] = -system.scale, system.scale
+def searched_ranges(mechanism: Mechanism, system: ClosureSystem, region: Region) -> Ranges:
+    """What is searched of the dependent coordinates over a region (Lemma R): all there is within the joints' limits.
+
+    Raises:
+        UnsupportedMechanismError: Nothing bounds one of them.
+    """
+    model, names = mechanism.tree.model, component_names(mechanism.tree)
+    limits = np.tile([-NO_LIMIT, NO_LIMIT], (system.n_free, 1))
     for joint in system.chart.joints:
-        index = joint.v.start
-        if joint.kind.nq == 1 and not system.periodic[index]:
-            limits = model.lowerPositionLimit[joint.q.start], model.upperPositionLimit[joint.q.start]
-            low[index], high[index] = max(low[index], limits[0]), min(high[index], limits[1])
-    return Ranges(low[system.dependent], high[system.dependent])
+        if joint.kind.nq == 1:
+            low, high = model.lowerPositionLimit[joint.q.start], model.upperPositionLimit[joint.q.start]
+            limits[joint.v.start] = max(low, -NO_LIMIT), min(high, NO_LIMIT)
+    middle = system.theta(mechanism.q_reference)
+    return ranges_of(system, middle, (region.lower, region.upper), limits[system.dependent], names)
 
 
 def _counted(
@@ -184,7 +190,7 @@ def _counted(
     for first in range(0, len(unions), _AT_ONCE):
         some = range(first, min(first + _AT_ONCE, len(unions)))
         try:
-            found = runner.map(solutions_task, [(ranges.lower, ranges.upper, middles[k]) for k in some])
+            found = runner.map(solutions_task, [(*ranges, middles[k]) for k in some])
         except Stopped:
             return parts, False
         for k, (theta, whole_count) in zip(some, found, strict=True):

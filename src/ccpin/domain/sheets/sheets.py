@@ -1,9 +1,9 @@
 """All sheets of σ over a region: how many closed configurations every q has, and how they hang together.
 
 What is claimed. The region is in cells. Over the *counted* ones it is proved how many closed configurations every q
-has, in the ranges of the dependent coordinates that were searched (Proposition C of `paving`); where there are none,
-the cell is empty. Over the *certified* ones each of them is a smooth function of q in a box of Theorem K, and boxes of
-neighbours are glued where they carry the same one. A *sheet* is a connected part of the nonsingular closed
+has within the limits of slides and coupled joints (Proposition C of `paving`), in ranges that hold all of these (Lemma
+R of `ccpin.proof.ranges`); where there are none, the cell is empty. Over the *certified* ones each of them is a smooth
+function of q in a box of Theorem K, and boxes of neighbours are glued where they carry the same one. A *sheet* is a connected part of the nonsingular closed
 configurations, as far as boxes are glued (an aspect, in the literature on parallel robots). Most sheets have one
 configuration over each q. On one that has several (`Sheet.layers`) they change places along
 some way in q, round a cusp as a rule: the mechanism goes from one assembly mode to another and meets no singularity
@@ -37,12 +37,12 @@ from ccpin.domain.boxes import Boxes, Problem, closure_values, verify
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
 from ccpin.domain.newton import newton, solve_in_boxes, without_turns
 from ccpin.domain.sheets import narrowing, paving
-from ccpin.domain.sheets.candidates import Ranges
 from ccpin.domain.sheets.front import Glued, Members
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.touching import Fold, cross, near_folds
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.ranges import Ranges
 
 _PART = 500
 _RECORDS: dict[str, Any] = {"members": Members, "glued": Glued, "left": Candidates, "ranges": Ranges}
@@ -99,7 +99,7 @@ class SheetAtlas:
         glued: Which boxes carry the same σ at a common face.
         count: How many closed configurations the q of a cell have; −1 where that is not proved. Of shape (cells,).
         left: Boxes of all coordinates that enclose all singular closed configurations over the region.
-        ranges: What was searched of the dependent coordinates.
+        ranges: What was searched of the dependent coordinates, and why that is all.
         complete: False where an interrupt ended the work; what is there is proved nevertheless.
         singular: A singular configuration over each cell called so.
     """

@@ -1,0 +1,351 @@
+"""Ranges of dependent coordinates, each a proved fact with its reason.
+
+A search of all values of the dependent coordinates proves nothing about values that it leaves out. So what it searches
+is derived here, from the closures φ(θ) = Σ_c B_c x_c(θ) + Gθ + d, the region of q and the limits that belong to the
+claim.
+
+**Lemma R.** Let S be the set of closed configurations θ = (q, y), φ(θ) = 0, with q in a box Q and with every limit
+kept. Let I_j be intervals with θ_j ∈ I_j on S: Q's edge, the limits of θ_j, or all numbers. They still are if I_j is
+met with one of these.
+
+1. *Coupling.* −(d_i + Σ_{k≠j} G_ik I_k)/G_ij, where row i of φ is Σ_k G_ik θ_k + d_i with G_ij ≠ 0: no chain enters it,
+   and it does not hold modulo anything.
+2. *Lengths.* |θ_j| ≤ r/σ for all j ∈ J. Here P are rows of φ that point chains enter and nothing else, so that
+   Σ_c W_c x_c + d_P = 0, W_c the rows P of B_c; J are slides of one chain without a turn between them, and that W_c
+   sees as they are; σ > 0 is the least singular value of the columns W_c a_j, j ∈ J; and r is |d_P| and what W_c sees
+   at most of all other segments of all chains that enter P: links, tips, and other slides at their longest in I_k.
+
+W_c sees a vector v, fixed behind some turns of the chain, as long as it is at θ = 0 if there is no such turn, if
+W_cᵀW_c = 1, or if W_cW_cᵀ = 1 and these turns are about the direction that W_c does not see; else |W_c v| ≤ ‖W_c‖|v|.
+
+*Proof.* 1 is the row, solved for θ_j. 2: a point x_c is the sum of its segments, each turned by the joints before it.
+Those in J are turned by the same rotation Q, so W_c sees of them W_c Q Σ_j a_j θ_j, which is minus the sum of all the
+rest: its length is r at most. It is σ|θ_J| at least: without turns Q = 1; with W_cᵀW_c = 1 all lengths and angles are
+kept; and a turn about the direction that W_c does not see turns what it sees as a plane. ∎
+
+A coordinate of which φ knows only the angle (`periodic`, no slide, in no coupling) has a full turn instead: modulo
+turns of 2π every closed configuration is in it, and it has no end. Of all others the ends matter. At a *limit* a
+configuration may leave S. At an end that was derived none does: none is there, since what is derived is widened by 1e-6
+of its size, which is also more than all roundings here and more than rounded corners of Q can add.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from enum import IntEnum
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccpin.arrays import Array, Indices, Mask
+from ccpin.errors import UnsupportedMechanismError
+
+NO_LIMIT = float(np.finfo(np.float64).max)
+"""Stands for no limit in documents, which have no infinity."""
+_WIDER = 1e-6
+_ORTHONORMAL = 1e-9
+_LEAST_SEEN = 1e-3  # of σ: slides that are seen less have no bound worth a search
+_ROUNDS, _GAIN = 50, 1e-2
+
+
+class Reason(IntEnum):
+    """Why no closed configuration that the claim speaks of lies beyond an end of a range."""
+
+    TURN = 0
+    LIMIT = 1
+    COUPLING = 2
+    LENGTHS = 3
+
+
+class Ranges(NamedTuple):
+    """What is searched of m dependent coordinates, and why that is all.
+
+    Attributes:
+        lower, upper: The ranges, of shape (m,) each (rad, m).
+        reasons: The `Reason` of the lower and of the upper end of each, of shape (m, 2).
+        limits: Lower and upper limits that belong to the claim, ±`NO_LIMIT` where there is none, of shape (m, 2).
+    """
+
+    lower: Array
+    upper: Array
+    reasons: NDArray[np.int8]
+    limits: Array
+
+    @property
+    def edge(self) -> Array:
+        """How near to an end counts as at it, of shape (m,)."""
+        return np.asarray(1e-9 * (1.0 + np.maximum(np.abs(self.lower), np.abs(self.upper))))
+
+    @property
+    def turning(self) -> Mask:
+        """Which are full turns, of shape (m,)."""
+        return np.asarray(self.reasons[:, 0] == Reason.TURN)
+
+    def at_limit(self, low: Array, high: Array) -> Mask:
+        """Which boxes [low, high], of shape (K, m) each, meet an end that is a limit, of shape (K,)."""
+        limited = self.reasons == Reason.LIMIT
+        meets = limited[:, 0] & (low <= self.lower + self.edge) | limited[:, 1] & (high >= self.upper - self.edge)
+        return np.asarray(np.any(meets, axis=1))
+
+
+class Chain(Protocol):
+    """A chain of `ClosureSystem`, as far as lengths go."""
+
+    @property
+    def joints(self) -> Indices:
+        """Its coordinates, root to tip, of shape (k,)."""
+
+    @property
+    def rotations(self) -> Array:
+        """Of the frames before each joint, of shape (k, 3, 3)."""
+
+    @property
+    def translations(self) -> Array:
+        """Links before each joint, of shape (k, 3)."""
+
+    @property
+    def axes(self) -> Array:
+        """Unit axes, of shape (k, 3)."""
+
+    @property
+    def prismatic(self) -> Mask:
+        """Which joints slide, of shape (k,)."""
+
+    @property
+    def tip(self) -> Array:
+        """The tip behind the last joint, of shape (3,)."""
+
+    @property
+    def direction(self) -> bool:
+        """Whether the tip is a direction."""
+
+    @property
+    def weights(self) -> Array:
+        """B_c, of shape (m, 3)."""
+
+
+class Closures(Protocol):
+    """φ(θ) = Σ_c B_c x_c(θ) + Gθ + d in n′ coordinates, as `ClosureSystem` has it."""
+
+    @property
+    def chains(self) -> Sequence[Chain]:
+        """Those of the x_c."""
+
+    @property
+    def couplings(self) -> Array:
+        """G, of shape (m, n′)."""
+
+    @property
+    def offset(self) -> Array:
+        """d, of shape (m,)."""
+
+    @property
+    def moduli(self) -> Array:
+        """What rows hold modulo, 0: exactly; of shape (m,)."""
+
+    @property
+    def independent(self) -> Indices:
+        """Those of q."""
+
+    @property
+    def dependent(self) -> Indices:
+        """Those of y."""
+
+    @property
+    def periodic(self) -> Mask:
+        """Of which φ knows the angle only, of shape (n′,)."""
+
+
+def ranges_of(
+    closures: Closures, middle: Array, region: tuple[Array, Array], limits: Array, names: Sequence[str]
+) -> Ranges:
+    """The ranges of the dependent coordinates over a region (Lemma R).
+
+    Args:
+        closures: φ.
+        middle: Of full turns, θ of shape (n′,).
+        region: Lower and upper corner of Q, of shape (n,) each.
+        limits: Of the dependent coordinates those that belong to the claim, ±`NO_LIMIT` or ±∞ where there is none, of
+            shape (m, 2). Those of coordinates that have a full turn are left out.
+        names: What to call the coordinates, n′ of them.
+
+    Raises:
+        UnsupportedMechanismError: A range is not bounded.
+    """
+    found = _Intervals(closures, region, limits)
+    found.narrow()
+    low, high = found.low.copy(), found.high.copy()
+    for j in closures.dependent:
+        if found.turning[j]:
+            low[j], high[j] = middle[j] - np.pi, middle[j] + np.pi
+        elif not np.isfinite(high[j] - low[j]):
+            raise UnsupportedMechanismError(
+                f"'{names[int(j)]}' has no range that could be searched: neither lengths nor couplings bound it over "
+                "the region; give the joint a lower and an upper limit, within which configurations then are meant"
+            )
+    turning = found.turning[closures.dependent]
+    stated = np.where(turning[:, None], [-NO_LIMIT, NO_LIMIT], np.clip(limits, -NO_LIMIT, NO_LIMIT))
+    reasons = np.where(turning[:, None], Reason.TURN, found.reasons[closures.dependent]).astype(np.int8)
+    return Ranges(low[closures.dependent], high[closures.dependent], reasons, stated)
+
+
+def ranges_over(closures: Closures, ranges: Ranges, region: tuple[Array, Array]) -> Ranges:
+    """The ranges over another region, within the same limits."""
+    middle = np.zeros(len(closures.periodic))
+    middle[closures.dependent] = 0.5 * ranges.lower + 0.5 * ranges.upper
+    return ranges_of(closures, middle, region, ranges.limits, [f"coordinate {j}" for j in range(len(middle))])
+
+
+class _Intervals:
+    """Intervals of all coordinates that Lemma R makes smaller.
+
+    Attributes:
+        low, high: Their ends, of shape (n′,) each.
+        reasons: Of these, of shape (n′, 2); of q and of ends at infinity none.
+        turning: Of which φ knows the angle only: they turn chains and enter no coupling, of shape (n′,).
+    """
+
+    def __init__(self, closures: Closures, region: tuple[Array, Array], limits: Array) -> None:
+        self._closures, size = closures, len(closures.periodic)
+        self.low, self.high = np.full(size, -np.inf), np.full(size, np.inf)
+        self.reasons = np.full((size, 2), Reason.LIMIT, dtype=np.int8)
+        slides = np.zeros(size, dtype=np.bool_)
+        for chain in closures.chains:
+            slides[chain.joints[chain.prismatic]] = True
+        self.turning = closures.periodic & ~slides & ~np.any(closures.couplings != 0.0, axis=0)
+        ours = ~self.turning[closures.dependent]
+        known = closures.dependent[ours]
+        self.low[known] = np.where(limits[ours, 0] <= -NO_LIMIT, -np.inf, limits[ours, 0])
+        self.high[known] = np.where(limits[ours, 1] >= NO_LIMIT, np.inf, limits[ours, 1])
+        self.low[closures.independent], self.high[closures.independent] = region
+        self._dependent = np.isin(np.arange(size), closures.dependent) & ~self.turning
+
+    def narrow(self) -> None:
+        """Apply the lemma until no interval gets much smaller."""
+        for _ in range(_ROUNDS):
+            before = self.high - self.low
+            self._by_couplings()
+            self._by_lengths()
+            now = self.high - self.low
+            if not np.any((now < (1.0 - _GAIN) * before) | (np.isfinite(now) & ~np.isfinite(before))):
+                break
+
+    def _by_couplings(self) -> None:
+        """Lemma R.1, for every coordinate of every such row."""
+        closures = self._closures
+        entered = [np.any(chain.weights != 0.0, axis=1) for chain in closures.chains]
+        free = ~np.any([np.zeros(len(closures.offset), dtype=np.bool_), *entered], axis=0) & (closures.moduli == 0.0)
+        for row in np.flatnonzero(free):
+            ratios = closures.couplings[row]
+            used = np.flatnonzero(ratios)
+            ends = ratios[used] * np.array([self.low[used], self.high[used]])
+            for k in np.flatnonzero(self._dependent[used]):
+                others = np.delete(ends, k, axis=1)
+                total = np.array([others.min(axis=0).sum(), others.max(axis=0).sum()]) + closures.offset[row]
+                image = -total / ratios[used[k]]
+                self._meet(int(used[k]), float(image.min()), float(image.max()), Reason.COUPLING)
+
+    def _by_lengths(self) -> None:
+        """Lemma R.2, for the slides of each chain that have no turn between them."""
+        for chain in self._closures.chains:
+            rows = np.flatnonzero(np.any(chain.weights != 0.0, axis=1))
+            if self._are_points(rows):
+                for together in _between_turns(chain):
+                    self._bound(rows, chain, [k for k in together if self._dependent[chain.joints[k]]])
+
+    def _are_points(self, rows: Indices) -> bool:
+        """Whether point chains enter these rows and nothing else."""
+        closures = self._closures
+        linear = np.any(closures.couplings[rows]) or np.any(closures.moduli[rows])
+        return not linear and not any(c.direction and np.any(c.weights[rows] != 0.0) for c in closures.chains)
+
+    def _bound(self, rows: Indices, chain: Chain, together: list[int]) -> None:
+        """Bound slides of a chain: all of them that have no bound yet, or each by itself."""
+        reach = np.maximum(np.abs(self.low), np.abs(self.high))
+        unknown = [k for k in together if not np.isfinite(reach[chain.joints[k]])]
+        for own in [unknown] if unknown else [[k] for k in together]:
+            sight = _Sight(chain, rows)
+            least = sight.least(own)
+            if least < _LEAST_SEEN:
+                continue
+            rest = float(np.linalg.norm(self._closures.offset[rows]))
+            for other in self._closures.chains:
+                left_out = own if other is chain else []
+                rest += _Sight(other, rows).longest(reach, left_out)
+            if np.isfinite(rest):
+                for k in own:
+                    self._meet(int(chain.joints[k]), -rest / least, rest / least, Reason.LENGTHS)
+
+    def _meet(self, j: int, low: float, high: float, reason: Reason) -> None:
+        """Meet an interval with another one, widened; nothing is left as it was if they have nothing in common."""
+        room = _WIDER * (1.0 + max([abs(x) for x in (low, high) if np.isfinite(x)], default=0.0))
+        low, high = low - room, high + room
+        if max(low, self.low[j]) > min(high, self.high[j]):
+            return
+        if low > self.low[j]:
+            self.low[j], self.reasons[j, 0] = low, reason
+        if high < self.high[j]:
+            self.high[j], self.reasons[j, 1] = high, reason
+
+
+def _between_turns(chain: Chain) -> Iterator[list[int]]:
+    """The slides of a chain that have no turn between them, by their places in it."""
+    together = list[int]()
+    for k, slides in enumerate(chain.prismatic):
+        if slides:
+            together.append(k)
+        elif together:
+            yield together
+            together = []
+    if together:
+        yield together
+
+
+class _Sight:
+    """What some rows of a chain's weights see of its segments.
+
+    Attributes:
+        columns: W a of each joint's axis at θ = 0, of shape (k, rows).
+        exact: Whether what is before each joint, and at the tip, is seen as it is, of shape (k + 1,).
+    """
+
+    def __init__(self, chain: Chain, rows: Indices) -> None:
+        self._chain, self._weights = chain, chain.weights[rows]
+        self._norm = float(np.linalg.norm(self._weights, 2)) if rows.size else 0.0
+        whole = _is_identity(self._weights.T @ self._weights)
+        used = self._weights[np.any(self._weights != 0.0, axis=1)]
+        flat = len(used) == 2 and _is_identity(used @ used.T)
+        turned, rotation = False, np.eye(3)
+        self._links, columns, exact = list[Array](), list[Array](), list[bool]()
+        for k, slides in enumerate(chain.prismatic):
+            exact.append(whole or flat or not turned)
+            self._links.append(self._weights @ rotation @ chain.translations[k])
+            rotation = rotation @ chain.rotations[k]
+            columns.append(self._weights @ rotation @ chain.axes[k])
+            if not slides:
+                turned, flat = True, flat and bool(np.linalg.norm(columns[-1]) <= _ORTHONORMAL)
+        self._links.append(self._weights @ rotation @ chain.tip)
+        self.columns, self.exact = np.array(columns), np.array([*exact, whole or flat or not turned])
+
+    def least(self, own: list[int]) -> float:
+        """σ for slides at some places without a turn between them; 0 where they are not seen as they are."""
+        if not own or not self.exact[own[0]] or len(own) > self.columns.shape[1]:
+            return 0.0
+        return float(np.linalg.svd(self.columns[own], compute_uv=False)[-1])
+
+    def longest(self, reach: Array, left_out: list[int]) -> float:
+        """What is seen at most of all segments but some slides, the others at their longest."""
+        chain, total = self._chain, 0.0
+        lengths = [*np.linalg.norm(chain.translations, axis=1), np.linalg.norm(chain.tip)]
+        for k, (link, length) in enumerate(zip(self._links, lengths, strict=True)):
+            total += float(np.linalg.norm(link)) if self.exact[k] else self._norm * float(length)
+        for k in np.flatnonzero(chain.prismatic):
+            seen = float(np.linalg.norm(self.columns[k])) if self.exact[k] else self._norm
+            if k not in left_out and seen > 0.0:
+                total += seen * float(reach[chain.joints[k]])
+        return total
+
+
+def _is_identity(matrix: Array) -> bool:
+    return bool(np.abs(matrix - np.eye(len(matrix))).max(initial=0.0) <= _ORTHONORMAL)
