@@ -20,6 +20,11 @@ def looker(path):
     return read, emptiness.Emptiness(closures.Closures(read), read)
 
 
+def sliding(read):
+    """The dependent coordinates that are no plain angles."""
+    return read.dependent[~read.periodic[read.dependent]]
+
+
 @pytest.fixture(scope="module")
 def limited(tmp_path_factory):
     """Sheets of a slider-crank whose slider may be between 10 and 15 cm: one configuration, or none; and their file."""
@@ -33,9 +38,9 @@ def limited(tmp_path_factory):
 def test_a_slide_goes_as_far_as_its_loop(tmp_path):
     """Crank, rod and offset in a line; the auditor knows no limits."""
     certify_sheets(ccpin.load("slider_crank"), max_depth=2).save(tmp_path / "sheets.json")
-    _, look = looker(tmp_path / "sheets.json")
+    read, look = looker(tmp_path / "sheets.json")
     assert look.searched
-    np.testing.assert_allclose(look.bounds[look.sliding], oracle.CRANK + oracle.ROD - oracle.OFFSET, rtol=1e-9)
+    np.testing.assert_allclose(look.bounds.high[sliding(read)], oracle.CRANK + oracle.ROD - oracle.OFFSET, rtol=1e-7)
 
 
 def test_no_pose_slides_farther(tmp_path):
@@ -44,8 +49,9 @@ def test_no_pose_slides_farther(tmp_path):
     model, rng = ccpin.ReducedModel(mechanism), np.random.default_rng(0)
     q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
     certify(mechanism, q0, (q0 - 1e-3, q0 + 1e-3), max_depth=1).save(tmp_path / "box.json")
-    _, look = looker(tmp_path / "box.json")
-    assert len(look.sliding) == 2
+    read, look = looker(tmp_path / "box.json")
+    slides = sliding(read)
+    assert len(slides) == 2
     found = 0
     for _ in range(60):
         try:
@@ -53,7 +59,7 @@ def test_no_pose_slides_farther(tmp_path):
         except ccpin.errors.CcpinError:
             continue
         found += 1
-        assert np.all(np.abs(pose[look.sliding]) <= look.bounds[look.sliding])
+        assert np.all(np.abs(pose[slides]) <= look.bounds.high[slides])
     assert found > 5
 
 
@@ -81,9 +87,9 @@ def test_wrong_ranges_and_numbers_are_found(limited, tmp_path, planted):
     def plant(arrays):
         slide = np.flatnonzero(arrays["ranges_upper"] - arrays["ranges_lower"] < 1.0)[0]
         if planted == "wider":
-            arrays["ranges_lower"][slide] = -0.2
+            arrays["ranges_limits"][slide, 0] = -0.2
         if planted == "narrower":
-            arrays["ranges_upper"][slide] = 0.1001
+            arrays["ranges_limits"][slide, 1] = 0.1001
 
     read, look = looker(changed(limited[1], tmp_path, plant))
     row = int(np.flatnonzero(read.counts.cells.number == cell)[0])
@@ -99,7 +105,37 @@ def test_an_empty_cell_is_not_empty_beyond_the_limits(limited, tmp_path, monkeyp
 
     def plant(arrays):
         slide = np.flatnonzero(arrays["ranges_upper"] - arrays["ranges_lower"] < 1.0)[0]
-        arrays["ranges_lower"][slide], arrays["ranges_upper"][slide] = -0.2, 0.2
+        arrays["ranges_limits"][slide] = -0.2, 0.2
 
     read, look = looker(changed(limited[1], tmp_path, plant))
     assert not any(look.proved(k) for k in range(min(3, len(read.empty.number))))
+
+
+def ranges_failed(path):
+    """The coordinates whose ranges `verify` does not prove."""
+    audit = verify(path, sample=1)
+    return next(claim for claim in audit.claims if "within the limits stated" in claim.what).undecided
+
+
+@pytest.mark.parametrize(
+    "planted", ["narrower", "limit without a limit", "limit without its end", "a turn", "lengths within lengths"]
+)
+def test_ranges_that_do_not_follow_are_found(limited, tmp_path, planted):
+    """What a document searched is what lengths, couplings and the limits it states leave; nothing else is believed."""
+    crank = limited[1]
+    if planted == "lengths within lengths":
+        crank = tmp_path / "crank.json"
+        certify_sheets(ccpin.load("slider_crank"), max_depth=2).save(crank)
+
+    def plant(arrays):
+        slide = np.flatnonzero(arrays["ranges_upper"] - arrays["ranges_lower"] < 1.0)[0]
+        arrays["ranges_upper"][slide] -= 1e-3 * (planted in ("narrower", "lengths within lengths"))
+        if planted == "limit without a limit":
+            arrays["ranges_limits"][slide] = np.finfo(float).max * np.array([-1.0, 1.0])
+        if planted == "limit without its end":
+            arrays["ranges_limits"][slide, 0] += 1e-4
+        if planted == "a turn":
+            arrays["ranges_reasons"][slide] = 0
+
+    assert not ranges_failed(crank)
+    assert len(ranges_failed(changed(crank, tmp_path, plant))) == 1

@@ -178,6 +178,8 @@ def verify(
         if progress is not None:
             progress(Progress(done, len(tasks)))
     claims = [found.claim(kind) for kind, every in kinds.items() if kind in _ALWAYS or every]
+    if document.ranges is not None:
+        claims.append(_ranged(document))
     if isinstance(document, Document) and document.seed is not None:
         claims.insert(2, _reached(document, document.seed, [(c.first, c.second) for c in kinds["glue"]]))
     return Audit(
@@ -344,6 +346,18 @@ def _looks(held: _Held) -> dict[str, Callable[[Any], tuple[tuple[int, ...], bool
         "once": lambda k: ((k,), listed_once(cells, k), True),
         "cover": lambda k: ((k,), cells.proved(k), True),
     }
+
+
+def _ranged(document: Document | Curves) -> Claim:
+    """That the ranges stated hold every closed configuration that keeps the limits stated."""
+    from ccpin.auditing.closures import Closures
+    from ccpin.auditing.ranges import unproved
+    from ccpin.auditing.reach import Reach
+
+    wrong = unproved(Reach(Closures(document), document, frozenset()))
+    count = len(document.dependent)
+    what = "coordinates whose range holds all configurations within the limits stated"
+    return Claim(what, count, count, (), tuple((j,) for j in wrong))
 
 
 def _reached(document: Document, seed: NDArray[np.float64], pairs: list[tuple[int, int]]) -> Claim:

@@ -140,7 +140,6 @@ def check_sheets(arrays: Arrays) -> Over:
     _check_faces(arrays)
     require(in_range(arrays["left_cell"], len(leaf)), "left_cell names cells that are none")
     require(np.all(arrays["left_half"] >= 0.0), "left_half is negative")
-    require(np.all(arrays["ranges_lower"] <= arrays["ranges_upper"]), "ranges_lower is above ranges_upper")
     return Over(cell, box)
 
 

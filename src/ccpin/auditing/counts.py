@@ -1,15 +1,15 @@
 """Cells over which a number of closed configurations is said, all of them nonsingular.
 
-**Lemma.** Let every closed configuration over a cell lie, up to whole turns, in one of finitely many bounded boxes of
-all coordinates, on each of which |I − Ãφ_y|w < w for a matrix Ã and a w > 0 of its own. Let each box lie either within
-or beyond the ranges in which slides are counted.
+**Lemma.** Let every closed configuration over a cell that keeps the limits lie, up to whole turns, in one of finitely
+many bounded boxes of all coordinates, on each of which |I − Ãφ_y|w < w for a matrix Ã and a w > 0 of its own, and which
+lie within the limits and touch none.
 
-1. None of them is singular, and every q of the cell has as many within the ranges.
+1. None of them is singular, and every q of the cell has as many.
 2. On a convex set of y over one q with such an Ã and w there is one at most.
 
-*Proof.* Ãφ_y is nonsingular where |I − Ãφ_y| contracts. So near each of them they are one smooth function of q, and
-over the cell they are a compact set, and so are those in either kind of boxes, which have none in common: coverings of
-the cell, which is connected, by equally many sheets each.
+*Proof.* Ãφ_y is nonsingular where |I − Ãφ_y| contracts. So near each of them closed configurations are one smooth
+function of q, and they keep the limits there, as it is at none. They are a compact set over the cell, which is
+connected: a covering with equally many sheets everywhere.
 2: the mean of φ_y between two of them contracts alike, is nonsingular, and takes their difference to 0. ∎
 
 The boxes are found by the search of `emptiness`. Those that hold the cell's middle are searched on there, over that q
@@ -28,7 +28,7 @@ from flint import arb
 
 from ccpin.auditing.boxes import contracts, defect
 from ccpin.auditing.closures import columns, exact
-from ccpin.auditing.document import Array, Counts, Document, corners
+from ccpin.auditing.document import Array, Counts, Document, Stated, corners
 from ccpin.auditing.emptiness import Emptiness
 from ccpin.auditing.gluing import in_tube, near
 from ccpin.auditing.reach import Box
@@ -43,7 +43,8 @@ Solution = tuple[Array, float]
 def counted(search: Emptiness, k: int) -> bool | None:
     """Whether what is said of the k-th counted cell was proved or, by another number, refuted; ``None``: neither."""
     document, counts = search.document, search.document.counts
-    if counts is None or not search.searched:
+    stated = document.ranges
+    if counts is None or stated is None or not search.searched:
         return None
     boxes = counts.boxes[counts.of == counts.cells.number[k]]
     certified, said = bool(counts.certified[k]), int(counts.said[k])
@@ -51,7 +52,7 @@ def counted(search: Emptiness, k: int) -> bool | None:
     if kept is None:
         return None
     low, high = _exact_corners(document, counts, k)
-    kept = _within(search, counts, kept)
+    kept = _within(search, stated, kept)
     if kept is None:
         return None
     found = _over(search, kept, np.array([float((0.5 * (a + b)).mid()) for a, b in zip(low, high, strict=True)]))
@@ -60,21 +61,20 @@ def counted(search: Emptiness, k: int) -> bool | None:
     return not certified or _one_each(document, boxes.tolist(), found) or None
 
 
-def _within(search: Emptiness, counts: Counts, boxes: list[Box]) -> list[Box] | None:
-    """What of boxes lies within the ranges of slides; ``None`` where that is not decided."""
-    ours = np.isin(search.document.dependent, search.sliding)
-    at, lower, upper = search.document.dependent[ours], counts.range_lower[ours], counts.range_upper[ours]
+def _within(search: Emptiness, stated: Stated, boxes: list[Box]) -> list[Box] | None:
+    """Boxes that touch no limit and hold what closes in others; ``None`` where there is no end of those."""
+    at, (lower, upper) = search.document.dependent, stated.limits.T
     waiting, found, left = list(boxes), list[Box](), _BUDGET
     while waiting:
         left -= 1
         box = waiting.pop()
-        if np.all(lower <= box.low[at]) and np.all(box.high[at] <= upper):
+        if np.all(lower < box.low[at]) and np.all(box.high[at] < upper):
             found.append(box)
-        elif not (np.any(box.high[at] < lower) or np.any(upper < box.low[at])):
-            if left <= 0:
-                return None
-            smaller = search.narrowed(box)[0]
-            waiting += [] if smaller is None else smaller.halves(search.steepest(smaller))
+            continue
+        if left <= 0:
+            return None
+        smaller = search.narrowed(box)[0]
+        waiting += [] if smaller is None else smaller.halves(search.steepest(smaller))
     return found
 
 

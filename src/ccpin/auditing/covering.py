@@ -1,9 +1,9 @@
 """That the rest of a region holds no singular closed configuration but those on a document's curves.
 
 The search is the auditor's own, so that no covering need be stored: from the region and whole turns of the dependent
-joints (the ranges stated, of those that slide), cut into equal parts; of the document it uses the tubes, proved apart,
-and the boxes listed as uncovered. A part is halved until each box of θ is shown to hold none, or only what a tube
-holds, or lies in a listed box.
+joints (of those that slide or are coupled all there is, by the lemma of `ranges`), cut into equal parts; of the
+document it uses the tubes, proved apart, and the boxes listed as uncovered. A part is halved until each box of θ is
+shown to hold none, or only what a tube holds, or lies in a listed box.
 
 **Lemma A.** On a box of θ no configuration closes where 0 is not in φ(box), nor where 0 is not in a row of
 Pφ(θ_c) + Pφ_θ(box)(θ − θ_c), P any matrix; solved for one coordinate each row leaves a part of the box. None is
@@ -33,6 +33,7 @@ from ccpin.auditing.boxes import contracts, defect
 from ccpin.auditing.closures import Closures, columns, exact, floats
 from ccpin.auditing.curves import Singular, placed, turns
 from ccpin.auditing.document import Array, Curves
+from ccpin.auditing.ranges import intervals
 from ccpin.auditing.reach import Box, Reach, above, below
 from ccpin.auditing.slanted import cut_down
 
@@ -223,20 +224,19 @@ def _inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
-def searched(document: Curves) -> Box:
-    """The region, whole turns, and the ranges of what slides."""
-    free = np.array([document.free(j) for j in range(document.couplings.shape[1])])
-    low, high = np.full(len(free), -np.pi - 1e-9), np.full(len(free), np.pi + 1e-9)
-    slides = [k for k, j in enumerate(document.dependent) if not free[int(j)]]
-    chosen = document.dependent[slides]
-    low[chosen], high[chosen] = document.range_lower[slides] - _WIDER, document.range_upper[slides] + _WIDER
-    low[document.independent], high[document.independent] = document.lower - _WIDER, document.upper + _WIDER
-    return Box(low, high)
+def searched(closures: Closures, document: Curves) -> Box:
+    """The region, whole turns, all that slides and coupled joints can have; what is stated where they have no end."""
+    box = intervals(Reach(closures, document, frozenset()))
+    low, high = np.full(len(box.low), -np.inf), np.full(len(box.low), np.inf)
+    low[document.dependent], high[document.dependent] = document.ranges.lower, document.ranges.upper
+    low, high = np.where(np.isfinite(box.low), box.low, low), np.where(np.isfinite(box.high), box.high, high)
+    room = _WIDER * (1.0 + np.maximum(np.abs(low), np.abs(high)))
+    return Box(low - room, high + room)
 
 
 def parts(closures: Closures, document: Curves) -> list[Box]:
     """Equal parts of that, cut along coordinates that are no chain's last."""
-    found, first = [searched(document)], Reach(closures, document, frozenset()).first
+    found, first = [searched(closures, document)], Reach(closures, document, frozenset()).first
     for depth in range(_MOST):
         axis = first[int(np.argmax(found[0].half[first]))]
         if depth >= _FEWEST and 2.0 * found[0].half[axis] <= _CELL:
@@ -245,8 +245,8 @@ def parts(closures: Closures, document: Curves) -> list[Box]:
     return found
 
 
-def listed_share(document: Curves) -> float:
+def listed_share(closures: Closures, document: Curves) -> float:
     """How much of all that is searched lies in listed boxes, at most."""
-    width = 2.0 * searched(document).half
+    width = 2.0 * searched(closures, document).half
     listed = document.uncovered_upper - document.uncovered_lower
     return float(min(1.0, np.prod(np.minimum(listed / width, 1.0), axis=1).sum()))

@@ -90,6 +90,8 @@ _OF = {
         "left_slopes": "f L m n",
         "ranges_lower": "f m",
         "ranges_upper": "f m",
+        "ranges_reasons": "i m 2",
+        "ranges_limits": "f m 2",
         "count": "i N",
     },
     CURVES: {
@@ -102,6 +104,8 @@ _OF = {
         "tube_radius": "f T x",
         "range_lower": "f m",
         "range_upper": "f m",
+        "range_reasons": "i m 2",
+        "range_limits": "f m 2",
         "uncovered_lower": "f V p",
         "uncovered_upper": "f V p",
         "curve_tubes": "i C",

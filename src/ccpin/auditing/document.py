@@ -91,6 +91,21 @@ class Faces(NamedTuple):
     at_second: Array
 
 
+class Stated(NamedTuple):
+    """What is searched of the dependent coordinates, as stated.
+
+    Attributes:
+        lower, upper: Ranges, (m,).
+        reasons: Why each of their ends is one, (m, 2): 0 a whole turn, 1 a limit, 2 a coupling, 3 lengths.
+        limits: Within which configurations are meant, the largest number where there is none, (m, 2).
+    """
+
+    lower: Array
+    upper: Array
+    reasons: Integers
+    limits: Array
+
+
 class Counts(NamedTuple):
     """Cells over which a number of closed configurations is said, and the boxes that lie over cells.
 
@@ -99,8 +114,6 @@ class Counts(NamedTuple):
         said: How many each has, (K,).
         certified: Whether each of them is said to be in a box, (K,).
         of, boxes: The numbers of cells and of boxes over them, side by side.
-        range_lower, range_upper: Between what those counted have their dependent coordinates, (m,); a full turn of
-            those that turn.
     """
 
     cells: Cells
@@ -108,8 +121,6 @@ class Counts(NamedTuple):
     certified: NDArray[np.bool_]
     of: Integers
     boxes: Integers
-    range_lower: Array
-    range_upper: Array
 
 
 class Demands(NamedTuple):
@@ -148,6 +159,7 @@ class Document(NamedTuple):
         witnesses: θ of one over each of these, to rounding, (K, n′).
         shares: What share of the region is certified, empty and singular, and of sheets counted.
         counts: How many closed configurations there are, of sheets.
+        ranges: What of the dependent coordinates is claimed to be all there is, of sheets.
         demands: What is asked of boxes besides, of a workspace.
     """
 
@@ -178,6 +190,7 @@ class Document(NamedTuple):
     witnesses: Array
     shares: dict[str, float]
     counts: Counts | None = None
+    ranges: Stated | None = None
     demands: Demands | None = None
 
 
@@ -205,7 +218,7 @@ class Curves(NamedTuple):
     Attributes:
         header, chains, couplings, offset, moduli, independent, dependent, periodic: As for a `Document`.
         lower, upper: The region.
-        range_lower, range_upper: What is claimed of the dependent coordinates that do not turn, (m,).
+        ranges: What of the dependent coordinates is claimed to be all there is.
         tubes: All tubes.
         sizes, closed: How many of them each curve has, in their order, and whether it closes on itself.
         uncovered_lower, uncovered_upper: Boxes of θ in which nothing is claimed, angles modulo 2π, (K, n′).
@@ -221,8 +234,7 @@ class Curves(NamedTuple):
     periodic: NDArray[np.bool_]
     lower: Array
     upper: Array
-    range_lower: Array
-    range_upper: Array
+    ranges: Stated
     tubes: tuple[Tube, ...]
     sizes: Integers
     closed: NDArray[np.bool_]
@@ -297,16 +309,29 @@ def _demands(arrays: Arrays) -> Demands | None:
 
 def _of_sheets(arrays: Arrays) -> dict[str, Any]:
     faces = Faces(*(arrays[f"glued_{name}"] for name in Faces._fields))
-    return {"seed": None, "unglued": np.zeros((0, 2), dtype=np.int64), "faces": faces, "counts": _counts(arrays)}
+    return {"seed": None, "unglued": np.zeros((0, 2), dtype=np.int64), "faces": faces, "counts": _counts(arrays)} | {
+        "ranges": _stated(arrays, "ranges")
+    }
 
 
 def _counts(arrays: Arrays) -> Counts:
     """What is said of how many there are, of cells that are not called empty."""
     status, said = arrays["tree_status"], arrays["count"]
     cells = np.flatnonzero((arrays["tree_child"] < 0) & (status != EMPTY) & (said >= 0))
-    ranges = arrays["ranges_lower"], arrays["ranges_upper"]
     members = arrays["members_cell"], arrays["members_box"]
-    return Counts(_cells(arrays, cells), said[cells], status[cells] == CERTIFIED, *members, *ranges)
+    return Counts(_cells(arrays, cells), said[cells], status[cells] == CERTIFIED, *members)
+
+
+def _stated(arrays: Arrays, part: str) -> Stated:
+    """The ranges stated.
+
+    Raises:
+        ContradictionError: A lower end is above the upper one.
+    """
+    found = Stated(*(arrays[f"{part}_{name}"] for name in Stated._fields))
+    for name, ends in (("", (found.lower, found.upper)), ("_limits", found.limits.T)):
+        require(np.all(ends[0] <= ends[1]), f"{part}{name}: a lower end is above the upper one")
+    return found
 
 
 def _curves(header: dict[str, Any], arrays: Arrays) -> Curves:
@@ -316,17 +341,15 @@ def _curves(header: dict[str, Any], arrays: Arrays) -> Curves:
         ContradictionError: The tubes or boxes are not as many, or not of the sizes, that it says.
     """
     given = {name: arrays[f"tube_{name}"] for name in Tube._fields}
-    rest: dict[str, Any] = {
-        name: arrays[name] for name in ("range_lower", "range_upper", "uncovered_lower", "uncovered_upper")
-    }
+    rest: dict[str, Any] = {name: arrays[name] for name in ("uncovered_lower", "uncovered_upper")}
     sizes, closed = arrays["curve_tubes"], arrays["curve_closed"]
     require(
         np.all(sizes >= 1) and int(sizes.sum()) == len(given["half"]), "curve_tubes: not as many tubes as there are"
     )
     require(in_range(given["along"], given["tangent"].shape[1]), "tube_along names coordinates that are none")
     require(np.all(given["half"] > 0.0) and np.all(given["radius"] >= 0.0), "tube_half, tube_radius: no sizes")
-    for name in ("range", "uncovered"):
-        require(np.all(rest[f"{name}_lower"] <= rest[f"{name}_upper"]), f"{name}_lower is above {name}_upper")
+    require(np.all(rest["uncovered_lower"] <= rest["uncovered_upper"]), "uncovered_lower is above uncovered_upper")
+    rest["ranges"] = _stated(arrays, "range")
     rows = zip(*given.values(), strict=True)
     tubes = tuple(Tube(a, b, c, int(j), t, float(half), r) for a, b, c, j, t, half, r in rows)
     return Curves(**_closures(header, arrays), **rest, tubes=tubes, sizes=sizes, closed=closed)

@@ -1,13 +1,14 @@
 """Cells said to hold no closed configuration.
 
 The lemmas of `reach` and `platform` are tried first, over parts of the cell. Then boxes over the cell of whole turns of
-the dependent coordinates, and of all that slides can have (the lemma of `slides`), are halved until each is shown to
-hold none: by the lemma of `reach`, or a row of φ over the box, or of
+the dependent coordinates, and of all that slides and coupled joints can have (the lemma of `ranges`), are halved until
+each is shown to hold none: by the lemma of `reach`, or a row of φ over the box, or of
 
     Ãφ(θ) ∈ Ãφ(θ₀) + Ãφ_θ(box)(θ − θ₀)
 
 with Ã = I or Ã ≈ φ_y⁻¹ that 0 is not in; what of a box this leaves, solved for one coordinate at a time, takes its
-place. That search is not tried where a slide has no end, or more than six coordinates depend.
+place. That search is not tried where a slide or a coupled joint has no end, where φ is known modulo something, or more
+than six coordinates depend.
 
 The same search, with boxes kept on which |I − Ãφ_y|w < w for some w > 0, is what `counts` begins with.
 """
@@ -21,8 +22,8 @@ from ccpin.auditing.boxes import contracts, defect
 from ccpin.auditing.closures import Closures, columns, exact, floats
 from ccpin.auditing.document import Array, Document, Integers, corners
 from ccpin.auditing.platform import Platform
+from ccpin.auditing.ranges import intervals
 from ccpin.auditing.reach import Box, Reach, above, below
-from ccpin.auditing.slides import bounds_of
 
 _BUDGET, _REACH = 20_000, 400  # boxes over one cell, and where the lemma alone is tried
 _MOST = 6
@@ -37,19 +38,18 @@ class Emptiness:
     def __init__(self, closures: Closures, document: Document) -> None:
         self.closures, self.document = closures, document
         dependent = document.dependent
-        slides = {int(j) for c in document.chains for j, p in zip(c.joints, c.prismatic, strict=True) if p}
-        self.sliding = np.array(sorted(slides & set(dependent.tolist())), dtype=np.int64)
-        self.turning = np.setdiff1d(dependent, self.sliding)
-        self.bounds = bounds_of(Reach(closures, document, frozenset()), self.sliding)
-        self.reach = Reach(closures, document, set(np.flatnonzero(np.isinf(self.bounds)).tolist()))
+        turns = {int(j) for c in document.chains for j, p in zip(c.joints, c.prismatic, strict=True) if not p}
+        self.turning = dependent[document.periodic[dependent]]
+        self.angles = np.array(sorted(turns & set(dependent.tolist())), dtype=np.int64)
+        self.bounds = intervals(Reach(closures, document, frozenset()))
+        unbounded = np.flatnonzero(~np.isfinite(self.bounds.high - self.bounds.low))
+        self.reach = Reach(closures, document, set(unbounded.tolist()))
         self.platform = Platform.of(self.reach)
-        linear = np.any(document.moduli) or np.any(document.couplings[:, dependent])
-        known = bool(np.all(document.periodic[self.turning])) and not linear and not self.reach.unbounded
-        self.searched = known and len(dependent) <= _MOST
+        self.searched = not np.any(document.moduli) and not unbounded.size and len(dependent) <= _MOST
 
     def proved(self, k: int) -> bool | None:
         """Whether the k-th empty cell was proved to be so; ``None``: it was not."""
-        boxes = self._asked(self.whole(*corners(self.document, self.document.empty, k)))
+        boxes = [self.whole(*corners(self.document, self.document.empty, k))]
         if self._all_apart(boxes):
             return True
         return (self.searched and self.remaining(boxes, keep=False) == []) or None
@@ -78,21 +78,11 @@ class Emptiness:
         return self.reach.too_far(box) or (self.platform is not None and self.platform.cannot_meet(box))
 
     def whole(self, low: Array, high: Array) -> Box:
-        """The box of all values that dependent coordinates can have over a cell's corners (0 where there is no end)."""
-        most = np.where(np.isinf(self.bounds), 0.0, self.bounds)
-        full = Box(-most, most)
+        """All that dependent coordinates can have over a cell's corners within the limits (0 where there is no end)."""
+        known = np.isfinite(self.bounds.high - self.bounds.low)
+        full = Box(np.where(known, self.bounds.low, 0.0), np.where(known, self.bounds.high, 0.0))
         full.low[self.document.independent], full.high[self.document.independent] = low, high
         return full
-
-    def _asked(self, box: Box) -> list[Box]:
-        """What of a box lies in the ranges that a document of sheets speaks of."""
-        counts, at = self.document.counts, self.document.dependent
-        if counts is not None:
-            ours = np.isin(at, self.sliding)
-            at = at[ours]
-            box.low[at] = np.maximum(box.low[at], counts.range_lower[ours])
-            box.high[at] = np.minimum(box.high[at], counts.range_upper[ours])
-        return [box] if np.all(box.low <= box.high) else []
 
     def remaining(self, boxes: list[Box], keep: bool) -> list[Box] | None:
         """Boxes that hold every closed configuration of some; `keep`: those on which φ_y is proved nonsingular.
@@ -125,13 +115,13 @@ class Emptiness:
         phi = closures.value(balls, motions)
         if not all(phi[i, 0].contains(0) for i in range(closures.m)):
             return None, False
-        if np.any(box.half[self.turning] > _WIDE):
+        if np.any(box.half[self.angles] > _WIDE):
             return box, False
         middle = [arb(float(x)) for x in box.middle]
         start = closures.motions(middle)
         slope, value = closures.jacobian(motions), closures.value(middle, start)
         smaller = self._solved(box, middle, value, slope)
-        if smaller is None or np.any(box.half[self.turning] > _SLOPES):
+        if smaller is None or np.any(box.half[self.angles] > _SLOPES):
             return smaller, False
         try:
             A = exact(np.linalg.inv(floats(columns(closures.jacobian(start), dependent))).astype(np.float64))

@@ -13,10 +13,14 @@ PARALLEL, TILT = 1e-13, 1e-11  # what counts as parallel, or as I, and what it m
 
 
 class Segments(NamedTuple):
-    """What W sees at most and at least of the segment before a joint (or the tip), and of a slide of it by one."""
+    """What W sees at most and at least of the segment before a joint (or the tip), and of a slide of it by one.
+
+    `as_is`: whether it sees all that is fixed before the joint moves as it is before any turn.
+    """
 
     before: tuple[arb, arb]
     along: tuple[arb, arb]
+    as_is: bool
 
 
 def segments_of(path: Path, norm: arb) -> list[Segments]:
@@ -25,20 +29,21 @@ def segments_of(path: Path, norm: arb) -> list[Segments]:
     used = [i for i in range(rows.nrows()) if rows[i, i] != 0]
     whole = is_identity(path.weights.transpose() * path.weights)
     flat = len(used) == 2 and is_identity(arb_mat(2, 2, [rows[i, j] for i in used for j in used]))
-    found, rotation = list[Segments](), exact(np.eye(3))
+    found, rotation, turned = list[Segments](), exact(np.eye(3)), False
 
     def seen(vector: arb_mat) -> tuple[arb, arb]:
-        if not (whole or flat):
+        if turned and not (whole or flat):
             return size_of(vector) * norm, arb(0)
         size = size_of(path.weights * vector) + arb(0, TILT) * size_of(vector)
         return size, least_size(size)
 
     for turn in path.turns:
         before, rotation = seen(rotation * turn.translation), rotation * turn.rotation
-        found.append(Segments(before, seen(rotation * turn.axis)))
+        found.append(Segments(before, seen(rotation * turn.axis), whole or flat or not turned))
+        turned = turned or not turn.prismatic
         flat = flat and (turn.prismatic or bool(size_of(path.weights * (rotation * turn.axis)) < PARALLEL))
     tip = seen(rotation * path.tip)
-    return [*found, Segments(tip, tip)]
+    return [*found, Segments(tip, tip, whole or flat or not turned)]
 
 
 def is_identity(matrix: arb_mat) -> bool:

@@ -7,8 +7,9 @@ exactly l_i, where l_k > |Σ W_c h_c + d| + Σ_{i≠k} l_i for some k.
 
 *Proof.* Σ W_c h_c + d and the segments add up to 0: none is longer than all others together. ∎
 
-W_c sees a segment's length as it is where W_cᵀW_c = I, and where W_cW_cᵀ = I and all turns of the chain before it are
-about the direction that W_c does not see, so that they keep the part of it that W_c sees.
+W_c sees a segment's length as it is where no turn of the chain is before it, where W_cᵀW_c = I, and where W_cW_cᵀ = I
+and all turns of the chain before it are about the direction that W_c does not see, so that they keep the part of it
+that W_c sees.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ccpin.auditing.closures import Closures
 from ccpin.auditing.covering import listed_share
 from ccpin.auditing.document import Curves, Document
 from ccpin.auditing.gluing import sheets_of
@@ -21,7 +22,7 @@ _ASKED = "that limits, driven joints and dexterity are those that were asked for
 _LEFT = "what encloses singular configurations over cells that are not counted (cusps are looked for from there)"
 _CURVES = (
     "what singular configurations the {} boxes hold that the document leaves uncovered ({:.3g} % at most of all "
-    "coordinates' ranges); those beyond the region and beyond what slides may; whether two curves that end are one "
+    "coordinates' ranges); those beyond the region and beyond limits; whether two curves that end are one "
     "that goes on between them; their kinds; how many boxes were tried, and how small"
 )
 
@@ -32,7 +33,21 @@ def claimed(document: Document | Curves) -> str:
         f"{name} from {low:.6g} to {high:.6g}" if low < high else f"{name} = {low:.6g}"
         for name, low, high in zip(document.header["names"], document.lower, document.upper, strict=True)
     )
-    return f"over {where}: {_of_curves(document) if isinstance(document, Curves) else _of_cells(document)}"
+    told = _of_curves(document) if isinstance(document, Curves) else _of_cells(document)
+    return f"over {where}{_limits(document)}: {told}"
+
+
+def _limits(document: Document | Curves) -> str:
+    """Within which limits configurations are meant."""
+    stated, none = document.ranges, np.finfo(np.float64).max
+    if stated is None:
+        return ""
+    words = [
+        f"coordinate {j} from {low:.6g} to {high:.6g}".replace(f"{-none:.6g}", "−∞").replace(f"{none:.6g}", "∞")
+        for j, (low, high) in zip(document.dependent.tolist(), stated.limits.tolist(), strict=True)
+        if low > -none or high < none
+    ]
+    return f" and of configurations with {', '.join(words)}" if words else ""
 
 
 def _of_curves(document: Curves) -> str:
@@ -58,7 +73,8 @@ def _of_cells(document: Document) -> str:
 def besides(document: Document | Curves) -> str:
     """What is not looked at."""
     if isinstance(document, Curves):
-        listed = _CURVES.format(len(document.uncovered_lower), 100.0 * listed_share(document))
+        share = listed_share(Closures(document), document)
+        listed = _CURVES.format(len(document.uncovered_lower), 100.0 * share)
         return f"{listed}; {_FILE}"
     more = _LEFT if document.counts is not None else _ASKED if document.demands is not None else None
     return "; ".join(part for part in (more, _ITERATED, _FILE) if part)

@@ -35,7 +35,7 @@ from ccpin.domain.sheets.narrowing import Candidates
 
 _BESIDE, _ABOUT = 3, 8
 _WORTH = 2.5  # half lengths: wider boxes are in no tube, and seldom shown to be empty
-_ROOM = 1.0 + 1e-6
+_ROOM, _LEAST = 1.0 + 1e-6, 1e-9  # of u: components of w may be 0, as those of rotors that bend nothing are
 _PASSES, _GAIN = 2, 0.7  # and what radius a second pass is worth after
 _TURN = 2.0 * np.pi
 
@@ -150,7 +150,7 @@ def kernels(problem: Problem, boxes: Candidates, pairing: Array) -> tuple[Array,
     defect = np.abs(np.eye(m) - left @ bordered) + size[:, :, :m] @ change
     defect += 4.0 * margin[:, None, None] * size.sum(axis=2)[:, :, None] * np.abs(pairing).sum(axis=1)[:, None, None]
     kernel = left[:, :, -1]
-    most = solve_many(np.eye(m) - defect, np.abs(kernel) + 1e-300) * _ROOM
+    most = solve_many(np.eye(m) - defect, np.abs(kernel) + _LEAST) * _ROOM
     spread = apply(defect, most)
     sound = np.all((most > 0.0) & (np.abs(kernel) + spread * SLACK <= most) & (spread * SLACK < most), axis=1)
     return kernel, np.where(sound[:, None], spread * SLACK, np.inf)

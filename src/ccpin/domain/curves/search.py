@@ -22,6 +22,7 @@ from ccpin.domain.curves.following import Chain, follow, prolonged
 from ccpin.domain.curves.system import onto_curves
 from ccpin.domain.curves.tasks import narrow_boxes, settle_boxes
 from ccpin.domain.curves.tubes import Points, Tubes
+from ccpin.domain.sheets.candidates import rows_to_halve_for
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.proof.ranges import Ranges
 
@@ -186,7 +187,7 @@ class Search:
         found = closure_derivatives(self.problem, boxes.centre)
         steepest = np.abs(found.jacobian) + np.abs(found.hessian[:, :, self.problem.system.dependent]).sum(axis=2)
         rows, half = np.arange(len(boxes.cell)), boxes.half.copy()
-        cut = np.argmax(steepest.max(axis=1) * half, axis=1)
+        cut = np.argmax(steepest[:, rows_to_halve_for(self.problem)].max(axis=1) * half, axis=1)
         half[rows, cut] *= 0.5
         step = directions(self.problem, boxes)[rows, :, cut] * half[rows, cut, None]
         half += np.where(step != 0.0, 4e-16 * (1.0 + np.abs(boxes.centre) + np.abs(step)), 0.0)

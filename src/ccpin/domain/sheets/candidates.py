@@ -65,7 +65,7 @@ def to_halve(problem: Problem, waiting: Candidates) -> tuple[Indices, Mask]:
     A candidate about a fold is as wide as the root of its cell, and need not be narrower.
     """
     system = problem.system
-    column = np.abs(closure_values(problem, waiting.centre)[1]).max(axis=1)
+    column = steepness(problem, waiting.centre)
     scale = column.max(axis=1, initial=0.0)
     moves = np.maximum(column, _FLOOR * scale[:, None]) * waiting.half
     ours, cells = moves[:, system.dependent], moves[:, system.independent].max(axis=1, initial=0.0)
@@ -73,6 +73,19 @@ def to_halve(problem: Problem, waiting: Candidates) -> tuple[Indices, Mask]:
     enough = np.maximum(_RATIO * cells, _CURVED * np.sqrt(scale * cells))
     width = np.take_along_axis(waiting.half, cut[:, None], axis=1)[:, 0]
     return cut, np.asarray((ours.max(axis=1, initial=0.0) > enough) & (width > _LEAST))
+
+
+def steepness(problem: Problem, theta: Array) -> Array:
+    """How far φ moves with each coordinate at θ (K, n′), by the rows to halve boxes for, of shape (K, n′)."""
+    return np.asarray(np.abs(closure_values(problem, theta)[1])[:, rows_to_halve_for(problem)].max(axis=1))
+
+
+def rows_to_halve_for(problem: Problem) -> Indices:
+    """The rows of φ that chains enter; those of couplings are linear, and narrowing solves them. If none, all."""
+    entered = np.zeros(problem.system.m, dtype=np.bool_)
+    for chain in problem.system.chains:
+        entered |= np.any(chain.weights != 0.0, axis=1)
+    return np.flatnonzero(entered) if np.any(entered) else np.arange(len(entered))
 
 
 def halved(boxes: Candidates, cut: Indices) -> Candidates:

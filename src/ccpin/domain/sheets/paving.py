@@ -34,13 +34,14 @@ from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region, place
 from ccpin.domain.atlas.run import Report, Runner
 from ccpin.domain.atlas.tasks import Arrays
-from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_boxes, closure_values
+from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_boxes
 from ccpin.domain.newton import newton, without_turns
 from ccpin.domain.sheets.candidates import (
     Pruning,
     halved,
     handed_down,
     narrowed_both,
+    steepness,
     to_halve,
     whole_candidates,
 )
@@ -145,7 +146,7 @@ def _halve_cells(problem: Problem, tree: CellTree, region: Region, waiting: Cand
     if not cells.size:
         return waiting
     system, at = problem.system, np.searchsorted(cells, waiting.cell)
-    jacobian = np.abs(closure_values(problem, waiting.centre)[1][:, :, system.independent]).max(axis=1)
+    jacobian = steepness(problem, waiting.centre)[:, system.independent]
     stretch = np.zeros((len(cells), system.n))
     np.maximum.at(stretch, at, jacobian)
     tree.split(cells, np.argmax(stretch * (tree.size[cells] / WHOLE) * region.width, axis=1))

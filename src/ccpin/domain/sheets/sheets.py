@@ -1,14 +1,13 @@
 """All sheets of σ over a region: how many closed configurations every q has, and how they hang together.
 
-What is claimed. The region is in cells. Over the *counted* ones it is proved how many closed configurations every q
-has within the limits of slides and coupled joints (Proposition C of `paving`), in ranges that hold all of these (Lemma
-R of `ccpin.proof.ranges`); where there are none, the cell is empty. Over the *certified* ones each of them is a smooth
-function of q in a box of Theorem K, and boxes of neighbours are glued where they carry the same one. A *sheet* is a connected part of the nonsingular closed
-configurations, as far as boxes are glued (an aspect, in the literature on parallel robots). Most sheets have one
-configuration over each q. On one that has several (`Sheet.layers`) they change places along
-some way in q, round a cusp as a rule: the mechanism goes from one assembly mode to another and meets no singularity
-(`SheetAtlas.way`). This is what an `Atlas` with
-`single_valued` false stands before.
+What is claimed. The region is in cells. Over the *counted* ones it is proved how many closed configurations every q has
+within the limits of slides and coupled joints (Proposition C of `paving`), in ranges that hold all of these (Lemma R of
+`ccpin.proof.ranges`); where there are none, the cell is empty. Over the *certified* ones each of them is a smooth
+function of q in a box of Theorem K, and boxes of neighbours are glued where they carry the same one. A *sheet* is a
+connected part of the nonsingular closed configurations, as far as boxes are glued (an aspect, in the literature on
+parallel robots). Most sheets have one configuration over each q. On one that has several (`Sheet.layers`) they change
+places along some way in q, round a cusp as a rule: the mechanism goes from one assembly mode to another and meets no
+singularity (`SheetAtlas.way`). This is what an `Atlas` with `single_valued` false stands before.
 
 What is not claimed. All singular closed configurations over the region lie over the cells that are neither counted nor
 empty. *Singular* ones of them hold one that is proved (Theorem S of `folds`); of the *undecided* ones nothing is
