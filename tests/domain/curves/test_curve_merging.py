@@ -182,14 +182,14 @@ def test_what_does_not_belong_together_is_refused(rpdr, quarters):
     """A region missing, another mechanism, other limits of slides, an atlas among covers, nothing at all."""
     turned, q = load_slice(independent=["swing1", "turn"]), np.zeros(2)
     leg = domain.certify_singularities(turned, (q, q + 0.1), budget=10)
-    narrower = leg.ranges._replace(lower=leg.ranges.lower + 1e-3)
+    narrower = leg.ranges._replace(limits=np.tile([-9.0, 9.0], (len(leg.ranges.limits), 1)))
     sliding = domain.SingularCover(**{**vars(leg), "ranges": narrower})
     atlas = domain.certify(rpdr, np.radians((-108.0, -72.0)), max_depth=0)
     missing = r"from \[1\.745\d*, 0\.959\d*\] to \[2\.094\d*, 1\.308\d*\]"  # 100° to 120°, 55° to 75°
     cases = {
         f"no part covers the region {missing}": [quarters[k] for k in (0, 1, 3)],
         "part 2 is about other closures": [quarters[0], domain.certify_singularities(load_five_bar(RPDR), FOLD)],
-        "part 2 was searched to other lower limits": [leg, sliding],
+        "part 2 was searched within other limits": [leg, sliding],
         r"parts\[1\] must be a SingularCover": [quarters[0], atlas],
         r"parts\[1\] must be an Atlas": [atlas, quarters[0]],
         "nothing to merge": [],
