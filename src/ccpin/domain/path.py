@@ -2,10 +2,12 @@
 
 A stretch of the path between two parameters is covered by one box of Theorem K (`boxes`) with p = 1 + n parameters,
 
-    q = q_c + s d + w,  |s| ≤ 1,  |w| ≤ tube + deviation of the path from its chord,
+    q = q_c + s d + w,  |s| ≤ 1,  |w| ≤ tube + deviation of the path from its chord + its jump at the beginning,
 
-d half the chord. Consecutive boxes contain the tube's cross section at their common parameter, a connected set, and
-are glued at its middle; the first is glued to the closed configuration at the start. So along the tube σ continues from
+d half the chord. The deviation holds the rounding of the polynomials (`pieces`), so the path is that of their
+coefficients, exactly; where it jumps from one piece to the next, by 1e-9 at most, it is taken to go straight.
+Consecutive boxes contain the tube's cross section at their common parameter, a connected set, and are glued where the
+earlier one ends; the first is glued to the closed configuration at the start. So along the tube σ continues from
 the start in one way only, meets no singularity and is smooth. Should the path cross itself the tube is to
 be thought of as not meeting itself there: σ may be different the second time round.
 """
@@ -22,7 +24,7 @@ from ccpin.arrays import Array, numbers
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, closure_values, problem_of
 from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.newton import newton, solve_in_boxes
-from ccpin.domain.pieces import chord_of, pieces_of
+from ccpin.domain.pieces import chord_of, pieces_of, points_of
 from ccpin.domain.refutation import empty_witness, singular_witness
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.domain.walker import SHORTEST, TRIES, Walker
@@ -107,7 +109,8 @@ def certify_path(
     Args:
         mechanism: A mechanism (or its model) with scalar independent coordinates, any number of them.
         path: Waypoints of shape (K, n), parameter 0 … K − 1, or a SciPy `PPoly` (`CubicSpline` …) or `BSpline` with
-            values of shape (n,); rad and m.
+            values of shape (n,), of degree 50 at most; rad and m. A BSpline is read as its Taylor polynomials
+            (`CertifiedPath.pieces`), which are then the path.
         tube: Half width of the tube in each coordinate: a number or shape (n,).
         guess: A closed configuration on the branch wanted near the path's start, of shape (nq,); default the
             reference.
@@ -156,8 +159,9 @@ def _refuted(walker: Walker, knot: float) -> Witness | None:
             found = singular_witness(before, _targets(before, min(knot, _next_knot(before))))
             if found is not None:
                 return found
-    ahead = walker.pieces(np.linspace(walker.here, walker.pieces.x[-1], _SAMPLES))
-    return empty_witness(walker.problem, ahead)
+    ahead, rounding = points_of(walker.pieces, np.linspace(walker.here, walker.pieces.x[-1], _SAMPLES))
+    in_tube = np.all(rounding <= np.maximum(walker.tube, _STRAIGHT), axis=1)
+    return empty_witness(walker.problem, ahead[in_tube]) if in_tube.any() else None
 
 
 def _next_knot(walker: Walker) -> float:

@@ -11,12 +11,13 @@ from scipy.interpolate import PPoly
 from ccpin.arrays import Array, joined
 from ccpin.domain.boxes import Boxes, Problem, certify_boxes, certify_points, closure_values
 from ccpin.domain.newton import encloses, extrapolate, glued, newton, solve_in_boxes
-from ccpin.domain.pieces import Chord, chord_of
+from ccpin.domain.pieces import chord_of
 from ccpin.errors import SingularConfigurationError
 
 TRIES = np.array([4.0, 2.0, 1.0, 0.5, 0.25])
 SHORTEST = 1e-7
 _NEWTON = 12
+_WIDER = 1.0 + 1e-10
 
 
 class Stretch(NamedTuple):
@@ -100,9 +101,10 @@ class Walker:
             return None
         self.tried += len(ends)
         chords = [chord_of(self.pieces, here, end) for end in ends]
+        seam = np.abs(chords[0].start - self._seam()) * _WIDER  # of rounding, or the path's own jump at a knot
         centre = np.array([0.5 * (chord.start + chord.end) for chord in chords])
         across = np.array([np.column_stack([0.5 * (chord.end - chord.start), np.eye(system.n)]) for chord in chords])
-        half = np.array([np.concatenate([[1.0], tube + chord.deviation]) for chord in chords])
+        half = np.array([np.concatenate([[1.0], tube + chord.deviation + seam]) for chord in chords])
         with np.errstate(all="ignore"):
             found = newton(
                 self.problem, extrapolate(self.problem, self.theta, centre - self.theta[system.independent]), _NEWTON
@@ -111,7 +113,7 @@ class Walker:
         proved = np.flatnonzero(attempt.proved & found.settled)
         for k in proved[::-1]:
             box = attempt.boxes.take(np.array([k]))
-            if self._continues(box, chords[k]):
+            if self._continues(box):
                 return Stretch(box, float(ends[k]))
         return None
 
@@ -129,10 +131,23 @@ class Walker:
         singular = np.linalg.svd(jacobian, compute_uv=False)
         return float(singular[-1] / singular[0])
 
-    def _continues(self, box: Boxes, chord: Chord) -> bool:
-        """Whether a box carries the solution of the last one (or of the start) at their common parameter."""
-        offset = chord.start - (box.centre[0] - box.directions[0, :, 0])[self.problem.system.independent]
-        return self.carries(box, np.append(-1.0, offset)[None])
+    def _seam(self) -> Array:
+        """q where what is proved ends, as the last box (or the start) has it, of shape (n,)."""
+        independent = self.problem.system.independent
+        if not self._boxes:
+            return np.asarray(self.point.centre[0, independent])
+        last = self._boxes[-1]
+        return np.asarray((last.centre[0] + last.directions[0, :, 0])[independent])
+
+    def _continues(self, box: Boxes) -> bool:
+        """Whether a box carries the solution of the last one (or of the start) at the place where that ends.
+
+        Both cross-sections at the common parameter are convex and hold this place, so they carry one solution on all
+        that they have in common.
+        """
+        offset = self._seam() - (box.centre[0] - box.directions[0, :, 0])[self.problem.system.independent]
+        inside = bool(np.all(np.abs(offset) <= box.half[0, 1:]))
+        return inside and self.carries(box, np.append(-1.0, offset)[None])
 
     def _accept(self, step: Stretch) -> None:
         """Go to the end of a proved stretch."""
