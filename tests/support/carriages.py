@@ -9,6 +9,17 @@ X, Y, Z = np.eye(3)
 _BODY = Inertia(1.0, np.zeros(3), 0.01 * np.eye(3))
 
 
+def joint(kind, name, parent, x=0.0, y=0.0, axis=X, **more):
+    """A revolute joint about z, or a prismatic one along `axis`, that carries the body `name`'s own."""
+    turning = kind == "revolute"
+    return Joint(name, kind, parent, f"{name}_body", at(x, y), axis=Z if turning else axis, **more)
+
+
+def pin(first, second, x, kind="revolute", name="pin", y=0.0, end=0.0):
+    """A pin between a point (x, 0) of one joint's body and one (end, y) of another's."""
+    return LoopClosure(name, kind, f"{first}_body", f"{second}_body", at(x), at(end, y))
+
+
 def at(x=0.0, y=0.0):
     """A frame moved in the x-y plane."""
     placement = np.eye(4)
@@ -31,7 +42,7 @@ def five_bar_with_rotor(bar, ratio, driver="joint1"):
         Joint("rotor", "revolute", "base", "wheel", at(0.0, 0.3), axis=Z),
     )
     tip = LoopClosure("tip", "revolute", "rod1", "rod2", at(bar.a3), at(bar.a4))
-    return _load("geared five-bar", joints, (tip,), (geared("rotor", driver, ratio),), ["joint1", "joint2"])
+    return linkage("geared five-bar", joints, (tip,), (geared("rotor", driver, ratio),), ["joint1", "joint2"])
 
 
 def double_slider(rod, height=0.0, **limits):
@@ -41,7 +52,7 @@ def double_slider(rod, height=0.0, **limits):
         Joint("elbow", "revolute", "first", "rod", at(), axis=Z),
         Joint("slide", "prismatic", "base", "second", at(0.0, height), axis=X, **limits),
     )
-    return _load(
+    return linkage(
         "double slider", joints, (LoopClosure("tip", "revolute", "rod", "second", at(rod), at()),), (), ["drive"]
     )
 
@@ -58,7 +69,7 @@ def rail(crank, rod, across, **limits):
         Joint("slide", "prismatic", "rail", "slider", at(), axis=X, **limits),
     )
     closure = LoopClosure("tip", "revolute", "rod", "slider", at(rod), at())
-    return _load("rail", joints, (closure,), (), ["travel", "crank"])
+    return linkage("rail", joints, (closure,), (), ["travel", "crank"])
 
 
 def two_carriages(rod, ratio, **limits):
@@ -73,10 +84,11 @@ def two_carriages(rod, ratio, **limits):
         Joint("slide", "prismatic", "second", "slider", at(), axis=X, **limits),
     )
     closure = LoopClosure("tip", "revolute", "rod", "slider", at(rod), at())
-    return _load("two carriages", joints, (closure,), (geared("b", "a", ratio),), ["a"])
+    return linkage("two carriages", joints, (closure,), (geared("b", "a", ratio),), ["a"])
 
 
-def _load(name, joints, closures, couplings, independent):
+def linkage(name, joints, closures, couplings, independent):
+    """Joints on a base as a mechanism, a body a joint."""
     links = (Link("base"), *(Link(joint.child, _BODY) for joint in joints))
-    described = MechanismDescription(name, "base", links, joints, closures, couplings=couplings)
+    described = MechanismDescription(name, "base", links, tuple(joints), tuple(closures), couplings=tuple(couplings))
     return ccpin.load(described, independent=independent)

@@ -22,7 +22,7 @@ from ccpin.auditing.boxes import contracts, defect
 from ccpin.auditing.closures import Closures, columns, exact, floats
 from ccpin.auditing.document import Array, Document, Integers, corners
 from ccpin.auditing.platform import Platform
-from ccpin.auditing.ranges import intervals
+from ccpin.auditing.ranges import TURN, intervals
 from ccpin.auditing.reach import Box, Reach, above, below
 
 _BUDGET, _REACH = 20_000, 400  # boxes over one cell, and where the lemma alone is tried
@@ -42,10 +42,11 @@ class Emptiness:
         self.turning = dependent[document.periodic[dependent]]
         self.angles = np.array(sorted(turns & set(dependent.tolist())), dtype=np.int64)
         self.bounds = intervals(Reach(closures, document, frozenset()))
-        unbounded = np.flatnonzero(~np.isfinite(self.bounds.high - self.bounds.low))
-        self.reach = Reach(closures, document, set(unbounded.tolist()))
+        endless = set(np.flatnonzero(~np.isfinite(self.bounds.high - self.bounds.low)).tolist())
+        slides = {int(j) for c in document.chains for j, p in zip(c.joints, c.prismatic, strict=True) if p}
+        self.reach = Reach(closures, document, endless & slides)
         self.platform = Platform.of(self.reach)
-        self.searched = not np.any(document.moduli) and not unbounded.size and len(dependent) <= _MOST
+        self.searched = not np.any(document.moduli) and not endless and len(dependent) <= _MOST
 
     def proved(self, k: int) -> bool | None:
         """Whether the k-th empty cell was proved to be so; ``None``: it was not."""
@@ -78,9 +79,14 @@ class Emptiness:
         return self.reach.too_far(box) or (self.platform is not None and self.platform.cannot_meet(box))
 
     def whole(self, low: Array, high: Array) -> Box:
-        """All that dependent coordinates can have over a cell's corners within the limits (0 where there is no end)."""
+        """All that dependent coordinates can have over a cell's corners within the limits.
+
+        Where that has no end it is 0 for slides (`reach` does without them) and a turn, which is all that chains see,
+        for the others.
+        """
         known = np.isfinite(self.bounds.high - self.bounds.low)
-        full = Box(np.where(known, self.bounds.low, 0.0), np.where(known, self.bounds.high, 0.0))
+        most = np.where([j in self.reach.unbounded for j in range(len(known))], 0.0, TURN)
+        full = Box(np.where(known, self.bounds.low, -most), np.where(known, self.bounds.high, most))
         full.low[self.document.independent], full.high[self.document.independent] = low, high
         return full
 

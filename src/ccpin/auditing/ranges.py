@@ -23,22 +23,17 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ccpin.auditing.closures import Path, exact, floats
-from ccpin.auditing.document import Curves, Document, Stated
 from ccpin.auditing.lengths import size_of
 from ccpin.auditing.reach import Box, Group, Reach, above, below
 
-_TURN = np.pi + 1e-9
+TURN = np.pi + 1e-9
+"""Half of what angles known modulo 2π may have, and a bit."""
 _WIDER = 1e-12  # than the region: cells' corners are rounded
 _NONE = float(np.finfo(np.float64).max)
 _ROUNDS, _GAIN = 200, 1e-3
 _LEAST = 1e-6  # of λ: slides that are seen less have no bound
 _PLAIN, _LIMIT, _ENDED = 0, 1, (1, 2, 3)  # reasons of an end: of a whole turn, a limit, all others
 _SLACK = 1.0 - 1e-7
-
-
-def stated_of(document: Document | Curves) -> Stated | None:
-    """The ranges that a document states; an atlas none."""
-    return document.ranges
 
 
 def intervals(reach: Reach) -> Box:
@@ -48,7 +43,7 @@ def intervals(reach: Reach) -> Box:
 
 def unproved(reach: Reach) -> list[int]:
     """The dependent coordinates whose stated range does not follow from the lemma and the limits stated."""
-    stated, dependent = stated_of(reach.document), reach.document.dependent
+    stated, dependent = reach.document.ranges, reach.document.dependent
     if stated is None:
         return []
     box, free, wrong = intervals(reach), _free(reach), list[int]()
@@ -77,13 +72,13 @@ class _Intervals:
 
     def __init__(self, reach: Reach) -> None:
         self._reach, document = reach, reach.document
-        size, stated, free = reach.closures.n_free, stated_of(document), np.array(_free(reach))
+        size, stated, free = reach.closures.n_free, document.ranges, np.array(_free(reach))
         self.low, self.high = np.full(size, -np.inf), np.full(size, np.inf)
         if stated is not None:
             low, high = stated.limits.T
             self.low[document.dependent] = np.where(low <= -_NONE, -np.inf, low)
             self.high[document.dependent] = np.where(high >= _NONE, np.inf, high)
-        self.low[free], self.high[free] = -_TURN, _TURN
+        self.low[free], self.high[free] = -TURN, TURN
         room = _WIDER * (1.0 + np.maximum(np.abs(document.lower), np.abs(document.upper)))
         self.low[document.independent], self.high[document.independent] = document.lower - room, document.upper + room
         self._ours = np.isin(np.arange(size), document.dependent) & ~free

@@ -340,7 +340,7 @@ class _Sight:
         lengths = [*np.linalg.norm(chain.translations, axis=1), np.linalg.norm(chain.tip)]
         for k, (link, length) in enumerate(zip(self._links, lengths, strict=True)):
             total += float(np.linalg.norm(link)) if self.exact[k] else self._norm * float(length)
-        for k in np.flatnonzero(chain.prismatic):
+        for k in np.flatnonzero(chain.prismatic).tolist():
             seen = float(np.linalg.norm(self.columns[k])) if self.exact[k] else self._norm
             if k not in left_out and seen > 0.0:
                 total += seen * float(reach[chain.joints[k]])
