@@ -1,43 +1,7 @@
 """One box: existence and uniqueness of σ by a parametric Krawczyk operator (averaged Newton–Kantorovich).
 
-Setting. φ: ℝⁿ′ → ℝᵐ smooth, θ = (q, y) with n independent and m = n′ − n dependent coordinates. A box is
-
-    θ = θ_c + Dδ + Eζ,  |δ| ≤ h (p parameters),  |ζ| ≤ R (m modes),  E = [0; V] in the dependent rows.
-
-For a box of q-space p = n and D = [I; S], S a predictor slope; a path has p = 1 + n. f(δ, ζ) = Ãφ(θ) with any real
-m×m matrix Ã. The floating-point numbers θ_c, D, V, Ã, h, R, w are exact data; nothing is assumed of how they were
-obtained (in practice S ≈ −φ_y⁻¹φ_q D_q, Ã ≈ V⁻¹φ_y⁻¹ with V = I or the right singular vectors of φ_y).
-
-**Theorem K.** Let componentwise, for all |δ| ≤ h,
-
-- Y ≥ |f(δ, 0)|,
-- Z ≥ |I − f_ζ(δ, ζ)| for all |ζ| ≤ R,
-- Z̄ ≥ |I − ∫₀¹ f_ζ(δ, τζ) dτ| for all |ζ| ≤ R,
-
-and let (K1) Y + Z̄R < R, (K2) Zw ≤ κw for a vector w > 0 and a κ < 1. Then for every |δ| ≤ h
-
-1. φ(θ_c + Dδ + Eζ) = 0 has exactly one solution ζ*(δ) with |ζ| ≤ R, and |ζ*| ≤ Y + Z̄R;
-2. φ_y is nonsingular there, in fact wherever |ζ| ≤ R; ζ* is a smooth function of δ;
-3. K(ζ) = ζ − f(δ, ζ) maps {|ζ| ≤ R} into itself and contracts ‖ζ‖ = max |ζ_i|/w_i by κ, so ζ ← K(ζ) converges to ζ*
-   from any |ζ| ≤ R.
-
-*Proof.* f(δ, ζ) = f(δ, 0) + (∫₀¹ f_ζ(δ, τζ) dτ) ζ, hence |K(ζ)| ≤ Y + Z̄|ζ| < R: K maps the box into its interior and
-has a fixed point (Brouwer). On the segment between two points of the box |K(ζ) − K(ζ′)| ≤ Z|ζ − ζ′|, so
-‖K(ζ) − K(ζ′)‖ ≤ κ‖ζ − ζ′‖: there is one fixed point and the iteration converges. ‖I − f_ζ‖ ≤ κ < 1 makes
-f_ζ = Ãφ_yV nonsingular, hence Ã, φ_y and V; so f = 0 is φ = 0, and the implicit function theorem gives smoothness. ∎
-
-**Corollary (gluing).** Let two boxes of q-space share a connected set F, and let at one q ∈ F a solution of φ = 0
-lie in the tubes {|ζ| ≤ R} of both. Then their solutions agree on all of F: both are that one at q by uniqueness, and
-the set where two continuous solutions agree is closed and, by the implicit function theorem, open. As K contracts,
-‖ζ − ζ*‖ ≤ ‖f(δ, ζ)‖/(1 − κ) for any ζ in the tube of one box: it is enough that this ball lies in the tube of the
-other, or that a ball about a point (a box with p = 0 to which Theorem K applies) lies in both. Coordinates that are
-periodic are compared modulo 2π. So certified boxes glued one to the next from a closed configuration carry one
-continuous branch σ through it. Rows that vanish at wrong orientations too (an axis turned end for end) need no care:
-on φ = 0 the product of the two axes is ±1, and a continuous function with these values is constant.
-
-Rounding. The bounds carry margins for the errors of φ and its derivatives (`bounds`), h is widened by 4u relative
-and 1e-14 absolute so that boxes given by rounded corners overlap, and the inequalities are checked with factors
-1 + 1e-10, far above the errors (below 1e-12) of sums and products of nonnegative numbers.
+Theorem K and the corollary of gluing are stated and proved in `ccpin/proof/theorems/boxes.md`. Here boxes are made and
+its inequalities checked: Y, Z and Z̄ from `bounds`, (K1) and (K2) in `verify`.
 """
 
 from __future__ import annotations

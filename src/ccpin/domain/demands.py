@@ -1,26 +1,6 @@
 """What is asked of a box of task space besides Theorem K: limits, motors that determine the motion, dexterity.
 
-Setting. A box of `boxes` in the task space of `task_space`: θ(δ) = θ_c + Dδ + Eζ*(δ), |δ| ≤ h, |ζ*| ≤ R. Let F ≥ |f_δ|
-and Z ≥ |I − f_ζ| componentwise on the tube |ζ| ≤ R, f = ÃΦ(θ_c + Dδ + Eζ).
-
-**Motors.** Let q_d be the mechanism's own independent coordinates and y″ all others in θ. If, for any matrices Ã″, V″,
-|I − Ã″Φ_y″V″| ≤ Z″ on the tube with the spectral radius of Z″ below 1, then Φ_y″ is nonsingular there. Where x are
-joints, Φ is φ and that is ψ_q′'s own matrix. Where a carriage has x, φ does not depend on x, so Φ_y″ is block
-triangular with the square blocks of ψ_q′ and Φ_x on its diagonal: ψ_q′ is nonsingular as well.
-
-**Theorem D.** If the spectral radius of Z is below 1 and F + ZT ≤ T for some T ≥ 0, |θ_δ(δ) − D| ≤ |E|T in the box.
-
-*Proof.* f(δ, ζ*(δ)) = 0 gives ζ*_δ = −f_δ + (I − f_ζ)ζ*_δ, so |ζ*_δ| ≤ F + Z|ζ*_δ|, hence |ζ*_δ| ≤ (I − Z)⁻¹F ≤ T, as
-the inverse is nonnegative. ∎ A T > 0 with F + ZT < T shows the spectral radius too.
-
-**Dexterity.** With K = ∂q_d/∂x the rows q_d of θ_δ and K_c those of D, 1/κ of J = ∂x/∂q_d = K⁻¹ is that of K, and by
-Weyl's inequality at least (σ_min(K_c) − e)/(σ_max(K_c) + e), e ≥ ‖|E|T‖₂ the Frobenius norm. Turns count as a length.
-
-**Limits.** |θ − θ_c| ≤ |D|h + |E|R. A joint with a limit is no circle here: its turns are counted (`workspace`).
-
-F needs no bounds of its own: those of Theorem K for a matrix E′ give Z′ ≥ |I − Ãφ_θE′| over whatever tube is put in as
-parameters. With D's columns in E′, the tube |δ| ≤ h, |ζ| ≤ R as parameters and R′ = 0, the entries of Z′ off the
-diagonal bound those of f_δ; two placings of the columns give them all.
+Theorem D and what it says of motors, dexterity and limits are in `ccpin/proof/theorems/demands.md`.
 """
 
 from __future__ import annotations

@@ -1,11 +1,6 @@
 """Extended systems F(x) = 0 of singular configurations: solved by Newton's method, solutions proved by contraction.
 
-**Lemma.** Let A be any real matrix, η ≥ |A F(x₀)| and, with Δ ≥ |F′(x) − F′(x₀)| for all ‖x − x₀‖ ≤ r (maximum norm),
-κ ≥ ‖ |I − A F′(x₀)| + |A|Δ ‖. If η + κr < r there is exactly one x within r of x₀ with F(x) = 0, and F′ is nonsingular
-there.
-
-*Proof.* x ↦ x − A F(x) maps that ball into its interior and contracts it by κ < 1; as ‖I − A F′‖ < 1 on it, A and F′
-are nonsingular there, so its fixed point solves F = 0. ∎
+The lemma is stated and proved in `ccpin/proof/theorems/extended.md`.
 """
 
 from __future__ import annotations

@@ -1,22 +1,7 @@
 """Singular configurations that are proved to exist: what refutes a claim that σ is nonsingular.
 
-Setting. θ = (q, y) as in `boxes`, a line q = q₀ + s d in the space of the independent coordinates, and l the unit
-vector of the smallest singular value of φ_y at the start of the search. In x = (s, y, w) ∈ ℝ²ᵐ⁺¹
-
-    F(x) = (φ(q₀ + s d, y),  φ_y(q₀ + s d, y) w,  lᵀw − 1) = 0        (Moore and Spence 1980)
-
-says that (q₀ + s d, y) is a closed configuration whose φ_y has w in its kernel. It is regular where the line crosses
-the image of a fold.
-
-**Theorem S.** Where the lemma of `extended` holds for F at x₀ with r, exactly one x within r of x₀ has F(x) = 0.
-
-Δ is crude, as r is some 1e-9: with p = (|d|, 1) and P = Σp bounding the moves of θ for ‖x − x₀‖ ≤ 1, τ_i = Σ_c
-‖(B_c)_i‖ max_j ρ_cj bounding every third derivative of φ_i on the ball (`extended.third_bound`),
-
-    |φ_θθ − φ_θθ(θ₀)| ≤ τPr,    |φ_θ − φ_θ(θ₀)| ≤ (|φ_θθ(θ₀)| + τPr) p r,
-    |φ_θθw − φ_θθ(θ₀)w₀| ≤ |φ_θθ(θ₀)|1 r + τPr(|w₀|₁ + mr).
-
-Rounding: γ · magnitude for every entry of φ and its derivatives, times 1 + |w₀|₁ where w enters.
+A line through q-space is followed to the image of a fold; that one is there is Theorem S of
+`ccpin/proof/theorems/folds.md`, whose F and bounds are computed here.
 """
 
 from __future__ import annotations

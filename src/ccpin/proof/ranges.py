@@ -1,32 +1,8 @@
-"""Ranges of dependent coordinates, each a proved fact with its reason.
+"""Ranges of dependent coordinates, each a proved fact with its reason (Lemma R of `ccpin/proof/theorems/ranges.md`).
 
 A search of all values of the dependent coordinates proves nothing about values that it leaves out. So what it searches
 is derived here, from the closures φ(θ) = Σ_c B_c x_c(θ) + Gθ + d, the region of q and the limits that belong to the
 claim.
-
-**Lemma R.** Let S be the set of closed configurations θ = (q, y), φ(θ) = 0, with q in a box Q and with every limit
-kept. Let I_j be intervals with θ_j ∈ I_j on S: Q's edge, the limits of θ_j, or all numbers. They still are if I_j is
-met with one of these.
-
-1. *Coupling.* −(d_i + Σ_{k≠j} G_ik I_k)/G_ij, where row i of φ is Σ_k G_ik θ_k + d_i with G_ij ≠ 0: no chain enters it,
-   and it does not hold modulo anything.
-2. *Lengths.* |θ_j| ≤ r/σ for all j ∈ J. Here P are rows of φ that point chains enter and nothing else, so that
-   Σ_c W_c x_c + d_P = 0, W_c the rows P of B_c; J are slides of one chain without a turn between them, and that W_c
-   sees as they are; σ > 0 is the least singular value of the columns W_c a_j, j ∈ J; and r is |d_P| and what W_c sees
-   at most of all other segments of all chains that enter P: links, tips, and other slides at their longest in I_k.
-
-W_c sees a vector v, fixed behind some turns of the chain, as long as it is at θ = 0 if there is no such turn, if
-W_cᵀW_c = 1, or if W_cW_cᵀ = 1 and these turns are about the direction that W_c does not see; else |W_c v| ≤ ‖W_c‖|v|.
-
-*Proof.* 1 is the row, solved for θ_j. 2: a point x_c is the sum of its segments, each turned by the joints before it.
-Those in J are turned by the same rotation Q, so W_c sees of them W_c Q Σ_j a_j θ_j, which is minus the sum of all the
-rest: its length is r at most. It is σ|θ_J| at least: without turns Q = 1; with W_cᵀW_c = 1 all lengths and angles are
-kept; and a turn about the direction that W_c does not see turns what it sees as a plane. ∎
-
-A coordinate of which φ knows only the angle (`periodic`, no slide, in no coupling) has a full turn instead: modulo
-turns of 2π every closed configuration is in it, and it has no end. Of all others the ends matter. At a *limit* a
-configuration may leave S. At an end that was derived none does: none is there, since what is derived is widened by 1e-6
-of its size, which is also more than all roundings here and more than rounded corners of Q can add.
 """
 
 from __future__ import annotations

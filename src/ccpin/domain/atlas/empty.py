@@ -1,13 +1,4 @@
-"""Cells in which no closed configuration exists, by the triangle inequality.
-
-The point rows of a closure read Σ_c W_c p_c + d = 0, W_c with orthonormal rows. On chain c let a_c be the origin of
-the first dependent joint (the tip, if there is none): it is a function of q alone, and the rest of the chain has a
-length of at most ρ_c. So a closed configuration needs |Σ W_c a_c(q) + d| ≤ Σ ρ_c, and a cell is empty where
-
-    |Σ W_c a_c(q_c) + d| − Σ_c Σ_j r_cj h_j > Σ ρ_c,
-
-r_cj the length of the chain from joint j to a_c. Chains whose rest holds a dependent slide prove nothing.
-"""
+"""Cells in which no closed configuration exists, by the triangle inequality (`ccpin/proof/theorems/reach.md`)."""
 
 from __future__ import annotations
 

@@ -1,31 +1,6 @@
 """Cells in which no closed configuration exists, where legs of known lengths meet in one platform.
 
-**Theorem E.** Let points with fixed places b_k on a rigid platform lie at distances l_k from points a_k, for k = 1 … K.
-For any real weights λ_k that add up to 1, of any sign, with ā = Σ λ_k a_k, b̄ = Σ λ_k b_k and C = Σ λ_k a_k(b_k − b̄)ᵀ
-
-    Σ λ_k |a_k − ā|² + Σ λ_k |b_k − b̄|² − 2‖C‖_* ≤ Σ λ_k l_k²,
-
-‖C‖_* the sum of the singular values of C.
-
-*Proof.* Let the platform be at p, turned by R, and x_k = a_k − R b_k, x̄ = Σ λ_k x_k. As the weights add up to 1,
-Σ λ_k |p − x_k|² = |p − x̄|² + Σ λ_k |x_k − x̄|², and the left side is Σ λ_k l_k². The last sum is
-Σ λ_k |a_k − ā|² + Σ λ_k |b_k − b̄|² − 2 tr(R Cᵀ), and tr(R Cᵀ) ≤ ‖C‖_* for every rotation R. ∎
-
-So a cell is empty where some λ violates this for all of its q. With λ the weights of the centre of the sphere through
-three points it says of a Delta whose platform is level that the sphere has a radius of at most l, which is all there is
-to say; ‖C‖_* says it for every way the platform is turned.
-
-Over a cell, with W the rows λ_k(b_k − b̄) and C₀ = A₀ᵀW at its centre, the rows of A being a_k, any positive S has
-
-    2‖C‖_* ≤ tr S + tr(C S⁻¹ Cᵀ),
-
-as ‖C S^(−½) S^½‖_* ≤ ‖C S^(−½)‖_F ‖S^½‖_F. So the left side less the right is at least a quadratic form of A. With
-N = diag λ − λλᵀ − W S⁻¹ Wᵀ, P = N A₀, a_k's derivatives J_kj at the centre, h_j the half widths, |a_k − a_k0| ≤ r_k and
-|a_k − a_k0 − Σ J_kj δ_j| ≤ s_k, it falls by at most
-
-    2 Σ_j |Σ_k P_k·J_kj| h_j + 2 Σ_k |P_k| s_k + Σ_kl |N_kl| r_k r_l.
-
-S has the eigenvectors v_i of C₀ᵀC₀ and the eigenvalues (σ_i² + d_i²)^½, d_i = Σ_k |W_k v_i| r_k: about the best.
+Theorem E and its bound over a cell are stated and proved in `ccpin/proof/theorems/platform.md`.
 """
 
 from __future__ import annotations

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array, frozen, rows_of
 from ccpin.description.joint_kinds import JOINT_KINDS
-from ccpin.domain import boxes, folds
 from ccpin.domain.atlas.cells import Cells, CellTree, Region
 from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.boxes import Boxes, Demands, Problem, problem_of, verify
@@ -29,6 +28,7 @@ from ccpin.domain.rods import Rod
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.theorems import theorems
 
 NamedArrays = dict[str, NDArray[np.generic]]
 Record = TypeVar("Record")
@@ -37,14 +37,14 @@ _SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "
 
 
 class Kind(NamedTuple):
-    """A kind of document: what it is called, its format's name and number, and what its claims rest on."""
+    """A kind of document: what it is called, its format's name and number, and the theorems its claims rest on."""
 
     name: str
     format: str
-    theorem: str
+    theorems: tuple[str, ...]
 
 
-ATLAS = Kind("atlas", "ccpin-atlas-5", "\n\n".join(m.__doc__ or "" for m in (boxes, folds)))
+ATLAS = Kind("atlas", "ccpin-atlas-5", ("boxes", "extended", "folds", "reach", "platform"))
 
 
 class Covering(NamedTuple):
@@ -63,14 +63,15 @@ def write(path: str | Path, kind: Kind, header: dict[str, Any], arrays: NamedArr
     Raises:
         InvalidInputError: It cannot be written.
     """
-    whole = {"format": kind.format, "theorem": kind.theorem, "fingerprint": fingerprint(arrays), **header}
+    text = theorems(*kind.theorems, *(("demands",) if "demand_dexterity" in arrays else ()))
+    whole = {"format": kind.format, "theorem": text, "fingerprint": fingerprint(arrays), **header}
     if Path(path).suffix == ".json":
         listed = {
             name: {"dtype": str(array.dtype), "shape": array.shape, "data": array.ravel().tolist()}
             for name, array in ((name, np.asarray(array)) for name, array in arrays.items())
         }
-        text = json.dumps({**whole, "arrays": listed}, allow_nan=False)
-        write_atomically(path, "w", lambda file: file.write(text))
+        written = json.dumps({**whole, "arrays": listed}, allow_nan=False)
+        write_atomically(path, "w", lambda file: file.write(written))
         return
     header_bytes = np.frombuffer(json.dumps(whole).encode(), dtype=np.uint8)
     write_atomically(path, "wb", lambda file: np.savez(file, header=header_bytes, **arrays))  # type: ignore[arg-type]

@@ -17,14 +17,12 @@ from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import CellStatus, Region, leaves_holding
 from ccpin.domain.atlas.run import Runner, Work, executor_for, stoppable
 from ccpin.domain.boxes import BoundsName, Problem, closure_values, problem_of
-from ccpin.domain.curves import covering, system, tubes
 from ccpin.domain.curves.covering import Nearby, extents
 from ccpin.domain.curves.curve import CertifiedCurve, as_curve, holds
 from ccpin.domain.curves.following import Chain
 from ccpin.domain.curves.search import Found, Place, Search
 from ccpin.domain.curves.tubes import Points, Stated, no_tubes, proved_again, stated, zeros_in
 from ccpin.domain.newton import without_turns
-from ccpin.domain.sheets import narrowing
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.verdict import Verdict
 from ccpin.errors import InvalidInputError
@@ -37,9 +35,9 @@ _TOUCHING = 1e-12
 KIND = store.Kind(
     "cover of singular curves",
     "ccpin-curves-2",
-    "\n\n".join(m.__doc__ or "" for m in (system, tubes, narrowing, covering)),
+    ("singular_system", "extended", "tubes", "joining", "ranges", "narrowing", "covering"),
 )
-"""What its files say they are: G, Theorem R, Propositions N and U, Lemma W and Proposition B."""
+"""What its files say they are: G, Theorem R, Lemmas J and R, Propositions N and U, Lemma W and Proposition B."""
 
 
 class UncoveredBoxes(NamedTuple):

@@ -1,21 +1,7 @@
 """Boxes of all coordinates, each shown to hold no singular configuration, or none but those of tubes, or halved.
 
-**Lemma W.** Let φ_y(θ₀) = J, |φ_y(θ) − J| ≤ Δ on a box about θ₀, A = [J; lᵀ], and P any m×(m+1) matrix with last column
-p and the others P_J. With D = |1 − PA| + |P_J|Δ let |p| + Du ≤ u, Du < u for some u > 0. Then each w ≠ 0 with
-φ_y(θ) w = 0, θ in the box, is a multiple of one with lᵀw = 1, and that one has |w − p| ≤ Du.
-
-*Proof.* With A_θ = [φ_y(θ); lᵀ], |1 − PA_θ| ≤ D. If lᵀw = 0 then w = (1 − PA_θ)w, |w| ≤ D|w|, and w = 0 as the
-spectral radius of D is below 1. So lᵀw may be 1: w = p + (1 − PA_θ)w, |w| ≤ |p| + D|w|, hence
-|w| ≤ (1 − D)⁻¹|p| ≤ u. ∎
-
-**Proposition B.** In a box of θ let all w with lᵀw = 1 lie in |w − w₀| ≤ v (Lemma W), and let Y and Z be those of
-Theorem R for x₀ = (θ₀, w₀) with s and e so wide that they hold the box of (θ, w). Then each singular configuration of
-the box has |e + P G(x₀)| ≤ Y − |P G(x₀)| + ZR. Where that meets no |e| ≤ R there is none; where what is left lies in a
-tube, with the tube's l, all of them are on the tube's curve.
-
-*Proof.* e = e − P G(x₀ + st + e), of which −P G(x₀) is one part, and the rest is bounded by what Y and Z are made of. ∎
-
-Boxes on which φ_y is shown to be regular, or φ to have no zero, are dropped first (`sheets.narrowing`).
+Boxes on which φ_y is shown to be regular, or φ to have no zero, are dropped first (`sheets.narrowing`); Lemma W and
+Proposition B of `ccpin/proof/theorems/covering.md` deal with the others.
 """
 
 from __future__ import annotations

@@ -1,28 +1,8 @@
 """Chains of tubes that are of one curve made one: what was followed in parts, or found more than once.
 
-**Lemma J.** Let a tube's curve be x(s) = x₀ + st + e(s), |e| ≤ H (Theorem R of `tubes`), and |s − s_c| ≤ h a piece of
-|s| ≤ δ. Let x_c have the j-th coordinate of x₀ + s_c t, and t′ that of t. On the piece the curve is
-
-    x(s) = x_c + (s − s_c)t′ + e′(s),    |e′| ≤ r = |x₀ + s_c t − x_c| + h|t − t′| + H,    e′_j = 0,
-
-and with Y and Z of Theorem R for this box and any P (row j zero) |e′| ≤ Y + Zr, which may take the place of r again.
-If x_c ± (h|t′| + r), its w divided by another tube's lᵀw, lies in that tube, the piece is of the other tube's curve. So
-where such pieces fill |s| ≤ δ, all of the tube's curve is in other tubes.
-
-*Proof.* The first is x(s) written anew. As G(x(s)) = 0, e′ = e′ − P G(x_c + (s − s_c)t′ + e′), which is K(e′) in the
-proof of Theorem R: |K(e′)| ≤ Y + Z|e′|. A zero of the one tube's equations is one of the other's with w so divided, and
-in the other tube there are none but its curve. ∎
-
-**Corollary.** Let A_0 … A_K and B_0 … B_L be chains, each tube glued to the next, and A_k glued to B_l. Then
-A_0 … A_k, B_l … B_L are glued one to the next: one curve, followed without turning back. If all of the curve in
-A_{k+1} … A_K and in B_0 … B_{l−1} is in tubes of these, they hold what both chains hold. It may be one chain: where A_k
-is glued to A_l, l < k, the curve in A_l … A_k is closed, and where that in all others is in tubes of these they hold
-what the chain holds.
-
-*Proof.* Gluing, as for `tubes`, and Lemma J. ∎
-
-What is joined here is joined by the corollary, and what is left out is in tubes that stay by Lemma J. So every
-configuration that a chain held is held. Where one or the other is not proved both chains stay as they are.
+What is joined here is joined by the corollary of `ccpin/proof/theorems/joining.md`, and what is left out is in tubes
+that stay by its Lemma J. So every configuration that a chain held is held. Where one or the other is not proved both
+chains stay as they are.
 """
 
 from __future__ import annotations

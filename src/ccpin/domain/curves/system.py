@@ -1,19 +1,6 @@
-"""The equations of singular configurations with their first two derivatives, and how far those may be off over a box.
+"""The equations G(x) = 0 of singular configurations with their first two derivatives, and their drift over a box.
 
-With θ = (q, y), n = 2 independent and m dependent coordinates, x = (θ, w) and any l,
-
-    G(x) = (φ(θ),  φ_y(θ) w,  lᵀw − 1) = 0
-
-says that θ is closed and that w spans part of the kernel of φ_y (Moore and Spence 1980): M = 2m + 1 equations in
-N = 2m + 2 unknowns, regular at simple folds, at cusps of their image in q and on self-motions (`singularities`).
-
-Over |θ − θ₀| ≤ b, |w − w₀| ≤ v let τ_i bound all third and fourth derivatives of φ_i (`extended.third_bound`). Then
-
-    |φ_θθ − φ_θθ(θ₀)| ≤ τ|b|₁,    |φ_θθy w − φ_θθy(θ₀)w₀| ≤ τ|b|₁(|w₀|₁ + |v|₁) + τ|v|₁
-
-for every entry: all that G″ is made of. Rounding: γ · magnitude for every entry of φ and its first two derivatives and
-twice that for the third, times 1 + |w|₁ + |l|₁ where they enter; four times that (`Values.rounding`) leaves room for
-the products that are formed of G′ and G″, whose entries are at most 1/(128u) of γ · magnitude.
+`ccpin/proof/theorems/singular_system.md` states G, the bounds of its drift and the rounding.
 """
 
 from __future__ import annotations

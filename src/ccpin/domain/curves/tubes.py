@@ -1,41 +1,7 @@
 """Tubes: about a segment of x-space exactly one curve of singular configurations, from end to end.
 
-Setting. G of `system`, x = (θ, w). A tube has a centre x₀, one coordinate j of x as its parameter, a vector t with
-t_j = ±1, a half length δ, radii R with R_j = 0 and l; it is
-
-    x = x₀ + s t + e,   |s| ≤ δ,  |e| ≤ R componentwise  (so e_j = 0),
-
-the neighbourhood of a segment. In practice G′(x₀) t ≈ 0: t is the tangent *in x-space*, j its largest component, so
-that a fold, a cusp of the image in q and a self-motion, over which q stands still, are all passed alike. Let P be any
-N×M matrix with row j zero (in practice the inverse of G′(x₀) without its column j), and let X_e be the columns of X
-without the j-th.
-
-**Theorem R.** Let componentwise, for all |s| ≤ δ and |e| ≤ R,
-
-    Y ≥ |P G(x₀ + s t)|,    Z ≥ |(1 − P G′(x₀ + s t + e))_e|   (row j zero),    Y + ZR < R  but in row j.
-
-Then for every |s| ≤ δ exactly one |e| ≤ R has G(x₀ + s t + e) = 0. It is a smooth function of s with
-|e| ≤ Y + Zε for every ε ≥ |e|: one smooth curve crosses the tube from end to end, and nothing else of {G = 0} is in it.
-On it G′ has full rank.
-
-*Proof.* K(e) = e − P G(x₀ + s t + e) has |K(e)| ≤ Y + Z|e| < R: it maps the box of the e into itself. In the norm
-max |e_k|/R_k it contracts, by κ = max (ZR)_k/R_k < 1. So it has one fixed point; as ‖1 − (P G′)_e‖ ≤ κ < 1 the matrix
-P without row j and G′ without column j are nonsingular, so that fixed points are zeros of G, and smooth functions of s
-by the implicit function theorem. ∎
-
-The bounds are Taylor's, about x₀, with C = P G″(x₀), L = |t|δ, X = L + R and the drift D of G″ over |x − x₀| ≤ X:
-
-    Y  = |P G| + |P G′t|δ + ½|C t t|δ² + ½|P| D(L, L),
-    Z  = |1 − P G′| + |C t|δ + Σ_a |C_a|R_a + |P| D(X, ·),
-
-each with |P| times the rounding of what it is made of. As K contracts, ‖e − e*‖ ≤ ‖P G‖/(1 − κ) at any e of the tube.
-
-**Gluing.** Where the zero of one tube at an s is enclosed and that enclosure, its w divided by the other tube's lᵀw,
-lies in another tube, it is on the other's curve also. Let that be so of two zeros, of which the later one is a tube's
-middle, in the same order of s and ahead of the other's middle (s > 0). On a curve that is not closed the arcs between
-the two coincide, so that both tubes run the same way and the middle of the one comes after that of the other. Hence
-tubes glued one to the next follow one curve without turning back, and where the last is glued to the first the curve
-is closed: on another no middle comes after itself. Periodic coordinates are compared modulo 2π.
+Theorem R, its bounds and what gluing proves are in `ccpin/proof/theorems/tubes.md`, whose names x, t, δ, R and P are
+used here.
 """
 
 from __future__ import annotations

@@ -1,25 +1,7 @@
 """Boxes of all coordinates: where no closed configuration is, and to where those that are can be narrowed.
 
-A box is θ = θ_c + Dδ, |δ| ≤ h, D = [I 0; S I] with the independent coordinates first: over the cell |δ_q| ≤ h_q of
-q-space it holds the dependent coordinates within h_y of the slope y_c + Sδ_q.
-
-**Proposition N.** For any real matrices Ã and S let, on such a box,
-
-    Ãφ(θ_c + Dδ) = c + Lδ + e(δ),    c = Ãφ(θ_c),  L = Ãφ_θ(θ_c)D,  |e(δ)| ≤ E.
-
-A closed configuration in the box has |δ_j + c_i/L_ij| ≤ (Σ_{k≠j} |L_ik|h_k + E_i)/|L_ij| for every i and j with
-L_ij ≠ 0; and there is none where |c_i| > Σ_k |L_ik|h_k + E_i for some i.
-
-*Proof.* Row i of Ãφ(θ_c + Dδ) = 0, solved for L_ij δ_j. ∎
-
-|c| + |L|h + E is Y of `bounds` for the parameters δ, so E is what it leaves beside the linear part. Ã = I keeps each
-row's few joints apart; Ã ≈ φ_y⁻¹ with S ≈ −φ_y⁻¹φ_q (a Krawczyk step) leaves of a box about a regular sheet
-what is of second order in h.
-
-**Proposition U.** Let a box of Theorem K (`boxes`) carry σ over a cell, and let Z(W)w < w for another radius W ≥ R and
-some w > 0. Then σ is the only closed configuration over the cell with |ζ| ≤ W.
-
-*Proof.* K contracts on {|ζ| ≤ W} in the norm of w, so it has one fixed point there at most, and σ's is one. ∎
+A box is θ = θ_c + Dδ, |δ| ≤ h, with slopes S. Propositions N and U are stated and proved in
+`ccpin/proof/theorems/narrowing.md`.
 """
 
 from __future__ import annotations

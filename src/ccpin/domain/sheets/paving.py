@@ -10,13 +10,7 @@ narrowed (Proposition N of `narrowing`), dropped where that shows them to be emp
 - `all_solutions` looks for *all* closed configurations over points: it also drops candidates in which one is proved to
   be the only one (Theorem K and Proposition U), and keeps that one if it lies in the ranges.
 
-**Proposition C.** Over a connected union of cells without candidates of `cover_singular` every q has the same number of
-closed configurations in the ranges searched.
-
-*Proof.* The ranges hold every closed configuration that keeps the limits, none of them at an end that is no limit
-(Lemma R of `ccpin.proof.ranges`; a full turn has no end). Above the union none is singular or on a limit, so they are
-locally smooth functions of q that keep the limits; as the ranges are compact none appears or vanishes: their number is
-locally constant. ∎
+What is left over counts by Proposition C of `ccpin/proof/theorems/counting.md`.
 
 Branch and prune of the sheets of parallel robots is that of S. Caro, D. Chablat, A. Goldsztejn, D. Ishii and
 C. Jermann, "A branch and prune algorithm for the computation of generalized aspects of parallel robots", Artificial

@@ -28,14 +28,12 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ccpin.arrays import Array, Indices, Mask, numbers, whole
-from ccpin.domain import boxes as theorem_k
 from ccpin.domain.atlas import store
 from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contacts_of, place
 from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.boxes import Boxes, Problem, closure_values, verify
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
 from ccpin.domain.newton import newton, solve_in_boxes, without_turns
-from ccpin.domain.sheets import narrowing, paving
 from ccpin.domain.sheets.front import Glued, Members
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.touching import Fold, cross, near_folds
@@ -46,8 +44,9 @@ from ccpin.proof.ranges import Ranges
 _PART = 500
 _RECORDS: dict[str, Any] = {"members": Members, "glued": Glued, "left": Candidates, "ranges": Ranges}
 
-KIND = store.Kind("sheet atlas", "ccpin-sheets-2", "\n\n".join(m.__doc__ or "" for m in (theorem_k, narrowing, paving)))
-"""What its files say they are: Theorem K, Propositions N, U and C."""
+_THEOREMS = ("boxes", "extended", "folds", "ranges", "narrowing", "counting")
+KIND = store.Kind("sheet atlas", "ccpin-sheets-2", _THEOREMS)
+"""What its files say they are: Theorems K and S, Lemma R, Propositions N, U and C."""
 
 
 class Sheet(NamedTuple):
