@@ -1,5 +1,6 @@
 """Documents that say what is false, with their fingerprints made right: refused, or not proved."""
 
+import os
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,9 @@ from tests.support.altered import changed
 pytest.importorskip("flint")
 
 from ccpin.auditing import verify
+from tests.auditing.forgeries import campaign
 
+FORGERIES = int(os.environ.get("CCPIN_FORGERIES", "1000"))
 WINDOW = ((-2.4, -1.8), (-1.4, -0.8))  # of the RPDR: certified, empty, singular and undecided cells
 
 
@@ -335,3 +338,18 @@ def test_no_more_is_looked_at_where_enough_is_not_proved(atlas, tmp_path):
     assert (alone.claims[0].checked, len(alone.claims[0].undecided)) == (8, 8)
     assert not alone.holds
     assert not alone.refuted
+
+
+@pytest.mark.slow
+def test_no_forged_document_is_accepted_that_is_false():
+    """Some hundred; ``python -m tests.auditing.forgeries`` makes as many as there is time for."""
+    happened, false, _ = campaign(FORGERIES)
+    assert sum(happened.values()) == FORGERIES
+    assert not false
+
+
+def test_changed_documents_of_every_kind_are_accepted_only_where_they_are_true():
+    """A few of what the campaign makes."""
+    happened, false, _ = campaign(25, seed=3)
+    assert not false
+    assert sum(happened.values()) == 25

@@ -105,6 +105,8 @@ def near(closures: Equations, dependent: Integers, theta: Array) -> tuple[Array,
             inverse = np.linalg.inv(jacobian[:, dependent]).astype(np.float64)
         except np.linalg.LinAlgError:
             return None
+        if not (np.all(np.isfinite(inverse)) and np.all(np.isfinite(phi))):
+            return None
         step = inverse @ phi
         theta[dependent] -= step
         if not np.all(np.isfinite(theta)):
