@@ -14,8 +14,8 @@ from tests.support.altered import changed
 
 pytest.importorskip("flint")
 
-from ccpin.auditing import verify
-from tests.auditing.forgeries import campaign
+from ccpin.auditing import closures, covering, curves, document, verify
+from tests.support.forgeries import campaign
 
 FORGERIES = int(os.environ.get("CCPIN_FORGERIES", "1000"))
 WINDOW = ((-2.4, -1.8), (-1.4, -0.8))  # of the RPDR: certified, empty, singular and undecided cells
@@ -58,15 +58,15 @@ def cover(folder):
     return found, folder / "cover.json"
 
 
-def refused(document, tmp_path, field, change=lambda arrays: None, **header):
+def refused(made, tmp_path, field, change=lambda arrays: None, **header):
     """Whether the document, changed, is refused, and that the field is named."""
     with pytest.raises(InvalidInputError, match=rf"changed\.json: .*{field}"):
-        verify(changed(document[1], tmp_path, change, **header), sample=1)
+        verify(changed(made[1], tmp_path, change, **header), sample=1)
 
 
 def test_all_documents_hold_as_they_are(atlas, circle, sheets, cover):
-    for document in (atlas, circle, sheets, cover):
-        assert verify(document[1], sample=3).holds
+    for made in (atlas, circle, sheets, cover):
+        assert verify(made[1], sample=3).holds
 
 
 def test_leaves_called_certified_without_a_box(atlas, sheets, tmp_path):
@@ -120,18 +120,18 @@ def test_trees_that_do_not_tile(atlas, sheets, tmp_path):
 
         return change
 
-    for document in (atlas, sheets):
-        tree = document[0].tree
-        refused(document, tmp_path, "tree", reroute)
-        refused(document, tmp_path, "tree", set_to("tree_child", slice(None), 0))
-        refused(document, tmp_path, "tree", set_to("tree_child", 3, 0))
-        refused(document, tmp_path, "tree", set_to("tree_child", np.flatnonzero(tree.child >= 0)[-1], -1))
-        refused(document, tmp_path, "tree", set_to("tree_child", 0, 10**9))
-        refused(document, tmp_path, "tree", set_to("tree_lower", 5, 1))
-        refused(document, tmp_path, "tree", set_to("tree_size", 5, 1))
-        refused(document, tmp_path, "tree", set_to("tree_cut", 0, 1 - tree.cut[0]))
-        refused(document, tmp_path, "tree", set_to("tree_status", 0, CellStatus.CERTIFIED))
-        refused(document, tmp_path, "tree", set_to("tree_status", -1, 7))
+    for made in (atlas, sheets):
+        tree = made[0].tree
+        refused(made, tmp_path, "tree", reroute)
+        refused(made, tmp_path, "tree", set_to("tree_child", slice(None), 0))
+        refused(made, tmp_path, "tree", set_to("tree_child", 3, 0))
+        refused(made, tmp_path, "tree", set_to("tree_child", np.flatnonzero(tree.child >= 0)[-1], -1))
+        refused(made, tmp_path, "tree", set_to("tree_child", 0, 10**9))
+        refused(made, tmp_path, "tree", set_to("tree_lower", 5, 1))
+        refused(made, tmp_path, "tree", set_to("tree_size", 5, 1))
+        refused(made, tmp_path, "tree", set_to("tree_cut", 0, 1 - tree.cut[0]))
+        refused(made, tmp_path, "tree", set_to("tree_status", 0, CellStatus.CERTIFIED))
+        refused(made, tmp_path, "tree", set_to("tree_status", -1, 7))
 
 
 def test_boxes_whose_parameters_are_not_q(atlas, sheets, tmp_path):
@@ -140,8 +140,8 @@ def test_boxes_whose_parameters_are_not_q(atlas, sheets, tmp_path):
     def turn(arrays):
         arrays["box_directions"][0, arrays["system_independent"][0], 1] = 0.1
 
-    for document in (atlas, sheets):
-        refused(document, tmp_path, "box_directions", turn)
+    for made in (atlas, sheets):
+        refused(made, tmp_path, "box_directions", turn)
 
 
 def test_seeds_and_names_of_another_claim(atlas, tmp_path):
@@ -163,8 +163,8 @@ def test_regions_that_close_on_themselves_and_do_not(atlas, sheets, cover, tmp_p
     def wrap(arrays):
         arrays["wrapped"][:] = True
 
-    for document in (atlas, sheets, cover):
-        refused(document, tmp_path, "wrapped", wrap)
+    for made in (atlas, sheets, cover):
+        refused(made, tmp_path, "wrapped", wrap)
 
 
 def test_coordinates_called_periodic_that_are_not(tmp_path):
@@ -201,9 +201,20 @@ def test_lengths_beyond_any_mechanism(atlas, cover, tmp_path):
     def bent(arrays):
         arrays["chain0_rotations"][0] *= 2.0
 
-    for document in (atlas, cover):
-        refused(document, tmp_path, "chain0_tip", huge)
-        refused(document, tmp_path, "chain0_rotations", bent)
+    for made in (atlas, cover):
+        refused(made, tmp_path, "chain0_tip", huge)
+        refused(made, tmp_path, "chain0_rotations", bent)
+
+
+def test_chains_that_enter_no_row(tmp_path):
+    """Of other closures, which the document is about then: nothing of it is proved, and nothing breaks."""
+    certify(ccpin.load("slider_crank"), (0.7,), max_depth=4).save(tmp_path / "slider.json")
+
+    def idle(arrays):
+        for name in [name for name in arrays if name.endswith("_weights")]:
+            arrays[name][:] = 0.0
+
+    assert not verify(changed(tmp_path / "slider.json", tmp_path, idle)).holds
 
 
 def test_arrays_and_fields_that_nobody_knows(atlas, sheets, cover, tmp_path):
@@ -221,13 +232,13 @@ def test_arrays_and_fields_that_nobody_knows(atlas, sheets, cover, tmp_path):
     def other_shape(arrays):
         arrays["upper"] = arrays["upper"][:1]
 
-    for document in (atlas, sheets, cover):
-        refused(document, tmp_path, "'spare'", more)
-        refused(document, tmp_path, "'lower'", fewer)
-        refused(document, tmp_path, "upper: the dtype is bool", other_kind)
-        refused(document, tmp_path, "upper: the shape", other_shape)
-        refused(document, tmp_path, "'scale'", scale=1e18)
-        refused(document, tmp_path, "'nq'", nq=True)
+    for made in (atlas, sheets, cover):
+        refused(made, tmp_path, "'spare'", more)
+        refused(made, tmp_path, "'lower'", fewer)
+        refused(made, tmp_path, "upper: the dtype is bool", other_kind)
+        refused(made, tmp_path, "upper: the shape", other_shape)
+        refused(made, tmp_path, "'scale'", scale=1e18)
+        refused(made, tmp_path, "'nq'", nq=True)
     for old in ("ccpin-atlas-4", "ccpin-sheets-1", "ccpin-curves-1"):
         refused(atlas, tmp_path, f"the format is '{old}', not", format=old)
 
@@ -288,8 +299,14 @@ def test_a_curve_listed_twice(cover, tmp_path):
         return change
 
     for shrink in (1.0, 0.999):
-        audit = verify(changed(path, tmp_path, twice(shrink)), sample=60)
-        assert next(claim for claim in audit.claims if "no other one" in claim.what).failed
+        read = document.read(changed(path, tmp_path, twice(shrink)))
+        again = covering.Cover(closures.Closures(read), read)
+        last = len(read.tubes) - 1
+        assert curves.listed_once(again, 0) is False
+        assert curves.listed_once(again, last) is False
+    read = document.read(path)
+    assert curves.listed_once(covering.Cover(closures.Closures(read), read), 0) is True
+    assert "tubes whose curve is no other one on the list" in [claim.what for claim in verify(path, sample=1).claims]
 
 
 def test_what_encloses_singular_configurations_is_told_as_not_looked_at(sheets, tmp_path):
@@ -313,9 +330,9 @@ def test_iterations_that_do_not_converge_are_not_loaded(atlas, sheets, tmp_path)
         arrays["box_kappa"][1] *= 0.5
 
     for change in (still, fast):
-        for load, document in ((domain.Atlas.load, atlas), (domain.SheetAtlas.load, sheets)):
+        for load, made in ((domain.Atlas.load, atlas), (domain.SheetAtlas.load, sheets)):
             with pytest.raises(InvalidInputError, match="box 1 is not proved"):
-                load(changed(document[1], tmp_path, change))
+                load(changed(made[1], tmp_path, change))
 
 
 def test_shares_are_those_of_the_cells(atlas, sheets):
@@ -342,7 +359,7 @@ def test_no_more_is_looked_at_where_enough_is_not_proved(atlas, tmp_path):
 
 @pytest.mark.slow
 def test_no_forged_document_is_accepted_that_is_false():
-    """Some hundred; ``python -m tests.auditing.forgeries`` makes as many as there is time for."""
+    """Some hundred; ``python -m tests.support.forgeries`` makes as many as there is time for."""
     happened, false, _ = campaign(FORGERIES)
     assert sum(happened.values()) == FORGERIES
     assert not false
@@ -350,6 +367,6 @@ def test_no_forged_document_is_accepted_that_is_false():
 
 def test_changed_documents_of_every_kind_are_accepted_only_where_they_are_true():
     """A few of what the campaign makes."""
-    happened, false, _ = campaign(25, seed=3)
+    happened, false, _ = campaign(12, seed=3)
     assert not false
-    assert sum(happened.values()) == 25
+    assert sum(happened.values()) == 12

@@ -79,7 +79,9 @@ class Reach:
         for k, chain in enumerate(document.chains):
             rows = tuple(int(r) for r in np.flatnonzero(np.any(chain.weights != 0.0, axis=1)))
             by_rows.setdefault(rows, []).append(k)
-        self.groups = [Group(rows, tuple(chains)) for rows, chains in by_rows.items() if self._plain(rows, chains)]
+        self.groups = [
+            Group(rows, tuple(chains)) for rows, chains in by_rows.items() if rows and self._plain(rows, chains)
+        ]
         self.norms = [norm_of(path.weights) for path in closures.paths]
         self.segments = [segments_of(path, norm) for path, norm in zip(closures.paths, self.norms, strict=True)]
         own = set(document.dependent.tolist())

@@ -1,6 +1,6 @@
 """Some thousand forged documents: none that is accepted says what is false.
 
-Run as ``python -m tests.auditing.forgeries [--count 20000] [--seconds 1500] [--seed 0]``. Each document has one change
+Run as ``python -m tests.support.forgeries [--count 20000] [--seconds 1500] [--seed 0]``. Each document has one change
 or two (`tests.support.forging`), and its fingerprint made right again. It is audited whole. Where it is accepted, what
 it says is compared at random points with what is true.
 """
