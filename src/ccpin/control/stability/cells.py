@@ -83,6 +83,7 @@ class CellStore:
 
     Attributes:
         proved: How many cells were proved here; those that came with an atlas are not counted.
+        whole: Whether all that an atlas glues is here, glued: it is not where V is no function on its circles.
     """
 
     def __init__(
@@ -91,6 +92,7 @@ class CellStore:
         self.problem, self.potential, self.law = problem, potential, law
         self.cells: list[Cell] = []
         self.proved = 0
+        self.whole = True
         self._lattice = lattice
         self._places: dict[tuple[int, ...], list[int]] = {}
 

@@ -36,6 +36,7 @@ from ccpin.mechanism.mechanism import Mechanism
 _ABOVE = 1.5
 _CELLS = 2000
 _ACCURACY = 0.05
+_TORN = ", where a way round turns no spring; the springs make it no function on all of the atlas"
 
 
 class Gains(NamedTuple):
@@ -147,8 +148,10 @@ def suggest_gains(
         samples = sample_region(model, lower, upper, law.q_free_d)
         worst = int(np.argmax(samples.norm))
         slope = SlopeBound(float(samples.norm[worst]), float(samples.norm[worst]), samples.q[worst], 0)
+        whole = True
     else:
-        slope = gravity_slope_over(cells_of_atlas(law, domain))
+        store = cells_of_atlas(law, domain)
+        slope, whole = gravity_slope_over(store), store.whole
         lower, upper = domain.lower.min(axis=0), domain.upper.max(axis=0)
     beta = slope.bound
     if not beta > 1e-12:
@@ -171,8 +174,8 @@ def suggest_gains(
         frequencies=frequencies,
         effort=effort,
         effort_limit=effort_limit,
-        verdict="proven" if rigorous else "undecided",
-        reason=f"{_what_limits(slope, rigorous)}; {_what_is_asked(model, effort, effort_limit)}",
+        verdict="proven" if rigorous and whole else "undecided",
+        reason=f"{_what_limits(slope, rigorous)}{'' if whole else _TORN}; {_what_is_asked(model, effort, effort_limit)}",
     )
 
 

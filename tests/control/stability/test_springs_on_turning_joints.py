@@ -1,0 +1,123 @@
+"""Theorem 3 where springs act on turning joints: V is a function on the line, whatever turns an atlas is glued with."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin.control import Budget, PDSimpleGravity, certify_law, suggest_gains
+from ccpin.control.stability.set_point_cells import cells_of_atlas
+from ccpin.domain import certify
+from tests.support.paper import GOAL, K_P, K_V
+
+TURN = 2.0 * np.pi
+STIFFNESS, REST = {"joint3": 2.0, "joint4": 1.0}, {"joint3": 0.4, "joint4": -0.7}
+WIDTH = np.radians(20.0)
+_JOINTS = {name: {"stiffness": STIFFNESS[name], "spring_reference": REST[name]} for name in STIFFNESS}
+
+
+@pytest.fixture(scope="module")
+def model():
+    """The RPDR with springs on its passive elbows."""
+    return ccpin.ReducedModel(ccpin.load("rpdr", joints=_JOINTS))
+
+
+@pytest.fixture(scope="module")
+def law(model):
+    """PD at the paper's goal."""
+    return PDSimpleGravity(model, GOAL, 3.0 * np.asarray(K_P), K_V)
+
+
+def _atlas(model, law, turns=0, names=("joint3",)):
+    """A square about the goal, from a configuration with passive joints turned on by whole turns."""
+    start = law.q_free_d.copy()
+    start[[model.mechanism.tree.joint(name).q.start for name in names]] += TURN * turns
+    return certify(model.mechanism, GOAL, (GOAL - WIDTH, GOAL + WIDTH), guess=start, max_depth=6)
+
+
+def _well(law, q):
+    """U from the model's own energy, the springs on the line from the law's configuration on."""
+    state, error = law.model.at(q, law.q_free_d), law.q_d - q
+    potential = state.energy(np.zeros(2)).potential - law.near.energy(np.zeros(2)).potential
+    return potential + error @ law.gravity_d + 0.5 * error @ law.K_p @ error
+
+
+def _least_on_the_edge(law):
+    side = np.linspace(-WIDTH, WIDTH, 31)
+    edge = [np.array(place) for s in (-WIDTH, WIDTH) for t in side for place in ((s, t), (t, s))]
+    return min(_well(law, GOAL + place) for place in edge)
+
+
+@pytest.mark.parametrize("turns", [-1, 0, 1, 2])
+def test_an_atlas_wound_otherwise_proves_the_laws_level(model, law, turns):
+    """The level is below the least U on the atlas's edge, U with the springs as the law's configuration stretches."""
+    certificate = certify_law(law, _atlas(model, law, turns), budget=Budget(10, 600))
+    assert certificate.verdict == "proven"
+    assert 0.9 * _least_on_the_edge(law) < certificate.level <= _least_on_the_edge(law)
+
+
+def test_boxes_with_turns_of_their_own(model, law):
+    """An atlas's boxes turned by hand, each by turns of its own, prove what the atlas proves: all are turned back."""
+    atlas, rng = _atlas(model, law), np.random.default_rng(5)
+    turned = atlas.boxes.centre.copy()
+    dependent = atlas.problem.system.dependent
+    turned[:, dependent] += TURN * rng.integers(-2, 3, (len(turned), 2))
+    other = replace(atlas, boxes=atlas.boxes._replace(centre=turned))
+    store, same = cells_of_atlas(law, other), cells_of_atlas(law, atlas)
+    assert store.whole
+    assert same.whole
+    for cell, expected in zip(store.cells, same.cells, strict=True):
+        np.testing.assert_allclose(cell.box.centre, expected.box.centre, atol=1e-12)
+        assert cell.neighbours == expected.neighbours
+    level, plain = (certify_law(law, domain, budget=Budget(8, 100)).level for domain in (other, atlas))
+    assert level == pytest.approx(plain, rel=1e-6)
+
+
+def test_the_laws_own_turns_count(model, law):
+    """A law whose configuration is a turn on has other springs stretched: its level over the atlas is another one."""
+    start = law.q_free_d.copy()
+    start[model.mechanism.tree.joint("joint3").q] += TURN
+    other = PDSimpleGravity(model, GOAL, 20.0 * np.asarray(K_P), K_V, start)
+    np.testing.assert_allclose(other.q_free_d, start, atol=1e-9)
+    atlas = _atlas(model, law)
+    certificate, least = certify_law(other, atlas, budget=Budget(10, 600)), _least_on_the_edge(other)
+    assert certificate.verdict == "proven"
+    assert 0.9 * least < certificate.level_domain <= least
+    assert certificate.level <= least
+
+
+@pytest.mark.parametrize("turns", [0, 1])
+def test_gains_are_suggested_for_the_laws_turns(model, law, turns):
+    """β holds what ‖∂g/∂q‖ is along the law's own σ, whatever turns the atlas has."""
+    gains = suggest_gains(model, GOAL, _atlas(model, law, turns), guess=law.q_free_d)
+    rng = np.random.default_rng(7)
+    seen = 0.0
+    corners = WIDTH * np.array([(s, t) for s in (-1, 1) for t in (-1, 1)])
+    for q in GOAL + np.concatenate([corners, rng.uniform(-WIDTH, WIDTH, (40, 2))]):
+        state = model.at(q, law.q_free_d)
+        seen = max(seen, float(np.linalg.norm(model.gravity_derivative(q, state.q_free), 2)))
+    assert gains.verdict == "proven"
+    assert seen <= gains.beta < 1.5 * seen
+
+
+def test_where_turns_do_not_agree_a_face_is_a_boundary(model, law, monkeypatch):
+    """A way round that turns a spring-loaded joint: faces glued only by a turn are none, and the atlas is not whole."""
+    from ccpin.control.stability import set_point_cells
+
+    atlas, found = _atlas(model, law), set_point_cells._turns
+
+    def wound(*given):
+        turns, reached = found(*given)
+        far = atlas.lower[:, 0] >= GOAL[0] + 0.25 * WIDTH
+        turns[np.ix_(far, [int(model.mechanism.tree.joint("joint3").v.start)])] += 1.0
+        return turns, reached
+
+    monkeypatch.setattr(set_point_cells, "_turns", wound)
+    store, elbow = cells_of_atlas(law, atlas), model.mechanism.tree.joint("joint3").v.start
+    assert not store.whole
+    for number, cell in enumerate(store.cells):
+        for other in cell.neighbours:
+            there = store.cells[other]
+            assert abs(cell.box.centre[0, elbow] - there.box.centre[0, elbow]) < np.pi, number
+    assert suggest_gains(model, GOAL, atlas, guess=law.q_free_d).verdict == "undecided"
