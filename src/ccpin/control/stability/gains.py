@@ -36,7 +36,7 @@ from ccpin.mechanism.mechanism import Mechanism
 _ABOVE = 1.5
 _CELLS = 2000
 _ACCURACY = 0.05
-_TORN = ", where a way round turns no spring; the springs make it no function on all of the atlas"
+_TORN = "on the atlas V is no function: boxes meet only with a turn of a joint that has a spring; pass a smaller one"
 
 
 class Gains(NamedTuple):
@@ -165,6 +165,7 @@ def suggest_gains(
     effort = _leverage(law) @ (np.abs(stiffness) @ farthest + np.abs(law.gravity_d))
     effort_limit = np.abs(motors.limits).min(axis=1)
     rigorous = isinstance(domain, Atlas)
+    limits = [_what_limits(slope, rigorous)] if whole else [_what_limits(slope, rigorous), _TORN]
     return Gains(
         K_p=stiffness,
         K_v=damper,
@@ -175,7 +176,7 @@ def suggest_gains(
         effort=effort,
         effort_limit=effort_limit,
         verdict="proven" if rigorous and whole else "undecided",
-        reason=f"{_what_limits(slope, rigorous)}{'' if whole else _TORN}; {_what_is_asked(model, effort, effort_limit)}",
+        reason="; ".join([*limits, _what_is_asked(model, effort, effort_limit)]),
     )
 
 
