@@ -22,6 +22,27 @@ inline void add_scaled(double* y, double factor, const double* x, int size) {
   for (int k = 0; k < size; ++k) y[k] += factor * x[k];
 }
 
+// h + 1e-14 + 4u(|c| + h), the half width of the box that a theorem is about (`ccpin.proof.rounding`).
+inline double widened(double centre, double half) { return half + (1e-14 + 0x1p-51 * (std::abs(centre) + half)); }
+
+// What a point at which a question is asked may be off by.
+inline double blur(double point) { return 0x1p-51 * (1 + std::abs(point)); }
+
+// What parameter e is measured from (`measured_from` of `domain/boxes.py`).
+inline double measured_from(const Closures& closures, const Box& box, int e) {
+  if (box.parameters() == closures.n) return box.centre[closures.independent[e]];
+  double largest = 0;
+  for (double x : box.centre) largest = std::max(largest, std::abs(x));
+  return largest;
+}
+
+// Whether parameters are of the box that its theorem is about (`within` of `domain/newton.py`).
+inline bool within(const Closures& closures, const Box& box, const double* delta) {
+  for (int e = 0; e < box.parameters(); ++e)
+    if (!(std::abs(delta[e]) <= widened(measured_from(closures, box, e), box.half[e]))) return false;
+  return true;
+}
+
 // A bound in two parts: a matrix (m, m), kept column by column, to be applied to a vector, and what to add.
 struct Image {
   Doubles columns, rest;
@@ -83,7 +104,7 @@ class Bounds {
     p = box.parameters(), plain = box.plain;
     half.resize(p), moves.assign(n_free, 0.), lines.resize(size_t(p) * n_free);
     for (int e = 0; e < p; ++e) {
-      half[e] = box.half[e] * (1 + 0x1p-51) + 1e-14;
+      half[e] = widened(measured_from(closures, box, e), box.half[e]);
       for (int k = 0; k < n_free; ++k) {
         lines[e * n_free + k] = box.directions[k * p + e];
         moves[k] += std::abs(lines[e * n_free + k]) * half[e];

@@ -23,9 +23,10 @@ class Tubes {
     return settled;
   }
 
-  // Whether two proved boxes carry the same solution at a common point, given by each one's parameters (`glued`). What
+  // Whether two proved boxes carry the same solution at a common point of both, given by each one's parameters (`glued`). What
   // encloses it already before rounding is reached does so there too.
   bool glued(const Box& first, const double* delta, const Box& second, const double* delta_second) {
+    if (!within(c_, first, delta) || !within(c_, second, delta_second)) return false;
     const auto met = [&] { return encloses(second, delta_second, theta_, error_, first.modes, first.plain); };
     const Found found = solve(first, delta, met);
     if (found != Found::solved) return found == Found::met;
@@ -162,12 +163,13 @@ class Tubes {
   bool encloses(const Box& box, const double* delta, const Doubles& theta, const Doubles& error, const Doubles& modes,
                 bool plain) {
     constexpr double turn = 6.283185307179586;
-    const int m = c_.m;
+    const int m = c_.m, p = box.parameters();
     predict(box, delta, nullptr, base_);
     gap_.resize(m), reach_.resize(m);
     for (int k = 0; k < m; ++k) {
       const int j = c_.dependent[k];
       gap_[k] = theta[j] - base_[j], reach_[k] = 1e-13 * (1 + std::abs(theta[j]));
+      for (int e = 0; e < p; ++e) reach_[k] += std::abs(box.directions[j * p + e]) * blur(delta[e]);
       if (c_.periodic[j]) gap_[k] -= turn * std::nearbyint(gap_[k] / turn);
     }
     if (plain && box.plain) {

@@ -21,8 +21,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from ccpin.arrays import Array, Mask
-from ccpin.domain.boxes import SLACK, inverses, solve_many
-from ccpin.domain.chains import UNIT_ROUNDOFF
+from ccpin.domain.boxes import inverses, solve_many
+from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
 _GROWN = 1.0 + 1e-13
 _TINY = 1e-290  # above what underflow loses in any of these sums

@@ -14,7 +14,8 @@ import numpy as np
 
 from ccpin.arrays import Array, apply, cross, rows_of
 from ccpin.domain.bounds import Frame, Image, LinearPart, Rows, linear_part
-from ccpin.domain.chains import UNIT_ROUNDOFF, Chain, ClosureSystem
+from ccpin.domain.chains import Chain, ClosureSystem
+from ccpin.proof.rounding import UNIT_ROUNDOFF
 
 _PARALLEL = 64.0 * UNIT_ROUNDOFF
 

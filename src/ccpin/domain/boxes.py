@@ -19,11 +19,10 @@ from ccpin.domain.chain_stack import ChainStack, Derivatives, derivatives, first
 from ccpin.domain.chains import ClosureSystem
 from ccpin.domain.in_core import certifier
 from ccpin.errors import UnsupportedMechanismError
+from ccpin.proof.rounding import SLACK, widened
 
 BoundsName = Literal["auto", "reach", "planar"]
 
-SLACK = 1.0 + 1e-10
-_WIDEN = 1e-14
 _INFLATION = 1e-4
 _SETTLED = 1.0 + 1e-6
 _ROUNDS = 30
@@ -144,11 +143,21 @@ def bounds_of(problem: Problem, boxes: Boxes, modes: Array | None = None) -> Bou
     if modes is None:
         modes = np.zeros((*theta.shape, system.m))
         modes[:, system.dependent] = boxes.modes
-    half = boxes.half * (1.0 + 2.0**-51) + _WIDEN
+    half = widened(measured_from(system, boxes), boxes.half)
     frame = Frame(boxes.preconditioner, boxes.directions, modes, half, system.rounding * system.magnitude(theta))
     if problem.phasors is not None:
         return planar_bounds(problem.phasors, phasor_values(problem.phasors, theta), frame)
     return reach_bounds(problem.stack, theta, derivatives(system, problem.stack, theta), frame)
+
+
+def measured_from(system: ClosureSystem, boxes: Boxes) -> Array:
+    """What the parameters δ are measured from, for `widened`: q_c, of shape (B, n), where they are those of q-space.
+
+    Else |θ_c| at most, of shape (B, 1).
+    """
+    if boxes.half.shape[1] == system.n:
+        return np.asarray(boxes.centre[:, system.independent])
+    return np.asarray(np.abs(boxes.centre).max(axis=1, keepdims=True))
 
 
 def verify(problem: Problem, boxes: Boxes) -> Mask:

@@ -38,8 +38,7 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.loops import ResolvedClosure
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-
-UNIT_ROUNDOFF = 2.0**-53
+from ccpin.proof.rounding import UNIT_ROUNDOFF
 
 
 class Chain(NamedTuple):

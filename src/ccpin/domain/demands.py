@@ -9,7 +9,8 @@ import numpy as np
 
 from ccpin.arrays import Array, Mask, apply
 from ccpin.domain.bounds import Bounds
-from ccpin.domain.boxes import SLACK, Boxes, Demands, Problem, bounds_of, closure_values, inverses, weights_for
+from ccpin.domain.boxes import Boxes, Demands, Problem, bounds_of, closure_values, inverses, weights_for
+from ccpin.proof.rounding import SLACK
 
 _ROUNDING = 1e-12
 

@@ -12,8 +12,9 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, apply
 from ccpin.domain.bounds_reach import chain_reach
-from ccpin.domain.boxes import SLACK, Problem, inverses, solve_many
+from ccpin.domain.boxes import Problem, inverses, solve_many
 from ccpin.domain.chain_stack import gather
+from ccpin.proof.rounding import SLACK
 
 UNIT = 2.0**-53
 _SETTLED = 1e-8  # a step after which Newton's next one is lost in rounding

@@ -33,14 +33,14 @@ import numpy as np
 
 from ccpin.arrays import Array, apply, cross
 from ccpin.domain.bounds_reach import chain_reach
-from ccpin.domain.boxes import SLACK, Boxes, Problem
+from ccpin.domain.boxes import Boxes, Problem
 from ccpin.domain.chain_stack import ChainStack, derivatives, gather, move, stack_chains
-from ccpin.domain.chains import UNIT_ROUNDOFF, ClosureSystem, chain_of, steps_along
+from ccpin.domain.chains import ClosureSystem, chain_of, steps_along
 from ccpin.domain.chart import elementary_joints
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF, widened
 
-_WIDEN = 1e-14
 _SHARPENING = 6
 
 
@@ -119,7 +119,7 @@ def gravity_bounds(problem: Problem, potential: Potential, boxes: Boxes) -> Grav
 def _expand(problem: Problem, potential: Potential, boxes: Boxes) -> _Expansion:
     system, theta = problem.system, boxes.centre
     count, m, n_free = len(theta), system.m, system.n_free
-    half = boxes.half * (1.0 + 2.0**-51) + _WIDEN
+    half = widened(theta[:, system.independent], boxes.half)
     modes = np.zeros((count, n_free, m))
     modes[:, system.dependent] = boxes.modes
     moves = apply(np.abs(boxes.directions), half) + apply(np.abs(modes), boxes.radius)

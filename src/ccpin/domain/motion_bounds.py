@@ -27,10 +27,10 @@ import numpy as np
 
 from ccpin.arrays import Array, skew
 from ccpin.domain.affine import Affine, Inverse, affine, cross, inverse, product, sine_versine, stacked, summed
-from ccpin.domain.boxes import SLACK, Problem
+from ccpin.domain.boxes import Problem
 from ccpin.domain.chain_stack import ChainStack
-from ccpin.domain.chains import UNIT_ROUNDOFF
 from ccpin.domain.masses import Masses
+from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
 
 class _Tips(NamedTuple):

@@ -7,9 +7,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Mask, apply, rows_of
-from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_points, closure_values, inverses, solve_many
+from ccpin.domain.boxes import Boxes, Problem, certify_points, closure_values, inverses, measured_from, solve_many
 from ccpin.domain.in_core import certifier
 from ccpin.errors import ConvergenceError
+from ccpin.proof.rounding import SLACK, blur, widened
 
 _LARGEST_STEP = 1.5
 _SETTLED = 1e-7
@@ -140,19 +141,26 @@ def without_turns(gap: Array, periodic: Mask) -> Array:
     return np.asarray(gap - np.where(periodic, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0))
 
 
+def within(problem: Problem, boxes: Boxes, delta: Array) -> Mask:
+    """Whether parameters δ (B, p) are of the boxes that their theorem is about, of shape (B,)."""
+    return np.asarray(np.all(np.abs(delta) <= widened(measured_from(problem.system, boxes), boxes.half), axis=1))
+
+
 def encloses(
     problem: Problem, boxes: Boxes, delta: Array, theta: Array, error: Array, modes: Array | None = None
 ) -> Mask:
     """Whether solutions known as θ + modes · [−error, error] (dependent coordinates) lie in the boxes' tubes at δ.
 
-    Periodic coordinates are compared modulo 2π; 1e-13 is allowed for rounding. Near singularities an error is large in
-    one direction and must be small in the others, so it may be given (B, m) in modes (B, m, m; default I).
+    Periodic coordinates are compared modulo 2π; 1e-13 is allowed for rounding, and what δ may be off by. Near
+    singularities an error is large in one direction and must be small in the others, so it may be given (B, m) in modes
+    (B, m, m; default I).
     """
     system = problem.system
     gap = (theta - predict(problem, boxes, delta))[:, system.dependent]
     gap = without_turns(gap, system.periodic[system.dependent])
     inverse = inverses(boxes.modes)
     rounding = 1e-13 * (1.0 + np.abs(theta[:, system.dependent]))
+    rounding += apply(np.abs(boxes.directions[:, system.dependent]), blur(delta))
     reach = np.abs(apply(inverse, gap)) + apply(np.abs(inverse), rounding)
     spread = inverse if modes is None else inverse @ modes
     reach += apply(np.abs(spread), error)
@@ -162,12 +170,14 @@ def encloses(
 def glued(problem: Problem, first: Boxes, delta: Array, second: Boxes, delta_second: Array) -> Mask:
     """Whether two proved boxes carry the same solution at a common point, given by each one's parameters (gluing).
 
+    The point must lie in both boxes, as widened: a theorem says nothing of another.
     The ball that the contraction of the first box leaves must lie in the second's tube; where it is too large
     for that (near singularities), a fresh certificate at the point must lie in both.
     """
     core = certifier(problem.system, problem.phasors)
     if core is not None:
         return core.glued(tuple(first), delta, tuple(second), delta_second)
+    common = within(problem, first, delta) & within(problem, second, delta_second)
     found = solve_in_boxes(problem, first, delta)
     same = encloses(problem, second, delta_second, found.theta, found.error, first.modes)
     rows = np.flatnonzero(~same)
@@ -176,7 +186,7 @@ def glued(problem: Problem, first: Boxes, delta: Array, second: Boxes, delta_sec
         ball = point.boxes.centre, point.boxes.radius, point.boxes.modes
         in_first = encloses(problem, first.take(rows), delta[rows], *ball)
         same[rows] = point.proved & in_first & encloses(problem, second.take(rows), delta_second[rows], *ball)
-    return same
+    return np.asarray(same & common)
 
 
 def extrapolate(problem: Problem, theta: Array, steps: Array) -> Array:

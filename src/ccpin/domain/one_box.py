@@ -16,10 +16,11 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.arrays import Array, apply, positive
-from ccpin.domain.boxes import SLACK, BoundsName, Boxes, Problem, Tried, bounds_of, certify_boxes, problem_of
+from ccpin.domain.boxes import BoundsName, Boxes, Problem, Tried, bounds_of, certify_boxes, problem_of
 from ccpin.domain.chains import seed_at_configuration
 from ccpin.errors import ConvergenceError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism
+from ccpin.proof.rounding import SLACK
 
 _TRIES = 64
 _SMALLEST, _LARGEST = 1e-9, 10.0

@@ -21,17 +21,18 @@ from ccpin.domain.atlas.tasks import CellsToProve, prove
 from ccpin.domain.boxes import Boxes, Problem, verify
 from ccpin.domain.gravity_bounds import Potential, gravity_bounds
 from ccpin.domain.newton import glued, predict
+from ccpin.proof.rounding import widened
 
 Proof = Literal["untried", "proved", "failed"]
 _SHARED = 1e-9
 _COVERED = 1e-11
-_WIDER = 1e-14
 _ROOM, _ROOM_AT_LEAST = 0.01, 1e-11
 
 
 def holding(lower: Array, upper: Array, q: Array) -> Indices:
-    """Which boxes (K, n) hold a point, to the 1e-14 by which Theorem K's boxes are wider than their corners say."""
-    return np.flatnonzero(np.all((lower <= q + _WIDER) & (q - _WIDER <= upper), axis=1))
+    """Which boxes (K, n) hold a point, to half of what Theorem K's are wider: middles of corners are rounded again."""
+    middle, half = 0.5 * (lower + upper), 0.5 * (upper - lower)
+    return np.flatnonzero(np.all(np.abs(q - middle) <= 0.5 * (half + widened(middle, half)), axis=1))
 
 
 class Face(NamedTuple):

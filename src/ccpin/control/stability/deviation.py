@@ -20,8 +20,8 @@ from ccpin.arrays import Array
 from ccpin.control.stability.tube import States, Tube
 from ccpin.control.tracking import PDPlus, TrackingLaw
 from ccpin.domain.affine import Affine, affine, inverse, joined, product
-from ccpin.domain.boxes import SLACK
 from ccpin.domain.motion_bounds import Motion, Reduced
+from ccpin.proof.rounding import SLACK
 
 _NUMBERS = 4e6  # in the largest array of one chunk
 

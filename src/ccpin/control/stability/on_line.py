@@ -20,9 +20,9 @@ from ccpin.arrays import Array
 from ccpin.control.stability.deviation import thickened
 from ccpin.control.stability.tube import States, Tube
 from ccpin.domain.affine import Affine, affine, product
-from ccpin.domain.boxes import SLACK
 from ccpin.domain.motion_bounds import Reduced
 from ccpin.errors import ConvergenceError
+from ccpin.proof.rounding import SLACK
 
 _TOGETHER = 8
 _MOST = 60

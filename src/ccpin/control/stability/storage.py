@@ -29,7 +29,7 @@ from scipy.linalg import solve_continuous_lyapunov
 from ccpin.arrays import Array
 from ccpin.control.tracking import PDPlus, TrackingLaw
 from ccpin.domain.affine import Affine, affine, joined
-from ccpin.domain.boxes import SLACK
+from ccpin.proof.rounding import SLACK
 
 _DECAYS = np.geomspace(0.02, 0.98, 40)
 _CROSS = np.geomspace(0.01, 0.9, 24)

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from ccpin.arrays import Array, Mask, numbers
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store
-from ccpin.domain.atlas.cells import CellStatus, CellTree, Region, place
+from ccpin.domain.atlas.cells import CellStatus, CellTree, Region, leaves_about, place
 from ccpin.domain.atlas.singular import SingularCells, refuting
 from ccpin.domain.boxes import Boxes, Problem, verify
 from ccpin.domain.demands import meets
@@ -273,5 +273,6 @@ class Atlas:
         return points
 
     def _box_numbers(self, points: Array) -> NDArray[np.int64]:
-        cells = self.tree.locate(self.region.cell_coordinates(points))
-        return np.where(cells >= 0, self.tree.box[cells], -1)
+        cells = leaves_about(self.tree, self.region, points)
+        numbers = np.where(cells >= 0, self.tree.box[cells], -1)
+        return np.where(np.all(numbers >= 0, axis=1), numbers[:, 0], -1)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from ccpin.domain.chains import Seed
 from ccpin.domain.in_core import compiled_core
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.rounding import blur, product_of, sum_of
 
 Corners = Sequence[ArrayLike] | Array  # (lower, upper)
 Integers = NDArray[np.int64]
@@ -74,15 +76,27 @@ class Region:
         return float(np.prod(self.span))
 
     def position(self, corner: Integers | Array) -> Array:
-        """Whole-number coordinates as points of q-space."""
-        return np.asarray(self.lower + self.width * (corner / WHOLE))
+        """Whole-number coordinates as points of q-space, each the nearest double or next to it.
+
+        lower + (upper − lower)·t with the errors of difference, product and sum carried along: what is left is within
+        u of the point and u² of the region's size, as the lemma of `ccpin.proof.rounding` asks.
+        """
+        share = np.asarray(corner) / WHOLE
+        width, of_width = sum_of(self.upper, -self.lower)
+        moved, of_moved = product_of(width, share)
+        point, of_point = sum_of(np.broadcast_to(self.lower, moved.shape), moved)
+        return np.asarray(point + (of_point + (of_moved + of_width * share)))
 
     def cell_coordinates(self, q: Array) -> Integers:
         """The whole-number coordinates of points (K, n), turned into the region where it wraps; −1 outside of it."""
         turned = self.reduce(q)
         inside = np.all((turned >= self.lower) & (turned <= self.upper), axis=1)
         scaled = np.where(inside[:, None], (turned - self.lower) / self.span, 0.0)
-        return np.where(inside[:, None], np.minimum(np.floor(scaled * WHOLE), WHOLE - 1), -1).astype(np.int64)
+        found = np.clip(np.floor(scaled * WHOLE), 0, WHOLE - 1)
+        found = np.where(self.held, 0.0, found)
+        found -= (found > 0.0) & (turned < self.position(found))  # the quotient is rounded, a border is not
+        found += (found < WHOLE - 1) & (turned >= self.position(found + 1.0))
+        return np.where(inside[:, None], found, -1).astype(np.int64)
 
     def reduce(self, q: Array) -> Array:
         """Points with their periodic coordinates turned into the region."""
@@ -271,6 +285,21 @@ def leaves_holding(tree: CellTree, region: Region, q: Array, error: Array) -> In
     """The leaf that holds each q (K, n) with all of its error (K, n or 1); −1 where none does."""
     low, high = (tree.locate(region.cell_coordinates(q + side * error)) for side in (-1.0, 1.0))
     return np.where(low == high, low, -1)
+
+
+def leaves_about(tree: CellTree, region: Region, q: Array) -> Indices:
+    """The leaves that points (K, n) may be in, the likeliest first, of shape (K, C); −1 outside of the region.
+
+    One (C = 1) unless some are turned into the region, which rounds them: then those of all points within `blur`.
+    """
+    turned = region.reduce(q) != q
+    first = tree.locate(region.cell_coordinates(q))[:, None]
+    if not np.any(turned):
+        return first
+    error = np.where(turned, blur(q), 0.0)
+    sides = np.array(list(product((-1.0, 1.0), repeat=q.shape[1])))
+    corners = (region.reduce(q)[:, None] + sides * error[:, None]).reshape(-1, q.shape[1])
+    return np.concatenate([first, tree.locate(region.cell_coordinates(corners)).reshape(len(q), -1)], axis=1)
 
 
 # Which cells of an atlas touch which leaves, and where.

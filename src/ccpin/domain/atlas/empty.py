@@ -9,6 +9,7 @@ import numpy as np
 from ccpin.arrays import Array, Indices, Mask
 from ccpin.domain.chain_stack import move, stack_chains
 from ccpin.domain.chains import Chain, ClosureSystem
+from ccpin.proof.rounding import widened
 
 
 class _Anchor(NamedTuple):
@@ -63,7 +64,7 @@ def _anchor(system: ClosureSystem, chain: Chain) -> _Anchor | None:
 def empty_cells(system: ClosureSystem, groups: tuple[_Group, ...], centre: Array, half: Array) -> Mask:
     """Which boxes of q-space, centres and half widths (B, n), are proved to hold no closed configuration."""
     theta, width = np.zeros((len(centre), system.n_free)), np.zeros((len(centre), system.n_free))
-    theta[:, system.independent], width[:, system.independent] = centre, half * (1.0 + 2.0**-51) + 1e-14
+    theta[:, system.independent], width[:, system.independent] = centre, widened(centre, half)
     travel = np.abs(theta) + width
     empty = np.zeros(len(centre), dtype=np.bool_)
     margin = 4.0 * system.rounding * system.magnitude(travel)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -11,9 +12,10 @@ from ccpin.arrays import Indices
 from ccpin.domain.atlas.cells import TURN, WHOLE, CellTree, Integers, Region
 from ccpin.domain.boxes import Boxes, Problem
 from ccpin.errors import InvalidInputError
+from ccpin.proof.rounding import UNIT_ROUNDOFF
 
-_ALIGNED = 4e-15  # of corners (rad, m): below what Theorem K widens boxes by
 _TURN = 1e-9
+_SPARE, _SPARE_ROUNDINGS = 8e-15, Fraction(19, 10)  # of the lemma of `ccpin.proof.rounding`
 
 
 class Part(Protocol):
@@ -102,13 +104,30 @@ def _place(region: Region, part: Region, k: int) -> tuple[Integers, Integers]:
     lower = np.round((part.lower - region.lower) * scale).astype(np.int64)
     size = np.where(region.held, WHOLE, np.round(part.width * scale)).astype(np.int64)
     halved = (size > 0) & (size & (size - 1) == 0) & (lower % np.maximum(size, 1) == 0)
-    ends = np.abs(region.position(lower) - part.lower), np.abs(region.position(lower + size) - part.upper)
-    if not np.all(halved & (np.maximum(*ends) <= _ALIGNED) & (region.wrapped | ~part.wrapped)):
+    aligned = [_aligned(region, part, lower, size, axis) for axis in range(len(lower))]
+    if not np.all(halved & aligned & (region.wrapped | ~part.wrapped)):
         raise InvalidInputError(
             f"part {k} from {part.lower.tolist()} to {part.upper.tolist()} is not got by halving the region from "
             f"{region.lower.tolist()} to {region.upper.tolist()}: cut it with split_region"
         )
     return lower, size
+
+
+def _aligned(region: Region, part: Region, lower: Integers, size: Integers, axis: int) -> bool:
+    """Whether what is proved of a part's cells is proved of those of the whole in their place, along a coordinate.
+
+    A part's real cells differ from the whole's by its corners' errors, linearly between them. The lemma of
+    `ccpin.proof.rounding` has 1.9u|x| + 8e-15 to spare: as much is allowed at both corners, and at zero in between.
+    """
+    if region.held[axis]:
+        return bool(part.lower[axis] == region.lower[axis] and part.upper[axis] == region.upper[axis])
+    start, width = Fraction(region.lower[axis]), Fraction(region.upper[axis]) - Fraction(region.lower[axis])
+    corners = [start + width * int(at) / WHOLE for at in (lower[axis], lower[axis] + size[axis])]
+    errors = [abs(corner - Fraction(end[axis])) for corner, end in zip(corners, (part.lower, part.upper), strict=True)]
+    points = list(zip(corners, errors, strict=True))
+    if corners[0] < 0 < corners[1]:
+        points.append((Fraction(0), (corners[1] * errors[0] - corners[0] * errors[1]) / (corners[1] - corners[0])))
+    return all(error <= Fraction(_SPARE) + _SPARE_ROUNDINGS * Fraction(UNIT_ROUNDOFF) * abs(x) for x, error in points)
 
 
 def _graft(tree: CellTree, cell: int, part: Part, first_box: int, k: int) -> None:

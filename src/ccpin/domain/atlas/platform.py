@@ -13,6 +13,7 @@ from ccpin.arrays import Array, Mask, rows_of
 from ccpin.domain.atlas.empty import drift
 from ccpin.domain.chain_stack import move, stack_chains
 from ccpin.domain.chains import Chain, ClosureSystem
+from ccpin.proof.rounding import widened
 
 _SAME = 1e-12
 _SLACK = 1e-9  # of the sums: far above rounding
@@ -113,7 +114,7 @@ def platform_empty(system: ClosureSystem, platform: Platform, centre: Array, hal
         parts = [slice(k, k + _CHUNK) for k in range(0, len(centre), _CHUNK)]
         return np.concatenate([platform_empty(system, platform, centre[part], half[part]) for part in parts])
     theta, width = np.zeros((2, len(centre), system.n_free))
-    theta[:, system.independent], width[:, system.independent] = centre, half * (1.0 + 2.0**-51) + 1e-14
+    theta[:, system.independent], width[:, system.independent] = centre, widened(centre, half)
     travel = np.abs(theta) + width
     margin = 4.0 * system.rounding * system.magnitude(travel)
     ends = _Ends.none(len(centre), platform, system)

@@ -12,12 +12,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.domain.boxes import SLACK, Problem, closure_derivatives, solve_many
+from ccpin.domain.boxes import Problem, closure_derivatives, solve_many
 from ccpin.domain.curves.system import first_order, values_at
 from ccpin.domain.curves.tubes import Frames, Points, Tubes, bounds_of, frames_at, inverse_without, places_in
 from ccpin.domain.extended import third_bound
 from ccpin.domain.newton import without_turns
 from ccpin.domain.sheets.narrowing import Candidates
+from ccpin.proof.rounding import SLACK, blur
 
 _BESIDE, _ABOUT = 3, 8
 _WORTH = 2.5  # half lengths: wider boxes are in no tube, and seldom shown to be empty
@@ -184,9 +185,10 @@ def _narrowed(problem: Problem, boxes: _Slanted, tubes: Tubes) -> tuple[Mask, _S
     low = np.where(known, np.maximum(shift - left, -boxes.radius), -boxes.radius)
     high = np.where(known, np.minimum(shift + left, boxes.radius), boxes.radius)
     low[rows, boxes.along], high[rows, boxes.along] = 0.0, 0.0
-    radius = 0.5 * (high - low) * SLACK + 1e-14
+    x = boxes.x + 0.5 * (low + high)
+    radius = 0.5 * (high - low) * SLACK + 1e-14 + blur(x)
     radius[rows, boxes.along] = 0.0
-    return np.any(low > high, axis=1), boxes._replace(x=boxes.x + 0.5 * (low + high), radius=radius)
+    return np.any(low > high, axis=1), boxes._replace(x=x, radius=radius)
 
 
 def _inside(problem: Problem, boxes: _Slanted, tubes: Tubes) -> Mask:

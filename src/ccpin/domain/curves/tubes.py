@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.domain.boxes import SLACK, Problem, inverses
+from ccpin.domain.boxes import Problem, inverses
 from ccpin.domain.curves.system import Values, drift, first_order, rounding_at, values_at
 from ccpin.domain.newton import without_turns
+from ccpin.proof.rounding import SLACK
 
 _WIDEN = 1e-13
 _ROUNDS, _SHAPED = 4, 2
@@ -145,9 +146,10 @@ def bounds_of(problem: Problem, values: Values, frames: Frames, half: Array, rad
     """The bounds of Theorem R for half lengths δ (B,) and radii R (B, N)."""
     n_free, n = problem.system.n_free, values.slope.shape[2]
     gain, size = frames.gain, np.abs(frames.gain)
-    half = half * (1.0 + 2.0**-50) + _WIDEN
+    room = _room(values.x)
+    half = half * (1.0 + 2.0**-50) + room.max(axis=1)
     length = np.abs(frames.tangent) * half[:, None]
-    box = length + radius + _WIDEN
+    box = length + radius + room
     off = drift(problem, values, box)
     curved = (gain @ values.bend.reshape(*values.slope.shape[:2], n * n)).reshape(*gain.shape[:2], n, n)
     along = apply(curved, frames.tangent[:, None])
@@ -226,6 +228,11 @@ def longest(problem: Problem, values: Values, sizes: Array, forward: Array | Non
     return found.tubes.take(best[[int(np.argmax(sizes[best]))]]) if best.size else None
 
 
+def _room(x: Array) -> Array:
+    """What tubes about points (…, N) are longer and wider by: what is asked of rounded points is asked inside."""
+    return _WIDEN * (1.0 + np.abs(x))
+
+
 class Points(NamedTuple):
     """Zeros of G: x (B, N) within an error (B, N)."""
 
@@ -247,7 +254,7 @@ def zeros_in(problem: Problem, tubes: Tubes, s: Array) -> Points:
     noise = rounding_at(problem, x[:, :size], x[:, size:], tubes.pairing)[:, None]
     left = np.abs(step) + np.abs(tubes.gain).sum(axis=2) * noise
     share = (left / np.where(tubes.radius > 0.0, tubes.radius, np.inf)).max(axis=1) / (1.0 - tubes.kappa)
-    return Points(x, share[:, None] * tubes.radius * SLACK + _WIDEN)
+    return Points(x, share[:, None] * tubes.radius * SLACK + _room(x))
 
 
 class Places(NamedTuple):
@@ -270,7 +277,7 @@ def places_in(problem: Problem, points: Points, tubes: Tubes) -> Places:
         spread = np.where(np.isfinite(spread), spread, np.inf)
     gap = np.concatenate([without_turns(points.x[:, :size] - tubes.theta, problem.system.periodic), scaled], axis=1)
     gap[:, size:] -= tubes.kernel
-    error = np.concatenate([points.error[:, :size], spread], axis=1) + _WIDEN
+    error = np.concatenate([points.error[:, :size], spread], axis=1) + _room(points.x)
     s, wide = gap[rows, tubes.along] * tubes.tangent[rows, tubes.along], error[rows, tubes.along]
     off = np.abs(gap - tubes.tangent * s[:, None]) + error + np.abs(tubes.tangent) * wide[:, None]
     off[rows, tubes.along] = 0.0

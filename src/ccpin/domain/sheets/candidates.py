@@ -11,6 +11,7 @@ from ccpin.domain.atlas.tasks import Arrays
 from ccpin.domain.boxes import Problem, closure_values
 from ccpin.domain.sheets.narrowing import Candidates, narrowed
 from ccpin.proof.ranges import Ranges
+from ccpin.proof.rounding import blur
 
 _RATIO, _CURVED = 2.0, 0.3
 _FLOOR = 1e-3
@@ -96,7 +97,7 @@ def halved(boxes: Candidates, cut: Indices) -> Candidates:
     for side in (-1.0, 1.0):
         centre, grown = boxes.centre.copy(), half.copy()
         centre[rows, cut] += side * half[rows, cut]
-        grown[rows, cut] += 4e-16 * (1.0 + np.abs(centre[rows, cut]))
+        grown[rows, cut] += blur(centre[rows, cut])
         parts.append(boxes._replace(centre=centre, half=grown))
     return joined(parts)
 
@@ -109,9 +110,11 @@ def handed_down(problem: Problem, tree: CellTree, region: Region, waiting: Candi
         centre, half = waiting.centre.copy(), waiting.half.copy()
         middle, half[:, system.independent] = place(tree, region, child)
         moved = apply(waiting.slopes, middle - centre[:, system.independent])
+        off = blur(np.abs(middle) + np.abs(centre[:, system.independent]))
+        half[:, system.dependent] += apply(np.abs(waiting.slopes), off) + blur(moved)
         centre[:, system.independent] = middle
         centre[:, system.dependent] += moved
-        half[:, system.dependent] += 1e-15 * (1.0 + np.abs(centre[:, system.dependent]) + np.abs(moved))
+        half[:, system.dependent] += blur(centre[:, system.dependent])
         parts.append(Candidates(child, centre, half, waiting.slopes))
     return joined(parts)
 

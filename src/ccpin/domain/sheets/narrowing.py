@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.domain.boxes import SLACK, Boxes, Problem, bounds_of, closure_values, inverses, weights_for
+from ccpin.domain.boxes import Boxes, Problem, bounds_of, closure_values, inverses, weights_for
+from ccpin.proof.rounding import SLACK, blur
 
 _SHARE = 1e-12  # of Y: more than the rounding of E as a difference
 _WIDER = 2.0  # how much wider a box may get by a change of slope
 _SMALLER = 0.9
-_UNIT = 4e-16
 
 
 class Candidates(NamedTuple):
@@ -121,7 +121,7 @@ def _within(problem: Problem, boxes: Candidates, low: Array, high: Array) -> Can
     dependent = problem.system.dependent
     centre, half = boxes.centre.copy(), boxes.half.copy()
     middle = centre[:, dependent] + 0.5 * (low + high)[:, dependent]
-    width = 0.5 * (high - low)[:, dependent] + _UNIT * (1.0 + np.abs(middle))
+    width = 0.5 * (high - low)[:, dependent] + blur(middle)
     smaller = width < half[:, dependent]
     centre[:, dependent] = np.where(smaller, middle, centre[:, dependent])
     half[:, dependent] = np.where(smaller, width, half[:, dependent])

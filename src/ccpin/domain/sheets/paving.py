@@ -28,7 +28,7 @@ from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region, place
 from ccpin.domain.atlas.run import Report, Runner
 from ccpin.domain.atlas.tasks import Arrays
-from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_boxes
+from ccpin.domain.boxes import Boxes, Problem, certify_boxes
 from ccpin.domain.newton import newton, without_turns
 from ccpin.domain.sheets.candidates import (
     Pruning,
@@ -41,6 +41,7 @@ from ccpin.domain.sheets.candidates import (
 )
 from ccpin.domain.sheets.narrowing import Candidates, alone_in
 from ccpin.proof.ranges import Ranges
+from ccpin.proof.rounding import SLACK
 
 _NEWTON = 12
 _WIDEST = 1.5  # rad: wider candidates are halved before Newton's method is tried from their middle
