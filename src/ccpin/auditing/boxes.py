@@ -63,7 +63,7 @@ def box_of(document: Document, k: int) -> Box:
         exact(document.directions[k]),
         exact(document.modes[k]),
         [arb(float(x)) for x in document.radius[k]],
-        widened(document.half[k]),
+        widened(document.centre[k, document.independent], document.half[k]),
         document.dependent,
     )
 

@@ -35,7 +35,7 @@ from ccpin.errors import InvalidInputError
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-WIDEN = (1.0 + 2.0**-51, 1e-14)  # what Theorem K adds to h, so that boxes of rounded corners overlap
+WIDEN = (1e-14, 2.0**-51)  # what Theorem K adds to h, so that boxes of rounded corners overlap: least, of |c| + h
 _SYSTEM = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 _BOXES = ("centre", "half", "directions", "modes", "radius")
 _CHAIN = ("joints", "rotations", "translations", "axes", "prismatic", "tip", "direction", "weights")
@@ -283,7 +283,7 @@ def _of_cells(header: dict[str, Any], arrays: Arrays) -> Document:
     check_tree(arrays)
     sheets = header["format"] == SHEETS
     over = check_sheets(arrays) if sheets else check_atlas(header, arrays)
-    check_boxes(arrays, over, widened(arrays["box_half"]))
+    check_boxes(arrays, over, widened(arrays["box_centre"][:, arrays["system_independent"]], arrays["box_half"]))
     cell = over.cell[np.argsort(over.box)]
     rest: dict[str, Any] = {name: arrays[f"box_{name}"] for name in _BOXES}
     rest |= {"place": arrays["tree_lower"][cell], "size": arrays["tree_size"][cell], "over": over}
@@ -291,9 +291,9 @@ def _of_cells(header: dict[str, Any], arrays: Arrays) -> Document:
     return Document(**_closures(header, arrays), **rest, wrapped=arrays["wrapped"])
 
 
-def widened(half: Array) -> Array:
-    """The h of which Theorem K is claimed, by the h that is stated."""
-    return np.asarray(half * WIDEN[0] + WIDEN[1])
+def widened(centre: Array, half: Array) -> Array:
+    """The h of which Theorem K is claimed, 1e-14 + 4u(|c| + h) more than the h that is stated beside q_c."""
+    return np.asarray(half + (WIDEN[0] + WIDEN[1] * (np.abs(centre) + half)))
 
 
 def _of_atlas(arrays: Arrays) -> dict[str, Any]:

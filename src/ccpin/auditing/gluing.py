@@ -8,6 +8,7 @@ there, and so all over the face (the set where two continuous solutions agree is
 from __future__ import annotations
 
 from collections.abc import Iterator
+from fractions import Fraction
 from typing import NamedTuple
 
 import numpy as np
@@ -35,7 +36,9 @@ class Contact(NamedTuple):
 def contacts(document: Document) -> Iterator[Contact]:
     """Every pair of boxes whose cells share a face (over the coordinates that a slice does not hold), once."""
     low, high = document.place, document.place + document.size
-    start, width = document.lower, document.upper - document.lower
+    start = [Fraction(float(x)) for x in document.lower]
+    edge = [Fraction(float(x)) - a for x, a in zip(document.upper, start, strict=True)]
+    width = document.upper - document.lower
     for k in map(int, np.flatnonzero(width > 0.0)):
         ends = np.where(document.wrapped[k], high[:, k] % WHOLE, high[:, k])
         order = np.argsort(low[:, k], kind="stable")
@@ -48,9 +51,10 @@ def contacts(document: Document) -> Iterator[Contact]:
             begin, end = np.maximum(low[a], low[beside]), np.minimum(high[a], high[beside])
             turn[k] = width[k] if high[a, k] != ends[a] else 0.0
             for row in np.flatnonzero(np.all((end > begin)[:, others], axis=1)):
-                middle = start + width * (0.5 * (begin[row] + end[row]) / WHOLE)
-                middle[k] = start[k] + width[k] * (high[a, k] / WHOLE)
-                yield Contact(a, int(beside[row]), middle, turn.copy())
+                twice = begin[row] + end[row]
+                twice[k] = 2 * high[a, k]
+                middle = [float(a0 + e * int(w) / (2 * WHOLE)) for a0, e, w in zip(start, edge, twice, strict=True)]
+                yield Contact(a, int(beside[row]), np.array(middle), turn.copy())
 
 
 def sheets_of(document: Document, faces: Faces) -> Integers:
