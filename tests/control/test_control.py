@@ -80,6 +80,9 @@ def test_motors_elsewhere_get_the_same_motion():
         (([1.0], [1.0, 1.0]), "K_p"),
         (([1.0, -1.0], [1.0, 1.0]), "positive definite"),
         (([1.0, 1.0], [[1.0, 0.5], [0.0, 1.0]]), "symmetric"),
+        (([[1.0, 1e-9], [-1e-9, 1.0]], [1.0, 1.0]), "K_p .* skew part of 2e-09"),
+        (([1.0, 1.0], [[1.0, 1e-9], [-1e-9, 1.0]]), "K_v .* skew part of 2e-09"),
+        (([[1.0, 1.0], [1.0, 1.0]], [1.0, 1.0]), "K_p must be .* positive definite"),
         (([np.nan, 1.0], [1.0, 1.0]), "finite"),
     ],
 )
@@ -87,6 +90,17 @@ def test_bad_gains_are_refused(model, gains, words):
     """Gains must be symmetric positive definite of the right size."""
     with pytest.raises(InvalidInputError, match=words):
         PDSimpleGravity(model, GOAL, *gains)
+
+
+def test_a_skew_part_of_rounding_is_taken_out_of_gains(model):
+    """The gains a law computes with are symmetric to the last bit, and nobody can write to them."""
+    rounded = np.array([[2.0, 0.3], [0.1 + 0.2, 1.0]])
+    assert rounded[0, 1] != rounded[1, 0]
+    law = PDSimpleGravity(model, GOAL, rounded, 2.0 * rounded)
+    for gains in (law.K_p, law.K_v):
+        assert np.array_equal(gains, gains.T)
+        with pytest.raises(ValueError, match="read-only"):
+            gains[0, 1] = 5.0
 
 
 def test_one_number_stands_for_all_where_units_agree(model):

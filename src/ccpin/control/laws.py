@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance, numbers, positive, vector
+from ccpin.arrays import Array, frozen, instance, numbers, positive, vector
 from ccpin.control.references import require_commuting
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
@@ -21,6 +21,7 @@ from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.mechanism.mechanism import Mechanism
 
 _NO_EFFORT = 1e-9
+_SKEW = 1e-13
 
 
 class ControlLaw(abc.ABC):
@@ -289,7 +290,11 @@ class PDFullGravity(_PD):
 
 
 def gain_matrix(gain: ArrayLike, name: str, coordinates: IndependentCoordinates) -> Array:
-    """Return gains as a symmetric positive definite (n, n) matrix.
+    """Return gains as a symmetric positive definite (n, n) matrix, read-only.
+
+    It is symmetric exactly, K = Kᵀ, as Theorem 3 and the storage functions suppose: a skew part however small feeds
+    energy into an undamped mode. One of rounding, as products leave it, is taken out; a larger one is refused. So is a
+    matrix whose `least_eigenvalue` is not positive.
 
     Raises:
         InvalidInputError: They are not, or one number is given for coordinates of different units.
@@ -306,10 +311,28 @@ def gain_matrix(gain: ArrayLike, name: str, coordinates: IndependentCoordinates)
     if matrix.shape != (n, n) or not np.isfinite(matrix).all():
         message = f"{name} must be one finite number, or of shape ({n},) or ({n}, {n}); it has shape {matrix.shape}"
         raise InvalidInputError(message)
-    symmetric = np.abs(matrix - matrix.T).max(initial=0.0) <= 1e-9 * np.abs(matrix).max(initial=0.0)
-    if not symmetric or np.linalg.eigvalsh(matrix).min(initial=np.inf) <= 0:
+    largest, skew = np.abs(matrix).max(initial=0.0), np.abs(matrix - matrix.T).max(initial=0.0)
+    if skew > _SKEW * largest:
+        raise InvalidInputError(
+            f"{name} must be symmetric positive definite; it has a skew part of {skew / largest:.1g} of its size: pass "
+            f"0.5 * ({name} + {name}.T)"
+        )
+    matrix = 0.5 * matrix + 0.5 * matrix.T
+    if least_eigenvalue(matrix) <= 0.0:
         raise InvalidInputError(f"{name} must be symmetric positive definite")
-    return matrix
+    return frozen(matrix)
+
+
+def least_eigenvalue(matrix: Array) -> float:
+    """A lower bound of the least eigenvalue of a symmetric matrix (n, n); exact where it is diagonal.
+
+    Computed eigenvalues are those of a matrix off by a modest multiple of n u ‖K‖₂, and ‖K‖₂ ≤ n max|K_ij|.
+    """
+    diagonal = np.diag(matrix)
+    if np.array_equal(matrix, np.diag(diagonal)):
+        return float(diagonal.min(initial=np.inf))
+    n = len(matrix)
+    return float(np.linalg.eigvalsh(matrix)[0] - 16.0 * np.finfo(np.float64).eps * n * n * np.abs(matrix).max())
 
 
 # Compensation of Coulomb friction, on top of a set-point law.

@@ -42,7 +42,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, vector
-from ccpin.control.laws import PDSimpleGravity
+from ccpin.control.laws import PDSimpleGravity, least_eigenvalue
 from ccpin.control.stability.cells import CellStore, holding
 from ccpin.control.stability.flood import Budget, Flood, Flooded, Limit, Sublevel, connected
 from ccpin.control.stability.set_point_cells import cells_around, cells_of_atlas
@@ -261,7 +261,7 @@ def certify_law(
     """
     _check(law)
     stiffness = law.model.gravity_derivative(law.q_d, law.q_free_d)
-    gain = float(np.linalg.eigvalsh(law.K_p)[0])
+    gain = least_eigenvalue(law.K_p)
     least = float(np.linalg.eigvalsh(law.K_p + stiffness)[0])
     norm_d = float(np.linalg.norm(stiffness, 2))
     if domain is not None and not isinstance(domain, Atlas):
