@@ -1,6 +1,7 @@
 """`ccpin domain`: radii, atlas, figures, files, and a Dask cluster."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from ccpin.cli import main
 from ccpin.description import find_file
 from ccpin.domain import Atlas, SheetAtlas, SingularCover, certified_radius
+from ccpin.domain.curves.cover import UncoveredBoxes
 
 CENTRE = ["--centre-deg", "-108", "-72"]
 REGION = ["--lower-deg", "-150", "-160", "--upper-deg", "-90", "-100"]
@@ -39,7 +41,7 @@ def test_a_region_with_its_files(tmp_path, capsys):
 
 def test_the_radius_map_is_the_distance_to_what_is_not_certified(tmp_path):
     """At the seed it is the atlas's radius; no point within it is uncertified, and just beyond one is."""
-    assert main(["domain", "rpdr", *CENTRE, "--atlas", "--depth", "8", "--save", str(tmp_path / "a.npz")]) == 0
+    assert main(["domain", "rpdr", *CENTRE, "--atlas", "--depth", "8", "--save", str(tmp_path / "a.npz")]) == 4
     atlas = Atlas.load(tmp_path / "a.npz")
     assert certified_radius(atlas, atlas.q0)[0] == pytest.approx(atlas.radius, rel=1e-9)
     generator = np.random.default_rng(1)
@@ -135,7 +137,7 @@ def test_singular_curves_are_told(tmp_path, capsys):
     assert [curve["kind"] for curve in facts["curves"]] == ["fold"]
     assert main(["verify", saved, "--model", "rpdr", "--sample", "2", "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert (told["holds"], told["model"], len(told["claims"])) == (True, True, 4)
+    assert (told["holds"], told["model"], len(told["claims"])) == (True, True, 5)
     assert main(["domain", "rpdr", "--curves", "--centre-deg", "57", "123"]) == 1
     assert main(["domain", "rpdr", "--curves", "--depth", "3"]) == 1
     assert "--curves takes no --depth" in capsys.readouterr().err
@@ -154,3 +156,36 @@ def test_workers_and_chunks_give_the_same_curves(tmp_path, capsys):
     assert here.tried == there.tried
     assert list((tmp_path / "chunks").glob("*.npz"))
     capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("request_", "verdict", "code"),
+    [
+        (["--lower-deg", "-150", "-100", "--upper-deg", "-100", "-70", "--depth", "0", *CENTRE], "undecided", 3),
+        (["--atlas", "--depth", "7", *CENTRE], "refuted", 4),
+        ([*REGION, "--centre-deg", "-120", "-130"], "proven", 0),
+    ],
+)
+def test_the_exit_code_of_an_atlas_is_its_verdict(request_, verdict, code, tmp_path, capsys):
+    """A script can tell what is not decided from what is false; radii alone judge no region."""
+    saved = ["--save", str(tmp_path / "atlas.npz")]
+    assert main(["domain", "rpdr", *request_, *saved, "--json"]) == code
+    assert json.loads(capsys.readouterr().out)["atlas"]["verdict"] == verdict
+    assert main(["domain", "rpdr", *CENTRE, "--json"]) == 0
+
+
+def test_the_exit_codes_of_curves_undecided_and_of_a_merge(tmp_path, capsys, monkeypatch):
+    """Curves that may not be all there are, and what is merged of them, end with 3."""
+    region = ["--lower-deg", "40", "100", "--upper-deg", "60", "130"]
+    cover = SingularCover.load(_saved_curves(tmp_path, region))
+    boxes = UncoveredBoxes(*(np.zeros((1, 4)) for _ in range(2)))
+    monkeypatch.setattr("ccpin.domain.certify_singularities", lambda *_, **__: replace(cover, uncovered=boxes))
+    monkeypatch.setattr("ccpin.domain.merge", lambda parts: replace(cover, uncovered=boxes))
+    assert main(["domain", "rpdr", "--curves", *region, "--json"]) == 3
+    saved = str(tmp_path / "curves.npz")
+    assert main(["merge", saved, saved, "--out", str(tmp_path / "whole.npz"), "--json"]) == 3
+
+
+def _saved_curves(folder, region):
+    assert main(["domain", "rpdr", "--curves", *region, "--json", "--save", str(folder / "curves.npz")]) == 0
+    return folder / "curves.npz"

@@ -172,7 +172,7 @@ def test_the_command(found, tmp_path, monkeypatch, capsys):
     first = whole.items[0]._replace(difference=1.0)
     broken = whole._replace(chapters=(("broken", (first,)), *whole.chapters[1:]))
     monkeypatch.setattr(paper, "reproduce", lambda progress: broken)
-    assert main(["paper"]) == 1
+    assert main(["paper"]) == 4
     assert "NOT within" in capsys.readouterr().out
 
 

@@ -24,7 +24,10 @@ from ccpin.errors import CcpinError
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; returns the exit code (0 done, 1 a CcpinError, 2 wrong usage, 130 interrupted)."""
+    """Run the command line; returns the exit code.
+
+    0 done or proven, 1 a CcpinError, 2 wrong usage, 3 undecided, 4 refuted, 130 interrupted.
+    """
     options = _parser().parse_args(arguments)
     try:
         code = int(options.run(options) or 0)

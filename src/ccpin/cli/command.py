@@ -14,8 +14,17 @@ from ccpin.description import installed_models
 N = TypeVar("N", int, float)
 
 EXIT_CODES = """\
-exit codes: 0 done; 1 it cannot be done, said in one sentence (with --json as an object); 2 wrong usage; 130 interrupted
+exit codes: 0 done, and what was judged is proven; 1 it cannot be done, said in one sentence (with --json as an object);
+            2 wrong usage; 3 undecided; 4 refuted; 130 interrupted
 completion: ccpin --print-completion bash > ~/.local/share/bash-completion/completions/ccpin   (or zsh, tcsh)"""
+
+PROVEN, UNDECIDED, REFUTED, INTERRUPTED = 0, 3, 4, 130
+_OF_VERDICTS = {"proven": PROVEN, "undecided": UNDECIDED, "refuted": REFUTED}
+
+
+def judged(verdict: str, complete: bool = True) -> int:
+    """The exit code of a command that judges: the verdict's, or 130 where the work was interrupted."""
+    return _OF_VERDICTS[verdict] if complete else INTERRUPTED
 
 
 class Command(argparse.ArgumentParser):

@@ -13,7 +13,7 @@ import numpy as np
 import shtab
 
 from ccpin.arrays import Array
-from ccpin.cli.command import complete, count, index
+from ccpin.cli.command import INTERRUPTED, complete, count, index, judged
 from ccpin.cli.covers import curve_facts, curves_in_words
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import busy, progress_bar
@@ -118,7 +118,9 @@ def _domain(options: argparse.Namespace) -> int:
         with busy(options.json, "tracing singular curves and drawing"):
             _plot_domain(mechanism, atlas, options.plot)
     print(json.dumps(result, indent=2) if options.json else _domain_in_words(mechanism, result))
-    return 0 if atlas is None or atlas.complete else 130
+    if atlas is None or (atlas.complete and not mapped):  # radii were asked for: nothing is said of a region
+        return 0
+    return judged(atlas.verdict, atlas.complete)
 
 
 def _sheets(options: argparse.Namespace, mechanism: Mechanism, region: tuple[Array, Array] | None) -> int:
@@ -143,7 +145,7 @@ def _sheets(options: argparse.Namespace, mechanism: Mechanism, region: tuple[Arr
         plotting.save(plotting.plot_sheets(mechanism, atlas), options.plot / "sheets.png")
     facts = sheet_facts(atlas)
     print(json.dumps(facts, indent=2) if options.json else f"{mechanism.name}: {sheets_in_words(facts)}")
-    return 0 if atlas.complete else 130
+    return 0 if atlas.complete else INTERRUPTED
 
 
 def _curves(options: argparse.Namespace, mechanism: Mechanism, region: tuple[Array, Array] | None) -> int:
@@ -165,7 +167,7 @@ def _curves(options: argparse.Namespace, mechanism: Mechanism, region: tuple[Arr
         plotting.save(drawn, options.plot / "singularities.png")
     facts = curve_facts(cover)
     print(json.dumps(facts, indent=2) if options.json else f"{mechanism.name}: {curves_in_words(facts)}")
-    return 0 if cover.complete else 130
+    return judged(cover.verdict, cover.complete)
 
 
 def _region(options: argparse.Namespace, mechanism: Mechanism) -> tuple[Array, Array] | None:

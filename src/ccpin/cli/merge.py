@@ -9,7 +9,7 @@ from typing import Any
 
 import shtab
 
-from ccpin.cli.command import complete
+from ccpin.cli.command import complete, judged
 from ccpin.cli.covers import curve_facts, curves_in_words
 from ccpin.cli.documents import document
 from ccpin.cli.progress import busy
@@ -59,4 +59,4 @@ def _merge(options: argparse.Namespace) -> int:
         facts |= {"boxes": len(merged.boxes.kappa), "radius": merged.radius}
         words = f"{merged!r}\n{merged.verdict}: {merged.reason}"
     print(json.dumps(facts, indent=2) if options.json else f"{words}\nwritten to {options.out}")
-    return 0
+    return judged(facts.get("verdict", "proven"))  # sheets are counts, without a verdict

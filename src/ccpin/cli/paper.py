@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from ccpin.cli.command import PROVEN, REFUTED
 from ccpin.cli.progress import progress_bar
 from ccpin.files import writable_target
 
@@ -39,7 +40,7 @@ def _paper(options: argparse.Namespace) -> int:
     if options.out is not None:
         paper.write(found, options.out)
     print(json.dumps(found.as_json(), indent=2, ensure_ascii=False) if options.json else _in_words(found, options.out))
-    return 0 if found.agrees else 1
+    return PROVEN if found.agrees else REFUTED
 
 
 def _in_words(found: Any, out: Path | None) -> str:

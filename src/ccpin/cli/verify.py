@@ -9,7 +9,7 @@ from typing import Any
 
 import shtab
 
-from ccpin.cli.command import complete, count
+from ccpin.cli.command import PROVEN, REFUTED, UNDECIDED, complete, count
 from ccpin.cli.documents import document
 from ccpin.cli.progress import progress_bar
 
@@ -18,7 +18,6 @@ example: ccpin domain rpdr --centre-deg -108 -72 --atlas --depth 4 --save rpdr.j
          ccpin verify rpdr.json --model rpdr --sample 50
          ccpin domain rpdr --curves --lower-deg 30 90 --upper-deg 80 150 --save curves.json
          ccpin verify curves.json --sample 4"""
-_UNDECIDED, _REFUTED = 3, 4
 _BAR = "{l_bar}{bar}| {postfix} [{elapsed}<{remaining}]"
 
 
@@ -54,8 +53,8 @@ def _verify(options: argparse.Namespace) -> int:
         if same is not None:
             print(f"closures of {options.model}: {'the same, bit for bit' if same else 'NOT the same'}")
     if audit.refuted or same is False:
-        return _REFUTED
-    return 0 if audit.holds else _UNDECIDED
+        return REFUTED
+    return PROVEN if audit.holds else UNDECIDED
 
 
 def _is_about(path: Path, model: str) -> bool:

@@ -377,7 +377,7 @@ def test_the_command(tmp_path, capsys):
     assert "curve 0: fold, open" in capsys.readouterr().out
     assert main(["merge", names[0], names[0], "--out", names[2]]) == 0
     atlas = str(tmp_path / "atlas.npz")
-    assert main(["domain", "rpdr", "--centre-deg", "-108", "-72", "--depth", "1", "--atlas", "--save", atlas]) == 0
+    assert main(["domain", "rpdr", "--centre-deg", "-108", "-72", "--depth", "1", "--atlas", "--save", atlas]) == 4
     assert main(["merge", names[0], atlas, "--out", names[2]]) == 1
     assert "must be a SingularCover, not Atlas" in capsys.readouterr().err
 
