@@ -10,7 +10,7 @@ import pytest
 
 import ccpin
 from ccpin.cli import main
-from ccpin.domain import Atlas, certify
+from ccpin.domain import Atlas, certify, merge, split_region
 from ccpin.errors import InvalidInputError
 
 pytest.importorskip("flint")
@@ -275,3 +275,31 @@ def test_boxes_beside_an_isolated_singularity_are_proved(tmp_path):
     read = document.read(tmp_path / "a.npz")
     own = closures.Closures(read)
     assert all(boxes.proved(own, read, int(k), 8) for k in weak[:12])
+
+
+def test_an_atlas_merged_over_a_full_turn_has_a_radius(tmp_path):
+    """It was infinite, so that the document could not be saved as JSON, nor be read by the auditor as npz."""
+    mechanism, whole = ccpin.load("four_bar"), ((-np.pi,), (np.pi,))
+    one = certify(mechanism, (0.7,), whole, max_depth=6)
+    parts = [
+        certify(mechanism, 0.5 * (low + high), (low, high), one.sigma(0.5 * (low + high)), max_depth=6)
+        for low, high in split_region(whole, 2)
+    ]
+    merged = merge(parts)
+    assert merged.radius == pytest.approx(one.radius)
+    for name in ("merged.json", "merged.npz"):
+        merged.save(tmp_path / name)
+        assert verify(tmp_path / name).holds
+
+
+def test_what_is_not_cut_deep_enough_is_not_decided(case, monkeypatch):
+    """Boxes, whose claims are true, are neither proved nor called false where they are not cut at all."""
+    monkeypatch.setattr("ccpin.auditing.audit._CUTS", 0)
+    monkeypatch.setattr(boxes, "holds", lambda *arguments, **options: False)
+    found = verify(case[2], sample=2)
+    assert found.claims[0].undecided
+    assert not found.claims[0].failed
+    assert not found.holds
+    assert not found.refuted
+    assert "not decided" in str(found)
+    assert "FALSE" not in str(found)

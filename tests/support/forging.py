@@ -342,14 +342,14 @@ def _theta(found, q_free, q):
 
 def _of_sheets(rng, found, made, original, closures, points):
     low, high = made.arrays["ranges_lower"], made.arrays["ranges_upper"]
-    near = np.zeros(len(closures.periodic))
-    near[closures.y] = 0.5 * (low + high)
+    slides = ~closures.periodic[closures.y]
+    near, reach = np.zeros(len(closures.periodic)), np.where(slides, 0.5 * (high - low), np.pi)
+    near[closures.y] = np.where(slides, 0.5 * (low + high), 0.0)
     for q in rng.uniform(found.region.lower, found.region.upper, (points, len(found.names))):
         said = found.number_of_solutions(q)
         if said < 0:
             continue
-        theta = closures.solutions(rng, q, near, 0.5 * (high - low))
-        slides = ~closures.periodic[closures.y]
+        theta = closures.solutions(rng, q, near, reach)
         y = theta[:, closures.y]
         theta = theta[np.all(~slides | ((y >= low - SEEN) & (y <= high + SEEN)), axis=1)]
         if len(theta) != said:

@@ -108,14 +108,15 @@ def check_chart(header: dict[str, Any], arrays: Arrays) -> None:
 
 
 def check_region(arrays: Arrays) -> None:
-    """The region is a box, and what closes on itself is a full turn of a periodic coordinate.
+    """The region is a box, and so are ranges, and what closes on itself is a full turn of a periodic coordinate.
 
     Raises:
         ContradictionError: Not so.
     """
     lower, upper = arrays["lower"], arrays["upper"]
-    for name in ("lower", "upper"):
-        _require_moderate(arrays, name)
+    for name in ("lower", "upper", "ranges_lower", "ranges_upper", "range_lower", "range_upper"):
+        if name in arrays:
+            _require_moderate(arrays, name)
     require(np.all(lower <= upper) and np.any(lower < upper), "lower and upper are no region")
     turns = arrays["system_periodic"][arrays["system_independent"]] & (upper == lower + _TURN)
     require(not np.any(arrays["wrapped"] & ~turns), "wrapped: a coordinate closes on itself that has no full turn")

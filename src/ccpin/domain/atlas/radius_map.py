@@ -16,9 +16,9 @@ _CHUNK = 1_000_000
 def certified_radius(atlas: Atlas, q: ArrayLike) -> Array:
     """Half width of the largest square about each point that lies in the atlas's certified cells.
 
-    It is the maximum-norm distance to the nearest cell that is not certified, or to the edge of the region where
-    that does not close on itself; 0 at points not certified. A square inside the certified set of a single-valued
-    atlas belongs to Ω.
+    It is the maximum-norm distance to the nearest cell that is not certified, or to the edge of the region; where that
+    closes on itself, half a turn at most. It is 0 at points not certified. A square inside the certified set of a
+    single-valued atlas belongs to Ω.
 
     Args:
         atlas: From `certify`.
@@ -40,9 +40,8 @@ def certified_radius(atlas: Atlas, q: ArrayLike) -> Array:
     blocked = _bordering(atlas)
     lower, upper = region.position(tree.lower[blocked]), region.position(tree.lower[blocked] + tree.size[blocked])
     turn = np.where(region.wrapped, region.width, 0.0)
-    free_edge = np.where(
-        region.wrapped | region.held, np.inf, np.minimum(placed - region.lower, region.upper - placed)
-    ).min(axis=1)
+    edges = np.where(region.wrapped, 0.5 * region.width, np.minimum(placed - region.lower, region.upper - placed))
+    free_edge = np.where(region.held, np.inf, edges).min(axis=1)
     radius = np.where(inside, np.maximum(free_edge, 0.0), 0.0)
     chunk = max(1, _CHUNK // max(1, len(blocked)))
     for start in range(0, len(points), chunk):
