@@ -55,7 +55,7 @@ class Cell:
         lower, upper: Corners, of shape (n,).
         depth: How often its lattice cell (or atlas box) was halved.
         lattice: Its place in the lattice, or ``None`` for an atlas.
-        neighbours: Numbers of the cells it shares a face with.
+        neighbours: Numbers of the cells it shares a face with, but those that were found to carry another σ there.
         state: Whether σ is proved on it.
         box: Theorem K's data (one row), where proved.
         well: U over it, where proved.
@@ -234,6 +234,11 @@ class CellStore:
         independent = self.problem.system.independent
         there, here = points - boxes.centre[:, independent], points - repeated.centre[:, independent]
         return [bool(value) for value in glued(self.problem, boxes, there, repeated, here)]
+
+    def part(self, i: int, j: int) -> None:
+        """Cells that do not carry the same σ are no neighbours, nor will their halves be: their face is exposed."""
+        self.cells[i].neighbours.discard(j)
+        self.cells[j].neighbours.discard(i)
 
     def _append(self, cell: Cell) -> int:
         self.cells.append(cell)

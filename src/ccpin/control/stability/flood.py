@@ -1,8 +1,10 @@
 """The largest sublevel set of U around q_d that lies in good cells, by flooding them from the bottom.
 
-**Lemma.** Let G be a union of closed cells on which σ is proved and glued, q_d in its interior, and c no larger than
-the least value of U on the boundary of G. Then the connected component 𝒬 of {q: U(q) < c} that holds q_d lies in G: a
-path from q_d that leaves G crosses its boundary, where U ≥ c.
+**Lemma.** Let G be a union of closed cells on which σ is proved, joined along the faces at which they are glued, q_d
+in its interior, and c no larger than the least value of U on the boundary of G. Then the connected component 𝒬 of
+{q: U(q) < c} that holds q_d lies in G: a path from q_d that leaves G crosses its boundary, where U ≥ c. Where two cells
+of G carry different σ at a common face, that face is boundary of both, each with its own U: σ need not be one function
+of q, G is a union of sheets. (Such cells are no neighbours in the store, nor are their halves.)
 
 The flood adds, one by one, the cell behind the lowest face of G's boundary. Every G on the way proves a level, the
 least lower bound of U over its faces; the highest of them is kept. A cell that is not good (not proved, or with
@@ -108,7 +110,7 @@ class Flood:
         if isinstance(start, str):
             return Sublevel(0.0, (), float("nan"), start, q_d)
         for number in start:
-            self._add(number, None)
+            self._add(number)
         limit, point = self._flood(q_d)
         chosen = tuple(number for number, order in self._members.items() if order <= self._at_level)
         if self._level <= 0.0:
@@ -166,7 +168,7 @@ class Flood:
         if cell.state == "untried":
             self._prove_ahead(entry)
         if cell.well is not None and self._good(cell.well):
-            self._add(entry.beyond, entry.inside)
+            self._add(entry.beyond)
             return None
         if cell.depth >= self._budget.depth or self._rise(entry) <= 0.1 * self._budget.tolerance * self._level:
             return "gain" if cell.well is not None else "domain"
@@ -208,22 +210,29 @@ class Flood:
             self._push_faces(child)
         return True
 
-    def _add(self, number: int, origin: int | None) -> None:
-        """Make a cell a member; a face at which it disagrees with another member is boundary."""
-        others = [k for k in self._store[number].neighbours if k in self._members and k != origin]
+    def _add(self, number: int) -> None:
+        """Make a cell a member; where it disagrees with another member the two are parted, and both have an edge.
+
+        It is asked about every member beside it, also the one it is taken from: it may have been proved from another.
+        An atlas's boxes are neighbours only where they are glued.
+        """
+        others = [k for k in self._store[number].neighbours if k in self._members]
         self._added += 1
         self._members[number] = self._added
         self._store.extend(number)
         if self._store[number].lattice is not None or self._store[number].depth:
             for other, same in zip(others, self._store.agree(number, others), strict=True):
-                face = self._store.face(number, other)
-                if not same and face is not None:
-                    self._push_face(number, -1, face)
+                if not same:
+                    self._store.part(number, other)
+                    self._push_edge(other)
         self._push_faces(number)
 
     def _push_faces(self, number: int) -> None:
         for other in self._store[number].neighbours - self._members.keys():
             self._push(number, other)
+        self._push_edge(number)
+
+    def _push_edge(self, number: int) -> None:
         for face in self._store.exposed(number):
             self._push_face(number, -1, face)
 
