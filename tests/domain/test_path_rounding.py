@@ -53,7 +53,7 @@ def test_a_path_of_high_degree_is_bounded_with_its_rounding(degree):
             gap = exact_gap(pieces, 0, start, end, chord, share)
             assert all(g <= Fraction(d) for g, d in zip(gap, chord.deviation, strict=True))
             if share in (0.0, 1.0):
-                assert all(g <= Fraction(r) for g, r in zip(gap, chord.rounding, strict=True))
+                assert all(g <= Fraction(r) for g, r in zip(gap, chord.rounding[int(share)], strict=True))
 
 
 def test_what_is_allowed_for_rounding_is_needed():

@@ -36,7 +36,7 @@ class Chord(NamedTuple):
         start, end: The end points as computed, of shape (n,).
         deviation: How far the exact polynomial strays from the straight line between them, of shape (n,): rounding
             included.
-        rounding: How far the exact end points are from the computed ones, of shape (n,).
+        rounding: How far the exact start and end are from the computed ones, of shape (2, n).
     """
 
     start: Array
@@ -73,7 +73,7 @@ def pieces_of(path: ArrayLike | PPoly | BSpline, n: int) -> PPoly:
         raise InvalidInputError(f"the path is of degree {len(coefficients) - 1}; degrees up to {_DEGREE} are bounded")
     pieces = PPoly(coefficients, knots)
     whole = chords_of(pieces, knots)
-    least = np.abs(whole.start[1:] - whole.end[:-1]) - whole.rounding[1:] - whole.rounding[:-1]
+    least = np.abs(whole.start[1:] - whole.end[:-1]) - whole.rounding[1:, 0] - whole.rounding[:-1, 1]
     jumps = least.max(axis=1, initial=0.0)
     if np.any(jumps > _CONTINUOUS):
         worst = int(np.argmax(jumps))
@@ -105,7 +105,8 @@ def chords_of(pieces: PPoly, knots: Array) -> Chord:
     line = first + along * (last - first)
     straight = 8.0 * _UNIT * (np.abs(first) + np.abs(last))  # of `line`, and of a chord's middle and half as doubles
     away = np.abs(bernstein - line) + rounding
-    return Chord(first, last, away.max(axis=0) * (1.0 + 4.0 * _UNIT) + straight, np.maximum(rounding[0], rounding[-1]))
+    deviation = away.max(axis=0) * (1.0 + 4.0 * _UNIT) + straight
+    return Chord(first, last, deviation, np.stack([rounding[0], rounding[-1]], axis=1))
 
 
 def points_of(pieces: PPoly, t: Array) -> tuple[Array, Array]:

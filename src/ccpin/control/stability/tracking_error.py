@@ -2,28 +2,38 @@
 
 **Theorem.** Let u be computed torque's or PD+'s (`ccpin.control.tracking`), its terms taken at σ(q) ⊕ δ(t), δ any
 measurable function of time in the dependent coordinates with ‖δ(t)‖₂ ≤ ε (rad, m), and let the motors sit on the
-independent joints. Let the plant be the reduced model (22) with a further generalized force f(t), |f_i| ≤ f̄_i (friction
-that is not compensated, say). Cut time into cells T_k, the last one [T, ∞) after the reference has come to rest, and
-let for each there be E, Ė > 0 (vectors) with, on all states |e| ≤ E, |ė| ≤ Ė of T_k (`tube`),
+independent joints. Let q_d be piecewise C², at rest before its first break and after its last, and let (q_d, q̇_d) jump
+by |κ_k| ≤ κ̄_k at the beginning t_k of T_k (`tube` bounds it from the polynomials). Let the plant be the reduced model
+(22) with a further generalized force f(t), |f_i| ≤ f̄_i (friction that is not compensated, say). Cut time into cells
+T_k, the last one [T, ∞) after the reference has come to rest, and let for each there be E, Ė > 0 (vectors) with, on all
+states |e| ≤ E, |ė| ≤ Ė of T_k (`tube`),
 
 1. σ proved, and carried on to the cells beside it; D nonsingular; φ_y nonsingular at σ(q) ⊕ δ;
 2. |L⁻¹Δ| ≤ Δ_k, Δ the deviation (`deviation`);
 3. P ⪰ P_k ≻ 0 and V̇ ≤ −α(V − w_k), w_k = g_k²Δ_k², V = xᵀPx (`storage`), α > 0 one number.
 
-Let v(0) ≥ V(x(0)) and v̇ = −α(v − w_k) on T_k. If on each T_k, for all i,
+Let v(0) ≥ V(x(0)), v̇ = −α(v − w_k) on T_k, and v(t_k⁺)^½ = v(t_k⁻)^½ + J_k, J_k ≥ (κᵀPκ)^½ for all |κ| ≤ κ̄_k and all P
+of T_k. If on each T_k, for all i,
 
     v(t) < c_k,        c_k = min_i (E_i²/(P_k⁻¹)_ii, Ė_i²/(P_k⁻¹)_{n+i,n+i}),
+
+and at each t_k, k > 0, for all i, with X = (E, Ė),
+
+    ((P_{k−1}⁻¹)_ii v(t_k⁻))^½ + κ̄_{k,i} < X_{k,i},
 
 then every motion of the closed loop goes on for all t ≥ 0, with V ≤ v, its configuration is σ(q) on the branch of the
 start, and |e_i(t)| ≤ ((P_k⁻¹)_ii v(t))^½. In input-to-state form, with γ = max_k w_k^½/ε where f̄ = 0,
 
-    V(t)^½ ≤ e^{−αt/2} V(0)^½ + γ ε,        and for t → ∞        V ≤ w_K.
+    V(t)^½ ≤ e^{−αt/2} V(0)^½ + Σ_{t_k ≤ t} e^{−α(t − t_k)/2} J_k + γ ε,        and for t → ∞        V ≤ w_K.
 
-*Proof.* On T_k the sublevel set {V ≤ c_k} of errors lies in {|e| ≤ E, |ė| ≤ Ė}, for |x_i|² ≤ (P_k⁻¹)_ii xᵀP_k x ≤
-(P_k⁻¹)_ii V. Suppose V ≤ v up to t ∈ T_k. As V and v are continuous and v(t) < c_k, V is below c_k for some time
-after t (within T_k, or within T_{k+1} if t is its beginning), so that 1–3 hold and d(V − v)/dt ≤ −α(V − v): V ≤ v goes
-on holding. The set of times up to which V ≤ v holds is closed, open and not empty. The states stay in a compact set on
-which the right-hand side is bounded, so the motion does not end; and v(t) ≤ e^{−αt}v(0) + max w_k. ∎
+*Proof.* In {|e| ≤ E, |ė| ≤ Ė} of T_k, |x_i|² ≤ (P_k⁻¹)_ii xᵀP_k x ≤ (P_k⁻¹)_ii V: a state of this box with V < c_k is
+in its interior. Suppose the state is in it and V ≤ v up to t, inside T_k. As x, V and v are continuous and v(t) < c_k,
+the state stays in the box for some time, so that 1–3 hold and d(V − v)/dt ≤ −α(V − v): V ≤ v goes on holding. At t_k
+the configuration and q̇ do not jump, so that x does by κ, and by the P of T_{k−1} each |x_i| is below X_{k,i}
+afterwards: the state is in T_k's box (P depends on the state, so v < c_k alone would not tell), P is one of T_k's, and
+V(t_k⁺)^½ ≤ V(t_k⁻)^½ + (κᵀPκ)^½ ≤ v(t_k⁺)^½. The set of times up to which all this holds is closed, open and not empty.
+The states stay in a compact set on which the right-hand side is bounded, so the motion does not end; and v(t) ≤
+e^{−αt}v(0) + max w_k. ∎
 
 δ may depend on the state, the past, on chance; nothing is supposed of how it comes about. What is not covered: that
 u is held between samples (the loop sampled at 1 kHz has an error of its own, which `scripts/tracking_degradation.py`
@@ -132,12 +142,14 @@ def certify_tracking(
         sigma_error: ε: the largest ‖δ‖₂ of the dependent coordinates' error, rad and m.
         disturbance: f̄: how large a generalized force may be that the model does not have, N m or N: a number or (n,).
         initial_error: A bound of |e| at t = 0, a number or (n,).
-        initial_speed: A bound of |ė| at t = 0, alike.
+        initial_speed: A bound of |ė| at t = 0, alike. A reference that begins with a speed at t = 0 jumps to it from
+            rest: what is proved holds for ė measured before the jump, and for ė measured after it.
         cells: Into how many cells the reference's duration is cut; twice as many come nearer to the best bound of this
             kind and take twice the time.
 
     Raises:
-        InvalidInputError: ε is not positive, or a bound is negative or not finite.
+        InvalidInputError: ε is not positive, a bound is negative or not finite, or the reference's polynomials begin
+            before t = 0, jump by more than 1e-9 in q_d, or are not the motion that its `at` tells.
         UnsupportedMechanismError: Another law, coordinates or joints that are not scalar, motors elsewhere than on the
             independent joints, a reference that is no piecewise polynomial, closures that cannot be certified.
         SingularConfigurationError: The start is singular, or too near.

@@ -55,6 +55,7 @@ class Levels(NamedTuple):
         reached: The largest v on each cell, of shape (K,).
         allowed: c_k, of shape (K,).
         widths: (P_k⁻¹)_ii^½, of shape (K, 2n).
+        entries: Bounds of |x| at the beginning of each cell, of shape (K, 2n): by the P of the cell before.
         sources: w_k, of shape (K,).
         start: v(0).
     """
@@ -62,6 +63,7 @@ class Levels(NamedTuple):
     reached: Array
     allowed: Array
     widths: Array
+    entries: Array
     sources: Array
     start: float
 
@@ -88,7 +90,7 @@ class Search:
         if self.plan is None:
             return self._undecided("no storage function was found along the reference: stiffer gains would do more")
         levels = self._levels(middle)
-        room = np.sqrt(levels.reached)[:, None] * levels.widths * _FIRST
+        room = np.maximum(np.sqrt(levels.reached)[:, None] * levels.widths, levels.entries) * _FIRST
         for self.rounds in range(1, _ROUNDS + 1):
             states, proved = self.tube.states(room[:, :n], room[:, n:])
             if not proved.all():
@@ -97,9 +99,10 @@ class Search:
             reason = self._open(levels, room)
             if reason is not None:
                 return self._undecided(reason)
-            if np.all(levels.reached * _ROOM < levels.allowed):
+            if np.all(levels.reached * _ROOM < levels.allowed) and np.all(levels.entries * _ROOM < room):
                 return self._proven(levels, room)
-            room = np.maximum(room, np.sqrt(levels.reached)[:, None] * levels.widths) * _MORE
+            needed = np.maximum(np.sqrt(levels.reached)[:, None] * levels.widths, levels.entries)
+            room = np.maximum(room, needed) * _MORE
         return self._undecided(
             f"after {_ROUNDS} rounds the bound still grows, for a σ off by {self.sigma_error:.3g} lets the law deviate "
             "the more, the larger the error: a smaller sigma_error, more cells= or stiffer gains would do more"
@@ -120,10 +123,14 @@ class Search:
         with np.errstate(all="ignore"):
             sources = (gain(storage, self.plan) * size) ** 2 * SLACK
             width = np.broadcast_to(widths(storage), (len(size), 2 * len(self.push)))
-            start = float(self.start @ storage.P.magnitude[0] @ self.start) * SLACK
+            first = self.start + self.tube.kicks[0]
+            start = float(first @ storage.P.magnitude[0] @ first) * SLACK
+            kicks = np.sqrt(np.einsum("ki,kij,kj->k", self.tube.kicks, storage.P.magnitude, self.tube.kicks)) * SLACK
+            kicks = np.broadcast_to(kicks, len(size)).copy()
             allowed = np.full(len(size), np.inf) if room is None else np.min((room / width) ** 2, axis=1)
-            reached = _reached(start, sources, self.plan.decay, np.diff(self.tube.times))
-        return Levels(reached, allowed, width, sources, start)
+            reached, ends = _reached(start, sources, kicks, self.plan.decay, np.diff(self.tube.times))
+            entries = np.sqrt(ends[:-1])[:, None] * width[:-1] + self.tube.kicks[1:]
+        return Levels(reached, allowed, width, np.concatenate([first[None], entries * SLACK]), sources, start)
 
     def _open(self, levels: Levels, room: Array) -> str | None:
         """Why no level is known, if one is not."""
@@ -169,11 +176,16 @@ class Search:
         return Found("undecided", reason, open_end, open_end[0, :n], 0.0, np.inf, open_end[0], np.inf, none)
 
 
-def _reached(start: float, sources: Array, decay: float, durations: Array) -> Array:
-    """The largest v of each cell, v̇ = −α(v − w_k) from v(0), the last cell without end."""
-    reached, v = np.empty(len(sources)), start
+def _reached(start: float, sources: Array, kicks: Array, decay: float, durations: Array) -> tuple[Array, Array]:
+    """The largest v of each cell, and that at its end: v̇ = −α(v − w_k), v^½ raised by a kick where a cell begins.
+
+    The first kick is in v(0) already; the last cell has no end.
+    """
+    reached, ends, v = np.empty(len(sources)), np.empty(len(sources)), start
     for k, source in enumerate(sources):
+        if k and kicks[k]:
+            v = (np.sqrt(v) + kicks[k]) ** 2 * SLACK
         after = source + (v - source) * np.exp(-decay * durations[k]) if k + 1 < len(sources) else source
         reached[k] = max(v, after) * SLACK
-        v = after * SLACK
-    return reached
+        ends[k] = v = after * SLACK
+    return reached, ends
