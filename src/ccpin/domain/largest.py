@@ -28,7 +28,7 @@ from ccpin.domain.atlas.build import Shape
 from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.atlas.run import Work
 from ccpin.domain.atlas.survey import Effort, survey
-from ccpin.domain.boxes import BoundsName
+from ccpin.domain.boxes import SLACK, BoundsName
 from ccpin.domain.obstacles import demand_witnesses
 from ccpin.domain.room import roomiest
 from ccpin.domain.task_space import JointSpace
@@ -92,7 +92,8 @@ class LargestWorkspace:
         """A half width (or radius) proved to be too large; ∞ where no obstacle was found."""
         if self.obstacle is None:
             return np.inf
-        return self._distance(self.obstacle.q) + self.obstacle.error * float(self.shape.weights.max())
+        spread = self.obstacle.error * np.ones_like(self.centre)  # in every coordinate: its length, for a ball
+        return (self._distance(self.obstacle.q) + float(self.shape.of(spread[None])[0])) * SLACK
 
     def contains(self, x: ArrayLike) -> bool | Mask:
         """Whether x (n,) lies in the certified cube or ball; for x of shape (K, n) an array (K,)."""

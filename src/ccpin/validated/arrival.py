@@ -68,6 +68,30 @@ def lyapunov(loop: ClosedLoop, goal: Goal, box: Sequence[Ball]) -> Ball:
     return values(loop.lyapunov, box)[0] - goal.potential
 
 
+def single_valued(loop: ClosedLoop, law: PDSimpleGravity) -> bool:
+    """Whether 𝒱 is one continuous function of configuration and velocity, whatever turns a motion has made.
+
+    Then it never rises along any motion, and is 0 at the set point however that is reached. It may not be where
+
+    - the law reads an angle's error on its circle: half a turn away q̃ⱼ jumps from −π to π, by which q̃ᵀg(q_d) + ½q̃ᵀK_p q̃
+      jumps unless g_j(q_d) and the K_p that couple q̃ⱼ to others are 0;
+    - a ball's rotation vector enters, which jumps alike;
+    - a joint with a spring turns, and is no independent coordinate that is a plain number (of which q_d is one value):
+      the spring of a joint that is one turn on holds another energy in the same configuration.
+    """
+    stated = law.model.mechanism.tree.joints
+    sprung = (joint for joint in loop.joints if stated[joint.number - 1].stated.stiffness)
+    for joint in sprung:
+        turns = "r" in {step[0] for step in joint.kind.steps}
+        if turns and (joint.kind.unit or joint.x.start not in loop.independent):
+            return False
+    smooth = True
+    for angle in loop.wrapped:
+        j = loop.independent.index(angle.place)
+        smooth &= bool(law.gravity_d[j] == 0.0 and not np.delete(law.K_p[j], j).any())
+    return smooth and not loop.upright
+
+
 def goal_of(loop: ClosedLoop, law: PDSimpleGravity, level: float) -> Goal:
     """The set point of a law with a level in joules, in balls."""
     x = loop.numbers(law.q_free_d)

@@ -44,7 +44,7 @@ from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.validated.arrival import Goal, SetArrival, goal_of, lyapunov, unconnected
+from ccpin.validated.arrival import Goal, SetArrival, goal_of, lyapunov, single_valued, unconnected
 from ccpin.validated.balls import Ball, flint, lower, upper
 from ccpin.validated.crossing import witness_of
 from ccpin.validated.dynamics import ClosedLoop, closed_loop
@@ -78,8 +78,9 @@ class MoveCertificate:
 
     Attributes:
         verdict: ``"proven"``: the theorem's hypotheses hold, the motion converges to the set point. ``"refuted"``: it
-            does not, as 𝒱 < 0 at T: 𝒱 never rises along the motion, and is 0 at the set point. ``"undecided"``:
-            neither.
+            does not, as 𝒱 < 0 at T: 𝒱 never rises along the motion, and is 0 at the set point (said only where 𝒱 is
+            one function of the state: a continuous joint may arrive one turn on, where it is another).
+            ``"undecided"``: neither.
         reason: The verdict in a sentence, with what was spent and what more would do.
         witness: The state at T that refutes (its velocity is the enclosure's).
         time: T in seconds, the last part's of a set (the end of the enclosure where undecided).
@@ -212,10 +213,10 @@ class _Outcome(NamedTuple):
 
 
 def _run(loop: ClosedLoop, start: Sequence[Ball], goal: Goal, duration: float, options: Options) -> _Outcome:
-    """Step until 1.–4. hold, or until 𝒱 < 0."""
+    """Step until 1.–4. hold, or until 𝒱 < 0 where that says that the motion never arrives."""
     steps: list[Step] = []
-    time, ask_below, missing = 0.0, goal.level, "𝒱 is not below the level"
-    if (value := upper(lyapunov(loop, goal, start))) < 0.0:
+    time, ask_below, missing, never = 0.0, goal.level, "𝒱 is not below the level", single_valued(loop, goal.law)
+    if (value := upper(lyapunov(loop, goal, start))) < 0.0 and never:
         return _Outcome("refuted", _NEVER.format(time, value), steps, "")
     for step in march(regular(loop), start, duration, options):
         if not isinstance(step, Step):
@@ -225,7 +226,7 @@ def _run(loop: ClosedLoop, start: Sequence[Ball], goal: Goal, duration: float, o
         time += step.length
         end = start_box(step.end)
         value = upper(lyapunov(loop, goal, end))
-        if value < 0.0:
+        if value < 0.0 and never:
             return _Outcome("refuted", _NEVER.format(time, value), steps, "")
         if value < ask_below:
             missing = unconnected(loop, end, goal, options)

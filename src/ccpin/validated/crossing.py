@@ -25,7 +25,7 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError
 from ccpin.mechanism.siblings import best_independent, with_independent
 from ccpin.validated.balls import Ball, ball, determinant, flint, lower, upper
-from ccpin.validated.dynamics import ClosedLoop, closed_loop
+from ccpin.validated.dynamics import ClosedLoop, closed_loop, too_far_turned
 from ccpin.validated.places import configuration
 from ccpin.validated.series import values
 from ccpin.validated.step import Field, Options, Step, evaluate, march
@@ -64,14 +64,21 @@ def crossing(
     if not sign or followed is None:
         return None
     other, start = followed
-    field = Field(other.field, lambda box: max(0.0, lower(abs(signed_determinant(other, box)))))
-    time = 0.0
+    field = Field(
+        other.field,
+        lambda box: max(0.0, lower(abs(signed_determinant(other, box)))),
+        lambda box: too_far_turned(other, box),
+    )
+    time, unknown = since, list[Step]()  # the steps since the time at which the sign was last proved
     for step in march(field, start, duration, options):
         if not isinstance(step, Step):
             return None
-        if sign_of(signed_determinant(loop, _state(step, step.length))) == -sign:
-            return _located(loop, step, since + time, sign)
-        time += step.length
+        found = sign_of(signed_determinant(loop, _state(step, step.length)))
+        unknown.append(step)
+        if found == -sign:
+            return _located(loop, unknown, time, sign)
+        if found == sign:
+            time, unknown = time + sum(done.length for done in unknown), []
     return None
 
 
@@ -102,17 +109,29 @@ def _state(step: Step, time: float | Ball) -> list[Ball]:
     return [x + flint().arb(0, e.abs_upper()) for x, e in zip(path, step.error, strict=True)]
 
 
-def _located(loop: ClosedLoop, step: Step, begin: float, sign: int) -> Crossing:
-    """The singular time between two of which the determinant's sign is proved, as near as halving finds them."""
+def _located(loop: ClosedLoop, steps: Sequence[Step], begin: float, sign: int) -> Crossing:
+    """The singular time between two of which the determinant's sign is proved, as near as halving finds them.
+
+    The sign is proved where the steps begin and, the other one, where the last ends; over the steps before the last, if
+    there are any, it is not known, so the singular configuration may be anywhere on them.
+    """
+    *before, step = steps
     first, last = 0.0, step.length
     for _ in range(_HALVINGS):
         middle = 0.5 * (first + last)
         found = sign_of(signed_determinant(loop, _state(step, middle)))
         if found == 0 or not first < middle < last:
             break
-        first, last = (middle, last) if found == sign else (first, middle)
-    witness = witness_of("singular", loop, _state(step, ball(first).union(ball(last))))
-    return Crossing(begin + first, begin + last, witness)
+        if found == sign:
+            first, before = middle, []
+        else:
+            last = middle
+    box = _state(step, ball(first).union(ball(last)))
+    for other in before:
+        box = [a.union(b) for a, b in zip(box, _state(other, ball(0).union(ball(other.length))), strict=True)]
+    known = begin if before else begin + sum(done.length for done in steps[:-1]) + first
+    end = begin + sum(done.length for done in steps[:-1]) + last
+    return Crossing(known, end, witness_of("singular", loop, box))
 
 
 def witness_of(kind: Literal["singular", "state"], loop: ClosedLoop, box: Sequence[Ball]) -> Witness:

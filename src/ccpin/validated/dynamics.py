@@ -25,13 +25,13 @@ from ccpin.arrays import Array
 from ccpin.control.laws import ControlLaw, NoTorque
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.kinematics.tree import Tree
-from ccpin.validated.balls import rational
+from ccpin.validated.balls import Ball, flint, rational
 from ccpin.validated.chains import ExactJoint, Table, closure_rows, exact, exact_joints, poses, rates
-from ccpin.validated.laws import Wrapped, acting, efforts, gains_of, require_sampled, transmission
+from ccpin.validated.laws import HALF_A_TURN, Wrapped, acting, efforts, gains_of, require_sampled, transmission
 from ccpin.validated.mechanics import closed, dynamic_terms, with_springs
 from ccpin.validated.places import chosen, numbers_of
 from ccpin.validated.tape import Expression, Program, Tape
-from ccpin.validated.turns import BallTurn, Turn, ball_at, turn_rates, turn_rows, turns_of
+from ccpin.validated.turns import BallTurn, Turn, ball_at, turn_rates, turn_rows, turns_of, upright
 
 
 class ClosedLoop(NamedTuple):
@@ -147,6 +147,12 @@ def closed_loop(
         efforts=tape.program(list(wanted)) if held else None,
         gains=gains_of(law) if across is None and held else None,
     )
+
+
+def too_far_turned(loop: ClosedLoop, box: Sequence[Ball]) -> str:
+    """What is not proven of the angles that the programs count within half a turn, on a box of states, or nothing."""
+    near = (abs(angle.target - box[angle.place]) < flint().arb.pi() for angle in loop.wrapped)
+    return "" if all(near) and all(upright(turned, box) for turned in loop.upright) else HALF_A_TURN
 
 
 def _independent_rows(model: ReducedModel, near: Array) -> tuple[list[int], list[int]]:

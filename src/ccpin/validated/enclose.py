@@ -32,12 +32,10 @@ from ccpin.validated.balls import Ball, around, ball, bounds, flint, hull, lower
 from ccpin.validated.closing import closed_start
 from ccpin.validated.crossing import Crossing, crossing, signed_determinant
 from ccpin.validated.defect import sizes_along
-from ccpin.validated.dynamics import ClosedLoop, closed_loop
-from ccpin.validated.laws import HALF_A_TURN
+from ccpin.validated.dynamics import ClosedLoop, closed_loop, too_far_turned
 from ccpin.validated.places import configuration, on_manifold, unwound
 from ccpin.validated.series import gradients, values
 from ccpin.validated.step import QUANTUM, Field, Options, Step, evaluate, march, start_box, start_of
-from ccpin.validated.turns import upright
 
 SHORTEST_STEP = 2.0**-20
 
@@ -262,12 +260,7 @@ def exact_q(model: ReducedModel, loop: ClosedLoop, q: Array) -> list[Ball]:
 
 def regular(loop: ClosedLoop) -> Field:
     """The closed loop's equation, |det ψ_q′| watched, and that the law's angles are less than half a turn off."""
-
-    def missing(box: Sequence[Ball]) -> str:
-        near = (abs(angle.target - box[angle.place]) < flint().arb.pi() for angle in loop.wrapped)
-        return "" if all(near) and all(upright(turned, box) for turned in loop.upright) else HALF_A_TURN
-
-    return Field(loop.field, lambda box: determinant_bound(loop, box), missing)
+    return Field(loop.field, lambda box: determinant_bound(loop, box), lambda box: too_far_turned(loop, box))
 
 
 def determinant_bound(loop: ClosedLoop, box: Sequence[Ball]) -> float:
