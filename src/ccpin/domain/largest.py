@@ -28,7 +28,7 @@ from ccpin.domain.atlas.build import Shape
 from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.atlas.run import Work
 from ccpin.domain.atlas.survey import Effort, survey
-from ccpin.domain.boxes import SLACK, BoundsName
+from ccpin.domain.boxes import BoundsName
 from ccpin.domain.obstacles import demand_witnesses
 from ccpin.domain.room import roomiest
 from ccpin.domain.task_space import JointSpace
@@ -37,6 +37,7 @@ from ccpin.domain.workspace import Limits, TaskProblem, task_problem
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import mechanism_of
+from ccpin.proof.rounding import SLACK
 
 _CELLS, _TRIED = 6, 24
 _PUSHED = 4.0

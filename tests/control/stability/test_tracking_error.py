@@ -25,49 +25,15 @@ from ccpin.domain.affine import Affine, affine
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
 from tests.support.paper import GOAL, START
 from tests.support.sigma_attacks import WithWrongSigma, dependent_rows, pushing, switching
+from tests.support.tracked import LAWS, MOVES, RUN, assert_within, law_for, model_of
 from tests.support.walkthrough import file
 
-MOVES = {"rpdr": (START, GOAL, 0.3), "delta": (np.array([-0.2, 0.1, 0.0]), np.array([0.1, 0.0, 0.1]), 0.3)}
-GAINS = {
-    ("rpdr", ComputedTorque): (400.0, 40.0),
-    ("rpdr", PDPlus): (11.0, 0.65),
-    ("delta", ComputedTorque): (400.0, 40.0),
-    ("delta", PDPlus): (300.0, 25.0),
-}
-LAWS = (ComputedTorque, PDPlus)
 every_law = pytest.mark.parametrize("law_class", LAWS)
-RUN = {"duration": 0.45, "rtol": 1e-5, "atol": 1e-10, "sample_period": 2e-3}
-
-
-@lru_cache
-def _model(name):
-    return ccpin.ReducedModel(ccpin.load(name))
-
-
-def law_for(law_class, name="rpdr", reference=None):
-    model = _model(name)
-    reference = reference or PointToPoint(model, *MOVES[name])
-    K_p, K_v = GAINS[name, law_class]
-    return law_class(model, reference, [K_p] * model.n, [K_v] * model.n)
 
 
 @lru_cache
 def certificate(law_class, sigma_error, **given):
     return certify_tracking(law_for(law_class), sigma_error, **given)
-
-
-def errors_of(law, motion):
-    """t and e along a motion."""
-    return motion.t, np.array([law.error(t, q) for t, q in zip(motion.t, motion.q, strict=True)])
-
-
-def assert_within(proof, law, motion):
-    """Every sample's error is within the bound of its cell."""
-    t, e = errors_of(law, motion)
-    cell = np.clip(np.searchsorted(proof.times, t, side="right") - 1, 0, len(proof.errors) - 1)
-    assert motion.status == "finished"
-    assert np.all(np.abs(e) <= proof.errors[cell] + 1e-9)
-    return np.abs(e).max(axis=0)
 
 
 def attacked(law, proof, signs, seeds):
@@ -174,7 +140,7 @@ def test_more_cells_are_nearer(law_class):
 @every_law
 def test_holding_a_set_point(law_class):
     """A reference that rests is one cell; against a σ off by a constant and by what does most."""
-    law = law_for(law_class, reference=Hold(_model("rpdr"), GOAL))
+    law = law_for(law_class, reference=Hold(model_of("rpdr"), GOAL))
     proof = certify_tracking(law, 1e-2)
     assert proof.verdict == "proven"
     assert len(proof.errors) == 1
@@ -187,7 +153,7 @@ def test_holding_a_set_point(law_class):
 
 def test_waypoints():
     """A spline of several pieces, of degree five and three."""
-    model = _model("rpdr")
+    model = model_of("rpdr")
     points = np.array([START, 0.5 * (START + GOAL) + 0.1, GOAL])
     for degree in (3, 5):
         law = law_for(ComputedTorque, reference=Waypoints(model, [0.0, 0.3, 0.6], points, degree))
@@ -288,7 +254,7 @@ def test_what_cannot_be_proved_is_undecided_and_says_why():
     assert "sigma_error" in large.reason
     with pytest.raises(InvalidInputError, match="no proved motion"):
         large.on_line(1e-3)
-    model = _model("rpdr")
+    model = model_of("rpdr")
     through = PointToPoint(model, START, np.radians([-180.0, -20.0]), 1.0)
     lost = certify_tracking(law_for(ComputedTorque, reference=through), 1e-4)
     assert lost.verdict == "undecided"
@@ -305,12 +271,12 @@ class _Circle(Reference):
     duration = 1.0
 
     def at(self, t):
-        return Hold(_model("rpdr"), GOAL).at(t)
+        return Hold(model_of("rpdr"), GOAL).at(t)
 
 
 def test_what_the_theorem_is_not_about_is_refused():
     """Other laws, motors elsewhere, references that are no polynomials, bad numbers."""
-    model = _model("rpdr")
+    model = model_of("rpdr")
     law = law_for(ComputedTorque)
     with pytest.raises(UnsupportedMechanismError, match="ComputedTorque or PDPlus"):
         certify_tracking(PDOnlineGravity(model, law.reference, [11.0] * 2, [0.65] * 2), 1e-3)

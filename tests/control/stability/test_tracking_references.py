@@ -8,9 +8,9 @@ import ccpin
 from ccpin.control import ComputedTorque, PDPlus, PointToPoint, Reference, certify_tracking
 from ccpin.control.references import PiecewisePolynomial, ReferenceState
 from ccpin.errors import InvalidInputError
-from tests.control.stability.test_tracking_error import LAWS, RUN, assert_within, errors_of, law_for
 from tests.support.paper import START
 from tests.support.sigma_attacks import WithWrongSigma, pushing
+from tests.support.tracked import LAWS, RUN, assert_within, errors_of, law_for
 
 EPSILON = 1e-6
 

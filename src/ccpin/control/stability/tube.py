@@ -31,12 +31,13 @@ from ccpin.arrays import Array, Mask
 from ccpin.control.references import Reference
 from ccpin.control.tracking import TrackingLaw
 from ccpin.domain.affine import Affine
-from ccpin.domain.boxes import SLACK, Boxes, Problem, certify_boxes
+from ccpin.domain.boxes import Boxes, Problem, certify_boxes
 from ccpin.domain.masses import Masses, masses_of
 from ccpin.domain.newton import glued, solve_in_boxes
 from ccpin.domain.path import CertifiedPath, certify_path
 from ccpin.domain.pieces import Chord, chords_of, pieces_of, points_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.proof.rounding import SLACK
 
 _REST = 1.0
 _WIDEN = 1e-13
