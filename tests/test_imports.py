@@ -18,6 +18,8 @@ ORDER = (
     "errors",
     "arrays",
     "files",
+    "containers",
+    "schemas",
     "displays",
     "auditing",
     "proof",

@@ -1,9 +1,8 @@
 """Documents as files: a JSON header and named arrays, written whole, read in memory that the file's size bounds.
 
-An ``.npz`` file is a zip archive of ``.npy`` members that are stored, not compressed: what it holds is no more than what
-it is. A ``.json`` file lists for each array its dtype, its shape and its numbers,,
-the members of an archive have their own. Nothing is unpickled. Of what is declared of each array (`ccpin.schemas`) names,
-dtypes and shapes are compared before numbers are read.
+An ``.npz`` file is a zip archive of ``.npy`` members that are stored, not compressed: what it holds is no more than
+what what it is. A ``.json`` file lists for each array its dtype, its shape and its numbers. Nothing is unpickled. Names,
+dtypes and shapes are compared with what is declared of them (`ccpin.schemas`) before numbers are read.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from typing import IO, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.errors import InvalidInputError
+from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.files import write_atomically
 
 NamedArrays = dict[str, NDArray[np.generic]]
@@ -29,8 +28,8 @@ _DTYPES = ("float64", "int64", "int8", "bool", "uint8")
 _HEADER = "header"
 _IN_JSON: dict[str, set[type]] = {"f": {float, int}, "i": {int}, "u": {int}, "b": {bool}}
 _UNREADABLE = (
-    *(OSError, ValueError, KeyError, IndexError, TypeError, EOFError, RuntimeError, NotImplementedError),
-    *(MemoryError, OverflowError, SyntaxError, zipfile.BadZipFile, zlib.error),
+    *(OSError, ValueError, LookupError, TypeError, EOFError, RuntimeError, ArithmeticError),
+    *(MemoryError, SyntaxError, zipfile.BadZipFile, zlib.error),
 )
 
 
@@ -91,6 +90,22 @@ def read_npz(file: IO[bytes], check: Check) -> tuple[dict[str, Any], NamedArrays
         return header, {name: _numbers(archive, members[name], outline) for name, outline in outlines.items()}
 
 
+def format_of(path: str | Path) -> Any:
+    """The format that a file's header states; ``None`` where it states none.
+
+    Raises:
+        InvalidInputError: It cannot be read.
+    """
+    found: list[Any] = []
+
+    def look(header: dict[str, Any], outlines: dict[str, Outline]) -> None:
+        found.append(header.get("format"))
+        outlines.clear()  # no number is read
+
+    read(path, look)
+    return found[0]
+
+
 @contextmanager
 def told_of(path: object) -> Iterator[None]:
     """Whatever is wrong within is told of a file.
@@ -100,7 +115,7 @@ def told_of(path: object) -> Iterator[None]:
     """
     try:
         yield
-    except InvalidInputError as error:
+    except CcpinError as error:
         raise InvalidInputError(f"{path}: {error}") from error
     except _UNREADABLE as error:
         raise InvalidInputError(f"{path}: cannot be read ({error!s:.200} {type(error).__name__})") from error
@@ -116,7 +131,9 @@ def _members(archive: zipfile.ZipFile, size: int) -> dict[str, zipfile.ZipInfo]:
         if member.flag_bits & 0x1:
             raise InvalidInputError(f"{name!r:.60} is encrypted")
         if member.compress_type != zipfile.ZIP_STORED:
-            raise InvalidInputError(f"{name!r:.60} is compressed; documents are stored as they are (older ones were not)")
+            raise InvalidInputError(
+                f"{name!r:.60} is compressed; documents are stored as they are (older ones were not)"
+            )
         size -= member.file_size
         if size < 0:
             raise InvalidInputError(f"{name!r:.60} and those before say that they hold more than the file does")
@@ -166,13 +183,14 @@ def _of_json(text: bytes, check: Check) -> tuple[dict[str, Any], NamedArrays]:
     listed = header.pop("arrays", None)
     if not isinstance(listed, dict):
         raise InvalidInputError("'arrays' is no table of arrays")
-    check(header, {name: _listed_outline(entry, name) for name, entry in listed.items()})
+    outlines = {name: _listed_outline(entry, name) for name, entry in listed.items()}
+    check(header, outlines)
     arrays: NamedArrays = {}
-    for name, entry in listed.items():
-        dtype, shape = _listed_outline(entry, name)
-        if not {*map(type, entry["data"])} <= _IN_JSON[dtype.kind]:
+    for name, (dtype, shape) in outlines.items():
+        data = listed[name]["data"]
+        if not {*map(type, data)} <= _IN_JSON[dtype.kind]:
             raise InvalidInputError(f"{name}: the data are no numbers of dtype {dtype}")
-        arrays[name] = np.array(entry["data"], dtype=dtype).reshape(shape)
+        arrays[name] = np.array(data, dtype=dtype).reshape(shape)
     return header, arrays
 
 

@@ -1,8 +1,8 @@
 """What documents hold: each kind's fields declared once, a line each, and compared with what a file has.
 
-A document is a JSON header and named arrays (`ccpin.containers`). Of an array its dtype, its shape, its unit and the range
-of its numbers are declared, of the header the type of every field. Sizes are letters: a letter stands for one number
-throughout a document, so that arrays that belong together fit. Whatever is not declared is refused, and what is
+A document is a JSON header and named arrays (`ccpin.containers`). Of an array its dtype, its shape, its unit and the
+range of its numbers are declared, of the header the type of every field. Sizes are letters: a letter stands for one
+number throughout a document, so that arrays that belong together fit. Whatever is not declared is refused, and what is
 declared must be there.
 """
 
@@ -46,7 +46,7 @@ class Field(NamedTuple):
 
 
 class Parts(NamedTuple):
-    """Arrays that a document holds several times: ``chain0_tip``, ``chain1_tip``, …
+    """Arrays that a document holds several times: ``chain0_tip``, ``chain1_tip`` and so on.
 
     Attributes:
         number: How many there are, from the header.
@@ -82,7 +82,10 @@ class Schema(NamedTuple):
         Raises:
             InvalidInputError: It cannot be written.
         """
-        containers.write(path, {"format": self.format, **header}, arrays)
+        whole = {"format": self.format, **header}
+        found = {name: np.asarray(array) for name, array in arrays.items()}
+        self.compare(whole, {name: Outline(array.dtype, array.shape) for name, array in found.items()})
+        containers.write(path, whole, found)
 
     def read(self, path: str | Path) -> tuple[dict[str, Any], NamedArrays]:
         """The header and the arrays of a file.
@@ -143,7 +146,9 @@ class Schema(NamedTuple):
             )
             if not fitting:
                 said = ", ".join(f"{s} = {sizes[s]}" for s in dict.fromkeys(wanted) if s in sizes)
-                raise InvalidInputError(f"{name} has shape {shape!s:.60}, not ({', '.join(wanted)}) with {said or 'these'}")
+                raise InvalidInputError(
+                    f"{name} has shape {shape!s:.60}, not ({', '.join(wanted)}) with {said or 'these'}"
+                )
         return sizes
 
     def _declared(self, header: Mapping[str, Any], present: set[str]) -> dict[str, tuple[Field, str]]:
@@ -169,8 +174,8 @@ class Choice(NamedTuple):
 def fits(value: Any, kind: Any) -> bool:
     """Whether a field of a header is of a type.
 
-    ``str``, ``bool``, ``int`` (a count), ``float`` (finite), a `Choice`; ``[kind]`` is a list of such, ``(kind, kind)`` a
-    list of so many, ``{name: kind}`` an object of these fields.
+    ``str``, ``bool``, ``int`` (a count), ``float`` (finite), a `Choice`; ``[kind]`` is a list of such, ``(kind, kind)``
+    a list of so many, ``{name: kind}`` an object of these fields.
     """
     if isinstance(kind, Choice):
         return any(type(value) is type(each) and value == each for each in kind.of)

@@ -8,9 +8,7 @@ from pathlib import Path
 import pytest
 
 import ccpin
-from ccpin.domain.atlas.store import ATLAS
-from ccpin.domain.curves.cover import KIND as CURVES
-from ccpin.domain.sheets.sheets import KIND as SHEETS
+from ccpin.domain.documents import ATLAS, CURVES, SHEETS
 from ccpin.proof.theorems import theorem, theorems
 
 FOLDER = Path(ccpin.__file__).parent / "proof" / "theorems"
@@ -31,7 +29,7 @@ def test_documents_written_without_docstrings_have_their_theorem(tmp_path):
     assert "**Theorem S.**" in told
 
 
-@pytest.mark.parametrize("kind", [ATLAS, SHEETS, CURVES], ids=lambda kind: kind.format)
+@pytest.mark.parametrize("kind", [ATLAS, SHEETS, CURVES], ids=lambda kind: kind.schema.format)
 def test_theorems_of_a_document_exist(kind):
     """Every kind of document names files that are there, each with a statement."""
     for name in kind.theorems:

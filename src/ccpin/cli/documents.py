@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +12,12 @@ def document(path: Path) -> Any:
     Raises:
         InvalidInputError: It is none.
     """
+    from ccpin.containers import format_of
     from ccpin.domain import Atlas, SheetAtlas, SingularCover
-    from ccpin.errors import InvalidInputError
+    from ccpin.domain.documents import CURVES, SHEETS
 
-    for kind in (SingularCover, SheetAtlas):
-        with contextlib.suppress(InvalidInputError):
-            return kind.load(path)
+    stated = format_of(path)
+    for kind, document in ((SHEETS, SheetAtlas), (CURVES, SingularCover)):
+        if stated == kind.schema.format:
+            return document.load(path)
     return Atlas.load(path)

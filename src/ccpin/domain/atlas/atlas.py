@@ -30,6 +30,7 @@ from ccpin.domain.atlas.cells import CellStatus, CellTree, Region, leaves_about,
 from ccpin.domain.atlas.singular import SingularCells, refuting
 from ccpin.domain.boxes import Boxes, Problem, verify
 from ccpin.domain.demands import meets
+from ccpin.domain.documents import ATLAS
 from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.domain.obstacles import demand_witnesses
 from ccpin.domain.verdict import Verdict, Witness
@@ -246,7 +247,7 @@ class Atlas:
         header, arrays = store.pack(store.Covering(self.problem, self.region, self.tree, self.boxes, self.singular))
         header |= {"names": list(self.names), "radius": self.radius, "complete": self.complete}
         arrays |= {"q0": self.q0, "seed": self.seed, "unglued": self.unglued}
-        store.write(path, store.ATLAS, header, arrays)
+        store.write(path, ATLAS, header, arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> Atlas:
@@ -255,7 +256,7 @@ class Atlas:
         Raises:
             InvalidInputError: The file cannot be read or is none, or a box in it is not proved.
         """
-        with store.reading(path, store.ATLAS) as (header, arrays):
+        with store.reading(path, ATLAS) as (header, arrays):
             return cls(
                 names=tuple(header["names"]),
                 q0=np.asarray(arrays["q0"], dtype=np.float64),
@@ -263,7 +264,7 @@ class Atlas:
                 unglued=arrays["unglued"].astype(np.int64),
                 complete=header["complete"],
                 seed=np.asarray(arrays["seed"], dtype=np.float64),
-                **store.unpack(header, arrays, path)._asdict(),
+                **store.unpack(header, arrays)._asdict(),
             )
 
     def _points(self, q: ArrayLike) -> Array:

@@ -7,44 +7,30 @@ Each is a certificate that stands alone: the closures and their fingerprint, the
 from __future__ import annotations
 
 import hashlib
-import json
-import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccpin.arrays import Array, frozen, rows_of
+from ccpin.containers import NamedArrays, told_of
 from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.domain.atlas.cells import Cells, CellTree, Region
+from ccpin.domain.atlas.checked import checked_cells, checked_closures, checked_region
 from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.boxes import Boxes, Demands, Problem, problem_of, verify
 from ccpin.domain.chains import Chain, ClosureSystem, closure_system
 from ccpin.domain.chart import Chart, ChartJoint, Elementary
+from ccpin.domain.documents import Document
 from ccpin.domain.rods import Rod
 from ccpin.errors import InvalidInputError
-from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.proof.theorems import theorems
 
-NamedArrays = dict[str, NDArray[np.generic]]
 Record = TypeVar("Record")
 _PART = 10_000  # boxes proved again at once
 _SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
-
-
-class Kind(NamedTuple):
-    """A kind of document: what it is called, its format's name and number, and the theorems its claims rest on."""
-
-    name: str
-    format: str
-    theorems: tuple[str, ...]
-
-
-ATLAS = Kind("atlas", "ccpin-atlas-5", ("boxes", "extended", "folds", "reach", "platform"))
 
 
 class Covering(NamedTuple):
@@ -57,60 +43,31 @@ class Covering(NamedTuple):
     singular: SingularCells
 
 
-def write(path: str | Path, kind: Kind, header: dict[str, Any], arrays: NamedArrays) -> None:
-    """Write arrays and a JSON header to a file: JSON where its name ends in ``.json``, npz otherwise.
+def write(path: str | Path, kind: Document, header: Mapping[str, Any], arrays: NamedArrays) -> None:
+    """Write arrays and a header to a file (``.json``, else npz), with the closures' fingerprint.
 
     Raises:
         InvalidInputError: It cannot be written.
     """
-    text = theorems(*kind.theorems, *(("demands",) if "demand_dexterity" in arrays else ()))
-    whole = {"format": kind.format, "theorem": text, "fingerprint": fingerprint(arrays), **header}
-    if Path(path).suffix == ".json":
-        listed = {
-            name: {"dtype": str(array.dtype), "shape": array.shape, "data": array.ravel().tolist()}
-            for name, array in ((name, np.asarray(array)) for name, array in arrays.items())
-        }
-        written = json.dumps({**whole, "arrays": listed}, allow_nan=False)
-        write_atomically(path, "w", lambda file: file.write(written))
-        return
-    header_bytes = np.frombuffer(json.dumps(whole).encode(), dtype=np.uint8)
-    write_atomically(path, "wb", lambda file: np.savez(file, header=header_bytes, **arrays))  # type: ignore[arg-type]
-
-
-def read(path: str | Path, kind: Kind) -> tuple[dict[str, Any], NamedArrays]:
-    """The header and the arrays of a file.
-
-    Raises:
-        InvalidInputError: It is not of that kind, or cannot be read.
-    """
-    try:
-        if Path(path).suffix == ".json":
-            header = json.loads(Path(path).read_text(encoding="utf-8"))
-            listed = header.pop("arrays")
-            arrays = {name: np.array(a["data"], dtype=a["dtype"]).reshape(a["shape"]) for name, a in listed.items()}
-        else:
-            with np.load(Path(path), allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-            header = json.loads(arrays.pop("header").tobytes().decode())
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
-        raise InvalidInputError(f"{path}: not a readable {kind.name} ({error})") from error
-    if header.get("format") != kind.format:
-        raise InvalidInputError(f"{path}: the format is {header.get('format')!r}, not {kind.format!r}")
-    return header, arrays
+    kind.write(path, {"fingerprint": fingerprint(arrays), **header}, arrays)
 
 
 @contextmanager
-def reading(path: str | Path, kind: Kind) -> Iterator[tuple[dict[str, Any], NamedArrays]]:
-    """As `read`; what turns out to be missing is told too.
+def reading(path: str | Path, kind: Document) -> Iterator[tuple[dict[str, Any], NamedArrays]]:
+    """The header and the arrays of a file; what is wrong with what is formed of them is told of the file.
 
     Raises:
-        InvalidInputError: As for `read`, or an array is missing.
+        InvalidInputError: The file is not of that kind, cannot be read, or contradicts itself.
     """
-    found = read(path, kind)
-    try:
-        yield found
-    except KeyError as error:
-        raise InvalidInputError(f"{path}: the {kind.name} lacks {error}") from error
+    header, arrays = kind.schema.read(path)
+    with told_of(path):
+        if fingerprint(arrays) != header["fingerprint"]:
+            raise InvalidInputError("the closures are not those of which its fingerprint was taken")
+        checked_closures(header, arrays)
+        checked_region(arrays)
+        if "tree_child" in arrays:
+            checked_cells(arrays)
+        yield header, arrays
 
 
 def pack(covering: Covering) -> tuple[dict[str, Any], NamedArrays]:
@@ -120,7 +77,7 @@ def pack(covering: Covering) -> tuple[dict[str, Any], NamedArrays]:
     return header, arrays | packed("singular", covering.singular) | pack_region(covering.region)
 
 
-def unpack(header: dict[str, Any], arrays: NamedArrays, path: str | Path) -> Covering:
+def unpack(header: dict[str, Any], arrays: NamedArrays) -> Covering:
     """What `pack` packed, each box proved again: solutions are found with the numbers that the file has.
 
     Raises:
@@ -130,7 +87,7 @@ def unpack(header: dict[str, Any], arrays: NamedArrays, path: str | Path) -> Cov
     for first in range(0, len(boxes.kappa), _PART):
         proved = verify(problem, rows_of(boxes, slice(first, first + _PART)))
         if not np.all(proved):
-            raise InvalidInputError(f"{path}: box {first + int(np.argmin(proved))} is not proved: the file was altered")
+            raise InvalidInputError(f"box {first + int(np.argmin(proved))} is not proved: the file was altered")
     return Covering(
         problem,
         unpack_region(arrays),

@@ -22,6 +22,7 @@ from ccpin.domain.curves.curve import CertifiedCurve, as_curve, holds
 from ccpin.domain.curves.following import Chain
 from ccpin.domain.curves.search import Found, Place, Search
 from ccpin.domain.curves.tubes import Points, Stated, no_tubes, proved_again, stated, zeros_in
+from ccpin.domain.documents import CURVES
 from ccpin.domain.newton import without_turns
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.verdict import Verdict
@@ -31,13 +32,6 @@ from ccpin.proof.ranges import Ranges
 
 _SAMPLES = 33  # of a tube
 _TOUCHING = 1e-12
-
-KIND = store.Kind(
-    "cover of singular curves",
-    "ccpin-curves-2",
-    ("singular_system", "extended", "tubes", "joining", "ranges", "narrowing", "covering"),
-)
-"""What its files say they are: G, Theorem R, Lemmas J and R, Propositions N and U, Lemma W and Proposition B."""
 
 
 class UncoveredBoxes(NamedTuple):
@@ -247,7 +241,7 @@ class SingularCover:
         arrays |= store.pack_region(self.region)
         arrays["curve_tubes"] = np.array([len(curve.radius) for curve in self.curves], dtype=np.int64)
         arrays["curve_closed"] = np.array([curve.closed for curve in self.curves], dtype=np.bool_)
-        store.write(path, KIND, header, arrays)
+        store.write(path, CURVES, header, arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> SingularCover:
@@ -258,13 +252,15 @@ class SingularCover:
         Raises:
             InvalidInputError: The file cannot be read or is none, or Theorem R does not hold for a tube in it.
         """
-        with store.reading(path, KIND) as (header, arrays):
+        with store.reading(path, CURVES) as (header, arrays):
             given, ranges, uncovered = (store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items())
             problem = store.unpack_problem(header, arrays)
             tubes, proved = proved_again(problem, given)
             if not np.all(proved):
-                raise InvalidInputError(f"{path}: tube {int(np.argmin(proved))} is not proved: the file was altered")
+                raise InvalidInputError(f"tube {int(np.argmin(proved))} is not proved: the file was altered")
             sizes = arrays["curve_tubes"].astype(np.int64)
+            if sizes.sum() != len(proved):
+                raise InvalidInputError("curve_tubes are not as many as there are tubes")
             curve = np.repeat(np.arange(len(sizes)), sizes)
             chains = [Chain(tubes.take(curve == k), bool(end)) for k, end in enumerate(arrays["curve_closed"])]
             return cls(

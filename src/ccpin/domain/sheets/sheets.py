@@ -33,6 +33,7 @@ from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contac
 from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.boxes import Boxes, Problem, closure_values, verify
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
+from ccpin.domain.documents import SHEETS
 from ccpin.domain.newton import newton, solve_in_boxes, without_turns
 from ccpin.domain.sheets.front import Glued, Members
 from ccpin.domain.sheets.narrowing import Candidates
@@ -43,10 +44,6 @@ from ccpin.proof.ranges import Ranges
 
 _PART = 500
 _RECORDS: dict[str, Any] = {"members": Members, "glued": Glued, "left": Candidates, "ranges": Ranges}
-
-_THEOREMS = ("boxes", "extended", "folds", "ranges", "narrowing", "counting")
-KIND = store.Kind("sheet atlas", "ccpin-sheets-2", _THEOREMS)
-"""What its files say they are: Theorems K and S, Lemma R, Propositions N, U and C."""
 
 
 class Sheet(NamedTuple):
@@ -205,7 +202,7 @@ class SheetAtlas:
         header |= {"names": list(self.names), "complete": self.complete}
         for part in _RECORDS:
             arrays |= store.packed(part, getattr(self, part))
-        store.write(path, KIND, header, arrays | {"count": self.count})
+        store.write(path, SHEETS, header, arrays | {"count": self.count})
 
     @classmethod
     def load(cls, path: str | Path) -> SheetAtlas:
@@ -214,13 +211,13 @@ class SheetAtlas:
         Raises:
             InvalidInputError: The file cannot be read or is none, or a box in it is not proved.
         """
-        with store.reading(path, KIND) as (header, arrays):
+        with store.reading(path, SHEETS) as (header, arrays):
             records = {part: store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items()}
             return cls(
                 names=tuple(header["names"]),
                 count=arrays["count"].astype(np.int64),
                 complete=header["complete"],
-                **store.unpack(header, arrays, path)._asdict(),
+                **store.unpack(header, arrays)._asdict(),
                 **records,
             )
 
