@@ -1,7 +1,7 @@
 """Documents as files: a JSON header and named arrays, written whole, read in memory that the file's size bounds.
 
 An ``.npz`` file is a zip archive of ``.npy`` members that are stored, not compressed: what it holds is no more than
-what what it is. A ``.json`` file lists for each array its dtype, its shape and its numbers. Nothing is unpickled. Names,
+what it is. A ``.json`` file lists for each array its dtype, its shape and its numbers. Nothing is unpickled. Names,
 dtypes and shapes are compared with what is declared of them (`ccpin.schemas`) before numbers are read.
 """
 

@@ -106,8 +106,8 @@ class Schema(NamedTuple):
             InvalidInputError: They differ; the field is named.
         """
         if header.get("format") != self.format:
-            found = f"the format is {header['format']!r:.60}" if "format" in header else "it states no format"
-            raise InvalidInputError(f"{found}, where that of {self.name} is {self.format!r}: make it anew")
+            found = repr(header.get("format"))[:60] if "format" in header else "not stated"
+            raise InvalidInputError(f"the format is {found}, not {self.format!r}, that of {self.name}")
         declared = {"format": str, **self.header}
         _refuse_names({*header}, {*declared}, "the header")
         for name, kind in declared.items():

@@ -343,7 +343,7 @@ def test_save_and_load(torus, tmp_path):
     assert np.array_equal(back.contains(points), inside)
     assert np.array_equal(back.sigma(points[inside]), atlas.sigma(points[inside]))
     path.write_bytes(path.read_bytes()[:5000])
-    with pytest.raises(InvalidInputError, match="not a readable atlas"):
+    with pytest.raises(InvalidInputError, match="cannot be read"):
         Atlas.load(path)
     np.savez(path, header=np.frombuffer(b'{"format": "x"}', dtype=np.uint8))
     with pytest.raises(InvalidInputError, match="format"):
