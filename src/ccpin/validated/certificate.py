@@ -43,6 +43,7 @@ from ccpin.control.laws import PDSimpleGravity
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
+from ccpin.mechanism.left_out import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.validated.arrival import Goal, SetArrival, goal_of, lyapunov, single_valued, unconnected
 from ccpin.validated.balls import Ball, flint, lower, upper
@@ -165,7 +166,8 @@ def certify_move(
             move = _of_one(loop, start, goal, duration, options, precision)
     if move.verdict == "proven" and sampled:
         move = replace(move, verdict="undecided", reason=f"{move.reason}, but that level was only sampled: certify it")
-    return replace(move, level=level, rigorous=rigorous)
+    reason = move.reason + without_dry_friction(model.mechanism)
+    return replace(move, reason=reason, level=level, rigorous=rigorous)
 
 
 def _of_one(

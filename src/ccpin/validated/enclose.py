@@ -16,7 +16,7 @@ and g(q_d) are the doubles the law object holds. Measured parameters differ; the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +27,7 @@ from ccpin.control.laws import ControlLaw, NoTorque
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
+from ccpin.mechanism.left_out import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.validated.balls import Ball, around, ball, bounds, flint, hull, lower, magnitude, upper
 from ccpin.validated.closing import closed_start
@@ -210,7 +211,8 @@ def enclose(
         if reason and steps and (law is None or isinstance(law, NoTorque)):
             since = sum(step.length for step in steps)
             met = crossing(model, loop, start_box(steps[-1].end), since, duration - since, options)
-        return collect(loop, start, steps, reason, precision, met)
+        found = collect(loop, start, steps, reason, precision, met)
+    return replace(found, reason=found.reason + without_dry_friction(model.mechanism))
 
 
 def checked_options(duration: float, precision: int, options: Options) -> Options:

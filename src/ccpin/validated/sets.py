@@ -15,6 +15,7 @@ from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
+from ccpin.mechanism.left_out import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.validated.balls import Ball, ball, flint
 from ccpin.validated.closing import closed_start
@@ -109,7 +110,8 @@ def enclose_set(
         if period is not None:
             job = job._replace(period=math.ceil(positive(period, "period") / QUANTUM) * QUANTUM)
         tubes, missing = cover(job, starts, parts)
-    return SetEnclosure(*told(tubes, missing, parts), tuple(tubes))
+    verdict, reason = told(tubes, missing, parts)
+    return SetEnclosure(verdict, reason + without_dry_friction(model.mechanism), tuple(tubes))
 
 
 def checked_cut(parts: int, cells: int, longest_slice: float) -> Cut:

@@ -29,8 +29,23 @@ What is rigorous. Over a certified atlas, or over cells proved as they are neede
 boundary and β an upper bound of ‖∂g/∂q‖ on the cells that meet 𝒬, from second-order expansions with remainders and
 rounding margins (`ccpin.domain.gravity_bounds`). The numbers q_d, K_p, g(q_d) and V(q_d) are taken as the law has
 them: g(q_d) is its own to rounding. That D is positive definite (no motion without moving mass) is not checked. Over
-a plain region the figures are estimates on a grid, and say so. Friction, saturation and sampling are outside the
-theorem.
+a plain region the figures are estimates on a grid, and say so.
+
+**Dry friction.** Let each joint besides resist with a force in −f_j SGN(q̇′_j), f_j ≥ 0 (Filippov's solutions, which
+exist as the right-hand side is upper semicontinuous with convex compact values). Then every motion that starts in B₂
+stays there and q̇ → 0, and its distance to the points of rest, {q ∈ 𝒬: ∇U(q) ∈ ρᵀ[−f, f]}, tends to 0; q_d is one of
+them. *Proof.* The power of such forces is −Σ f_j|q̇′_j| ≤ 0, so 𝒱̇ ≤ −q̇ᵀK_v q̇ still, and the state stays in a compact set
+as above. The integral of q̇ᵀK_v q̇ over all times is at most 𝒱(0), and q̈ is bounded, so q̇ → 0 (Barbalat). A limit of the
+motion's states is one of its limit set, which is closed, weakly invariant and in {q̇ = 0}: along a motion in it q̇ = 0
+always, so the forces balance at it. ∎ That is what the certificate says of a mechanism that states dry friction. Dampers
+only add to K_v. Limits of efforts, end stops and sampling are outside of the theorem: `assumes` names those stated.
+
+Hypotheses, and where they are looked at: K_p and K_v symmetric and positive definite, `gain_matrix`; q̃ on the line, not
+on a circle, `_check`; σ smooth and nonsingular on a neighbourhood of G, Theorem K on every cell and a cell's gluing to
+each neighbour (`cells`); V a function on G though springs are none modulo 2π, `set_point_cells`; U ≥ c on G's boundary,
+where a face at which two cells carry different σ is one (`flood`), so that σ need not be single-valued over the atlas;
+q_d in G's interior with the law's configuration in its cells, `cells_of_atlas`; ‖∂g/∂q‖ ≤ β < k and the motors' rank on
+every cell that is a member, `Flood`.
 """
 
 from __future__ import annotations
@@ -55,6 +70,7 @@ from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
+from ccpin.mechanism.left_out import limits_left_out, rubbing
 from ccpin.mechanism.mechanism import Mechanism
 
 _BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
@@ -82,7 +98,8 @@ class SetPointCertificate:
 
     Attributes:
         law: The law.
-        verdict: ``"proven"``: every motion that starts in B₂ converges to q_d. ``"refuted"``: at q_d itself K_p + ∂g/∂q
+        verdict: ``"proven"``: every motion that starts in B₂ converges to q_d; where a joint states dry friction, it
+            stays there and comes to rest, at q_d or where friction holds it. ``"refuted"``: at q_d itself K_p + ∂g/∂q
             is not positive definite, or ‖∂g/∂q‖ ≥ k, so there is no B₂ of Theorem 3 about it, however small.
             ``"undecided"``: neither; `reason` says what was spent and what more would do.
         level: c in joules; 0 where none was found, an estimate where not `rigorous`.
@@ -135,10 +152,24 @@ class SetPointCertificate:
         told = f"c is limited by {_LIMITS[self.limit]}"
         if self.verdict == "proven":
             more = "" if self.limit in ("domain", "gain") else f"; {self._more}"
-            return f"every motion with 𝒱 < {self.level:.6g} J around q_d converges; {told}{more}"
+            return f"every motion with 𝒱 < {self.level:.6g} J around q_d {self._end}; {told}{more}"
         if not self.rigorous:
             return f"nothing is proved: on samples c is about {self.level:.6g} J, {told}; over an atlas it is proved"
         return f"{_FAILED[self.limit]}; {self._more}"
+
+    @property
+    def assumes(self) -> tuple[str, ...]:
+        """What the mechanism states and the theorem takes not to act (dry friction is seen to: `reason`)."""
+        return limits_left_out(self.law.model.mechanism)
+
+    @property
+    def _end(self) -> str:
+        names = rubbing(self.law.model.mechanism)
+        if not names:
+            return "converges"
+        return (
+            f"stays there and comes to rest, at q_d or beside it where the dry friction of {', '.join(names)} holds it"
+        )
 
     @property
     def _more(self) -> str:

@@ -58,6 +58,7 @@ from ccpin.control.stability.tube import Tube, tube_of
 from ccpin.control.tracking import ComputedTorque, PDPlus, TrackingLaw
 from ccpin.domain.verdict import Verdict
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.mechanism.left_out import limits_left_out, without_dry_friction
 
 _LEAST, _MIDDLE, _STRIDE, _NEAR = 1e-9, 1e-3, 4.0, 1.1
 
@@ -102,6 +103,11 @@ class TrackingCertificate:
         return f"TrackingCertificate({self.verdict}: {self.reason})"
 
     @property
+    def assumes(self) -> tuple[str, ...]:
+        """The limits that the mechanism states and the theorem takes not to be met."""
+        return limits_left_out(self.law.model.mechanism)
+
+    @property
     def error(self) -> Array:
         """A bound of |e_i(t)| for all t ≥ 0, of shape (n,); infinite where nothing is proved."""
         return np.asarray(self.errors.max(axis=0))
@@ -141,6 +147,7 @@ def certify_tracking(
         law: Computed torque or PD+ along a piecewise polynomial reference.
         sigma_error: ε: the largest ‖δ‖₂ of the dependent coordinates' error, rad and m.
         disturbance: f̄: how large a generalized force may be that the model does not have, N m or N: a number or (n,).
+            Dry friction that the mechanism states is one (ρᵀ times the joints' levels): it is not added here.
         initial_error: A bound of |e| at t = 0, a number or (n,).
         initial_speed: A bound of |ė| at t = 0, alike. A reference that begins with a speed at t = 0 jumps to it from
             rest: what is proved holds for ė measured before the jump, and for ė measured after it.
@@ -195,7 +202,7 @@ def _certificate(law: TrackingLaw, tube: Tube, sigma_error: float, push: Array, 
         sigma_error=sigma_error,
         disturbance=push,
         verdict=found.verdict,
-        reason=found.reason,
+        reason=found.reason + without_dry_friction(law.model.mechanism),
         times=np.append(tube.times[:-1], np.inf),
         errors=found.bound[:, :n],
         speeds=found.bound[:, n:],
