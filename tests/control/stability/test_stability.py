@@ -549,6 +549,21 @@ def test_gains_are_held_against_the_motors(rpdr):
     assert suggest_gains(ccpin.ReducedModel(rpdr), GOAL, atlas).effort_limit.shape == (2,)
 
 
+@pytest.mark.parametrize("motors", [("joint3", "joint4"), ("joint1", "joint2", "joint4")])
+def test_effort_of_motors_elsewhere_bounds_what_is_asked_anywhere(motors):
+    """u = (ρᵀSᵀ)⁺τ changes with q: no motor is asked for more at any q of the atlas, corners included."""
+    model = ccpin.ReducedModel(ccpin.load("rpdr", independent=["joint1", "joint2"], actuated=list(motors)))
+    half = np.radians(16.0)
+    atlas = certify(model.mechanism, GOAL, (GOAL - half, GOAL + half), max_depth=8)
+    gains = suggest_gains(model, GOAL, atlas)
+    law = PDSimpleGravity(model, GOAL, gains.K_p, gains.K_v)
+    signs = np.array([(s, t) for s in (-1, 0, 1) for t in (-1, 0, 1)])
+    asked = np.abs([law.torque(0.0, GOAL + half * sign, np.zeros(2)) for sign in signs]).max(axis=0)
+    assert gains.effort.shape == (len(motors),)
+    assert np.all(asked <= gains.effort)
+    assert np.all(gains.effort < 50.0 * asked.max())
+
+
 def test_gains_over_a_region(rpdr_model):
     """Over a plain region β is the largest sample: 7.25 N m/rad on 𝒟 by the closed form."""
     gains = suggest_gains(rpdr_model, GOAL, (START, GOAL))

@@ -9,7 +9,9 @@ in x = Φz: every mode has the damping ratio ζ.
 
 At rest at q the law asks for K_p q̃ + g(q_d), at most Σ_j |K_p,ij| max|q̃_j| + |g_i(q_d)| over the domain: what that is
 beyond a motor's limit cannot be had from everywhere in it, and Theorem 3 knows of no limits. Where the motors are not
-on the independent joints, their share of that is taken with (ρᵀSᵀ)⁺ at q_d.
+on the independent joints, u = (ρᵀSᵀ)⁺τ changes with q: over an atlas |u_i| ≤ ‖u‖₂ ≤ ‖τ‖₂/s with s the least singular
+value of ρᵀSᵀ over its cells (a bound; infinite where it is not shown to be positive). Over a plain region it is taken
+at q_d, an estimate as all there is.
 """
 
 from __future__ import annotations
@@ -49,8 +51,8 @@ class Gains(NamedTuple):
         beta_seen: The largest ‖∂g/∂q‖₂ among the points looked at: β is between it and `beta`.
         steepest: q near which that bound is largest: what asks for such gains, of shape (n,).
         frequencies: ω of the linearised loop's modes in rad/s, ascending, of shape (n,).
-        effort: The largest |u| asked for from rest anywhere in the domain, of shape (n,).
-        effort_limit: What the motors can give either way (infinite where nothing is stated), of shape (n,).
+        effort: The largest |u| asked for from rest anywhere in the domain, of shape (motors,); over an atlas a bound.
+        effort_limit: What the motors can give either way (infinite where nothing is stated), of shape (motors,).
         verdict: ``"proven"`` where ‖∂g/∂q‖ < K_p is proved on the domain, ``"undecided"`` where it was sampled.
         reason: What limits the gains, and which motors they ask for too much, in a sentence.
     """
@@ -148,10 +150,11 @@ def suggest_gains(
         samples = sample_region(model, lower, upper, law.q_free_d)
         worst = int(np.argmax(samples.norm))
         slope = SlopeBound(float(samples.norm[worst]), float(samples.norm[worst]), samples.q[worst], 0)
-        whole = True
+        whole, grip = True, np.inf
     else:
         store = cells_of_atlas(law, domain)
         slope, whole = gravity_slope_over(store), store.whole
+        grip = min(cell.well.effort for cell in store.cells if cell.live and cell.well is not None)
         lower, upper = domain.lower.min(axis=0), domain.upper.max(axis=0)
     beta = slope.bound
     if not beta > 1e-12:
@@ -162,7 +165,8 @@ def suggest_gains(
     damper, frequencies = _damped(mass, stiffness + slope_here, damping)
     farthest = np.maximum(np.abs(law.q_d - lower), np.abs(upper - law.q_d))
     motors = model.mechanism.motors
-    effort = _leverage(law) @ (np.abs(stiffness) @ farthest + np.abs(law.gravity_d))
+    asked = np.abs(stiffness) @ farthest + np.abs(law.gravity_d)
+    effort = _leverage(law) @ asked if np.isinf(grip) else np.full(model.n_actuated, _norm_over(asked, grip))
     effort_limit = np.abs(motors.limits).min(axis=1)
     rigorous = isinstance(domain, Atlas)
     limits = [_what_limits(slope, rigorous)] if whole else [_what_limits(slope, rigorous), _TORN]
@@ -181,9 +185,17 @@ def suggest_gains(
 
 
 def _leverage(law: PDSimpleGravity) -> Array:
-    """|(ρᵀSᵀ)⁺| at q_d: what each motor gives for one unit of each generalized force, of shape (motors, n)."""
+    """|(ρᵀSᵀ)⁺| at q_d, of shape (motors, n): what motors give for one unit of each generalized force.
+
+    It is the same everywhere where the motors sit on q.
+    """
     transmission = law.near.reference.transmission
     return np.eye(law.model.n) if transmission is None else np.asarray(np.abs(np.linalg.pinv(transmission)))
+
+
+def _norm_over(asked: Array, grip: float) -> float:
+    """‖τ‖₂/s, infinite where s is not positive."""
+    return float(np.linalg.norm(asked)) / grip if grip > 0.0 else np.inf
 
 
 def _what_limits(slope: SlopeBound, rigorous: bool) -> str:

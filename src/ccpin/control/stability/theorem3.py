@@ -35,10 +35,10 @@ a plain region the figures are estimates on a grid, and say so.
 exist as the right-hand side is upper semicontinuous with convex compact values). Then every motion that starts in B₂
 stays there and q̇ → 0, and its distance to the points of rest, {q ∈ 𝒬: ∇U(q) ∈ ρᵀ[−f, f]}, tends to 0; q_d is one of
 them. *Proof.* The power of such forces is −Σ f_j|q̇′_j| ≤ 0, so 𝒱̇ ≤ −q̇ᵀK_v q̇ still, and the state stays in a compact set
-as above. The integral of q̇ᵀK_v q̇ over all times is at most 𝒱(0), and q̈ is bounded, so q̇ → 0 (Barbalat). A limit of the
-motion's states is one of its limit set, which is closed, weakly invariant and in {q̇ = 0}: along a motion in it q̇ = 0
-always, so the forces balance at it. ∎ That is what the certificate says of a mechanism that states dry friction. Dampers
-only add to K_v. Limits of efforts, end stops and sampling are outside of the theorem: `assumes` names those stated.
+as above. The integral of q̇ᵀK_v q̇ over all times is at most 𝒱(0), and q̈ is bounded, so q̇ → 0 (Barbalat). The limit set
+is closed, weakly invariant and in {q̇ = 0}: along a motion in it q̇ = 0 always, so forces balance at all its points. ∎
+That is what the certificate says of a mechanism that states dry friction. Dampers only add to K_v. Limits of efforts,
+end stops and sampling are outside of the theorem: `assumes` names the limits stated.
 
 Hypotheses, and where they are looked at: K_p and K_v symmetric and positive definite, `gain_matrix`; q̃ on the line, not
 on a circle, `_check`; σ smooth and nonsingular on a neighbourhood of G, Theorem K on every cell and a cell's gluing to
