@@ -1,0 +1,94 @@
+"""The table: which functions and constants theorems rest on, which tests are to notice a change, and what need not be.
+
+Every float, square, sum, conjunction and inequality in the places named is changed in turn (`changes`), so nothing in
+them can be left out. A change that makes a bound only larger, or a search only less lucky, is *sharpness only*: its
+fragment and the reason stand here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from tests.mutants.changes import Change, changes_of
+from tests.mutants.running import source_of
+
+
+class Room(NamedTuple):
+    """A module's share of the table.
+
+    Attributes:
+        module: As ``domain/boxes``.
+        places: Its functions, methods (``Class.method``) and constants that are changed.
+        tests: Files or tests under tests/ that are to notice it.
+        sharpness: (a fragment of a source line, of what is changed there, the reason why it need not be noticed).
+    """
+
+    module: str
+    places: tuple[str, ...]
+    tests: tuple[str, ...]
+    sharpness: tuple[tuple[str, str, str], ...] = ()
+
+
+class Mutant(NamedTuple):
+    """A change, its room, and the reason why it is not run (empty: it is)."""
+
+    room: Room
+    change: Change
+    reason: str
+
+
+def mutants_of(room: Room) -> Iterator[Mutant]:
+    """All mutants of a module.
+
+    Raises:
+        LookupError: A place or a fragment that the module no longer has.
+    """
+    unused = set(room.sharpness)
+    try:
+        for change in changes_of(source_of(room.module).read_text(), room.places):
+            entries = [e for e in room.sharpness if e[0] in change.text and e[1] in change.what]
+            unused -= set(entries)
+            yield Mutant(room, change, entries[0][2] if entries else "")
+    except KeyError as missing:
+        raise LookupError(f"{room.module} has no {missing}: the table of mutants is to be mended") from None
+    if unused:
+        raise LookupError(f"{room.module} has nothing to change at {sorted(unused)}: the table is to be mended")
+
+
+_BOUNDS = ("domain/test_sharp_bounds.py",)
+ROOMS = (
+    Room(
+        "domain/bounds",
+        ("linear_part", "LinearPart.affine", "LinearPart.widths", "LinearPart.curvature_margin", "Image.of"),
+        _BOUNDS,
+    ),
+    Room(
+        "domain/bounds_reach",
+        (
+            "reach_bounds",
+            "chain_reach",
+            "_trilinear",
+            "ReachBounds.mean",
+            "ReachBounds.contraction",
+            "ReachBounds.curvature",
+            "ReachBounds._first",
+            "ReachBounds._reach",
+        ),
+        _BOUNDS,
+    ),
+    Room(
+        "domain/boxes",
+        ("_holds", "bounds_of", "SLACK"),
+        _BOUNDS,
+        (
+            ("np.isfinite(image + shrunk)", "without shrunk", "a Z that is no number fails (K2) too"),
+            ("SLACK = 1.0 + 1e-10", "1e-10 × 1.1", "more room for rounding"),
+            ("half = boxes.half", "1 × 1.1", "wider boxes"),
+            ("half = boxes.half", "1 × 2", "wider boxes"),
+            ("half = boxes.half", "2 × 0.5", "wider boxes: 2⁻⁵¹ grows"),
+            ("half = boxes.half", "2 × 0.9", "wider boxes: 2⁻⁵¹ grows"),
+        ),
+    ),
+    Room("domain/newton", ("encloses", "without_turns", "_rounding"), _BOUNDS),
+)

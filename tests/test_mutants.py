@@ -1,0 +1,33 @@
+"""The table of mutants names what is there; the mutants themselves are run by ``python -m tests.mutants``."""
+
+import pytest
+
+from tests.mutants.changes import changes_of
+from tests.mutants.table import ROOMS, mutants_of
+
+
+@pytest.mark.parametrize("room", ROOMS, ids=[room.module for room in ROOMS])
+def test_every_place_and_fragment_of_the_table_is_there(room):
+    assert list(mutants_of(room))
+
+
+def test_each_number_inequality_and_term_is_changed():
+    source = "C = 2.0\n\ndef f(x, y):\n    y += x**2\n    return (0.5 * x + y < 1.0) & (x > y)\n"
+    found = {(change.place, change.what) for change in changes_of(source, ("C", "f"))}
+    factors = {
+        (place, f"{value} × {k}")
+        for k in ("0.5", "0.9", "1.1", "2")
+        for place, value in (("C", 2), ("f", 0.5), ("f", 1))
+    }
+    assert found == factors | {
+        ("f", "without x ** 2"), ("f", "no square"), ("f", "without y"), ("f", "without 0.5 * x"),
+        ("f", "not asked: x > y"), ("f", "not asked: 0.5 * x + y < 1.0"),
+        ("f", "0.5 * x + y < 1.0: left × 0.5"), ("f", "x > y: left × 2"),
+    }  # fmt: skip
+
+
+def test_a_place_that_is_gone_is_an_error():
+    with pytest.raises(LookupError, match="no 'gone'"):
+        list(mutants_of(ROOMS[0]._replace(places=("gone",))))
+    with pytest.raises(LookupError, match="nothing to change"):
+        list(mutants_of(ROOMS[0]._replace(sharpness=(("no such line", "", "never"),))))
