@@ -4,6 +4,7 @@ No robot is solved here. The numbers are random, so that every term counts, roun
 and a bound that is a part in 1e12 off, to either side, is noticed.
 """
 
+from fractions import Fraction
 from itertools import product
 from types import SimpleNamespace
 
@@ -15,6 +16,7 @@ from ccpin.domain.bounds_reach import chain_reach, reach_bounds
 from ccpin.domain.boxes import Boxes, Problem, _holds, bounds_of
 from ccpin.domain.chain_stack import ChainStack, Derivatives
 from ccpin.domain.newton import _rounding, encloses, without_turns
+from ccpin.proof.rounding import blur, widened
 
 N, M, P = 5, 2, 3  # n′, m and the parameters of a box
 
@@ -186,8 +188,8 @@ class Fixed:
 def box_of(radius=1.0, weight=1.0, kappa=0.5):
     one = np.ones((1, 1, 1))
     return Boxes(
-        np.zeros((1, 2)), np.full((1, 1), 0.5), np.ones((1, 2, 1)), one, one, np.array([[radius]]), np.array([[weight]]),
-        np.array([kappa]),
+        np.zeros((1, 2)), np.full((1, 1), 0.5), np.ones((1, 2, 1)), one, one,
+        np.array([[radius]]), np.array([[weight]]), np.array([kappa]),
     )  # fmt: skip
 
 
@@ -277,6 +279,13 @@ def test_gluing_keeps_room_for_the_rounding_of_near_coordinates(alone):
         assert encloses(alone, box, np.zeros((1, 1)), np.zeros((1, 2)), np.array([[error]]))[0] == held
 
 
+def test_gluing_keeps_room_for_what_a_point_of_q_may_be_off_by(alone):
+    """4u |D| at δ = 0: with a slope of 1000 that is 4.4e-13."""
+    box = box_of(radius=1e-12)._replace(directions=np.array([[[1.0], [-1e3]]]))
+    for error, held in ((0.45e-12, True), (0.46e-12, False)):
+        assert encloses(alone, box, np.zeros((1, 1)), np.zeros((1, 2)), np.array([[error]]))[0] == held
+
+
 def test_gaps_without_turns_are_at_most_half_a_turn():
     gap = np.array([[3.0, 3.0], [3.2, 3.2], [2 * np.pi, 2 * np.pi], [-10.0, -10.0]])
     found = without_turns(gap, np.array([True, False]))
@@ -297,11 +306,26 @@ def test_boxes_are_bounded_as_widened(monkeypatch):
     seen = []
     monkeypatch.setattr(module, "derivatives", lambda *_: None)
     monkeypatch.setattr(module, "reach_bounds", lambda stack, theta, values, frame: seen.append(frame))
-    system = SimpleNamespace(dependent=np.array([1]), m=1, rounding=1e-3, magnitude=lambda theta: np.array([7.0]))
-    box = box_of()
+    system = SimpleNamespace(
+        dependent=np.array([1]), independent=np.array([0]), m=1, n=1, rounding=1e-3, magnitude=lambda t: np.full(1, 7.0)
+    )
+    box = box_of()._replace(centre=np.array([[-1e3, 5.0]]))
     bounds_of(Problem(system, None, None), box)
     (frame,) = seen
-    assert np.all(frame.half >= box.half * (1 + 4 * 2.0**-53) + 1e-14 * (1 - 1e-2))
+    np.testing.assert_array_equal(frame.half, widened(np.array([[1e3]]), box.half))
     assert frame.rounding[0] == 7.0e-3
     np.testing.assert_array_equal(frame.modes[0], [[0.0], [1.0]])
     np.testing.assert_array_equal(frame.preconditioner, box.preconditioner)
+
+
+@pytest.mark.parametrize(("centre", "half"), [(0.0, 2.0**-60), (1024.0, 2.0**-60), (-1024.0, 2.0**-60), (0.0, 64.0)])
+def test_boxes_are_widened_by_the_roundings_that_the_lemma_counts(centre, half):
+    """1e-14 + 4u(|c| + h), within the rounding of the sum."""
+    more = Fraction(float(widened(np.array(centre), np.array(half)))) - Fraction(half)
+    stated = Fraction(1e-14) + 4 * Fraction(1, 2**53) * (abs(Fraction(centre)) + Fraction(half))
+    assert abs(more - stated) <= Fraction(np.spacing(half)) + stated / 1000
+
+
+@pytest.mark.parametrize("x", [0.0, 3.0, -1e6])
+def test_a_point_asked_about_may_be_off_by_its_roundings(x):
+    np.testing.assert_allclose(blur(np.array(x)), 2.0**-51 * (1 + abs(x)), rtol=1e-12)

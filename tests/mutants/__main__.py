@@ -29,19 +29,24 @@ def main(arguments: list[str]) -> int:
         tried = [mutant.change for mutant in mutants if not mutant.reason]
         same, *found = outcomes_of(room.module, [None, *tried], room.tests, options.processes)
         if same != "survives":
-            print(f"{room.module}: its tests fail with nothing changed")
+            _say(f"{room.module}: its tests fail with nothing changed")
             return 2
         for change, outcome in zip(tried, found, strict=True):
             if outcome == "survives":
-                print(f"{room.module}:{change.line} {change.place}: {change.what}\n    {change.text}", flush=True)
+                _say(f"{room.module}:{change.line} {change.place}: {change.what}\n    {change.text}")
         counts.update(found)
         counts["all"] += len(mutants)
         counts["sharpness only"] += len(mutants) - len(tried)
-    print(
+    _say(
         f"{counts['all']} mutants: {counts['killed'] + counts['too long']} killed ({counts['too long']} by time), "
         f"{counts['sharpness only']} sharpness only, {counts['survives']} survive; {time.monotonic() - begun:.0f} s"
     )
     return int(counts["survives"] > 0)
+
+
+def _say(text: str) -> None:
+    sys.stdout.write(text + "\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":
