@@ -108,11 +108,11 @@ def test_every_module_has_its_room():
 
 
 def test_no_test_imports_another():
-    """Tests share what is in `tests/support` and `tests/oracles`, and their folders are the package's rooms."""
+    """Tests share what is in `tests/support`, `tests/oracles` and `tests/mutants`, and their folders are the package's rooms."""
     tests = Path(__file__).parent
     for path in tests.rglob("test_*.py"):
         shared = re.findall(r"^\s*(?:from|import) tests\.?(\w*)", path.read_text(encoding="utf-8"), re.MULTILINE)
-        assert set(shared) <= {"support", "oracles"}, path
+        assert set(shared) <= {"support", "oracles", "mutants"}, path
     folders = {path.parent.relative_to(tests).parts for path in tests.rglob("test_*.py")}
     assert [folder for folder in folders if folder not in OF_NO_ROOM and not SOURCE.joinpath(*folder).is_dir()] == []
 

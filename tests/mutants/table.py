@@ -90,4 +90,11 @@ ROOMS = (
         (("np.isfinite(image + shrunk)", "without shrunk", "a Z that is no number fails (K2) too"),),
     ),
     Room("domain/newton", ("encloses", "without_turns", "_rounding"), _BOUNDS),
+    Room("domain/sheets/narrowing", ("alone_in",), ("domain/sheets/test_sharp_narrowing.py",)),
+    Room(
+        "domain/gravity_bounds",
+        ("_remainder", "_slope_bound", "_curvature_change", "_inverse_bound", "_variation", "_symmetric"),
+        ("domain/test_sharp_gravity.py",),
+    ),
+    Room("control/stability/cells", ("CellStore.agree",), ("control/stability/test_sharp_cells.py",)),
 )
