@@ -108,7 +108,7 @@ def test_every_module_has_its_room():
 
 
 def test_no_test_imports_another():
-    """Tests share what is in `tests/support`, `tests/oracles` and `tests/mutants`, and their folders are the package's rooms."""
+    """Tests share `tests/support`, `tests/oracles` and `tests/mutants`; their folders are the package's rooms."""
     tests = Path(__file__).parent
     for path in tests.rglob("test_*.py"):
         shared = re.findall(r"^\s*(?:from|import) tests\.?(\w*)", path.read_text(encoding="utf-8"), re.MULTILINE)

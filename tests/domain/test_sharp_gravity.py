@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from ccpin.domain.boxes import Boxes
-from ccpin.domain.gravity_bounds import _curvature_change, _Expansion, _inverse_bound, _remainder, _slope_bound
+from ccpin.domain.gravity_bounds import (
+    _curvature_change,
+    _Expansion,
+    _inverse_bound,
+    _remainder,
+    _slope_bound,
+    _symmetric,
+)
 from ccpin.domain.gravity_bounds import _variation as variation_of
 
 N, M, P = 4, 2, 2
@@ -16,7 +23,7 @@ def rng():
 
 
 def cubic(rng, margin=0.0):
-    """(f, L) with nonnegative derivatives at the centre, whose second ones grow along D h + E R by what `drift` says."""
+    """(f, L) with nonnegative derivatives at the centre, second ones growing along Dh + ER by `drift`."""
     slope = rng.uniform(0.1, 1, (1, M + 1, N))
     curvature = rng.uniform(0.1, 1, (1, M + 1, N, N))
     curvature = curvature + np.swapaxes(curvature, 2, 3)
@@ -59,7 +66,7 @@ def test_the_remainder_is_attained_at_a_corner_of_a_cubic(rng):
 
 
 def test_roundings_of_the_value_and_of_slopes_are_added(rng):
-    third, box = cubic(rng)
+    _, box = cubic(rng)
     noisy = box._replace(margin=np.array([[0.5, 1.0, 2.0]]))
     far = 1 + box.moves.sum()
     np.testing.assert_allclose(_remainder(noisy) - _remainder(box), [2.0 * far**2], rtol=1e-12)
@@ -84,7 +91,7 @@ def test_slopes_are_bounded_by_those_at_a_corner_of_a_cubic(rng):
 
 def test_curvatures_are_bounded_by_those_at_a_corner_of_a_cubic(rng):
     """ρᵀL_θθρ − DᵀL_θθ(θ_c)D with ρ = D + Eη."""
-    third, box = cubic(rng)
+    _, box = cubic(rng)
     eta = rng.uniform(0.1, 1, (1, M, P))
     rho = box.boxes.directions[0] + box.modes[0] @ eta[0]
     corner = np.einsum("ia,rij,jb->rab", rho, box.curvature[0] + box.drift[0], rho)
@@ -114,3 +121,7 @@ def test_the_hessians_variation_is_its_change_and_the_solutions_curvature(rng):
     second = _inverse_bound(box.boxes, pull[:, :M], bent[None])[0]
     stated = change[0, M] + np.einsum("m,mab->ab", pull[0, M], second)
     np.testing.assert_allclose(variation_of(box, pull, eta)[0], stated, rtol=1e-12)
+
+
+def test_a_symmetric_part_is_the_mean_of_a_matrix_and_its_transpose():
+    np.testing.assert_array_equal(_symmetric(np.array([[[1.0, 2.0], [6.0, 3.0]]])), [[[1.0, 4.0], [4.0, 3.0]]])

@@ -84,6 +84,8 @@ def _variants(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
     elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
         yield f"without {ast.unparse(node.right)}", node.left
         yield f"without {ast.unparse(node.left)}", node.right
+    elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub):
+        yield f"without {ast.unparse(node.right)}", node.left
     elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitAnd):
         yield f"not asked: {ast.unparse(node.right)}", node.left
         yield f"not asked: {ast.unparse(node.left)}", node.right

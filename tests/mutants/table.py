@@ -90,7 +90,15 @@ ROOMS = (
         (("np.isfinite(image + shrunk)", "without shrunk", "a Z that is no number fails (K2) too"),),
     ),
     Room("domain/newton", ("encloses", "without_turns", "_rounding"), _BOUNDS),
-    Room("domain/sheets/narrowing", ("alone_in",), ("domain/sheets/test_sharp_narrowing.py",)),
+    Room(
+        "domain/sheets/narrowing",
+        ("alone_in",),
+        ("domain/sheets/test_sharp_narrowing.py",),
+        (
+            ("weight = 0.5 * (weight", "", "any w > 0 will do: it is checked below"),
+            ("alone & np.isfinite", "not asked: np.isfinite", "Zw < w fails where Z is no number"),
+        ),
+    ),
     Room(
         "domain/gravity_bounds",
         ("_remainder", "_slope_bound", "_curvature_change", "_inverse_bound", "_variation", "_symmetric"),

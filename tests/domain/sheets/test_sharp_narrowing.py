@@ -67,3 +67,12 @@ def test_a_reach_that_newtons_image_lowers_is_taken_as_lowered(monkeypatch):
     assert held(monkeypatch, 1.99, half=1.0)
     assert not held(monkeypatch, 2.01, half=1.0)
     assert not held(monkeypatch, 1.3, half=1.0, radius=0.8)
+    monkeypatch.setattr(Growing, "y", np.full((1, 1), 0.25))
+    assert held(monkeypatch, 1.33, half=1.0)
+    assert not held(monkeypatch, 1.34, half=1.0)
+
+
+def test_a_reach_keeps_room_for_rounding(monkeypatch):
+    """A candidate of no width about σ itself is taken 1e-13 wide."""
+    assert held(monkeypatch, 1e13 * (1 - 1e-3), radius=0.0)
+    assert not held(monkeypatch, 1e13 * (1 + 1e-3), radius=0.0)
