@@ -23,9 +23,9 @@ from scipy.interpolate import BSpline, PPoly
 
 from ccpin.arrays import Array, frozen, numbers
 from ccpin.errors import InvalidInputError
+from ccpin.proof.rounding import UNIT_ROUNDOFF
 
 _CONTINUOUS = 1e-9
-_UNIT = 2.0**-53
 _DEGREE = 50
 
 
@@ -103,9 +103,11 @@ def chords_of(pieces: PPoly, knots: Array) -> Chord:
     first, last = bernstein[0], bernstein[-1]
     along = np.linspace(0.0, 1.0, len(bernstein))[:, None, None]
     line = first + along * (last - first)
-    straight = 8.0 * _UNIT * (np.abs(first) + np.abs(last))  # of `line`, and of a chord's middle and half as doubles
+    straight = (
+        8.0 * UNIT_ROUNDOFF * (np.abs(first) + np.abs(last))
+    )  # of `line`, and of a chord's middle and half as doubles
     away = np.abs(bernstein - line) + rounding
-    deviation = away.max(axis=0) * (1.0 + 4.0 * _UNIT) + straight
+    deviation = away.max(axis=0) * (1.0 + 4.0 * UNIT_ROUNDOFF) + straight
     return Chord(first, last, deviation, np.stack([rounding[0], rounding[-1]], axis=1))
 
 
@@ -129,7 +131,7 @@ def _bernstein(pieces: PPoly, start: Array, length: Array) -> tuple[Array, Array
     steps = np.cumprod(np.stack([np.ones_like(length), *[length] * degree]), axis=0)
     scaled = powers * steps[:, None, :, None]
     values, sizes = np.moveaxis(np.tensordot(_to_bernstein(degree), scaled, axes=1), 1, 0)
-    return values, (8 * degree + 16) * _UNIT * sizes + np.finfo(np.float64).tiny
+    return values, (8 * degree + 16) * UNIT_ROUNDOFF * sizes + np.finfo(np.float64).tiny
 
 
 @lru_cache
