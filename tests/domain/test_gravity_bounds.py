@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription
 from ccpin.domain.boxes import Problem, certify_boxes, problem_of
 from ccpin.domain.chains import seed_at_coordinates
 from ccpin.domain.gravity_bounds import GravityBounds, Potential, gravity_bounds, potential_of, potential_values
 from tests.oracles import rpdr as oracle
 from tests.oracles.finite_differences import derivative
+from tests.support.carriages import at
 
 # Half-widths (rad or m) at which a box around the reference is certified with room to spare.
 SIZES = {
@@ -151,6 +153,34 @@ def test_rpdr_against_the_closed_form():
             slope = _closed_form_slope(q + delta)
             assert np.all(np.abs(slope - bounds.hessian[0]) <= bounds.variation[0] + 1e-6 * np.abs(slope).max())
             assert np.linalg.norm(slope, 2) <= bounds.norm[0] * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("half", [0.02, 0.05])
+def test_the_bounds_are_attained_by_a_lone_arm(half):
+    """V = m g l sin q of one heavy arm, level: V − Taylor is −m g l (q − sin q), ∂g/∂q = −m g l sin q, both sharp."""
+    mass, length, fall, hinge = 2.0, 0.7, 9.81, np.array([0.0, 0.0, 1.0])
+    heavy, light = Inertia(mass, np.array([length, 0.0, 0.0]), np.zeros((3, 3))), Inertia(0.0, np.zeros(3), np.eye(3))
+    joints = (
+        Joint("q1", "revolute", "base", "arm", at(), axis=hinge),
+        Joint("q2", "revolute", "base", "other", at(1.5), axis=hinge),
+        Joint("e1", "revolute", "arm", "rod1", at(1.0), axis=hinge),
+        Joint("e2", "revolute", "other", "rod2", at(1.0), axis=hinge),
+    )
+    links = (Link("base"), *(Link(joint.child, heavy if joint.name == "q1" else light) for joint in joints))
+    tip = LoopClosure("tip", "revolute", "rod1", "rod2", at(1.2), at(1.2))
+    described = MechanismDescription("lone arm", "base", links, joints, (tip,))
+    mechanism = ccpin.load(described, independent=["q1", "q2"])
+    seed = seed_at_coordinates(mechanism, np.array([0.0, 0.9]))
+    problem = problem_of(seed.system)
+    potential = potential_of(mechanism, seed.system, np.array([0.0, -fall, 0.0]))
+    attempt = certify_boxes(problem, seed.theta[None], np.array([[half, 1e-3]]), np.eye(2))
+    assert attempt.proved[0]
+    bounds, moment = gravity_bounds(problem, potential, attempt.boxes), mass * fall * length
+    for found, true in (
+        (bounds.remainder[0], moment * (half - np.sin(half))),
+        (bounds.variation[0, 0, 0], moment * np.sin(half)),
+    ):
+        assert true <= found <= 1.02 * true
 
 
 def test_norm_bounds_the_variation(subjects):

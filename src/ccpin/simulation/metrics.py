@@ -84,8 +84,8 @@ class LyapunovHistory(NamedTuple):
 
     Attributes:
         V: 𝒱 in joules, of shape (T,).
-        V_dot: 𝒱̇ in watts, from the power of the efforts that acted, of shape (T,).
-        dissipation: −q̇ᵀK_v q̇ in watts, what Theorem 3 says 𝒱̇ is, of shape (T,).
+        V_dot: 𝒱̇ in watts, from the power of the efforts and dampers that acted, of shape (T,).
+        dissipation: −q̇ᵀ(K_v + damping)q̇ in watts, what Theorem 3 says 𝒱̇ is, of shape (T,).
     """
 
     V: Array
@@ -96,9 +96,10 @@ class LyapunovHistory(NamedTuple):
 def lyapunov_along(law: PDSimpleGravity | PDFullGravity, trajectory: Trajectory) -> LyapunovHistory:
     """𝒱 of a law along a motion under it.
 
-    The energy balance d/dt(½q̇ᵀDq̇ + V) = q̇ᵀρᵀSᵀu makes 𝒱̇ = q̇ᵀ(ρᵀSᵀu − K_p q̃ − g(q_d)) with simple compensation
-    (28) and q̇ᵀ(ρᵀSᵀu − K_p q̃ − g(q)) with full compensation (30), whatever u was. Under the law itself this is
-    −q̇ᵀK_v q̇; a saturated or sampled controller departs from it.
+    The energy balance d/dt(½q̇ᵀDq̇ + V) = q̇ᵀ(ρᵀSᵀu − damping q̇) makes 𝒱̇ = q̇ᵀ(ρᵀSᵀu − damping q̇ − K_p q̃ − g(q_d)) with
+    simple compensation (28) and q̇ᵀ(ρᵀSᵀu − damping q̇ − K_p q̃ − g(q)) with full compensation (30), whatever u was. Under
+    the law itself this is −q̇ᵀ(K_v + damping)q̇; a saturated or sampled controller departs from it. The power of dry
+    friction, of contacts, end stops and wrenches is not in it: where they act 𝒱 changes otherwise than 𝒱̇ says.
     """
     full = isinstance(law, PDFullGravity)
     if not full and not isinstance(law, PDSimpleGravity):
@@ -107,5 +108,6 @@ def lyapunov_along(law: PDSimpleGravity | PDFullGravity, trajectory: Trajectory)
     samples = []
     for state, v, u in trajectory.states(law.model):
         force = state.generalized_force(u) - law.K_p @ law.error(state.q) - (state.g if full else law.gravity_d)
-        samples.append((law.lyapunov(state, v), v @ force, -(v @ law.K_v @ v)))
+        lost = v @ state.damping @ v
+        samples.append((law.lyapunov(state, v), v @ force - lost, -(v @ law.K_v @ v) - lost))
     return LyapunovHistory(*np.array(samples).T)
