@@ -3,6 +3,9 @@
 Springs, dampers, rotors and gears are in the equations. Dry friction is not, nor is any limit: of a motor's effort, of
 a joint's position (an end stop) or speed. A claim about motions that is proved from the equations is true of the
 mechanism as stated only where none of these acts, so every such claim names them.
+
+The equations themselves suppose that every motion moves mass, D positive definite. It is so where every movable body
+has mass and a rotational inertia that is positive definite: no kinetic energy then means bodies at rest, and q̇′ = 0.
 """
 
 from __future__ import annotations
@@ -10,6 +13,8 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.mechanism.mechanism import Mechanism
+
+_ROUNDING = 1e-12
 
 
 def rubbing(mechanism: Mechanism) -> tuple[str, ...]:
@@ -34,3 +39,21 @@ def limits_left_out(mechanism: Mechanism) -> tuple[str, ...]:
         "speeds of": [joint.name for joint in joints if quick[joint.v].any()],
     }
     return tuple(f"the limits of the {kind} {', '.join(names)}" for kind, names in kinds.items() if names)
+
+
+def massless(mechanism: Mechanism) -> tuple[str, ...]:
+    """The joints whose bodies have no mass, or a rotational inertia that is not positive definite (to rounding)."""
+    model, names = mechanism.tree.model, list[str]()
+    for number, inertia in enumerate(model.inertias):
+        moments = np.linalg.eigvalsh(inertia.inertia)
+        if number and not (inertia.mass > 0.0 and moments[0] > _ROUNDING * moments[-1]):
+            names.append(model.names[number])
+    return tuple(names)
+
+
+def mass_assumed(mechanism: Mechanism) -> tuple[str, ...]:
+    """That D is positive definite, as a phrase, where `massless` bodies leave it open; else nothing."""
+    names = massless(mechanism)
+    if not names:
+        return ()
+    return (f"that every motion moves mass: {len(names)} bodies have no inertia of their own, as that of {names[0]}",)

@@ -6,7 +6,7 @@ import pytest
 import ccpin
 from ccpin.control import Budget, ComputedTorque, PDSimpleGravity, certify_law, certify_tracking
 from ccpin.control.references import PointToPoint
-from ccpin.mechanism.left_out import limits_left_out, rubbing, without_dry_friction
+from ccpin.mechanism.left_out import limits_left_out, mass_assumed, massless, rubbing, without_dry_friction
 from ccpin.simulation import simulate
 from tests.support.paper import GOAL, K_P, K_V
 
@@ -48,6 +48,18 @@ def test_without_dry_friction_they_converge(rpdr_model):
         "the limits of the positions of",
         "the limits of the speeds of",
     ]
+
+
+def test_that_motions_move_mass_is_shown_or_said():
+    """Bodies with mass and inertia make D positive definite; where some have none it is an assumption by name."""
+    assert massless(ccpin.load("rpdr")) == ()
+    assert mass_assumed(ccpin.load("rpdr")) == ()
+    assert "platform_x" in massless(ccpin.load("delta"))
+    model = ccpin.ReducedModel(ccpin.load("delta"))
+    certificate = certify_law(
+        PDSimpleGravity(model, np.zeros(3), np.full(3, 30.0), np.full(3, 4.0)), budget=Budget(0, 1)
+    )
+    assert "every motion moves mass" in certificate.assumes[-1]
 
 
 def test_tracking_names_the_friction_that_its_bound_leaves_out(rough):

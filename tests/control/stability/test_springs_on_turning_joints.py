@@ -57,6 +57,21 @@ def test_an_atlas_wound_otherwise_proves_the_laws_level(model, law, turns):
     assert 0.9 * _least_on_the_edge(law) < certificate.level <= _least_on_the_edge(law)
 
 
+def test_motions_from_just_below_the_level_arrive(model, law):
+    """From rest at 0.9 to 0.99 of a level proved over an atlas one turn on motions converge and stay on σ."""
+    certificate = certify_law(law, _atlas(model, law, 1), budget=Budget(10, 600))
+    rng, starts = np.random.default_rng(11), []
+    while len(starts) < 6:
+        q = GOAL + rng.uniform(-WIDTH, WIDTH, 2)
+        if 0.9 * certificate.level < _well(law, q) < 0.99 * certificate.level:
+            assert certificate.contains(q)
+            starts.append(q)
+    for q in starts:
+        motion = ccpin.simulate(model, law, q, guess=law.q_free_d, duration=1.5, sample_period=0.05)
+        np.testing.assert_allclose(motion.q[-1], GOAL, atol=1e-3)
+        assert np.all(np.abs(motion.q - GOAL) <= WIDTH)
+
+
 def test_boxes_with_turns_of_their_own(model, law):
     """An atlas's boxes turned by hand, each by turns of its own, prove what the atlas proves: all are turned back."""
     atlas, rng = _atlas(model, law), np.random.default_rng(5)

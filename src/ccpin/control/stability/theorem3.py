@@ -28,8 +28,8 @@ minimum, whence stability. ∎
 What is rigorous. Over a certified atlas, or over cells proved as they are needed, c is a lower bound of U on G's
 boundary and β an upper bound of ‖∂g/∂q‖ on the cells that meet 𝒬, from second-order expansions with remainders and
 rounding margins (`ccpin.domain.gravity_bounds`). The numbers q_d, K_p, g(q_d) and V(q_d) are taken as the law has
-them: g(q_d) is its own to rounding. That D is positive definite (no motion without moving mass) is not checked. Over
-a plain region the figures are estimates on a grid, and say so.
+them: g(q_d) is its own to rounding. D is positive definite where every body has an inertia; else `assumes` says that it
+is taken to be. Over a plain region the figures are estimates on a grid, and say so.
 
 **Dry friction.** Let each joint besides resist with a force in −f_j SGN(q̇′_j), f_j ≥ 0 (Filippov's solutions, which
 exist as the right-hand side is upper semicontinuous with convex compact values). Then every motion that starts in B₂
@@ -70,7 +70,7 @@ from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
-from ccpin.mechanism.left_out import limits_left_out, rubbing
+from ccpin.mechanism.left_out import limits_left_out, mass_assumed, rubbing
 from ccpin.mechanism.mechanism import Mechanism
 
 _BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
@@ -159,8 +159,9 @@ class SetPointCertificate:
 
     @property
     def assumes(self) -> tuple[str, ...]:
-        """What the mechanism states and the theorem takes not to act (dry friction is seen to: `reason`)."""
-        return limits_left_out(self.law.model.mechanism)
+        """Limits taken not to be met, and that D is positive definite where that is open (friction: `reason`)."""
+        mechanism = self.law.model.mechanism
+        return limits_left_out(mechanism) + mass_assumed(mechanism)
 
     @property
     def _end(self) -> str:
