@@ -23,6 +23,10 @@ _CUTS = 24
 _NEAR = 1e-9  # rad or m: how far a seed may be from a closed configuration
 _PART = 16
 _ENOUGH = 8  # claims of a kind that are not proved: no more of it are looked at
+_SEARCHED, _LONG = (
+    ("empty", "count", "cover"),
+    4,
+)  # what is searched for, and for how many one counts that is not decided
 _WORDS = {
     "box": "boxes with exactly one nonsingular solution",
     "glue": "shared faces with one σ",
@@ -142,7 +146,8 @@ def verify(
     singular configurations, in any assembly mode, but in these tubes and in the boxes listed as uncovered, by a search
     of its own.
 
-    Where eight claims of a kind are not proved no more of that kind are looked at.
+    Where eight claims of a kind are not proved, or two searches ended without an answer, no more of that kind are
+    looked at.
 
     Args:
         path: The .json or .npz file.
@@ -208,8 +213,9 @@ class _Found:
             self._open[kind].append((which, good))
 
     def enough(self, kind: str) -> bool:
-        """Whether so many of a kind were not proved that no more are looked at."""
-        return len(self._open[kind]) >= _ENOUGH
+        """Whether so many of a kind were not proved that no more are looked at; searches without end count for more."""
+        long = _LONG if kind in _SEARCHED else 1
+        return sum(1 if good is False else long for _, good in self._open[kind]) >= _ENOUGH
 
     def claim(self, kind: str) -> Claim:
         """What was found of a kind."""
