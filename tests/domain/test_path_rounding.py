@@ -68,11 +68,13 @@ def test_what_is_allowed_for_rounding_is_needed():
 
 
 def test_degrees_and_jumps_that_are_refused():
-    """Degree 51, knots that fall back, and a jump proved to be above 1e-9."""
+    """Degree 51, values beyond the doubles, knots that fall back, and a jump proved to be above 1e-9."""
     with pytest.raises(InvalidInputError, match="degree 51"):
         pieces_of(PPoly(np.zeros((52, 1, 1)), np.array([0.0, 1.0])), 1)
     with pytest.raises(InvalidInputError, match=r"jumps by 1\.1e-09"):
         pieces_of(PPoly(np.array([[[0.0], [1.1e-9]]]), np.array([0.0, 1.0, 2.0])), 1)
+    with pytest.raises(InvalidInputError, match="overflow"):
+        pieces_of(PPoly(np.ones((51, 1, 1)), np.array([0.0, 1e10])), 1)
     with pytest.raises(InvalidInputError, match="do not increase"):
         pieces_of(PPoly(np.zeros((2, 2, 1)), np.array([2.0, 1.0, 0.0])), 1)
 

@@ -184,15 +184,11 @@ def _targets(walker: Walker, knot: float) -> list[Array]:
     start, ahead, targets = walker.theta[system.independent], list[Array](), list[Array]()
     for end in here + (knot - here) * _AHEAD:
         chord = chord_of(walker.pieces, here, float(end))
-        if np.all(chord.deviation <= np.maximum(walker.tube, _STRAIGHT)):
+        away = chord.deviation + np.abs(chord.start - start)  # where the path jumps the segment begins beside it
+        if np.all(away <= np.maximum(walker.tube, _STRAIGHT)):
             ahead = ahead or [chord.end]
-            room = max(
-                0.0,
-                1.0
-                - float(
-                    np.max(chord.deviation / np.maximum(walker.tube, 1e-300), where=walker.tube > 0.0, initial=0.0)
-                ),
-            )
+            shares = np.max(away / np.maximum(walker.tube, 1e-300), where=walker.tube > 0.0, initial=0.0)
+            room = max(0.0, 1.0 - float(shares))
             targets += [chord.end + room * aside for aside in corners]
     return [*ahead, *(start + aside for aside in corners), *targets]
 

@@ -49,8 +49,8 @@ def pieces_of(path: ArrayLike | PPoly | BSpline, n: int) -> PPoly:
     """Read a polyline (waypoints of shape (K, n), parameter 0 … K − 1) or a SciPy spline with values of shape (n,).
 
     Raises:
-        InvalidInputError: It has the wrong shape, is not finite, is of a degree above 50, or is proved to jump by more
-            than 1e-9.
+        InvalidInputError: It has the wrong shape, is not finite, is of a degree above 50, overflows, or is proved to
+            jump by more than 1e-9.
     """
     if isinstance(path, BSpline):
         path = _polynomials(path, path.k, np.unique(path.t[path.k : len(path.t) - path.k]))
@@ -72,7 +72,10 @@ def pieces_of(path: ArrayLike | PPoly | BSpline, n: int) -> PPoly:
     if len(coefficients) - 1 > _DEGREE:
         raise InvalidInputError(f"the path is of degree {len(coefficients) - 1}; degrees up to {_DEGREE} are bounded")
     pieces = PPoly(coefficients, knots)
-    whole = chords_of(pieces, knots)
+    with np.errstate(all="ignore"):
+        whole = chords_of(pieces, knots)
+    if not np.all(np.isfinite(whole.deviation)):
+        raise InvalidInputError("the path's polynomials overflow on their stretches")
     least = np.abs(whole.start[1:] - whole.end[:-1]) - whole.rounding[1:, 0] - whole.rounding[:-1, 1]
     jumps = least.max(axis=1, initial=0.0)
     if np.any(jumps > _CONTINUOUS):

@@ -112,6 +112,10 @@ def test_references_that_are_refused():
     early = Polynomials(START, told.breaks - 0.1, told.coefficients)
     with pytest.raises(InvalidInputError, match="increase from t ≥ 0"):
         certify_tracking(law_for(ComputedTorque, reference=early), EPSILON)
+    flat = Polynomials(START, told.breaks, told.coefficients)
+    flat.coefficients = flat.coefficients[:, :, 0]
+    with pytest.raises(InvalidInputError, match="must have shape"):
+        certify_tracking(law_for(ComputedTorque, reference=flat), EPSILON)
     leap = corner()
     leap.coefficients[1, 1, 0] += 1e-6
     with pytest.raises(InvalidInputError, match="jumps by 1e-06"):

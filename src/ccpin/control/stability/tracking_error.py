@@ -37,8 +37,8 @@ e^{−αt}v(0) + max w_k. ∎
 
 δ may depend on the state, the past, on chance; nothing is supposed of how it comes about. What is not covered: that
 u is held between samples (the loop sampled at 1 kHz has an error of its own, which `scripts/tracking_degradation.py`
-shows), errors of e and ė themselves, limits of the motors. What a σ found on line needs so as to be within ε at the
-samples, `TrackingCertificate.on_line` tells.
+shows), errors of e and ė themselves, limits of motors and joints. What a σ found on line needs so as to be within ε at
+the samples, `TrackingCertificate.on_line` tells.
 
 What is rigorous: every number of 1–3 is a bound, from affine forms with rounding margins over boxes of Theorem K.
 Gains, masses and the reference's coefficients are taken as the floating-point numbers they are.

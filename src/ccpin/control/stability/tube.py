@@ -155,6 +155,11 @@ def _pieces(reference: Reference) -> tuple[PPoly, Mask]:
             f"a {type(reference).__name__} is no piecewise polynomial, so its cells cannot be enclosed: track a "
             "PointToPoint, Hold or Waypoints reference, or give it as_polynomial()"
         )
+    if np.ndim(polynomial.coefficients) != 3 or not np.size(polynomial.coefficients, 1):
+        raise InvalidInputError(
+            f"a {type(reference).__name__}'s coefficients must have shape (pieces, degree + 1, n); theirs is "
+            f"{np.shape(polynomial.coefficients)}"
+        )
     coefficients = np.moveaxis(polynomial.coefficients, 1, 0).copy()
     coefficients[-1] += polynomial.start
     knots, n = np.asarray(polynomial.breaks, dtype=np.float64), coefficients.shape[2]
