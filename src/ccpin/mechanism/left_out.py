@@ -32,7 +32,7 @@ def limits_left_out(mechanism: Mechanism) -> tuple[str, ...]:
     """The limits that are taken not to be met, a phrase for each kind; empty where the mechanism states none."""
     joints, (lower, upper) = mechanism.tree.joints, mechanism.position_limits
     stopped, quick = np.isfinite(lower) | np.isfinite(upper), np.isfinite(mechanism.joints.velocity)
-    limited = np.isfinite(mechanism.motors.limits).any(axis=1)
+    limited = np.asarray(np.isfinite(mechanism.motors.limits).any(axis=1))
     kinds = {
         "efforts of the motors on": [name for name, is_so in zip(mechanism.actuated, limited, strict=True) if is_so],
         "positions of": [joint.name for joint in joints if not joint.kind.unit and stopped[joint.q].any()],

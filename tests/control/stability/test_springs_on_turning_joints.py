@@ -102,6 +102,17 @@ def test_the_laws_own_turns_count(model, law):
     assert certificate.level <= least
 
 
+def test_over_a_full_turn_neighbours_have_one_energy(model, law):
+    """Ways round turn the springs: U of two neighbouring cells agrees at their face over the whole branch."""
+    store = cells_of_atlas(law, certify(model.mechanism, GOAL, max_depth=7))
+    assert not store.whole
+    for number, cell in enumerate(store.cells):
+        for other in (k for k in cell.neighbours if k > number):
+            one, two, place = cell.well, store.well(other), store.face(number, other).middle
+            gap = one.quadratic(place - one.centre) - two.quadratic(place - two.centre)
+            assert abs(gap) <= one.remainder + two.remainder
+
+
 @pytest.mark.parametrize("turns", [0, 1])
 def test_gains_are_suggested_for_the_laws_turns(model, law, turns):
     """β holds what ‖∂g/∂q‖ is along the law's own σ, whatever turns the atlas has."""
