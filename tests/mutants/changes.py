@@ -89,6 +89,8 @@ def _variants(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
     elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitAnd):
         yield f"not asked: {ast.unparse(node.right)}", node.left
         yield f"not asked: {ast.unparse(node.left)}", node.right
+    elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Subscript):
+        yield f"left out: {ast.unparse(node)}", ast.Pass()
     elif isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Add):
         yield f"without {ast.unparse(node.value)}", ast.Pass()
     elif (

@@ -120,7 +120,7 @@ def _apply(module: str, change: Change) -> None:
 
 def _rebind(name: str, old: object, new: object) -> None:
     """Bind a changed number wherever the old one is bound by import."""
-    if not isinstance(new, float) or new == old:
+    if not isinstance(new, float | tuple) or new == old:
         return
     for module in [m for k, m in sys.modules.items() if k.startswith("ccpin")]:
         if vars(module).get(name) is old:

@@ -57,6 +57,7 @@ def mutants_of(room: Room) -> Iterator[Mutant]:
 
 
 _BOUNDS = ("domain/test_sharp_bounds.py",)
+_LOOKS = ("auditing/test_sharp_looks.py",)
 ROOMS = (
     Room(
         "proof/rounding",
@@ -105,4 +106,30 @@ ROOMS = (
         ("domain/test_sharp_gravity.py",),
     ),
     Room("control/stability/cells", ("CellStore.agree",), ("control/stability/test_sharp_cells.py",)),
+    Room(
+        "domain/sheets/front",
+        ("Front._continued", "Front._first", "Front._try"),
+        ("domain/sheets/test_sharp_front.py",),
+    ),
+    Room("auditing/document", ("widened", "WIDEN"), _LOOKS),
+    Room(
+        "auditing/boxes",
+        ("look", "contracts", "_half_width", "_sum", "_scaled", "_least", "defect"),
+        _LOOKS,
+        (
+            ("weight = np.linalg.solve", "", "any w > 0 will do: it is checked below"),
+            ("np.all(weight > 0)", "0 let in", "Mw < w fails where an entry of w is 0"),
+        ),
+    ),
+    Room(
+        "auditing/gluing",
+        ("near",),
+        _LOOKS,
+        (
+            ("initial=0.0) < 1e-13", "", "when Newton's method is ended: what it found is checked below"),
+            ("rest < 1.0 and", "rest < 1.0", "follows from size + rest radius < radius"),
+            ("rest < 1.0 and", "1 × 1.1", "follows from size + rest radius < radius"),
+            ("rest < 1.0 and", "1 × 2", "follows from size + rest radius < radius"),
+        ),
+    ),
 )
