@@ -2,11 +2,13 @@
 
 An ``.npz`` file is a zip archive of ``.npy`` members that are stored, not compressed: what it holds is no more than
 what it is. A ``.json`` file lists for each array its dtype, its shape and its numbers. Nothing is unpickled. Names,
-dtypes and shapes are compared with what is declared of them (`ccpin.schemas`) before numbers are read.
+dtypes and shapes are compared with what is declared of them (`ccpin.schemas`) before numbers are read. The header has a
+checksum of all there is: it tells damage, not forgery.
 """
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import math
@@ -25,7 +27,7 @@ from ccpin.files import write_atomically
 
 NamedArrays = dict[str, NDArray[np.generic]]
 _DTYPES = ("float64", "int64", "int8", "bool", "uint8")
-_HEADER = "header"
+_HEADER, CHECKSUM = "header", "checksum"
 _IN_JSON: dict[str, set[type]] = {"f": {float, int}, "i": {int}, "u": {int}, "b": {bool}}
 _UNREADABLE = (
     *(OSError, ValueError, LookupError, TypeError, EOFError, RuntimeError, ArithmeticError),
@@ -51,7 +53,7 @@ def write(path: str | Path, header: Mapping[str, Any], arrays: Mapping[str, Any]
         InvalidInputError: It cannot be written.
     """
     if Path(path).suffix == ".json":
-        text = _as_json(header, arrays)
+        text = _as_json(_stamped(header, arrays), arrays)
         write_atomically(path, "w", lambda file: file.write(text))
     else:
         write_atomically(path, "wb", lambda file: write_npz(file, header, arrays))
@@ -59,7 +61,7 @@ def write(path: str | Path, header: Mapping[str, Any], arrays: Mapping[str, Any]
 
 def write_npz(file: IO[bytes], header: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
     """Write a document to an open file, as npz."""
-    text = json.dumps(header, allow_nan=False).encode()
+    text = json.dumps(_stamped(header, arrays), allow_nan=False).encode()
     np.savez(file, header=np.frombuffer(text, dtype=np.uint8), **arrays)
 
 
@@ -73,7 +75,7 @@ def read(path: str | Path, check: Check) -> tuple[dict[str, Any], NamedArrays]:
         if not isinstance(path, str | Path):
             raise InvalidInputError("a file to read must be a path")
         if Path(path).suffix == ".json":
-            return _of_json(Path(path).read_bytes(), check)
+            return _undamaged(*_of_json(Path(path).read_bytes(), check))
         with Path(path).open("rb") as file:
             return read_npz(file, check)
 
@@ -87,7 +89,8 @@ def read_npz(file: IO[bytes], check: Check) -> tuple[dict[str, Any], NamedArrays
             raise InvalidInputError("it has no header: it is none of ccpin's documents, or older than they are")
         header = _parsed(_numbers(archive, members.pop(_HEADER), outlines.pop(_HEADER)).tobytes())
         check(header, outlines)
-        return header, {name: _numbers(archive, members[name], outline) for name, outline in outlines.items()}
+        numbers = {name: _numbers(archive, members[name], outline) for name, outline in outlines.items()}
+    return _undamaged(header, numbers)
 
 
 def format_of(path: str | Path) -> Any:
@@ -101,9 +104,36 @@ def format_of(path: str | Path) -> Any:
     def look(header: dict[str, Any], outlines: dict[str, Outline]) -> None:
         found.append(header.get("format"))
         outlines.clear()  # no number is read
+        header[CHECKSUM] = checksum(header, {})
 
     read(path, look)
     return found[0]
+
+
+def checksum(header: Mapping[str, Any], arrays: Mapping[str, Any]) -> str:
+    """SHA-256 of a header, its own checksum apart, and of every bit of all arrays."""
+    rest = {name: value for name, value in header.items() if name != CHECKSUM}
+    digest = hashlib.sha256(json.dumps(rest, sort_keys=True).encode())
+    for name in sorted(arrays):
+        array = np.asarray(arrays[name])
+        digest.update(f"{name}{array.dtype}{array.shape}".encode())
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()
+
+
+def _stamped(header: Mapping[str, Any], arrays: Mapping[str, Any]) -> dict[str, Any]:
+    return {**header, CHECKSUM: checksum(header, arrays)}
+
+
+def _undamaged(header: dict[str, Any], arrays: NamedArrays) -> tuple[dict[str, Any], NamedArrays]:
+    """The same, if its checksum is that of what it holds.
+
+    Raises:
+        InvalidInputError: It is not.
+    """
+    if header[CHECKSUM] != checksum(header, arrays):
+        raise InvalidInputError(f"its {CHECKSUM} is not that of what it holds: the file was damaged or altered")
+    return header, arrays
 
 
 @contextmanager
@@ -131,9 +161,7 @@ def _members(archive: zipfile.ZipFile, size: int) -> dict[str, zipfile.ZipInfo]:
         if member.flag_bits & 0x1:
             raise InvalidInputError(f"{name!r:.60} is encrypted")
         if member.compress_type != zipfile.ZIP_STORED:
-            raise InvalidInputError(
-                f"{name!r:.60} is compressed; documents are stored as they are (older ones were not)"
-            )
+            raise InvalidInputError(f"{name!r:.60} is compressed: an older format, or none of ccpin's")
         size -= member.file_size
         if size < 0:
             raise InvalidInputError(f"{name!r:.60} and those before say that they hold more than the file does")

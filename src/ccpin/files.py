@@ -94,6 +94,11 @@ class Journal(Sequence[dict[str, Any]]):
             self._file.close()
             raise
 
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self._path
+
     def __len__(self) -> int:
         return len(self._starts)
 

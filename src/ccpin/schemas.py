@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,7 @@ class Field(NamedTuple):
         unit: The unit of its numbers.
         least: The least number allowed.
         below: Numbers are below it; a letter: below that size.
+        finite: Whether all numbers are; of measurements some need not be.
     """
 
     kind: str
@@ -39,6 +40,7 @@ class Field(NamedTuple):
     unit: str = ""
     least: float = -np.inf
     below: float | str = np.inf
+    finite: bool = True
 
     def sizes(self, own: str) -> Iterator[str]:
         """Its sizes, small Greek letters as those of one part of many."""
@@ -63,7 +65,8 @@ class Schema(NamedTuple):
     Attributes:
         name: What it is called.
         format: The name and number of its format.
-        header: The type of each field, see `fits`; ``format`` is in every document.
+        header: The type of each field, see `fits`; ``format`` and ``checksum`` are in
+            every document.
         fields: Its arrays.
         parts: Arrays that there are several of.
         optional: Groups of arrays that are all there or all absent.
@@ -82,10 +85,11 @@ class Schema(NamedTuple):
         Raises:
             InvalidInputError: It cannot be written.
         """
-        whole = {"format": self.format, **header}
-        found = {name: np.asarray(array) for name, array in arrays.items()}
-        self.compare(whole, {name: Outline(array.dtype, array.shape) for name, array in found.items()})
-        containers.write(path, whole, found)
+        containers.write(path, *self._whole(header, arrays))
+
+    def write_npz(self, file: IO[bytes], header: Mapping[str, Any], arrays: Mapping[str, Any]) -> None:
+        """Write a document to an open file."""
+        containers.write_npz(file, *self._whole(header, arrays))
 
     def read(self, path: str | Path) -> tuple[dict[str, Any], NamedArrays]:
         """The header and the arrays of a file.
@@ -99,6 +103,26 @@ class Schema(NamedTuple):
             self.check_numbers(header, arrays)
         return header, arrays
 
+    def read_npz(self, file: IO[bytes]) -> tuple[dict[str, Any], NamedArrays]:
+        """The header and the arrays of an open file.
+
+        Raises:
+            InvalidInputError: As for `read`. `ccpin.containers.told_of` names the file, and what else may be wrong.
+        """
+        header, arrays = containers.read_npz(file, self.compare)
+        self.check_numbers(header, arrays)
+        return header, arrays
+
+    def _whole(self, header: Mapping[str, Any], arrays: Mapping[str, Any]) -> tuple[dict[str, Any], NamedArrays]:
+        """What is written, as declared."""
+        whole = {"format": self.format, **header}
+        found = {name: np.asarray(array) for name, array in arrays.items()}
+        self.compare(
+            whole | {containers.CHECKSUM: ""},
+            {name: Outline(array.dtype, array.shape) for name, array in found.items()},
+        )
+        return whole, found
+
     def compare(self, header: dict[str, Any], outlines: dict[str, Outline]) -> None:
         """Compare the header, and dtypes and shapes of all arrays, with what is declared.
 
@@ -108,7 +132,7 @@ class Schema(NamedTuple):
         if header.get("format") != self.format:
             found = repr(header.get("format"))[:60] if "format" in header else "not stated"
             raise InvalidInputError(f"the format is {found}, not {self.format!r}, that of {self.name}")
-        declared = {"format": str, **self.header}
+        declared = {"format": str, containers.CHECKSUM: str, **self.header}
         _refuse_names({*header}, {*declared}, "the header")
         for name, kind in declared.items():
             if not fits(header[name], kind):
@@ -125,9 +149,9 @@ class Schema(NamedTuple):
         sizes = self._sizes(header, outlines)
         for name, (field, _) in self._declared(header, {*arrays}).items():
             below = sizes[field.below] if isinstance(field.below, str) else field.below
-            if not np.all(np.isfinite(arrays[name])):
+            if field.finite and not np.all(np.isfinite(arrays[name])):
                 raise InvalidInputError(f"{name} holds numbers that are not finite")
-            if arrays[name].size and (np.min(arrays[name]) < field.least or np.max(arrays[name]) >= below):
+            if field.finite and np.any((arrays[name] < field.least) | (arrays[name] >= below)):
                 raise InvalidInputError(f"{name} holds numbers outside {field.least:g} … {below:g}")
 
     def _sizes(self, header: Mapping[str, Any], outlines: Mapping[str, Outline]) -> Sizes:

@@ -293,7 +293,7 @@ def test_a_file_that_cannot_be_written_leaves_nothing(motion, model, tmp_path):
     blocked.write_text("in the way")
     with pytest.raises(InvalidInputError, match="cannot write"):
         motion.save(blocked / "m.csv")
-    with pytest.raises(InvalidInputError, match="not a trajectory"):
+    with pytest.raises(InvalidInputError, match="cannot be read"):
         load_npz(blocked)
 
 

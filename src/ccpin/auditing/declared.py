@@ -167,6 +167,7 @@ _HEADER: dict[str, Check] = {
     "format": _text,
     "theorem": _text,
     "fingerprint": _text,
+    "checksum": _text,  # tells damage, which no proof rests on
     "rods": _rods,
     "chains": _count,
     "nq": _count,

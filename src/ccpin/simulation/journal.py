@@ -1,7 +1,8 @@
 """The moves of a supervised motion, in memory or on disk.
 
 On disk they are the records of a `ccpin.files.Journal`, whose header is the task: each has the arrays of one move and
-of what the simulator carries after it, as npz in base 64. A record is on the disk before the next move begins.
+of what the simulator carries after it, as npz in base 64. A record is on the
+disk before the next move begins.
 """
 
 from __future__ import annotations
@@ -15,11 +16,20 @@ from typing import NamedTuple, overload
 import numpy as np
 
 from ccpin.arrays import Array
+from ccpin.containers import told_of
+from ccpin.errors import InvalidInputError
 from ccpin.files import Journal
+from ccpin.schemas import Field
 from ccpin.simulation import saving
 from ccpin.simulation.trajectory import Trajectory
 
-_MOVE, _CARRIED = "move_", "carried_"
+_SCHEMA = saving.TRAJECTORY._replace(
+    name="a move",
+    format="ccpin-move-1",
+    header=saving.TRAJECTORY.header | {"start": float, "settled": [float], "end": float},
+    fields=saving.TRAJECTORY.fields | {"goal": Field("f", "c", "rad or m")},
+)
+"""Its trajectory, and the times and the goal of `Move`; ``settled`` is empty or one time."""
 
 
 class Move(NamedTuple):
@@ -72,38 +82,43 @@ class Stored(_Moves):
         return len(self._journal)
 
     def _move(self, number: int) -> Move:
-        arrays = self._arrays(number)
-        settled = float(arrays[f"{_MOVE}settled"])
-        return Move(
-            goal=arrays[f"{_MOVE}goal"],
-            start=float(arrays[f"{_MOVE}start"]),
-            settled=None if np.isnan(settled) else settled,
-            end=float(arrays[f"{_MOVE}end"]),
-            trajectory=Trajectory(**saving.from_arrays(arrays)),
-        )
+        with told_of(self._journal.path):
+            header, arrays = _SCHEMA.read_npz(self._bytes(number, "move"))
+            return Move(
+                goal=arrays["goal"],
+                start=header["start"],
+                settled=header["settled"][0] if header["settled"] else None,
+                end=header["end"],
+                trajectory=Trajectory(**saving.unpacked(header, arrays)),
+            )
 
     def __iter__(self) -> Iterator[Move]:
         return (self[k] for k in range(len(self)))
 
     def carried(self) -> dict[str, Array]:
         """What the simulator carries after the last move."""
-        arrays = self._arrays(-1)
-        return {name.removeprefix(_CARRIED): array for name, array in arrays.items() if name.startswith(_CARRIED)}
+        with told_of(self._journal.path), np.load(self._bytes(-1, "carried"), allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
 
     def append(self, move: Move, carried: Mapping[str, Array]) -> None:
         """Write one move and what the simulator carries after it."""
-        arrays = saving.as_arrays(move.trajectory._asdict())
-        arrays |= {f"{_CARRIED}{name}": array for name, array in carried.items()}
-        settled = np.nan if move.settled is None else move.settled
-        numbers = {"goal": move.goal, "start": move.start, "settled": settled, "end": move.end}
-        arrays |= {f"{_MOVE}{name}": np.array(number) for name, number in numbers.items()}
-        payload = io.BytesIO()
-        np.savez_compressed(payload, **arrays)  # type: ignore[arg-type]
-        self._journal.append({"npz": base64.b64encode(payload.getbuffer()).decode("ascii")})
+        header, arrays = saving.packed(move.trajectory._asdict())
+        settled = [] if move.settled is None else [float(move.settled)]
+        header |= {"start": float(move.start), "settled": settled, "end": float(move.end)}
+        whole, after = io.BytesIO(), io.BytesIO()
+        _SCHEMA.write_npz(whole, header, arrays | {"goal": np.asarray(move.goal, dtype=np.float64)})
+        np.savez(after, **carried)  # type: ignore[arg-type]
+        self._journal.append({"move": _in_text(whole), "carried": _in_text(after)})
 
-    def _arrays(self, place: int) -> dict[str, Array]:
-        with np.load(io.BytesIO(base64.b64decode(self._journal[place]["npz"]))) as stored:
-            return {name: stored[name] for name in stored.files}
+    def _bytes(self, place: int, part: str) -> io.BytesIO:
+        record = self._journal[place]
+        if part not in record:
+            raise InvalidInputError(f"record {place} has no '{part}': it is damaged, or of an older format")
+        return io.BytesIO(base64.b64decode(record[part], validate=True))
+
+
+def _in_text(data: io.BytesIO) -> str:
+    return base64.b64encode(data.getbuffer()).decode("ascii")
 
 
 class Unfinished(_Moves):

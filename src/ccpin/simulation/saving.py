@@ -2,29 +2,58 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
-from ccpin.simulation.samples import SAMPLED, Happening, Names
+from ccpin.schemas import Choice, Field, Schema
+from ccpin.simulation.samples import SAMPLED, Happening, Names, Status
 
 if TYPE_CHECKING:
     import pandas as pd
 
 _EVENT_ARRAYS = ("t", "q", "v", "q_free")
 
+TRAJECTORY = Schema(
+    "a trajectory",
+    "ccpin-trajectory-1",
+    {
+        "status": Choice(get_args(Status)),
+        "message": str,
+        "evaluations": int,
+        "wall_time": float,
+        "names": {field: [str] for field in Names._fields},
+        "events": [str],
+    },
+    {
+        "t": Field("f", "T", "s"),
+        "q": Field("f", "T c", "rad or m"),
+        "v": Field("f", "T n", "rad/s or m/s"),
+        "a": Field("f", "T n", "rad/s² or m/s²", finite=False),
+        "u": Field("f", "T u", "N m or N", finite=False),
+        "q_free": Field("f", "T p", "rad or m"),
+        "v_free": Field("f", "T w", "rad/s or m/s"),
+        "friction": Field("f", "T w", "N m or N", finite=False),
+        "limits": Field("f", "T w", "N m or N", finite=False),
+        "closure_error": Field("f", "T", "m or rad", 0),
+        "event_t": Field("f", "E", "s"),
+        "event_q": Field("f", "E c", "rad or m"),
+        "event_v": Field("f", "E n", "rad/s or m/s"),
+        "event_q_free": Field("f", "E p", "rad or m"),
+    },
+)
+"""T samples and E events; q of c numbers, n velocities, u motors; q′ of p numbers, q̇′ of w."""
+
 
 def save(motion: Mapping[str, Any], path: Path) -> None:
     """Write a motion, a trajectory's fields by name; `Trajectory.save` says how."""
     if path.suffix == ".npz":
-        arrays: dict[str, Any] = as_arrays(motion)
-        write_atomically(path, "wb", lambda file: np.savez_compressed(file, **arrays))
+        TRAJECTORY.write(path, *packed(motion))
     elif path.suffix == ".csv":
         header, table = ",".join(columns(motion)), np.column_stack(list(columns(motion).values()))
         write_atomically(
@@ -91,37 +120,45 @@ def write_parquet(frame: pd.DataFrame, path: Path) -> None:
         raise InvalidInputError(f"'{path}': Parquet needs pandas and pyarrow ({error}); {_INSTALL}") from None
 
 
-def as_arrays(motion: Mapping[str, Any]) -> dict[str, Any]:
-    """A trajectory as arrays by name, without the cause; `from_arrays` undoes it."""
+def packed(motion: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A trajectory as the header and the arrays of `TRAJECTORY`, without the cause; `unpacked` undoes it."""
+    events = motion["events"]
+    header = {
+        "status": motion["status"],
+        "message": motion["message"],
+        "evaluations": int(motion["evaluations"]),
+        "wall_time": float(motion["wall_time"]),
+        "names": {field: list(names) for field, names in motion["names"]._asdict().items()},
+        "events": [str(event.name) for event in events],
+    }
     arrays: dict[str, Any] = {name: motion[name] for name in SAMPLED}
-    names = ("status", "message", "evaluations", "wall_time")
-    arrays |= {name: np.array(motion[name]) for name in names}
-    arrays["names"] = np.array(json.dumps(motion["names"]._asdict()))
-    arrays["event_name"] = np.array([event.name for event in motion["events"]], dtype=np.str_)
     for field, like in zip(_EVENT_ARRAYS, ((), motion["q"], motion["v"], motion["q_free"]), strict=True):
-        shape = (0, *np.shape(like)[1:])
-        rows = [getattr(event, field) for event in motion["events"]]
-        arrays[f"event_{field}"] = np.array(rows, dtype=np.float64) if rows else np.empty(shape)
-    return arrays
+        rows = [getattr(event, field) for event in events]
+        arrays[f"event_{field}"] = np.array(rows, dtype=np.float64).reshape(-1, *np.shape(like)[1:])
+    return header, arrays
 
 
-def from_arrays(arrays: Any) -> dict[str, Any]:
-    """The fields of a trajectory from what `as_arrays` made.
+def unpacked(header: Mapping[str, Any], arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a trajectory from what `packed` made.
 
     Raises:
-        KeyError, ValueError, TypeError: It is not one.
+        InvalidInputError: Times go backwards, or there are not as many names as columns.
     """
-    names = Names(**{field: tuple(called) for field, called in json.loads(str(arrays["names"])).items()})
-    records = zip(*(arrays[f"event_{field}"] for field in _EVENT_ARRAYS), strict=True)
-    events = [
-        Happening(str(name), float(t), *rest) for name, (t, *rest) in zip(arrays["event_name"], records, strict=True)
-    ]
+    names = Names(**{field: tuple(called) for field, called in header["names"].items()})
+    for field, called in names._asdict().items():
+        if len(called) != arrays[field].shape[1]:
+            raise InvalidInputError(f"'names' has {len(called)} of {field}, which has {arrays[field].shape[1]} columns")
+    if np.any(np.diff(arrays["t"]) < 0.0):
+        raise InvalidInputError("t goes backwards")
+    if len(header["events"]) != len(arrays["event_t"]):
+        raise InvalidInputError("'events' has not as many names as event_t times")
+    records = zip(header["events"], *(arrays[f"event_{field}"] for field in _EVENT_ARRAYS), strict=True)
     return {name: arrays[name] for name in SAMPLED} | {
-        "status": str(arrays["status"]),
-        "message": str(arrays["message"]),
+        "status": header["status"],
+        "message": header["message"],
         "cause": None,
-        "events": tuple(events),
-        "evaluations": int(arrays["evaluations"]),
-        "wall_time": float(arrays["wall_time"]),
+        "events": tuple(Happening(name, float(t), *rest) for name, t, *rest in records),
+        "evaluations": header["evaluations"],
+        "wall_time": header["wall_time"],
         "names": names,
     }

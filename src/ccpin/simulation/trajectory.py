@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
-from zipfile import BadZipFile
 
 import numpy as np
 
 from ccpin.arrays import Array, instance
+from ccpin.containers import told_of
 from ccpin.displays import curves, table
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State
@@ -180,10 +180,8 @@ def load_npz(path: str | Path) -> Trajectory:
     """Read a trajectory that `Trajectory.save` wrote to an .npz file.
 
     Raises:
-        InvalidInputError: The file is not one.
+        InvalidInputError: The file is none, damaged, or of an older format; the file and the field are named.
     """
-    try:
-        with np.load(path) as stored:
-            return Trajectory(**saving.from_arrays(stored))
-    except (OSError, KeyError, ValueError, TypeError, EOFError, BadZipFile) as error:
-        raise InvalidInputError(f"{path} is not a trajectory: {error}") from None
+    header, arrays = saving.TRAJECTORY.read(path)
+    with told_of(path):
+        return Trajectory(**saving.unpacked(header, arrays))
