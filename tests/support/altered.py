@@ -5,10 +5,14 @@ import json
 import numpy as np
 
 from ccpin.auditing import document
+from ccpin.containers import checksum
 
 
 def changed(path, tmp_path, change, stamp=True, **header):
-    """The document with arrays changed, and what of its header is named; its fingerprint brought up to date or not."""
+    """The document with arrays changed, and what of its header is named; its checksum is brought up to date.
+
+    So is its fingerprint, unless `stamp` is false.
+    """
     whole = json.loads(path.read_text())
     arrays = {n: np.array(a["data"], dtype=a["dtype"]).reshape(a["shape"]) for n, a in whole["arrays"].items()}
     change(arrays)
@@ -18,6 +22,8 @@ def changed(path, tmp_path, change, stamp=True, **header):
     if stamp:
         whole["fingerprint"] = document.fingerprint(arrays)
     whole |= header
+    said = {name: value for name, value in whole.items() if name != "arrays"}
+    whole["checksum"] = checksum(said, arrays)
     other = tmp_path / "changed.json"
     other.write_text(json.dumps(whole))
     return other

@@ -13,6 +13,7 @@ import numpy as np
 
 from ccpin.auditing import document
 from ccpin.auditing.declared import ATLAS, CURVES, SHEETS
+from ccpin.containers import checksum
 from ccpin.domain import Atlas, CellStatus, SheetAtlas, SingularCover
 from ccpin.errors import CcpinError
 
@@ -34,8 +35,9 @@ class Forgery(NamedTuple):
         return cls(json.loads(arrays.pop("header").tobytes().decode()), arrays)
 
     def save(self, path):
-        """Write it as npz, its fingerprint made right."""
+        """Write it as npz, its fingerprint and checksum made right."""
         header = self.header | {"fingerprint": document.fingerprint(self.arrays)}
+        header["checksum"] = checksum(header, self.arrays)
         text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
         np.savez(path, header=text, **self.arrays)
 
