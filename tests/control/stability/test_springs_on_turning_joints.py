@@ -148,3 +148,19 @@ def test_where_turns_do_not_agree_a_face_is_a_boundary(model, law, monkeypatch):
             there = store.cells[other]
             assert abs(cell.box.centre[0, elbow] - there.box.centre[0, elbow]) < np.pi, number
     assert suggest_gains(model, GOAL, atlas, guess=law.q_free_d).verdict == "undecided"
+
+
+@pytest.mark.parametrize("sprung", [True, False])
+def test_cells_agree_where_their_boxes_do(sprung):
+    """A neighbour's box a turn on agrees where no spring is on the joint, where one is it does not."""
+    model = ccpin.ReducedModel(ccpin.load("rpdr", joints=_JOINTS if sprung else None))
+    law = PDSimpleGravity(model, GOAL, K_P, K_V)
+    store = cells_of_atlas(law, _atlas(model, law))
+    number = next(k for k, cell in enumerate(store.cells) if len(cell.neighbours) > 1)
+    others = sorted(store[number].neighbours)
+    assert store.agree(number, others) == [True] * len(others)
+    elbow, cell = model.mechanism.tree.joint("joint3").v.start, store[others[0]]
+    centre = cell.box.centre.copy()
+    centre[0, elbow] += TURN
+    cell.box = cell.box._replace(centre=centre)
+    assert store.agree(number, others) == [not sprung] + [True] * (len(others) - 1)
