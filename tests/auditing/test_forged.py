@@ -276,7 +276,7 @@ def test_sheets_told_apart_that_are_one(sheets, tmp_path):
         for name in [name for name in arrays if name.startswith("glued_")]:
             arrays[name] = arrays[name][:0]
 
-    audit = verify(changed(sheets[1], tmp_path, unglue))
+    audit = verify(changed(sheets[1], tmp_path, unglue), sample=12)
     assert audit.refuted
     assert next(claim for claim in audit.claims if "two sheets" in claim.what).failed
     assert f"{len(sheets[0].boxes.kappa)} sheets" in audit.claim
@@ -350,7 +350,7 @@ def test_no_more_is_looked_at_where_enough_is_not_proved(atlas, tmp_path):
         arrays["box_modes"][:] = 0.0
 
     path = changed(atlas[1], tmp_path, flat)
-    alone, shared = (verify(path, workers=workers) for workers in (1, 2))
+    alone, shared = (verify(path, sample=12, workers=workers) for workers in (1, 2))
     assert alone.claims == shared.claims
     assert (alone.claims[0].checked, len(alone.claims[0].undecided)) == (8, 8)
     assert not alone.holds

@@ -68,6 +68,7 @@ def check_tree(arrays: Arrays) -> None:
         require(halves and placed, "tree_lower, tree_size: children are not the halves of their cell")
         level = np.concatenate([first, first + 1])
     require(bool(np.all(reached)), "tree: there are cells in no other")
+    require(in_range(cut, n), "tree_cut: an edge that is none")
     leaf, status = child < 0, arrays["tree_status"]
     require(np.all(status[~leaf] == SPLIT), "tree_status: a cell with children is not called split")
     require(np.all(np.isin(status[leaf], _STATUSES)), "tree_status: a leaf has a status that there is not")
@@ -161,6 +162,9 @@ def check_boxes(arrays: Arrays, over: Over, half: NDArray[np.float64]) -> None:
     same = np.all(arrays["box_directions"][:, independent] == np.eye(n), axis=(1, 2))
     require(bool(np.all(same)), "box_directions: D is not I for the independent coordinates")
     require(np.all(arrays["box_half"] >= 0.0) and np.all(arrays["box_radius"] > 0.0), "box_half, box_radius: no sizes")
+    kappa = arrays["box_kappa"]
+    require(np.all((kappa >= 0.0) & (kappa < 1.0)), "box_kappa: no number from 0 to below 1")
+    require(np.all(arrays["box_weight"] > 0.0), "box_weight: no positive numbers")
     start = [Fraction(float(x)) for x in arrays["lower"]]
     width = [Fraction(float(x)) - a for x, a in zip(arrays["upper"], start, strict=True)]
     centre = arrays["box_centre"][:, independent]
