@@ -43,7 +43,7 @@ from ccpin.control.laws import PDSimpleGravity
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
-from ccpin.mechanism.left_out import without_dry_friction
+from ccpin.mechanism.left_out import limits_left_out, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.validated.arrival import Goal, SetArrival, goal_of, lyapunov, single_valued, unconnected
 from ccpin.validated.balls import Ball, flint, lower, upper
@@ -91,6 +91,7 @@ class MoveCertificate:
         rigorous: Whether c came with a certificate that calls it proven; with a plain number that is the caller's part.
         enclosure: The motion up to T; of a set, that from the middle of its first part.
         tubes: All motions of a set up to T, a tube a part; none without a spread.
+        assumes: The limits that the mechanism states and that are taken not to be met (of dry friction: `reason`).
     """
 
     verdict: Verdict
@@ -103,6 +104,7 @@ class MoveCertificate:
     rigorous: bool
     enclosure: Enclosure
     tubes: tuple[Tube, ...] = ()
+    assumes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"MoveCertificate({self.verdict}: {self.reason})"
@@ -167,7 +169,8 @@ def certify_move(
     if move.verdict == "proven" and sampled:
         move = replace(move, verdict="undecided", reason=f"{move.reason}, but that level was only sampled: certify it")
     reason = move.reason + without_dry_friction(model.mechanism)
-    return replace(move, reason=reason, level=level, rigorous=rigorous)
+    assumes = limits_left_out(model.mechanism)
+    return replace(move, reason=reason, level=level, rigorous=rigorous, assumes=assumes)
 
 
 def _of_one(

@@ -76,6 +76,7 @@ def test_moves_name_the_friction_that_they_leave_out(rough):
     validated = pytest.importorskip("ccpin.validated")
     law = PDSimpleGravity(rough, GOAL, K_P, K_V)
     move = validated.certify_move(rough, law, GOAL, np.zeros(2), arrival=1.0, duration=0.01)
+    assert move.assumes == limits_left_out(rough.mechanism)
     enclosure = validated.enclose(rough, law, GOAL, np.zeros(2), duration=0.01)
     tubes = validated.enclose_set(rough, law, GOAL, np.zeros(2), spread=1e-6, duration=0.01)
     for reason in (move.reason, enclosure.reason, tubes.reason):
