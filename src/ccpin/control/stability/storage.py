@@ -17,6 +17,10 @@ With scales L > 0 (a diagonal matrix) and M = W − αP positive definite, compl
     V̇ ≤ −αV + g²α|L⁻¹Δ|²,        g² = λ_max(L Sᵀ M⁻¹ S L)/(4α),
 
 as −xᵀSΔ = −(Sᵀx)ᵀΔ ≤ xᵀM x + ¼ Δᵀ SᵀM⁻¹S Δ.
+
+Rounding. W of computed torque is a sum of products: an entry is off by at most (2n + 2)u of the sum of their absolute
+values. Let X be a computed inverse of a positive definite N, symmetric, λ ≤ λ_min(N), and ρ ≥ ‖I − XN‖. Then
+N⁻¹ − X = (I − XN)N⁻¹ has a norm of at most ρ/λ, so N⁻¹ ⪯ X + (ρ/λ)I (`_inverted`, N scaled to a diagonal of ones).
 """
 
 from __future__ import annotations
@@ -29,12 +33,13 @@ from scipy.linalg import solve_continuous_lyapunov
 from ccpin.arrays import Array
 from ccpin.control.tracking import PDPlus, TrackingLaw
 from ccpin.domain.affine import Affine, affine, joined
-from ccpin.proof.rounding import SLACK
+from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
 _DECAYS = np.geomspace(0.02, 0.98, 40)
 _CROSS = np.geomspace(0.01, 0.9, 24)
 _KEPT = 0.98
 _CLEAR = 1e-9
+_DEFINITE = 1e-7  # of matrices with a diagonal of ones: a million times what eigenvalues are computed to
 
 
 class Storage(NamedTuple):
@@ -70,8 +75,7 @@ def storage_of(law: TrackingLaw, plan: Plan, D: Affine, C: Affine, damping: Affi
     """The storage function of a plan over cells with these D, C and damping (K, n, n)."""
     n = len(plan.scale)
     if plan.P is not None:
-        W, S = _constant(law, plan.P)
-        return Storage(affine(plan.P[None]), affine(W[None]), S)
+        return Storage(affine(plan.P[None]), *_constant(law, plan.P))
     c = plan.cross
     corner = affine(c * law.K_p) + D * 0.0
     mixed, low = (damping - C.transposed()) * (0.5 * c), damping + law.K_v - D * c
@@ -80,11 +84,14 @@ def storage_of(law: TrackingLaw, plan: Plan, D: Affine, C: Affine, damping: Affi
     return Storage(P, _blocks(corner, mixed, low), np.vstack([c * np.eye(n), np.eye(n)]))
 
 
-def _constant(law: TrackingLaw, P: Array) -> tuple[Array, Array]:
-    """W and S of computed torque."""
+def _constant(law: TrackingLaw, P: Array) -> tuple[Affine, Array]:
+    """W, of shape (1, 2n, 2n), and S of computed torque."""
     n = len(law.K_p)
     A = np.block([[np.zeros((n, n)), np.eye(n)], [-law.K_p, -law.K_v]])
-    return -(P @ A + A.T @ P), 2.0 * P[:, n:]
+    sizes = np.abs(P) @ np.abs(A)
+    rounding = (2 * n + 2) * UNIT_ROUNDOFF * (sizes + sizes.T) * SLACK
+    W = -(P @ A + A.T @ P)
+    return Affine(W[None], np.zeros((0, 1, *W.shape)), rounding[None]), 2.0 * P[:, n:]
 
 
 def _blocks(first: Affine, mixed: Affine, last: Affine) -> Affine:
@@ -129,15 +136,22 @@ def _inverse_form(M: Array, S: Array) -> Array:
 
 
 def _inverted(M: Array) -> Array:
-    """Inverses of matrices (K, k, k) that are positive definite with room for rounding; infinite where they are not."""
+    """Matrices above the inverses of those (K, k, k) that are proved positive definite; infinite for the others."""
     result = np.full(M.shape, np.inf)
+    k = M.shape[1]
     size = np.sqrt(np.abs(np.diagonal(M, axis1=1, axis2=2)))
     outer = size[:, :, None] * size[:, None, :]
     usable = np.isfinite(M).all(axis=(1, 2)) & np.all(size > 0.0, axis=1)
     scaled = M[usable] / outer[usable]
-    least = np.linalg.eigvalsh(scaled)[:, 0]
-    rows = np.flatnonzero(usable)[least > _CLEAR]
-    result[rows] = np.linalg.inv(scaled[least > _CLEAR]) / outer[rows]
+    least = np.linalg.eigvalsh(scaled)[:, 0] * (1.0 - _CLEAR)
+    definite = least > _DEFINITE
+    scaled, least = scaled[definite], least[definite]
+    inverse = np.linalg.inv(scaled)
+    inverse = 0.5 * (inverse + np.swapaxes(inverse, 1, 2))
+    off = np.abs(np.eye(k) - inverse @ scaled) + (k + 4) * UNIT_ROUNDOFF * (np.abs(inverse) @ np.abs(scaled))
+    off = np.linalg.norm(off, axis=(1, 2)) / least + 4.0 * UNIT_ROUNDOFF * np.linalg.norm(inverse, axis=(1, 2))
+    rows = np.flatnonzero(usable)[definite]
+    result[rows] = (inverse + off[:, None, None] * SLACK * np.eye(k)) / outer[rows]
     return result
 
 
