@@ -18,6 +18,7 @@ __all__ = [
     "ConvergenceError",
     "DescriptionError",
     "DescriptionNotFoundError",
+    "DifferentSubjectsError",
     "IndependentSetError",
     "InvalidInputError",
     "InvalidXmlError",
@@ -89,6 +90,10 @@ class LoopNotClosedError(CcpinError):
 
 class InvalidInputError(CcpinError, ValueError):
     """An argument has the wrong shape, is not finite, or is out of its range."""
+
+
+class DifferentSubjectsError(InvalidInputError):
+    """Objects that a claim combines are of two mechanisms, plants or laws."""
 
 
 class ConvergenceError(CcpinError):

@@ -19,6 +19,7 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.digests import Digests, digest_or_none
 
 _NO_EFFORT = 1e-9
 _SKEW = 1e-13
@@ -46,6 +47,14 @@ class ControlLaw(abc.ABC):
             v: Their velocities, of shape (n,).
             guess: A configuration near σ(q), where one is known; it only shortens the law's own σ.
         """
+
+    @property
+    def digests(self) -> Digests:
+        """What it is about: its model, and its kind and constants, of which a function's numbers tell nothing."""
+        model = getattr(self, "model", None)
+        own = model.digests if isinstance(model, ReducedModel) else Digests("")
+        name = f"{type(self).__name__} of {own.name}" if own.name else type(self).__name__
+        return own._replace(name=name, law=digest_or_none((type(self).__qualname__, own, vars(self))))
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """`torque` at a configuration already closed."""

@@ -7,6 +7,7 @@ What the paper has no letter for comes beside it: springs are part of V and so o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +31,7 @@ from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import ClosedPoint
 from ccpin.mechanism.mechanism import Mechanism, mechanism_of
 from ccpin.native import Declining, kernel
+from ccpin.proof.digests import Digests, digest
 
 
 class Reading(NamedTuple):
@@ -98,6 +100,12 @@ class ReducedModel:
                 ("1/κ(ψ) there", f"{there.rcond:.3g}"),
             ]
         )
+
+    @cached_property
+    def digests(self) -> Digests:
+        """What it is about: its mechanism's digests, gravity among the dynamics (`ccpin.proof.digests`)."""
+        own = self.mechanism.digests
+        return own._replace(dynamics=digest((own.dynamics, self.gravity_vector)))
 
     def at(self, q: ArrayLike | State, near: Near = None) -> State:
         """The closed configuration q′ = σ(q) (12) on a branch, with the reduced model there.

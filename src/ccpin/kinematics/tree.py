@@ -82,6 +82,12 @@ class Tree:
         object.__setattr__(self, "names", tuple(joint.name for joint in self.joints))
         object.__setattr__(self, "_numbers", FrozenMapping({joint.name: joint.number for joint in self.joints}))
 
+    @property
+    def digested(self) -> object:
+        """What there is to it but for masses: joints and where links sit (`ccpin.proof.digests`)."""
+        joints = [(j.name, j.kind.name, j.parent, j.q.start, j.v.start, j.placement, j.axis) for j in self.joints]
+        return joints, self.attachments
+
     def __repr__(self) -> str:
         return f"Tree({self.model.name!r}, nq = {self.model.nq}, n′ = {self.model.nv})"
 

@@ -21,9 +21,11 @@ from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import Parametrization
 from ccpin.kinematics.tree import ROOT_JOINT, Tree, build_tree
+from ccpin.mechanism.digests import mechanism_digests
 from ccpin.mechanism.mobility import Mobility
 from ccpin.mechanism.physics import JointPhysics, Motors, joint_physics, motors_of
 from ccpin.mechanism.pinocchio import constraint_models
+from ccpin.proof.digests import Digests
 
 GEOMETRY_TOLERANCE = 1e-5
 
@@ -145,6 +147,11 @@ class Mechanism(Record):
         if not coordinates.constant:
             raise UnsupportedMechanismError("S is not constant: a single component of a joint is actuated")
         return self.motors.gears[:, None] * coordinates.jacobian(self.q_reference)
+
+    @cached_property
+    def digests(self) -> Digests:
+        """What it is about, but for gravity, which a model states (`ccpin.proof.digests`)."""
+        return mechanism_digests(self)
 
     def save(self, path: str | Path, format: str | None = None) -> tuple[str, ...]:
         """Write the mechanism to a file, with the independent and actuated joints and the reference chosen here.

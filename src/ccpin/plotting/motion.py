@@ -13,6 +13,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.mechanism.outline import outline, plane_of_motion
 from ccpin.plotting.style import COLOURS, drawing
+from ccpin.proof.digests import require_same
 from ccpin.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -43,9 +44,11 @@ def plot_motion(
 
     Raises:
         InvalidInputError: An argument of another kind or shape.
+        DifferentSubjectsError: It is a motion of another mechanism.
     """
     instance(trajectory, "trajectory", Trajectory)
     mechanism = mechanism_of(mechanism)
+    require_same("a drawing of a motion", mechanism.digests, trajectory.origin, "closures")
     columns = max(trajectory.q.shape[1], trajectory.u.shape[1])
     title = heading(title, f"{mechanism.title}: {trajectory.message}")
     goals = None if goal is None else _goals(goal, trajectory)

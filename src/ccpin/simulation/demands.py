@@ -8,7 +8,7 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from ccpin.arrays import Array, instance
-from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.wrenches import Pushes, Wrenches
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.forces import PeakForce, closure_forces, joint_forces
@@ -62,10 +62,10 @@ def demands(
         bearings: Whether to compute the bearings' loads, which costs most.
 
     Raises:
-        InvalidInputError: The trajectory is not this model's.
+        DifferentSubjectsError: The trajectory is not this model's.
     """
-    model = model_of(model)
     instance(trajectory, "trajectory", Trajectory)
+    model = trajectory.of("demands on motors and bearings", model, "closures", "dynamics")
     t, u = trajectory.t, trajectory.u
     rates = np.array([_rates(model, state.v_free(v), v) for state, v, _ in trajectory.states(model)])
     power, duration = u * rates, max(float(t[-1] - t[0]), np.finfo(float).tiny)

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, instance
-from ccpin.dynamics.reduced_model import ReducedModel, model_of
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.limits import position_bounds
 from ccpin.simulation.trajectory import Trajectory
@@ -37,12 +37,11 @@ def exceeded(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[E
     What `Limits` ignores is told here; between samples nothing is looked at (`Limits` does).
 
     Raises:
-        InvalidInputError: The trajectory is not this model's.
+        DifferentSubjectsError: The trajectory is not this model's.
     """
-    model = model_of(model)
     instance(trajectory, "trajectory", Trajectory)
+    model = trajectory.of("limits", model, "closures", "plant")
     mechanism = model.mechanism
-    instance(trajectory, "trajectory", Trajectory)
     rates = np.array([state.v_free(v) for state, v, _ in trajectory.states(model)])
     found = [
         _beyond(trajectory.t, joint, "position", limit, trajectory.q_free[:, q], sign)

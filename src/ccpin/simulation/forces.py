@@ -105,10 +105,10 @@ def closure_forces(
         wrenches: On links, as for the `simulate` that made it.
 
     Raises:
-        InvalidInputError: The trajectory is not this model's.
+        DifferentSubjectsError: The trajectory is not this model's.
     """
-    bearings = _Bearings(model_of(model))
     instance(trajectory, "trajectory", Trajectory)
+    bearings = _Bearings(trajectory.of("forces in closures", model, "closures", "dynamics"))
     return _histories(
         bearings.closures, trajectory.t, [bearings.of_closures(*row) for row in bearings.rows(trajectory, wrenches)]
     )
@@ -143,8 +143,8 @@ def joint_forces(
     Where a `Contact` pushes on a link, `trajectory.limits` has what it does to the joints' motion, not its point: what
     passes on from there through the bearings between the link and the ground is not in them.
     """
-    bearings = _Bearings(model_of(model))
     instance(trajectory, "trajectory", Trajectory)
+    bearings = _Bearings(trajectory.of("forces in joints", model, "closures", "dynamics"))
     return _histories(
         bearings.model.mechanism.tree.names,
         trajectory.t,

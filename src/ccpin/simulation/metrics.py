@@ -12,7 +12,8 @@ from ccpin.control.laws import PDFullGravity, PDSimpleGravity
 from ccpin.dynamics.reduced_model import ReducedModel, coordinates_of
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.checked import checked_q
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.mechanism import Mechanism, mechanism_of
+from ccpin.proof.digests import require_same
 from ccpin.simulation.trajectory import Trajectory
 
 
@@ -55,9 +56,11 @@ def set_point_metrics(
 
     Raises:
         InvalidInputError: The goal has the wrong shape or is not finite.
+        DifferentSubjectsError: It is a motion of another mechanism.
     """
     instance(trajectory, "trajectory", Trajectory)
     band = positive(band, "band", "a positive number (rad or m)")
+    require_same("metrics of a motion", mechanism_of(mechanism).digests, trajectory.origin, "closures")
     coordinates = coordinates_of(mechanism)
     q_d = checked_q(coordinates, goal, "goal")
     error = np.array([coordinates.difference(q, q_d) for q in trajectory.q])
@@ -100,13 +103,18 @@ def lyapunov_along(law: PDSimpleGravity | PDFullGravity, trajectory: Trajectory)
     simple compensation (28) and q̇ᵀ(ρᵀSᵀu − damping q̇ − K_p q̃ − g(q)) with full compensation (30), whatever u was. Under
     the law itself this is −q̇ᵀ(K_v + damping)q̇; a saturated or sampled controller departs from it. The power of dry
     friction, of contacts, end stops and wrenches is not in it: where they act 𝒱 changes otherwise than 𝒱̇ says.
+
+    Raises:
+        InvalidInputError: Another law.
+        DifferentSubjectsError: The motion is of another mechanism than the law's: of a nominal one, say, which is no
+            Lyapunov function of that plant.
     """
     full = isinstance(law, PDFullGravity)
     if not full and not isinstance(law, PDSimpleGravity):
         raise InvalidInputError(f"law must be PDSimpleGravity or PDFullGravity, not {type(law).__name__}")
     instance(trajectory, "trajectory", Trajectory)
-    samples = []
-    for state, v, u in trajectory.states(law.model):
+    model, samples = trajectory.of("𝒱 along a motion", law.model, "closures", "dynamics"), []
+    for state, v, u in trajectory.states(model):
         force = state.generalized_force(u) - law.K_p @ law.error(state.q) - (state.g if full else law.gravity_d)
         lost = v @ state.damping @ v
         samples.append((law.lyapunov(state, v), v @ force - lost, -(v @ law.K_v @ v) - lost))

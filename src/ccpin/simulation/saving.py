@@ -11,6 +11,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
+from ccpin.proof.digests import Digests
 from ccpin.schemas import Choice, Field, Schema
 from ccpin.simulation.samples import SAMPLED, Happening, Names, Status
 
@@ -29,6 +30,7 @@ TRAJECTORY = Schema(
         "wall_time": float,
         "names": {field: [str] for field in Names._fields},
         "events": [str],
+        "origin": dict.fromkeys(Digests._fields, str),
     },
     {
         "t": Field("f", "T", "s"),
@@ -130,6 +132,7 @@ def packed(motion: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         "wall_time": float(motion["wall_time"]),
         "names": {field: list(names) for field, names in motion["names"]._asdict().items()},
         "events": [str(event.name) for event in events],
+        "origin": motion["origin"]._asdict(),
     }
     arrays: dict[str, Any] = {name: motion[name] for name in SAMPLED}
     for field, like in zip(_EVENT_ARRAYS, ((), motion["q"], motion["v"], motion["q_free"]), strict=True):
@@ -161,4 +164,5 @@ def unpacked(header: Mapping[str, Any], arrays: Mapping[str, Any]) -> dict[str, 
         "evaluations": header["evaluations"],
         "wall_time": header["wall_time"],
         "names": names,
+        "origin": Digests(**header["origin"]),
     }

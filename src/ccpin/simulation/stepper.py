@@ -8,7 +8,7 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy import integrate
 
 from ccpin.arrays import Array, choice, frozen, instance, number, positive, records, step_or_infinite, vector
@@ -17,7 +17,7 @@ from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
-from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.errors import DifferentSubjectsError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.native import Declining
@@ -334,6 +334,7 @@ class Simulator:
             evaluations=run.evaluations - evaluations,
             wall_time=time.perf_counter() - began,
             names=self._names,
+            origin=self.model.digests._replace(law=self._law.digests.law),
         )
 
     def _recorded(self, until: float, record: Recorder, budget: Budget, watch: Watch | None) -> Stop | None:
@@ -384,7 +385,7 @@ class Simulator:
         """Everything carried from call to call but the law's own memory, as arrays; `recall` brings it back."""
         run = self._moving
         t, state, v = run.here
-        here = {"t": np.array(t), "q": state.q, "v": v, "q_free": state.q_free}
+        here = {"t": np.array(t), "q": state.q, "v": v, "q_free": state.q_free, "origin": self._origin}
         return here | run.following.memory() | run.contact.memory() | run.commands.memory()
 
     def recall(self, memory: Mapping[str, Array]) -> None:
@@ -394,15 +395,23 @@ class Simulator:
             InvalidInputError: Something is missing in it.
         """
         following = self._following()
-        for name in ("t", "q", "v", "q_free", *following.memory()):
+        for name in ("t", "q", "v", "q_free", "origin", *following.memory()):
             if name not in memory:
                 raise InvalidInputError(f"the memory has no '{name}': `Simulator.memory` of this version gives one")
+        if not np.array_equal(memory["origin"], self._origin):
+            raise DifferentSubjectsError("the memory is of another mechanism than this simulator's")
         model = following.recall(memory)
         state = model.at(memory["q"], memory["q_free"])
         self._begin(Moment(float(memory["t"]), state, np.array(memory["v"])), following)
         run = self._moving
         run.contact.recall(memory)
         run.commands.recall(memory)
+
+    @property
+    def _origin(self) -> NDArray[np.str_]:
+        """Whose memory it is: the digests of closures, dynamics and plant."""
+        own = self.model.digests
+        return np.array([own.closures, own.dynamics, own.plant])
 
     @property
     def _begun(self) -> Run:

@@ -15,6 +15,7 @@ from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.digests import Digests, Part, require_same
 from ccpin.simulation import saving
 from ccpin.simulation.samples import CHANGED, SAMPLED, Happening, Names, Status
 
@@ -48,6 +49,7 @@ class Trajectory(NamedTuple):
         evaluations: Number of evaluations of the equations of motion.
         wall_time: Seconds that the simulation took.
         names: What the columns are called.
+        origin: What moved, under which law (`ccpin.proof.digests`).
     """
 
     t: Array
@@ -67,6 +69,7 @@ class Trajectory(NamedTuple):
     evaluations: int
     wall_time: float
     names: Names
+    origin: Digests
 
     def __repr__(self) -> str:
         return f"Trajectory({self.status} at {self.t[-1]:.6g} s, {len(self.t)} samples, n = {self.v.shape[1]})"
@@ -97,8 +100,13 @@ class Trajectory(NamedTuple):
         """This trajectory followed by another, whose first sample repeats this one's last and is dropped.
 
         The other's times are shifted to begin where this one ends.
+
+        Raises:
+            DifferentSubjectsError: It is a motion of another mechanism.
         """
-        shift = self.t[-1] - instance(other, "other", Trajectory).t[0]
+        instance(other, "other", Trajectory)
+        require_same("a motion that goes on", self.origin, other.origin, "closures", "dynamics")
+        shift = self.t[-1] - other.t[0]
         events = tuple(event._replace(t=event.t + shift) for event in other.events)
         return joined([self, other._replace(t=other.t + shift, events=events)])
 
@@ -106,30 +114,29 @@ class Trajectory(NamedTuple):
         """(the State at q, v, u) of every sample, for reading the reduced model along the motion.
 
         Raises:
-            InvalidInputError: The trajectory is of another mechanism: its configurations or efforts have another size.
+            DifferentSubjectsError: The trajectory is of other closures or coordinates.
         """
-        model = self._of(model)
+        model = self.of("reading a motion", model, "closures")
         for q, v, u, q_free in zip(self.q, self.v, self.u, self.q_free, strict=True):
             yield model.at(q, q_free), v, u
 
-    def _of(self, model: ReducedModel | Mechanism) -> ReducedModel:
-        """The model, whose motion this may be."""
+    def of(self, task: str, model: ReducedModel | Mechanism, *parts: Part) -> ReducedModel:
+        """The model, if this is a motion of it as far as a task asks.
+
+        Raises:
+            DifferentSubjectsError: It is not.
+        """
         model = model_of(model)
-        sizes, wanted = (self.q_free.shape[1:], self.u.shape[1:]), ((model.mechanism.nq,), (model.n_actuated,))
-        if sizes != wanted:
-            raise InvalidInputError(
-                f"the trajectory has configurations of {sizes[0]} entries and {sizes[1]} efforts; this model has "
-                f"{wanted[0]} and {wanted[1]}"
-            )
+        require_same(task, model.digests, self.origin._replace(name=f"the motion of {self.origin.name}"), *parts)
         return model
 
     def energy(self, model: ReducedModel | Mechanism) -> Energies:
         """Kinetic and potential energy at every sample, J, from q′ and q̇′: also where q does not measure the motion.
 
         Raises:
-            InvalidInputError: The trajectory is of another mechanism: its configurations have another size.
+            DifferentSubjectsError: The trajectory is of another mechanism.
         """
-        model = self._of(model)
+        model = self.of("the energy of a motion", model, "closures", "dynamics")
         free = model.free_system
         found = [free.energy(q_free, v_free) for q_free, v_free in zip(self.q_free, self.v_free, strict=True)]
         return Energies(*np.array(found).reshape(-1, 2).T)

@@ -166,6 +166,7 @@ def recorded(model: ReducedModel, times: list[float], states: list[State]) -> Mo
         evaluations=0,
         wall_time=float(t[-1]),
         names=Names.of(model),
+        origin=model.digests,
     )
     return Motion("driven by hand", trajectory, np.full(len(t), np.nan), "", None)
 
