@@ -12,6 +12,7 @@ from ccpin.arrays import Array, heading, instance, whole
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import CellStatus, corners_of
 from ccpin.domain.atlas.radius_map import certified_radius
+from ccpin.domain.atlas.store import require_about
 from ccpin.domain.singularities import SingularCurve
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
@@ -72,6 +73,7 @@ def plot_atlas(
         [lower, np.column_stack([upper[:, 0], lower[:, 1]]), upper, np.column_stack([lower[:, 0], upper[:, 1]])], 1
     )
     status = atlas.tree.status[leaves]
+    require_about("a drawing of an atlas", atlas, mechanism)
     title = heading(title, f"{mechanism_of(mechanism).title}: {len(atlas.lower)} certified boxes")
     with drawing(title, (7.2, 7.2), **{"axes.grid": False}) as figure:
         axes = figure.add_subplot()
@@ -102,6 +104,7 @@ def plot_radius_map(
     first, second = np.meshgrid(*grids, indexing="ij")
     radius = np.degrees(certified_radius(atlas, np.column_stack([first.ravel(), second.ravel()]))).reshape(first.shape)
     lower, upper = np.degrees([region.lower, region.upper])
+    require_about("a map of radii", atlas, mechanism)
     title = heading(title, f"{mechanism_of(mechanism).title}: radius of the certified square about each q")
     with drawing(title, (7.6, 6.6), **{"axes.grid": False}) as figure:
         axes = figure.add_subplot()

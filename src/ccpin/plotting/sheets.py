@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import heading, instance, matrix_rows, records
+from ccpin.domain.atlas.store import require_about
 from ccpin.domain.cusps import Cusp
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError
@@ -57,6 +58,7 @@ def plot_sheets(
         [lower, np.column_stack([upper[:, 0], lower[:, 1]]), upper, np.column_stack([lower[:, 0], upper[:, 1]])], 1
     )
     count, handles = atlas.count[leaves], []
+    require_about("a drawing of sheets", atlas, mechanism)
     with drawing(heading(title, f"{mechanism_of(mechanism).name}: assembly modes"), (7.2, 7.2)) as figure:
         axes = figure.add_subplot()
         for number in np.unique(count):

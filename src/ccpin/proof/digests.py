@@ -1,9 +1,9 @@
 """Digests: what an object is about, told by exact numbers, so that no claim combines objects of two mechanisms.
 
-Each object carries `Digests`, one for each thing that theorems speak of. What a claim uses it compares (`require_same`):
-an atlas of the same closures and other masses is good where only φ enters, an arrival certificate of the same closures
-under another gravity is not. Two loads of one file, and copies and pickles, have the same digests: nothing enters but
-numbers, bit for bit, and names.
+Each object carries `Digests`, one for each thing that theorems speak of. What a claim uses it compares
+(`require_same`): an atlas of the same closures and other masses is good where only φ enters, an arrival certificate of
+the same closures under another gravity is not. Two loads of one file, and copies and pickles, have the same digests:
+nothing enters but numbers, bit for bit, and names.
 """
 
 from __future__ import annotations

@@ -45,6 +45,7 @@ from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.left_out import limits_left_out, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.digests import require_same
 from ccpin.validated.arrival import Goal, SetArrival, goal_of, lyapunov, single_valued, unconnected
 from ccpin.validated.balls import Ball, flint, lower, upper
 from ccpin.validated.crossing import witness_of
@@ -63,6 +64,10 @@ _MORE = "more pieces=, a higher order= or precision= may do more"
 
 class Certificate(Protocol):
     """What a certified set point says, as `ccpin.control.stability.theorem3.SetPointCertificate` does."""
+
+    @property
+    def law(self) -> PDSimpleGravity:
+        """The law that it is about."""
 
     @property
     def level(self) -> float:
@@ -147,12 +152,14 @@ def certify_move(
 
     Raises:
         CcpinError: python-flint is not installed.
-        InvalidInputError: A bad argument, another law, or a certificate for another law.
+        InvalidInputError: A bad argument, or another law.
+        DifferentSubjectsError: The law is of another mechanism than the model, or the certificate of another law.
         UnsupportedMechanismError, ConvergenceError: As for `ccpin.validated.enclose`.
     """
     if not isinstance(law, PDSimpleGravity):
         raise InvalidInputError("the level certified is about PD with simple gravity compensation: pass that law")
     model, (level, rigorous) = model_of(model), _level(arrival, law)
+    require_same("a certified move", law.digests, model.digests, "closures", "dynamics")
     sampled = not rigorous and not isinstance(arrival, int | float)
     options = checked_options(duration, precision, Options(order, tolerance, pieces, SHORTEST_STEP, np.inf))
     cut = checked_cut(parts, cells, np.inf)
@@ -246,17 +253,15 @@ def _level(arrival: Certificate | float, law: PDSimpleGravity) -> tuple[float, b
     """The level, and whether its certificate says it is proven (a plain number has none).
 
     Raises:
-        InvalidInputError: It is not a positive number, or another law's.
+        InvalidInputError: It is not a positive number.
+        DifferentSubjectsError: It is another law's, or that of a law of another mechanism.
     """
     if not isinstance(getattr(arrival, "level", None), float):
         level, rigorous = positive(arrival, "arrival", "a set-point certificate or a positive number of joules"), False
     else:
         assert not isinstance(arrival, int | float)
         level, rigorous = float(arrival.level), bool(arrival.rigorous)
-        theirs = getattr(arrival, "law", law)
-        same = all(np.array_equal(getattr(theirs, name), getattr(law, name)) for name in ("q_d", "K_p", "gravity_d"))
-        if not same:
-            raise InvalidInputError("the certificate is for a law with another set point or other gains")
+        require_same("arrival at a set point", law.digests, arrival.law.digests, "closures", "dynamics", "law")
     if not (np.isfinite(level) and level > 0):
         raise InvalidInputError(f"the certified level c = {level} J must be a positive number")
     return level, rigorous

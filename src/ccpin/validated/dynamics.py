@@ -22,9 +22,10 @@ import numpy as np
 from scipy.linalg import qr
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, NoTorque
+from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.kinematics.tree import Tree
+from ccpin.proof.digests import Part, require_same
 from ccpin.validated.balls import Ball, flint, rational
 from ccpin.validated.chains import ExactJoint, Table, closure_rows, exact, exact_joints, poses, rates
 from ccpin.validated.laws import HALF_A_TURN, Wrapped, acting, efforts, gains_of, require_sampled, transmission
@@ -98,7 +99,13 @@ def closed_loop(
 
     Raises:
         UnsupportedMechanismError: The law is another than none and the two PD laws.
+        DifferentSubjectsError: The law is of other closures than the model; one that computes g(q) itself, of other
+            masses, springs or gravity. The constants of law (28) may be a nominal model's: it is then that law that is
+            enclosed, on this plant.
     """
+    if isinstance(law, PDSimpleGravity | PDFullGravity):
+        parts: tuple[Part, ...] = ("closures", "dynamics") if isinstance(law, PDFullGravity) else ("closures",)
+        require_same("an enclosure", law.digests, model.digests, *parts)
     mechanism, constraints = model.mechanism, model.parametrization.constraints
     near = mechanism.q_reference if near is None else near
     joints = exact_joints(mechanism.tree)

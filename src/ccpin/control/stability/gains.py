@@ -30,6 +30,7 @@ from ccpin.control.stability.set_point_cells import cells_of_atlas
 from ccpin.control.stability.well import checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import Corners
+from ccpin.domain.atlas.store import require_about
 from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
@@ -138,6 +139,7 @@ def suggest_gains(
         guess: Chooses the assembly mode of σ(q_d).
 
     Raises:
+        DifferentSubjectsError: The atlas is of other closures than the model.
         InvalidInputError: A bad margin or damping, q_d outside of the domain, or gravity does not act there (β = 0).
         UnreachableError: σ does not exist on all of a region.
     """
@@ -152,6 +154,7 @@ def suggest_gains(
         slope = SlopeBound(float(samples.norm[worst]), float(samples.norm[worst]), samples.q[worst], 0)
         whole, grip = True, np.inf
     else:
+        require_about("gains over an atlas", domain, model)
         store = cells_of_atlas(law, domain)
         slope, whole = gravity_slope_over(store), store.whole
         grip = min(cell.well.effort for cell in store.cells if cell.live and cell.well is not None)

@@ -65,6 +65,7 @@ from ccpin.control.stability.well import Well, checked_region, sample_region
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.atlas.run import stoppable
+from ccpin.domain.atlas.store import require_about
 from ccpin.domain.newton import predict
 from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
@@ -287,11 +288,14 @@ def certify_law(
 
     Raises:
         InvalidInputError: Another law, or q_d is not in the domain or not on its branch.
+        DifferentSubjectsError: The atlas is of other closures than the law's model; its masses may be others.
         UnsupportedMechanismError: Coordinates that are not plain numbers, motors on joints of several freedoms, or
             closures that cannot be certified (a plain region works for these).
         UnreachableError, SingularConfigurationError: σ does not exist on all of a plain region.
     """
     _check(law)
+    if isinstance(domain, Atlas):
+        require_about("a certified set point", domain, law.model)
     stiffness = law.model.gravity_derivative(law.q_d, law.q_free_d)
     gain = least_eigenvalue(law.K_p)
     least = float(np.linalg.eigvalsh(law.K_p + stiffness)[0])

@@ -23,6 +23,7 @@ import numpy as np
 
 from ccpin.arrays import Array, Mask, joined, rows_of
 from ccpin.domain.atlas.cells import CellStatus, CellTree
+from ccpin.domain.atlas.code import code_digest
 from ccpin.domain.atlas.tasks import Arrays, CellsToProve, Proved, glue_task, prove_task
 from ccpin.domain.boxes import Boxes, Problem
 from ccpin.errors import InvalidInputError
@@ -129,19 +130,22 @@ def reporter(progress: Callable[[Progress], None] | None) -> Report:
 
 
 class ChunkStore:
-    """Results on disk by what they were computed from; files appear whole or not at all."""
+    """Results on disk by what they were computed from and by which code; files appear whole or not at all."""
 
     def __init__(self, folder: str | Path | None, problem: Problem) -> None:
         self.folder = None if folder is None else Path(folder)
         if self.folder is not None:
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._problem = hashlib.sha256(pickle.dumps(problem, protocol=4)).digest()
+            self._origin = code_digest() + hashlib.sha256(pickle.dumps(problem, protocol=4)).digest()
 
     def key(self, task: Task, arrays: Arrays) -> str:
-        """The name of a result: a digest of problem, task and every bit of the arrays; empty without a folder."""
+        """The name of a result: a digest of the code, the problem, the task and every bit of the arrays.
+
+        Empty without a folder.
+        """
         if self.folder is None:
             return ""
-        digest = hashlib.sha256(self._problem + task.__name__.encode())
+        digest = hashlib.sha256(self._origin + task.__name__.encode())
         for array in arrays:
             digest.update(f"{array.dtype}{array.shape}".encode())
             digest.update(np.ascontiguousarray(array).tobytes())

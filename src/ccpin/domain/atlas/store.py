@@ -10,7 +10,7 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -25,8 +25,8 @@ from ccpin.domain.chains import Chain, ClosureSystem, closure_system
 from ccpin.domain.chart import Chart, ChartJoint, Elementary
 from ccpin.domain.documents import Document
 from ccpin.domain.rods import Rod
-from ccpin.errors import InvalidInputError
-from ccpin.mechanism.mechanism import Mechanism
+from ccpin.errors import DifferentSubjectsError, InvalidInputError
+from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
 Record = TypeVar("Record")
 _PART = 10_000  # boxes proved again at once
@@ -139,6 +139,27 @@ def same_closures(problem: Problem, mechanism: Mechanism, theta: Array | None = 
         theta = problem.system.theta(mechanism.q_reference)
     system = closure_system(mechanism, chart.configuration(theta[None, : chart.n_free])[0])
     return fingerprint_of(problem_of(system)) == fingerprint_of(problem)
+
+
+class AboutClosures(Protocol):
+    """What was proved of closures: an atlas, sheets, a cover of singular curves."""
+
+    def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
+        """Whether the closures are those of a mechanism."""
+
+
+def require_about(task: str, proved: AboutClosures, mechanism: Mechanism | HasMechanism) -> None:
+    """Nothing, if what was proved is about a mechanism's closures, by their numbers.
+
+    Raises:
+        DifferentSubjectsError: It is about others.
+    """
+    if not proved.is_about(mechanism):
+        name = mechanism_of(mechanism).name
+        raise DifferentSubjectsError(
+            f"{task}: {type(proved).__name__} and mechanism '{name}' do not belong together: they have different "
+            "closures or independent coordinates"
+        )
 
 
 def fingerprint_of(problem: Problem) -> str:

@@ -28,6 +28,7 @@ from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.verdict import Verdict
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.digests import Digests, require_same
 from ccpin.proof.ranges import Ranges
 
 _SAMPLES = 33  # of a tube
@@ -169,10 +170,12 @@ class SingularCover:
             atlas: Of the same mechanism.
 
         Raises:
-            InvalidInputError: It is none, or of other coordinates.
+            InvalidInputError: It is none.
+            DifferentSubjectsError: It is of other closures or coordinates.
         """
-        if instance(atlas, "atlas", Atlas).names != self.names:
-            raise InvalidInputError(f"the atlas is of {', '.join(atlas.names)}, the curves of {', '.join(self.names)}")
+        ours, theirs = self.fingerprint, instance(atlas, "atlas", Atlas).fingerprint
+        curves, cells = Digests("the cover of singular curves", ours), Digests("the atlas", theirs)
+        require_same("cells that curves cross", curves, cells, "closures")
         found = [np.zeros(0, dtype=np.intp)]
         for curve in self.curves:
             for share in np.linspace(-1.0, 1.0, _SAMPLES):

@@ -1,0 +1,30 @@
+"""Which code computed a result that is kept: a proof function that is mended must not be told what it once said."""
+
+from __future__ import annotations
+
+import hashlib
+from functools import cache
+from pathlib import Path
+
+import ccpin
+from ccpin.native import backend
+
+_ROOMS = ("arrays.py", "domain", "proof", "kinematics", "description/closure_kinds.py", "description/joint_kinds.py")
+
+
+def code_digest() -> bytes:
+    """SHA-256 of the sources that results of tasks rest on, and of the compiled core, where that computes."""
+    core = backend()
+    return _digest(core.reason.removeprefix("compiled core ") if core.name == "native" else "")
+
+
+@cache
+def _digest(core: str) -> bytes:
+    found, home = hashlib.sha256(), Path(ccpin.__file__).parent
+    for room in _ROOMS:
+        place = home / room
+        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            found.update(str(path.relative_to(home)).encode() + path.read_bytes())
+    if core:
+        found.update(Path(core).read_bytes())
+    return found.digest()

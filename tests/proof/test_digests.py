@@ -1,0 +1,326 @@
+"""Digests tell what an object is about, and no public function combines objects of two mechanisms."""
+
+from __future__ import annotations
+
+import copy
+import inspect
+import pickle
+from dataclasses import replace
+from importlib import import_module
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin import control, domain, plotting, simulation, validated
+from ccpin.control import PDFullGravity, PDSimpleGravity, PointToPoint, TorqueFunction
+from ccpin.description import scaled
+from ccpin.domain.atlas import code, run
+from ccpin.errors import CcpinError, DifferentSubjectsError
+from ccpin.proof.digests import Digests, UndigestedError, digest, require_same
+
+GOAL, GAINS = [-1.57, -1.75], ([11.0, 11.0], [0.65, 0.60])
+REGION = (np.array([-1.65, -1.85]), np.array([-1.5, -1.65]))
+
+
+@pytest.fixture(scope="module")
+def rpdr():
+    return ccpin.load("rpdr")
+
+
+@pytest.fixture(scope="module")
+def others(rpdr):
+    """The same names and sizes: a rod 1 mm longer, other masses, another gravity; as models."""
+    longer = scaled(rpdr.description, lengths={"link3": 1.0 + 1e-3 / 0.3048})
+    heavier = scaled(rpdr.description, masses={"link3": 1.1})
+    return {
+        "lengths": ccpin.ReducedModel(ccpin.load(longer)),
+        "masses": ccpin.ReducedModel(ccpin.load(heavier)),
+        "gravity": ccpin.ReducedModel(rpdr, gravity=(0.0, -4.9, 0.0)),
+    }
+
+
+class Things:
+    """What functions combine, of one model."""
+
+    def __init__(self, model):
+        self.model, self.mechanism = model, model.mechanism
+        self.law = PDSimpleGravity(model, GOAL, *GAINS)
+        self.full = PDFullGravity(model, GOAL, *GAINS)
+        self.motion = ccpin.simulate(model, self.law, np.array(GOAL) - 0.05, duration=0.02)
+        simulator = ccpin.Simulator(model, self.law)
+        simulator.reset(GOAL)
+        simulator.advance(0.01)
+        self.simulator, self.memory = simulator, simulator.memory
+        self.memory = self.memory() if callable(self.memory) else self.memory
+
+    def atlas(self):
+        return domain.certify(self.mechanism, GOAL, REGION)
+
+    def cover(self):
+        return domain.certify_singularities(self.mechanism, REGION)
+
+    def sheets(self):
+        return domain.certify_sheets(self.mechanism, REGION)
+
+    def certificate(self):
+        return control.certify_set_point(self.model, GOAL, *GAINS)
+
+
+@pytest.fixture(scope="module")
+def ours(rpdr):
+    return Things(ccpin.ReducedModel(rpdr))
+
+
+@pytest.fixture(scope="module")
+def theirs(others):
+    return {name: Things(model) for name, model in others.items()}
+
+
+EVERY = ("lengths", "masses", "gravity")
+CLOSURES = ("lengths",)
+MECHANISMS = ("lengths", "masses")  # a State is of a mechanism, whatever gravity
+# function: (what must differ for it to be refused, how it is called with objects of two mechanisms)
+CROSSED = {
+    "Trajectory.then": (EVERY, lambda a, b: a.motion.then(b.motion)),
+    "Trajectory.states": (CLOSURES, lambda a, b: list(a.motion.states(b.model))),
+    "Trajectory.energy": (EVERY, lambda a, b: a.motion.energy(b.model)),
+    "Simulator.recall": (EVERY, lambda a, b: a.simulator.recall(b.memory)),
+    "closure_forces": (EVERY, lambda a, b: simulation.closure_forces(a.model, b.motion)),
+    "closure_forces_at": (
+        MECHANISMS,
+        lambda a, b: simulation.closure_forces_at(a.model, b.model.at(GOAL), [0.0, 0.0], [0.0, 0.0]),
+    ),
+    "joint_forces": (EVERY, lambda a, b: simulation.joint_forces(a.model, b.motion)),
+    "demands": (EVERY, lambda a, b: simulation.demands(a.model, b.motion)),
+    "exceeded": (CLOSURES, lambda a, b: simulation.exceeded(a.model, b.motion)),
+    "friction_force": (MECHANISMS, lambda a, b: simulation.friction_force(a.model, 0.1, b.model.at(GOAL), [0, 0], [0, 0])),
+    "set_point_metrics": (CLOSURES, lambda a, b: simulation.set_point_metrics(a.motion, b.mechanism, GOAL)),
+    "lyapunov_along": (EVERY, lambda a, b: simulation.lyapunov_along(a.law, b.motion)),
+    "plot_motion": (CLOSURES, lambda a, b: plotting.plot_motion(a.motion, b.mechanism)),
+    "plot_atlas": (CLOSURES, lambda a, b: plotting.plot_atlas(a.mechanism, b.atlas())),
+    "plot_radius_map": (CLOSURES, lambda a, b: plotting.plot_radius_map(a.mechanism, b.atlas(), 4)),
+    "plot_sheets": (CLOSURES, lambda a, b: plotting.plot_sheets(a.mechanism, b.sheets())),
+    "certify_set_point": (CLOSURES, lambda a, b: control.certify_set_point(a.model, GOAL, *GAINS, b.atlas())),
+    "certify_law": (CLOSURES, lambda a, b: control.certify_law(a.law, b.atlas())),
+    "suggest_gains": (CLOSURES, lambda a, b: control.suggest_gains(a.model, GOAL, b.atlas())),
+    "certify_move": (EVERY, lambda a, b: validated.certify_move(a.model, b.law, GOAL, arrival=0.1)),
+    "certify_move, arrival": (
+        EVERY,
+        lambda a, b: validated.certify_move(a.model, a.law, GOAL, arrival=b.certificate()),
+    ),
+    "enclose": (EVERY, lambda a, b: validated.enclose(a.model, b.full, GOAL, None, 0.01)),
+    "enclose, law (28)": (CLOSURES, lambda a, b: validated.enclose(a.model, b.law, GOAL, None, 0.01)),
+    "enclose_set": (EVERY, lambda a, b: validated.enclose_set(a.model, b.full, GOAL, None, 0.01, spread=1e-6)),
+    "SingularCover.crossed": (CLOSURES, lambda a, b: a.cover().crossed(b.atlas())),
+    "merge": (
+        CLOSURES,
+        lambda a, b: domain.merge(
+            [
+                domain.certify(one.mechanism, np.mean(part, axis=0), part)
+                for one, part in zip((a, b), domain.split_region(REGION, 2), strict=True)
+            ]
+        ),
+    ),
+    "ReducedModel.at": (MECHANISMS, lambda a, b: a.model.at(b.model.at(GOAL))),
+    "linearize": (MECHANISMS, lambda a, b: ccpin.dynamics.linearize(a.model, b.model.at(GOAL), [0.0, 0.0])),
+    "PDSimpleGravity": (MECHANISMS, lambda a, b: PDSimpleGravity(a.model, b.model.at(GOAL), *GAINS)),
+    "PDSimpleGravity.lyapunov": (MECHANISMS, lambda a, b: a.law.lyapunov(b.model.at(GOAL), np.zeros(2))),
+    "PDFullGravity.lyapunov": (MECHANISMS, lambda a, b: a.full.lyapunov(b.model.at(GOAL), np.zeros(2))),
+    "PDFullGravity": (MECHANISMS, lambda a, b: PDFullGravity(a.model, b.model.at(GOAL), *GAINS)),
+    "Simulator.reset": (MECHANISMS, lambda a, b: a.simulator.reset(b.model.at(GOAL))),
+}
+ALLOWED = {
+    "ReducedModel.reading": "a law of a nominal model reads q and q̇ of the plant's State",
+    "ReducedModel.reading_rate": "as reading",
+    "load": "a Pinocchio model and its own geometry",
+    "simulate": "a law of a nominal model on a plant is what people simulate",
+    "Simulator": "as simulate",
+    "supervise": "as simulate",
+    "sweep": "as simulate",
+    "State": "made by a model only",
+    "State.of": "the model's own",
+    "ComputedTorque": "a reference says q_d(t) in numbers; its model is the law's",
+    "PDPlus": "as ComputedTorque",
+    "PDOnlineGravity": "as ComputedTorque",
+    "TrackingLaw": "as ComputedTorque",
+    "ControlLaw.torque_at": "a State of the plant: a nominal law reads q and v of it",
+    "PDSimpleGravity.torque_at": "as ControlLaw.torque_at",
+    "PDFullGravity.torque_at": "as ControlLaw.torque_at",
+    "Trajectory.of": "is the comparison",
+    "TrackingLaw.torque_at": "as ControlLaw.torque_at",
+    "TrackingLaw.torque_with": "as ControlLaw.torque_at",
+    "TrackingLaw.brake": "as ControlLaw.torque_at",
+    "cusps": "curves are where a search begins; each cusp is proved of the mechanism",
+    "plot_singularities": "curves are arrays of numbers, drawn as they are",
+    "Atlas.is_about": "asks just that",
+    "SheetAtlas.is_about": "asks just that",
+    "SingularCover.is_about": "asks just that",
+    "Mechanism": "made by load only",
+    "describe_pinocchio": "two of Pinocchio's own",
+    "write": "one mechanism and a path",
+    "Subject.facts": "the studio's own",
+    "Theorem3Facts": "a record of the paper's results",
+}
+KINDS = (
+    "Mechanism",
+    "ReducedModel",
+    "Model",
+    "Law",
+    "Gravity",
+    "Atlas",
+    "Trajectory",
+    "Certificate",
+    "State",
+    "Reference",
+)
+KINDS += ("SingularC", "Enclosure", "Simulator")
+
+
+def two_objects():
+    """Public functions and methods that take, or are methods of one and take, two objects that are about something."""
+    rooms = ("dynamics", "domain", "control", "simulation", "validated", "visualization", "plotting", "mechanism")
+    for room in rooms:
+        module = import_module(f"ccpin.{room}")
+        for name in module.__all__:
+            thing = getattr(module, name)
+            methods = [m for m in vars(thing) if not m.startswith("_")] if inspect.isclass(thing) else []
+            for full, one in ((name, thing), *((f"{name}.{m}", getattr(thing, m)) for m in methods)):
+                if not callable(one) or (inspect.isclass(one) and issubclass(one, Exception)):
+                    continue
+                try:
+                    parameters = inspect.signature(one).parameters.values()
+                except (TypeError, ValueError):
+                    continue
+                words = [str(p.annotation).replace("Near", "") for p in parameters if p.name not in ("self", "cls")]
+                about = sum(any(kind in word for kind in KINDS) for word in words)
+                own = "." in full and any(kind in name for kind in KINDS)
+                if about + own >= 2:
+                    yield full
+
+
+def test_every_function_of_two_objects_is_listed():
+    """One that comes to be must say what it compares, or why it need not."""
+    missing = sorted({*two_objects()} - {*CROSSED} - {*ALLOWED})
+    assert missing == []
+
+
+@pytest.mark.parametrize("name", CROSSED)
+def test_objects_of_two_mechanisms_are_refused(name, ours, theirs):
+    """Another rod's atlas claimed 0.3545 J where less than 0.3459 J is true."""
+    differing, call = CROSSED[name]
+    for what in differing:
+        for one, other in ((ours, theirs[what]), (theirs[what], ours)):
+            with pytest.raises(CcpinError):
+                call(one, other)
+
+
+@pytest.mark.parametrize("name", ["certify_law", "suggest_gains", "exceeded", "set_point_metrics", "enclose, law (28)"])
+def test_what_a_claim_does_not_use_may_differ(name, ours, theirs):
+    """An atlas of the same φ and other masses is good, and law (28) may have a nominal model's g(q_d)."""
+    if "enclose" in name:
+        pytest.importorskip("flint")
+    CROSSED[name][1](ours, theirs["masses"])
+
+
+def test_a_nominal_law_is_simulated_and_its_motion_says_so(ours, theirs):
+    """The plant's digests, and the law's."""
+    motion = ccpin.simulate(theirs["masses"].model, ours.law, GOAL, duration=0.01)
+    assert motion.origin.dynamics == theirs["masses"].model.digests.dynamics
+    assert motion.origin.law == ours.law.digests.law != ""
+    with pytest.raises(DifferentSubjectsError, match="masses, springs"):
+        simulation.lyapunov_along(ours.law, motion)
+
+
+def test_files_carry_digests(ours, tmp_path):
+    """A saved motion is of its mechanism; one without digests is refused, naming why."""
+    path = tmp_path / "motion.npz"
+    ours.motion.save(path)
+    assert simulation.load_npz(path).origin == ours.motion.origin
+    with np.load(path) as stored:
+        arrays = {name: stored[name] for name in stored.files if name != "origin"}
+    np.savez(path, **arrays)
+    with pytest.raises(CcpinError, match="older format"):
+        simulation.load_npz(path)
+
+
+@pytest.mark.parametrize("name", ["rpdr", "delta", "stewart", "bennett", "slider_crank"])
+def test_a_mechanism_read_twice_is_the_same(name):
+    """So are copies and pickles."""
+    one = ccpin.load(name)
+    for other in (ccpin.load(name), copy.deepcopy(one), pickle.loads(pickle.dumps(one)), replace(one)):
+        assert other.digests == one.digests
+
+
+def test_what_changes_which_digest(rpdr, ours, others):
+    """Each only its own."""
+    base = ours.model.digests
+    changed = {
+        name: [
+            part for part in ("closures", "dynamics", "plant") if getattr(model.digests, part) != getattr(base, part)
+        ]
+        for name, model in others.items()
+    }
+    assert changed["gravity"] == changed["masses"] == ["dynamics"]
+    assert "closures" in changed["lengths"]
+    swapped = ccpin.load("rpdr", independent=["joint2", "joint1"])
+    assert swapped.digests.closures != rpdr.digests.closures
+    rubbing = ccpin.load("rpdr", joints={"joint3": {"friction": 0.1}})
+    assert rubbing.digests.plant != rpdr.digests.plant
+    assert rubbing.digests[1:3] == rpdr.digests[1:3]
+
+
+def test_digests_of_laws(ours):
+    """Kind, constants, references; a function has none."""
+    model = ours.model
+    same = PDSimpleGravity(ccpin.ReducedModel(ccpin.load("rpdr")), GOAL, *GAINS)
+    assert same.digests.law == ours.law.digests.law
+    stiffer = PDSimpleGravity(model, GOAL, [11.0, 11.1], GAINS[1])
+    laws = [ours.law, ours.full, stiffer]
+    laws += [
+        control.ComputedTorque(model, PointToPoint(model, GOAL, [-1.5, -1.7], time), [9.0, 9.0], [6.0, 6.0])
+        for time in (0.5, 0.6)
+    ]
+    assert len({law.digests.law for law in laws}) == len(laws)
+    assert TorqueFunction(lambda t, q, v: q).digests.law == ""
+
+
+def test_digests_tell_values_apart():
+    """Shapes, kinds and names of fields enter; minus zero does not."""
+    values = [1, 1.0, True, "1", np.ones(2), np.ones((2, 1)), [1.0, 1.0], (1.0, 1.0), {"a": 1.0}, {"b": 1.0}, None]
+    values += [np.ones(2, dtype=np.float32), [[1.0], 1.0], [1.0, [1.0]]]
+    assert len({digest(value) for value in values}) == len(values)
+    assert digest(np.array([-0.0])) == digest(np.array([0.0]))
+    for value in (len, lambda: 0, np.array([object()]), object()):
+        with pytest.raises(UndigestedError):
+            digest(value)
+
+
+def test_what_says_nothing_is_refused():
+    """An empty digest is no agreement."""
+    with pytest.raises(DifferentSubjectsError, match="does not say"):
+        require_same("a task", Digests("one", "x"), Digests("other"), "closures")
+    require_same("a task", Digests("one", "x"), Digests("other", "x", "y"), "closures")
+
+
+def test_a_mended_proof_does_not_use_what_its_predecessor_kept(rpdr, tmp_path, monkeypatch):
+    """Results are kept by the code and the backend that computed them."""
+    atlas = domain.certify(rpdr, GOAL, REGION, checkpoint=tmp_path)
+    kept = len(list(tmp_path.glob("*.npz")))
+    problem = atlas.problem
+    arrays = (np.ones(3),)
+    key = run.ChunkStore(tmp_path, problem).key(run.prove_task, arrays)
+    assert run.ChunkStore(tmp_path, problem).key(run.prove_task, arrays) == key
+    monkeypatch.setattr(run, "code_digest", lambda: b"mended")
+    assert run.ChunkStore(tmp_path, problem).key(run.prove_task, arrays) != key
+    domain.certify(rpdr, GOAL, REGION, checkpoint=tmp_path)
+    assert len(list(tmp_path.glob("*.npz"))) == 2 * kept > 0
+
+
+def test_the_backend_counts(monkeypatch):
+    """What NumPy computed is not taken for the core's."""
+    own = code.code_digest()
+    monkeypatch.setenv("CCPIN_BACKEND", "numpy")
+    plain = code.code_digest()
+    monkeypatch.delenv("CCPIN_BACKEND")
+    assert (plain != own) == (ccpin.backend().name == "native")
