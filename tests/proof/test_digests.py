@@ -94,7 +94,10 @@ CROSSED = {
     "joint_forces": (EVERY, lambda a, b: simulation.joint_forces(a.model, b.motion)),
     "demands": (EVERY, lambda a, b: simulation.demands(a.model, b.motion)),
     "exceeded": (CLOSURES, lambda a, b: simulation.exceeded(a.model, b.motion)),
-    "friction_force": (MECHANISMS, lambda a, b: simulation.friction_force(a.model, 0.1, b.model.at(GOAL), [0, 0], [0, 0])),
+    "friction_force": (
+        MECHANISMS,
+        lambda a, b: simulation.friction_force(a.model, 0.1, b.model.at(GOAL), [0, 0], [0, 0]),
+    ),
     "set_point_metrics": (CLOSURES, lambda a, b: simulation.set_point_metrics(a.motion, b.mechanism, GOAL)),
     "lyapunov_along": (EVERY, lambda a, b: simulation.lyapunov_along(a.law, b.motion)),
     "plot_motion": (CLOSURES, lambda a, b: plotting.plot_motion(a.motion, b.mechanism)),

@@ -6,7 +6,6 @@ import hashlib
 from functools import cache
 from pathlib import Path
 
-import ccpin
 from ccpin.native import backend
 
 _ROOMS = ("arrays.py", "domain", "proof", "kinematics", "description/closure_kinds.py", "description/joint_kinds.py")
@@ -20,7 +19,7 @@ def code_digest() -> bytes:
 
 @cache
 def _digest(core: str) -> bytes:
-    found, home = hashlib.sha256(), Path(ccpin.__file__).parent
+    found, home = hashlib.sha256(), Path(__file__).parents[2]
     for room in _ROOMS:
         place = home / room
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
