@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import ccpin
+from ccpin import auditing
 from ccpin.domain.documents import ATLAS, CURVES, SHEETS
 from ccpin.proof.theorems import theorem, theorems
 
@@ -23,7 +24,7 @@ def test_documents_written_without_docstrings_have_their_theorem(tmp_path):
     """`python -OO` drops docstrings; the theorems of a document are files."""
     path = tmp_path / "atlas.npz"
     subprocess.run([sys.executable, "-OO", "-c", WRITE, str(path)], check=True)
-    told = ccpin.auditing.verify(path).theorem
+    told = auditing.verify(path).theorem
     assert told == theorems(*ATLAS.theorems)
     assert "**Theorem K.**" in told
     assert "**Theorem S.**" in told

@@ -10,7 +10,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin.errors import InvalidInputError
+from ccpin.errors import DifferentSubjectsError
 from ccpin.simulation import closure_forces, closure_forces_at, joint_forces
 from ccpin.simulation.samples import SAMPLED
 from tests.oracles import descriptor, rpdr
@@ -237,7 +237,7 @@ def test_another_models_trajectory_is_refused():
     """A motion of the RPDR says nothing about a four-bar."""
     model = ccpin.ReducedModel(ccpin.load("rpdr"))
     trajectory = ccpin.simulate(model, None, GOAL, duration=0.01)
-    with pytest.raises(InvalidInputError, match="this model has"):
+    with pytest.raises(DifferentSubjectsError, match="closures or independent"):
         closure_forces(ccpin.ReducedModel(ccpin.load("four_bar")), trajectory)
 
 

@@ -18,7 +18,7 @@ from ccpin.control.stability.set_point_cells import cells_of_atlas
 from ccpin.control.stability.well import Well
 from ccpin.domain import certify
 from ccpin.dynamics import closed_loop_derivative, linearize
-from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.errors import CcpinError, DifferentSubjectsError, InvalidInputError
 from ccpin.simulation import lyapunov_along
 from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, START
@@ -485,7 +485,7 @@ def test_atlas_of_another_branch_or_place(rpdr_model, atlas):
         certify_law(PDSimpleGravity(rpdr_model, GOAL, K_P, K_V, up), atlas)
     slider = ccpin.ReducedModel(ccpin.load("slider_crank"))
     law = PDSimpleGravity(slider, slider.alpha(slider.mechanism.q_reference), [1.0], [1.0])
-    with pytest.raises(InvalidInputError, match="the law's coordinates"):
+    with pytest.raises(DifferentSubjectsError, match="closures or independent"):
         certify_law(law, atlas)
 
 
