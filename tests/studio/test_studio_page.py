@@ -99,7 +99,7 @@ def test_driven_through(name, folder):
     with studio(mechanism, open_browser=False, cache=folder) as one, opened(one.url, WIDTH, HEIGHT) as page:
         asked = watched(page)
         until(page, "document.querySelectorAll('#facts td').length > 3")
-        subject, session = one.subject, next(iter(one._sessions)).session
+        subject, session = one.subject, one._server.guests[0]
         start = np.array(subject.dials.values(session.here.q))
         angle = subject.dials.each[0].angle
         wanted = start[0] + (0.05 if angle else 0.005)
@@ -133,7 +133,7 @@ def test_the_whole_of_it(folder):
     with studio(mechanism, open_browser=False, cache=folder) as one, opened(one.url, WIDTH, HEIGHT) as page:
         asked = watched(page)
         until(page, "studio.chart.cells !== null")
-        session = next(iter(one._sessions)).session
+        session = one._server.guests[0]
         settle(page, 100)
         picture = pixels(page)
         (left, bottom), (right, top) = (page.evaluate(f"studio.placeOf([{end}, {end}])") for end in (-3.14, 3.14))
