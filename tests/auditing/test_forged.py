@@ -1,5 +1,6 @@
 """Documents that say what is false, with their fingerprints made right: refused, or not proved."""
 
+import json
 import os
 from dataclasses import replace
 
@@ -157,6 +158,26 @@ def test_seeds_and_names_of_another_claim(atlas, tmp_path):
     for names in (["joint1", "joint3"], ["joint2", "joint1"], ["joint1"], ["joint1", "x"]):
         refused(atlas, tmp_path, "'names'", names=names)
     assert not verify(changed(atlas[1], tmp_path, open_seed), sample=1).holds
+
+
+def test_joints_called_by_another_name(atlas, sheets, cover, tmp_path):
+    """Both driven joints' names, swapped in all places: what joints are called is not looked at but with a model."""
+    for load, made in (
+        (domain.Atlas.load, atlas),
+        (domain.SheetAtlas.load, sheets),
+        (domain.SingularCover.load, cover),
+    ):
+        other = {"joint1": "joint2", "joint2": "joint1"}
+        header = {
+            "joints": [
+                [other.get(joint[0], joint[0]), *joint[1:]] for joint in json.loads(made[1].read_text())["joints"]
+            ],
+            "names": ["joint2", "joint1"],
+        }
+        path = changed(made[1], tmp_path, lambda arrays: None, **header)
+        assert "what joints are called" in verify(path, sample=1).not_checked
+        assert load(made[1]).is_about(ccpin.load("rpdr"))
+        assert not load(path).is_about(ccpin.load("rpdr"))
 
 
 def test_regions_that_close_on_themselves_and_do_not(atlas, sheets, cover, tmp_path):

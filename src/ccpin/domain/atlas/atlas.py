@@ -240,7 +240,7 @@ class Atlas:
         Raises:
             InvalidInputError: It is a workspace's, whose closures hold an end effector besides, which no file names.
         """
-        return store.same_closures(self.problem, mechanism_of(mechanism), self.seed)
+        return store.same_closures(self.problem, self.names, mechanism_of(mechanism), self.seed)
 
     def save(self, path: str | Path) -> None:
         """Write the atlas to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""

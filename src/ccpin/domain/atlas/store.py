@@ -20,7 +20,7 @@ from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.domain.atlas.cells import Cells, CellTree, Region
 from ccpin.domain.atlas.checked import checked_cells, checked_closures, checked_region
 from ccpin.domain.atlas.singular import SingularCells
-from ccpin.domain.boxes import Boxes, Demands, Problem, problem_of, verify
+from ccpin.domain.boxes import BoundsName, Boxes, Demands, Problem, problem_of, verify
 from ccpin.domain.chains import Chain, ClosureSystem, closure_system
 from ccpin.domain.chart import Chart, ChartJoint, Elementary
 from ccpin.domain.documents import Document
@@ -119,10 +119,11 @@ def unpacked(part: str, kind: type[Record], arrays: NamedArrays) -> Record:
     return kind(**{name: arrays[f"{part}_{name}"] for name in fields})
 
 
-def same_closures(problem: Problem, mechanism: Mechanism, theta: Array | None = None) -> bool:
+def same_closures(problem: Problem, names: tuple[str, ...], mechanism: Mechanism, theta: Array | None = None) -> bool:
     """Whether a problem's closures are those that a mechanism's file gives today, bit for bit.
 
-    θ is its charts' centre; default the mechanism's reference.
+    So are then how θ and q′ correspond, what joints are called, and the independent ones among them (`names`). θ is its
+    charts' centre; default the mechanism's reference.
 
     Raises:
         InvalidInputError: It is a workspace's, whose closures hold an end effector besides, which no file names.
@@ -133,12 +134,13 @@ def same_closures(problem: Problem, mechanism: Mechanism, theta: Array | None = 
             "fingerprint with that of an atlas that the same certify_workspace makes today"
         )
     chart = problem.system.chart
-    if (chart.nq, chart.n_free) != (mechanism.nq, mechanism.n_free):
+    if (chart.nq, chart.n_free, names) != (mechanism.nq, mechanism.n_free, tuple(mechanism.independent)):
         return False
     if theta is None:
         theta = problem.system.theta(mechanism.q_reference)
     system = closure_system(mechanism, chart.configuration(theta[None, : chart.n_free])[0])
-    return fingerprint_of(problem_of(system)) == fingerprint_of(problem)
+    bounds: BoundsName = "reach" if problem.phasors is None else "auto"
+    return same_problem(problem_of(system, bounds), problem)
 
 
 class AboutClosures(Protocol):

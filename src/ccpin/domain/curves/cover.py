@@ -196,7 +196,7 @@ class SingularCover:
 
     def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
         """Whether the closures are those that a mechanism's file gives today, bit for bit."""
-        return store.same_closures(self.problem, mechanism_of(mechanism))
+        return store.same_closures(self.problem, self.names, mechanism_of(mechanism))
 
     def continued(
         self,

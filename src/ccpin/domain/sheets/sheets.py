@@ -194,7 +194,7 @@ class SheetAtlas:
 
     def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
         """Whether the closures are those that a mechanism's file gives today, bit for bit."""
-        return store.same_closures(self.problem, mechanism_of(mechanism))
+        return store.same_closures(self.problem, self.names, mechanism_of(mechanism))
 
     def save(self, path: str | Path) -> None:
         """Write the sheets to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
