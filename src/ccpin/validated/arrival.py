@@ -23,11 +23,11 @@ from ccpin.validated.tubes import TOO_EARLY
 from ccpin.validated.wide import exactly, hull, raised
 
 _RETRY = 0.9
-_MARGIN = 1e-9  # relative; the level's own 𝒱 uses a V(q_d) and g(q_d) rounded to doubles
+_MARGIN = 1e-9  # relative: the level and the bounds it comes from are doubles
 
 
 class Goal(NamedTuple):
-    """The law's set point: the level less a margin, V(q_d) in balls, the law, the numbers of the computed σ(q_d)."""
+    """The law's set point: the level less its margins, V(q_d) in balls, the law, the numbers of the computed σ(q_d)."""
 
     level: float
     potential: Ball
@@ -93,10 +93,15 @@ def single_valued(loop: ClosedLoop, law: PDSimpleGravity) -> bool:
 
 
 def goal_of(loop: ClosedLoop, law: PDSimpleGravity, level: float) -> Goal:
-    """The set point of a law with a level in joules, in balls."""
+    """The set point of a law with a level in joules, in balls.
+
+    The level's own 𝒱 takes V(q_d) in doubles: by what that is off, and a billionth, the level is lowered.
+    """
     x = loop.numbers(law.q_free_d)
     start = closed_start(loop, exact_q(law.model, loop, law.q_d), x)
-    return Goal(level * (1 - _MARGIN), values(loop.energies, at_rest(loop, start))[1], law, x)
+    potential = values(loop.energies, at_rest(loop, start))[1]
+    told = law.model.energy(law.q_d, np.zeros(law.model.n), law.q_free_d).potential
+    return Goal(level * (1 - _MARGIN) - upper(abs(potential - ball(told))), potential, law, x)
 
 
 class SetArrival:
