@@ -5,6 +5,7 @@ from itertools import product as pairs_of
 import numpy as np
 import pytest
 
+from ccpin.domain import affine as module
 from ccpin.domain.affine import Affine, affine, inverse, joined, product, sine_versine, stacked, summed
 
 U = 2.0**-53
@@ -111,3 +112,33 @@ def test_forms_side_by_side_keep_their_numbers():
         np.testing.assert_array_equal(found.mid, [1.0, 3.0])
         np.testing.assert_array_equal(found.lin, [[2.0, 4.0]])
         np.testing.assert_array_equal(found.rad, [0.5, 0.25])
+
+
+def test_radii_grow_by_what_their_own_sums_round():
+    """1 + 1e-13 and, of K = 1024 terms, 4(K + 1)u and 8(K + 2)u."""
+    K = 1024
+    still = form(np.zeros(K), np.zeros((0, K)), np.full(K, 1.0 / K))
+    np.testing.assert_allclose((still * float(K)).rad - 1.0, 1e-13, rtol=2e-2)
+    assert summed(still, 0).rad - 1.0 == pytest.approx(1e-13 + 4 * (K + 1) * U, rel=1e-3)
+    assert product("i,i->", still, np.ones(K)).rad - 1.0 == pytest.approx(1e-13 + 8 * (K + 2) * U, rel=1e-3)
+
+
+def test_forms_of_fewer_axes_are_added_to_all_entries():
+    wide = form(np.ones((2, 2)), np.ones((1, 2, 2)), np.zeros((2, 2)), 1)
+    found = wide + form(3.0, [2.0, 5.0], 0.25, 1)
+    np.testing.assert_array_equal(found.lin, [np.full((2, 2), 3.0), np.full((2, 2), 5.0)])
+    np.testing.assert_array_equal(summed(form([[1.0, 2.0]], [[[3.0, 4.0]]], [[0.0, 0.0]], 1), 1).lin, [[7.0]])
+
+
+@pytest.mark.parametrize(("proposed", "held"), [(0.5, False), (1.9, False), (2.1, True)])
+def test_an_error_that_is_proposed_is_checked(monkeypatch, proposed, held):
+    """|y| ≤ |X(r − Mx₀)| + E|y| with E = ½ asks for twice the residual."""
+    made = inverse(form([[[2.0]]], np.zeros((0, 1, 1, 1)), [[[1.0]]]))
+    monkeypatch.setattr(module, "inverses", lambda _: np.full((1, 1, 1), proposed))
+    assert np.isfinite(made.solve(form([[[0.0]]], np.zeros((0, 1, 1, 1)), [[[1.0]]])).rad) == held
+
+
+def test_a_weight_that_is_proposed_is_checked(monkeypatch):
+    monkeypatch.setattr(module, "solve_many", lambda *_: np.ones((1, 2)))
+    for size, regular in ((0.49, True), (0.51, False), (0.9, False)):
+        assert inverse(form([np.eye(2)], np.zeros((0, 1, 2, 2)), [np.full((2, 2), size)])).regular[0] == regular

@@ -15,6 +15,7 @@ from ccpin.domain.bounds import Frame, Image
 from ccpin.domain.bounds_reach import chain_reach, reach_bounds
 from ccpin.domain.boxes import Boxes, Problem, _holds, bounds_of
 from ccpin.domain.chain_stack import ChainStack, Derivatives
+from ccpin.domain.extended import third_bound
 from ccpin.domain.newton import _rounding, encloses, without_turns
 from ccpin.proof.rounding import blur, widened
 
@@ -329,3 +330,13 @@ def test_boxes_are_widened_by_the_roundings_that_the_lemma_counts(centre, half):
 @pytest.mark.parametrize("x", [0.0, 3.0, -1e6])
 def test_a_point_asked_about_may_be_off_by_its_roundings(x):
     np.testing.assert_allclose(blur(np.array(x)), 2.0**-51 * (1 + abs(x)), rtol=1e-12)
+
+
+def test_third_derivatives_are_bounded_by_the_longest_reach_of_each_chain(rng):
+    stack, theta, values, _ = case(rng)
+    box = rng.uniform(0.1, 1, N)
+    system = SimpleNamespace(rounding=1e-2, magnitude=lambda t: 1 + t.sum(axis=1))
+    found = third_bound(Problem(system, stack, None), theta, values.arms, box[None])
+    reach = lengths_of(stack, values, theta[0], box, 1e-2 * (1 + (np.abs(theta[0]) + box).sum()))
+    stated = sum(np.linalg.norm(stack.weights[c], axis=1) * reach[c].max() for c in range(2))
+    np.testing.assert_allclose(found[0], stated, rtol=1e-12)

@@ -166,5 +166,29 @@ ROOMS = (
             "inverse",
         ),
         ("domain/test_sharp_affine.py",),
+        (
+            ("self.defect) @ (size + _TINY)", "without _TINY", "any bound will do: it is checked below"),
+            ("weight = solve_many(identity - defect", "", "any w > 0 will do: it is checked below"),
+            ("(weight > 0.0) & (shrunk < weight)", "0 let in", "Ew < w fails where an entry of w is 0"),
+            ("np.isfinite(defect)", "not asked: np.isfinite", "Ew < w fails where E is no number"),
+        ),
     ),
+    Room("domain/extended", ("third_bound",), _BOUNDS),
+    Room(
+        "domain/extended",
+        ("proved_within", "UNIT"),
+        ("domain/test_sharp_extended.py",),
+        (
+            ("(kappa * SLACK < 1.0)", "not asked: kappa * SLACK < 1.0", "follows from the first"),
+            ("(kappa * SLACK < 1.0)", "kappa * SLACK < 1.0: left", "follows from the first"),
+            ("(kappa * SLACK < 1.0)", "1 × 1.1", "follows from the first"),
+            ("(kappa * SLACK < 1.0)", "1 × 2", "follows from the first"),
+        ),
+    ),
+    Room(
+        "control/stability/storage",
+        ("floor", "gain", "widths", "_inverse_form", "_inverted", "_constant", "storage_of", "_blocks"),
+        ("control/stability/test_sharp_storage.py",),
+    ),
+    Room("domain/curves/tubes", ("bounds_of", "certify_tubes", "_room"), ("domain/curves/test_sharp_tubes.py",)),
 )
