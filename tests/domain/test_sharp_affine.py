@@ -119,8 +119,8 @@ def test_radii_grow_by_what_their_own_sums_round():
     K = 1024
     still = form(np.zeros(K), np.zeros((0, K)), np.full(K, 1.0 / K))
     np.testing.assert_allclose((still * float(K)).rad - 1.0, 1e-13, rtol=2e-2)
-    assert summed(still, 0).rad - 1.0 == pytest.approx(1e-13 + 4 * (K + 1) * U, rel=1e-3)
-    assert product("i,i->", still, np.ones(K)).rad - 1.0 == pytest.approx(1e-13 + 8 * (K + 2) * U, rel=1e-3)
+    assert summed(still, 0).rad - 1.0 == pytest.approx(1e-13 + 4 * (K + 1) * U, rel=1e-3, abs=0.0)
+    assert product("i,i->", still, np.ones(K)).rad - 1.0 == pytest.approx(1e-13 + 8 * (K + 2) * U, rel=1e-3, abs=0.0)
 
 
 def test_forms_of_fewer_axes_are_added_to_all_entries():

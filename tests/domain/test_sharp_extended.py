@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from ccpin.domain import extended as module
 from ccpin.domain.extended import proved_within
 
 U = 2.0**-53
@@ -37,7 +38,7 @@ def test_roundings_of_f_and_of_its_slope_count():
     assert within([0.0], [[1.0]], 3.0, 0.1, 0.3999) == pytest.approx(0.6, rel=1e-9)
     assert within([0.0], [[1.0]], 3.0, 0.1, 0.4001) == pytest.approx(2.4, rel=1e-9)
     assert within([0.0], [[1.0]], 2.0**50, 0.0, 0.1) == pytest.approx(2.0**51 * 4 * U, rel=1e-9)
-    assert within(np.ones(16), np.eye(16), 0.0, 0.0, 0.0) / 2 - 1 == pytest.approx(128 * U, rel=0.02)
+    assert within(np.ones(16), np.eye(16), 0.0, 0.0, 0.0) / 2 - 1 == pytest.approx(128 * U, rel=0.02, abs=0.0)
 
 
 def test_the_rounding_of_a_times_the_slope_counts_with_its_condition():
@@ -46,3 +47,10 @@ def test_the_rounding_of_a_times_the_slope_counts_with_its_condition():
     for share, radius in ((1.05, 2.0), (0.95, 8.0)):
         change = [[0.5 - share * lost, 0.0], [0.0, 0.0]]
         assert within([1.0, 0.0], steep, 0.0, 0.0, change) == pytest.approx(radius, rel=1e-9)
+
+
+def test_an_inverse_that_is_none_counts(monkeypatch):
+    """A = 0.9 for a slope of 1 leaves |1 − 0.9| of κ = 0.1 + 0.9 Δ."""
+    monkeypatch.setattr(module, "inverses", lambda slope: np.full((1, 1, 1), 0.9))
+    assert within([0.5], [[1.0]], 0.0, 0.0, 0.4444) == pytest.approx(0.9)
+    assert within([0.5], [[1.0]], 0.0, 0.0, 0.4445) == pytest.approx(3.6)

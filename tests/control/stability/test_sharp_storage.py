@@ -39,7 +39,9 @@ def test_gains_and_widths_of_diagonal_storage_functions():
     assert widths(Storage(form([[[4.0]]], 4.1), form([[[4.0]]], 0.0), np.eye(1))) == np.inf
 
 
-@pytest.mark.parametrize(("mixed", "usable"), [(1 - 2e-9, True), (1 - 0.5e-9, False), (1.1, False), (np.nan, False)])
+@pytest.mark.parametrize(
+    ("mixed", "usable"), [(1 - 2e-9, True), (1 - 0.75e-9, False), (1 - 0.5e-9, False), (1.1, False), (np.nan, False)]
+)
 def test_inverses_of_matrices_that_are_clearly_positive_definite(mixed, usable):
     """Scaled to a unit diagonal, the least eigenvalue is 1 − |mixed|, and 1e-9 of it is left to rounding."""
     M = np.array([[[4.0, 6.0 * mixed], [6.0 * mixed, 9.0]]])
