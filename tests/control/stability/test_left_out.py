@@ -38,6 +38,15 @@ def test_set_points_with_dry_friction_are_where_motions_come_to_rest(rough):
     assert np.all(np.abs(slope) <= held + 1e-6)
 
 
+def test_an_unstable_set_point_may_be_held_by_dry_friction(rough):
+    """What is refuted is stability without it: friction may hold a set point up that would fall."""
+    upright, mode = np.radians([90.0, 90.0]), np.radians([90.0, -30.0, 90.0, 30.0])
+    certificate = certify_law(PDSimpleGravity(rough, upright, [0.5, 0.5], K_V, mode), budget=Budget(2, 5))
+    assert certificate.verdict == "refuted"
+    assert "not stable" in certificate.reason
+    assert "without the dry friction of joint1, joint3" in certificate.reason
+
+
 def test_without_dry_friction_they_converge(rpdr_model):
     """The words of Theorem 3 itself, and the limits that the file states."""
     certificate = certify_law(PDSimpleGravity(rpdr_model, GOAL, K_P, K_V), budget=Budget(8, 60))

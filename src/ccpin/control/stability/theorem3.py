@@ -71,7 +71,7 @@ from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
-from ccpin.mechanism.left_out import limits_left_out, mass_assumed, rubbing
+from ccpin.mechanism.left_out import limits_left_out, mass_assumed, rubbing, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 
 _BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
@@ -145,7 +145,8 @@ class SetPointCertificate:
         """The verdict in a sentence."""
         if self.verdict == "refuted":
             if self.stiffness < 0.0:
-                return f"K_p + ∂g/∂q has the eigenvalue {self.stiffness:.6g} at q_d: the set point is not stable"
+                told = without_dry_friction(self.law.model.mechanism)
+                return f"K_p + ∂g/∂q has the eigenvalue {self.stiffness:.6g} at q_d: the set point is not stable{told}"
             return (
                 f"the gain condition fails at q_d: ‖∂g/∂q‖ = {self.slope:.6g} is not below k = {self.gain:.6g}; so "
                 f"Theorem 3 says nothing of it (K_p + ∂g/∂q has the least eigenvalue {self.stiffness:.6g} there)"
