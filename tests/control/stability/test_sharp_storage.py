@@ -1,11 +1,22 @@
 """Storage functions by hand: matrices below a form, gains and widths of diagonal ones, and V̇ as it follows from V."""
 
+from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from ccpin.control.stability.storage import Plan, Storage, _constant, _inverted, floor, gain, storage_of, widths
+from ccpin.control.stability.storage import (
+    _DEFINITE,
+    Plan,
+    Storage,
+    _constant,
+    _inverted,
+    floor,
+    gain,
+    storage_of,
+    widths,
+)
 from ccpin.domain.affine import Affine, affine
 
 
@@ -40,16 +51,37 @@ def test_gains_and_widths_of_diagonal_storage_functions():
 
 
 @pytest.mark.parametrize(
-    ("mixed", "usable"), [(1 - 2e-9, True), (1 - 0.75e-9, False), (1 - 0.5e-9, False), (1.1, False), (np.nan, False)]
+    ("share", "usable"), [(1.1, True), (0.9, False), (0.55, False), (-1.0, False), (np.nan, False)]
 )
-def test_inverses_of_matrices_that_are_clearly_positive_definite(mixed, usable):
-    """Scaled to a unit diagonal, the least eigenvalue is 1 − |mixed|, and 1e-9 of it is left to rounding."""
+def test_inverses_of_matrices_that_are_clearly_positive_definite(share, usable):
+    """Scaled to a unit diagonal the least eigenvalue of [1 a; a 1] is 1 − a, and `_DEFINITE` is asked of it."""
+    mixed = 1 - share * _DEFINITE
     M = np.array([[[4.0, 6.0 * mixed], [6.0 * mixed, 9.0]]])
-    found = _inverted(M)
-    assert np.isfinite(found).all() == usable
+    assert np.isfinite(_inverted(M)).all() == usable
     assert np.all(_inverted(np.zeros((1, 2, 2))) == np.inf)
-    easy = np.array([[[4.0, 1.0], [1.0, 9.0]]])
-    np.testing.assert_allclose(_inverted(easy) @ easy, [np.eye(2)], atol=1e-14)
+
+
+@pytest.mark.parametrize("mixed", [0.0, 0.3, -0.999, 1 - 1e-6])
+def test_inverses_are_bounded_from_above(mixed):
+    """Found − M⁻¹ is positive semidefinite in exact numbers, and small."""
+    M = np.array([[4.0, 6.0 * mixed], [6.0 * mixed, 9.0]])
+    a, b, d = (Fraction(M[k]) for k in ((0, 0), (0, 1), (1, 1)))
+    det = a * d - b * b
+    found = [[Fraction(float(x)) for x in row] for row in _inverted(M[None])[0]]
+    more = [[found[0][0] - d / det, found[0][1] + b / det], [found[1][0] + b / det, found[1][1] - a / det]]
+    assert more[0][0] > 0
+    assert more[1][1] > 0
+    assert more[0][0] * more[1][1] >= (more[0][1] + more[1][0]) ** 2 / 4
+    assert float(max(more[0][0], more[1][1])) < 1e-12 / (1 - abs(mixed)) ** 3
+
+
+def test_an_inverse_that_is_off_is_lifted_by_what_it_is_off(monkeypatch):
+    """X = 0.9 I for M = I: |1 − XM| = 0.1 each, in the Frobenius norm 0.1 √2, over a least eigenvalue of 1."""
+    monkeypatch.setattr(np.linalg, "inv", lambda M: 0.9 * np.tile(np.eye(2), (len(M), 1, 1)) + [[0.0, 0.2], [0.0, 0.0]])
+    off = np.sqrt(2 * 0.1**2 + 2 * 0.1**2)
+    np.testing.assert_allclose(
+        _inverted(np.eye(2)[None])[0], (0.9 + off) * np.eye(2) + 0.1 * (1 - np.eye(2)), rtol=1e-8
+    )
 
 
 def test_w_is_what_the_storage_function_loses_along_motions():
@@ -61,7 +93,13 @@ def test_w_is_what_the_storage_function_loses_along_motions():
     for _ in range(4):
         x, off = rng.normal(size=4), rng.normal(size=2)
         rate = np.concatenate([x[2:], -K_p @ x[:2] - K_v @ x[2:] - off])
-        np.testing.assert_allclose(2 * x @ P @ rate, -x @ W @ x - x @ S @ off, rtol=1e-12)
+        np.testing.assert_allclose(2 * x @ P @ rate, -x @ W.mid[0] @ x - x @ S @ off, rtol=1e-12)
+
+
+def test_the_rounding_of_w_is_that_of_its_products():
+    """(2n + 2)u of |P||A| + |A|ᵀ|P|: for n = 1 and all of them 1 that is 4u · [2 3; 3 4]."""
+    W = _constant(SimpleNamespace(K_p=np.ones((1, 1)), K_v=np.ones((1, 1))), np.ones((2, 2)))[0]
+    np.testing.assert_allclose(W.rad[0], 4 * 2.0**-53 * np.array([[2.0, 3.0], [3.0, 4.0]]), rtol=1e-9)
 
 
 def test_pd_plus_loses_what_its_cross_term_says():
