@@ -9,7 +9,10 @@ from scipy.interpolate import PPoly
 
 import ccpin
 from ccpin.domain import certify_path
+from ccpin.domain.chains import seed_at_coordinates
+from ccpin.domain.path import _targets
 from ccpin.domain.pieces import chord_of, pieces_of, points_of
+from ccpin.domain.walker import Walker
 from ccpin.errors import InvalidInputError
 
 GAP = 9e-10
@@ -97,3 +100,20 @@ def test_boxes_on_both_sides_of_a_jump_hold_the_place_where_they_are_glued(tube)
         assert np.all(np.abs(held) <= boxes.half[k, 1:])
     for k, t in enumerate(path.times[:-1]):
         assert np.all(np.abs(path.pieces(t) - middle[k] + along[k]) + tube <= boxes.half[k, 1:] + 1e-15)
+
+
+@pytest.mark.parametrize(("tube", "some"), [(0.0, False), (1e-4, True)])
+def test_segments_that_may_refute_lie_in_the_tube_beside_a_jump(tube, some):
+    """From before a jump the way ahead on the path is in a tube that is wider than the jump, and in no other."""
+    mechanism = ccpin.load("rpdr")
+    start = ccpin.ReducedModel(mechanism).alpha(mechanism.q_reference)
+    c = np.zeros((2, 2, 2))
+    c[1, 0], c[1, 1] = start, start + GAP
+    c[0] = [0.05, -0.02]
+    c[1, 1] += c[0, 0]
+    path = certify_path(mechanism, PPoly(c, np.arange(3.0)), tube)
+    walker = Walker(path.problem, path.pieces, path.tube, seed_at_coordinates(mechanism, start, None).theta)
+    assert walker.walk() is None
+    before = walker.back(sum(t > 1.0 for t in walker.times))
+    assert before.here == 1.0
+    assert bool(_targets(before, 2.0)) is some

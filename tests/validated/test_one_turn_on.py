@@ -44,12 +44,19 @@ def test_a_move_that_arrives_one_turn_on_is_not_refuted():
 
 
 def test_where_the_lyapunov_function_is_one_function():
-    """Plain revolute joints: yes. Circles: with no gravity at q_d alone. Springs: where they do not turn with y."""
+    """Plain revolute joints: yes. Circles: without gravity at q_d and coupled gains. Springs: where y does not turn."""
     model, law = turning_crank()
     assert not single_valued(closed_loop(model, law), law)
     weightless = ccpin.ReducedModel(model.mechanism, gravity=[0.0, 0.0, 0.0])
     law = PDSimpleGravity(weightless, on_circle(GOAL), [K_P], [K_V])
     assert single_valued(closed_loop(weightless, law), law)
+    described = ccpin.load("rpdr").description
+    joints = tuple(replace(j, kind="continuous", lower=-np.inf, upper=np.inf) for j in described.joints)
+    circles = ccpin.ReducedModel(ccpin.load(replace(described, joints=joints)), gravity=[0.0, 0.0, 0.0])
+    goal = circles.alpha(circles.mechanism.q_reference)
+    for coupling, expected in ((0.0, True), (0.1, False)):
+        law = PDSimpleGravity(circles, goal, [[1.0, coupling], [coupling, 1.0]], [1.0, 1.0])
+        assert single_valued(closed_loop(circles, law), law) is expected
     described = ccpin.load("four_bar").description
     for sprung, expected in ((None, True), ("crank", True), ("rocker", False)):
         joints = tuple(replace(j, stiffness=0.1) if j.name == sprung else j for j in described.joints)

@@ -178,6 +178,23 @@ def test_a_state_enters_the_next_cell_by_the_last_ones_bound(law_class):
         v = (np.sqrt(v) + np.sqrt(kicks[k] @ P[k] @ kicks[k])) ** 2
 
 
+def test_a_cell_must_be_wider_than_what_enters_it(monkeypatch):
+    """Levels that are low enough do not do where a state may enter a cell beside its box: it is grown first."""
+    law = law_for(ComputedTorque, reference=corner())
+    search, of_levels = Search(law, tube_of(law, 16), EPSILON, np.zeros(2), np.zeros(4)), Search._levels
+
+    def levels(self, deviation, room=None):
+        found = of_levels(self, deviation, room)
+        entries = np.full_like(found.entries, 0.0 if room is None else 5e-3)
+        return found._replace(reached=0.0 * found.reached, allowed=np.ones_like(found.allowed), entries=entries)
+
+    monkeypatch.setattr(Search, "_levels", levels)
+    found = search.found()
+    assert found.verdict == "proven"
+    assert search.rounds == 2
+    assert np.all(found.room > 5e-3)
+
+
 def any_polynomials(rng):
     """One to three pieces of degree one to eight that meet in q_d alone; they begin at once, or late."""
     degree, count = rng.integers(1, 9), rng.integers(1, 4)
