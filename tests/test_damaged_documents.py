@@ -4,6 +4,7 @@ The slow campaign is of 600 files a kind: ``pytest -m slow tests/test_damaged_do
 ``CCPIN_DAMAGED`` says.
 """
 
+import contextlib
 import io
 import json
 import os
@@ -18,9 +19,11 @@ import pytest
 import ccpin
 from ccpin import containers
 from ccpin.domain import Atlas, SheetAtlas, SingularCover, certify, certify_sheets, certify_singularities
+from ccpin.domain.atlas.store import fingerprint
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.simulation import load_npz
-from tests.support.damaged import bytes_of, damaged, parts_of
+from tests.support.damage import TooSlow, time_limit
+from tests.support.damaged import altered, bytes_of, damaged, parts_of
 from tests.support.paper import START
 
 DAMAGED = int(os.environ.get("CCPIN_DAMAGED", "600"))
@@ -108,6 +111,46 @@ def test_many_damaged_files(name, whole, tmp_path):
     assert complaints(name, whole[name], range(1000, 1000 + DAMAGED), tmp_path) == []
 
 
+def leaks(name, whole, numbers, folder):
+    """As `complaints`, where checksum and fingerprint are made right again: anything may load, nothing may leak."""
+    kind, found = KINDS[name], []
+    path = folder / f"altered{kind.suffix}"
+    for number in numbers:
+        data, how = altered(whole, np.random.default_rng(number), _restamped)
+        path.write_bytes(data)
+        try:
+            with time_limit():
+                kind.load(path)
+        except CcpinError as error:
+            if str(path) not in str(error):
+                found.append(f"{number} ({how}): no file named: {error}")
+        except TooSlow:
+            found.append(f"{number} ({how}): too slow")
+        except Exception as error:
+            found.append(f"{number} ({how}): leaked {type(error).__name__}: {error}")
+    return found
+
+
+def _restamped(header, arrays):
+    with contextlib.suppress(ValueError, TypeError, RuntimeWarning):
+        if "fingerprint" in header:
+            header["fingerprint"] = fingerprint(arrays)
+        header["checksum"] = containers.checksum(header, arrays)
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_altered_files_leak_no_error(name, whole, tmp_path):
+    """A small sample of what no checksum tells."""
+    assert leaks(name, whole[name], range(40), tmp_path) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", KINDS)
+def test_many_altered_files(name, whole, tmp_path):
+    """The same of as many as are asked for."""
+    assert leaks(name, whole[name], range(1000, 1000 + DAMAGED), tmp_path) == []
+
+
 def _changed(whole, name, path, change):
     """A document whose arrays and header were changed and whose checksum is right again."""
     header, arrays = parts_of(whole[name])
@@ -142,18 +185,12 @@ def test_what_contradicts_itself_is_refused_by_field(field, value, told, whole, 
             arrays[field].reshape(-1)[0] = value
         else:
             arrays[field] = np.full((1, *arrays[field].shape[1:]), value, arrays[field].dtype)
-        header["fingerprint"] = _fingerprint(arrays)
+        header["fingerprint"] = fingerprint(arrays)
 
     path = _changed(whole, "atlas.npz", tmp_path / "changed.npz", change)
     with pytest.raises(InvalidInputError, match=told) as raised:
         Atlas.load(path)
     assert str(path) in str(raised.value)
-
-
-def _fingerprint(arrays):
-    from ccpin.domain.atlas.store import fingerprint
-
-    return fingerprint(arrays)
 
 
 def test_arrays_and_fields_that_nothing_reads_are_refused(whole, tmp_path):

@@ -37,6 +37,16 @@ def damaged(data, rng):
     return how(data, rng), how.__name__.strip("_")
 
 
+def altered(data, rng, stamp):
+    """The bytes of a document with one field changed and stamped as if it had been so, and how."""
+    how = CHANGES[rng.integers(len(CHANGES))]
+    header, arrays = parts_of(data)
+    names = sorted(arrays)
+    how(header, arrays, names[rng.integers(len(names))], rng)
+    stamp(header, arrays)
+    return bytes_of(header, arrays, data[:2] != b"PK"), how.__name__.strip("_")
+
+
 def _plain(array):
     found = array.ravel()
     return [str(x) for x in found] if array.dtype.kind in "SUcO" else found.tolist()
