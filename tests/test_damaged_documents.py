@@ -65,7 +65,8 @@ def whole(tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole")
     for name, kind in KINDS.items():
         kind.make().save(folder / name)
-    return {name: (folder / name).read_bytes() for name in KINDS}
+    certify(ccpin.load("rpdr"), (-1.885, -1.257), ((-2.6, -2.0), (-1.3, -0.9)), max_depth=3).save(folder / "split.npz")
+    return {name: (folder / name).read_bytes() for name in (*KINDS, "split.npz")}
 
 
 def complaints(name, whole, numbers, folder):
@@ -313,3 +314,31 @@ def test_documents_come_back_bit_for_bit(suffix, whole, tmp_path):
 def _written(data, path):
     path.write_bytes(data)
     return path
+
+
+def test_what_is_loaded_says_that_it_rests_on_its_file(whole, tmp_path):
+    """A verdict that was read, not proved here; also of what is merged or continued from it."""
+    path = _written(whole["curves.npz"], tmp_path / "curves.npz")
+    cover = SingularCover.load(path)
+    assert str(path) in cover.reason
+    assert "loaded" in repr(cover)
+    made = KINDS["atlas.npz"].make()
+    assert made.source is None
+    assert "verify" not in made.reason
+    atlas = Atlas.load(_written(whole["atlas.npz"], tmp_path / "atlas.npz"))
+    assert atlas.verdict == made.verdict
+    assert atlas.reason.startswith(made.reason)
+    assert "ccpin verify" in atlas.reason
+    assert str(path) in ccpin.domain.merge([cover]).reason
+    assert str(path) in cover.continued(seconds=1.0).reason
+
+
+def test_a_box_over_another_cell_is_refused(whole, tmp_path):
+    """The cells of two boxes exchanged: each is proved, and certifies a cell that it does not lie over."""
+
+    def change(header, arrays):
+        cells = np.flatnonzero(arrays["tree_box"] >= 0)[:2]
+        arrays["tree_box"][cells] = arrays["tree_box"][cells[::-1]]
+
+    with pytest.raises(InvalidInputError, match="does not cover its cell"):
+        Atlas.load(_changed(whole, "split.npz", tmp_path / "a.npz", change))

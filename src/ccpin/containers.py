@@ -93,6 +93,16 @@ def read_npz(file: IO[bytes], check: Check) -> tuple[dict[str, Any], NamedArrays
     return _undamaged(header, numbers)
 
 
+def plain_arrays(path: str | Path) -> NamedArrays:
+    """The arrays of an npz file that ccpin keeps for itself, by name: no document, so nothing of them is declared.
+
+    Raises:
+        InvalidInputError: It cannot be read.
+    """
+    with told_of(path), np.load(path, allow_pickle=False) as stored:
+        return {name: stored[name] for name in stored.files}
+
+
 def format_of(path: str | Path) -> Any:
     """The format that a file's header states; ``None`` where it states none.
 

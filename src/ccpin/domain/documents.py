@@ -127,7 +127,7 @@ ATLAS = Document(
         | {
             "q0": Field("f", "n", "θ"),
             "seed": Field("f", "p", "θ"),
-            "unglued": Field("i", "U 2", "", 0, "N"),
+            "unglued": Field("i", "U 2", "", 0, "B"),
         },
         _PARTS,
         (_DEMANDS,),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import TypeVar
 
 from ccpin.arrays import instance
@@ -54,8 +55,15 @@ def merge(parts: Sequence[Part]) -> Part:
         raise InvalidInputError("there is nothing to merge: give atlases, sheet atlases or covers of singular curves")
     if isinstance(given[0], SingularCover):
         covers = [instance(part, f"parts[{k}]", SingularCover, "a SingularCover") for k, part in enumerate(given)]
-        return merge_covers(covers)
+        return replace(merge_covers(covers), source=_sources(covers))
     if isinstance(given[0], SheetAtlas):
-        return merge_sheets([instance(part, f"parts[{k}]", SheetAtlas, "a SheetAtlas") for k, part in enumerate(given)])
+        sheets = [instance(part, f"parts[{k}]", SheetAtlas, "a SheetAtlas") for k, part in enumerate(given)]
+        return replace(merge_sheets(sheets), source=_sources(sheets))
     what = "an Atlas, or all are sheet atlases, or covers of singular curves"
-    return merge_atlases([instance(part, f"parts[{k}]", Atlas, what) for k, part in enumerate(given)])
+    atlases = [instance(part, f"parts[{k}]", Atlas, what) for k, part in enumerate(given)]
+    return replace(merge_atlases(atlases), source=_sources(atlases))
+
+
+def _sources(parts: Sequence[Atlas | SheetAtlas | SingularCover]) -> str | None:
+    """The files that a whole rests on; ``None`` where none of its parts was loaded."""
+    return ", ".join(dict.fromkeys(part.source for part in parts if part.source is not None)) or None

@@ -18,6 +18,13 @@ Verdict = Literal["proven", "refuted", "undecided"]
 Kind = Literal["singular", "empty", "limit", "dexterity", "state"]
 
 
+def of_file(source: str | None) -> str:
+    """What is said besides of a certificate that was loaded: boxes and tubes were proved again, no more than that."""
+    if source is None:
+        return ""
+    return f"; as {source} says: boxes and tubes were proved again, the rest by `ccpin verify` alone"
+
+
 class Witness(NamedTuple):
     """Where a claim about σ fails.
 

@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import threading
-import zipfile
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -15,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ccpin.containers import plain_arrays
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.store import pack_problem
 from ccpin.domain.boxes import Problem
@@ -57,9 +57,8 @@ class Cache:
         """What is kept under a key, or ``None``."""
         path = self._path(key)
         try:
-            with np.load(path, allow_pickle=False) as file:
-                arrays = {name: file[name] for name in file.files}
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            arrays = plain_arrays(path)
+        except CcpinError:
             return None
         with suppress(OSError):
             os.utime(path)

@@ -33,7 +33,7 @@ from ccpin.domain.demands import meets
 from ccpin.domain.documents import ATLAS
 from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.domain.obstacles import demand_witnesses
-from ccpin.domain.verdict import Verdict, Witness
+from ccpin.domain.verdict import Verdict, Witness, of_file
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 
@@ -61,6 +61,8 @@ class Atlas:
         tree: The cells.
         seed: θ of the seed, of shape (n′,).
         singular: A singular configuration over each cell called so.
+        source: The file it was loaded from, if it was: what it says rests on that file, but for its boxes, which `load`
+            proved again. `ccpin.auditing.verify` proves the rest.
     """
 
     names: tuple[str, ...]
@@ -74,11 +76,12 @@ class Atlas:
     tree: CellTree
     seed: Array
     singular: SingularCells
+    source: str | None = None
 
     def __repr__(self) -> str:
         done = "" if self.complete else ", interrupted"
         share = f"{len(self.boxes.centre)} certified boxes, {100 * self.certified_fraction:.4g} % of the region"
-        return f"Atlas({', '.join(self.names)}: {share}{done})"
+        return f"Atlas({', '.join(self.names)}: {share}{done}{'' if self.source is None else ', loaded'})"
 
     def _repr_html_(self) -> str:
         """A small table for notebooks, with a map where there are two coordinates."""
@@ -135,7 +138,11 @@ class Atlas:
 
     @property
     def reason(self) -> str:
-        """The verdict in a sentence."""
+        """The verdict in a sentence; of one that was loaded, what of it rests on the file (`source`)."""
+        return self._reason + of_file(self.source)
+
+    @property
+    def _reason(self) -> str:
         spent = f"{len(self.boxes.kappa)} boxes certify {100 * self.certified_fraction:.4g} % of the region"
         if self.verdict == "proven":
             return f"σ is one smooth, nonsingular function on the region: {spent}"
@@ -265,6 +272,7 @@ class Atlas:
                 complete=header["complete"],
                 seed=np.asarray(arrays["seed"], dtype=np.float64),
                 **store.unpack(header, arrays)._asdict(),
+                source=str(path),
             )
 
     def _points(self, q: ArrayLike) -> Array:

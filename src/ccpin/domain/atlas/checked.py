@@ -14,6 +14,7 @@ from ccpin.containers import NamedArrays
 from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.domain.atlas.cells import TURN, WHOLE, CellStatus
 from ccpin.errors import InvalidInputError
+from ccpin.proof.rounding import widened
 
 _LARGEST = 1e9  # m or rad: of no mechanism; squares of it are far from overflowing
 _MODERATE = ("tip", "translations", "weights", "rotations", "axes")
@@ -102,6 +103,33 @@ def checked_cells(arrays: NamedArrays) -> None:
     placed = np.array_equal(lower[first], lower[split]) and np.array_equal(lower[first + 1], corner)
     _require(halved and placed and np.all(half > 0), "tree_lower, tree_size: children are no halves of their parent")
     _require(np.array_equal(status == CellStatus.SPLIT, child >= 0), "tree_status: what is split has children")
+
+
+def checked_boxes(arrays: NamedArrays) -> None:
+    """D moves q as δ does, and the box of each certified cell, as wide as Theorem K has it, covers the cell.
+
+    Raises:
+        InvalidInputError: Not so; the field is named.
+    """
+    centre, half = (arrays[f"box_{name}"].astype(np.float64) for name in ("centre", "half"))
+    independent = arrays["system_independent"].astype(np.int64)
+    same = np.all(arrays["box_directions"][:, independent] == np.eye(half.shape[1]))
+    _require(bool(same), "box_directions: D is not I for the independent coordinates")
+    if "members_cell" in arrays:
+        cell, box = arrays["members_cell"], arrays["members_box"]
+    else:
+        cell = np.flatnonzero(arrays["tree_status"] == CellStatus.CERTIFIED)
+        box = arrays["tree_box"][cell]
+        _require(np.all(np.delete(arrays["tree_box"], cell) == -1), "tree_box: a cell that is not certified has a box")
+    _require(np.array_equal(np.sort(box), np.arange(len(half))), "boxes: certified cells have not one box each")
+    start = arrays["lower"].astype(np.float64)
+    width = arrays["upper"].astype(np.float64) - start
+    low = start + width * (arrays["tree_lower"][cell] / WHOLE)
+    high = low + width * (arrays["tree_size"][cell] / WHOLE)
+    middle, reach = centre[box][:, independent], half[box]
+    reach = 2.0 * widened(middle, reach) - reach  # room for the roundings of corners here; the auditor has none
+    covered = np.all((middle - reach <= low) & (high <= middle + reach))
+    _require(bool(covered), "box_centre, box_half: a box does not cover its cell")
 
 
 def _require(holds: bool | np.bool_, fault: str) -> None:

@@ -9,7 +9,6 @@ import pickle
 import signal
 import threading
 import time
-import zipfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeoutError
@@ -22,11 +21,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ccpin.arrays import Array, Mask, joined, rows_of
+from ccpin.containers import plain_arrays
 from ccpin.domain.atlas.cells import CellStatus, CellTree
 from ccpin.domain.atlas.code import code_digest
 from ccpin.domain.atlas.tasks import Arrays, CellsToProve, Proved, glue_task, prove_task
 from ccpin.domain.boxes import Boxes, Problem
-from ccpin.errors import InvalidInputError
+from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.files import write_atomically
 
 Task = Callable[[Problem, Arrays], Arrays]
@@ -156,9 +156,9 @@ class ChunkStore:
         if self.folder is None:
             return None
         try:
-            with np.load(self.folder / f"{key}.npz", allow_pickle=False) as file:
-                return tuple(file[f"arr_{k}"] for k in range(len(file.files)))
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+            arrays = plain_arrays(self.folder / f"{key}.npz")
+            return tuple(arrays[f"arr_{k}"] for k in range(len(arrays)))
+        except (CcpinError, KeyError):
             return None
 
     def save(self, key: str, result: Arrays) -> None:

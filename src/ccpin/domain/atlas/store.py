@@ -18,7 +18,7 @@ from ccpin.arrays import Array, frozen, rows_of
 from ccpin.containers import NamedArrays, told_of
 from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.domain.atlas.cells import Cells, CellTree, Region
-from ccpin.domain.atlas.checked import checked_cells, checked_closures, checked_region
+from ccpin.domain.atlas.checked import checked_boxes, checked_cells, checked_closures, checked_region
 from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.boxes import BoundsName, Boxes, Demands, Problem, problem_of, verify
 from ccpin.domain.chains import Chain, ClosureSystem, closure_system
@@ -67,6 +67,7 @@ def reading(path: str | Path, kind: Document) -> Iterator[tuple[dict[str, Any], 
         checked_region(arrays)
         if "tree_child" in arrays:
             checked_cells(arrays)
+            checked_boxes(arrays)
         yield header, arrays
 
 

@@ -25,7 +25,7 @@ from ccpin.domain.curves.tubes import Points, Stated, no_tubes, proved_again, st
 from ccpin.domain.documents import CURVES
 from ccpin.domain.newton import without_turns
 from ccpin.domain.sheets.narrowing import Candidates
-from ccpin.domain.verdict import Verdict
+from ccpin.domain.verdict import Verdict, of_file
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.digests import Digests, require_same
@@ -82,6 +82,8 @@ class SingularCover:
             ``None``.
         resolution: Boxes with all edges below twice this were not halved.
         ranges: What was searched of the dependent coordinates, and why that is all.
+        source: The file it was loaded from, if it was: what it says rests on that file, but for boxes (and tubes),
+            which `load` proved again. `ccpin.auditing.verify` proves the rest.
     """
 
     names: tuple[str, ...]
@@ -93,10 +95,12 @@ class SingularCover:
     limit: str | None
     resolution: float
     ranges: Ranges
+    source: str | None = None
 
     def __repr__(self) -> str:
         kinds = ", ".join(curve.kind for curve in self.curves) or "none"
-        return f"SingularCover({', '.join(self.names)}: curves {kinds}; {len(self.uncovered.lower)} boxes uncovered)"
+        left = f"{len(self.uncovered.lower)} boxes uncovered" + ("" if self.source is None else ", loaded")
+        return f"SingularCover({', '.join(self.names)}: curves {kinds}; {left})"
 
     @property
     def complete(self) -> bool:
@@ -110,7 +114,11 @@ class SingularCover:
 
     @property
     def reason(self) -> str:
-        """The verdict in a sentence."""
+        """The verdict in a sentence; of one that was loaded, what of it rests on the file (`source`)."""
+        return self._reason + of_file(self.source)
+
+    @property
+    def _reason(self) -> str:
         tubes = sum(len(curve.radius) for curve in self.curves)
         spent = f"{len(self.curves)} curves in {tubes} tubes; {self.tried} boxes of all coordinates were tried"
         if self.verdict == "proven":
@@ -276,6 +284,7 @@ class SingularCover:
                 limit=header["limit"],
                 resolution=header["resolution"],
                 ranges=ranges,
+                source=str(path),
             )
 
     def _thetas(self, q_free: ArrayLike) -> Array:
@@ -332,6 +341,7 @@ def searched(
         limit=found.limit,
         resolution=effort.resolution,
         ranges=place.ranges,
+        source=None if before is None else before.source,
     )
 
 

@@ -97,6 +97,8 @@ class SheetAtlas:
         ranges: What was searched of the dependent coordinates, and why that is all.
         complete: False where an interrupt ended the work; what is there is proved nevertheless.
         singular: A singular configuration over each cell called so.
+        source: The file it was loaded from, if it was: what it says rests on that file, but for its boxes, which `load`
+            proved again. `ccpin.auditing.verify` proves the rest.
     """
 
     names: tuple[str, ...]
@@ -111,9 +113,10 @@ class SheetAtlas:
     ranges: Ranges
     complete: bool
     singular: SingularCells
+    source: str | None = None
 
     def __repr__(self) -> str:
-        done = "" if self.complete else ", interrupted"
+        done = ("" if self.complete else ", interrupted") + ("" if self.source is None else ", loaded")
         return (
             f"SheetAtlas({', '.join(self.names)}: {len(self.sheets)} sheets in {len(self.boxes.kappa)} boxes, "
             f"{100 * self.counted_fraction:.4g} % of the region counted{done})"
@@ -219,6 +222,7 @@ class SheetAtlas:
                 complete=header["complete"],
                 **store.unpack(header, arrays)._asdict(),
                 **records,
+                source=str(path),
             )
 
     def number_of_solutions(self, q: ArrayLike) -> int | NDArray[np.int64]:
