@@ -112,7 +112,7 @@ def test_what_is_merged_is_saved_and_merged_again(quarters, merged, tmp_path, su
     merged.save(tmp_path / f"whole.{suffix}")
     loaded = domain.SingularCover.load(tmp_path / f"whole.{suffix}")
     assert loaded.verify()
-    assert loaded.reason == merged.reason
+    assert loaded.reason.startswith(merged.reason)
     for one, other in zip(merged.curves, loaded.curves, strict=True):
         assert all(np.array_equal(a, b) for a, b in zip(one.tubes, other.tubes, strict=True))
     for order in ([0, 1, 2, 3], [2, 3, 1, 0]):
