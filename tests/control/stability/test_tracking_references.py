@@ -211,7 +211,7 @@ def any_polynomials(rng):
 
 @pytest.mark.slow
 def test_random_references():
-    """No motion leaves its bound: random references, laws, starts and errors of σ; four in ten cases are proven.
+    """No motion leaves its bound: random references, laws, starts and errors of σ; nine in ten are proven.
 
     CCPIN_TRACKING_CASES says how many (200): CCPIN_TRACKING_CASES=1000 pytest -m slow -k test_random_references
     """
@@ -227,4 +227,4 @@ def test_random_references():
             start, speed = START - off * rng.choice([-1.0, 1.0], 2), -10.0 * off * rng.choice([-1.0, 1.0], 2)
             long = RUN | {"duration": law.reference.duration + 0.1}
             assert_within(proof, law, ccpin.simulate(law.model, WithWrongSigma(law, error), start, speed, **long))
-    assert proven > 0.4 * cases
+    assert proven >= 0.9 * cases
