@@ -84,6 +84,13 @@ def test_an_inverse_that_is_off_is_lifted_by_what_it_is_off(monkeypatch):
     )
 
 
+def test_the_roundings_of_an_inverse_are_counted():
+    """Of I, k = 400: (k + 4)u √k for what XM is off, and 4u √k for X's own two parts, above 1."""
+    k, u = 400, 2.0**-53
+    found = _inverted(np.eye(k)[None])[0]
+    np.testing.assert_allclose(np.diag(found) - 1.0, (k + 8) * np.sqrt(k) * u, rtol=0.0, atol=4 * u)
+
+
 def test_w_is_what_the_storage_function_loses_along_motions():
     """V̇ = −xᵀWx − xᵀSΔ for ë = −K_p e − K_v ė − Δ, by the product rule, at random states."""
     rng = np.random.default_rng(1)
