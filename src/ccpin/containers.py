@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.files import write_atomically
 
-NamedArrays = dict[str, NDArray[np.generic]]
+NamedArrays = dict[str, NDArray[Any]]
 _DTYPES = ("float64", "int64", "int8", "bool", "uint8")
 _HEADER, CHECKSUM = "header", "checksum"
 _IN_JSON: dict[str, set[type]] = {"f": {float, int}, "i": {int}, "u": {int}, "b": {bool}}

@@ -74,8 +74,8 @@ class Schema(NamedTuple):
 
     name: str
     format: str
-    header: Mapping[str, Any]
-    fields: Mapping[str, Field]
+    header: dict[str, Any]
+    fields: dict[str, Field]
     parts: Mapping[str, Parts] = {}
     optional: tuple[Mapping[str, Field], ...] = ()
 

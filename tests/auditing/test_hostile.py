@@ -16,7 +16,8 @@ from ccpin.errors import InvalidInputError
 
 pytest.importorskip("flint")
 
-from ccpin.auditing import verify
+from ccpin.auditing import declared, verify
+from ccpin.domain.documents import ATLAS, CURVES, SHEETS
 
 
 @pytest.fixture(scope="module")
@@ -153,3 +154,13 @@ def test_every_field_set_to_anything_is_refused_by_name(honest, tmp_path):
             (tmp_path / "hostile.json").write_text(json.dumps(whole | {name: value}))
             with pytest.raises(InvalidInputError, match=rf"hostile\.json: .*({name}|format)"):
                 verify(tmp_path / "hostile.json", sample=1)
+
+
+def test_the_auditor_and_the_writers_declare_the_same_arrays():
+    """Two declarations, made apart: the same names, kinds of numbers and shapes."""
+    for kind in (ATLAS, SHEETS, CURVES):
+        schema, theirs = kind.schema, declared._SYSTEM | declared._OF[kind.schema.format]
+        ours = {
+            name: " ".join([field.kind.replace("s", "i"), *field.sizes("")]) for name, field in schema.fields.items()
+        }
+        assert ours == theirs

@@ -36,7 +36,7 @@ def checked_closures(header: Mapping[str, Any], arrays: NamedArrays) -> None:
         _require(len(np.unique(joints)) == len(joints) > 0, f"chain{k}_joints names a joint twice, or none")
         for name in _MODERATE:
             _require_moderate(arrays, f"chain{k}_{name}")
-        turned = arrays[f"chain{k}_rotations"].astype(np.float64)
+        turned = arrays[f"chain{k}_rotations"]
         off = np.abs(turned.transpose(0, 2, 1) @ turned - np.eye(3)).max()
         _require(off <= _UNIT, f"chain{k}_rotations are no rotations")
         lengths = np.linalg.norm(arrays[f"chain{k}_axes"], axis=1)
@@ -75,7 +75,7 @@ def checked_region(arrays: NamedArrays) -> None:
     Raises:
         InvalidInputError: Not so; the field is named.
     """
-    lower, upper = arrays["lower"].astype(np.float64), arrays["upper"].astype(np.float64)
+    lower, upper = arrays["lower"], arrays["upper"]
     _require(bool(np.all(lower <= upper)) and bool(np.any(lower < upper)), "lower and upper are no region")
     turns = arrays["system_periodic"][arrays["system_independent"]] & (upper == lower + TURN)
     _require(not np.any(arrays["wrapped"] & ~turns), "wrapped: a coordinate closes on itself that has no full turn")
@@ -111,8 +111,8 @@ def checked_boxes(arrays: NamedArrays) -> None:
     Raises:
         InvalidInputError: Not so; the field is named.
     """
-    centre, half = (arrays[f"box_{name}"].astype(np.float64) for name in ("centre", "half"))
-    independent = arrays["system_independent"].astype(np.int64)
+    centre, half = (arrays[f"box_{name}"] for name in ("centre", "half"))
+    independent = arrays["system_independent"]
     same = np.all(arrays["box_directions"][:, independent] == np.eye(half.shape[1]))
     _require(bool(same), "box_directions: D is not I for the independent coordinates")
     if "members_cell" in arrays:
@@ -122,8 +122,8 @@ def checked_boxes(arrays: NamedArrays) -> None:
         box = arrays["tree_box"][cell]
         _require(np.all(np.delete(arrays["tree_box"], cell) == -1), "tree_box: a cell that is not certified has a box")
     _require(np.array_equal(np.sort(box), np.arange(len(half))), "boxes: certified cells have not one box each")
-    start = arrays["lower"].astype(np.float64)
-    width = arrays["upper"].astype(np.float64) - start
+    start = arrays["lower"]
+    width = arrays["upper"] - start
     low = start + width * (arrays["tree_lower"][cell] / WHOLE)
     high = low + width * (arrays["tree_size"][cell] / WHOLE)
     middle, reach = centre[box][:, independent], half[box]
@@ -138,4 +138,4 @@ def _require(holds: bool | np.bool_, fault: str) -> None:
 
 
 def _require_moderate(arrays: NamedArrays, name: str) -> None:
-    _require(np.all(np.abs(arrays[name].astype(np.float64)) <= _LARGEST), f"{name} holds numbers beyond {_LARGEST:g}")
+    _require(np.all(np.abs(arrays[name]) <= _LARGEST), f"{name} holds numbers beyond {_LARGEST:g}")
