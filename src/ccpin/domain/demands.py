@@ -5,6 +5,8 @@ Theorem D and what it says of motors, dexterity and limits are in `ccpin/proof/t
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 
 from ccpin.arrays import Array, Mask, apply
@@ -115,17 +117,21 @@ def _column(bounds: Bounds, radius: Array, k: int) -> Array:
 
 
 def _first(problem: Problem, boxes: Boxes) -> Array:
-    """F ≥ |f_δ| on the boxes' tubes, of shape (B, m, n)."""
+    """F ≥ |f_δ| on the boxes' tubes, of shape (B, m, n).
+
+    E′ has m columns, so D's are put into it m at a time, each in a place of its own.
+    """
     system, tube = problem.system, _whole(problem, boxes)
     count, n, m = len(boxes.kappa), system.n, system.m
     found = np.full((count, m, n), np.inf)
-    for shift in (0, 1):
-        places = (np.arange(n) + shift) % m
+    for first, shift in product(range(0, n, m), (0, 1)):
+        chosen = np.arange(first, min(first + m, n))
+        places = (chosen + shift) % m
         columns = np.zeros((count, system.n_free, m))
-        columns[:, :, places] = boxes.directions
+        columns[:, :, places] = boxes.directions[:, :, chosen]
         bounds = bounds_of(problem, tube, columns)
-        for j, place in enumerate(places):
-            bound = _column(bounds, tube.radius, int(place))
+        for j, place in zip(chosen.tolist(), places.tolist(), strict=True):
+            bound = _column(bounds, tube.radius, place)
             bound[:, place] = np.inf
             found[:, :, j] = np.minimum(found[:, :, j], bound)
     return found
