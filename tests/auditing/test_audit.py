@@ -64,7 +64,9 @@ def test_a_slice_is_proved_and_reached(held, tmp_path):
         faces = [(c.first, c.second) for c in gluing.contacts(document.read(path))]
         arrays["unglued"] = np.array(faces, dtype=np.int64)
 
-    assert verify(changed(path, tmp_path, apart), sample=2).claims[2].failed
+    with pytest.raises(InvalidInputError, match="radius"):
+        verify(changed(path, tmp_path, apart), sample=2)
+    assert verify(changed(path, tmp_path, apart, radius=0.0), sample=2).claims[2].failed
 
 
 def test_threads_audit_each_its_own_document(case, tmp_path):

@@ -8,6 +8,7 @@ import sys
 import time
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -204,7 +205,7 @@ def test_altered_boxes_are_caught(torus):
     chosen = rng.choice(len(atlas.boxes.kappa), 50, replace=False)
     half = atlas.boxes.half.copy()
     half[chosen] *= 4.0
-    bad = Atlas(**{**vars(atlas), "boxes": atlas.boxes._replace(half=half)})
+    bad = replace(atlas, boxes=atlas.boxes._replace(half=half))
     caught = ~bad.verify()
     assert not np.any(np.delete(caught, chosen))
     assert np.mean(caught[chosen]) > 0.9
@@ -313,6 +314,26 @@ def test_two_sheets_about_a_cusp_are_noticed():
             reached = np.array([row[leg], row[leg] + row[turn]])
             assert np.abs(cusped.lengths(reached) - common).max() < 1e-9
             assert np.sign(np.linalg.det(cusped.jacobian(reached))) == outer[0]
+    check_one_function(atlas)
+
+
+def check_one_function(atlas):
+    """What an atlas with torn faces contains it answers with one continuous σ, its radius ends before they do."""
+    torn = [0.5 * (atlas.lower[pair].max(axis=0) + atlas.upper[pair].min(axis=0)) for pair in atlas.unglued]
+    across = np.concatenate([[face + side * 1e-9 * np.ones(2) for face in torn] for side in (-1.0, 1.0)])
+    assert not np.any(atlas.contains(across).reshape(2, -1).all(axis=0))
+    rng = np.random.default_rng(8)
+    points = rng.uniform(atlas.region.lower, atlas.region.upper, (4000, 2))
+    beside = points + rng.uniform(-1e-4, 1e-4, points.shape)
+    both = atlas.contains(points) & atlas.contains(beside)
+    assert both.mean() > 0.5
+    apart = np.abs(wrap(atlas.sigma(points[both]) - atlas.sigma(beside[both]))).max(axis=1)
+    assert np.quantile(apart, 0.99) < 0.01
+    assert apart.max() < 0.2
+    assert atlas.radius < min(np.abs(face - atlas.q0).max() for face in torn)
+    assert domain.certified_radius(atlas, atlas.q0)[0] <= min(np.abs(face - atlas.q0).max() for face in torn)
+    with pytest.raises(InvalidInputError, match="with one σ"):
+        atlas.sigma(np.mean([atlas.lower[~atlas.one_function][0], atlas.upper[~atlas.one_function][0]], axis=0))
 
 
 def test_empty_is_proved_beyond_reach(rpdr):

@@ -102,16 +102,23 @@ def check_atlas(header: dict[str, Any], arrays: Arrays) -> Over:
 
 
 def _radius(arrays: Arrays) -> float:
-    """How far q₀ is from the nearest cell that is not certified, or from the region's end (the maximum norm)."""
+    """How far q₀ is from what ends a square on which σ is one function, in the maximum norm.
+
+    That is a cell not certified, a face that is unglued (the farther of its two cells), or the region's end.
+    """
     q0, start, end, wrapped = arrays["q0"], arrays["lower"], arrays["upper"], arrays["wrapped"]
     width, held = end - start, arrays["lower"] == arrays["upper"]
     turn = np.where(wrapped, width, 0.0)
     q = np.where(wrapped, start + np.mod(q0 - start, np.where(wrapped, width, 1.0)), q0)
-    others = (arrays["tree_child"] < 0) & (arrays["tree_status"] != CERTIFIED)
-    low = start + width * (arrays["tree_lower"][others] / WHOLE)
-    high = low + width * (arrays["tree_size"][others] / WHOLE)
+    low = start + width * (arrays["tree_lower"] / WHOLE)
+    high = low + width * (arrays["tree_size"] / WHOLE)
     gaps = [np.maximum(np.maximum(low - at, at - high), 0.0) for at in (q - turn, q, q + turn)]
-    nearest = float(np.min(np.max(np.min(gaps, axis=0)[:, ~held], axis=1), initial=np.inf))
+    away = np.max(np.min(gaps, axis=0)[:, ~held], axis=1)
+    certified = np.flatnonzero(arrays["tree_status"] == CERTIFIED)
+    cell = certified[np.argsort(arrays["tree_box"][certified])]
+    torn = np.max(away[cell[arrays["unglued"]]], axis=1) if len(arrays["unglued"]) else away[:0]
+    others = (arrays["tree_child"] < 0) & (arrays["tree_status"] != CERTIFIED)
+    nearest = float(np.min(np.concatenate([away[others], torn]), initial=np.inf))
     edges = np.where(wrapped, 0.5 * width, np.minimum(q - start, end - q))[~held]
     return min(nearest, float(edges.min()))
 

@@ -15,7 +15,8 @@ from scipy import ndimage
 
 from ccpin.arrays import Array, Mask
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import WHOLE, CellStatus
+from ccpin.domain.atlas.cells import WHOLE
+from ccpin.domain.atlas.radius_map import without_sigma
 
 _MOST_VOXELS = 2**21
 
@@ -61,12 +62,11 @@ def roomiest(atlas: Atlas, round: bool) -> Room:
 def _certified(atlas: Atlas, free: Mask) -> tuple[Mask, Array]:
     """Which voxels are certified whole, an axis for each coordinate that is not held, and their share of its edges."""
     tree = atlas.tree
-    leaves = tree.leaves()
+    leaves, other = tree.leaves(), without_sigma(atlas)
     size = tree.size[leaves][:, free].min(axis=0)
     while np.prod(WHOLE / size.astype(np.float64)) > _MOST_VOXELS:
         size[np.argmin(size)] *= 2
     size[:] = size.max()  # cubes of cubes
-    other = leaves[tree.status[leaves] != CellStatus.CERTIFIED]
     low = tree.lower[other][:, free]
     first, last = low // size, -(-(low + tree.size[other][:, free]) // size)
     inside = np.ones(tuple(WHOLE // size), dtype=np.bool_)

@@ -6,7 +6,9 @@ to σ(q) without meeting a singularity, and `Atlas.sigma` returns that continuat
 true, the boxes on the two sides of every shared face carry the same σ: it is one continuous function on the union of
 the boxes (angles modulo 2π), whatever the way from q₀. Nonsingularity alone would not say so: a mechanism may
 change assembly mode without meeting a singularity, and the faces where that shows are listed in `unglued`;
-`ccpin.domain.certify_sheets` then tells the layers apart.
+`ccpin.domain.certify_sheets` then tells the layers apart. `contains`, `sigma` and radii are about a part of the
+certified set on which σ is one function all the same (`one_function`): no two of its boxes meet at a face that is
+unglued, and ways over glued faces join them all to q₀'s.
 
 What is not claimed. Undecided cells are those not proved at the depth allowed; singular ones those of them over which a
 closed configuration is proved to be singular (`atlas.singular`), on whatever branch; unreached cells were not tried, as
@@ -22,11 +24,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Mask, numbers
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store
-from ccpin.domain.atlas.cells import CellStatus, CellTree, Region, leaves_about, place
+from ccpin.domain.atlas.cells import CellStatus, CellTree, Region, contacts_of, leaves_about, place
 from ccpin.domain.atlas.singular import SingularCells, refuting
 from ccpin.domain.boxes import Boxes, Problem, verify
 from ccpin.domain.demands import meets
@@ -52,7 +56,8 @@ class Atlas:
     Attributes:
         names: The independent coordinates, in the order of q.
         q0: The seed, of shape (n,).
-        radius: Half width of the largest certified square about q₀, short of the nearest cell not certified.
+        radius: Half width of the largest certified square about q₀, short of the nearest cell not certified and of the
+            nearest face that is unglued.
         boxes: The certified boxes, as Theorem K has them; `lower` and `upper` are their corners.
         unglued: Pairs of boxes that share a face at which they could not be shown to carry the same σ, (K, 2).
         complete: False where an interrupt ended the work; what is there is certified nevertheless.
@@ -103,6 +108,30 @@ class Atlas:
     def single_valued(self) -> bool:
         """Whether all shared faces are glued, so that σ is one continuous function on the certified set."""
         return not len(self.unglued)
+
+    @cached_property
+    def one_function(self) -> Mask:
+        """Boxes that together carry one continuous σ, among them that of q₀, of shape (B,); all, if `single_valued`.
+
+        Of two boxes that are unglued the later one is left out; what no way over glued faces joins to q₀'s then, too.
+        """
+        count = len(self.boxes.kappa)
+        if self.single_valued or not count:
+            return np.ones(count, dtype=np.bool_)
+        kept = np.ones(count, dtype=np.bool_)
+        first = int(self._cells_of(self.q0[None])[0])
+        if first < 0:
+            return np.zeros(count, dtype=np.bool_)
+        for a, b in np.sort(self.unglued, axis=1):
+            if kept[a] and kept[b]:
+                kept[a if b == first else b] = False
+        faces = contacts_of(self.tree, self.region, self.tree.leaves(CellStatus.CERTIFIED))
+        one, other = self.tree.box[faces.cell], self.tree.box[faces.leaf]
+        joined = np.flatnonzero(other >= 0)
+        joined = joined[kept[one[joined]] & kept[other[joined]]]
+        graph = coo_array((np.ones(len(joined)), (one[joined], other[joined])), shape=(count, count))
+        part = connected_components(graph, directed=False)[1]
+        return np.asarray(kept & (part == part[first]))
 
     @cached_property
     def witness(self) -> Witness | None:
@@ -201,7 +230,10 @@ class Atlas:
         return self.tree.share(self.tree.leaves(*statuses))
 
     def contains(self, q: ArrayLike) -> bool | Mask:
-        """Whether q (n,) is certified; for q of shape (K, n) an array (K,). Angles count modulo 2π on full turns."""
+        """Whether q (n,) is certified, and σ one function there; for q of shape (K, n) an array (K,).
+
+        Angles count modulo 2π on full turns.
+        """
         points = self._points(q)
         certified = self._box_numbers(points) >= 0
         return bool(certified[0]) if np.ndim(q) == 1 else certified
@@ -224,7 +256,8 @@ class Atlas:
         numbers = self._box_numbers(points)
         if np.any(numbers < 0):
             first = points[int(np.argmax(numbers < 0))]
-            raise InvalidInputError(f"q = {first.tolist()} is not in the certified set; ask `contains` first")
+            where = "the certified set" if self.single_valued else "the part of the certified set with one σ"
+            raise InvalidInputError(f"q = {first.tolist()} is not in {where}; ask `contains` first")
         boxes = self.boxes.take(numbers)
         delta = self.region.reduce(points) - boxes.centre[:, self.problem.system.independent]
         theta = newton(self.problem, solve_in_boxes(self.problem, boxes, delta).theta, 1).theta
@@ -282,6 +315,12 @@ class Atlas:
         return points
 
     def _box_numbers(self, points: Array) -> NDArray[np.int64]:
+        """The boxes that carry σ over points (K, n); −1 where none does, or several disagree."""
+        numbers = self._cells_of(points)
+        return np.where((numbers >= 0) & self.one_function[numbers], numbers, -1) if len(self.boxes.kappa) else numbers
+
+    def _cells_of(self, points: Array) -> NDArray[np.int64]:
+        """The boxes of the certified cells that points are in, or may be by rounding; else −1."""
         cells = leaves_about(self.tree, self.region, points)
         numbers = np.where(cells >= 0, self.tree.box[cells], -1)
         return np.where(np.all(numbers >= 0, axis=1), numbers[:, 0], -1)

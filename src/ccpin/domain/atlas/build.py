@@ -165,10 +165,18 @@ class AtlasBuilder:
         return np.where(self.region.held, float(WHOLE), smallest)
 
     def radius(self) -> float:
-        """Half width of the largest square about the seed that is certified: the distance of the nearest other cell."""
+        """Half width of the largest square about the seed that is certified, with one σ.
+
+        The distance of the nearest other cell, and of the nearest unglued face: of the farther of its two cells.
+        """
         leaves = self.tree.leaves()
         other = self.distance(leaves[self.tree.status[leaves] != CellStatus.CERTIFIED])
-        return float(max(0.0, np.min(other, initial=self._edge()) * (1.0 - 1e-12)))
+        cells = np.zeros(len(self.boxes.kappa), dtype=np.int64)
+        certified = leaves[self.tree.status[leaves] == CellStatus.CERTIFIED]
+        cells[self.tree.box[certified]] = certified
+        torn = [self.distance(cells[side]) for side in np.concatenate(self.unglued).T]
+        nearest = np.min(np.maximum(*torn), initial=self._edge())
+        return float(max(0.0, np.min(other, initial=nearest) * (1.0 - 1e-12)))
 
     def _edge(self) -> float:
         """Half width of the largest square about the seed inside the region."""

@@ -14,11 +14,11 @@ _CHUNK = 1_000_000
 
 
 def certified_radius(atlas: Atlas, q: ArrayLike) -> Array:
-    """Half width of the largest square about each point that lies in the atlas's certified cells.
+    """Half width of the largest square about each point that lies in the atlas's certified cells, σ one function there.
 
-    It is the maximum-norm distance to the nearest cell that is not certified, or to the edge of the region; where that
-    closes on itself, half a turn at most. It is 0 at points not certified. A square inside the certified set of a
-    single-valued atlas belongs to Ω.
+    It is the maximum-norm distance to the nearest cell that is not certified, or whose box is not of `one_function`, or
+    to the edge of the region; where that closes on itself, half a turn at most. It is 0 at points not certified. Such a
+    square belongs to Ω.
 
     Args:
         atlas: From `certify`.
@@ -51,15 +51,25 @@ def certified_radius(atlas: Atlas, q: ArrayLike) -> Array:
     return np.asarray(radius * (1.0 - 1e-12))
 
 
+def without_sigma(atlas: Atlas) -> Indices:
+    """The leaves that are not certified, or whose boxes are not of `one_function`."""
+    leaves = atlas.tree.leaves()
+    box = atlas.tree.box[leaves]
+    certified = atlas.tree.status[leaves] == CellStatus.CERTIFIED
+    certified[certified] = atlas.one_function[box[certified]]
+    return np.asarray(leaves[~certified])
+
+
 def _bordering(atlas: Atlas) -> Indices:
-    """The cells that are not certified and touch one that is, or the region's edge: the nearest one is among them."""
+    """The cells without σ that touch one that has it, or the region's edge: the nearest one is among them."""
     tree = atlas.tree
-    leaves = tree.leaves()
-    blocked = leaves[tree.status[leaves] != CellStatus.CERTIFIED]
+    blocked = without_sigma(atlas)
+    known = np.ones(len(tree.child), dtype=np.bool_)
+    known[blocked] = False
     lower, size = tree.lower[blocked], tree.size[blocked]
     query, leaf = tree.overlapping(lower - 1, lower + size + 1)
     keep = ((lower == 0) | (lower + size == WHOLE)).any(axis=1)
-    keep[query[tree.status[leaf] == CellStatus.CERTIFIED]] = True
+    keep[query[known[leaf]]] = True
     return np.asarray(blocked[keep])
 
 
