@@ -81,7 +81,7 @@ class Region:
         lower + (upper − lower)·t with the errors of difference, product and sum carried along: what is left is within
         u of the point and u² of the region's size, as the lemma of `ccpin.proof.rounding` asks.
         """
-        share = np.asarray(corner) / WHOLE
+        share = np.asarray(corner, dtype=np.float64) / WHOLE
         width, of_width = sum_of(self.upper, -self.lower)
         moved, of_moved = product_of(width, share)
         point, of_point = sum_of(np.broadcast_to(self.lower, moved.shape), moved)

@@ -182,8 +182,8 @@ class SingularCover:
             DifferentSubjectsError: It is of other closures or coordinates.
         """
         ours, theirs = self.fingerprint, instance(atlas, "atlas", Atlas).fingerprint
-        curves, cells = Digests("the cover of singular curves", ours), Digests("the atlas", theirs)
-        require_same("cells that curves cross", curves, cells, "closures")
+        both = Digests("the cover of singular curves", ours), Digests("the atlas", theirs)
+        require_same("cells that curves cross", *both, "closures")
         found = [np.zeros(0, dtype=np.intp)]
         for curve in self.curves:
             for share in np.linspace(-1.0, 1.0, _SAMPLES):
