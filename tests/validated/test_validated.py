@@ -421,7 +421,7 @@ def test_bad_arrivals(rpdr_model, law, enclosure):
         level, rigorous = 1.0, True
         law = paper_law(rpdr_model, [12.0, 12.0])
 
-    with pytest.raises(InvalidInputError, match="another"):
+    with pytest.raises(InvalidInputError, match="control laws"):
         certify_move(rpdr_model, law, START, arrival=Other())
     with pytest.raises(InvalidInputError, match="simple gravity"):
         certify_move(rpdr_model, None, START, arrival=1.0)

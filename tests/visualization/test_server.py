@@ -174,6 +174,7 @@ def test_a_page_that_reads_gets_all_in_order():
 
     async def read(address, pages):
         connection = await websockets.websocket_connect(address, max_message_size=1 << 22)
+        assert await asyncio.get_running_loop().run_in_executor(None, until, lambda: pages)
         pieces = [bytes([k]) * (1 << 20) for k in range(40)]
         for piece in pieces:
             await asyncio.get_running_loop().run_in_executor(None, pages[0].send, piece)

@@ -166,7 +166,7 @@ def test_saved_work_goes_on(rpdr, cover, tmp_path, ended, suffix):
     loaded = domain.SingularCover.load(path)
     assert loaded.is_about(rpdr)
     assert loaded.fingerprint == cover.fingerprint
-    assert repr(loaded) == repr(early)
+    assert repr(loaded) == f"{repr(early)[:-1]}, loaded)"
     assert loaded.reason.startswith(early.reason)
     assert np.array_equal(loaded.uncovered.lower, early.uncovered.lower)
     whole = loaded.continued()
