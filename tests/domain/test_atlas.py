@@ -15,7 +15,6 @@ import pytest
 
 import ccpin
 from ccpin import domain
-from ccpin.description import Inertia, Joint, Link
 from ccpin.domain import Atlas, CellStatus, certify
 from ccpin.domain.atlas import run as atlas_run
 from ccpin.domain.newton import solve_in_boxes
@@ -25,6 +24,7 @@ from tests.oracles import delta as delta_oracle
 from tests.oracles import planar_3rrr as planar_oracle
 from tests.oracles import rpdr as oracle
 from tests.oracles.geometry import wrap
+from tests.support.cusped import cusped_mechanism
 from tests.support.paper import GOAL, START
 
 CENTRES = ((-108.0, -72.0), (-108.0, -48.0), (-108.0, -120.0), (-70.0, -110.0))
@@ -259,33 +259,6 @@ def test_planar_3rrr_against_inverse_kinematics():
         q = q0 + wrap(np.array([expected[name] for name in mechanism.independent]) - q0)
         found = atlas.sigma(q)
         assert np.abs(wrap(found - [expected[name] for name in names])).max() < 1e-9
-
-
-def cusped_mechanism(pose):
-    """The 3-RPR with a locked leg, closed at a pose."""
-
-    def frame(x=0.0, y=0.0):
-        placement = np.eye(4)
-        placement[:2, 3] = x, y
-        return placement
-
-    x, z = np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
-    body = Inertia(1.0, np.zeros(3), np.eye(3))
-    links = tuple(Link(name, body) for name in ("base", "leg1", "platform", "outer2", "rod2", "outer3", "rod3"))
-    joints = [Joint("leg", "revolute", "base", "leg1", frame(), z)]
-    joints.append(Joint("turn", "revolute", "leg1", "platform", frame(cusped.LEG1), z))
-    corners = {2: (cusped.SIDE12, 0.0), 3: cusped.SIDE13 * np.array([np.cos(cusped.CORNER), np.sin(cusped.CORNER)])}
-    loops = []
-    for k, base in ((2, cusped.BASE2), (3, cusped.BASE3)):
-        joints.append(Joint(f"swing{k}", "revolute", "base", f"outer{k}", frame(*base), z))
-        joints.append(Joint(f"rho{k}", "prismatic", f"outer{k}", f"rod{k}", frame(), x))
-        loops.append(ccpin.LoopClosure(f"loop{k}", "revolute", "platform", f"rod{k}", frame(*corners[k]), frame()))
-    reference = {name: (value,) for name, value in cusped.displacements(pose).items()}
-    return ccpin.load(
-        ccpin.MechanismDescription(
-            "3rpr", "base", links, tuple(joints), tuple(loops), independent=("rho2", "rho3"), reference=reference
-        )
-    )
 
 
 def test_two_sheets_about_a_cusp_are_noticed():

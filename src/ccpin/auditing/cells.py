@@ -183,7 +183,8 @@ def check_boxes(arrays: Arrays, over: Over, half: NDArray[np.float64]) -> None:
             )
             low, edge = start[k] + width[k] * share[0], width[k] * share[1]
             c, h = Fraction(float(centre[box, k])), Fraction(float(half[box, k]))
+            stated = Fraction(float(arrays["box_half"][box, k]))
             covers = c - h <= low and low + edge <= c + h
-            room = Fraction(_EVEN) * edge + Fraction(_EVEN) * Fraction(1, 1000)
-            even = c - h >= low - room and c + h <= low + edge + room
+            room = Fraction(_EVEN) * edge + (h - stated)
+            even = c - stated >= low - room and c + stated <= low + edge + room
             require(covers and even, f"box {box} is not the box of cell {cell}, over which it is said to lie")

@@ -120,7 +120,7 @@ def near(closures: Equations, dependent: Integers, theta: Array) -> tuple[Array,
     point, A = [arb(float(x)) for x in theta], exact(inverse)
     value = A * closures.value(point, closures.motions(point))
     size = max((float(abs(value[i, 0]).upper()) for i in range(closures.m)), default=0.0)
-    for factor in (4.0, 64.0, 4096.0):
+    for factor in (1.25, 4.0, 64.0, 4096.0):
         radius = factor * max(size, 1e-15)
         ball = list(point)
         for index in dependent:
