@@ -15,7 +15,7 @@ import ccpin
 from ccpin import control, domain, plotting, simulation, validated
 from ccpin.control import PDFullGravity, PDSimpleGravity, PointToPoint, TorqueFunction
 from ccpin.description import scaled
-from ccpin.domain.atlas import code, run
+from ccpin.domain.atlas import code, run, tasks
 from ccpin.errors import CcpinError, DifferentSubjectsError
 from ccpin.proof.digests import Digests, UndigestedError, digest, require_same
 from ccpin.simulation import saving
@@ -78,6 +78,11 @@ def theirs(others):
     return {name: Things(model) for name, model in others.items()}
 
 
+def tracking(model):
+    """A law that follows a reference."""
+    return control.ComputedTorque(model, PointToPoint(model, GOAL, [-1.5, -1.7], 0.5), [9.0, 9.0], [6.0, 6.0])
+
+
 EVERY = ("lengths", "masses", "gravity")
 CLOSURES = ("lengths",)
 MECHANISMS = ("lengths", "masses")  # a State is of a mechanism, whatever gravity
@@ -132,6 +137,10 @@ CROSSED = {
     "PDSimpleGravity.lyapunov": (MECHANISMS, lambda a, b: a.law.lyapunov(b.model.at(GOAL), np.zeros(2))),
     "PDFullGravity.lyapunov": (MECHANISMS, lambda a, b: a.full.lyapunov(b.model.at(GOAL), np.zeros(2))),
     "PDFullGravity": (MECHANISMS, lambda a, b: PDFullGravity(a.model, b.model.at(GOAL), *GAINS)),
+    "OnlineLaw": (
+        EVERY,
+        lambda a, b: control.OnlineLaw(tracking(a.model), control.OnlineSigma(b.model, b.model.at(GOAL).q_free)),
+    ),
     "Simulator.reset": (MECHANISMS, lambda a, b: a.simulator.reset(b.model.at(GOAL))),
 }
 ALLOWED = {
@@ -178,7 +187,7 @@ KINDS = (
     "State",
     "Reference",
 )
-KINDS += ("SingularC", "Enclosure", "Simulator")
+KINDS += ("SingularC", "Enclosure", "Simulator", "OnlineSigma")
 
 
 def two_objects():
@@ -234,6 +243,24 @@ def test_a_nominal_law_is_simulated_and_its_motion_says_so(ours, theirs):
     assert motion.origin.law == ours.law.digests.law != ""
     with pytest.raises(DifferentSubjectsError, match="masses, springs"):
         simulation.lyapunov_along(ours.law, motion)
+
+
+def test_a_memory_of_another_plant_is_refused(ours):
+    """Friction, limits, sampling: what moves besides the mechanism."""
+    made = [ccpin.Simulator(ours.model, ours.law, friction=([level] * 2, [0.0] * 2)) for level in (0.2, 0.2, 0.9)]
+    made[0].reset(GOAL)
+    memory = made[0].memory() if callable(made[0].memory) else made[0].memory
+    made[1].recall(memory)
+    with pytest.raises(DifferentSubjectsError, match="plant"):
+        made[2].recall(memory)
+
+
+def test_motions_of_two_laws_say_none(ours):
+    """One after the other they are of one mechanism, and of no one law."""
+    softer = PDSimpleGravity(ours.model, GOAL, [9.0, 9.0], GAINS[1])
+    after = ccpin.simulate(ours.model, softer, ours.motion.q[-1], ours.motion.v[-1], duration=0.01)
+    assert ours.motion.then(after).origin.law == ""
+    assert ours.motion.then(ours.motion).origin == ours.motion.origin
 
 
 def test_files_carry_digests(ours, tmp_path):
@@ -311,17 +338,15 @@ def test_what_says_nothing_is_refused():
 
 
 def test_a_mended_proof_does_not_use_what_its_predecessor_kept(rpdr, tmp_path, monkeypatch):
-    """Results are kept by the code and the backend that computed them."""
-    atlas = domain.certify(rpdr, GOAL, REGION, checkpoint=tmp_path)
-    kept = len(list(tmp_path.glob("*.npz")))
-    problem = atlas.problem
-    arrays = (np.ones(3),)
-    key = run.ChunkStore(tmp_path, problem).key(run.prove_task, arrays)
-    assert run.ChunkStore(tmp_path, problem).key(run.prove_task, arrays) == key
-    monkeypatch.setattr(run, "code_digest", lambda: b"mended")
-    assert run.ChunkStore(tmp_path, problem).key(run.prove_task, arrays) != key
-    domain.certify(rpdr, GOAL, REGION, checkpoint=tmp_path)
-    assert len(list(tmp_path.glob("*.npz"))) == 2 * kept > 0
+    """Chunks kept by code that calls nothing proved are not found by the code that does."""
+    honest = domain.certify(rpdr, GOAL, REGION)
+    with monkeypatch.context() as wrong:
+        wrong.setattr(run, "code_digest", lambda: b"another code")
+        wrong.setattr(tasks, "meets", lambda problem, boxes: np.zeros(len(boxes.kappa), dtype=np.bool_))
+        assert domain.certify(rpdr, GOAL, REGION, max_depth=3, checkpoint=tmp_path).certified_fraction == 0.0
+    assert list(tmp_path.glob("*.npz"))
+    mended = domain.certify(rpdr, GOAL, REGION, checkpoint=tmp_path)
+    assert mended.certified_fraction == honest.certified_fraction > 0.9
 
 
 def test_the_backend_counts(monkeypatch):

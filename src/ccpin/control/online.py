@@ -22,6 +22,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.kinematics.checked import checked_configuration, checked_q
 from ccpin.kinematics.parametrization import ClosedPoint, NewtonRules, NewtonSolve, Parametrization
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.digests import require_same
 
 Outcome = Literal["solved", "held", "lost"]
 
@@ -188,10 +189,14 @@ class OnlineLaw(ControlLaw):
 
     Args:
         law: The tracking law.
-        online: The controller's σ.
+        online: The controller's σ: of the law's own model, as the law reads its model there.
+
+    Raises:
+        DifferentSubjectsError: It is of other closures or dynamics.
     """
 
     def __init__(self, law: TrackingLaw, online: OnlineSigma) -> None:
+        require_same("a law with σ on line", law.digests, online.model.digests, "closures", "dynamics")
         self.law = law
         self.online = online
 

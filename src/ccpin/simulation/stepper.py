@@ -21,6 +21,7 @@ from ccpin.errors import DifferentSubjectsError, InvalidInputError, UnsupportedM
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.native import Declining
+from ccpin.proof.digests import digest_or_none
 from ccpin.simulation.budget import Budget
 from ccpin.simulation.coasting import Coasting
 from ccpin.simulation.commanding import Held, LawLike, Sized, law_of
@@ -132,6 +133,8 @@ class Simulator:
         self._pushed = None if callable(wrenches) else wrench_rows(model.mechanism.tree, wrenches)
         self._plain = not (callable(wrenches) or region is not None or events or self._friction.names)
         self._plain = self._plain and self._plant.plain and (sampling is None or not np.any(sampling.encoder_noise))
+        bench = (self._friction, self._pushed, limits, tuple(contacts), motors, sampling)
+        self._bench = digest_or_none(bench)  # what moves besides; empty where a function does
         self._nothing = frozen(np.zeros(model.mechanism.n_free))
         self._holding: Holding | None = None
         self._coasting: Coasting | None = None
@@ -399,7 +402,7 @@ class Simulator:
             if name not in memory:
                 raise InvalidInputError(f"the memory has no '{name}': `Simulator.memory` of this version gives one")
         if not np.array_equal(memory["origin"], self._origin):
-            raise DifferentSubjectsError("the memory is of another mechanism than this simulator's")
+            raise DifferentSubjectsError("the memory is of another mechanism or plant than this simulator's")
         model = following.recall(memory)
         state = model.at(memory["q"], memory["q_free"])
         self._begin(Moment(float(memory["t"]), state, np.array(memory["v"])), following)
@@ -409,9 +412,9 @@ class Simulator:
 
     @property
     def _origin(self) -> NDArray[np.str_]:
-        """Whose memory it is: the digests of closures, dynamics and plant."""
+        """Whose memory it is: the digests of closures, dynamics and plant, and of what this simulator adds to it."""
         own = self.model.digests
-        return np.array([own.closures, own.dynamics, own.plant])
+        return np.array([own.closures, own.dynamics, own.plant, self._bench])
 
     @property
     def _begun(self) -> Run:

@@ -166,7 +166,7 @@ class Trajectory(NamedTuple):
 def joined(parts: list[Trajectory]) -> Trajectory:
     """Trajectories that follow each other in time as one, in linear time; it ends as the last one does.
 
-    The first sample of each repeats the last one of the one before and is dropped.
+    The first sample of each repeats the last one of the one before and is dropped. Of several laws it says none.
     """
     first, last = parts[0], parts[-1]
     if len(parts) == 1:
@@ -175,8 +175,10 @@ def joined(parts: list[Trajectory]) -> Trajectory:
     for name in SAMPLED:
         pieces = [getattr(first, name), *(getattr(part, name)[1:] for part in parts[1:])]
         columns[name] = np.concatenate(pieces)
+    one_law = all(part.origin.law == last.origin.law for part in parts)
     return last._replace(
         **columns,
+        origin=last.origin if one_law else last.origin._replace(law=""),
         events=tuple(event for part in parts for event in part.events),
         evaluations=sum(part.evaluations for part in parts),
         wall_time=sum(part.wall_time for part in parts),

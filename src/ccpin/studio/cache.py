@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ccpin.containers import plain_arrays
 from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.code import code_digest
 from ccpin.domain.atlas.store import pack_problem
 from ccpin.domain.boxes import Problem
 from ccpin.errors import CcpinError
@@ -28,9 +29,9 @@ _POLL = 0.1
 
 
 def fingerprint(problem: Problem, *arrays: NDArray[np.generic], kind: str) -> str:
-    """A digest of every number the closures consist of, and of what was asked about them."""
+    """A digest of every number the closures consist of, of what was asked about them, and of the code that answers."""
     header, own = pack_problem(problem)
-    digest = hashlib.sha256(json.dumps([kind, header], sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps([kind, code_digest().hex(), header], sort_keys=True).encode())
     for name, array in (*sorted(own.items()), *((str(k), array) for k, array in enumerate(arrays))):
         digest.update(f"{name}{array.dtype}{array.shape}".encode())
         digest.update(np.ascontiguousarray(array).tobytes())

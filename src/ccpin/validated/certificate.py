@@ -45,7 +45,7 @@ from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.left_out import limits_left_out, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.proof.digests import require_same
+from ccpin.proof.digests import digest, require_same
 from ccpin.validated.arrival import Goal, SetArrival, goal_of, lyapunov, single_valued, unconnected
 from ccpin.validated.balls import Ball, flint, lower, upper
 from ccpin.validated.crossing import witness_of
@@ -250,7 +250,7 @@ def _run(loop: ClosedLoop, start: Sequence[Ball], goal: Goal, duration: float, o
 
 
 def _level(arrival: Certificate | float, law: PDSimpleGravity) -> tuple[float, bool]:
-    """The level, and whether its certificate says it is proven (a plain number has none).
+    """The level, and whether its certificate says it is proven (a plain number has none); K_v is no part of it.
 
     Raises:
         InvalidInputError: It is not a positive number.
@@ -261,7 +261,10 @@ def _level(arrival: Certificate | float, law: PDSimpleGravity) -> tuple[float, b
     else:
         assert not isinstance(arrival, int | float)
         level, rigorous = float(arrival.level), bool(arrival.rigorous)
-        require_same("arrival at a set point", law.digests, arrival.law.digests, "closures", "dynamics", "law")
+        ours, theirs = (
+            one.digests._replace(law=digest((one.q_d, one.K_p, one.gravity_d))) for one in (law, arrival.law)
+        )
+        require_same("arrival at a set point", ours, theirs, "closures", "dynamics", "law")
     if not (np.isfinite(level) and level > 0):
         raise InvalidInputError(f"the certified level c = {level} J must be a positive number")
     return level, rigorous
