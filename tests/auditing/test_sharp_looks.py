@@ -169,7 +169,10 @@ class Misled(Quadratic):
         return np.zeros(1), np.array([[0.0, self.steep]])
 
 
-@pytest.mark.parametrize(("rest", "factor"), [(0.7, 4.0), (0.8, 64.0), (0.98, 64.0), (0.99, 4096.0), (0.9999, None)])
+@pytest.mark.parametrize(
+    ("rest", "factor"),
+    [(0.19, 1.25), (0.21, 4.0), (0.7, 4.0), (0.8, 64.0), (0.98, 64.0), (0.99, 4096.0), (0.9999, None)],
+)
 def test_balls_grow_until_the_contraction_maps_them_into_themselves(rest, factor):
     """|Ãφ| + rest r < r: at r = k|Ãφ| up to rest = 1 − 1/k."""
     found = near(Misled(0.5, rest), np.array([1]), np.zeros(2))
@@ -177,4 +180,4 @@ def test_balls_grow_until_the_contraction_maps_them_into_themselves(rest, factor
         assert found is None
     else:
         assert found[1] == pytest.approx(factor * 0.5 * (1 - rest), rel=1e-9)
-    assert near(Misled(0.0, 0.5), np.array([1]), np.zeros(2))[1] == pytest.approx(4e-15, rel=1e-9, abs=0.0)
+    assert near(Misled(0.0, 0.5), np.array([1]), np.zeros(2))[1] == pytest.approx(1.25e-15, rel=1e-9, abs=0.0)
