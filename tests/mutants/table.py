@@ -124,7 +124,7 @@ ROOMS = (
     Room(
         "auditing/gluing",
         ("near", "in_tube"),
-        (*_LOOKS, "auditing/test_sharp_tubes.py"),
+        (*_LOOKS, "auditing/test_sharp_audited_tubes.py"),
         (
             ("initial=0.0) < 1e-13", "", "when Newton's method is ended: what it found is checked below"),
             ("rest < 1.0 and", "rest < 1.0", "follows from size + rest radius < radius"),

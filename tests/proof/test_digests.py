@@ -6,6 +6,7 @@ import copy
 import inspect
 import pickle
 from dataclasses import replace
+from functools import cached_property
 from importlib import import_module
 
 import numpy as np
@@ -55,15 +56,19 @@ class Things:
         self.simulator, self.memory = simulator, simulator.memory
         self.memory = self.memory() if callable(self.memory) else self.memory
 
+    @cached_property
     def atlas(self):
         return domain.certify(self.mechanism, GOAL, REGION)
 
+    @cached_property
     def cover(self):
         return domain.certify_singularities(self.mechanism, REGION)
 
+    @cached_property
     def sheets(self):
         return domain.certify_sheets(self.mechanism, REGION)
 
+    @cached_property
     def certificate(self):
         return control.certify_set_point(self.model, GOAL, *GAINS)
 
@@ -107,21 +112,21 @@ CROSSED = {
     "set_point_metrics": (CLOSURES, lambda a, b: simulation.set_point_metrics(a.motion, b.mechanism, GOAL)),
     "lyapunov_along": (EVERY, lambda a, b: simulation.lyapunov_along(a.law, b.motion)),
     "plot_motion": (CLOSURES, lambda a, b: plotting.plot_motion(a.motion, b.mechanism)),
-    "plot_atlas": (CLOSURES, lambda a, b: plotting.plot_atlas(a.mechanism, b.atlas())),
-    "plot_radius_map": (CLOSURES, lambda a, b: plotting.plot_radius_map(a.mechanism, b.atlas(), 4)),
-    "plot_sheets": (CLOSURES, lambda a, b: plotting.plot_sheets(a.mechanism, b.sheets())),
-    "certify_set_point": (CLOSURES, lambda a, b: control.certify_set_point(a.model, GOAL, *GAINS, b.atlas())),
-    "certify_law": (CLOSURES, lambda a, b: control.certify_law(a.law, b.atlas())),
-    "suggest_gains": (CLOSURES, lambda a, b: control.suggest_gains(a.model, GOAL, b.atlas())),
+    "plot_atlas": (CLOSURES, lambda a, b: plotting.plot_atlas(a.mechanism, b.atlas)),
+    "plot_radius_map": (CLOSURES, lambda a, b: plotting.plot_radius_map(a.mechanism, b.atlas, 4)),
+    "plot_sheets": (CLOSURES, lambda a, b: plotting.plot_sheets(a.mechanism, b.sheets)),
+    "certify_set_point": (CLOSURES, lambda a, b: control.certify_set_point(a.model, GOAL, *GAINS, b.atlas)),
+    "certify_law": (CLOSURES, lambda a, b: control.certify_law(a.law, b.atlas)),
+    "suggest_gains": (CLOSURES, lambda a, b: control.suggest_gains(a.model, GOAL, b.atlas)),
     "certify_move": (EVERY, lambda a, b: validated.certify_move(a.model, b.law, GOAL, arrival=0.1)),
     "certify_move, arrival": (
         EVERY,
-        lambda a, b: validated.certify_move(a.model, a.law, GOAL, arrival=b.certificate()),
+        lambda a, b: validated.certify_move(a.model, a.law, GOAL, arrival=b.certificate),
     ),
     "enclose": (EVERY, lambda a, b: validated.enclose(a.model, b.full, GOAL, None, 0.01)),
     "enclose, law (28)": (CLOSURES, lambda a, b: validated.enclose(a.model, b.law, GOAL, None, 0.01)),
     "enclose_set": (EVERY, lambda a, b: validated.enclose_set(a.model, b.full, GOAL, None, 0.01, spread=1e-6)),
-    "SingularCover.crossed": (CLOSURES, lambda a, b: a.cover().crossed(b.atlas())),
+    "SingularCover.crossed": (CLOSURES, lambda a, b: a.cover.crossed(b.atlas)),
     "merge": (
         CLOSURES,
         lambda a, b: domain.merge(

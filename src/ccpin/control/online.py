@@ -196,6 +196,8 @@ class OnlineLaw(ControlLaw):
     """
 
     def __init__(self, law: TrackingLaw, online: OnlineSigma) -> None:
+        instance(law, "law", TrackingLaw)
+        instance(online, "online", OnlineSigma)
         require_same("a law with σ on line", law.digests, online.model.digests, "closures", "dynamics")
         self.law = law
         self.online = online
