@@ -9,6 +9,8 @@ from typing import NamedTuple
 FACTORS = (0.5, 0.9, 1.1, 2.0)
 _ZERO = ("0", "0.0")
 _WEAKER = 0.5  # what is compared is halved before it is compared
+_OTHERS = {"min": "max", "minimum": "maximum", "any": "all"}
+_OTHERS |= {other: one for one, other in _OTHERS.items()}
 
 
 class Change(NamedTuple):
@@ -78,6 +80,11 @@ def _variants(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
     if isinstance(node, ast.Constant) and isinstance(node.value, float) and node.value:
         for factor in FACTORS:
             yield f"{node.value:g} × {factor:g}", ast.Constant(node.value * factor)
+    elif (
+        isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult | ast.Div) and (number := _whole(node)) is not None
+    ):
+        without = node.left if number is node.right else node.right
+        yield f"1 instead of {number.value}", without if isinstance(node.op, ast.Mult) else node.left
     elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Pow) and isinstance(node.right, ast.Constant):
         if node.right.value == 2:
             yield "no square", node.left
@@ -86,9 +93,18 @@ def _variants(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
         yield f"without {ast.unparse(node.left)}", node.right
     elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Sub):
         yield f"without {ast.unparse(node.right)}", node.left
-    elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitAnd):
+    elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.BitAnd | ast.BitOr):
         yield f"not asked: {ast.unparse(node.right)}", node.left
         yield f"not asked: {ast.unparse(node.left)}", node.right
+    elif isinstance(node, ast.BoolOp):
+        for value in node.values:
+            rest = [other for other in node.values if other is not value]
+            made = rest[0] if len(rest) == 1 else ast.BoolOp(node.op, rest)
+            yield f"not asked: {ast.unparse(value)}", made
+    elif isinstance(node, ast.Name | ast.Attribute) and (name := _name(node)) in _OTHERS:
+        other = _OTHERS[name]
+        made = ast.Name(other, node.ctx) if isinstance(node, ast.Name) else ast.Attribute(node.value, other, node.ctx)
+        yield f"{other} instead of {name}", made
     elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Subscript):
         yield f"left out: {ast.unparse(node)}", ast.Pass()
     elif isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Add):
@@ -104,6 +120,17 @@ def _variants(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
         if factor is not None:
             left = ast.BinOp(node.left, ast.Mult(), ast.Constant(factor))
             yield f"{ast.unparse(node)}: left × {factor:g}", ast.Compare(left, node.ops, node.comparators)
+
+
+def _whole(node: ast.BinOp) -> ast.Constant | None:
+    """The whole number above one by which something is multiplied or divided."""
+    sides = [node.right] if isinstance(node.op, ast.Div) else [node.left, node.right]
+    found = [s for s in sides if isinstance(s, ast.Constant) and type(s.value) is int and s.value > 1]
+    return found[0] if found else None
+
+
+def _name(node: ast.Name | ast.Attribute) -> str:
+    return node.id if isinstance(node, ast.Name) else node.attr
 
 
 def _put(root: ast.AST, number: int, made: ast.AST) -> None:

@@ -24,11 +24,12 @@ Outcome = Literal["killed", "survives", "too long"]
 SECONDS = 30.0
 _NOT_APPLIED = 3
 ROOT = Path(__file__).parents[2]
+SOURCES = ROOT / "src" / "ccpin"
 
 
 def source_of(module: str) -> Path:
     """The file of a module named from ccpin on, as ``domain/boxes``."""
-    return ROOT / "src" / "ccpin" / f"{module}.py"
+    return SOURCES / f"{module}.py"
 
 
 def outcomes_of(module: str, changes: Sequence[Change | None], tests: tuple[str, ...], processes: int) -> list[Outcome]:

@@ -1,0 +1,1 @@
+"""The table's rooms, an area of the package each."""

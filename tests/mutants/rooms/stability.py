@@ -1,0 +1,20 @@
+"""Theorem 3, tubes about references, tracking."""
+
+from __future__ import annotations
+
+from tests.mutants.room import Excused, Room
+
+ROOMS: tuple[Room, ...] = (
+    Room("control/stability/cells", ("CellStore.agree",), ("control/stability/test_sharp_cells.py",)),
+    Room(
+        "control/stability/storage",
+        ("floor", "gain", "widths", "_inverse_form", "_inverted", "_constant", "storage_of", "_blocks"),
+        ("control/stability/test_sharp_storage.py",),
+        (
+            ("np.isfinite(M)", "not asked: np.isfinite(M)", "no eigenvalue of what is no number is above 1e-7"),
+            ("(1.0 - _CLEAR)", "without _CLEAR", "1e-9 of 1e-7 at least is below what doubles near 1 tell apart"),
+        ),
+    ),
+)
+
+EXCUSED: tuple[Excused, ...] = ()
