@@ -37,7 +37,10 @@ def measured(part):
     return list(import_module(f"benchmarks.parts.{part}").measure(SMALLEST))
 
 
-@pytest.mark.parametrize("part", PARTS)
+LONG = ("simulated", "memory")
+
+
+@pytest.mark.parametrize("part", [pytest.param(p, marks=pytest.mark.slow) if p in LONG else p for p in PARTS])
 def test_each_part_measures(part):
     """Every figure is of its part, a finite number or absent with a reason, and no figure is given twice."""
     figures = measured(part)
@@ -136,6 +139,7 @@ def test_mujoco_runs_the_same_move():
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is measured on Linux")
+@pytest.mark.slow
 def test_memory_is_the_new_process_own():
     """What this process holds does not count, and what the new one held does, once it is given back too."""
     ballast = np.ones(100_000_000)  # 800 MB

@@ -1,11 +1,15 @@
-"""Journals: what is in them is read again after whatever ended the writing."""
+"""What is written is there whole or not at all; what is in journals is read again after whatever ended the writing."""
 
 import os
+import stat
+import subprocess
+import sys
+import threading
 
 import pytest
 
 from ccpin.errors import InvalidInputError
-from ccpin.files import Journal
+from ccpin.files import Journal, write_atomically
 
 HEADER = {"format": "test-1", "task": "count"}
 
@@ -15,6 +19,94 @@ def written(path, count):
         for k in range(count):
             journal.append({"number": k, "text": "ä" * k})
     return journal
+
+
+def saved(path, text="new"):
+    write_atomically(path, "w", lambda file: file.write(text))
+
+
+def test_permissions_are_kept(tmp_path):
+    """Of a file that is replaced; a new one has those that the process gives to what it makes."""
+    path = tmp_path / "result.json"
+    before = os.umask(0o027)
+    try:
+        saved(path)
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+    path.chmod(0o600)
+    saved(path, "newer")
+    assert (stat.S_IMODE(path.stat().st_mode), path.read_text()) == (0o600, "newer")
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_a_link_stays_a_link(tmp_path, there):
+    """Written is what it points to."""
+    target, link = tmp_path / "target", tmp_path / "link"
+    if there:
+        target.write_text("old")
+    link.symlink_to(target.name)
+    saved(link)
+    assert link.is_symlink()
+    assert target.read_text() == "new"
+
+
+def test_a_pipe_is_written_into(tmp_path):
+    """It is a pipe afterwards, too."""
+    path, read = tmp_path / "pipe", []
+    os.mkfifo(path)
+    reader = threading.Thread(target=lambda: read.append(path.read_text()))
+    reader.start()
+    saved(path)
+    reader.join()
+    assert read == ["new"]
+    assert path.is_fifo()
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
+def test_a_full_device_is_told(tmp_path):
+    """And is the device afterwards."""
+    link = tmp_path / "result.npz"
+    link.symlink_to("/dev/full")
+    with pytest.raises(InvalidInputError, match="No space left"):
+        saved(link)
+    assert stat.S_ISCHR(os.stat("/dev/full").st_mode)
+    assert list(tmp_path.iterdir()) == [link]
+
+
+@pytest.mark.skipif(not hasattr(os, "O_TMPFILE"), reason="files have names from the beginning here")
+def test_a_killed_save_leaves_nothing(tmp_path):
+    """Neither half a file nor one under another name."""
+    path = tmp_path / "result.npz"
+    program = (
+        "import os, signal\nfrom ccpin.files import write_atomically\n"
+        "def write(file):\n    file.write('half')\n    file.flush()\n    os.kill(os.getpid(), signal.SIGKILL)\n"
+        f"write_atomically({str(path)!r}, 'w', write)\n"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == -9
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_interrupted_save_leaves_what_was_there(tmp_path):
+    """Whatever interrupts it."""
+    path = tmp_path / "result.npz"
+    saved(path, "old")
+
+    def write(file):
+        file.write("half")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(path, "w", write)
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("result.npz", "old")]
+
+
+def test_systems_without_nameless_files(tmp_path, monkeypatch):
+    """They write under another name first."""
+    monkeypatch.delattr(os, "O_TMPFILE", raising=False)
+    saved(tmp_path / "result")
+    saved(tmp_path / "result", "newer")
+    assert [(p.name, p.read_text()) for p in tmp_path.iterdir()] == [("result", "newer")]
 
 
 def test_records_come_back(tmp_path):

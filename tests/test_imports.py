@@ -63,6 +63,8 @@ def room(module):
 def _statements(node):
     """Every import statement that runs, also those inside functions; not those for type checkers only."""
     for child in ast.iter_child_nodes(node):
+        if not isinstance(child, ast.stmt | ast.excepthandler | ast.match_case):
+            continue
         if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.dump(child.test):
             continue
         if isinstance(child, ast.Import | ast.ImportFrom):

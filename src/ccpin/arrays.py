@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from numbers import Real
 from operator import index
-from typing import Any, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,7 @@ Mask = NDArray[np.bool_]
 Columns = TypeVar("Columns", bound=tuple[Any, ...])  # a named tuple of arrays with a common leading axis
 K = TypeVar("K")
 T = TypeVar("T")
+P = ParamSpec("P")
 V_co = TypeVar("V_co", covariant=True)
 
 
@@ -184,9 +185,10 @@ def numbers(value: object, name: str) -> Array:
         InvalidInputError: It holds something else than real numbers.
     """
     try:
-        if isinstance(value, np.ndarray) and value.dtype.kind == "c":
+        found = np.asarray(value)
+        if found.dtype.kind == "c":
             raise TypeError
-        return np.asarray(value, dtype=np.float64)
+        return found.astype(np.float64, copy=False)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInputError(f"{name} is not an array of numbers") from None
 
@@ -200,7 +202,7 @@ def number(value: object, name: str, what: str = "a finite number", above: float
     if isinstance(value, np.ndarray) and not value.ndim:
         value = value.item()
     try:
-        if isinstance(value, Real) and np.isfinite(float(value)) and float(value) > above:
+        if isinstance(value, Real) and not isinstance(value, bool) and np.isfinite(float(value)) and value > above:
             return float(value)
     except OverflowError:  # an integer beyond all doubles
         pass
@@ -224,7 +226,7 @@ def whole(value: object, name: str, least: int = 1) -> int:
         InvalidInputError: It is not that.
     """
     try:
-        found = index(value)  # type: ignore[arg-type]
+        found = least - 1 if isinstance(value, bool) else index(value)  # type: ignore[arg-type]
     except TypeError:
         found = least - 1
     if not least <= found < 2**63:
@@ -262,6 +264,23 @@ def records(value: object, name: str, kind: type[T]) -> tuple[T, ...]:
     """
     given = instance(value, name, Iterable, f"a sequence of {kind.__name__}")
     return tuple(instance(one, f"{name}[{place}]", kind) for place, one in enumerate(given))
+
+
+def listener(progress: Callable[P, object] | None, name: str = "progress") -> Callable[P, object]:
+    """Return what is called as work goes on; ``None``: nobody is told.
+
+    Raises:
+        InvalidInputError: It cannot be called.
+    """
+    if progress is None:
+        return _nobody
+    if not callable(progress):
+        raise InvalidInputError(f"{name} must be a function, not {type(progress).__name__}")
+    return progress
+
+
+def _nobody(*_: object, **__: object) -> None:
+    """Is told, and does nothing."""
 
 
 def heading(title: object, default: str) -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import json
 import os
-import tempfile
+import secrets
+import stat
 import weakref
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -18,47 +20,129 @@ def writable_target(path: str | Path) -> Path:
     """A path a file can be written to; its folder is created where it is absent.
 
     Raises:
-        InvalidInputError: It is a folder, or its folder cannot be created or written to.
+        InvalidInputError: It is a folder or a socket, or its folder cannot be created or written to.
     """
     if not isinstance(path, str | Path):
         raise InvalidInputError(f"a file to write must be a path, not {type(path).__name__}")
     target = Path(path)
-    if target.is_dir():
-        raise InvalidInputError(f"cannot write '{target}': it is a folder; name the file to write")
     try:
+        if target.is_dir():
+            raise InvalidInputError(f"cannot write '{target}': it is a folder; name the file to write")
+        if target.is_socket():
+            raise InvalidInputError(f"cannot write '{target}': it is a socket")
         target.parent.mkdir(parents=True, exist_ok=True)
     except (OSError, ValueError) as error:
         raise InvalidInputError(f"cannot write '{target}': {error}") from None
-    if not os.access(target.parent, os.W_OK):
+    if not (_is_special(target) or os.access(target.parent, os.W_OK)):
         raise InvalidInputError(f"cannot write '{target}': its folder is not writable")
     return target
 
 
+def writable_folder(path: str | Path, name: str) -> Path:
+    """A folder that files can be written to; it is created where it is absent.
+
+    Args:
+        path: The folder.
+        name: The argument that it is.
+
+    Raises:
+        InvalidInputError: It is no folder, or cannot be created or written to; or it is not named (``""``).
+    """
+    if not isinstance(path, str | Path) or not str(path):
+        raise InvalidInputError(f"{name} must name a folder; it is {path!r}")
+    folder = Path(path)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise InvalidInputError(f"{name} '{folder}' is no folder to write to: {error}") from None
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise InvalidInputError(f"{name} '{folder}' is no folder to write to: it is not writable")
+    return folder
+
+
 def write_atomically(path: str | Path, mode: str, write: Callable[[IO[Any]], object]) -> None:
-    """Write a file whole or not at all: a temporary file beside it, then a rename over it.
+    """Write a file whole or not at all.
+
+    It is written under no name (where the system has no files without one, under another name beside it) and then
+    takes the place of what was there, whose permissions and, where it may, owner it keeps. A link stays a link: what
+    it points to is written. Devices and pipes are no files that another could take the place of: once all is known
+    it is written into them.
 
     Args:
         path: The file; its folder is created where it is absent.
         mode: ``"w"`` for text (UTF-8), ``"wb"`` for bytes.
-        write: Called with the open temporary file.
+        write: Called with an open file.
 
     Raises:
         InvalidInputError: The file cannot be written; what was there before is still there.
     """
     target = writable_target(path)
     try:
-        descriptor, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name[:40]}.")
-    except (OSError, ValueError) as error:
-        raise InvalidInputError(f"cannot write '{target}': {error}") from None
-    try:
-        with os.fdopen(descriptor, mode, encoding=None if "b" in mode else "utf-8") as file:
-            write(file)
-        os.chmod(name, 0o644)
-        os.replace(name, target)
+        if _is_special(target):
+            _write_into(target, mode, write)
+        else:
+            _replace(Path(os.path.realpath(target)), mode, write)
     except OSError as error:
         raise InvalidInputError(f"cannot write '{target}': {error}") from None
+
+
+def _is_special(target: Path) -> bool:
+    """Whether something is there that is no regular file."""
+    return target.exists() and not target.is_file()
+
+
+def _write_into(target: Path, mode: str, write: Callable[[IO[Any]], object]) -> None:
+    """Write into a device or a pipe, in which nothing can be sought."""
+    held: IO[Any] = io.BytesIO() if "b" in mode else io.StringIO()
+    write(held)
+    held.seek(0)
+    with target.open(mode, encoding=_encoding(mode)) as file:
+        file.write(held.read())
+
+
+def _replace(target: Path, mode: str, write: Callable[[IO[Any]], object]) -> None:
+    """Put a new file in the place of a regular one, or of none."""
+    part = target.parent / f".{target.name[:40]}.{secrets.token_hex(8)}"
+    descriptor, named = _new_file(target.parent, part)
+    try:
+        with os.fdopen(descriptor, mode, encoding=_encoding(mode)) as file:
+            write(file)
+            file.flush()
+            _take_after(target, descriptor)
+            if not named:
+                _name(descriptor, part)
+        os.replace(part, target)
     finally:
-        Path(name).unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
+
+
+def _new_file(folder: Path, part: Path) -> tuple[int, bool]:
+    """A new file in a folder, and whether it has a name: one without is gone with the process that writes it."""
+    with suppress(AttributeError, OSError):
+        return os.open(folder, os.O_TMPFILE | os.O_RDWR, 0o666), False
+    return os.open(part, os.O_CREAT | os.O_EXCL | os.O_RDWR | getattr(os, "O_BINARY", 0), 0o666), True
+
+
+def _name(descriptor: int, part: Path) -> None:
+    """Give a file without a name one."""
+    folder = os.open(part.parent, os.O_RDONLY)
+    try:
+        os.link(f"/proc/self/fd/{descriptor}", part, src_dir_fd=folder)  # with a folder, the system follows the link
+    finally:
+        os.close(folder)
+
+
+def _take_after(target: Path, descriptor: int) -> None:
+    """Give a new file the permissions and, where that is allowed, the owner of the one whose place it takes."""
+    with suppress(FileNotFoundError, AttributeError):  # nothing there; or a system without such permissions
+        there = target.stat()
+        with suppress(PermissionError):
+            os.fchown(descriptor, there.st_uid, there.st_gid)
+        os.fchmod(descriptor, stat.S_IMODE(there.st_mode))
+
+
+def _encoding(mode: str) -> str | None:
+    return None if "b" in mode else "utf-8"
 
 
 class Journal(Sequence[dict[str, Any]]):

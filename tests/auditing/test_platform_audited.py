@@ -88,7 +88,7 @@ def ends_of(rng, size, count, stretched):
     return ends, closures.exact(beta)
 
 
-@pytest.mark.parametrize(("size", "count"), [(2, 2), (2, 3), (3, 3), (3, 6)])
+@pytest.mark.parametrize(("size", "count"), [(2, 2), (2, 3), (3, 3), pytest.param(3, 6, marks=pytest.mark.slow)])
 def test_the_lemma_holds_for_any_weights(size, count):
     """Whatever λ: poses there are violate nothing; and the same legs, too short for them, often do for the best one."""
     rng, told = np.random.default_rng(size + count), 0

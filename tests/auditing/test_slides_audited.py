@@ -118,7 +118,14 @@ def ranges_failed(path):
 
 
 @pytest.mark.parametrize(
-    "planted", ["narrower", "limit without a limit", "limit without its end", "a turn", "lengths within lengths"]
+    "planted",
+    [
+        "narrower",
+        pytest.param("limit without a limit", marks=pytest.mark.slow),
+        "limit without its end",
+        "a turn",
+        "lengths within lengths",
+    ],
 )
 def test_ranges_that_do_not_follow_are_found(limited, tmp_path, planted):
     """What a document searched is what lengths, couplings and the limits it states leave; nothing else is believed."""

@@ -8,7 +8,7 @@ import ccpin
 from tests.support.damage import VALUES, XML_DAMAGE, complaint, damage_bytes
 from tests.support.places import MODELS
 
-CASES = 800
+CASES = 400
 CHUNKS = 8
 
 TOOLBOX_URDF = """<robot name="bar">

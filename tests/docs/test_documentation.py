@@ -26,7 +26,12 @@ def _in_a_folder_of_its_own(tmp_path, monkeypatch):
     CLOSURE_KINDS.update(kinds)
 
 
-@pytest.mark.parametrize("page", PAGES.values(), ids=list(PAGES))
+LONG = {"docs/howto/workspace.md", "docs/pictures.md"}
+
+
+@pytest.mark.parametrize(
+    "page", [pytest.param(page, id=name, marks=[pytest.mark.slow] * (name in LONG)) for name, page in PAGES.items()]
+)
 def test_a_page_runs(page):
     """Files, programs, commands and what they print, in the page's order."""
     for package in needs(page):

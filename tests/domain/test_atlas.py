@@ -434,7 +434,7 @@ def test_how_the_work_is_spread_is_checked(rpdr):
     with ThreadPoolExecutor(1) as pool, pytest.raises(InvalidInputError, match="not both"):
         certify(rpdr, SEED, executor=pool, workers=2)
     for workers in (0, -1, 1.5, True):
-        with pytest.raises(InvalidInputError, match="at least 1"):
+        with pytest.raises(InvalidInputError, match=r"workers = .* must be a whole number, 1 or more"):
             certify(rpdr, SEED, workers=workers)
 
 

@@ -27,6 +27,7 @@ def problem(mechanism):
     return problem_of(closure_system(mechanism, mechanism.q_reference), "reach")
 
 
+@pytest.mark.slow
 def test_the_cusps_of_a_slice_are_the_triple_roots(slice_):
     """All six of positive leg lengths, each as near as it says."""
     found = domain.cusps(slice_[0], POSITIVE, curves=slice_[1])

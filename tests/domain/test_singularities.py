@@ -71,6 +71,7 @@ def test_distance_refuses_bad_paths(rpdr_model):
         singularity_distance(rpdr_model, [[-1.6, -1.6], [1.5, -1.5]])
 
 
+@pytest.mark.slow
 def test_serial_curves_are_the_stretched_and_folded_arms(rpdr):
     """The tip loses a direction exactly where sin q3 = 0 or sin q4 = 0: an arm stretched or folded, each a curve."""
     curves = serial_singularities(rpdr, "link3", (oracle.A3, 0.0, 0.0))

@@ -105,6 +105,7 @@ def within(rng, atlas_or_cube, count):
     return points[atlas_or_cube.contains(points)]
 
 
+@pytest.mark.slow
 def test_stewart_cube_holds_against_closed_forms(stewart, cube, rng):
     points = within(rng, cube, POINTS)
     assert len(points) > 0.9 * POINTS

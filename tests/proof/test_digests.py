@@ -70,7 +70,7 @@ class Things:
 
     @cached_property
     def certificate(self):
-        return control.certify_set_point(self.model, GOAL, *GAINS)
+        return control.certify_set_point(self.model, GOAL, *GAINS, budget=control.Budget(10, 60))
 
 
 @pytest.fixture(scope="module")

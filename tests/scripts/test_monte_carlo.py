@@ -3,10 +3,12 @@
 import csv
 
 import numpy as np
+import pytest
 
 from tests.support.loading import script
 
 
+@pytest.mark.slow
 def test_the_monte_carlo_study(tmp_path, capsys):
     """Every robot settles near the paper's 0.3 s, and friction leaves at most its Coulomb level over K_p."""
     study = script("monte_carlo")

@@ -8,6 +8,7 @@ import pytest
 from tests.support.loading import script
 
 
+@pytest.mark.slow
 def test_tracking_degradation(tmp_path, monkeypatch, capsys):
     """Four times the period, four times the error; ten times σ's error, ten times, below the bound; σ is never held."""
     tracking = script("tracking_degradation")

@@ -365,6 +365,7 @@ def test_a_full_disk_loses_no_move(rpdr_model, tmp_path, monkeypatch):
 
 @pytest.mark.skipif(native.backend().name != "native", reason="the same books on both; the reference takes minutes")
 @pytest.mark.parametrize("stored", [True, False])
+@pytest.mark.slow
 def test_cost_is_linear_and_memory_flat(rpdr_model, tmp_path, monkeypatch, stored):
     """The last moves copy, read and write what the first ones did; with a journal nothing of a move is kept.
 

@@ -126,6 +126,7 @@ def test_dampers_in_the_joints_are_in_the_tube(short):
         assert not short.contains(0.02, motion.y[:2, -1], motion.y[2:, -1])
 
 
+@pytest.mark.slow
 def test_the_sampled_loop_is_in_its_tube(rpdr_model):
     """At 100 Hz the efforts held make a motion of their own: in its tube, and not in that of the continuous law."""
     law, period, box = paper_law(rpdr_model), 2.0**-7, {"spread": (1e-3, 0.01), "cells": 2, **QUICK}

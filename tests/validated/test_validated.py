@@ -446,6 +446,7 @@ def test_taylor_coefficients_are_derivatives(rpdr_model, law):
     np.testing.assert_allclose(2 * numbers([c[2] for c in coefficients]), slopes @ rates, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_script(capsys):
     """scripts/certified_move.py covers the move and prints what it took."""
     assert script("certified_move").main(2.9)

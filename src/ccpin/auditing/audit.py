@@ -168,6 +168,8 @@ def verify(
         raise CcpinError("verifying needs python-flint: pip install 'ccpin[validated]'") from error
     if sample is not None and sample < 1:
         raise InvalidInputError(f"sample = {sample} must be at least 1")
+    if progress is not None and not callable(progress):
+        raise InvalidInputError(f"progress must be a function, not {type(progress).__name__}")
     from ccpin.auditing.wording import besides, claimed
 
     document = read(path)

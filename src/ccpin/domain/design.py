@@ -13,7 +13,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 import numpy as np
 from scipy.optimize import minimize
 
-from ccpin.arrays import Array, instance, number, numbers, whole
+from ccpin.arrays import Array, instance, listener, number, numbers, whole
 from ccpin.description import MechanismDescription, read_description, scaled
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.largest import LargestWorkspace
@@ -83,7 +83,7 @@ def design(
             raise InvalidInputError(f"{name} must be a function; it is {given!r:.80}")
     names, lower, upper = _box(instance(ranges, "ranges", Mapping, "a mapping of names to (lower, upper)"))
     first = 0.5 * (lower + upper) if start is None else _started(instance(start, "start", Mapping), names, lower, upper)
-    search = _Search(build, figure, names, whole(evaluations, "evaluations"), progress)
+    search = _Search(build, figure, names, whole(evaluations, "evaluations"), listener(progress))
     inward = np.where(first > 0.5 * (lower + upper), -_STEP, _STEP)  # SciPy's own would be clipped to the bounds
     simplex = np.vstack([first, first + np.diag(inward * (upper - lower))])
     complete = True
@@ -115,7 +115,7 @@ class _Search(Generic[T]):
         figure: Callable[[T], Atlas | LargestWorkspace | float],
         names: Sequence[str],
         most: int,
-        progress: Callable[[Trial], None] | None,
+        progress: Callable[[Trial], object],
     ) -> None:
         self.build, self.figure, self.names, self.most, self.progress = build, figure, names, most, progress
         self.trials: list[Trial] = []
@@ -125,8 +125,7 @@ class _Search(Generic[T]):
         dimensions = dict(zip(self.names, x.tolist(), strict=True))
         trial = self._tried(dimensions)
         self.trials.append(trial)
-        if self.progress is not None:
-            self.progress(trial)
+        self.progress(trial)
         return -trial.figure
 
     def _tried(self, dimensions: dict[str, float]) -> Trial:

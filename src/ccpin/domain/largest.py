@@ -284,7 +284,7 @@ class _Search(NamedTuple):
 
     def about(self, start: TaskProblem, goal: _Goal, tolerance: float, seconds: float | None) -> Atlas:
         """The largest about a centre."""
-        theta, most, effort = start.moved_to(goal.centre), self.most, Effort(0, tolerance, None, seconds)
+        theta, most, effort = start.moved_to(goal.centre), self.most, Effort(0, tolerance, seconds=seconds)
         for _ in range(_GROWTHS if self.grows else 1):
             atlas = survey(start.problem, theta, start.names, goal.region(most), effort, self.work, self.shape)
             if not atlas.complete or atlas.radius < most * (1.0 - _EDGE):
@@ -302,7 +302,7 @@ class _Search(NamedTuple):
         theta, best, found = start.moved_to(goal.centre), first, None
         while True:
             left = None if until is None else max(until - time.monotonic(), 1e-3)
-            effort = Effort(depth, None, None, left)
+            effort = Effort(depth, seconds=left)
             atlas = survey(start.problem, theta, start.names, flat.region(half), effort, self.work)
             room = roomiest(atlas, self.shape.round)
             better = room.share * half > best * _BETTER

@@ -53,14 +53,15 @@ def pieces_of(path: ArrayLike | PPoly | BSpline, n: int) -> PPoly:
             jump by more than 1e-9.
     """
     if isinstance(path, BSpline):
-        path = _polynomials(path, path.k, np.unique(path.t[path.k : len(path.t) - path.k]))
+        path = _polynomials(path, path.k, _increasing(np.unique(path.t[path.k : len(path.t) - path.k])))
     if isinstance(path, PPoly):
-        knots, coefficients = np.asarray(path.x, dtype=np.float64), np.asarray(path.c, dtype=np.float64)
-        if coefficients.ndim != 3 or coefficients.shape[2] != n:
-            raise InvalidInputError(f"the spline's values must have shape ({n},); its coefficients have {path.c.shape}")
+        knots, coefficients = _increasing(numbers(path.x, "knots")), numbers(path.c, "coefficients")
+        if coefficients.ndim != 3 or coefficients.shape[1:] != (len(knots) - 1, n):
+            raise InvalidInputError(
+                f"a spline of {len(knots)} knots with values of shape ({n},) has coefficients of shape "
+                f"(degree + 1, {len(knots) - 1}, {n}), not {path.c.shape}"
+            )
         long = np.flatnonzero(np.diff(knots) > 0.0)
-        if not long.size or np.any(np.diff(knots) < 0.0):
-            raise InvalidInputError("the path's knots do not increase")
         knots, coefficients = np.append(knots[long], knots[long[-1] + 1]), coefficients[:, long]
     else:
         points = numbers(path, "path")
@@ -82,6 +83,13 @@ def pieces_of(path: ArrayLike | PPoly | BSpline, n: int) -> PPoly:
         worst = int(np.argmax(jumps))
         raise InvalidInputError(f"the path jumps by {jumps[worst]:.3g} at parameter {knots[worst + 1]:.6g}")
     return pieces
+
+
+def _increasing(knots: Array) -> Array:
+    """Knots, if they nowhere decrease and do increase."""
+    if knots.ndim != 1 or not np.any(np.diff(knots) > 0.0) or np.any(np.diff(knots) < 0.0):
+        raise InvalidInputError("the path's knots do not increase")
+    return knots
 
 
 def _polynomials(spline: BSpline | PPoly, degree: int, knots: Array) -> PPoly:

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import optimize
 
-from ccpin.arrays import Array, numbers, positive, whole
+from ccpin.arrays import Array, listener, numbers, positive, whole
 from ccpin.domain.boxes import problem_of
 from ccpin.domain.chains import closure_system
 from ccpin.domain.folds import Folds, singular_points
@@ -114,7 +114,7 @@ def singularities(
     mechanism = mechanism_of(mechanism)
     selection = mechanism.parametrization().coordinates.jacobian(mechanism.q_reference)
     rows = selection, np.zeros_like(selection)
-    curves = _all_curves(_SingularEquations(mechanism, lambda q_free, w: rows), starts, step, limit, progress)
+    curves = _all_curves(_SingularEquations(mechanism, lambda q_free, w: rows), starts, step, limit, listener(progress))
     return tuple(curve._replace(error=_proved_near(mechanism, curve)) for curve in curves)
 
 
@@ -165,7 +165,7 @@ def serial_singularities(
         motion = effector.motion(q_free, w)
         return plane @ motion.jacobian[:3], plane @ motion.jacobian_rate[:3]
 
-    return _all_curves(_SingularEquations(mechanism, rows, "serial"), starts, step, limit)
+    return _all_curves(_SingularEquations(mechanism, rows, "serial"), starts, step, limit, listener(None))
 
 
 def _all_curves(
@@ -173,14 +173,13 @@ def _all_curves(
     starts: int,
     step: float,
     limit: int,
-    progress: Callable[[int, int], None] | None = None,
+    told: Callable[[int, int], object],
 ) -> tuple[SingularCurve, ...]:
     starts, step, limit = whole(starts, "starts"), positive(step, "step"), whole(limit, "limit")
     generator = np.random.default_rng(20004)
     curves: list[SingularCurve] = []
     for done in range(starts):
-        if progress is not None:
-            progress(done, starts)
+        told(done, starts)
         found = equations.solve_from(generator)
         if found is None or any(equations.lies_on(found, curve) for curve in curves):
             continue

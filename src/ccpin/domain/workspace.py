@@ -20,6 +20,7 @@ from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Mask, number, numbers, positive
 from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.build import BUDGET
 from ccpin.domain.atlas.cells import Corners, Region, corners_of
 from ccpin.domain.atlas.run import Progress, Work
 from ccpin.domain.atlas.survey import effort_of, survey
@@ -51,6 +52,7 @@ def certify_workspace(
     length: float | None = None,
     max_depth: int | None = None,
     fraction: float | None = None,
+    budget: int = BUDGET,
     seconds: float | None = None,
     bounds: BoundsName = "auto",
     workers: int | None = None,
@@ -73,6 +75,7 @@ def certify_workspace(
         max_depth: How often an edge of the region may be halved; default 12, 9, 6 for 1, 2, 3 coordinates that are not
             held, and 4 beyond.
         fraction: As for `ccpin.domain.certify`.
+        budget: As for `ccpin.domain.certify`.
         seconds: As for `ccpin.domain.certify`.
         bounds: As for `ccpin.domain.certify`.
         workers: As for `ccpin.domain.certify`.
@@ -93,7 +96,7 @@ def certify_workspace(
     area = _region(start, region)
     theta = start.moved_to(_first(start.x, area))
     free = int(np.count_nonzero(~area.held))
-    effort = effort_of(_DEPTHS.get(free, _MANY_DEPTH), max_depth, fraction, seconds, free)
+    effort = effort_of(_DEPTHS.get(free, _MANY_DEPTH), max_depth, fraction, budget, seconds, free)
     return survey(start.problem, theta, start.names, area, effort, Work(workers, executor, checkpoint, progress))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, positive, whole
+from ccpin.arrays import Array, listener, positive, whole
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError
 from ccpin.kinematics.checked import checked_q
@@ -114,14 +114,14 @@ def assembly_modes(
     model, patience, limit = model_of(model), whole(patience, "patience"), whole(limit, "limit")
     if budget is not None:
         budget = positive(budget, "budget")
+    told = listener(progress)
     search = _Search(model, checked_q(model.coordinates, q))
     end = math.inf if budget is None else time.monotonic() + budget
     stopped = ""
     try:
         while not search.over(patience) and not stopped:
             search.step()
-            if progress is not None:
-                progress(ModeSearch(search.starts, len(search.found), search.quiet, patience))
+            told(ModeSearch(search.starts, len(search.found), search.quiet, patience))
             if search.starts >= limit:
                 stopped = f"stopped at the limit of {limit} starts"
             elif time.monotonic() >= end:

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
+from ccpin.arrays import listener
 from ccpin.pages import versions
 from ccpin.paper import control, domain, experiments, modeling, reduced, robot
 from ccpin.paper.errata import errata
@@ -68,6 +69,7 @@ def reproduce(progress: Callable[[Item], None] | None = None) -> Reproduction:
     Args:
         progress: Called with each item once it is there.
     """
+    told = listener(progress)
     study, began = Study(), time.perf_counter()
     chapters, spent = [], list[tuple[float, str]]()
     for title, items in CHAPTERS:
@@ -76,8 +78,7 @@ def reproduce(progress: Callable[[Item], None] | None = None) -> Reproduction:
             done.append(item)
             spent.append((time.perf_counter() - before, item.number))
             before = time.perf_counter()
-            if progress is not None:
-                progress(item)
+            told(item)
         chapters.append((title, tuple(done)))
     corrected = tuple(errata(study))
     longest = max(spent)

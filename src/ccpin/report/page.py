@@ -9,6 +9,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from ccpin.arrays import listener
 from ccpin.dynamics import ReducedModel
 from ccpin.errors import CcpinError
 from ccpin.files import writable_target, write_atomically
@@ -59,7 +60,7 @@ def write(
     """
     mechanism, settings = mechanism_of(mechanism), Settings() if settings is None else settings
     target = writable_target(path)
-    work = _Work(progress)
+    work = _Work(listener(progress))
     model = ReducedModel(mechanism)
     about = work.part("what it is", lambda: identity.identity(model))
     asked = settings.start is not None or settings.goal is not None
@@ -84,15 +85,14 @@ def write(
 class _Work:
     """Runs the parts, keeps their times and the reasons of those that failed."""
 
-    def __init__(self, progress: Callable[[str], None] | None) -> None:
+    def __init__(self, progress: Callable[[str], object]) -> None:
         self.seconds: dict[str, float] = {}
         self.failed: dict[str, str] = {}
         self._progress = progress
 
     def part(self, name: str, compute: Callable[[], T], required: bool = False) -> T | None:
         """What a part computes, or ``None`` where it cannot be had."""
-        if self._progress is not None:
-            self._progress(name)
+        self._progress(name)
         began = time.perf_counter()
         try:
             return compute()

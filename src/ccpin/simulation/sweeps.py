@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import instance, whole
+from ccpin.arrays import instance, listener, whole
 from ccpin.domain.atlas.run import executor_for, stoppable
 from ccpin.errors import InvalidInputError
 from ccpin.files import Journal, write_atomically
@@ -138,9 +138,7 @@ def sweep(
     rows = [_case(number, case, seed) for number, case in enumerate(instance(cases, "cases", Iterable, "mappings"))]
     keys = [json.dumps(row, sort_keys=True) for row in rows]
     _check_task(task, workers, executor)
-    report = _silent if progress is None else progress
-    if not callable(report):
-        raise InvalidInputError(f"progress must be a function of a `SweepProgress`, not {type(report).__name__}")
+    report = listener(progress)
     with ExitStack() as stack:
         journal, done = None, dict[str, dict[str, Any]]()
         if path is not None:
@@ -216,10 +214,6 @@ def _check_task(task: Task, workers: int | None, executor: Executor | None) -> N
 def _progress(keys: list[str], done: Mapping[str, Mapping[str, Any]]) -> SweepProgress:
     rows = [done[key] for key in keys if key in done]
     return SweepProgress(len(rows), sum("error" in row for row in rows), len(keys))
-
-
-def _silent(progress: SweepProgress) -> None:
-    """No report."""
 
 
 # Running the cases; an outcome is {"result": …} or {"error": …}.

@@ -6,6 +6,7 @@ exact rational; a double becomes one without rounding.
 
 from __future__ import annotations
 
+import copyreg
 import importlib
 import math
 import sys
@@ -29,15 +30,34 @@ def flint() -> Any:
         CcpinError: It is not installed.
     """
     known = sys.modules.get("flint")  # asked for at every operation
-    if known is not None:
+    if known is not None and known.arb in copyreg.dispatch_table:
         return known
     try:
-        return importlib.import_module("flint")
+        known = importlib.import_module("flint")
+        copyreg.pickle(known.arb, _taken_apart)
+        return known
     except ImportError as error:
         raise CcpinError(
             f"validated integration needs python-flint ({error}): install ccpin with the extra 'validated' "
             "(pip install 'ccpin[validated]')"
         ) from None
+
+
+def _taken_apart(x: Ball) -> tuple[Any, ...]:
+    """How a ball is pickled and copied, which python-flint leaves open: by its middle and radius."""
+    if not x.is_finite():
+        return _put_together, ()
+    numbers = [(int(man), int(exp)) for man, exp in (x.mid().man_exp(), x.rad().man_exp())]
+    return _put_together, tuple(numbers)
+
+
+def _put_together(*numbers: tuple[int, int]) -> Ball:
+    """The ball of a middle and a radius, man·2^exp each: flint rounds a radius up, by a part in 2³⁰; all for none."""
+    if not numbers:
+        return flint().arb("nan")
+    bits = max(64, *(abs(man).bit_length() for man, _ in numbers))
+    with flint().ctx.workprec(bits):
+        return flint().arb(*numbers)
 
 
 def rational(value: float) -> Rational:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ccpin.arrays import positive, whole
+from ccpin.arrays import listener, positive, whole
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.files import writable_target, write_atomically
 from ccpin.visualization.browser import Page
@@ -70,6 +70,7 @@ def write(shot: Shot, page: str, frames: int, progress: Callable[[int, int], Non
         InvalidInputError: The file cannot be written.
         CcpinError: choreographer or a browser is missing, or the encoder fails.
     """
+    told = listener(progress)
     if shot.ending in PAGES:
         write_atomically(shot.target, "w", lambda file: file.write(page))
         return shot.target
@@ -79,21 +80,20 @@ def write(shot: Shot, page: str, frames: int, progress: Callable[[int, int], Non
         source.write_text(page, encoding="utf-8")
         with Page(source.as_uri(), *shot.size) as opened:
             film = Path(folder, f"film{shot.ending}")
-            encode(_shots(opened, frames, progress), film, shot)
+            encode(_shots(opened, frames, told), film, shot)
         with film.open("rb") as done:
             write_atomically(shot.target, "wb", lambda file: shutil.copyfileobj(done, file))
     return shot.target
 
 
-def _shots(page: Page, frames: int, progress: Callable[[int, int], None] | None) -> Iterator[Any]:
+def _shots(page: Page, frames: int, told: Callable[[int, int], object]) -> Iterator[Any]:
     """Each frame as the browser shows it, as an RGB picture of Pillow's."""
     from PIL import Image
 
     for frame in range(frames):
         page.evaluate(f"film({frame})")
         yield Image.open(io.BytesIO(page.picture())).convert("RGB")
-        if progress is not None:
-            progress(frame + 1, frames)
+        told(frame + 1, frames)
 
 
 def _mp4(pictures: Iterator[Any], path: Path, shot: Shot) -> None:

@@ -81,7 +81,9 @@ def test_delta(law_class):
             assert_within(proof, law, motion)
 
 
-@pytest.mark.parametrize("name", ["gripper", "slider_crank", "four_bar", "planar_3rrr"])
+@pytest.mark.parametrize(
+    "name", ["gripper", "slider_crank", "four_bar", pytest.param("planar_3rrr", marks=pytest.mark.slow)]
+)
 def test_other_mechanisms(name):
     """Couplings alone, sliding joints, one coordinate and three: the push that does most, and one at random."""
     model = ccpin.ReducedModel(ccpin.load(file(name) if name == "gripper" else name))

@@ -22,6 +22,7 @@ def legs():
     return domain.certify(mechanism, q0, WHOLE, max_depth=6, exhaustive=True)
 
 
+@pytest.mark.slow
 def test_nothing_empty_closes(legs):
     """Of 20,000 points none that is called empty has a real root of the sextic; most that have none are called so."""
     q = np.random.default_rng(0).uniform(*WHOLE, (20_000, 2))

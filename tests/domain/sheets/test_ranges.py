@@ -29,7 +29,7 @@ def wrong(sheets, q, counts):
     return int(np.sum((said >= 0) & (said != counts)))
 
 
-@pytest.mark.parametrize("ratio", [5.0, -0.5, 50.0])
+@pytest.mark.parametrize("ratio", [pytest.param(5.0, marks=pytest.mark.slow), -0.5, 50.0])
 def test_a_rotor_turns_farther_than_the_mechanism_is_long(ratio):
     """A rotor on arm 1 takes part in nothing: counts and curves are those of the five-bar without it."""
     q = np.random.default_rng(0).uniform(*FAR, (2000, 2))

@@ -56,7 +56,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, instance, vector
+from ccpin.arrays import Array, instance, listener, vector
 from ccpin.control.laws import PDSimpleGravity, least_eigenvalue
 from ccpin.control.stability.cells import CellStore, holding
 from ccpin.control.stability.flood import Budget, Flood, Flooded, Limit, Sublevel, connected
@@ -309,11 +309,11 @@ def certify_law(
         budget = budget._replace(cells=budget.cells + own)
     else:
         budget = instance(budget, "budget", Budget)
+    told = listener(progress)
     with stoppable() as stop:
 
         def go_on(flooded: Flooded) -> bool:
-            if progress is not None:
-                progress(flooded)
+            told(flooded)
             return not stop.is_set()
 
         store = cells_around(law, gain, budget) if domain is None else cells_of_atlas(law, domain)

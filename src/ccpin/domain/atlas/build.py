@@ -23,6 +23,8 @@ from ccpin.domain.boxes import Boxes, Problem, certify_points
 from ccpin.domain.newton import encloses, predict
 from ccpin.errors import SingularConfigurationError
 
+BUDGET = 400_000
+"""Boxes of an atlas: of a mechanism with six coordinates that depend they take half a gigabyte."""
 _NEAREST = 96  # cells of a wave that looks for the largest square: more would refine in vain
 
 
@@ -80,7 +82,9 @@ class AtlasBuilder:
         runner: Runner,
         report: Report,
         shape: Shape | None = None,
+        budget: int = BUDGET,
     ) -> None:
+        self._budget = budget
         self.shape = Shape(np.ones(problem.system.n)) if shape is None else shape
         self.problem, self.seed, self.region, self.runner, self._report = problem, seed, region, runner, report
         self.q0 = seed[problem.system.independent]
@@ -200,6 +204,8 @@ class AtlasBuilder:
         """Prove cells; split those that fail where an edge is longer than `smallest` (whole-number units, (K, n))."""
         if not cells.size:
             return
+        if len(self.boxes.kappa) >= self._budget:
+            raise Stopped
         origins = rows_of(self._origins.rows, cells)
         hopeless = self._hopeless(cells, origins, smallest)
         stretch, tried = self._stretch(origins), np.flatnonzero(~hopeless)

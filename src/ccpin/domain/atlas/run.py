@@ -16,26 +16,27 @@ from contextlib import contextmanager, suppress
 from copy import copy
 from pathlib import Path
 from types import FrameType
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask, joined, rows_of
-from ccpin.containers import plain_arrays
+from ccpin.arrays import Array, Mask, joined, listener, rows_of, whole
+from ccpin.containers import Outline, read, write
 from ccpin.domain.atlas.cells import CellStatus, CellTree
 from ccpin.domain.atlas.code import code_digest
 from ccpin.domain.atlas.tasks import Arrays, CellsToProve, Proved, glue_task, prove_task
 from ccpin.domain.boxes import Boxes, Problem
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.files import write_atomically
+from ccpin.files import writable_folder
 
 Task = Callable[[Problem, Arrays], Arrays]
 
 _POLL = 0.2
+_CHUNK = "ccpin-chunk-1"
 
 
-class Stopped(Exception):  # noqa: N818 - not an error: the user pressed Ctrl-C
-    """Raised between chunks after an interrupt."""
+class Stopped(Exception):  # noqa: N818 - not an error: what is proved is kept
+    """Raised between chunks after an interrupt, and where a budget is spent."""
 
 
 class Flag(Protocol):
@@ -68,7 +69,7 @@ def stoppable(seconds: float | None = None) -> Iterator[threading.Event]:
 
 @contextmanager
 def _timed(flag: threading.Event, seconds: float | None) -> Iterator[None]:
-    timer = None if seconds is None else threading.Timer(seconds, flag.set)
+    timer = None if seconds is None else threading.Timer(min(seconds, threading.TIMEOUT_MAX), flag.set)
     if timer is not None:
         timer.daemon = True
         timer.start()
@@ -121,21 +122,25 @@ Report = Callable[[CellTree, int, int], None]
 
 def reporter(progress: Callable[[Progress], None] | None) -> Report:
     """What tells a caller how far an atlas is."""
+    told = listener(progress)
 
     def report(tree: CellTree, boxes: int, waiting: int) -> None:
-        if progress is not None:
-            progress(Progress(boxes, waiting, tree.share(tree.leaves(CellStatus.CERTIFIED))))
+        if progress is not None:  # shares are not worked out for nobody
+            told(Progress(boxes, waiting, tree.share(tree.leaves(CellStatus.CERTIFIED))))
 
     return report
 
 
 class ChunkStore:
-    """Results on disk by what they were computed from and by which code; files appear whole or not at all."""
+    """Results on disk by what they were computed from and by which code; files appear whole or not at all.
+
+    Raises:
+        InvalidInputError: The folder is none, or cannot be made or written to.
+    """
 
     def __init__(self, folder: str | Path | None, problem: Problem) -> None:
-        self.folder = None if folder is None else Path(folder)
+        self.folder = None if folder is None else writable_folder(folder, "checkpoint")
         if self.folder is not None:
-            self.folder.mkdir(parents=True, exist_ok=True)
             self._origin = code_digest() + hashlib.sha256(pickle.dumps(problem, protocol=4)).digest()
 
     def key(self, task: Task, arrays: Arrays) -> str:
@@ -152,19 +157,34 @@ class ChunkStore:
         return digest.hexdigest()
 
     def load(self, key: str) -> Arrays | None:
-        """A stored result, or ``None`` where there is none (or a file that is damaged)."""
+        """A stored result, or ``None`` where there is none (or a file that is damaged, or of another name)."""
         if self.folder is None:
             return None
+
+        def own(header: dict[str, Any], outlines: dict[str, Outline]) -> None:
+            if {*header} != {"format", "key", "checksum"} or (header["format"], header["key"]) != (_CHUNK, key):
+                raise InvalidInputError("it is another's")
+
         try:
-            arrays = plain_arrays(self.folder / f"{key}.npz")
-            return tuple(arrays[f"arr_{k}"] for k in range(len(arrays)))
+            arrays = read(self.folder / f"{key}.npz", own)[1]
+            return tuple(arrays[f"result{k}"] for k in range(len(arrays)))
         except (CcpinError, KeyError):
             return None
 
     def save(self, key: str, result: Arrays) -> None:
         """Store a result."""
         if self.folder is not None:
-            write_atomically(self.folder / f"{key}.npz", "wb", lambda file: np.savez(file, *result))
+            arrays = {f"result{k}": np.asarray(array) for k, array in enumerate(result)}
+            write(self.folder / f"{key}.npz", {"format": _CHUNK, "key": key}, arrays)
+
+
+def processes(workers: int) -> int:
+    """How many processes are started where so many are asked for: no more than twice those that can run at a time.
+
+    Raises:
+        InvalidInputError: It is not a whole number of at least one.
+    """
+    return min(whole(workers, "workers"), 2 * (os.cpu_count() or 1))
 
 
 @contextmanager
@@ -176,8 +196,7 @@ def executor_for(executor: Executor | None, workers: int | None) -> Iterator[Exe
     """
     if executor is not None and workers is not None:
         raise InvalidInputError("give an executor or a number of workers, not both")
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 1):
-        raise InvalidInputError(f"workers must be a whole number of at least 1; it is {workers!r}")
+    workers = None if workers is None else processes(workers)
     if workers is None or workers == 1:
         yield executor
         return

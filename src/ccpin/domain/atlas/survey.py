@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, joined, number, positive, whole
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.build import AtlasBuilder, Shape
+from ccpin.domain.atlas.build import BUDGET, AtlasBuilder, Shape
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, Corners, Region, region_of
 from ccpin.domain.atlas.emptying import prove_empty
 from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
@@ -39,6 +39,7 @@ def certify(
     exhaustive: bool = False,
     resolution: float | None = None,
     fraction: float | None = None,
+    budget: int = BUDGET,
     seconds: float | None = None,
     bounds: BoundsName = "auto",
     workers: int | None = None,
@@ -67,6 +68,7 @@ def certify(
             times as much where the branch ends in a fold.
         fraction: The share of the region (0 to 1) to be decided, certified or proved empty: edges are halved once more
             until it is reached, or `max_depth`, whose default then is 20 for n ≤ 2 and 10 beyond.
+        budget: How many boxes may be proved; cells that it did not come to are left as they are.
         seconds: When to stop, measured by the clock; what is proved by then is kept, as after Ctrl-C.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
         workers: How many processes to start for the work; default none: all is done in this one. A script that asks
@@ -77,12 +79,13 @@ def certify(
         progress: Called after every wave.
 
     Returns:
-        The atlas; after Ctrl-C, or when the time is over, what was certified so far, with ``complete`` False.
+        The atlas; after Ctrl-C, or when the budget or the time is over, what was certified so far, with ``complete``
+        False.
 
     Raises:
         UnsupportedMechanismError: More than three coordinates and no region, redundant rows, or closures that cannot
             be bounded.
-        InvalidInputError: q₀, region, max_depth, resolution, fraction, seconds or workers is malformed.
+        InvalidInputError: q₀, region, max_depth, resolution, fraction, budget, seconds or workers is malformed.
         UnreachableError, SingularConfigurationError: σ(q₀) does not exist on the branch, or is singular.
     """
     mechanism = mechanism_of(mechanism)
@@ -93,7 +96,8 @@ def certify(
             "certify_path is for moves"
         )
     seed = seed_at_coordinates(mechanism, q0, guess)
-    effort = effort_of(_DEPTHS.get(mechanism.n, _MANY_DEPTH), max_depth, fraction, seconds, mechanism.n)
+    usual = _DEPTHS.get(mechanism.n, _MANY_DEPTH)
+    effort = effort_of(usual, max_depth, fraction, budget, seconds, mechanism.n)
     effort = effort._replace(exhaustive=exhaustive)
     if resolution is None:
         effort = effort._replace(tolerance=_TOLERANCES.get(mechanism.n, _MANY_TOLERANCE))
@@ -114,6 +118,7 @@ class Effort(NamedTuple):
         tolerance: Edges of the largest square's cells are halved to this share of their distance from the seed;
             ``None``: no square comes first.
         fraction: The share of the region to be decided, ``None``: all that can be at `depth`.
+        budget: How many boxes may be proved.
         seconds: When to stop.
         exhaustive: Whether cells are proved empty by search of all dependent coordinates too.
     """
@@ -121,11 +126,14 @@ class Effort(NamedTuple):
     depth: int
     tolerance: float | None = None
     fraction: float | None = None
+    budget: int = BUDGET
     seconds: float | None = None
     exhaustive: bool = False
 
 
-def effort_of(usual: int, max_depth: int | None, fraction: float | None, seconds: float | None, n: int) -> Effort:
+def effort_of(
+    usual: int, max_depth: int | None, fraction: float | None, budget: int, seconds: float | None, n: int
+) -> Effort:
     """The effort asked for, over n coordinates that are not held.
 
     Raises:
@@ -138,7 +146,8 @@ def effort_of(usual: int, max_depth: int | None, fraction: float | None, seconds
     depth = usual if max_depth is None else whole(max_depth, "max_depth", 0)
     if not depth < LEVELS:
         raise InvalidInputError(f"max_depth must be from 0 to {LEVELS - 1}; it is {depth}")
-    return Effort(depth, None, fraction, None if seconds is None else positive(seconds, "seconds"))
+    time = None if seconds is None else positive(seconds, "seconds")
+    return Effort(depth, None, fraction, whole(budget, "budget"), time)
 
 
 def survey(
@@ -158,7 +167,7 @@ def survey(
     complete = True
     with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
         runner = Runner(problem, chosen, work.checkpoint, flag)
-        builder = AtlasBuilder(problem, seed, region, runner, reporter(work.progress), shape)
+        builder = AtlasBuilder(problem, seed, region, runner, reporter(work.progress), shape, effort.budget)
         try:
             if effort.tolerance is not None:
                 builder.certify_square(effort.tolerance)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array, Indices, Mask, instance, joined, matrix_rows, positive, whole
+from ccpin.arrays import Array, Indices, Mask, instance, joined, listener, matrix_rows, positive, whole
 from ccpin.domain.atlas import store
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import CellStatus, Region, leaves_holding
@@ -299,7 +299,7 @@ class Effort(NamedTuple):
     resolution: float
     budget: int
     seconds: float | None
-    report: Callable[[int, int], None]
+    report: Callable[[int, int], object]
 
 
 def effort_of(
@@ -307,11 +307,7 @@ def effort_of(
 ) -> Effort:
     """The same, checked."""
     time = None if seconds is None else positive(seconds, "seconds")
-    return Effort(positive(resolution, "resolution"), whole(budget, "budget"), time, progress or _silent)
-
-
-def _silent(tubes: int, waiting: int) -> None:
-    """Tell nobody."""
+    return Effort(positive(resolution, "resolution"), whole(budget, "budget"), time, listener(progress))
 
 
 def searched(

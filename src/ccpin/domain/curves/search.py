@@ -90,7 +90,7 @@ class Search:
         self,
         resolution: float,
         budget: int,
-        report: Callable[[int, int], None],
+        report: Callable[[int, int], object],
         waiting: Candidates | None = None,
     ) -> Found:
         """Halve, drop, follow and settle until all boxes are settled, or smaller than `resolution`.

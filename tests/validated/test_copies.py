@@ -1,0 +1,43 @@
+"""What is proved of motions can be sent to other processes, kept and copied."""
+
+import copy
+import pickle
+
+import pytest
+
+from ccpin import control, validated
+from ccpin.validated.balls import flint
+
+COPIES = pytest.mark.parametrize(
+    "again", [lambda x: pickle.loads(pickle.dumps(x)), copy.deepcopy], ids=["pickle", "copy"]
+)
+
+
+@COPIES
+def test_balls_hold_what_they_held(again):
+    """And hardly more, at any precision; what is not finite is everything."""
+    arb = flint().arb
+    with flint().ctx.workprec(300):
+        third, wide = arb(1) / 3, arb(2, 1e-5)
+    for x in (third, wide, arb(0), arb(-3), third**40, arb(1e300), arb(0, 1e-200)):
+        found = again(x)
+        assert found.contains(x)
+        assert found.mid().man_exp() == x.mid().man_exp()
+        assert float(found.rad()) <= float(x.rad()) * (1.0 + 1e-8)
+    for x in (arb("nan"), arb("inf"), arb(0, float("inf"))):
+        assert not again(x).is_finite()
+
+
+@COPIES
+def test_certificates_of_motions_are_copied(again, rpdr_model):
+    """Enclosures, enclosures of sets and certificates of moves, and what they say is the same."""
+    q = rpdr_model.alpha(rpdr_model.mechanism.q_reference)
+    law = control.PDSimpleGravity(rpdr_model, q, 50.0, 5.0)
+    motion = validated.enclose(rpdr_model, law, q, None, 0.002)
+    tube = validated.enclose_set(rpdr_model, law, q, None, 0.002, spread=1e-6)
+    move = validated.certify_move(rpdr_model, law, q, arrival=0.1)
+    for one in (motion, tube, move):
+        assert str(again(one)) == str(one)
+    assert again(move).verdict == move.verdict
+    box, same = motion.box(0.001), again(motion).box(0.001)
+    assert all(after.contains(before) for before, after in zip(box, same, strict=True))
