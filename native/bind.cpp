@@ -44,7 +44,8 @@ NB_MODULE(_core, module) {
       .def("inverse_dynamics_many", &Kernel::inverse_dynamics_many, arg("Q"), arg("V"), arg("A"), near, threads)
       .def("forward_dynamics_derivatives_many", &Kernel::forward_dynamics_derivatives_many, arg("Q"), arg("V"),
            arg("U"), near, threads)
-      .def("simulate", &Kernel::simulate, near, nb::arg("law"), nb::arg("run"), nb::arg("tableau"))
+      .def("simulate", &Kernel::simulate, near, nb::arg("law"), nb::arg("run"), nb::arg("tableau"),
+           nb::arg("nominal").none() = nb::none(), nb::arg("nominal_near") = nb::none())
       .def(
           "held_motion",
           [](Kernel& kernel, const Kernel& home, nb::dict tableau, double rtol, double atol, double longest,

@@ -231,21 +231,30 @@ class Kernel {
   // not leave its coordinates), how it ended, since when it is settled, evaluations, what a signal's handler raised, what a
   // sampled loop remembers; and where it has come to: time, (q, q̇), q′, the step it would take next, and how many steps in
   // a row were next to nothing.
-  nb::object simulate(In near, nb::dict law, nb::dict run, nb::dict tableau) {
+  // `nominal`: the kernel of the law's model where that is another than the plant's, and q′ of it where the run begins.
+  nb::object simulate(In near, nb::dict law, nb::dict run, nb::dict tableau, Kernel* nominal, In nominal_near) {
+    if (nominal && (nominal->m.n != m.n || nominal->m.n_q != m.n_q || nominal->m.motors != m.motors || !nominal->m.direct))
+      return nb::none();
+    const Mechanism& known = nominal ? nominal->m : m;
     const auto [a, b, c] =
-        reading::checked([&] { return std::tuple(read_law(law, m), read_run(run, m), read_tableau(tableau)); });
+        reading::checked([&] { return std::tuple(read_law(law, known), read_run(run, m), read_tableau(tableau)); });
     if (!m.direct && (a.kind != LawKind::constant || b.sampling)) return nb::none();
     const Py_ssize_t rows = b.times.size() + 1, free = b.leaving.may() ? rows : 0;  // and where it stops
     Pool::Lease w(pool_);
     In q;
     q.data = b.start.data(), q.rows = 1, q.size = m.n_q, q.dimensions = 1;
     if (!close(w->model, near, q)) return nb::none();
+    std::optional<Pool::Lease> own;
+    if (nominal) {
+      own.emplace(nominal->pool_);
+      if (!nominal->close((*own)->model, nominal_near, q)) return nb::none();
+    }
     Samples out;
     const nb::object T = new_array({rows}, out.t), Q = new_array({rows, m.n_q}, out.q), V = new_array({rows, m.n}, out.v),
                      A = new_array({rows, m.n}, out.a), U = new_array({rows, m.motors}, out.u),
                      X = new_array({rows, m.nq}, out.q_free), E = new_array({rows}, out.closure),
                      W = new_array({rows, m.nv}, out.v_free), B = new_array({free, m.nv}, out.a_free);
-    Simulation simulation(*w, a, b, c);
+    Simulation simulation(*w, own ? **own : *w, a, b, c);
     Outcome outcome;
     {
       nb::gil_scoped_release release;

@@ -48,9 +48,12 @@ struct Law {
   std::vector<double> K_p, K_v, constant;  // n × n, n × n, n (u's size where the law is that)
 };
 
+// A law at work. Its model is the plant's, closed where the motion is, or one of its own (a nominal one), which it closes
+// itself at the same q, on the branch of where that is closed at first.
 class LawRunner {
  public:
-  LawRunner(Workspace& w, const Law& law) : w_(w), m_(w.model.m), law_(law) {
+  LawRunner(Workspace& w, const Law& law, bool own) : w_(w), m_(w.model.m), law_(law), own_(own) {
+    if (closes_itself()) w_.model.remember(near_);
     q_.resize(m_.n_q);
     for (auto* x : {&v_, &a_, &e_, &edot_, &demand_, &model_part_}) x->resize(m_.n);
     D_.resize(size_t(m_.n) * m_.n), C_ = D_, rho_.resize(size_t(m_.nv) * m_.n), rho_dot_ = rho_;
@@ -58,11 +61,17 @@ class LawRunner {
 
   // Whether the law reads the model at q.
   bool needs_sigma() const { return law_.kind != LawKind::pd && law_.kind != LawKind::constant; }
+  // Whether it closes a model of its own.
+  bool closes_itself() const { return own_ && needs_sigma(); }
 
-  // u(t, q, q̇) at the configuration the model is closed at.
-  void effort(double t, const double* q, const double* v, double* u) {
+  // u(t, q, q̇) at the configuration the model is closed at; false where σ(q) of a model of its own does not exist.
+  bool effort(double t, const double* q, const double* v, double* u) {
     const int n = m_.n;
-    if (law_.kind == LawKind::constant) return void(std::copy(law_.constant.begin(), law_.constant.end(), u));
+    if (law_.kind == LawKind::constant) return std::copy(law_.constant.begin(), law_.constant.end(), u), true;
+    if (closes_itself()) {
+      if (!w_.model.sigma(q, near_)) return false;
+      w_.model.remember(near_);
+    }
     law_.path.at(m_, t, q_.data(), v_.data(), a_.data());
     for (const Coordinate& k : m_.coordinates) coordinate_difference(k, q + k.q, q_.data() + k.q, e_.data() + k.v);
     for (int i = 0; i < n; ++i) edot_[i] = v_[i] - v[i];
@@ -77,7 +86,7 @@ class LawRunner {
       case LawKind::computed_torque:
         for (int i = 0; i < n; ++i) demand_[i] += a_[i];
         w_.model.inverse(v, demand_.data(), u);
-        return;
+        return true;
       case LawKind::pd_plus:
         w_.terms.matrices(v, D_.data(), C_.data(), rho_.data(), rho_dot_.data());
         w_.model.gravity(model_part_.data());
@@ -86,12 +95,15 @@ class LawRunner {
         w_.model.damp(v_.data(), model_part_.data());
     }
     for (int i = 0; i < n; ++i) u[i] = demand_[i] + model_part_[i];
+    return true;
   }
 
  private:
   Workspace& w_;
   const Mechanism& m_;
   const Law& law_;
+  const bool own_;
+  ClosedPoint near_;
   std::vector<double> q_, v_, a_, e_, edot_, demand_, model_part_, D_, C_, rho_, rho_dot_;
 };
 

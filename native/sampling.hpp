@@ -33,7 +33,7 @@ class SampledCommands {
   double due() const { return s_.start + memory.count * s_.period; }
 
   // Measures, filters, computes the command and holds the one that is due, with the model closed at q; false where σ of
-  // the reading does not exist. `t` is the law's time.
+  // the reading, or of q in a model of the law's own, does not exist. `t` is the law's time.
   bool instant(double t, const std::vector<double>& q, const double* v) {
     now_ = q;
     measure(now_);
@@ -45,12 +45,12 @@ class SampledCommands {
       velocity = s_.differentiates ? velocity + s_.gain * (slope_[i] / s_.period - velocity) : v[i];
     }
     memory.reading = now_;
-    if (!s_.resolution.empty() && law_.needs_sigma()) {
+    if (!s_.resolution.empty() && law_.needs_sigma() && !law_.closes_itself()) {
       w_.model.remember(near_);
       if (!w_.model.sigma(now_.data(), near_)) return false;
     }
     std::vector<double> u(m_.n);
-    law_.effort(t, now_.data(), memory.velocity.data(), u.data());
+    if (!law_.effort(t, now_.data(), memory.velocity.data(), u.data())) return false;
     for (int i = 0; i < m_.n; ++i) u[i] = std::min(std::max(u[i], -s_.limit[i]), s_.limit[i]);
     memory.pending.push_back(std::move(u));
     memory.held = std::move(memory.pending.front());

@@ -127,8 +127,9 @@ class Simulation : public Follower {
   double settled_since = NAN;
   PyObject* raised = nullptr;  // by a signal's handler
 
-  Simulation(Workspace& w, const Law& law, const Run& run, const Tableau& tableau)
-      : Follower(w, run.singular, run.longest, run.pushes, run.leaving), law_(w, law), path_(law.path), run_(run),
+  // `own`: the workspace of the law's model, closed where the run begins; the plant's where that is its model.
+  Simulation(Workspace& w, Workspace& own, const Law& law, const Run& run, const Tableau& tableau)
+      : Follower(w, run.singular, run.longest, run.pushes, run.leaving), law_(own, law, &own != &w), path_(law.path), run_(run),
         solver_(*this, tableau, run.start.size(), run.rtol, run.atol, run.longest), stages_(tableau.stages),
         stride_(run.stride), u_(m_.motors), state_(run.start) {
     solver_.y = run.start, solver_.t = run.begin;
@@ -155,7 +156,8 @@ class Simulation : public Follower {
     ++evaluations;
     if (!close(state)) return false;
     const double* v = state + m_.n_q;
-    if (!effort(t, v)) beyond_ = evaluations;
+    if (!effort(t, v)) return false;
+    if (!within_bounds()) beyond_ = evaluations;
     return rates(v, u_.data(), rate);
   }
 
@@ -239,10 +241,14 @@ class Simulation : public Follower {
     return next == path_.breaks.end() ? INFINITY : *next + run_.origin;
   }
 
-  // The law's efforts; false where motors cannot give them.
+  // The law's efforts; false where the law's own model has no σ.
   bool effort(double t, const double* v) {
-    if (commands_) u_ = commands_->memory.held;
-    else law_.effort(clock(t), q_.data(), v, u_.data());
+    if (!commands_) return law_.effort(clock(t), q_.data(), v, u_.data());
+    u_ = commands_->memory.held;
+    return true;
+  }
+  // Whether motors can give them.
+  bool within_bounds() const {
     for (size_t i = 0; i < u_.size(); ++i)
       if (u_[i] < run_.lower[i] || u_[i] > run_.upper[i]) return false;
     return true;
@@ -252,7 +258,7 @@ class Simulation : public Follower {
     if (!close(state) || (w_.model.suspicious() && w_.model.rcond() < 2 * singular_)) return false;
     const int k = out.done++;
     const double* v = state + m_.n_q;
-    if (!effort(t, v)) return false;
+    if (!effort(t, v) || !within_bounds()) return false;
     out.t[k] = t;
     std::copy(q_.begin(), q_.end(), out.q + size_t(k) * m_.n_q);
     std::copy(v, v + m_.n, out.v + size_t(k) * m_.n);

@@ -202,8 +202,10 @@ def number(value: object, name: str, what: str = "a finite number", above: float
     if isinstance(value, np.ndarray) and not value.ndim:
         value = value.item()
     try:
-        if isinstance(value, Real) and not isinstance(value, bool) and np.isfinite(float(value)) and value > above:
-            return float(value)
+        if isinstance(value, Real) and not isinstance(value, bool) and np.isfinite(float(value)):
+            found = float(value)
+            if found > above:
+                return found
     except OverflowError:  # an integer beyond all doubles
         pass
     raise InvalidInputError(f"{name} = {value!r:.80} must be {what}")

@@ -145,11 +145,17 @@ class Backwards(PointToPoint):
         return super().at(self.duration - t)
 
 
-def test_what_the_core_would_misread_is_the_references(rpdr, rpdr_model):
-    """A law of a model with other gravity, and a reference with an `at` of its own, are declined."""
+def test_a_law_of_other_gravity_computes_with_its_own(rpdr, rpdr_model):
+    """Where there is none, what it gives is its feedback."""
     start, goal = np.array([-2.6, -2.8]), np.array([-2.4, -2.6])
     floating = ccpin.ReducedModel(rpdr, gravity=np.zeros(3))
-    assert in_core(rpdr_model, PDFullGravity(floating, goal, [11, 11], [0.6, 0.6]), start, 0.1) is None
+    found = in_core(rpdr_model, PDFullGravity(floating, goal, [11, 11], [0.6, 0.6]), start, 0.1)
+    np.testing.assert_allclose(found.u, 11.0 * (goal - found.q) - 0.6 * found.v, rtol=0, atol=1e-12)
+
+
+def test_what_the_core_would_misread_is_the_references(rpdr_model):
+    """A reference with an `at` of its own is declined."""
+    start, goal = np.array([-2.6, -2.8]), np.array([-2.4, -2.6])
     law = ComputedTorque(rpdr_model, Backwards(rpdr_model, goal, start, 0.3), [100, 100], [20, 20])
     assert in_core(rpdr_model, law, start, 0.1) is None
     plain = ComputedTorque(rpdr_model, PointToPoint(rpdr_model, start, goal, 0.3), [100, 100], [20, 20])

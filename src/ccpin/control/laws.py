@@ -6,6 +6,8 @@
 from __future__ import annotations
 
 import abc
+from contextlib import suppress
+from functools import cache
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -29,6 +31,7 @@ class ControlLaw(abc.ABC):
     """A law u = torque(t, q, v) for the actuated joints.
 
     A law that needs the model overrides `torque_at` as well, so that σ is not computed again where a State is at hand.
+    What it needs of a model it asks of its own: the State it is given may be of another, a plant's (`of_own`).
 
     Attributes:
         everywhere: Whether u is defined also where the coordinates q are singular, because the law reads t, q and q̇ as
@@ -45,7 +48,7 @@ class ControlLaw(abc.ABC):
             t: Time in seconds.
             q: Independent coordinates, of shape (model.nq,).
             v: Their velocities, of shape (n,).
-            guess: A configuration near σ(q), where one is known; it only shortens the law's own σ.
+            guess: A configuration near σ(q), where one is known: a plant's, it may be. It only shortens the law's own σ.
         """
 
     @property
@@ -57,7 +60,7 @@ class ControlLaw(abc.ABC):
         return own._replace(name=name, law=digest_or_none((type(self).__qualname__, own, vars(self))))
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
-        """`torque` at a configuration already closed."""
+        """`torque` at a configuration already closed. `effort_at` is what calls it."""
         return self.torque(t, state.q, v, state.q_free)
 
     def next_switch(self, t: float) -> float | None:
@@ -66,6 +69,33 @@ class ControlLaw(abc.ABC):
         Infinite where it never does, ``None`` where the law does not say (`ccpin.simulate` then takes short steps).
         """
         return None
+
+
+def effort_at(law: ControlLaw, t: float, state: State, v: Array) -> Array:
+    """What a law gives at a State: by `torque_at`, unless a class further down overrides `torque` alone."""
+    if "torque" in vars(law) or _by_torque(type(law)):
+        return law.torque(t, state.q, v, state.q_free)
+    return law.torque_at(t, state, v)
+
+
+@cache
+def _by_torque(kind: type[ControlLaw]) -> bool:
+    """Whether `torque` was overridden later than `torque_at`."""
+    order = {name: next(k for k, c in enumerate(kind.__mro__) if name in vars(c)) for name in ("torque", "torque_at")}
+    return order["torque"] < order["torque_at"]
+
+
+def of_own(model: ReducedModel, state: State, near: Near) -> State:
+    """The State of a law's own model at the q of another's: the State itself where that is of the same model.
+
+    σ starts from q′ there where both mechanisms have as many coordinates, else from `near`.
+    """
+    if state.model.mechanism is model.mechanism:
+        return model.at(state)
+    if len(state.q_free) == model.mechanism.nq:
+        with suppress(InvalidInputError):  # too far from closed for the law's own loops
+            return model.at(state.q, state.q_free)
+    return model.at(state.q, near)
 
 
 class NoTorque(ControlLaw):
@@ -137,7 +167,7 @@ class Delayed(ControlLaw):
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The law's efforts at t − start."""
-        return self.law.torque_at(self._clock(t), state, v)
+        return effort_at(self.law, self._clock(t), state, v)
 
     def next_switch(self, t: float) -> float | None:
         """The law's next switch, on the clock outside."""
@@ -214,9 +244,20 @@ class ModelLaw(ControlLaw):
         """The State at q, on the branch of the guess or of `near`."""
         return self.model.at(q, self.near if guess is None else guess)
 
+    def own(self, state: State) -> State:
+        """The State of the law's model at the q of one that may be of another model, a plant's."""
+        return of_own(self.model, state, self.near)
+
     def torque(self, t: float, q: Array, v: Array, guess: Near = None) -> Array:
-        """`torque_at` the State found from the guess, else from `near`; errors as for `ReducedModel.at`."""
-        return self.torque_at(t, self.state(q, guess), v)
+        """`torque_at` the State found from the guess, else from `near`; errors as for `ReducedModel.at`.
+
+        A guess that cannot be closed, such as a plant's whose rods are of other lengths, shortens nothing.
+        """
+        try:
+            state = self.state(q, guess)
+        except InvalidInputError:
+            state = self.state(q)
+        return self.torque_at(t, state, v)
 
 
 class _PD(ModelLaw):
@@ -281,7 +322,8 @@ class PDSimpleGravity(_PD):
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """u = K_p q̃ − K_v q̇ + g(q_d) (28)."""
-        return state.efforts(self._feedback(state.q, v) + self.gravity_d)
+        force = self._feedback(state.q, v) + self.gravity_d
+        return force if self.model.actuation is None else self.own(state).efforts(force)
 
 
 class PDFullGravity(_PD):
@@ -289,7 +331,8 @@ class PDFullGravity(_PD):
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """u = K_p q̃ − K_v q̇ + g(q) (30)."""
-        return state.efforts(self._feedback(state.q, v) + state.g)
+        own = self.own(state)
+        return own.efforts(self._feedback(state.q, v) + own.g)
 
     def lyapunov(self, q: Array | State, v: Array, guess: Near = None) -> float:
         """𝒱 = ½q̇ᵀDq̇ + ½q̃ᵀK_p q̃, in joules; g is cancelled, and along solutions 𝒱̇ = −q̇ᵀ(K_v + damping)q̇."""
@@ -386,7 +429,7 @@ class CoulombCompensation(ControlLaw):
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The PD law's efforts plus the compensation, of shape (motors,)."""
-        return self._law.torque_at(t, state, v) + self._compensation(state.q)
+        return effort_at(self._law, t, state, v) + self._compensation(state.q)
 
     def next_switch(self, t: float) -> float:
         """Never: time does not enter."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, vector
-from ccpin.control.laws import ControlLaw
+from ccpin.control.laws import ControlLaw, of_own
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import State
 from ccpin.errors import UnsupportedMechanismError
@@ -66,7 +66,8 @@ class Servos(ControlLaw):
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """u, of shape (motors,)."""
         inputs = np.clip(vector(self._inputs(t), "inputs", self.model.n_actuated), *self._inputs_within)
-        theta, rate = state.q_free[self._q], state.v_free(v)[self._v]
+        own = of_own(self.model, state, None)
+        theta, rate = own.q_free[self._q], own.v_free(v)[self._v]
         u = self._gain * inputs + self._constant + self._by_q * theta + self._by_v * rate
         return np.asarray(np.clip(u, self._lower, self._upper))
 

@@ -61,10 +61,13 @@ class TrackingLaw(ModelLaw):
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The motors' efforts at (q, q̇), of shape (motors,)."""
-        return self.torque_with(t, state.q, v, state)
+        return self.torque_with(t, state.q, v, self.own(state))
 
     def torque_with(self, t: float, q: Array, v: Array, state: State) -> Array:
-        """The motors' efforts at a measured (q, q̇), with σ, ρ and the model of a State that may lie elsewhere."""
+        """The motors' efforts at a measured (q, q̇), with σ, ρ and the model of a State that may lie elsewhere.
+
+        The State is of the law's own model.
+        """
         wanted = self.reference.at(t)
         e = self.model.coordinates.difference(q, wanted.q)
         return state.efforts(self._force(wanted, e, wanted.v - v, v, state))
@@ -152,8 +155,8 @@ class WithSigmaError(ControlLaw):
         Raises:
             SingularConfigurationError: σ(q) ⊕ δ is singular.
         """
-        model = self.law.model
-        wrong = model.parametrization.at(moved(model.free_system.model, state.q_free, self.offset))
+        model, own = self.law.model, self.law.own(state)
+        wrong = model.parametrization.at(moved(model.free_system.model, own.q_free, self.offset))
         return self.law.torque_with(t, state.q, v, State.of(model, state.q, wrong))
 
     def next_switch(self, t: float) -> float | None:

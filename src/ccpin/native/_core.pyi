@@ -146,8 +146,10 @@ class Kernel:
         law: dict[str, object],
         run: dict[str, object],
         tableau: dict[str, object],
+        nominal: Kernel | None = None,
+        nominal_near: ArrayLike | None = None,
     ) -> tuple[Any, ...] | None:
-        """A run under a law, sampled.
+        """A run under a law, sampled; `nominal` is the kernel of its model where that is another than the plant's.
 
         The number of samples, then t, q, q̇, q̈, u, q′, |φ|, q̇′ and q̈′ at each, how it ended, since when it is settled,
         evaluations, what a signal's handler raised, what a sampled loop remembers; then where it has come to: time,

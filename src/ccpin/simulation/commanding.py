@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction
+from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction, effort_at
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
@@ -70,7 +70,7 @@ class Sized(ControlLaw):
         """The same at a State."""
         if state.model is not self._model:
             return self.torque(t, *self._model.reading(state, v), state.q_free)
-        return self._sized(self._law.torque_at(t, state, v))
+        return self._sized(effort_at(self._law, t, state, v))
 
     def next_switch(self, t: float) -> float | None:
         """The law's."""

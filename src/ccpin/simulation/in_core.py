@@ -8,10 +8,11 @@ import numpy as np
 from scipy.integrate import DOP853, RK45
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, Delayed, ModelLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.control.laws import ControlLaw, Delayed, ModelLaw, NoTorque, PDFullGravity, PDSimpleGravity, of_own
 from ccpin.control.references import Hold, PiecewisePolynomial, PointToPoint, Waypoints
 from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw
 from ccpin.dynamics.reduced_model import ReducedModel
+from ccpin.native import Declining
 from ccpin.simulation.budget import Budget
 from ccpin.simulation.happenings import Moment
 from ccpin.simulation.samples import Stop
@@ -103,16 +104,17 @@ def run_in_core(
         budget: End once it is spent.
     """
     origin, law = (law.start, law.law) if isinstance(law, Delayed) else (0.0, law)
-    tableau, told = TABLEAUX.get(method), law_numbers(model, law)
+    tableau, told, nominal = TABLEAUX.get(method), law_numbers(model, law), _nominal(model, law)
     direct = model.actuation is None or (told == _no_torque(model) and numbers["sampling"] is None)
-    if tableau is None or told is None or not direct:
+    if tableau is None or told is None or not direct or (nominal is not None and isinstance(nominal.core, Declining)):
         return None
     most = budget or Budget()
     times = numbers["times"]
     run = PLAIN | numbers | {"begin": times[0], "until": times[-1], "origin": origin}
     run |= {"start": np.concatenate([start.state.q, start.v])} | ({} if settling is None else settling._asdict())
     run |= {name: np.inf if value is None else value for name, value in most._asdict().items()}
-    answer = model.core.simulate(start.state.q_free, told, run, tableau)
+    own = () if nominal is None else (nominal.core, of_own(nominal, start.state, law.near).q_free)
+    answer = model.core.simulate(start.state.q_free, told, run, tableau, *own)
     if answer is None:
         return None
     found = Answer(*answer)
@@ -136,9 +138,9 @@ def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
     n, kind = model.n, type(law)
     if kind is NoTorque:
         return _no_torque(model)
-    if not isinstance(law, ModelLaw) or law.model.mechanism is not model.mechanism:
+    if not isinstance(law, ModelLaw) or "torque" in vars(law) or law.model.coordinates.nq != model.nq:
         return None
-    if not np.array_equal(law.model.gravity_vector, model.gravity_vector):
+    if law.model.actuation is not None:
         return None
     if isinstance(law, PDSimpleGravity | PDFullGravity) and kind in (PDSimpleGravity, PDFullGravity):
         simple = isinstance(law, PDSimpleGravity)
@@ -149,6 +151,14 @@ def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
         return None
     found = law.reference.as_polynomial()
     return None if found is None else _numbers(_TRACKING[kind], found, law.K_p, law.K_v, np.zeros(n))
+
+
+def _nominal(model: ReducedModel, law: ControlLaw) -> ReducedModel | None:
+    """The law's model, where it is another than the plant's."""
+    if not isinstance(law, ModelLaw) or law.model is model:
+        return None
+    same = law.model.mechanism is model.mechanism and np.array_equal(law.model.gravity_vector, model.gravity_vector)
+    return None if same else law.model
 
 
 def _no_torque(model: ReducedModel) -> dict[str, Any]:
