@@ -6,9 +6,9 @@
 from __future__ import annotations
 
 import abc
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import cache
-from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -48,7 +48,7 @@ class ControlLaw(abc.ABC):
             t: Time in seconds.
             q: Independent coordinates, of shape (model.nq,).
             v: Their velocities, of shape (n,).
-            guess: A configuration near σ(q), where one is known: a plant's, it may be. It only shortens the law's own σ.
+            guess: A configuration near σ(q), where one is known; it may be a plant's. It only shortens the law's own σ.
         """
 
     @property
