@@ -134,3 +134,7 @@ class SingularConfigurationError(CcpinError):
 
 class UnderactuatedError(CcpinError):
     """No torque of the actuated joints produces the acceleration asked for."""
+
+
+class SlowRunWarning(UserWarning):
+    """A long run went step by step in Python where the compiled core is there for others; the message says why."""

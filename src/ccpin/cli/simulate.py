@@ -80,6 +80,7 @@ def _simulate(options: argparse.Namespace) -> int:
     band = np.radians(options.band_deg)
     metrics = [set_point_metrics(part, model, target, band).as_json() for target, part in moves]
     result = {name: getattr(trajectory, name) for name in ("status", "message", "evaluations")} | {"moves": metrics}
+    result["notes"] = list(trajectory.notes)
     result["exceeded"] = [one._asdict() for one in exceeded(model, trajectory)]
     if options.out is not None:
         with busy(options.json, "drawing"):
@@ -157,6 +158,7 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
         f"{one['quantity']} of {one['joint']} beyond {one['limit']:.4g}: {one['extreme']:.4g}"
         for one in result["exceeded"]
     ]
+    lines += [f"note: {note}" for note in trajectory.notes if "simulation.exceeded" not in note]
     if out is not None:
         lines.append(f"figures, data and animation in {out}/")
     return "\n".join(lines)

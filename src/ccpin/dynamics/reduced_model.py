@@ -30,7 +30,7 @@ from ccpin.kinematics.checked import checked_configuration, checked_q
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.parametrization import ClosedPoint
 from ccpin.mechanism.mechanism import Mechanism, mechanism_of
-from ccpin.native import Declining, kernel
+from ccpin.native import Backend, Declining, backend, core_of
 from ccpin.proof.digests import Digests, digest
 
 
@@ -76,7 +76,7 @@ class ReducedModel:
         self.nq = self.coordinates.nq
         self.actuation = None if mechanism.direct else frozen(mechanism.actuation)
         self.n_actuated = self.n if self.actuation is None else len(self.actuation)
-        self.core = kernel(mechanism, self.gravity_vector) or Declining()
+        self.core = core_of(mechanism, self.gravity_vector)
 
     def __reduce__(self) -> tuple[type[ReducedModel], tuple[Mechanism, Array]]:
         return ReducedModel, (self.mechanism, self.gravity_vector)
@@ -100,6 +100,13 @@ class ReducedModel:
                 ("1/κ(ψ) there", f"{there.rcond:.3g}"),
             ]
         )
+
+    @property
+    def backend(self) -> Backend:
+        """What computes for this model, and why (`ccpin.native`)."""
+        if isinstance(self.core, Declining):
+            return Backend("numpy", self.core.reason)
+        return backend()
 
     @cached_property
     def digests(self) -> Digests:

@@ -8,6 +8,7 @@ their words are the reference's either way. CCPIN_BACKEND=numpy or native in the
 from __future__ import annotations
 
 import os
+from collections import OrderedDict
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Literal, NamedTuple
 from weakref import WeakKeyDictionary
@@ -72,28 +73,42 @@ def kernel(mechanism: Mechanism | HasMechanism, gravity: Array | None = None) ->
     Raises:
         InvalidInputError: As for `backend`.
     """
-    mechanism = mechanism_of(mechanism)
-    if backend().name == "numpy":
-        return None
-    made = _MADE.setdefault(mechanism, {})
+    found = core_of(mechanism_of(mechanism), gravity)
+    return None if isinstance(found, Declining) else found
+
+
+def core_of(mechanism: Mechanism, gravity: Array | None = None) -> Kernel | Declining:
+    """What `kernel` gives, or why it gives none. Of one mechanism those of the last few gravities asked for are kept."""
+    used = backend()
+    if used.name == "numpy":
+        return Declining(used.reason)
+    made = _MADE.setdefault(mechanism, OrderedDict())
     pull = np.array(mechanism.description.gravity if gravity is None else gravity, dtype=np.float64)
-    key = pull.tobytes()
-    if key not in made:
-        made[key] = _made(mechanism, pull)
-    return made[key]
+    found = made.pop(pull.tobytes(), None) or _made(mechanism, pull)
+    made[pull.tobytes()] = found
+    if len(made) > _KEPT:
+        made.popitem(last=False)
+    return found
 
 
-def _made(mechanism: Mechanism, gravity: Array) -> Kernel | None:
+def _made(mechanism: Mechanism, gravity: Array) -> Kernel | Declining:
     import ccpin.native._core as core
 
     try:
         return core.Kernel(specification(mechanism, gravity))
-    except (UnsupportedMechanismError, ValueError):
-        return None
+    except (UnsupportedMechanismError, ValueError) as error:
+        return Declining(f"the compiled core has no such mechanism: {error}")
 
 
 class Declining:
-    """A kernel that answers nothing, for where there is none."""
+    """A kernel that answers nothing, for where there is none.
+
+    Args:
+        reason: Why there is none.
+    """
+
+    def __init__(self, reason: str) -> None:
+        self.reason = reason
 
     def __getattr__(self, name: str) -> Callable[..., None]:
         if name.startswith("__"):
@@ -105,7 +120,8 @@ def _declined(*_: object, **__: object) -> None:
     return None
 
 
-_MADE: WeakKeyDictionary[Mechanism, dict[bytes, Kernel | None]] = WeakKeyDictionary()
+_KEPT = 4
+_MADE: WeakKeyDictionary[Mechanism, OrderedDict[bytes, Kernel | Declining]] = WeakKeyDictionary()
 
 
-__all__ = ["Backend", "Declining", "Kernel", "backend", "kernel"]
+__all__ = ["Backend", "Declining", "Kernel", "backend", "core_of", "kernel"]

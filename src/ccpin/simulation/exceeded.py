@@ -30,6 +30,11 @@ class Exceeded(NamedTuple):
     extreme: float
     since: float
 
+    @property
+    def note(self) -> str:
+        """That there is one, for whoever did not ask."""
+        return f"{self.joint} is beyond its limit of {self.quantity}, {self.limit:.4g}; `simulation.exceeded` tells more"
+
 
 def exceeded(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[Exceeded, ...]:
     """The limits of positions, velocities and efforts that samples of a motion are beyond, in that order.
@@ -41,19 +46,22 @@ def exceeded(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[E
     """
     instance(trajectory, "trajectory", Trajectory)
     model = trajectory.of("limits", model, "closures", "plant")
-    mechanism = model.mechanism
-    rates = np.array([state.v_free(v) for state, v, _ in trajectory.states(model)])
+    return beyond_limits(model.mechanism, trajectory.t, trajectory.q_free, trajectory.v_free, trajectory.u)
+
+
+def beyond_limits(mechanism: Mechanism, t: Array, q_free: Array, v_free: Array, u: Array) -> tuple[Exceeded, ...]:
+    """The same of samples: times (T,), q′ (T, nq), q̇′ (T, n′) and u (T, motors)."""
     found = [
-        _beyond(trajectory.t, joint, "position", limit, trajectory.q_free[:, q], sign)
+        _beyond(t, joint, "position", limit, q_free[:, q], sign)
         for joint, _, q, _, sign, limit in position_bounds(mechanism)
     ]
     joints = mechanism.joints
     for k, most in enumerate(joints.velocity):
         if most > 0:
-            found += [_beyond(trajectory.t, joints.names[k], "velocity", s * most, rates[:, k], s) for s in (-1.0, 1.0)]
+            found += [_beyond(t, joints.names[k], "velocity", s * most, v_free[:, k], s) for s in (-1.0, 1.0)]
     for k, (motor, bounds) in enumerate(zip(mechanism.motors.each, mechanism.motors.limits, strict=True)):
         pairs = zip((-1.0, 1.0), bounds.tolist(), strict=True)
-        found += [_beyond(trajectory.t, motor.joint, "effort", b, trajectory.u[:, k], sign) for sign, b in pairs]
+        found += [_beyond(t, motor.joint, "effort", b, u[:, k], sign) for sign, b in pairs]
     return tuple(one for one in found if one is not None)
 
 

@@ -65,6 +65,7 @@ class Run:
         here: The last moment that is certain. first_step: what the integrator would try next, s.
         evaluations: Of the equations of motion, so far.
         saturation: As given.
+        in_core: Whether the compiled core takes its stretches under a constant effort.
     """
 
     def __init__(
@@ -93,7 +94,7 @@ class Run:
         self._watched = any(watch.pacing for watch in self._watches)
         self._creeping, self._latest, self._settles = 0, np.inf, False
         self._nothing = np.zeros(mechanism.n_free)
-        self._coasting, self._in_core = coasting, False
+        self._coasting, self.in_core = coasting, False
 
     @property
     def constant_effort(self) -> Array | None:
@@ -124,7 +125,7 @@ class Run:
         limits = Allowance.of(budget, self.evaluations)
         self.come_back(watch is not None)
         self._settles = watch is not None
-        self._in_core = not self._settles and self.constant_effort is not None
+        self.in_core = not self._settles and self.constant_effort is not None
         extra = () if watch is None else (watch,)
         for one in (*self._watches, *extra):
             one.begin(self.here)
@@ -144,7 +145,7 @@ class Run:
                 end, switches = self.here.t + longest, False
             self._latest = end - _slack(end)
             while self.here.t < end:
-                if self._in_core:
+                if self.in_core:
                     stop = self._coast(end, longest, record, limits)
                 else:
                     stop = self._leg(end, longest, record, (*self._watches, *extra), limits)
@@ -235,7 +236,7 @@ class Run:
         span = Span(self.here, end, times, self.first_step, longest, left)
         found = self._coasting.stretch(span, u, self.following)
         if found is None:
-            self._in_core = False
+            self.in_core = False
             return None
         self.here, self.first_step, self._creeping = found.here, found.first_step, found.creeping
         self.evaluations += found.evaluations
@@ -244,7 +245,7 @@ class Run:
             raise found.raised
         stop = None
         if found.left:
-            self._in_core = False
+            self.in_core = False
             ending = self._ending()
             stop = None if ending is None else self._elsewhere(record, ending)
         return stop or limits.exceeded(self.evaluations, self.here.t)
@@ -337,7 +338,7 @@ class Run:
         self.model, self.here = self.following.model, Moment(self.here.t, state, v)
         self.contact = self.contact.moved(self.model)
         self._watches, self._creeping = self._all_watches(), 0
-        self._in_core = not self._settles and self.constant_effort is not None
+        self.in_core = not self._settles and self.constant_effort is not None
 
     def _all_watches(self) -> tuple[Watch, ...]:
         friction = (StickSlipWatch(self.contact, self.drive),) if self.contact.eventful else ()

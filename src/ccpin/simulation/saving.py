@@ -31,6 +31,7 @@ TRAJECTORY = Schema(
         "names": {field: [str] for field in Names._fields},
         "events": [str],
         "origin": dict.fromkeys(Digests._fields, str),
+        "notes": [str],
     },
     {
         "t": Field("f", "T", "s"),
@@ -133,6 +134,7 @@ def packed(motion: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         "names": {field: list(names) for field, names in motion["names"]._asdict().items()},
         "events": [str(event.name) for event in events],
         "origin": motion["origin"]._asdict(),
+        "notes": list(motion["notes"]),
     }
     arrays: dict[str, Any] = {name: motion[name] for name in SAMPLED}
     for field, like in zip(_EVENT_ARRAYS, ((), motion["q"], motion["v"], motion["q_free"]), strict=True):
@@ -165,4 +167,5 @@ def unpacked(header: Mapping[str, Any], arrays: Mapping[str, Any]) -> dict[str, 
         "wall_time": header["wall_time"],
         "names": names,
         "origin": Digests(**header["origin"]),
+        "notes": tuple(header["notes"]),
     }

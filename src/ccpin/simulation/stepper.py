@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
@@ -12,25 +13,26 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import integrate
 
 from ccpin.arrays import Array, choice, frozen, instance, number, positive, records, step_or_infinite, vector
-from ccpin.control.laws import ControlLaw
+from ccpin.control.laws import ControlLaw, undelayed
 from ccpin.control.sampling import ContinuousCommands, SampledCommands, Sampling
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
-from ccpin.errors import DifferentSubjectsError, InvalidInputError, UnsupportedMechanismError
+from ccpin.errors import DifferentSubjectsError, InvalidInputError, SlowRunWarning, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.native import Declining
+from ccpin.native import Declining, backend
 from ccpin.proof.digests import digest_or_none
 from ccpin.simulation.budget import Budget
 from ccpin.simulation.coasting import Coasting
 from ccpin.simulation.commanding import Held, LawLike, Sized, law_of
 from ccpin.simulation.contact import Contact
+from ccpin.simulation.exceeded import beyond_limits
 from ccpin.simulation.following import Following
 from ccpin.simulation.friction import FrictionLike, JointFriction, joint_friction
 from ccpin.simulation.happenings import Event, EventWatch, Moment, RegionWatch, Watch
 from ccpin.simulation.holding import Holding
-from ccpin.simulation.in_core import TABLEAUX, run_in_core
+from ccpin.simulation.in_core import TABLEAUX, law_numbers, run_in_core
 from ccpin.simulation.limits import Limits
 from ccpin.simulation.motors import MotorModel
 from ccpin.simulation.pace import natural_step
@@ -42,6 +44,7 @@ from ccpin.simulation.settling import Settling, SettlingWatch
 from ccpin.simulation.stick_slip import StickSlip
 from ccpin.simulation.trajectory import Trajectory
 
+_LONG = 10.0
 METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
 
 
@@ -322,6 +325,7 @@ class Simulator:
         events: list[Happening] = []
         run.come_back(settling is not None)
         columns = self._run_in_core(times, settling, budget)
+        in_core = columns is not None
         if columns is None:
             watch = None if settling is None else SettlingWatch(settling, self.model.coordinates)
             record = Recorder(times)
@@ -330,15 +334,41 @@ class Simulator:
             self.events += record.events
             columns, events = record.columns(), record.events
         stop = self.stop or Stop("finished", f"simulated {until - start:.6g} s")
+        spent = time.perf_counter() - began
+        sampled = (columns[name] for name in ("t", "q_free", "v_free", "u"))
+        passed = dict.fromkeys(one.note for one in beyond_limits(self.model.mechanism, *sampled))
         return Trajectory(
             **columns,
             **stop._asdict(),
             events=tuple(sorted(events, key=lambda event: event.t)),
             evaluations=run.evaluations - evaluations,
-            wall_time=time.perf_counter() - began,
+            wall_time=spent,
             names=self._names,
             origin=self.model.digests._replace(law=self._law.digests.law),
+            notes=(self._computed_by(in_core or run.in_core, spent), *passed),
         )
+
+    def _computed_by(self, in_core: bool, spent: float) -> str:
+        """What took the steps, and why not the compiled core where that did not; a long run is warned of it."""
+        used = self.model.backend
+        if in_core:
+            return "stepped by the compiled core"
+        why = used.reason if used.name == "numpy" else self._own_steps
+        if spent > _LONG and backend().name == "native":
+            warnings.warn(f"{spent:.0f} s of simulation went step by step in Python: {why}", SlowRunWarning, stacklevel=3)
+        return f"stepped in Python: {why}"
+
+    @property
+    def _own_steps(self) -> str:
+        """What the core does not step, of what this simulator was given."""
+        if not self._plain:
+            return "friction, events, a region, limits, contacts, motors or wrenches that change are looked at every step"
+        if self._method not in TABLEAUX:
+            return f"the core steps {' and '.join(TABLEAUX)}, not {self._method}"
+        law = undelayed(self._law)
+        if law_numbers(self.model, law) is None:
+            return f"the core does not know {type(law).__name__}"
+        return "the core left the motion to it, as σ fails, motors saturate or coordinates are changed on the way"
 
     def _recorded(self, until: float, record: Recorder, budget: Budget, watch: Watch | None) -> Stop | None:
         run = self._moving

@@ -50,6 +50,7 @@ class Trajectory(NamedTuple):
         wall_time: Seconds that the simulation took.
         names: What the columns are called.
         origin: What moved, under which law (`ccpin.proof.digests`).
+        notes: What computed it, and why not the compiled core where that did not; stated limits that it is beyond.
     """
 
     t: Array
@@ -70,6 +71,7 @@ class Trajectory(NamedTuple):
     wall_time: float
     names: Names
     origin: Digests
+    notes: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"Trajectory({self.status} at {self.t[-1]:.6g} s, {len(self.t)} samples, n = {self.v.shape[1]})"
@@ -83,6 +85,7 @@ class Trajectory(NamedTuple):
             ("largest |u|", np.array2string(np.abs(self.u).max(axis=0, initial=0.0), precision=4)),
             ("largest closure error", f"{self.closure_error.max():.1e}"),
             *((f"at {event.t:.6g} s", event.name) for event in self.events),
+            *(("note", note) for note in self.notes),
         ]
         drawn = [
             curves(self.t, columns, [f"{symbol} {name}" for name in names])
@@ -180,6 +183,7 @@ def joined(parts: list[Trajectory]) -> Trajectory:
         **columns,
         origin=last.origin if one_law else last.origin._replace(law=""),
         events=tuple(event for part in parts for event in part.events),
+        notes=tuple(dict.fromkeys(note for part in parts for note in part.notes)),
         evaluations=sum(part.evaluations for part in parts),
         wall_time=sum(part.wall_time for part in parts),
     )
