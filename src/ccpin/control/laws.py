@@ -140,7 +140,7 @@ class TorqueFunction(ControlLaw):
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
         """What the function returns, as a float64 vector; one number stands for the effort of an only motor."""
-        return np.atleast_1d(np.asarray(self._function(t, q, v), dtype=np.float64))
+        return np.atleast_1d(numbers(self._function(t, q, v), "what the law returned"))
 
     def next_switch(self, t: float) -> float | None:
         """The next of the times given."""

@@ -130,7 +130,7 @@ class ReducedModel:
         """
         if isinstance(q, State):
             return q if q.model is self else State.of(self, q.q, self._own(q).point)
-        wanted = np.array(checked_q(self.coordinates, q))
+        wanted = frozen(checked_q(self.coordinates, q))
         answer = self.core.closed_point(self._place(near), wanted)
         if answer is not None:
             return State(self, wanted, Reference(self, *answer))

@@ -78,7 +78,7 @@ def kernel(mechanism: Mechanism | HasMechanism, gravity: Array | None = None) ->
 
 
 def core_of(mechanism: Mechanism, gravity: Array | None = None) -> Kernel | Declining:
-    """What `kernel` gives, or why it gives none. Of one mechanism those of the last few gravities asked for are kept."""
+    """What `kernel` gives, or why it gives none. Of one mechanism those of the last few gravities are kept."""
     used = backend()
     if used.name == "numpy":
         return Declining(used.reason)

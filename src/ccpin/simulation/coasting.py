@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, frozen
 from ccpin.control.laws import ControlLaw, NoTorque, undelayed
 from ccpin.simulation.commanding import Held
 from ccpin.simulation.following import Following
@@ -106,7 +106,7 @@ class Coasting:
         if answer is None:
             return None
         found = Answer(*answer)
-        here = Moment(found.time, model.at(found.state[: model.nq], found.place), found.state[model.nq :])
+        here = Moment(found.time, model.at(found.state[: model.nq], found.place), frozen(found.state[model.nq :]))
         stride, samples = found.first_step or None, _samples(found, u, following)
         left = found.ended == "left"
         return Stretch(here, left, samples, found.evaluations, stride, found.creeping, found.raised)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, frozen, numbers
 from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction, effort_at
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
@@ -53,8 +53,9 @@ class Held(ControlLaw):
 
 
 class Sized(ControlLaw):
-    """A law whose u is looked at, so that one of the wrong size is told as the law's mistake.
+    """A law whose u is looked at, so that one of the wrong size or none is told as the law's mistake.
 
+    What it is given it can only read, and what it returns is copied, so a law that uses an array again changes nothing.
     At a State in other coordinates than its model's it is given q and q̇ of its model's.
     """
 
@@ -64,22 +65,25 @@ class Sized(ControlLaw):
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
         """The law's, if it is of the motors' number."""
-        return self._sized(self._law.torque(t, q, v, guess))
+        return self._sized(self._law.torque(t, frozen(q), frozen(v), guess))
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The same at a State."""
         if state.model is not self._model:
             return self.torque(t, *self._model.reading(state, v), state.q_free)
-        return self._sized(effort_at(self._law, t, state, v))
+        return self._sized(effort_at(self._law, t, state, frozen(v)))
 
     def next_switch(self, t: float) -> float | None:
         """The law's."""
         return self._law.next_switch(t)
 
-    def _sized(self, u: Array) -> Array:
-        if np.shape(u) != (self._size,):
+    def _sized(self, u: ArrayLike) -> Array:
+        found = frozen(numbers(u, "what the law returned"))  # a law may write into its own again
+        if found.shape != (self._size,):
             raise InvalidInputError(
-                f"the law returned u of shape {np.shape(u)}; it must be ({self._size},), efforts of "
+                f"the law returned u of shape {found.shape}; it must be ({self._size},), efforts of "
                 f"{', '.join(self._motors) or 'no motor'}"
             )
-        return u
+        if not np.isfinite(found).all():
+            raise InvalidInputError(f"the law returned u = {found.tolist()}, which is not finite")
+        return found

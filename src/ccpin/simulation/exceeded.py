@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
-import numpy as np
-
 from ccpin.arrays import Array, instance
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.mechanism.mechanism import Mechanism
@@ -33,7 +31,9 @@ class Exceeded(NamedTuple):
     @property
     def note(self) -> str:
         """That there is one, for whoever did not ask."""
-        return f"{self.joint} is beyond its limit of {self.quantity}, {self.limit:.4g}; `simulation.exceeded` tells more"
+        return (
+            f"{self.joint} is beyond its limit of {self.quantity}, {self.limit:.4g}; `simulation.exceeded` tells more"
+        )
 
 
 def exceeded(model: ReducedModel | Mechanism, trajectory: Trajectory) -> tuple[Exceeded, ...]:

@@ -81,7 +81,7 @@ class Holding:
         if self.ahead is None or self._motion is None or self._model is None:
             return
         q, v = np.split(self._motion.state(), [self._model.nq])
-        run.here = Moment(self.ahead.t, self._model.at(q, self.ahead.q_free), v)
+        run.here = Moment(self.ahead.t, self._model.at(q, self.ahead.q_free), frozen(v))
         run.first_step = self._motion.last_step
         run.evaluations += self._motion.evaluations - self._counted
         self.ahead = None

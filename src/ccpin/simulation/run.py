@@ -187,10 +187,10 @@ class Run:
         )
 
     def closed(self, x: Array, near: State | None = None) -> tuple[State, Array]:
-        """The State at x's q, and q̇."""
+        """The State at x's q, and q̇, which laws and all others of the user's may read only."""
         near = near or self.here.state
         q = self.model.coordinates.normalize(x[: self.model.nq])
-        return near if (q == near.q).all() else self.model.at(q, near), x[self.model.nq :]
+        return near if (q == near.q).all() else self.model.at(q, near), frozen(x[self.model.nq :])
 
     def drive(self, t: float, state: State, v: Array) -> Drive:
         """What acts from outside."""
@@ -203,7 +203,7 @@ class Run:
         """Let every joint with friction rest or slide from here on."""
         if self.contact.eventful:
             t, state, v = self.here
-            self.here = Moment(t, state, self.contact.begin(state, v, self.drive(t, state, v)))
+            self.here = Moment(t, state, frozen(self.contact.begin(state, v, self.drive(t, state, v))))
 
     def _switches(self) -> tuple[float | None, ...]:
         """When the law and the wrenches change next."""
@@ -335,7 +335,7 @@ class Run:
 
     def _take_up(self, state: State, v: Array) -> None:
         """Be in the coordinates of a State's model from here on."""
-        self.model, self.here = self.following.model, Moment(self.here.t, state, v)
+        self.model, self.here = self.following.model, Moment(self.here.t, state, frozen(v))
         self.contact = self.contact.moved(self.model)
         self._watches, self._creeping = self._all_watches(), 0
         self.in_core = not self._settles and self.constant_effort is not None

@@ -211,10 +211,10 @@ class Simulator:
             UnreachableError, SingularConfigurationError: σ(q) does not exist.
         """
         state = self.model.at(q, guess)
-        v_start = np.zeros(self.model.n) if v is None else np.array(vector(v, "v", self.model.n))
+        v_start = np.zeros(self.model.n) if v is None else vector(v, "v", self.model.n)
         following = self._following()
         following.begin(state)
-        self._begin(Moment(float(t), state, v_start), following)
+        self._begin(Moment(float(t), state, frozen(v_start)), following)
         return self.sample()
 
     def _following(self) -> Following:
@@ -355,14 +355,18 @@ class Simulator:
             return "stepped by the compiled core"
         why = used.reason if used.name == "numpy" else self._own_steps
         if spent > _LONG and backend().name == "native":
-            warnings.warn(f"{spent:.0f} s of simulation went step by step in Python: {why}", SlowRunWarning, stacklevel=3)
+            warnings.warn(
+                f"{spent:.0f} s of simulation went step by step in Python: {why}", SlowRunWarning, stacklevel=3
+            )
         return f"stepped in Python: {why}"
 
     @property
     def _own_steps(self) -> str:
         """What the core does not step, of what this simulator was given."""
         if not self._plain:
-            return "friction, events, a region, limits, contacts, motors or wrenches that change are looked at every step"
+            return (
+                "friction, events, a region, limits, contacts, motors or wrenches that change are looked at every step"
+            )
         if self._method not in TABLEAUX:
             return f"the core steps {' and '.join(TABLEAUX)}, not {self._method}"
         law = undelayed(self._law)
@@ -407,7 +411,7 @@ class Simulator:
         self.stop = found.stop
         run.commands.adopt(found.memory)
         last = {name: column[-1] for name, column in found.columns.items()}
-        run.here = Moment(float(last["t"]), self.model.at(last["q"], last["q_free"]), last["v"].copy())
+        run.here = Moment(float(last["t"]), self.model.at(last["q"], last["q_free"]), frozen(last["v"]))
         run.evaluations += found.evaluations
         nothing = np.broadcast_to(self._nothing, (len(found.columns["t"]), len(self._nothing)))
         return {**found.columns, "friction": nothing, "limits": nothing}
@@ -435,7 +439,7 @@ class Simulator:
             raise DifferentSubjectsError("the memory is of another mechanism or plant than this simulator's")
         model = following.recall(memory)
         state = model.at(memory["q"], memory["q_free"])
-        self._begin(Moment(float(memory["t"]), state, np.array(memory["v"])), following)
+        self._begin(Moment(float(memory["t"]), state, frozen(memory["v"])), following)
         run = self._moving
         run.contact.recall(memory)
         run.commands.recall(memory)
