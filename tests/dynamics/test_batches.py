@@ -24,7 +24,9 @@ def place():
     return np.radians([-150.0, -160.0]) + 0.2 * rng.normal(size=(ROWS, 2)), *rng.normal(size=(2, ROWS, 2))
 
 
-NAMES = ["sigma", "terms", "forward_dynamics", "inverse_dynamics", "forward_dynamics_derivatives"]
+MANY = {"sigma": 1, "terms": 2, "forward_dynamics": 3, "inverse_dynamics": 3, "forward_dynamics_derivatives": 3}
+"""Arrays that each takes."""
+NAMES = list(MANY)
 
 
 def many(model, name, place, **options):
@@ -65,6 +67,24 @@ def test_rows_without_an_answer(model, place, name):
     assert set(failures) == {3, 5}
     assert "singularity" in failures[3]
     assert "not finite" in failures[5]
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+def test_rows_that_are_no_numbers(model, place, name, value):
+    """Wherever in a row: in q, q̇ or what acts; the row is NaN throughout, and its reason is told."""
+    place = [array[:8] for array in place]
+    for column in range(MANY[name]):
+        bad = [np.array(array) for array in place]
+        bad[column][4, 1] = value
+        with pytest.raises(InvalidInputError, match="row 4: .*finite"):
+            many(model, name, bad)
+        failures = {}
+        for values, clean in zip(many(model, name, bad, failures=failures), many(model, name, place), strict=True):
+            assert np.isnan(values[4]).all()
+            np.testing.assert_array_equal(np.delete(values, 4, axis=0), np.delete(clean, 4, axis=0))
+        assert list(failures) == [4]
+        assert "finite" in failures[4]
 
 
 def test_motors_elsewhere():

@@ -70,6 +70,8 @@ def completed(
                 error.args = (f"row {row}: {error}",)
                 raise
             failures[row] = str(error)
+            for values in fields:
+                values[row] = np.nan
             continue
         for values, value in zip(fields, answer, strict=True):
             values[row] = value

@@ -332,8 +332,9 @@ class ReducedModel:
         """Each row of the arguments given to the shorthand of that name, field by field."""
         count = together(*given)
         found = getattr(self.core, f"{name}_many")(*given, self._place(guess), int(positive(threads, "threads")))
-        if found is not None and len(shapes) == 1:
-            found = (found[0],), found[1]
+        if found is not None:
+            finite = np.logical_and.reduce([np.isfinite(array).all(axis=1) for array in given])
+            found = ((found[0],) if len(shapes) == 1 else found[0]), found[1] & finite
 
         def alone(row: int) -> Sequence[Array]:
             answer = getattr(self, name)(*(array[row] for array in given), guess)
