@@ -77,6 +77,7 @@ def endure(name: str, journal: Path) -> Record:
         settling=Settling(pick, **ARRIVED),
         sample_period=SAMPLE_PERIOD,
         journal=journal,
+        name=f"{name}: {duration} s",
     )
     there = list[np.ndarray]()
     for move in motion.moves:

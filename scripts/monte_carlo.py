@@ -92,7 +92,12 @@ def main(out: Path = OUT, count: int = CASES, workers: int | None = 2) -> None:
     task = partial(move, nominal=nominal)
     with tqdm(total=count, unit="robot") as bar:
         study = sweep(
-            task, cases, workers=workers, path=out / "rows.jsonl", progress=lambda p: bar.update(p.done - bar.n)
+            task,
+            cases,
+            workers=workers,
+            path=out / "rows.jsonl",
+            name="move",
+            progress=lambda p: bar.update(p.done - bar.n),
         )
     study.save(out / "table.csv")
     plotting.save(draw(study), out / "monte_carlo.png")

@@ -77,7 +77,7 @@ def test_rows_that_are_no_numbers(model, place, name, value):
     for column in range(MANY[name]):
         bad = [np.array(array) for array in place]
         bad[column][4, 1] = value
-        with pytest.raises(InvalidInputError, match="row 4: .*finite"):
+        with pytest.raises(InvalidInputError, match=r"row 4: .*finite"):
             many(model, name, bad)
         failures = {}
         for values, clean in zip(many(model, name, bad, failures=failures), many(model, name, place), strict=True):

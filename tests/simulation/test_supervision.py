@@ -16,6 +16,7 @@ import ccpin
 from ccpin import native
 from ccpin.control import ComputedTorque, PDSimpleGravity, PointToPoint, Sampling
 from ccpin.control.online import OnlineLaw, OnlineSigma
+from ccpin.description import scaled
 from ccpin.errors import InvalidInputError, UnreachableError
 from ccpin.simulation import Budget, Event, Settling, supervise
 from tests.support.paper import FRICTION, GOAL, K_P, K_V, START
@@ -211,6 +212,7 @@ def cycles(model, journal, count, **options):
         settling=ARRIVED,
         sample_period=0.01,
         journal=journal,
+        name="tracking",
         **options,
     )
 
@@ -248,6 +250,7 @@ def swings(journal, law, budget=None):
         sample_period=0.01,
         rtol=1e-8,
         journal=journal,
+        name="swings",
         budget=budget,
     )
 
@@ -306,6 +309,26 @@ def test_journals_are_checked(rpdr_model, tmp_path):
     with pytest.raises(InvalidInputError, match="no journal"):
         cycles(rpdr_model, path, 1)
     assert path.read_text() == "my notes"
+
+
+def test_journals_are_of_one_law_and_one_mechanism(rpdr, rpdr_model, tmp_path):
+    """Another name for the laws and other masses are another task's; a function needs a name."""
+    path = tmp_path / "cycles.moves"
+    cycles(rpdr_model, path, 1)
+    before = path.read_bytes()
+    heavy = ccpin.ReducedModel(ccpin.load(scaled(rpdr.settled(), masses=2.0)))
+    options = {"wait": 0.05, "settling": ARRIVED, "sample_period": 0.01, "journal": path}
+    for model, name, named in (
+        (rpdr_model, "other gains", "task"),
+        (heavy, "tracking", "dynamics"),
+    ):
+        with pytest.raises(InvalidInputError, match=f"another task: .*{named}"):
+            supervise(model, tracking(model), START, [GOAL, START], name=name, **options)
+    with pytest.raises(InvalidInputError, match="give name="):
+        supervise(rpdr_model, tracking(rpdr_model), START, [GOAL, START], **options)
+    assert path.read_bytes() == before
+    same = ccpin.ReducedModel(ccpin.load("rpdr"))
+    assert len(cycles(same, path, 1).moves) == 2
 
 
 def test_an_interrupted_journal_has_the_rest_in_memory(rpdr_model, tmp_path):
@@ -388,6 +411,7 @@ def test_cost_is_linear_and_memory_flat(rpdr_model, tmp_path, monkeypatch, store
             settling=ARRIVED,
             sample_period=1e-3,
             journal=tmp_path / "cycles.moves" if stored else None,
+            name="stored",
         )
     finally:
         tracemalloc.stop()

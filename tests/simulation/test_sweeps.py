@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import ccpin
+from ccpin.description import scaled
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import grid, latin_hypercube, sobol, sweep
 from tests.support.places import ROOT
@@ -95,15 +97,15 @@ def test_rows_are_found_again(tmp_path):
     folder, path = tmp_path / "ran", tmp_path / "sweep.jsonl"
     folder.mkdir()
     cases = [{"x": x, "folder": str(folder)} for x in range(4)]
-    first = sweep(slow, cases[:3], path=path)
+    first = sweep(slow, cases[:3], path=path, name="slow")
     with path.open("ab") as file:
         file.write(b'{"case": "half a li')
     seen = []
-    second = sweep(slow, cases, path=path, progress=lambda report: seen.append(tuple(report)))
+    second = sweep(slow, cases, path=path, name="slow", progress=lambda report: seen.append(tuple(report)))
     assert second.results[:3] == first.results
     assert seen == [(3, 0, 4), (4, 0, 4)]
     assert all((folder / f"ran_{x}").read_text() == "x" for x in range(4))
-    assert sweep(slow, cases, path=path) == second
+    assert sweep(slow, cases, path=path, name="slow") == second
 
 
 PROGRAM = """
@@ -111,7 +113,7 @@ import sys
 from ccpin.simulation import sweep
 from tests.support.sweep_tasks import slow
 if __name__ == "__main__":
-    sweep(slow, [{"x": x, "folder": sys.argv[1]} for x in range(40)], path=sys.argv[2], workers=2)
+    sweep(slow, [{"x": x, "folder": sys.argv[1]} for x in range(40)], path=sys.argv[2], workers=2, name="slow")
 """
 
 
@@ -129,7 +131,7 @@ def test_killed_and_taken_up_again(tmp_path):
     process.wait()
     kept = path.read_bytes().count(b"\n") - 1
     assert 0 < kept < 40
-    found = sweep(slow, [{"x": x, "folder": str(folder)} for x in range(40)], path=path)
+    found = sweep(slow, [{"x": x, "folder": str(folder)} for x in range(40)], path=path, name="slow")
     assert found.complete
     assert found.table()["y"] == list(range(40))
     once = [x for x in range(40) if (folder / f"ran_{x}").read_text() == "x"]
@@ -144,12 +146,12 @@ def test_an_interrupt_returns_what_is_done(tmp_path):
         if report.done == 2:
             signal.raise_signal(signal.SIGINT)
 
-    found = sweep(parabola, CASES, progress=stop, path=tmp_path / "rows")
+    found = sweep(parabola, CASES, progress=stop, path=tmp_path / "rows", name="parabola")
     assert not found.complete
     assert [result is not None or bool(error) for result, error in zip(found.results, found.errors, strict=True)] == [
         *(True, True, False, False)
     ]
-    assert sweep(parabola, CASES, path=tmp_path / "rows") == sweep(parabola, CASES)
+    assert sweep(parabola, CASES, path=tmp_path / "rows", name="parabola") == sweep(parabola, CASES)
 
 
 @pytest.mark.parametrize(
@@ -177,14 +179,50 @@ def test_tasks_must_travel():
 def test_another_sweeps_file(tmp_path):
     """A file of another task, or of something else, is left alone."""
     path = tmp_path / "rows"
-    sweep(parabola, CASES, path=path)
+    sweep(parabola, CASES, path=path, name="parabola")
     before = path.read_bytes()
     with pytest.raises(InvalidInputError, match="another task: task is parabola there and drawn here"):
-        sweep(drawn, CASES, path=path)
+        sweep(drawn, CASES, path=path, name="drawn")
     assert path.read_bytes() == before
     Path(tmp_path / "text").write_text("dear diary")
     with pytest.raises(InvalidInputError, match="no journal"):
-        sweep(parabola, CASES, path=tmp_path / "text")
+        sweep(parabola, CASES, path=tmp_path / "text", name="parabola")
+
+
+def scaled_by(case, model):
+    return {"y": float(model.at(np.array([-1.8, -1.3]) + 0.0 * case["x"]).g[0])}
+
+
+class Task:
+    """A task that is no function: its numbers tell what it does."""
+
+    def __init__(self, factor):
+        self.factor = factor
+
+    def __call__(self, case):
+        return {"y": self.factor * case["x"]}
+
+
+def test_rows_are_of_one_task_and_one_package(tmp_path, monkeypatch):
+    """Functions need a name; another's numbers, another mechanism and another version of ccpin are another task."""
+    path = tmp_path / "rows"
+    with pytest.raises(InvalidInputError, match="give name="):
+        sweep(parabola, CASES, path=path)
+    assert not path.exists()
+    cases = [{"x": 1.0}]
+    assert sweep(Task(2.0), cases, path=path).table()["y"] == [2.0]
+    with pytest.raises(InvalidInputError, match="another task: digest"):
+        sweep(Task(3.0), cases, path=path)
+    light = ccpin.ReducedModel(ccpin.load("rpdr"))
+    heavy = ccpin.ReducedModel(ccpin.load(scaled(light.mechanism.settled(), masses=2.0)))
+    first = sweep(partial(scaled_by, model=light), cases, path=tmp_path / "models", name="g").table()["y"]
+    with pytest.raises(InvalidInputError, match="another task: digest"):
+        sweep(partial(scaled_by, model=heavy), cases, path=tmp_path / "models", name="g")
+    again = ccpin.ReducedModel(ccpin.load("rpdr"))
+    assert sweep(partial(scaled_by, model=again), cases, path=tmp_path / "models", name="g").table()["y"] == first
+    monkeypatch.setattr("ccpin.simulation.origins.code_digest", lambda *rooms: b"another version")
+    with pytest.raises(InvalidInputError, match="another task: code"):
+        sweep(Task(2.0), cases, path=path)
 
 
 def test_grid():

@@ -23,6 +23,7 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.budget import Budget
 from ccpin.simulation.commanding import LawLike, law_of
 from ccpin.simulation.journal import Move, Stored, Unfinished
+from ccpin.simulation.origins import numbers_of, origin_of
 from ccpin.simulation.samples import Stop
 from ccpin.simulation.settling import Settling
 from ccpin.simulation.stepper import Simulator
@@ -63,6 +64,7 @@ def supervise(
     sample_period: float = 1e-3,
     budget: Budget | None = None,
     journal: str | Path | None = None,
+    name: str = "",
     **options: Any,
 ) -> SupervisedMotion:
     """Visit goals one after the other: set q_d, move until settled, wait, set the next.
@@ -83,7 +85,9 @@ def supervise(
         budget: What the whole may cost.
         journal: A file to write each whole move to once it is over, so that memory does not grow; where the file is
             there the motion goes on after the last move in it, to the same bits (a law's own memory aside: laws are
-            made anew for each goal).
+            made anew for each goal). A journal of another mechanism, bench, or version of ccpin is refused.
+        name: What `law_to` is called in the journal: needed where it is a function, of which nothing else tells whether
+            it is the same one.
         options: As for `Simulator`: method, tolerances, friction, sampling, region, events, …
 
     Returns:
@@ -109,13 +113,9 @@ def supervise(
     supervisor.simulator.reset(q0, guess=guess)
     if journal is None:
         return supervisor.visit(visited, [])
-    task = {"format": "ccpin-moves-2", "q0": np.asarray(q0).tolist(), "wait": wait, "timeout": timeout}
-    task |= {
-        "mechanism": model.mechanism.name,
-        "settling": [float(x) for x in rule[1:]],
-        "sample_period": sample_period,
-    }
-    task |= {name: repr(value) for name, value in options.items() if not callable(value)}
+    task = {"format": "ccpin-moves-3", **origin_of(law_to, name, "law_to"), **model.digests._asdict()}
+    task |= {"q0": np.asarray(q0).tolist(), "wait": wait, "timeout": timeout, "sample_period": sample_period}
+    task |= {"settling": [float(x) for x in rule[1:]], **numbers_of(options)}
     with Journal(journal, task) as records:
         stored = Stored(records)
         if len(stored):

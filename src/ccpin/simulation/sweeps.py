@@ -21,6 +21,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.files import Journal, write_atomically
 from ccpin.simulation import saving
 from ccpin.simulation.cases import Case
+from ccpin.simulation.origins import origin_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -109,6 +110,7 @@ def sweep(
     workers: int | None = None,
     executor: Executor | None = None,
     path: str | Path | None = None,
+    name: str = "",
     progress: Callable[[SweepProgress], None] | None = None,
 ) -> Sweep:
     """Run a task for every case; a case that fails is a row with its error, never a lost sweep.
@@ -124,7 +126,10 @@ def sweep(
         executor: In place of `workers` anything with ``submit``: a process pool, Dask's ``client.get_executor()``.
             The table depends on neither, as long as the task depends on its case alone.
         path: A file to which each row is appended when it is done; the same call finds the rows again after a crash
-            or ``kill -9`` and goes on with the others. Rows that failed are rows: they are not tried again.
+            or ``kill -9`` and goes on with the others. Rows that failed are rows: they are not tried again. A file of
+            another task, of other numbers or of another version of ccpin is refused.
+        name: What the task is called in the file: needed where it is a function, of which nothing else tells whether it
+            is the same one.
         progress: Called after every row, and once before the first.
 
     Returns:
@@ -132,7 +137,7 @@ def sweep(
 
     Raises:
         InvalidInputError: Cases that are no such mappings, a task that cannot be sent to other processes, a file of
-            another sweep, bad `workers`.
+            another sweep, a file for a function without a name, bad `workers`.
     """
     seed = None if seed is None else whole(seed, "seed", 0)
     rows = [_case(number, case, seed) for number, case in enumerate(instance(cases, "cases", Iterable, "mappings"))]
@@ -142,7 +147,7 @@ def sweep(
     with ExitStack() as stack:
         journal, done = None, dict[str, dict[str, Any]]()
         if path is not None:
-            header = {"format": "ccpin-sweep-1", "task": getattr(task, "__qualname__", type(task).__name__)}
+            header = {"format": "ccpin-sweep-2", **origin_of(task, name, "the task of the sweep")}
             journal = stack.enter_context(Journal(path, header))
             done = {record["case"]: record for record in journal}
         report(_progress(keys, done))

@@ -13,16 +13,20 @@ from ccpin.native import backend
 _ROOMS = ("arrays.py", "description", "domain", "kinematics", "mechanism", "native", "proof")
 
 
-def code_digest() -> bytes:
-    """SHA-256 of the sources that results of tasks rest on, and of the compiled core, where that computes."""
+def code_digest(*rooms: str) -> bytes:
+    """SHA-256 of the sources that results of tasks rest on, and of the compiled core, where that computes.
+
+    Args:
+        rooms: Others than those that certificates rest on.
+    """
     core = backend()
-    return _digest(core.reason.removeprefix("compiled core ") if core.name == "native" else "")
+    return _digest(core.reason.removeprefix("compiled core ") if core.name == "native" else "", rooms)
 
 
 @cache
-def _digest(core: str) -> bytes:
+def _digest(core: str, rooms: tuple[str, ...]) -> bytes:
     found, home = hashlib.sha256(np.__version__.encode()), Path(__file__).parents[2]
-    for room in _ROOMS:
+    for room in (*_ROOMS, *rooms):
         place = home / room
         for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
             found.update(str(path.relative_to(home)).encode() + path.read_bytes())
