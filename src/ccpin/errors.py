@@ -25,6 +25,8 @@ __all__ = [
     "LoopNotClosedError",
     "NoLoopError",
     "SingularConfigurationError",
+    "SlowRunWarning",
+    "UnattainableGainsError",
     "UnderactuatedError",
     "UnreachableError",
     "UnsupportedMechanismError",
@@ -129,6 +131,18 @@ class SingularConfigurationError(CcpinError):
     def __init__(self, message: str, *, q_free: NDArray[np.float64], rcond: float) -> None:
         self.q_free = q_free
         self.rcond = rcond
+        super().__init__(message)
+
+
+class UnattainableGainsError(CcpinError):
+    """Gains that a theorem asks for are more than motors can give, or than any loop could be closed with.
+
+    Attributes:
+        gains: What was asked for, a `ccpin.control.Gains`.
+    """
+
+    def __init__(self, message: str, gains: Any) -> None:
+        self.gains = gains
         super().__init__(message)
 
 

@@ -94,7 +94,7 @@ def test_limits_passed_are_noted(limited, tmp_path):
 def test_the_command_line_says_them(tmp_path, capsys):
     """In words and in JSON."""
     arguments = ["simulate", "rpdr", "--goal-deg", "-108", "-72", "--start-deg", "-118", "-62", "--duration", "0.02"]
-    main(arguments)
-    assert "note: stepped" in capsys.readouterr().out
+    main([*arguments, "--method", "Radau"])
+    assert "note: stepped in Python" in capsys.readouterr().out
     main([*arguments, "--json"])
     assert "stepped" in json.loads(capsys.readouterr().out)["notes"][0]

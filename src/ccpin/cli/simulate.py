@@ -158,7 +158,7 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
         f"{one['quantity']} of {one['joint']} beyond {one['limit']:.4g}: {one['extreme']:.4g}"
         for one in result["exceeded"]
     ]
-    lines += [f"note: {note}" for note in trajectory.notes if "simulation.exceeded" not in note]
+    lines += [f"note: {note}" for note in trajectory.notes if note.startswith("stepped in Python")]
     if out is not None:
         lines.append(f"figures, data and animation in {out}/")
     return "\n".join(lines)

@@ -9,6 +9,7 @@ import ccpin
 from ccpin.control import Budget, PDSimpleGravity, certify_law, suggest_gains
 from ccpin.control.stability.set_point_cells import cells_of_atlas
 from ccpin.domain import certify
+from ccpin.errors import UnattainableGainsError
 from tests.support.paper import GOAL, K_P, K_V
 
 TURN = 2.0 * np.pi
@@ -147,7 +148,9 @@ def test_where_turns_do_not_agree_a_face_is_a_boundary(model, law, monkeypatch):
         for other in cell.neighbours:
             there = store.cells[other]
             assert abs(cell.box.centre[0, elbow] - there.box.centre[0, elbow]) < np.pi, number
-    assert suggest_gains(model, GOAL, atlas, guess=law.q_free_d).verdict == "undecided"
+    with pytest.raises(UnattainableGainsError) as refused:
+        suggest_gains(model, GOAL, atlas, guess=law.q_free_d)
+    assert refused.value.gains.verdict == "undecided"
 
 
 @pytest.mark.parametrize("sprung", [True, False])

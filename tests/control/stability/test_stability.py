@@ -18,7 +18,7 @@ from ccpin.control.stability.set_point_cells import cells_of_atlas
 from ccpin.control.stability.well import Well
 from ccpin.domain import certify
 from ccpin.dynamics import closed_loop_derivative, linearize
-from ccpin.errors import CcpinError, DifferentSubjectsError, InvalidInputError
+from ccpin.errors import CcpinError, DifferentSubjectsError, InvalidInputError, UnattainableGainsError
 from ccpin.simulation import lyapunov_along
 from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, START
@@ -457,10 +457,9 @@ def test_the_whole_branch_as_domain(rpdr, rpdr_model):
     assert certificate.verdict == "proven"
     around = certify_set_point(rpdr_model, GOAL, K_P, K_V)
     assert certificate.level == pytest.approx(around.level, rel=0.02)
-    gains = suggest_gains(rpdr_model, GOAL, branch)
-    assert gains.verdict == "proven"
-    assert "near a singularity" in gains.reason
-    assert not gains.within_limits
+    with pytest.raises(UnattainableGainsError, match="near a singularity") as refused:
+        suggest_gains(rpdr_model, GOAL, branch)
+    assert refused.value.gains.verdict == "proven"
 
 
 def test_a_budget_spent_is_told_as_that(rpdr_model):
@@ -539,8 +538,9 @@ def test_gains_beside_a_singularity_say_what_limits_them(rpdr_model, atlas):
     slope = gravity_slope_over(store, cells=200)
     assert slope.bound > 2.0 * slope.seen
     assert 200 <= slope.proved <= 202
-    gains = suggest_gains(rpdr_model, GOAL, atlas)
-    assert "joint1 for up to" in gains.reason
+    with pytest.raises(UnattainableGainsError, match="joint1 for up to") as refused:
+        suggest_gains(rpdr_model, GOAL, atlas)
+    gains = refused.value.gains
     singular = np.radians([-56.9, -123.1])  # (56.9°, 123.1°) in the paper's upper half, mirrored
     assert np.abs(gains.steepest - singular).max() < np.radians(6.0)
 
@@ -550,14 +550,14 @@ def test_gains_are_held_against_the_motors(rpdr):
     half = np.radians(16.0)
     atlas = certify(rpdr, GOAL, (GOAL - half, GOAL + half), max_depth=8)
     weak = ccpin.load("rpdr", motors={"joint1": {"lower": -1.0, "upper": 1.0}})
-    gains = suggest_gains(ccpin.ReducedModel(weak), GOAL, atlas)
+    with pytest.raises(UnattainableGainsError, match="joint1 for up to") as refused:
+        suggest_gains(ccpin.ReducedModel(weak), GOAL, atlas)
+    gains = refused.value.gains
     law = PDSimpleGravity(ccpin.ReducedModel(weak), GOAL, gains.K_p, gains.K_v)
     corners = [GOAL + half * np.array(signs) for signs in ((-1, -1), (-1, 1), (1, -1), (1, 1))]
     asked = np.abs([law.torque(0.0, q, np.zeros(2)) for q in corners]).max(axis=0)
     np.testing.assert_allclose(gains.effort, asked, rtol=1e-6)
-    assert not gains.within_limits
-    assert "joint1 for up to" in gains.reason
-    assert "joint2" not in gains.reason
+    assert "joint2" not in str(refused.value)
     assert suggest_gains(ccpin.ReducedModel(rpdr), GOAL, atlas).effort_limit.shape == (2,)
 
 
@@ -582,6 +582,18 @@ def test_gains_over_a_region(rpdr_model):
     expected = max(_closed_form_slope(np.radians([-90.0, b])) for b in np.arange(-160.0, -99.0, 0.5))
     assert gains.verdict == "undecided"
     assert gains.beta == pytest.approx(expected, rel=5e-3)
+
+
+def test_gains_no_loop_could_be_closed_with_are_refused(rpdr, rpdr_model):
+    """Whatever the motors give: beside a singularity K_p was 8e10 N m/rad."""
+    half = np.radians(16.0)
+    atlas = certify(rpdr, GOAL, (GOAL - half, GOAL + half), max_depth=8)
+    gains = suggest_gains(rpdr_model, GOAL, atlas)
+    assert gains.frequencies[-1] < 1e3
+    with pytest.raises(UnattainableGainsError, match=r"makes a mode of .* rad/s, faster than 10"):
+        suggest_gains(rpdr_model, GOAL, atlas, fastest=10.0)
+    with pytest.raises(UnattainableGainsError, match="near a singularity"):
+        suggest_gains(rpdr_model, GOAL, certify(rpdr, GOAL, max_depth=6))
 
 
 @pytest.mark.parametrize("bad", [{"margin": 1.0}, {"margin": np.nan}, {"damping": 0.0}])

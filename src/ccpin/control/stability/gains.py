@@ -33,7 +33,7 @@ from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.atlas.store import require_about
 from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
-from ccpin.errors import InvalidInputError
+from ccpin.errors import InvalidInputError, UnattainableGainsError
 from ccpin.mechanism.mechanism import Mechanism
 
 _ABOVE = 1.5
@@ -55,7 +55,7 @@ class Gains(NamedTuple):
         effort: The largest |u| asked for from rest anywhere in the domain, of shape (motors,); over an atlas a bound.
         effort_limit: What the motors can give either way (infinite where nothing is stated), of shape (motors,).
         verdict: ``"proven"`` where ‖∂g/∂q‖ < K_p is proved on the domain, ``"undecided"`` where it was sampled.
-        reason: What limits the gains, and which motors they ask for too much, in a sentence.
+        reason: What limits the gains, in a sentence.
     """
 
     K_p: Array
@@ -68,11 +68,6 @@ class Gains(NamedTuple):
     effort_limit: Array
     verdict: Verdict
     reason: str
-
-    @property
-    def within_limits(self) -> bool:
-        """Whether no motor is asked for more than it can give."""
-        return bool(np.all(self.effort <= self.effort_limit))
 
 
 def local_gains(
@@ -124,6 +119,7 @@ def suggest_gains(
     *,
     margin: float = 1.5,
     damping: float = 0.7,
+    fastest: float = 1e4,
     guess: ArrayLike | None = None,
 ) -> Gains:
     """The smallest K_p with a margin over β on a domain, and K_v for a damping ratio at q_d.
@@ -136,14 +132,18 @@ def suggest_gains(
             and a smaller domain is what helps.
         margin: K_p over β, above 1.
         damping: ζ of every mode, above 0.
+        fastest: The largest ω of the loop's modes that there may be, rad/s.
         guess: Chooses the assembly mode of σ(q_d).
 
     Raises:
         DifferentSubjectsError: The atlas is of other closures than the model.
-        InvalidInputError: A bad margin or damping, q_d outside of the domain, or gravity does not act there (β = 0).
+        UnattainableGainsError: They ask motors from rest somewhere in the domain for more than the file says they have,
+            or make a mode faster than `fastest`; it has the gains, and says what limits them.
+        InvalidInputError: A bad margin, damping or `fastest`, q_d outside of the domain, or gravity does not act there
+            (β = 0).
         UnreachableError: σ does not exist on all of a region.
     """
-    number(margin, "margin", "a number above 1", 1.0), positive(damping, "damping")
+    number(margin, "margin", "a number above 1", 1.0), positive(damping, "damping"), positive(fastest, "fastest")
     model = model_of(model)
     ones = np.ones(model.n)
     law = PDSimpleGravity(model, q_d, ones, ones, guess)
@@ -173,7 +173,7 @@ def suggest_gains(
     effort_limit = np.abs(motors.limits).min(axis=1)
     rigorous = isinstance(domain, Atlas)
     limits = [_what_limits(slope, rigorous)] if whole else [_what_limits(slope, rigorous), _TORN]
-    return Gains(
+    gains = Gains(
         K_p=stiffness,
         K_v=damper,
         beta=beta,
@@ -183,8 +183,12 @@ def suggest_gains(
         effort=effort,
         effort_limit=effort_limit,
         verdict="proven" if rigorous and whole else "undecided",
-        reason="; ".join([*limits, _what_is_asked(model, effort, effort_limit)]),
+        reason="; ".join(limits),
     )
+    beyond = _what_is_too_much(model, gains, fastest)
+    if beyond:
+        raise UnattainableGainsError(f"K_p = {stiffness[0, 0]:.4g} I {beyond}: {gains.reason}", gains)
+    return gains
 
 
 def _leverage(law: PDSimpleGravity) -> Array:
@@ -213,13 +217,18 @@ def _what_limits(slope: SlopeBound, rigorous: bool) -> str:
     )
 
 
-def _what_is_asked(model: ReducedModel, effort: Array, limit: Array) -> str:
+def _what_is_too_much(model: ReducedModel, gains: Gains, fastest: float) -> str:
+    """Which motors cannot give what gains ask for from rest, or which mode is too fast; nothing where none is."""
     beyond = [
         f"{name} for up to {asked:.4g} of its {most:.4g}"
-        for name, asked, most in zip(model.mechanism.actuated, effort, limit, strict=True)
+        for name, asked, most in zip(model.mechanism.actuated, gains.effort, gains.effort_limit, strict=True)
         if asked > most
     ]
-    return f"from rest it asks {', '.join(beyond)}" if beyond else "no motor is asked for more than its limit from rest"
+    if beyond:
+        return f"asks {', '.join(beyond)} from rest in the domain"
+    if gains.frequencies[-1] > fastest:
+        return f"makes a mode of {gains.frequencies[-1]:.4g} rad/s, faster than {fastest:.4g}"
+    return ""
 
 
 class SlopeBound(NamedTuple):
