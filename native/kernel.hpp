@@ -260,8 +260,8 @@ class Kernel {
       nb::gil_scoped_release release;
       outcome = simulation.run(out);
     }
-    const nb::object raised = simulation.raised ? nb::steal(simulation.raised) : nb::none();
-    if (outcome == Outcome::declined && simulation.raised) {  // nobody else would tell
+    const nb::object raised = simulation.signals.raised ? nb::steal(simulation.signals.raised) : nb::none();
+    if (outcome == Outcome::declined && simulation.signals.raised) {  // nobody else would tell
       PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(raised.ptr())), raised.ptr());
       throw nb::python_error();
     }
@@ -440,14 +440,25 @@ class HeldMotion {
     if (ready_) stepper_.start(q.data, v.data, first, most), certain_.assign(kernel_.m.n_q + kernel_.m.n, 0.);
     return ready_;
   }
-  // q, q̇, q̈ of `home`, u, q′, q̇′, |φ| after dt; None where only the reference can tell, and `start` must come before the
-  // next step.
+  // q, q̇, q̈ of `home`, u, q′, q̇′, |φ| after dt, or after as much of it as a signal let it have: how much, and what the
+  // signal's handler raised. None where only the reference can tell, and `start` must come before the next step.
   nb::object step(In u, double dt) {
     const Mechanism &m = kernel_.m, &told = home_.m;
     if (!ready_ || !u.is_vector(m.motors) || !(dt > 0) || !std::isfinite(dt)) return nb::none();
     const bool moved = &kernel_ != &home_;
-    ready_ = stepper_.step(u.data, dt) && (!moved || stepper_.free_acceleration(free_.data() + m.nv));
-    if (!ready_) return nb::none();
+    {
+      nb::gil_scoped_release release;
+      ready_ = stepper_.step(u.data, dt) && (!moved || stepper_.free_acceleration(free_.data() + m.nv));
+    }
+    const nb::object raised = stepper_.signals.raised ? nb::steal(stepper_.signals.raised) : nb::none();
+    stepper_.signals.raised = nullptr;
+    if (!ready_) {
+      if (!raised.is_none()) {  // nobody else would tell
+        PyErr_SetObject(reinterpret_cast<PyObject*>(Py_TYPE(raised.ptr())), raised.ptr());
+        throw nb::python_error();
+      }
+      return nb::none();
+    }
     stepper_.free_velocity(free_.data());
     const double *x = stepper_.state(), *x_free = space_.model.q_free.data();
     std::copy(x, x + certain_.size(), certain_.begin());
@@ -461,7 +472,7 @@ class HeldMotion {
     }
     for (const nb::object& array : arrays) seal(array);
     return nb::make_tuple(arrays[0], arrays[1], arrays[2], copy(u.data, m.motors), copy(x_free, m.nq),
-                          copy(free_.data(), m.nv), space_.model.closure());
+                          copy(free_.data(), m.nv), space_.model.closure(), stepper_.reached(), raised);
   }
   // (q, q̇) in the kernel's own coordinates after the last step that had an answer.
   nb::object state() const { return copy(certain_.data(), Py_ssize_t(certain_.size())); }

@@ -119,13 +119,29 @@ template <class Solver> bool robust_step(Solver& solver, double end, double shor
 
 inline double slack(double t) { return 16 * (std::nextafter(std::abs(t), INFINITY) - std::abs(t)); }
 
+// Looks for Ctrl-C in a computation that has let the interpreter go.
+class Signals {
+ public:
+  PyObject* raised = nullptr;  // by a signal's handler
+
+  bool arrived() {
+    nb::gil_scoped_acquire acquire;
+    if (PyErr_CheckSignals() == 0) return false;
+    PyObject *type, *trace;
+    PyErr_Fetch(&type, &raised, &trace);
+    PyErr_NormalizeException(&type, &raised, &trace);
+    Py_XDECREF(type), Py_XDECREF(trace);
+    return true;
+  }
+};
+
 class Simulation : public Follower {
   using Solver = Integrator<Simulation>;
 
  public:
   int evaluations = 0;
   double settled_since = NAN;
-  PyObject* raised = nullptr;  // by a signal's handler
+  Signals signals;
 
   // `own`: the workspace of the law's model, closed where the run begins; the plant's where that is its model.
   Simulation(Workspace& w, Workspace& own, const Law& law, const Run& run, const Tableau& tableau)
@@ -211,7 +227,7 @@ class Simulation : public Follower {
         if (reached < solver_.reached && !solver_.interpolate(reached, state_.data())) return Outcome::declined;
         if (!accept(state_.data(), reached - solver_.t)) return Outcome::declined;
         const bool spent = evaluations >= run_.evaluations, late = std::isfinite(run_.seconds) && seconds() >= run_.seconds;
-        const bool stopped = steps % 64 == 0 && interrupted(), poor = this->poor();
+        const bool stopped = steps % 64 == 0 && signals.arrived(), poor = this->poor();
         if ((settled || spent || late || stopped) && !leaving_.may() && out.t[out.done - 1] < reached - slack(reached) &&
             !sample(reached, state_.data(), out))
           return Outcome::declined;
@@ -318,16 +334,6 @@ class Simulation : public Follower {
       if (std::isnan(halt) || crossing.t <= halt) settled_since = crossing.inside ? crossing.t : NAN;
     return true;
   }
-
-  bool interrupted() {
-    nb::gil_scoped_acquire acquire;
-    if (PyErr_CheckSignals() == 0) return false;
-    PyObject *type, *trace;
-    PyErr_Fetch(&type, &raised, &trace);
-    PyErr_NormalizeException(&type, &raised, &trace);
-    Py_XDECREF(type), Py_XDECREF(trace);
-    return true;
-  }
 };
 
 // A motion that is stepped with u held.
@@ -335,6 +341,7 @@ class Stepper : public Follower {
  public:
   int evaluations = 0;
   double last_step = 0;  // what the integrator would try next
+  Signals signals;
 
   Stepper(Workspace& w, const Tableau& tableau, double rtol, double atol, double longest, double singular,
           const Pushes& pushes, const Leaving& leaving)
@@ -347,18 +354,20 @@ class Stepper : public Follower {
     last_step = first, leaving_.most = most;
     start_here();
   }
-  // `state` and `acceleration` then tell; false: no answer, and no place to go on from.
+  // `state`, `acceleration` and `reached` then tell; false: no answer, and no place to go on from.
   bool step(const double* u, double dt) {
     u_ = u, solver_.t = 0;
     if (!solver_.begin(dt, last_step)) return false;
-    while (solver_.t < dt) {
+    for (int steps = 1; solver_.t < dt; ++steps) {
       if (!robust_step(solver_, dt, kShortest) || !accept(solver_.next.data(), solver_.reached - solver_.t)) return false;
       if (poor()) return false;
       solver_.advance();
+      if (steps % 64 == 0 && signals.arrived()) break;
     }
     last_step = solver_.h;
     return true;
   }
+  double reached() const { return solver_.t; }  // how far the step has come: dt, unless it was interrupted
   const double* state() const { return solver_.y.data(); }
   const double* acceleration() const { return solver_.slope() + m_.n_q; }
   // q̇′ there.

@@ -11,7 +11,7 @@ import numpy as np
 import shtab
 
 from ccpin.arrays import Array
-from ccpin.cli.command import complete, count, nonnegative, positive
+from ccpin.cli.command import INTERRUPTED, complete, count, nonnegative, positive
 from ccpin.cli.options import add_bench, add_mechanism, add_vector, bench_settings, each, load, vector
 from ccpin.cli.progress import busy
 from ccpin.control import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity, local_gains
@@ -76,7 +76,8 @@ def _simulate(options: argparse.Namespace) -> int:
     else:
         motion = _cycles(model, options, start, goal, settings)
         trajectory, moves = motion.trajectory, [(move.goal, move.trajectory) for move in motion.moves]
-        goals = np.array([next(m.goal for m in motion.moves if t <= m.end) for t in trajectory.t])
+        ends = np.array([move.end for move in motion.moves])
+        goals = np.array([move.goal for move in motion.moves])[np.searchsorted(ends[:-1], trajectory.t)]
     band = np.radians(options.band_deg)
     metrics = [set_point_metrics(part, model, target, band).as_json() for target, part in moves]
     result = {name: getattr(trajectory, name) for name in ("status", "message", "evaluations")} | {"moves": metrics}
@@ -88,6 +89,8 @@ def _simulate(options: argparse.Namespace) -> int:
     print(
         json.dumps(result, indent=2) if options.json else _motion_in_words(mechanism, trajectory, result, options.out)
     )
+    if trajectory.status == "interrupted":
+        return INTERRUPTED
     return 0 if trajectory.status in ("finished", "settled") else 1
 
 

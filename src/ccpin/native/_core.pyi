@@ -189,8 +189,13 @@ class HeldMotion:
         Steps have no answer where the coordinates' leverage gets beyond `most`.
         """
 
-    def step(self, u: ArrayLike, dt: float) -> tuple[Array, Array, Array, Array, Array, Array, float] | None:
-        """q, q̇, q̈ of `home`, u, q′, q̇′ (read-only), |φ| after dt; ``None``: the reference tells, `start` again then."""
+    def step(
+        self, u: ArrayLike, dt: float
+    ) -> tuple[Array, Array, Array, Array, Array, Array, float, float, BaseException | None] | None:
+        """q, q̇, q̈ of `home`, u, q′, q̇′ (read-only), |φ| after dt; ``None``: the reference tells, `start` again then.
+
+        Then how much of dt a signal let it have, and what the signal's handler raised.
+        """
 
     def state(self) -> Array:
         """(q, q̇) in the kernel's own coordinates after the last step that had an answer."""

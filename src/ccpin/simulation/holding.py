@@ -7,7 +7,7 @@ before, as `ccpin.simulation.plant` does, and that is told as events alike.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,6 +26,14 @@ if TYPE_CHECKING:
     from ccpin.native._core import HeldMotion
 
 _HELD = Held(np.empty(0))
+
+
+class HeldStep(NamedTuple):
+    """Where a step has come to, what happened where it began, and what a signal's handler raised that ended it."""
+
+    sample: StateSample
+    happened: list[Happening]
+    raised: BaseException | None
 
 
 class Holding:
@@ -53,8 +61,8 @@ class Holding:
         """Another motion begins."""
         self.ahead = None
 
-    def step(self, run: Run, u: ArrayLike, dt: float) -> tuple[StateSample, list[Happening]] | None:
-        """A step of a run with u held, and what happened where it began; ``None`` where only the reference can tell."""
+    def step(self, run: Run, u: ArrayLike, dt: float) -> HeldStep | None:
+        """A step of a run with u held; ``None`` where only the reference can tell."""
         efforts = np.asarray(u)
         if efforts.shape != self._bounds.lower.shape or efforts.dtype.kind not in "fiu":
             return None
@@ -70,11 +78,11 @@ class Holding:
         if answer is None:
             return None
         happened = self._jump(run, beyond) if jumps else []
-        q, v, a, told, q_free, v_free, closure = answer
+        q, v, a, told, q_free, v_free, closure, reached, raised = answer
         t = run.here.t if self.ahead is None else self.ahead.t
         told = told if own is given else frozen(given)
-        self.ahead = StateSample(t + dt, q, v, a, told, q_free, v_free, self._nothing, self._nothing, closure)
-        return self.ahead, happened
+        self.ahead = StateSample(t + reached, q, v, a, told, q_free, v_free, self._nothing, self._nothing, closure)
+        return HeldStep(self.ahead, happened, raised)
 
     def land(self, run: Run) -> None:
         """Bring the run up to date."""

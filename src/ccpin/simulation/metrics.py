@@ -63,7 +63,8 @@ def set_point_metrics(
     require_same("metrics of a motion", mechanism_of(mechanism).digests, trajectory.origin, "closures")
     coordinates = coordinates_of(mechanism)
     q_d = checked_q(coordinates, goal, "goal")
-    error = np.array([coordinates.difference(q, q_d) for q in trajectory.q])
+    each = trajectory.q
+    error = q_d - each if coordinates.scalar else np.array([coordinates.difference(q, q_d) for q in each])
     outside = np.flatnonzero(np.abs(error).max(axis=1) > band)
     settled: float | None = 0.0
     if outside.size:

@@ -45,6 +45,7 @@ from ccpin.simulation.stick_slip import StickSlip
 from ccpin.simulation.trajectory import Trajectory
 
 _LONG = 10.0
+_ROOM = 2e9
 METHODS = ("RK45", "DOP853", "RK23", "Radau", "BDF", "LSODA")
 
 
@@ -148,6 +149,7 @@ class Simulator:
                 numbers = numbers | {"max_step": np.inf if max_step is None else max_step}
                 self._holding = Holding(model, method, numbers, self._plant.effort_bounds)
         self._run: Run | None = None
+        self._held_back: BaseException | None = None
         self.stop: Stop | None = None
         self.events: list[Happening] = []
 
@@ -238,7 +240,7 @@ class Simulator:
         contact = StickSlip(self.model, self._friction)
         parts = driven, contact, self._plant, tuple(watches), following
         self._run = Run(self._settings, *parts, here, self._coasting, self._plant.saturation(driven))
-        self.stop, self.events = None, []
+        self.stop, self.events, self._held_back = None, [], None
         if self._holding is not None:
             self._holding.begin()
 
@@ -257,13 +259,16 @@ class Simulator:
         Raises:
             InvalidInputError: A bad argument.
             Exception: Whatever a law or an event raised. The simulator is then where its last certain moment was.
+            KeyboardInterrupt: The call before this one was interrupted: Ctrl-C ends a step early, as `stop` tells, and is
+                raised by the next call, so that no loop goes on unawares.
         """
+        self._raise_what_was_held_back()
         if u is not None and self._holding is not None:
             found = self._holding.step(self._begun, u, dt)
             if found is not None:
-                self.stop, happened = None, found[1]
-                self.events += happened
-                return found[0]
+                self.stop = None if found.raised is None else self._broken_off(found.sample.t, found.raised)
+                self.events += found.happened
+                return found.sample
         run = self._moving
         until = run.here.t + positive(dt, "dt")
         if u is None:
@@ -281,14 +286,27 @@ class Simulator:
         return self._advanced(until, commanded=True)
 
     def _advanced(self, until: float, commanded: bool) -> StateSample:
+        self._raise_what_was_held_back()
         run = self._moving
         self._later(until)
         record = Recorder(np.empty(0))
         try:
             self.stop = run.advance(until, record, Budget(), commanded=commanded)
+        except KeyboardInterrupt as error:
+            self.stop = self._broken_off(run.here.t, error)
         finally:
             self.events += record.events
         return self.sample()
+
+    def _broken_off(self, t: float, raised: BaseException) -> Stop:
+        """The end of a step that was interrupted; the interrupt is held back for the next call."""
+        self._held_back = raised
+        return Stop.broken_off(t, raised)
+
+    def _raise_what_was_held_back(self) -> None:
+        raised, self._held_back = self._held_back, None
+        if raised is not None:
+            raise raised
 
     def run(
         self,
@@ -317,7 +335,7 @@ class Simulator:
         run, began = self._moving, time.perf_counter()
         self._later(until)
         start, evaluations = run.here.t, run.evaluations
-        times = _times(start, until, positive(sample_period, "sample_period"))
+        times = _times(start, until, positive(sample_period, "sample_period"), self._sample_size)
         if settling is not None:
             instance(settling, "settling", Settling)
             goal = checked_q(self.model.coordinates, settling.goal)
@@ -386,6 +404,12 @@ class Simulator:
                 record.last(run.here, run)
             return Stop.broken_off(run.here.t, error)
         return stop
+
+    @property
+    def _sample_size(self) -> int:
+        """Bytes of a sample."""
+        own, mechanism = self.model, self.model.mechanism
+        return 8 * (2 + own.nq + 2 * own.n + own.n_actuated + mechanism.nq + 3 * mechanism.n_free)
 
     # In the compiled core, where it can.
 
@@ -475,9 +499,18 @@ class Simulator:
             raise InvalidInputError(f"until = {until} must be a time later than t = {self.t:.6g} s")
 
 
-def _times(start: float, until: float, period: float) -> Array:
-    """The times of samples: from the start in steps of a period, and the end."""
+def _times(start: float, until: float, period: float, size: int) -> Array:
+    """The times of samples: from the start in steps of a period, and the end.
+
+    Raises:
+        InvalidInputError: Samples of so many bytes would fill the memory.
+    """
     duration = until - start
+    if duration / period * size > _ROOM:
+        raise InvalidInputError(
+            f"{duration:.3g} s in samples of {period:.3g} s would take {duration / period * size / 1e9:.3g} GB: ask for "
+            f"a longer sample_period, {1.1 * duration * size / _ROOM:.2g} s, or for a part of the motion at a time"
+        )
     times = start + np.arange(np.floor(duration / period * (1 + 1e-12)) + 1) * period
     if times[-1] < until - 1e-9 * duration:
         return np.append(times, until)
