@@ -91,14 +91,17 @@ def test_ctrl_c_after_a_change_keeps_the_motion():
     assert sum(after) == pytest.approx(sum(before), abs=1e-9)
 
 
-def test_ctrl_c_in_an_advance_is_raised_where_the_motion_is_certain():
-    """`advance` has nothing to give back, so it raises; the simulator is where the last certain step ended."""
+def test_ctrl_c_ends_an_advance_where_the_motion_is_certain():
+    """It is where the last certain step ended, and the next call raises the interrupt."""
     moving = simulator("five-bar")
     moving.advance(0.4)
     began = moving.t
-    with alarm(0.3), pytest.raises(KeyboardInterrupt):
+    with alarm(0.3):
+        reached = moving.advance(1e4)
+    assert began < reached.t == moving.t < 1e4
+    assert moving.stop.status == "interrupted"
+    with pytest.raises(KeyboardInterrupt):
         moving.advance(1e4)
-    assert began < moving.t < 1e4
     assert moving.advance(moving.t + 0.01).closure_error <= 1e-10
 
 

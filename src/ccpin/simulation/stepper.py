@@ -259,8 +259,8 @@ class Simulator:
         Raises:
             InvalidInputError: A bad argument.
             Exception: Whatever a law or an event raised. The simulator is then where its last certain moment was.
-            KeyboardInterrupt: The call before this one was interrupted: Ctrl-C ends a step early, as `stop` tells, and is
-                raised by the next call, so that no loop goes on unawares.
+            KeyboardInterrupt: The call before this one was interrupted: Ctrl-C ends a step early, as `stop` tells, and
+                is raised by the next call, so that no loop goes on unawares.
         """
         self._raise_what_was_held_back()
         if u is not None and self._holding is not None:
@@ -506,10 +506,11 @@ def _times(start: float, until: float, period: float, size: int) -> Array:
         InvalidInputError: Samples of so many bytes would fill the memory.
     """
     duration = until - start
-    if duration / period * size > _ROOM:
+    room = duration / period * size
+    if room > _ROOM:
         raise InvalidInputError(
-            f"{duration:.3g} s in samples of {period:.3g} s would take {duration / period * size / 1e9:.3g} GB: ask for "
-            f"a longer sample_period, {1.1 * duration * size / _ROOM:.2g} s, or for a part of the motion at a time"
+            f"{duration:.3g} s in samples of {period:.3g} s would take {room / 1e9:.3g} GB: ask for a longer "
+            f"sample_period, {1.1 * duration * size / _ROOM:.2g} s, or for a part of the motion at a time"
         )
     times = start + np.arange(np.floor(duration / period * (1 + 1e-12)) + 1) * period
     if times[-1] < until - 1e-9 * duration:
