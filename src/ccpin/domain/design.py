@@ -8,6 +8,8 @@ worth less than any that can: it is told to the search as `figure` = 0, and is k
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from threading import Event
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
@@ -16,6 +18,7 @@ from scipy.optimize import minimize
 from ccpin.arrays import Array, instance, listener, number, numbers, whole
 from ccpin.description import MechanismDescription, read_description, scaled
 from ccpin.domain.atlas.atlas import Atlas
+from ccpin.domain.atlas.run import Flag, Stopped, stoppable
 from ccpin.domain.largest import LargestWorkspace
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.mechanism import load
@@ -86,8 +89,8 @@ def design(
     search = _Search(build, figure, names, whole(evaluations, "evaluations"), listener(progress))
     inward = np.where(first > 0.5 * (lower + upper), -_STEP, _STEP)  # SciPy's own would be clipped to the bounds
     simplex = np.vstack([first, first + np.diag(inward * (upper - lower))])
-    complete = True
-    try:
+    with stoppable() as flag, suppress(Stopped):
+        search.flag = flag
         minimize(
             search,
             first,
@@ -95,8 +98,7 @@ def design(
             bounds=list(zip(lower, upper, strict=True)),
             options={"initial_simplex": simplex, "maxfev": evaluations, "xatol": 1e-4, "fatol": 1e-6},
         )
-    except KeyboardInterrupt:
-        complete = False
+    complete = not flag.is_set()
     if search.best is None:
         last = search.trials[-1] if search.trials else Trial({}, 0.0, "interrupted")
         raise InvalidInputError(
@@ -119,10 +121,13 @@ class _Search(Generic[T]):
     ) -> None:
         self.build, self.figure, self.names, self.most, self.progress = build, figure, names, most, progress
         self.trials: list[Trial] = []
+        self.flag: Flag = Event()
         self.best: tuple[dict[str, float], float, Any, T] | None = None
 
     def __call__(self, x: Array) -> float:
         dimensions = dict(zip(self.names, x.tolist(), strict=True))
+        if self.flag.is_set():
+            raise Stopped
         trial = self._tried(dimensions)
         self.trials.append(trial)
         self.progress(trial)
@@ -132,9 +137,11 @@ class _Search(Generic[T]):
         try:
             subject = self.build(dict(dimensions))
             certificate = self.figure(subject)
+            value = figure_of(certificate)
         except CcpinError as error:
             return Trial(dimensions, 0.0, f"{type(error).__name__}: {error}")
-        value = figure_of(certificate)
+        if self.flag.is_set():
+            return Trial(dimensions, 0.0, "interrupted: its certificate is not whole")
         if value > 0.0 and (self.best is None or value > self.best[1]):
             self.best = dimensions, value, certificate, subject
         return Trial(dimensions, value, "" if value > 0.0 else "nothing was certified")

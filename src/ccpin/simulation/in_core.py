@@ -106,14 +106,19 @@ def run_in_core(
     origin, law = (law.start, law.law) if isinstance(law, Delayed) else (0.0, law)
     tableau, told, nominal = TABLEAUX.get(method), law_numbers(model, law), _nominal(model, law)
     direct = model.actuation is None or (told == _no_torque(model) and numbers["sampling"] is None)
-    if tableau is None or told is None or not direct or (nominal is not None and isinstance(nominal.core, Declining)):
+    if (
+        tableau is None
+        or told is None
+        or not direct
+        or (nominal is not None and isinstance(nominal.model.core, Declining))
+    ):
         return None
     most = budget or Budget()
     times = numbers["times"]
     run = PLAIN | numbers | {"begin": times[0], "until": times[-1], "origin": origin}
     run |= {"start": np.concatenate([start.state.q, start.v])} | ({} if settling is None else settling._asdict())
     run |= {name: np.inf if value is None else value for name, value in most._asdict().items()}
-    own = () if nominal is None else (nominal.core, of_own(nominal, start.state, law.near).q_free)
+    own = () if nominal is None else (nominal.model.core, of_own(nominal.model, start.state, nominal.near).q_free)
     answer = model.core.simulate(start.state.q_free, told, run, tableau, *own)
     if answer is None:
         return None
@@ -153,12 +158,12 @@ def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
     return None if found is None else _numbers(_TRACKING[kind], found, law.K_p, law.K_v, np.zeros(n))
 
 
-def _nominal(model: ReducedModel, law: ControlLaw) -> ReducedModel | None:
-    """The law's model, where it is another than the plant's."""
+def _nominal(model: ReducedModel, law: ControlLaw) -> ModelLaw | None:
+    """The law, where its model is another than the plant's."""
     if not isinstance(law, ModelLaw) or law.model is model:
         return None
     same = law.model.mechanism is model.mechanism and np.array_equal(law.model.gravity_vector, model.gravity_vector)
-    return None if same else law.model
+    return None if same else law
 
 
 def _no_torque(model: ReducedModel) -> dict[str, Any]:

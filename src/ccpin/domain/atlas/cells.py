@@ -198,6 +198,10 @@ class CellTree:
         self._growing = Growing(cells)
         self.lower, self.size, self.cut, self.child, self.status, self.box = cells
 
+    def __reduce__(self) -> tuple[type[CellTree], tuple[Cells]]:
+        """A copy's arrays are its own cells again."""
+        return CellTree, (self._growing.trimmed(),)
+
     @property
     def cells(self) -> Cells:
         """All cells."""

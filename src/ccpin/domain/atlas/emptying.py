@@ -9,6 +9,8 @@ from ccpin.domain.atlas.empty import empty_cells, groups_of
 from ccpin.domain.atlas.platform import platform_empty, platform_of
 from ccpin.domain.atlas.run import Runner
 
+_CHUNK = 20_000
+
 
 def prove_empty(runner: Runner, tree: CellTree, region: Region, depth: int, thorough: bool = False) -> None:
     """Mark cells that are neither certified nor candidates as empty where that is proved, halving those never tried.
@@ -25,12 +27,15 @@ def prove_empty(runner: Runner, tree: CellTree, region: Region, depth: int, thor
     smallest = 1 << (LEVELS - depth)
     cells = tree.leaves(CellStatus.UNREACHED, CellStatus.UNDECIDED)
     while cells.size:
-        runner.check()
-        centre, half = place(tree, region, cells)
-        empty = empty_cells(system, groups, centre, half)
-        if platform is not None:
-            rows = np.flatnonzero(~empty)
-            empty[rows] = platform_empty(system, platform, centre[rows], half[rows])
+        empty = np.zeros(len(cells), dtype=np.bool_)
+        for first in range(0, len(cells), _CHUNK):
+            runner.check()
+            part = slice(first, first + _CHUNK)
+            centre, half = place(tree, region, cells[part])
+            empty[part] = empty_cells(system, groups, centre, half)
+            if platform is not None:
+                rows = np.flatnonzero(~empty[part])
+                empty[first + rows] = platform_empty(system, platform, centre[rows], half[rows])
         tree.status[cells[empty]] = CellStatus.EMPTY
         left = cells[~empty & (tree.status[cells] == CellStatus.UNREACHED)]
         left = left[np.max(tree.size[left], axis=1, where=~region.held, initial=0) > smallest]

@@ -12,7 +12,8 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from contextvars import ContextVar
 from copy import copy
 from pathlib import Path
 from types import FrameType
@@ -33,6 +34,8 @@ Task = Callable[[Problem, Arrays], Arrays]
 
 _POLL = 0.2
 _CHUNK = "ccpin-chunk-1"
+_STALLED = 5.0
+_ACTIVE: ContextVar[tuple[threading.Event, ...]] = ContextVar("active", default=())
 
 
 class Stopped(Exception):  # noqa: N818 - not an error: what is proved is kept
@@ -60,11 +63,18 @@ class _Until(NamedTuple):
 def stoppable(seconds: float | None = None) -> Iterator[threading.Event]:
     """Make the first Ctrl-C, or the end of a time, set an event, so that no bookkeeping is cut in half.
 
+    Ctrl-C within another one's stretch of work sets that one's event too, and what is begun after that ends at once.
     The second Ctrl-C acts as ever.
     """
-    flag = threading.Event()
-    with _timed(flag, seconds), _interruptible(flag):
-        yield flag
+    flag, around = threading.Event(), _ACTIVE.get()
+    if any(outer.is_set() for outer in around):
+        flag.set()
+    token = _ACTIVE.set((*around, flag))
+    try:
+        with _timed(flag, seconds), _interruptible((*around, flag)):
+            yield flag
+    finally:
+        _ACTIVE.reset(token)
 
 
 @contextmanager
@@ -81,7 +91,7 @@ def _timed(flag: threading.Event, seconds: float | None) -> Iterator[None]:
 
 
 @contextmanager
-def _interruptible(flag: threading.Event) -> Iterator[None]:
+def _interruptible(flags: tuple[threading.Event, ...]) -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -89,8 +99,9 @@ def _interruptible(flag: threading.Event) -> Iterator[None]:
 
     def stop(number: int, frame: FrameType | None) -> None:
         del number, frame
-        flag.set()
-        signal.signal(signal.SIGINT, before)
+        for flag in flags:
+            flag.set()
+        signal.signal(signal.SIGINT, signal.default_int_handler if len(flags) > 1 else before)
 
     signal.signal(signal.SIGINT, stop)
     try:
@@ -224,7 +235,8 @@ class Runner:
     """Maps a task over chunks, in order, with the same chunks whoever computes them.
 
     An executor is anything with ``submit(function, *arguments) -> Future`` (``None``: this process); `checkpoint` is a
-    folder for results, and the flag is looked at between chunks.
+    folder for results, and the flag is looked at between chunks. What an executor lost is computed here, and so is what
+    it does not give within a while; one that gives nothing meanwhile is asked no more.
     """
 
     def __init__(self, problem: Problem, executor: Executor | None, checkpoint: str | Path | None, flag: Flag) -> None:
@@ -251,7 +263,7 @@ class Runner:
         futures = self._submit(task, {k: chunks[k] for k in missing})
         for k in missing:
             self.check()
-            result = self._result(futures[k]) if k in futures else None
+            result = self._result(k, futures) if k in futures else None
             if result is None:
                 result = task(self.problem, chunks[k])
             self.store.save(keys[k], result)
@@ -264,22 +276,39 @@ class Runner:
             raise Stopped
 
     def _submit(self, task: Task, chunks: dict[int, Arrays]) -> dict[int, Future[Arrays]]:
-        """Submit what the executor takes; what a broken one refuses is computed here."""
+        """Submit what the executor takes; what a broken one refuses is computed here.
+
+        Raises:
+            InvalidInputError: It takes no work at all: it is closed, say.
+        """
         futures: dict[int, Future[Arrays]] = {}
-        if self._executor is not None:
-            with suppress(RuntimeError):
-                for k, chunk in chunks.items():
-                    futures[k] = self._executor.submit(task, self.problem, chunk)
+        if self._executor is None:
+            return futures
+        try:
+            for k, chunk in chunks.items():
+                futures[k] = self._executor.submit(task, self.problem, chunk)
+        except RuntimeError:
+            self._executor = None
+        except Exception as error:
+            raise InvalidInputError(
+                f"the executor takes no work ({type(error).__name__}: {error}): is it open?"
+            ) from error
         return futures
 
-    def _result(self, future: Future[Arrays]) -> Arrays | None:
+    def _result(self, k: int, futures: dict[int, Future[Arrays]]) -> Arrays | None:
         """A future's result; ``None`` where its worker was lost (or the task failed: computing it here will tell)."""
+        future, due = futures[k], time.monotonic() + _STALLED
+        done = sum(other.done() for other in futures.values())
         while True:
             self.check()
             try:
-                return future.result(timeout=_POLL)
+                return future.result(timeout=_POLL if self._executor is not None else 0.0)
             except FutureTimeoutError:
-                if future.done():
+                if future.done() or self._executor is None:
+                    return None
+                if time.monotonic() >= due:
+                    if sum(other.done() for other in futures.values()) == done:
+                        self._executor = None
                     return None
             except (Exception, CancelledError):
                 return None

@@ -24,7 +24,7 @@ from ccpin.domain.verdict import Witness
 from ccpin.domain.walker import Walker
 from ccpin.errors import SingularConfigurationError
 
-_CHUNK = 20_000_000
+_CHUNK = 4_000_000
 _REACH = 2.0  # of a cell: how far beside it a fold is looked for
 _NEWTON = 12
 _SOUGHT = 500

@@ -79,15 +79,27 @@ class Solutions(NamedTuple):
     complete: bool
 
 
-def cover_singular(runner: Runner, region: Region, ranges: Ranges, depth: int, budget: int, report: Report) -> Cover:
+def cover_singular(
+    runner: Runner,
+    region: Region,
+    ranges: Ranges,
+    depth: int,
+    budget: int,
+    report: Report,
+    begun: Cover | None = None,
+) -> Cover:
     """Enclose all singular closed configurations over a region, halving each of its edges `depth` times at most.
 
-    Once `budget` candidates were tried, or the runner was stopped, all that wait are left as they are.
+    Once `budget` candidates were tried, or the runner was stopped, all that wait are left as they are; from what is
+    left so, another search may go on.
     """
     problem = runner.problem
-    tree, smallest = CellTree.whole(problem.system.n), 1 << (LEVELS - depth)
-    root = np.zeros(1, dtype=np.intp)
-    waiting = whole_candidates(problem, ranges, root, *place(tree, region, root))
+    smallest, root = 1 << (LEVELS - depth), np.zeros(1, dtype=np.intp)
+    if begun is None:
+        tree = CellTree.whole(problem.system.n)
+        waiting = whole_candidates(problem, ranges, root, *place(tree, region, root))
+    else:
+        tree, waiting = begun.tree, begun.left
     left = [rows_of(waiting, slice(0))]
     search = Pruning(runner, ranges, budget, singular=True)
     while waiting.cell.size:
@@ -96,7 +108,7 @@ def cover_singular(runner: Runner, region: Region, ranges: Ranges, depth: int, b
         small = np.all(tree.size[cells] <= smallest, axis=1) | search.over
         last = np.isin(waiting.cell, cells[small])
         left.append(rows_of(waiting, last))
-        waiting = _halve_cells(problem, tree, region, rows_of(waiting, ~last), cells[~small])
+        waiting = _halve_cells(problem, tree, region, rows_of(waiting, ~last), cells[~small], smallest)
         report(tree, 0, len(np.unique(waiting.cell)))
     return Cover(tree, joined(left), search.complete)
 
@@ -136,15 +148,18 @@ def _within(problem: Problem, ranges: Ranges, boxes: Boxes) -> tuple[Mask, Mask]
     return inside, np.any((y + spread < low) | (y - spread > high), axis=1)
 
 
-def _halve_cells(problem: Problem, tree: CellTree, region: Region, waiting: Candidates, cells: Indices) -> Candidates:
-    """Halve cells along the edge that moves φ most, and pass their candidates on."""
+def _halve_cells(
+    problem: Problem, tree: CellTree, region: Region, waiting: Candidates, cells: Indices, smallest: int
+) -> Candidates:
+    """Halve cells along the edge above the smallest that moves φ most, and pass their candidates on."""
     if not cells.size:
         return waiting
     system, at = problem.system, np.searchsorted(cells, waiting.cell)
     jacobian = steepness(problem, waiting.centre)[:, system.independent]
     stretch = np.zeros((len(cells), system.n))
     np.maximum.at(stretch, at, jacobian)
-    tree.split(cells, np.argmax(stretch * (tree.size[cells] / WHOLE) * region.width, axis=1))
+    moved = np.where(np.isfinite(stretch), stretch, 0.0) * (tree.size[cells] / WHOLE) * region.width
+    tree.split(cells, np.argmax(np.where(tree.size[cells] > smallest, moved, -1.0), axis=1))
     return handed_down(problem, tree, region, waiting)
 
 

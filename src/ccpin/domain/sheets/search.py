@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Executor
+from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from ccpin.arrays import Indices, joined, positive, whole
+from ccpin.arrays import Indices, instance, joined, positive, whole
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Corners, Region, corners_of, place, region_of
 from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
 from ccpin.domain.atlas.singular import SingularCells, mark_in_cells
+from ccpin.domain.atlas.store import require_about
 from ccpin.domain.boxes import BoundsName, Problem, problem_of
 from ccpin.domain.chains import ClosureSystem, Seed, closure_system
 from ccpin.domain.sheets.front import Front, Part, glued_pairs, parts_of
-from ccpin.domain.sheets.paving import MOST_DEPENDENT, cover_singular, solutions_task
+from ccpin.domain.sheets.paving import MOST_DEPENDENT, Cover, cover_singular, solutions_task
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.coordinates import component_names
@@ -39,6 +43,7 @@ def certify_sheets(
     workers: int | None = None,
     executor: Executor | None = None,
     checkpoint: str | Path | None = None,
+    begun: SheetAtlas | None = None,
     progress: Callable[[Progress], None] | None = None,
 ) -> SheetAtlas:
     """Find and certify every sheet of σ over a region.
@@ -61,6 +66,7 @@ def certify_sheets(
         workers: How many processes to start for the work, as for `certify`; the result is the same.
         executor: In place of `workers` anything with ``submit``, as for `certify`.
         checkpoint: A folder in which finished chunks are kept; the same call finds them again after a crash.
+        begun: Sheets of the same mechanism and region, interrupted or cut short: the search goes on from theirs.
         progress: Called after every wave: of the search (cells waiting are those that may hold singular
             configurations), then of boxes.
 
@@ -71,7 +77,8 @@ def certify_sheets(
         UnsupportedMechanismError: More than three coordinates or eight dependent ones, ball joints, distance closures,
             couplings of continuous joints, redundant rows, closures that cannot be bounded, or a slide or a coupled
             joint that neither limits nor lengths nor couplings bound.
-        InvalidInputError: The region, max_depth, seconds or workers is malformed.
+        InvalidInputError: The region, max_depth, seconds or workers is malformed, or `begun` is of another region.
+        DifferentSubjectsError: `begun` is of other closures.
     """
     mechanism = mechanism_of(mechanism)
     system = closure_system(mechanism, mechanism.q_reference)
@@ -83,7 +90,19 @@ def certify_sheets(
     problem, area = problem_of(system, bounds), region_about(mechanism, system, region)
     effort, work = Effort(depth, whole(budget, "budget"), time), Work(workers, executor, checkpoint, progress)
     ranges = searched_ranges(mechanism, system, area)
-    return _survey(problem, tuple(mechanism.independent), area, ranges, effort, work)
+    cover = None if begun is None else _begun(mechanism, area, ranges, instance(begun, "begun", SheetAtlas))
+    found = _survey(problem, tuple(mechanism.independent), area, ranges, effort, work, cover)
+    return found if begun is None else replace(found, source=begun.source)
+
+
+def _begun(mechanism: Mechanism, region: Region, ranges: Ranges, begun: SheetAtlas) -> Cover:
+    """What a search has come to, if it is one of the same closures, region and ranges."""
+    require_about("a search for sheets that goes on", begun, mechanism)
+    here: tuple[ArrayLike, ...] = (region.lower, region.upper, region.wrapped, *ranges)
+    there: tuple[ArrayLike, ...] = (begun.region.lower, begun.region.upper, begun.region.wrapped, *begun.ranges)
+    if not all(np.array_equal(one, other) for one, other in zip(here, there, strict=True)):
+        raise InvalidInputError("begun is of another region or of other limits: give those that it was begun with")
+    return Cover(deepcopy(begun.tree), begun.left, begun.complete)
 
 
 class Effort(NamedTuple):
@@ -95,14 +114,20 @@ class Effort(NamedTuple):
 
 
 def _survey(
-    problem: Problem, names: tuple[str, ...], region: Region, ranges: Ranges, effort: Effort, work: Work
+    problem: Problem,
+    names: tuple[str, ...],
+    region: Region,
+    ranges: Ranges,
+    effort: Effort,
+    work: Work,
+    begun: Cover | None,
 ) -> SheetAtlas:
     """Search, count, certify, glue."""
     report = reporter(work.progress)
     with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
         runner = Runner(problem, chosen, work.checkpoint, flag)
         first = runner.within(None if effort.seconds is None else 0.5 * effort.seconds)
-        cover = cover_singular(first, region, ranges, effort.depth, effort.budget, report)
+        cover = cover_singular(first, region, ranges, effort.depth, effort.budget, report, begun)
         tree, leaves, open_cells = cover.tree, cover.tree.leaves(), np.unique(cover.left.cell)
         tree.status[leaves] = CellStatus.UNDECIDED
         parts, all_counted = _counted(runner, tree, region, ranges, np.setdiff1d(leaves, open_cells))
