@@ -8,6 +8,7 @@ import threading
 
 import pytest
 
+from ccpin import auditing, domain, simulation
 from ccpin.errors import InvalidInputError
 from ccpin.files import Journal, write_atomically
 
@@ -201,3 +202,14 @@ def test_a_file_changed_under_it_is_told(tmp_path):
     (tmp_path / "numbers").write_text("gone")
     with pytest.raises(InvalidInputError, match="was changed while it was in use"):
         journal[1]
+
+
+def test_nobody_waits_for_a_pipe(tmp_path):
+    """Documents, motions and journals are read from regular files; a pipe into which nobody writes held for ever."""
+    path = tmp_path / "pipe.npz"
+    os.mkfifo(path)
+    for read in (domain.Atlas.load, simulation.load_npz, lambda file: list(auditing.verify(file).claims)):
+        with pytest.raises(InvalidInputError, match="no regular file"):
+            read(path)
+    with pytest.raises(InvalidInputError, match="no regular file"):
+        Journal(path, {"format": "anything"})

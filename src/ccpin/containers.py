@@ -148,12 +148,14 @@ def _undamaged(header: dict[str, Any], arrays: NamedArrays) -> tuple[dict[str, A
 
 @contextmanager
 def told_of(path: object) -> Iterator[None]:
-    """Whatever is wrong within is told of a file.
+    """Whatever is wrong within is told of a file, which is a regular one: nobody waits for a pipe.
 
     Raises:
         InvalidInputError: Something is.
     """
     try:
+        if isinstance(path, str | Path) and Path(path).exists() and not Path(path).is_file():
+            raise InvalidInputError("it is no regular file (a folder, a device or a pipe, perhaps)")
         yield
     except CcpinError as error:
         raise InvalidInputError(f"{path}: {error}") from error

@@ -164,6 +164,8 @@ class Journal(Sequence[dict[str, Any]]):
 
     def __init__(self, path: str | Path, header: Mapping[str, Any]) -> None:
         self._path = writable_target(path)
+        if _is_special(self._path):
+            raise InvalidInputError(f"'{path}' is no regular file, and a journal is read again: name another file")
         self._starts: list[int] = []
         self._end = 0
         try:

@@ -16,6 +16,7 @@ from ccpin.domain.atlas.cells import WHOLE
 from ccpin.domain.atlas.run import Runner, stoppable
 from ccpin.domain.boxes import problem_of
 from ccpin.domain.chains import closure_system
+from ccpin.domain.curves import following, search
 from ccpin.errors import DifferentSubjectsError, InvalidInputError
 
 TORUS = (np.full(2, -np.pi), np.full(2, np.pi))
@@ -177,3 +178,27 @@ def test_a_deep_atlas_answers_soon(rpdr):
         timer.cancel()
         assert found.complete == (not at)
     assert max(waits) < 1.0
+
+
+def test_curves_are_kept_too(rpdr, tmp_path, monkeypatch):
+    """A checkpoint saved no time: curves were followed again. One that Ctrl-C cuts short is not kept."""
+    followed = []
+
+    def counted(problem, theta, kernel, going):
+        followed.append(theta)
+        if len(followed) == 1:
+            press()
+        return following.follow(problem, theta, kernel, going)
+
+    monkeypatch.setattr(search, "follow", counted)
+    part = domain.certify_singularities(rpdr, TORUS, checkpoint=tmp_path)
+    assert not part.complete
+    assert len(followed) == 1
+    whole = domain.certify_singularities(rpdr, TORUS, checkpoint=tmp_path)
+    assert len(followed) == 1 + len(whole.curves) == 4
+    again = domain.certify_singularities(rpdr, TORUS, checkpoint=tmp_path)
+    assert len(followed) == 4
+    for one, other in zip(whole.curves, again.curves, strict=True):
+        np.testing.assert_array_equal(one.tubes.theta, other.tubes.theta)
+        np.testing.assert_array_equal(one.tubes.along, other.tubes.along)
+        assert one.closed == other.closed

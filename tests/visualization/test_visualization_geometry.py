@@ -16,9 +16,11 @@ from ccpin import visualization
 from ccpin.description import Shape, Visual
 from ccpin.visualization.bodies import drawn_bodies
 from ccpin.visualization.camera import ASPECT, FIELD_OF_VIEW, FILL, frame_points, plane_normal, view_directions
+from ccpin.visualization.page import Recorder
 from ccpin.visualization.shapes import RINGS, SIDES, Triangles, corners, hull, parts, read_mesh, tube
 from ccpin.visualization.skeleton import held_points
 from tests.support.pages import bare, five_bar
+from tests.support.rods import FOUR_BAR, rocker_angle, rod_four_bar
 
 
 @pytest.fixture(scope="module")
@@ -229,3 +231,22 @@ def test_camera_sees_all_points_as_large_as_it_can(points, azimuth, elevation):
     nearest_allowed = 0.05 * (np.ptp(depth) + 1e-3)  # the camera keeps this far from the nearest point
     if depth.min() > nearest_allowed * (1 + 1e-9):
         assert largest == pytest.approx(1, rel=1e-9)
+
+
+def test_a_distance_closure_is_a_rod_between_its_ends():
+    """It was drawn nowhere: a four-bar's crank and rocker moved as if by magic. Ends are those of the closed form."""
+    meshcat = pytest.importorskip("meshcat")
+    mechanism = ccpin.load(rod_four_bar())
+    scene = visualization.Scene(mechanism, meshcat.Visualizer(window=Recorder()))
+    crank, ground, rocker, rod = FOUR_BAR
+    (number,) = [k for k, body in enumerate(scene.bodies) if body.name == "rod (rod)"]
+    assert {visual.shape.kind for visual in scene.bodies[number].visuals} == {"cylinder", "sphere"}
+    model = ccpin.ReducedModel(mechanism)
+    for q in (-1.0, -1.2, -0.7):
+        seen = scene.frames(model.sigma([q]))[number]
+        turned = rocker_angle(q)
+        near = [crank * np.cos(q), 0.0, -crank * np.sin(q)]
+        far = [ground + rocker * np.cos(turned), 0.0, -rocker * np.sin(turned)]
+        found = np.array([seen[:3, 3], seen[:3, 3] + rod * seen[:3, 2]])
+        assert found == pytest.approx(np.array([near, far]), abs=1e-9)
+    assert np.linalg.det(seen[:3, :3]) == pytest.approx(1.0)

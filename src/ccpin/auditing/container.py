@@ -32,6 +32,8 @@ def contents(path: Path) -> tuple[dict[str, Any], Arrays]:
     Raises:
         InvalidInputError: It cannot be read, or holds something else; the file and the array are named.
     """
+    if path.exists() and not path.is_file():
+        raise InvalidInputError(f"{path}: no regular file (a folder, a device or a pipe, perhaps)")
     try:
         header, arrays = _of_json(path) if path.suffix == ".json" else _of_npz(path)
     except InvalidInputError:

@@ -1,4 +1,4 @@
-"""What is drawn of a mechanism: each link as its file draws it, and solid links where the file draws nothing."""
+"""What is drawn of a mechanism: links as their file draws them, solid ones where it draws nothing, and rods."""
 
 from __future__ import annotations
 
@@ -7,19 +7,32 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.model import Visual
+from ccpin.description.model import Visual, frame, rotation_to
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.visualization.shapes import corners, missing
-from ccpin.visualization.skeleton import Piece, skeleton
+from ccpin.visualization.skeleton import Piece, rods, skeleton
 
 
 class Body(NamedTuple):
-    """Something drawn that moves as one: its name, the joint that carries it, its 4×4 frame there, what it shows."""
+    """Something drawn that moves as one: its name, the joint that carries it, its 4×4 frame there, what it shows.
+
+    What stands between two bodies has its z axis `towards` a point (4,) in another joint's frame.
+    """
 
     name: str
     joint: int
     placement: Array
     visuals: tuple[Visual | Piece, ...]
+    towards: tuple[int, Array] | None = None
+
+    def frame(self, poses: Array) -> Array:
+        """Its 4×4 frame in the world, where the joints' are (njoints, 4, 4)."""
+        own = np.asarray(poses[self.joint] @ self.placement)
+        if self.towards is None:
+            return own
+        joint, point = self.towards
+        span = (poses[joint] @ point - own[:, 3])[:3]
+        return frame(own[:3, 3], rotation_to(span / np.linalg.norm(span))) if np.any(span) else own
 
     @property
     def corners(self) -> Array:
@@ -35,7 +48,7 @@ def drawn_bodies(mechanism: Mechanism) -> tuple[tuple[Body, ...], tuple[str, ...
 
     Each link with something to draw is a body. Each joint whose links draw nothing, or miss a mesh, has a solid link
     made from where its joints and loops are (in a file that draws others, only if they have mass); a joint left
-    without either is a body that shows nothing.
+    without either is a body that shows nothing. Each distance closure is a rod.
     """
     bodies, notes = [], []
     drawing: set[int] = set()
@@ -59,6 +72,8 @@ def drawn_bodies(mechanism: Mechanism) -> tuple[tuple[Body, ...], tuple[str, ...
     for joint in joints:
         if joint in made or (joint > 0 and joint not in drawing):
             bodies.append(Body(_carried(mechanism, joint), joint, np.eye(4), made.get(joint, ())))
+    for rod in rods(mechanism):
+        bodies.append(Body(f"{rod.name} (rod)", rod.joint, rod.placement, rod.pieces, rod.towards))
     return tuple(bodies), tuple(dict.fromkeys(notes))
 
 

@@ -74,7 +74,7 @@ class Scene:
     def frames(self, q_free: Array) -> Array:
         """World frames of all bodies at q′, of shape (bodies, 4, 4)."""
         poses = joint_poses(self._scratch, q_free)
-        return np.array([poses[body.joint] @ body.placement for body in self.bodies]).reshape(-1, 4, 4)
+        return np.array([body.frame(poses) for body in self.bodies]).reshape(-1, 4, 4)
 
     def frame_camera(self, q_free: Array) -> Framing:
         """Choose the views so that the mechanism fills the frame over all configurations (T, nq); return the first."""

@@ -63,6 +63,16 @@ class Points(NamedTuple):
         return np.array([held.point for held in (*self.joints, *self.loops)]).reshape(-1, 3)
 
 
+class Rod(NamedTuple):
+    """The rod of a distance closure: from a placement in a joint's frame towards a point (4,) in another joint's."""
+
+    name: str
+    joint: int
+    placement: Array
+    pieces: tuple[Piece, ...]
+    towards: tuple[int, Array]
+
+
 def skeleton(mechanism: Mechanism, wanted: tuple[int, ...]) -> dict[int, tuple[Piece, ...]]:
     """Pieces for the joints `wanted` (0: the ground), sized by the mechanism's extent in its reference.
 
@@ -83,6 +93,26 @@ def skeleton(mechanism: Mechanism, wanted: tuple[int, ...]) -> dict[int, tuple[P
         if limbs or rails or joint == 0:
             pieces[joint] = (*limbs, *rails, *pins, *block)
     return pieces
+
+
+def rods(mechanism: Mechanism) -> list[Rod]:
+    """What distance closures stand for, a rod with a ball at both ends each, from a body that moves."""
+    radius = LIMB_RADIUS * extent(mechanism, held_points(mechanism))
+    found = []
+    for closure in mechanism.closures:
+        if closure.length is None:
+            continue
+        ends = []
+        for link, placement in ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b)):
+            carrier = mechanism.tree.attachments[link]
+            ends.append((carrier.joint, carrier.placement @ placement))
+        (joint, placement), (other, far) = sorted(ends, key=lambda end: end[0] == 0)
+        bar = Piece(Shape("cylinder", (0.6 * radius, closure.length)), frame([0.0, 0.0, 0.5 * closure.length]), LOOP)
+        balls = [
+            Piece(Shape("sphere", (0.98 * BALL * radius,)), frame([0.0, 0.0, at]), LOOP) for at in (0, closure.length)
+        ]
+        found.append(Rod(closure.name, joint, placement, (bar, *balls), (other, far[:, 3])))
+    return found
 
 
 def held_points(mechanism: Mechanism) -> list[Points]:

@@ -270,6 +270,16 @@ class Runner:
             results[k] = result
         return [result for result in results if result is not None]
 
+    def once(self, task: Task, arrays: Arrays) -> Arrays:
+        """The result of a task of this process; it is kept unless an interrupt has cut it short."""
+        key = self.store.key(task, arrays)
+        result = self.store.load(key)
+        if result is None:
+            result = task(self.problem, arrays)
+            if not self.flag.is_set():
+                self.store.save(key, result)
+        return result
+
     def check(self) -> None:
         """Raise `Stopped` where an interrupt was asked for."""
         if self.flag.is_set():

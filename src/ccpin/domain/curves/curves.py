@@ -46,8 +46,8 @@ def certify_singularities(
         workers: How many processes to start for the boxes, as for `certify`; curves are followed in this one. The
             result is the same whoever does the work.
         executor: In place of `workers` anything with ``submit``, as for `certify`.
-        checkpoint: A folder in which finished chunks of boxes are kept; the same call finds them again after an
-            interrupt or a crash.
+        checkpoint: A folder in which finished chunks of boxes and whole curves are kept; the same call finds them again
+            after an interrupt or a crash.
         progress: Called before every wave of boxes with the number of tubes and of boxes that wait; what it raises
             ends the search.
 

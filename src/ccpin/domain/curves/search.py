@@ -16,12 +16,13 @@ import numpy as np
 from ccpin.arrays import Array, Mask, joined, rows_of
 from ccpin.domain.atlas.cells import Region
 from ccpin.domain.atlas.run import Runner, Stopped
+from ccpin.domain.atlas.tasks import Arrays
 from ccpin.domain.boxes import Problem, closure_derivatives, closure_values
 from ccpin.domain.curves.covering import Nearby, directions, extents
 from ccpin.domain.curves.following import Chain, follow, prolonged
 from ccpin.domain.curves.system import onto_curves
 from ccpin.domain.curves.tasks import narrow_boxes, settle_boxes
-from ccpin.domain.curves.tubes import Points, Tubes
+from ccpin.domain.curves.tubes import Points, Tubes, no_tubes
 from ccpin.domain.sheets.candidates import rows_to_halve_for
 from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.proof.ranges import Ranges
@@ -70,7 +71,7 @@ class Found(NamedTuple):
 class Search:
     """A search: the problem with the bounds chosen for boxes, and with those for any tree for tubes; where; the curves.
 
-    Boxes are narrowed and settled in the runner's chunks; curves are followed in this process.
+    Boxes are narrowed and settled in the runner's chunks; curves are followed in this process, and kept as those are.
 
     Attributes:
         chains: The curves found.
@@ -152,12 +153,22 @@ class Search:
                 points = rows_of(points, ~self._nearby.hold(points))
             if not len(points.x):
                 break
-            chain = follow(self.plain, points.x[0, :size], points.x[0, size:], self._wanted)
+            place = self.place.region
+            start = points.x[0, :size], points.x[0, size:]
+            about = (*start, place.lower, place.upper, place.wrapped, *self.place.ranges)
+            closed, *tubes = self._runner.once(self._followed, about)
             points = rows_of(points, slice(1, None))
-            if chain is not None:
-                self.chains.append(chain)
+            if len(tubes[0]):
+                self.chains.append(Chain(Tubes(*tubes), bool(closed)))  # type: ignore[arg-type]
                 self._gather()
             self._runner.check()
+
+    def _followed(self, problem: Problem, arrays: Arrays) -> Arrays:
+        """The curve through a start: (θ, kernel, *place) → (closed, *tubes); no tubes where none is proved."""
+        del problem  # with its bounds for boxes
+        theta, kernel = (np.asarray(array, dtype=np.float64) for array in arrays[:2])
+        chain = follow(self.plain, theta, kernel, self._wanted)
+        return (np.array(False), *no_tubes(self.plain)) if chain is None else (np.array(chain.closed), *chain.tubes)
 
     def _gather(self) -> None:
         """Have the tubes of all curves at hand."""

@@ -116,11 +116,11 @@ function makePlots(said) {
     return { ...plot, canvas, hand };
   });
   motion.plots.forEach(paintPlot);
+  wake();
 }
 
 const lookAt = latest();
 function follow() {                      // the player's time has moved: cursors, numbers and the map's point with it
-  requestAnimationFrame(follow);
   if (!motion.now || !(player.duration > 0) || player.actions !== viewer.animator.actions) return;
   if (motion.followed === player.time) return;
   motion.followed = player.time;

@@ -17,7 +17,7 @@ byId("tools").insertAdjacentHTML("afterend", '<div id="gripped" class="panel"></
 makeGrip();
 byId("gripped").hidden = !byId("gripped").children.length;
 addEventListener("resize", () => motion.plots.forEach(paintPlot));
-follow();
+turns.push(follow);
 if (link.offline) {
   document.body.classList.add("offline");
   document.querySelectorAll(".side input, .side button, .side select").forEach(one => { one.disabled = true; });

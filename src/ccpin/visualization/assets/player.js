@@ -1,7 +1,7 @@
 // Time: the page owns it and seeks MeshCat's animator, so that speed, single frames and the growing path are exact.
 const SPEEDS = [0.1, 0.25, 0.5, 1, 1.5, 2];
 const HOLD = 0.6;                        // seconds at the end before the motion starts over
-const player = { time: 0, speed: 1, playing: false, loop: false, duration: 0, held: 0, last: 0, actions: null };
+const player = { time: 0, speed: 1, playing: false, loop: false, duration: 0, held: 0, last: null, actions: null };
 const [bar, play, scrub, time, speed, stamp, tools, keys] =
   ["bar", "play", "scrub", "time", "speed", "stamp", "tools", "keys"].map(id => document.getElementById(id));
 
@@ -27,8 +27,8 @@ function seek(at) {
 }
 
 function advance(now) {
-  const passed = Math.min(0.1, (now - player.last) / 1000);
-  player.last = now;
+  const passed = player.last === null ? 0 : Math.min(0.1, (now - player.last) / 1000);
+  player.last = player.playing ? now : null;
   if (!player.playing || !(player.duration > 0)) return;
   if (player.time < player.duration) return seek(player.time + passed * player.speed);
   player.held += passed;
@@ -39,6 +39,7 @@ function advance(now) {
 function start(playing = !player.playing) {
   if (playing && player.time >= player.duration) seek(0);
   player.playing = playing && player.duration > 0;
+  wake();
 }
 
 function step(count) {
@@ -69,22 +70,24 @@ function moment() {                      // of the trajectory, in its own second
   return `${Math.min(start + speed * player.time, end).toFixed(2)} s`;
 }
 
+const write = (place, words) => { if (place.textContent !== words) place.textContent = words; };   // else it is drawn anew
+
 function refresh() {
   const { duration } = player, words = duration > 0 ? moment() : "";
   bar.style.display = duration > 0 ? "flex" : "none";
   document.body.classList.toggle("moving", duration > 0);                 // the grid's size stands above the bar
-  play.textContent = player.playing ? "\u275A\u275A" : "\u25B6\uFE0E";
+  write(play, player.playing ? "\u275A\u275A" : "\u25B6\uFE0E");
   scrub.max = duration;
   scrub.value = player.time;
-  time.textContent = words;
-  stamp.textContent = document.body.classList.contains("film") ? words : "";
+  write(time, words);
+  write(stamp, document.body.classList.contains("film") ? words : "");
   const there = { labels: told("labels").labels?.length, trace: told("trace").path, ghosts: told("ghosts").root,
     arrows: told("arrows").root, ground: ground.group };
   for (const button of tools.querySelectorAll("button")) {
     const { view: preset, toggle: name } = button.dataset;
     button.hidden = Boolean(name) && !there[name];
     button.classList.toggle("on", name ? Boolean(shown[name]) : preset === view.name && !view.touched);
-    if (name === "labels") button.textContent = ["Labels", "Motors", "All names"][shown.labels];
+    if (name === "labels") write(button, ["Labels", "Motors", "All names"][shown.labels]);
   }
 }
 
@@ -135,13 +138,36 @@ function draw() {                        // what depends on time, then MeshCat's
 }
 let paint;
 
-function turn(now) {
+// A page on which nothing moves rests: frames come while something does, and where a command or a hand has asked for one.
+const turns = [];                        // what else is done each frame
+let awake = false, seen = true;
+function wake() {
+  if (awake) return;
+  awake = true;
   requestAnimationFrame(turn);
+}
+
+function turn(now) {
+  awake = false;
   takeOver();
   advance(now);
   keepFramed();
   fly();
+  viewer.animator.update();
+  if (viewer.needs_render) viewer.render();
   refresh();
+  for (const other of turns) other();
+  if (seen && (player.playing || view.flight || viewer.animator.playing || viewer.needs_render)) wake();
+  else player.last = null;
+}
+
+function rest() {                        // in place of MeshCat's own endless frames
+  const dirty = viewer.set_dirty.bind(viewer);
+  viewer.set_dirty = () => { dirty(); wake(); };
+  viewer.animate = wake;
+  for (const event of ["pointerdown", "pointerup", "wheel", "keydown", "input", "change", "focus"])
+    addEventListener(event, wake, { capture: true, passive: true });
+  new IntersectionObserver(([pane]) => { seen = pane.isIntersecting; wake(); }).observe(pane);   // or scrolled away
 }
 
 function film(frame) {                   // for who renders a film: one frame, without panels; resolves once it is shown
@@ -157,6 +183,7 @@ function film(frame) {                   // for who renders a film: one frame, w
 function prepare() {                     // before MeshCat hears the first command
   paint = viewer.render.bind(viewer);
   viewer.render = draw;
+  rest();
   fitted();
   lit();
   handWatched();
@@ -164,5 +191,5 @@ function prepare() {                     // before MeshCat hears the first comma
 }
 
 function run() {
-  turn(performance.now());
+  wake();
 }
