@@ -209,9 +209,9 @@ def test_wrong_tendons_are_refused_by_name(tendon: str, equality: str, matter: s
 
 
 def test_inactive_and_unsupported_constraints_become_notes() -> None:
-    """An inactive constraint, a tendon and a spring stated by its period are named in the notes and left out."""
+    """An inactive constraint, a tendon and a yielding spring are named in the notes and left out."""
     text = model(
-        PAIR.replace('name="ja"', 'name="ja" springdamper="1 2"').replace("</body>", '<site name="s"/></body>', 1)
+        PAIR.replace('name="ja"', 'name="ja" springyield="1"').replace("</body>", '<site name="s"/></body>', 1)
         + '<site name="w" pos="1 2 3"/>',
         equality='<connect name="open" body1="a" anchor="0 0 0" active="false"/><weld body1="a"/><tendon tendon1="t"/>',
         tail='<tendon><spatial name="t"><site site="s"/><site site="w"/></spatial></tendon>',
@@ -220,7 +220,7 @@ def test_inactive_and_unsupported_constraints_become_notes() -> None:
     description = read(text)
     assert [closure.name for closure in description.closures] == ["weld_1"]
     notes = "\n".join(description.notes)
-    for word in ("'open'", "'tendon_1'", "springdamper of joint 'ja'", "tendons"):
+    for word in ("'open'", "'tendon_1'", "springyield of joint 'ja'", "tendons"):
         assert word in notes
 
 

@@ -65,7 +65,7 @@ def test_mjcf_joints_are_mujocos():
     [
         ('stiffness="2 1"', "nonlinear part of the stiffness of joint 'a'"),
         ('damping="2 0 3"', "nonlinear part of the damping of joint 'a'"),
-        ('springdamper="1 1"', "springdamper of joint 'a'"),
+        ('springyield="1"', "springyield of joint 'a'"),
     ],
 )
 def test_what_mjcf_says_and_ccpin_lacks_is_noted(joint, word):

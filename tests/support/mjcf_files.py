@@ -79,6 +79,26 @@ SAMPLES = {
         head='<compiler eulerseq="XzY"/>',
         equality='<connect body1="a" body2="b" anchor="0 0 0"/>',
     ),
+    "joints and inertias in frames": model(
+        f'<frame pos="0 1 0" euler="90 0 0"><body name="a" pos="1 0 0"><frame pos="0.1 0.2 0" euler="0 0 40">'
+        f'<joint name="j" pos="0.3 0 0" axis="1 2 3"/><frame euler="0 50 0"><joint name="k" type="slide" axis="0 1 0"/>'
+        f'<inertial pos="0.1 0 0.4" mass="2" diaginertia="0.1 0.2 0.25" euler="10 20 30"/></frame></frame>{BALL}</body>'
+        f"</frame>"
+        f'<body name="f"><frame pos="1 2 3" euler="0 0 30"><freejoint name="free"/></frame>{BALL}</body>',
+        equality='<connect body1="a" body2="f" anchor="0.1 0 0"/>',
+    ),
+    "copies in copies": model(
+        f'<replicate count="3" offset="1 0.1 0" euler="0 10 20" sep="-"><body name="a"><joint name="j" axis="0 1 0"/>'
+        f'{BALL}<replicate count="2" offset="0 0 0.5" childclass="c"><body name="b" pos="0.2 0 0"><joint name="k"/>'
+        f'{BALL}<site name="s"/></body></replicate></body></replicate>',
+        head='<default><default class="c"><joint axis="1 0 0" damping="0.5"/></default></default>',
+        equality='<connect body1="a-0" body2="b0-1" anchor="0.1 0 0"/><weld site1="s1-2" site2="s0-0"/>',
+    ),
+    "more than ten copies": model(
+        f'<body name="r"><joint name="h"/>{BALL}<replicate count="11" offset="0 0.1 0"><body name="a">'
+        f'<joint name="j" axis="0 1 0"/>{BALL}</body></replicate></body>',
+        equality='<connect body1="a00" body2="a10" anchor="0 0 0"/>',
+    ),
 }
 SAMPLES["cassie"] = CASSIE.read_text() if CASSIE.is_file() else ""
 HAS_CASSIE = pytest.mark.skipif(not CASSIE.is_file(), reason="the sample of Cassie is not here")

@@ -16,7 +16,7 @@ from ccpin.arrays import FrozenMapping
 from ccpin.description.mjcf.defaults import Defaults
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.joints import WorldBody
-from ccpin.description.model import Motor
+from ccpin.description.model import Joint, Motor
 from ccpin.description.xml import XmlElement, label
 
 _X_AXIS = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -51,7 +51,7 @@ def read_actuators(sections: Sequence[XmlElement], tree: WorldBody, defaults: De
     armature: dict[str, float] = {}
     damping: dict[str, float] = {}
     notes: list[str] = []
-    kinds = {joint.name: joint.kind for joint in tree.joints}
+    joints = {joint.name: joint for joint in tree.joints}
     for xml in (xml for section in sections for xml in section.iterchildren("*")):
         said = defaults.actuator(xml)
         joint = said.text("joint") or said.text("jointinparent")
@@ -60,14 +60,14 @@ def read_actuators(sections: Sequence[XmlElement], tree: WorldBody, defaults: De
             continue
         if joint not in tree.reference:
             raise said.fail(f"there is no joint '{joint}'; there are: {', '.join(tree.reference) or 'none'}")
-        single = kinds[joint] in ("revolute", "prismatic")
+        single = joints[joint].kind in ("revolute", "prismatic")
         ratio = _first(said, "gear", 1.0) if single else 1.0
-        motor = _motor(said, xml, joint, ratio, autolimits)
+        motor = _motor(said, joints[joint], ratio, autolimits)
         if motor is None:
             notes.append(f"The actuator {label(xml)} has a gear or a gain of 0 and drives nothing; it is left out.")
             continue
         if not single:
-            motor = _on_many(motor, said, kinds[joint], notes)
+            motor = _on_many(motor, said, joints[joint].kind, notes)
         else:
             armature[joint] = armature.get(joint, 0.0) + ratio**2 * said.number("armature", 0.0)
             damping[joint] = damping.get(joint, 0.0) + ratio**2 * _first(said, "damping", 0.0)
@@ -85,7 +85,7 @@ def read_actuators(sections: Sequence[XmlElement], tree: WorldBody, defaults: De
     return Actuators(tuple(motors) or None, tuple(motors.values()), armature, damping, notes)
 
 
-def _motor(said: Element, xml: XmlElement, joint: str, gear: float, autolimits: bool) -> Motor | None:
+def _motor(said: Element, joint: Joint, gear: float, autolimits: bool) -> Motor | None:
     """One actuator; ``None`` where it moves nothing."""
     gain = _first(said, "gainprm", 1.0)
     bias = (*said.some_numbers("biasprm", 10), 0.0, 0.0, 0.0)[:3]
@@ -94,9 +94,11 @@ def _motor(said: Element, xml: XmlElement, joint: str, gear: float, autolimits: 
     linear = plain and (biased == "none" or (biased == "affine" and not any(bias)))
     if gear == 0.0 or (linear and gain == 0.0):
         return None
-    name = said.text("name") or joint
+    name = said.text("name") or joint.name
     lower, upper = _interval(said, "forcelimited", "forcerange", autolimits)
     low, high = _interval(said, "ctrllimited", "ctrlrange", autolimits)
+    if said.text("inheritrange") and not linear:
+        low, high = _inherited(said, joint)
     if not linear:
         gains = {key: said.some_numbers(key, 10) for key in _KEPT if said.text(key)}
         if gains_as in ("none", "fixed") and biased in ("none", "affine"):
@@ -104,10 +106,38 @@ def _motor(said: Element, xml: XmlElement, joint: str, gear: float, autolimits: 
         if np.isfinite(low):
             gains["inputs"] = (low, high)
         if activation != "none":
-            gains["dynprm"] = said.some_numbers("dynprm", 10) or said.some_numbers("timeconst", 2) or (1.0,)
-        return Motor(name, joint, gear, lower, upper, xml.tag, FrozenMapping(gains))
+            gains |= _dynamics(said, activation)
+        return Motor(name, joint.name, gear, lower, upper, str(said.xml.tag), FrozenMapping(gains))
     first, last = sorted((lower / gain, upper / gain))
-    return Motor(name, joint, gear * gain, max(low, first), min(high, last))
+    return Motor(name, joint.name, gear * gain, max(low, first), min(high, last))
+
+
+def _dynamics(said: Element, activation: str) -> dict[str, tuple[float, ...]]:
+    """The numbers of an actuator's state as MuJoCo's compiler has them; none of one that has no state."""
+    if activation == "muscle" and said.xml.tag == "muscle":
+        first, second = (*said.some_numbers("timeconst", 2), 0.01, 0.04)[:2] if said.text("timeconst") else (0.01, 0.04)
+        return {"dynprm": (first, second, said.number("tausmooth", 0.0))}
+    if activation == "dcmotor":
+        inductance, te = (*said.some_numbers("inductance", 2), 0.0, 0.0)[:2]
+        resistance = said.number("resistance", 0.0)
+        electric = inductance / resistance if inductance and resistance else te
+        thermal, friction = (*said.some_numbers("thermal", 10), *[0.0] * 3), (*said.some_numbers("lugre", 10), 0.0, 0.0)
+        numbers = (electric, 0.0, thermal[0], thermal[2], 0.0, friction[0], friction[1])
+        return {"dynprm": numbers} if any(numbers) else {}
+    return {"dynprm": said.some_numbers("dynprm", 10) or said.some_numbers("timeconst", 2) or (1.0,)}
+
+
+def _inherited(said: Element, joint: Joint) -> tuple[float, float]:
+    """Bounds of ctrl that `inheritrange` takes from the joint's: about their middle, so many times as wide."""
+    share = said.number("inheritrange", 0.0)
+    if share <= 0.0 or said.xml.tag == "intvelocity":
+        return -np.inf, np.inf
+    if said.text("ctrlrange"):
+        raise said.fail("give ctrlrange or inheritrange, not both")
+    if not np.isfinite(joint.upper - joint.lower):
+        raise said.fail(f"inheritrange takes the range of joint '{joint.name}', which has none")
+    middle, half = 0.5 * (joint.lower + joint.upper), 0.5 * share * (joint.upper - joint.lower)
+    return float(middle - half), float(middle + half)
 
 
 def _on_many(motor: Motor, said: Element, kind: str, notes: list[str]) -> Motor:

@@ -16,6 +16,8 @@ from ccpin.description.mjcf.schema import BODY_IGNORED, BODY_UNSUPPORTED, WORLD
 from ccpin.description.model import IDENTITY, Link, Visual
 from ccpin.description.xml import XmlElement, fail
 
+_EXPANDED = "s = mujoco.MjSpec.from_file(file); s.compile(); then read what s.to_xml() returns"
+
 
 class _Item(NamedTuple):
     """A child of a body: frames around it are folded into `offset`, and so is their childclass."""
@@ -66,13 +68,11 @@ class TreeReader:
         """Sort a body's children, with those of ``<frame>`` elements in the frames' places."""
         for xml in parent.iterchildren("*"):
             if xml.tag in BODY_UNSUPPORTED:
-                raise fail(xml, f"<{xml.tag}> is not supported; save the compiled model as MJCF")
+                raise fail(xml, f"<{xml.tag}> is MuJoCo's to expand: {_EXPANDED}")
             if xml.tag == "frame":
                 said = Element.of(xml)
                 inner = self._defaults.check(said.text("childclass") or childclass, said)
                 self._collect(items, xml, offset @ said.pose(self._compiler.angles), inner)
-            elif xml.tag in ("joint", "freejoint", "inertial") and parent.tag == "frame":
-                raise fail(xml, "this element inside a <frame> is not supported; put it into the body")
             elif xml.tag in ("body", "joint", "freejoint", "inertial", "geom", "site"):
                 items[xml.tag.removeprefix("free")].append(_Item(xml, offset, childclass))
             elif xml.tag not in BODY_IGNORED:
@@ -86,7 +86,7 @@ class TreeReader:
         placement = item.offset @ said.pose(self._compiler.angles)
         items: _Items = defaultdict(list)
         self._collect(items, item.xml, IDENTITY, childclass)
-        joints = [self._defaults.resolve(joint.xml, joint.childclass) for joint in items["joint"]]
+        joints = [(self._defaults.resolve(joint.xml, joint.childclass), joint.offset) for joint in items["joint"]]
         self.tree.poses[name] = self.tree.poses[parent] @ placement
         self._chains.read(joints, parent, name, placement)
         moves = moves or bool(joints)
@@ -95,8 +95,11 @@ class TreeReader:
         if len(inertials) > 1:
             raise fail(inertials[1], "a body can have one <inertial> only")
         inertial = Element.of(inertials[0]) if inertials else None
-        inertia = body_inertia(said, inertial, geoms, self._assets, self._compiler, moves)
+        stands = items["inertial"][0].offset if inertials else IDENTITY
+        inertia = body_inertia(said, inertial, stands, geoms, self._assets, self._compiler, moves)
         self.tree.links.append(Link(name, inertia, self._visuals(geoms)))
+        if inertial is not None and not {"diaginertia", "fullinertia"} & inertial.values.keys():
+            self.tree.notes.append(f"Body '{name}' is a point mass: its <inertial> says nothing of its inertia.")
         self._note_body(said, name)
         for body in items["body"]:
             self._read_body(body, name, moves=moves)

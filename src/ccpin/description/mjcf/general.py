@@ -6,6 +6,7 @@ All kinds share one set of defaults, so that the k_p of a <position> in a defaul
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import pi
 
 _NAMES = "adhesion cylinder damper dcmotor general intvelocity motor muscle orientation pid plugin position velocity"
 ACTUATORS = frozenset(_NAMES.split())
@@ -29,6 +30,13 @@ def as_general(tag: str, own: Mapping[str, str], inherited: Mapping[str, str]) -
         gained, biased, bias = kv, "affine", f"0 0 {_negative(kv)}"
     elif tag == "damper":
         gains, gained = "affine", f"0 0 {_negative(own.get('kv') or '0')}"
+    elif tag == "cylinder":
+        gained = (
+            f"{0.25 * pi * float(own['diameter'].split()[0]) ** 2!r}"
+            if own.get("diameter")
+            else own.get("area") or gain
+        )
+        biased, bias = "affine", own.get("bias") or "0 0 0"
     elif tag != "motor":
         dynamics, gains, biased = tag, tag, tag
         return values | {"dyntype": dynamics, "gaintype": gains, "biastype": biased}

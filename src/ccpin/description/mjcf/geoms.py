@@ -78,10 +78,7 @@ def read_assets(sections: Iterable[XmlElement], defaults: Defaults, compiler: Co
 def _rgba(said: Element) -> Colour | None:
     if "rgba" not in said.values:
         return None
-    value = said.vector("rgba", 4)
-    if np.any(value < 0.0) or np.any(value > 1.0):
-        raise said.fail("rgba should be four numbers between 0 and 1")
-    return cast(Colour, tuple(value.tolist()))
+    return cast(Colour, tuple(np.clip(said.vector("rgba", 4), 0.0, 1.0).tolist()))
 
 
 def read_geom(said: Element, offset: Array, compiler: Compiler, assets: Assets) -> Geom:

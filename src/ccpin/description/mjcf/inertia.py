@@ -7,23 +7,31 @@ from dataclasses import replace
 
 import numpy as np
 
+from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.geoms import Assets, Geom, geom_inertia, weighs_nothing
 from ccpin.description.mjcf.schema import ORIENTATIONS
 from ccpin.description.model import Inertia, Link
+from ccpin.description.xml import ZERO
 
 _SLACK = 1e-9
 _NOTHING = Inertia(0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 def body_inertia(
-    body: Element, inertial: Element | None, geoms: Sequence[Geom], assets: Assets, compiler: Compiler, moves: bool
+    body: Element,
+    inertial: Element | None,
+    stands: Array,
+    geoms: Sequence[Geom],
+    assets: Assets,
+    compiler: Compiler,
+    moves: bool,
 ) -> Inertia | None:
     """Return a body's inertia in its frame, from its ``<inertial>`` or its geoms as the compiler settings decide.
 
-    It is ``None`` where the body has neither mass nor inertia. `moves` says whether the body can move; the mass of one
-    that cannot matters to nobody.
+    It is ``None`` where the body has neither mass nor inertia. `stands` is the frame (4, 4) in the body that the
+    ``<inertial>`` is stated in; `moves` says whether the body can move: the mass of one that cannot matters to nobody.
 
     Raises:
         DescriptionError: The numbers are no inertia of a solid, or a mesh that has to give them cannot.
@@ -34,24 +42,24 @@ def body_inertia(
             return _conditioned(body, summed, compiler)
     if inertial is None:
         return _conditioned(body, _NOTHING, compiler)
-    return _conditioned(inertial, _from_inertial(inertial, compiler), compiler)
+    return _conditioned(inertial, _from_inertial(inertial, stands, compiler), compiler)
 
 
-def _from_inertial(said: Element, compiler: Compiler) -> Inertia:
-    """Read mass, pos and either diaginertia (about the rotated axes) or fullinertia (xx yy zz xy xz yz)."""
+def _from_inertial(said: Element, offset: Array, compiler: Compiler) -> Inertia:
+    """Read mass, pos and diaginertia (about the rotated axes), fullinertia (xx yy zz xy xz yz) or neither."""
     mass = float(said.vector("mass", 1)[0])
     if mass < 0.0:
         raise said.fail("the mass should not be negative")
     com = said.vector("pos", 3)
     if "fullinertia" not in said.values:
         turn = said.orientation(compiler.angles)
-        rotational = turn @ np.diag(said.vector("diaginertia", 3)) @ turn.T
+        rotational = turn @ np.diag(said.vector("diaginertia", 3, ZERO)) @ turn.T
     else:
         if said.values.keys() & {"diaginertia", *ORIENTATIONS}:
             raise said.fail("fullinertia excludes diaginertia and an orientation")
         xx, yy, zz, xy, xz, yz = said.vector("fullinertia", 6)
         rotational = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    return Inertia(mass, com, rotational)
+    return Inertia(mass, offset[:3, :3] @ com + offset[:3, 3], offset[:3, :3] @ rotational @ offset[:3, :3].T)
 
 
 def _from_geoms(geoms: Sequence[Geom], assets: Assets, compiler: Compiler, moves: bool) -> Inertia:

@@ -20,7 +20,6 @@ _TYPES = ("free", "ball", "slide", "hinge")
 _KINDS = {"free": "floating", "ball": "spherical", "slide": "prismatic", "hinge": "revolute"}
 _DOFS = {"free": 6, "ball": 3, "slide": 1, "hinge": 1}
 _PHYSICS = {"armature": "armature", "damping": "damping", "frictionloss": "friction", "stiffness": "stiffness"}
-_LEFT_OUT = ("springdamper", "springyield")
 _Z = (0.0, 0.0, 1.0)
 
 
@@ -63,6 +62,7 @@ class WorldBody:
         sites: The named sites.
         reference: Displacements of the movable joints at qpos0.
         notes: What was left out.
+        springdampers: Time constants (s) and damping ratios that stand for springs and dampers.
     """
 
     body_names: Names
@@ -73,6 +73,7 @@ class WorldBody:
     sites: dict[str, Site] = field(default_factory=dict)
     reference: dict[str, tuple[float, ...]] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
+    springdampers: dict[str, tuple[float, float]] = field(default_factory=dict)
 
     def pose_between(self, first: str, second: str) -> Array:
         """Return the frame (4, 4) of body `second` in body `first` at qpos0."""
@@ -95,24 +96,26 @@ class JointReader:
         self._compiler, self._tree = compiler, tree
         self._count = 0
 
-    def read(self, joints: Sequence[Element], parent: str, body: str, placement: Array) -> None:
+    def read(self, joints: Sequence[tuple[Element, Array]], parent: str, body: str, placement: Array) -> None:
         """Add the joints that lead from link `parent` to `body`, whose drawn frame there is `placement`.
+
+        Each joint comes with the frame (4, 4) in the body that its place and axis are stated in.
 
         Raises:
             DescriptionError: A joint is malformed or cannot stand where it stands.
         """
-        self._check_together(joints, parent)
+        self._check_together([said for said, _ in joints], parent)
         rest, link = placement, parent
-        for index, said in enumerate(joints):
+        for index, (said, offset) in enumerate(joints):
             name = said.text("name") or self._tree.joint_names.fresh(f"joint_{self._count}")
             self._count += 1
             kind = _type_of(said)
-            pos = np.zeros(3) if kind in ("free", "slide") else said.vector("pos", 3, ZERO)
+            pos = np.zeros(3) if kind in ("free", "slide") else (offset @ [*said.vector("pos", 3, ZERO), 1.0])[:3]
             ends = index == len(joints) - 1 and not np.any(pos)
             child = body if ends else self._tree.body_names.fresh(f"{body}.{name}")
             if child != body:
                 self._tree.links.append(Link(child))
-            self._tree.joints.append(self._joint(said, kind, name, (link, child), rest @ frame(pos)))
+            self._tree.joints.append(self._joint(said, kind, name, (link, child), rest @ frame(pos), offset[:3, :3]))
             rest, link = frame(-pos), child
         if link != body:
             name = self._tree.joint_names.fresh(f"{body}.fixed")
@@ -132,9 +135,11 @@ class JointReader:
         if sum(_DOFS[_type_of(said)] for said in joints) > 6:
             raise joints[-1].fail("a body cannot have more than 6 degrees of freedom")
 
-    def _joint(self, said: Element, kind: str, name: str, ends: tuple[str, str], placement: Array) -> Joint:
-        """Return one joint; its displacement is MuJoCo's qpos, so the drawn pose is at ref."""
-        axis = said.unit(said.vector("axis", 3, _Z), "axis")
+    def _joint(
+        self, said: Element, kind: str, name: str, ends: tuple[str, str], placement: Array, turn: Array
+    ) -> Joint:
+        """Return one joint, its axis turned; its displacement is MuJoCo's qpos, so the drawn pose is at ref."""
+        axis = turn @ said.unit(said.vector("axis", 3, _Z), "axis")
         ref = said.number("ref", 0.0) if kind in ("hinge", "slide") else 0.0
         ref *= self._compiler.angles.unit if kind == "hinge" else 1.0
         lower, upper = self._range(said, kind, name)
@@ -147,7 +152,8 @@ class JointReader:
             self._tree.reference[name] = (0.0, 0.0, 0.0, 1.0)
         else:
             self._tree.reference[name] = (ref,)
-        forces = said.bounds("actuatorfrclimited", "actuatorfrcrange", self._compiler.autolimits)
+        single = kind in ("hinge", "slide")
+        forces = said.bounds("actuatorfrclimited", "actuatorfrcrange", self._compiler.autolimits) if single else None
         physics = self._physics(said, kind, name)
         return Joint(
             name=name,
@@ -165,9 +171,13 @@ class JointReader:
     def _physics(self, said: Element, kind: str, name: str) -> dict[str, float]:
         """Return rotor inertia, damping, friction and spring; what ccpin has no counterpart for is noted."""
         physics = {field: self._plain(said, attribute, name) for attribute, field in _PHYSICS.items()}
-        for attribute in _LEFT_OUT:
-            if any(said.some_numbers(attribute, 2)):
-                self._tree.notes.append(f"Left out: {attribute} of joint '{name}'.")
+        if any(said.some_numbers("springyield", 2)):
+            self._tree.notes.append(f"Left out: springyield of joint '{name}'.")
+        time, ratio = said.vector("springdamper", 2, (0.0, 0.0))
+        if min(time, ratio) <= 0.0 < max(abs(time), abs(ratio)):
+            raise said.fail("springdamper should be two positive numbers: a time in seconds and a ratio")
+        if time > 0.0:
+            self._tree.springdampers[name] = float(time), float(ratio)
         for word in ("stiffness", "armature") if kind == "free" else ():
             if physics[word]:
                 self._tree.notes.append(f"Left out: {word} of joint '{name}', which moves freely.")

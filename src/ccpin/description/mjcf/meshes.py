@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -110,6 +111,9 @@ class MeshAsset:
                 raise self._fail(f"it has more than {LARGEST / 1e6:.0f} MB")
             if file.suffix.lower() == ".msh":
                 return trimesh.Trimesh(*_msh(file.read_bytes()), process=False)
+            if file.suffix.lower() == ".obj" and not re.search(rb"^\s*f\s", content := file.read_bytes(), re.MULTILINE):
+                corners = [line.split()[1:4] for line in content.splitlines() if line.split()[:1] == [b"v"]]
+                return trimesh.Trimesh(np.array(corners, dtype=np.float64).reshape(-1, 3), process=False)
             return trimesh.load(file, force="mesh", process=False, skip_materials=True)
         except MemoryError:
             raise

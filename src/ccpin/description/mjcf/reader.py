@@ -21,9 +21,11 @@ from ccpin.description.mjcf.geoms import read_assets
 from ccpin.description.mjcf.inertia import scaled_to_total
 from ccpin.description.mjcf.joints import WorldBody
 from ccpin.description.mjcf.keyframes import read_keyframes
+from ccpin.description.mjcf.replicate import expand_replicates
+from ccpin.description.mjcf.resolving import damped, inertias_at_reference, sprung
 from ccpin.description.mjcf.schema import ATTRIBUTES, SECTIONS, WORLD
 from ccpin.description.mjcf.tendons import left_out, read_tendons
-from ccpin.description.model import Joint, MechanismDescription
+from ccpin.description.model import Joint, MechanismDescription, Motor
 from ccpin.description.xml import XmlElement, fail, parse_xml, source_of
 
 _UNMODELLED = {
@@ -63,6 +65,7 @@ def mjcf_description(root: XmlElement, *, include_root: str | Path | None = None
     expand_includes(root, include_root)
     sections = _sections(root)
     compiler = read_compiler(sections["compiler"])
+    expand_replicates(root, compiler)
     defaults = Defaults(sections["default"])
     assets = read_assets(sections["asset"], defaults, compiler)
     tree = TreeReader(sections["worldbody"], defaults, compiler, assets).read()
@@ -91,7 +94,7 @@ def mjcf_description(root: XmlElement, *, include_root: str | Path | None = None
             couplings=tuple(equalities.couplings),
             dependent_hint=tuple(dict.fromkeys(equalities.dependent)),
             actuated=actuators.driven,
-            motors=actuators.motors,
+            motors=_motors(tree, joints, actuators.motors),
             reference=reference,
             poses=poses,
             gravity=options.gravity,
@@ -146,14 +149,34 @@ def _options(sections: Sequence[XmlElement]) -> _Options:
     return _Options((0.0, 0.0, 0.0) if "gravity" in disabled else gravity, frozenset(disabled), tuple(notes))
 
 
+def _loaded(tree: WorldBody, actuators: Actuators) -> list[Joint]:
+    """The joints with their rotors' inertias, and the springs and dampers that MuJoCo makes of times and ratios."""
+    joints = [replace(each, armature=each.armature + actuators.armature.get(each.name, 0.0)) for each in tree.joints]
+    if not tree.springdampers:
+        return joints
+    moved = inertias_at_reference(tree.links, joints, tree.reference)
+    wanted = {name: said for name, said in tree.springdampers.items() if name in moved}
+    lost = tree.springdampers.keys() - wanted.keys()
+    tree.notes.extend(f"Left out: springdamper of joint '{name}', which moves no mass alone." for name in sorted(lost))
+    return [sprung(each, *wanted[each.name], moved[each.name]) if each.name in wanted else each for each in joints]
+
+
+def _motors(tree: WorldBody, joints: Sequence[Joint], motors: Sequence[Motor]) -> tuple[Motor, ...]:
+    """The motors, their ratios of damping resolved."""
+    if not any("dampratio" in motor.gains and "bias" in motor.gains for motor in motors):
+        return tuple(motors)
+    moved = inertias_at_reference(tree.links, joints, tree.reference)
+    return tuple(
+        damped(each, moved[each.joint]) if {"dampratio", "bias"} <= each.gains.keys() and each.joint in moved else each
+        for each in motors
+    )
+
+
 def _joints(tree: WorldBody, actuators: Actuators, disabled: frozenset[str], notes: list[str]) -> tuple[Joint, ...]:
     """The joints with what their actuators add to them, and without the forces that the file switches off."""
     joints, lost = [], dict[str, list[str]]()
-    for joint in tree.joints:
-        physics = {
-            "armature": joint.armature + actuators.armature.get(joint.name, 0.0),
-            "damping": joint.damping + actuators.damping.get(joint.name, 0.0),
-        }
+    for joint in _loaded(tree, actuators):
+        physics = {"damping": joint.damping + actuators.damping.get(joint.name, 0.0)}
         for flag, field in (("spring", "stiffness"), ("damper", "damping"), ("frictionloss", "friction")):
             off = flag in disabled or ("passive" in disabled and flag != "frictionloss")
             if off and physics.get(field, getattr(joint, field)):

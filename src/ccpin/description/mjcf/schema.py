@@ -52,6 +52,7 @@ ATTRIBUTES: dict[str, frozenset[str]] = {
             "name class texture texrepeat texuniform emission specular shininess reflectance metallic roughness rgba"
         ),
         "frame": f"name childclass {_FRAME}",
+        "replicate": "childclass count offset sep euler",
         "inertial": f"mass diaginertia fullinertia {_FRAME}",
         "joint": (
             "name class type group pos axis springdamper limited actuatorfrclimited solreflimit solimplimit "
@@ -100,7 +101,9 @@ _NUMBERS = (
     "pos size fromto mass density group contype conaffinity condim priority friction margin gap solmix solref solimp "
     "solreflimit solimplimit solreffriction solimpfriction range ref springref stiffness damping frictionloss "
     "armature axis gear kp kv gainprm biasprm ctrlrange forcerange "
-    "gravcomp anchor relpose torquescale polycoef diaginertia fullinertia rgba"
+    "gravcomp anchor relpose torquescale polycoef diaginertia fullinertia rgba area "
+    "diameter bias timeconst tausmooth inheritrange inductance resistance thermal lugre springdamper "
+    "dampratio count offset"
 )
 NUMERIC = ORIENTATIONS | frozenset(_NUMBERS.split())
 LEAVES = frozenset({"joint", "freejoint", "inertial", "geom", "site", "connect", "weld"})
@@ -110,4 +113,4 @@ _SECTIONS = (
 )
 SECTIONS = frozenset(_SECTIONS.split())
 BODY_IGNORED = frozenset({"camera", "light", "plugin"})
-BODY_UNSUPPORTED = frozenset({"attach", "composite", "flexcomp", "replicate"})
+BODY_UNSUPPORTED = frozenset({"attach", "composite", "flexcomp"})
