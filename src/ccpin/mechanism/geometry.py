@@ -95,7 +95,8 @@ class Geometry:
         on_loop = sorted({joint for loop in loops for joint in (*loop.path_a, *loop.path_b)})
         self.joints = on_loop
         self.rods = [closure.name for closure in shape.part.closures if closure.length is not None]
-        self.count = 6 * len(on_loop) + 12 * len(loops) + len(self.rods)
+        self.frames = len(on_loop) + 2 * len(loops)
+        self.count = 6 * self.frames + len(self.rods)
         names = [shape.part.tree.joints[joint - 1].name for joint in on_loop]
         fixed = [name in relations.joints for name in names]
         fixed += [(loop.closure.name, end) in relations.ends for loop in loops for end in (0, 1)]

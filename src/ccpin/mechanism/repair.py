@@ -41,7 +41,7 @@ _LEAST_CUT = 1e-9
 _PARALLEL = 10.0
 _FEWEST = 3
 _ROUNDS = 4
-_MOST_STEPS = 10
+_MOST_STEPS = 30
 _MOST_PARAMETERS = 1500
 
 
@@ -101,11 +101,15 @@ class Rounded:
                 others = self.poses.walk(shape, known[k], rank, SEED + 1 + k)
                 if len(others) >= _FEWEST and max(pose.misfit for pose in others) <= self.poses.exact:
                     change = geometry.change(p)
-                    if change.largest(self.poses.size)[1] <= self.poses.open_by:
+                    if change.largest(self.poses.size)[1] <= self.allowed(geometry):
                         return Repair(change, shape.part, known[0].q_free, self._note(poses, rank, change, others))
                     break
                 known = [*known, *others]
         raise self._refusal(poses, rank, change)
+
+    def allowed(self, geometry: Geometry) -> float:
+        """How far one frame may be changed, m: errors of k frames, each within the tolerance, add up to √k of it."""
+        return self.poses.open_by * float(np.sqrt(geometry.frames))
 
     def _fit(self, geometry: Geometry, poses: list[Near], rank: int) -> tuple[Array, list[Near]]:
         """The smallest geometry at which all rows agree at the poses, and the poses there.
@@ -126,10 +130,10 @@ class Rounded:
             trial = np.linalg.lstsq(np.vstack(conditions), np.concatenate(rights), rcond=cut)[0]
             trial_shape = geometry.shape(trial)
             there = [self.poses.near(trial_shape, pose.q_free, rank) for pose in poses]
-            now = max(pose.misfit for pose in there)
+            last, now = error, max(pose.misfit for pose in there)
             if now < error:
                 p, shape, poses, error = trial, trial_shape, there, now
-            if error <= 0.01 * self.poses.exact or cut <= _LEAST_CUT:
+            if error <= 0.01 * self.poses.exact or (cut <= _LEAST_CUT and now > 0.5 * last):
                 break
             cut = max(0.03 * cut, _LEAST_CUT)
         return p, poses
