@@ -626,9 +626,10 @@ class TestDrake:
             read(text.replace("0.5</drake", "-0.5</drake"))
 
     def test_elements_of_other_namespaces_are_not_sdformats(self):
-        """drake:joint is no <joint>: it is noted."""
+        """drake:joint is no <joint>, and a joint unread would be another mechanism: it is refused."""
         text = model(four_bar_links(), *FOUR_BAR_JOINTS, '<drake:joint name="A" type="planar"/>')
-        assert any("<drake:joint> is not read" in note for note in read(text).notes)
+        with pytest.raises(DescriptionError, match="<drake:joint> is not read"):
+            read(text)
 
     def test_a_parent_frame_elsewhere_is_told(self):
         """SDFormat places a joint by its child; a parent frame only names a link."""

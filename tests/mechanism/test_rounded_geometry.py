@@ -105,7 +105,7 @@ def test_parallel_bars_whose_pivots_lie_in_a_line():
     assert "5 of the 12 rows" in note
     model = ccpin.ReducedModel(mechanism)
     for step in (-0.2, 0.1, 0.3):
-        closed = model.sigma(mechanism.start.q + step)
+        closed = model.sigma(model.alpha(mechanism.q_reference) + step)
         assert np.abs(mechanism.constraints().residual(closed)).max() < 1e-12
 
 

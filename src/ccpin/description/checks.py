@@ -14,6 +14,7 @@ from ccpin.description.model import Coupling, Inertia, Joint, Link, LoopClosure,
 from ccpin.errors import DescriptionError
 
 MAGNITUDE_LIMIT = 1e9
+FORCE_LIMIT = 1e15  # of armature, damping, friction and stiffness: some hold a joint by one of them
 _NAMED = 8  # names in a message
 _RECORDS = {"links": Link, "joints": Joint, "closures": LoopClosure, "couplings": Coupling, "motors": Motor}
 
@@ -119,6 +120,9 @@ class _Checker:
             raise self.fail(element, "mass, centre of mass or inertia is not a finite number of sensible size")
         if inertia.mass < 0:
             raise self.fail(element, f"mass {inertia.mass:g} kg is negative")
+        skewed = float(np.abs(inertia.rotational - inertia.rotational.T).max())
+        if skewed > 1e-6 * float(np.abs(inertia.rotational).max()):
+            raise self.fail(element, f"the inertia matrix is not symmetric: entries differ by {skewed:g} kg m²")
         moments = np.linalg.eigvalsh(0.5 * (inertia.rotational + inertia.rotational.T))
         slack = 1e-6 * max(float(np.max(np.abs(moments))), 1e-12)
         if moments[0] < -slack:
@@ -145,8 +149,8 @@ class _Checker:
         words = {"armature": "reflected rotor inertia", "damping": "damping", "friction": "friction"}
         for field, word in (words | {"stiffness": "stiffness"}).items():
             value = getattr(joint, field)
-            if not 0 <= value < MAGNITUDE_LIMIT:
-                raise self.fail(element, f"{word} {value:g} is negative or not finite")
+            if not 0 <= value < FORCE_LIMIT:
+                raise self.fail(element, f"{word} {value:g} is negative, or not below {FORCE_LIMIT:g}")
         for field in ("effort", "velocity"):
             if not getattr(joint, field) >= 0:
                 raise self.fail(
@@ -222,7 +226,7 @@ class _Checker:
             if motor.joint not in self.joints:
                 raise self.fail(element, f"drives joint '{motor.joint}', which does not exist")
             if not 0 < abs(motor.gear) < MAGNITUDE_LIMIT:
-                raise self.fail(element, f"gear {motor.gear:g} is zero or not finite")
+                raise self.fail(element, f"gear {motor.gear:g} is zero, or not below {MAGNITUDE_LIMIT:g} in size")
             if not motor.lower <= motor.upper:
                 raise self.fail(element, f"its lower bound {motor.lower:g} exceeds its upper bound {motor.upper:g}")
         for joint, count in Counter(motor.joint for motor in self.d.motors).items():

@@ -14,7 +14,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.model import IDENTITY, Joint, Link, LoopClosure, frame, inverse, rotation_to
+from ccpin.description.model import (
+    IDENTITY,
+    Joint,
+    Link,
+    LoopClosure,
+    MechanismDescription,
+    frame,
+    inverse,
+    rotation_to,
+)
 
 PERPENDICULAR = 1e-9
 Z_TO_X: Array = np.array([[0.0, 0, -1], [0, 1, 0], [1, 0, 0]])
@@ -173,6 +182,35 @@ def _kind(steps: tuple[Joint, ...]) -> str | None:
     if len(steps) == 2 and turning and abs(float(steps[0].axis @ steps[1].axis)) < PERPENDICULAR:
         return "universal"
     return None
+
+
+def free_joint(link: str) -> str:
+    """The name of the joint by which a link moves that no joint of its file holds."""
+    return f"{link}.free"
+
+
+def without_strays(description: MechanismDescription, kept: Collection[str] = ()) -> MechanismDescription:
+    """The description without links that neither a joint nor a loop ties to anything: they are no part of a mechanism.
+
+    Of bodies that float because their file's joints do not reach them; `kept` names joints to leave.
+    """
+    ends = {link for closure in description.closures for link in (closure.link_a, closure.link_b)}
+    ends |= {joint.parent for joint in description.joints}
+    strays = {
+        joint.child: joint
+        for joint in description.joints
+        if joint.name == free_joint(joint.child) and joint.kind == "floating" and joint.name not in kept
+    }
+    lost = [link for link in strays if link not in ends]
+    if not lost:
+        return description
+    names = {strays[link].name for link in lost}
+    return replace(
+        description,
+        links=tuple(link for link in description.links if link.name not in lost),
+        joints=tuple(joint for joint in description.joints if joint.name not in names),
+        notes=(*description.notes, *(f"link '{link}' is left out: no joint and no loop holds it" for link in lost)),
+    )
 
 
 def _chain(connection: Connection, child: str) -> Parts:

@@ -31,6 +31,7 @@ from ccpin.description.xml import (
     XmlElement,
     child,
     fail,
+    label,
     numeric_attributes,
     origin,
     parse_xml,
@@ -138,12 +139,28 @@ class _TreeReader:
         self.values: dict[XmlElement, dict[str, tuple[float, ...]]] = {}
         for name, counts in NUMERIC.items():
             for element in root.iter("{*}" + name):
-                self.values[element] = numeric_attributes(element, counts)
+                self.values[element] = self.numbers_of(element, counts)
         self.colours: dict[str, Colour] = {}
         for material in root.iterfind("material"):
             colour = self.colour(material)
             if material.get("name") and colour is not None:
                 self.colours[material.get("name")] = colour
+
+    def numbers_of(self, element: XmlElement, counts: dict[str, int]) -> dict[str, tuple[float, ...]]:
+        """An element's numbers; an empty attribute is absent, a colour that is none grey, both with a note."""
+        for attribute in counts:
+            if not (element.get(attribute, "absent").strip()):
+                self.notes.append(f"{attribute} of {label(element)} is empty: taken as absent")
+        if element.tag != "color":
+            return numeric_attributes(element, counts)
+        try:
+            values = numeric_attributes(element, {"rgba": None}).get("rgba", ())
+        except DescriptionError:
+            values = ()
+        if len(values) not in (3, 4):
+            self.notes.append(f"{label(element)} is no colour of four numbers")
+            return {}
+        return {"rgba": tuple(min(max(value, 0.0), 1.0) for value in (*values, 1.0)[:4])}
 
     def needed(self, element: XmlElement, *attributes: str) -> tuple[float, ...]:
         """The numbers of attributes that must be there, in one tuple."""

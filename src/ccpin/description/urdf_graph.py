@@ -20,7 +20,7 @@ from ccpin.description.sdf.joints import (
     reference_body,
 )
 from ccpin.description.sdf.values import first, flag, number, own, placement, relative_to, text
-from ccpin.description.xml import XmlElement, children, fail, text_attribute
+from ccpin.description.xml import XmlElement, children, fail, text_attribute, truth
 
 WORLD, MODEL = "world", "__model__"
 
@@ -103,7 +103,7 @@ class _Extension:
 
     def __init__(self, root: XmlElement, links: Sequence[Link], tree: Sequence[Joint], base: str) -> None:
         self.found = Joints()
-        self._links, self._base = [link.name for link in links], base
+        self._links, self._base = {link.name for link in links}, base
         elements = [joint for gazebo in children(root, "gazebo") for joint in own(gazebo, "joint")]
         self.poses = zero_poses(base, tree) if elements else {}
         for element in elements:
@@ -149,13 +149,21 @@ class _Extension:
         return self.poses[link]
 
 
+def _switched(element: XmlElement, name: str) -> bool:
+    """A switch stated as an element's text, or as its `value`."""
+    said = next(iter(own(element, name)), None)
+    if said is not None and not (said.text or "").strip() and said.get("value"):
+        return truth(said, "value")
+    return flag(element, name, False)
+
+
 def _left_out(root: XmlElement) -> list[str]:
     """What the extension says that moves bodies and is not simulated here."""
     notes, plugins = [], 0
     for element in children(root, "gazebo"):
         on = element.get("reference")
         plugins += len(own(element, "plugin"))
-        if flag(element, "turnGravityOff", False):
+        if _switched(element, "turnGravityOff"):
             notes.append(f"gravity is switched off for {on} in the file; here it acts")
         if number(element, "dampingFactor", 0.0):
             notes.append(f"the dampingFactor of {on} is left out")

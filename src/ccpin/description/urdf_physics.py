@@ -107,7 +107,7 @@ def _transmissions(root: XmlElement) -> Iterator[XmlElement]:
 def _reflected(actuator: XmlElement) -> float:
     rotor, gear = (next(children(actuator, name), None) for name in ("rotor_inertia", "gear_ratio"))
     ratio = 1.0 if gear is None else number(gear, "value")
-    return 0.0 if rotor is None else ratio**2 * number(rotor, "value")
+    return 0.0 if rotor is None else ratio * ratio * number(rotor, "value")
 
 
 def _motor_name(element: XmlElement, actuators: list[XmlElement], joint: str) -> str:

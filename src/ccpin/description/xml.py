@@ -180,7 +180,7 @@ def numeric_attributes(element: XmlElement, counts: Mapping[str, int | None]) ->
     found = {}
     for attribute, count in counts.items():
         text = element.get(attribute)
-        if text is None:
+        if text is None or not text.strip():
             continue
         try:
             values = tuple(map(float, text.split()))

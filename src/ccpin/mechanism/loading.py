@@ -12,6 +12,7 @@ import pinocchio as pin
 from ccpin.arrays import records
 from ccpin.description import read_description
 from ccpin.description.checks import check
+from ccpin.description.graph import without_strays
 from ccpin.description.model import Coupling, LoopClosure, MechanismDescription
 from ccpin.description.posing import Pose, with_reference
 from ccpin.description.stating import Stated, with_stated
@@ -120,6 +121,8 @@ def load(
         description = check(replace(description, **more))
     if not description.closures and not description.couplings:
         raise NoLoopError(_no_loop_message(description), source=description.source)
+    if description is not path:
+        description = without_strays(description, independent or ())
     try:
         wishes = Wishes(independent, actuated, tuple(locked), tuple(free))
         mechanism = analysed(description, floating_base, wishes, geometry_tolerance)

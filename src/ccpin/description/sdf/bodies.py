@@ -8,7 +8,16 @@ from ccpin.arrays import Array
 from ccpin.description.graph import Connection
 from ccpin.description.model import IDENTITY, Joint, Link, inverse
 from ccpin.description.sdf.constraints import CONSTRAINTS
-from ccpin.description.sdf.joints import Frames, Joints, cut, joint_type, read_gearbox, read_steps, reference_body
+from ccpin.description.sdf.joints import (
+    FRAMES,
+    Frames,
+    Joints,
+    cut,
+    joint_type,
+    read_gearbox,
+    read_steps,
+    reference_body,
+)
 from ccpin.description.sdf.links import read_link
 from ccpin.description.sdf.scopes import WORLD, Scope
 from ccpin.description.sdf.values import flag, required, unread
@@ -48,12 +57,17 @@ class Bodies:
     def _read_links(self, scope: Scope) -> None:
         """Links and what stands beside them in one model, with each link's pose in the world."""
         strangers = unread(scope.element, _MODEL)
+        if "drake:joint" in strangers:
+            stated = next(part for part in scope.element.iterchildren("{*}joint") if part.prefix)
+            raise fail(stated, "<drake:joint> is not read; state it as SDFormat's own <joint>s or as a closure")
         self.notes += [f"model '{scope.placed.name}': <{stranger}> is not read" for stranger in strangers]
         top = scope.to_top()
         for name, element in scope.entries.items():
             pose = top @ scope.pose(name, element)
             if tag(element) == "link":
                 full = scope.prefix + name
+                if full in self.links:
+                    raise fail(element, f"'{full}' is also the full name of a link of another model")
                 self.links[full] = read_link(element, full, self.notes)
                 self.poses[full] = pose
                 if not flag(element, "gravity", True):
@@ -70,17 +84,35 @@ class Bodies:
             name = scope.prefix + short
             parent, child = (scope.link_of(required(element, end), element) for end in ("parent", "child"))
             pose = top @ scope.pose(short, element)
+            ends = self._own_frames(scope, element, (parent, child))
+            pose = top @ scope.pose(ends[1], element) if ends else pose
             frames = Frames(pose, lambda named, e=element: top @ scope.pose(named, e))  # type: ignore[misc]
             if parent == child:
                 raise fail(element, f"joins link '{parent}' to itself")
-            self._note_parent(scope, top, element, name, pose)
+            if not ends:
+                self._note_parent(scope, top, element, name, pose)
             if joint_type(element) == "gearbox":
-                ends = parent, child, scope.link_of(reference_body(element), element)
-                self.joints.gearboxes.append(read_gearbox(element, name, ends, frames, self.notes))
+                links = parent, child, scope.link_of(reference_body(element), element)
+                self.joints.gearboxes.append(read_gearbox(element, name, links, frames, self.notes))
                 continue
             before, after = (inverse(self.poses[end]) @ pose for end in (parent, child))
+            if ends:
+                before = inverse(self.poses[parent]) @ top @ scope.pose(ends[0], element)
             steps = read_steps(element, name, frames, self.joints)
             self.joints.connections.append(Connection(name, parent, child, steps, before, after, cut(element)))
+
+    def _own_frames(self, scope: Scope, element: XmlElement, links: tuple[str, str]) -> tuple[str, str] | None:
+        """Drake's frames of a joint on parent and child, which coincide at zero displacement whatever poses say."""
+        said = {tag(part): part for part in element.iterchildren(*(f"{{*}}{word}" for word in FRAMES)) if part.prefix}
+        if not said:
+            return None
+        names = [(said[word].text or "").strip() if word in said else "" for word in FRAMES]
+        if not all(names):
+            raise fail(element, "<drake:parent_frame> and <drake:child_frame> go together")
+        for word, name, link in zip(FRAMES, names, links, strict=True):
+            if scope.link_of(name, said[word]) != link:
+                raise fail(said[word], f"'{name}' is not fixed to link '{link}'")
+        return names[0], names[1]
 
     def _note_parent(self, scope: Scope, top: Array, element: XmlElement, name: str, pose: Array) -> None:
         """Say so where a joint's parent frame stands elsewhere: some authors expect that to place the child."""

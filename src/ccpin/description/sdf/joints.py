@@ -23,6 +23,7 @@ AXIS = ("xyz", "dynamics", "limit", "mimic", "initial_position", "use_parent_mod
 DYNAMICS = ("damping", "friction", "spring_reference", "spring_stiffness")
 LIMIT = ("lower", "upper", "effort", "velocity", "stiffness", "dissipation")
 DRAKE = ("drake:rotor_inertia", "drake:gear_ratio")
+FRAMES = ("parent_frame", "child_frame")
 TYPES = ("revolute", "continuous", "prismatic", "ball", "universal", "revolute2", "screw", "gearbox", "fixed")
 _SOFT = ("cfm", "erp", "suspension", "max_force", "velocity", "fudge_factor", "bounce")
 _Z = np.array([0.0, 0.0, 1.0])
@@ -83,7 +84,8 @@ def read_steps(element: XmlElement, name: str, frames: Frames, found: Joints) ->
     """
     kind = joint_type(element)
     one_axis = kind in ("revolute", "continuous", "prismatic")
-    strangers = [word for word in unread(element, JOINT) if not (one_axis and word in DRAKE)]
+    read = {*(DRAKE if one_axis else ()), *(f"drake:{word}" for word in FRAMES)}
+    strangers = [word for word in unread(element, JOINT) if word not in read]
     found.notes += [f"joint '{name}': <{stranger}> is not read" for stranger in strangers]
     _note_softness(element, name, found)
     if kind in ("ball", "fixed"):
@@ -118,7 +120,7 @@ def _reflected(element: XmlElement) -> float:
     )
     if rotor < 0:
         raise fail(element, "<drake:rotor_inertia> must not be negative")
-    return rotor * ratio**2
+    return rotor * ratio * ratio
 
 
 def _note_softness(element: XmlElement, name: str, found: Joints) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ccpin.description.checks import check
 from ccpin.description.closing_frames import closing_pairs
-from ccpin.description.graph import Parts, as_loop, as_tree, loop_notes, span
+from ccpin.description.graph import Parts, as_loop, as_tree, free_joint, loop_notes, span
 from ccpin.description.hinges import make_hinges
 from ccpin.description.model import IDENTITY, Coupling, Joint, Link, LoopClosure, MechanismDescription, inverse
 from ccpin.description.sdf.bodies import Bodies
@@ -25,6 +25,7 @@ from ccpin.description.sdf.includes import Including
 from ccpin.description.sdf.joints import mimic_coupling
 from ccpin.description.sdf.scopes import WORLD, Scope
 from ccpin.description.sdf.values import first, numbers, own
+from ccpin.description.sdf.words import check_attributes
 from ccpin.description.xml import XmlElement, fail, parse_xml, source_of, tag
 from ccpin.errors import DescriptionError
 
@@ -66,10 +67,12 @@ def sdf_description(
     world = first(root, "world")
     if len(own(root, "world")) > 1:
         raise fail(root, "the file holds several worlds; give one a file of its own")
+    notes = list[str]()
+    check_attributes(root, notes)
     scope = _chosen(root, world, including, model)
     if scope.frozen:
         raise fail(scope.element, "the model is static: nothing in it moves")
-    return _Model(scope, world, source).description()
+    return _Model(scope, world, source, notes).description()
 
 
 def _chosen(root: XmlElement, world: XmlElement | None, including: Including, model: str | None) -> Scope:
@@ -106,11 +109,11 @@ def _unwound(joints: Sequence[Joint], couplings: Sequence[Coupling]) -> tuple[Jo
 class _Model:
     """Puts one model's description together."""
 
-    def __init__(self, scope: Scope, world: XmlElement | None, source: str | None) -> None:
+    def __init__(self, scope: Scope, world: XmlElement | None, source: str | None, notes: list[str]) -> None:
         self.scope, self.world, self.source = scope, world, source
         self.name = scope.placed.name
         self.bodies = Bodies(scope)
-        self.joints, self.poses, self.notes = self.bodies.joints, self.bodies.poses, self.bodies.notes
+        self.joints, self.poses, self.notes = self.bodies.joints, self.bodies.poses, [*notes, *self.bodies.notes]
         if world is not None and own(world, "joint"):
             self.notes.append("the joints between the world's models are not read, as one model is")
 
@@ -170,7 +173,7 @@ class _Model:
                 root = WORLD
         for part in others:
             self.notes.append(f"no joint ties link '{part}' to the others: it is a free body")
-            mounts.append(Joint(f"{part}.free", "floating", WORLD, part, self.poses[part]))
+            mounts.append(Joint(free_joint(part), "floating", WORLD, part, self.poses[part]))
         return root, mounts
 
     def _canonical(self) -> str | None:

@@ -73,7 +73,7 @@ class Scope:
     def _add(self, name: str, element: XmlElement) -> None:
         if name in self.entries:
             raise fail(element, "the name is used twice in its model; names must be unique")
-        if name == WORLD or (name.startswith("__") and name.endswith("__")) or "::" in name:
+        if name == WORLD or (name.startswith("__") and name.endswith("__")) or not all(name.split("::")):
             raise fail(element, "the name is reserved")
         self.entries[name] = element
 

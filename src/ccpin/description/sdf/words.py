@@ -1,0 +1,55 @@
+"""The attributes of SDFormat's elements: what is not known is named in a note, what is nearly known is refused.
+
+Which elements stand where is asked where each is read (`values.unread`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from ccpin.description.xml import XmlElement, attributes_spelt, tag
+
+ATTRIBUTES: dict[str, tuple[str, ...]] = {
+    "sdf": ("version",),
+    "world": ("name",),
+    "model": ("name", "canonical_link", "placement_frame"),
+    "link": ("name",),
+    "joint": ("name", "type"),
+    "frame": ("name", "attached_to"),
+    "pose": ("relative_to", "frame", "degrees", "rotation_format"),
+    "inertial": ("auto",),
+    "xyz": ("expressed_in",),
+    "mimic": ("joint", "axis"),
+    "include": ("merge",),
+    "uri": (),
+    **dict.fromkeys(("parent", "child", "axis", "axis2", "limit", "dynamics", "inertia", "mass"), ()),
+    **dict.fromkeys(("lower", "upper", "effort", "velocity", "damping", "friction", "spring_stiffness"), ()),
+    **dict.fromkeys(
+        ("spring_reference", "multiplier", "offset", "reference", "gearbox_ratio", "gravity", "static"), ()
+    ),
+    **dict.fromkeys(("gravity", "ixx", "ixy", "ixz", "iyy", "iyz", "izz", "placement_frame", "name"), ()),
+}
+_OTHERS = frozenset({"plugin", "sensor", "visual", "collision", "light", "gui", "scene", "physics", "actor", "state"})
+
+
+def check_attributes(element: XmlElement, notes: list[str]) -> None:
+    """Note every attribute that is not known, of an element and those in it that bear on the mechanism.
+
+    Raises:
+        DescriptionError: One is nearly the name of one that is missing there.
+    """
+    strange: Counter[str] = Counter()
+    _check(element, strange)
+    notes += [said + (f" ({count} of it)" if count > 1 else "") for said, count in strange.items()]
+
+
+def _check(element: XmlElement, strange: Counter[str]) -> None:
+    known = ATTRIBUTES.get(tag(element))
+    if known is not None and not element.prefix:
+        attributes_spelt(element, known)
+        for attribute in element.attrib:
+            if attribute not in known and not attribute.startswith("{"):
+                strange[f"{attribute} of <{tag(element)}> is not read"] += 1
+    for inner in element.iterchildren("*"):
+        if tag(inner) not in _OTHERS:
+            _check(inner, strange)
