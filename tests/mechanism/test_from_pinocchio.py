@@ -9,6 +9,7 @@ import pytest
 import ccpin
 from ccpin.description.urdf import read_urdf
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.kinematics import scratch
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism import describe_pinocchio
 from tests.support.sdf_files import COUPLER, ROCKER, four_bar_urdf
@@ -205,3 +206,13 @@ def test_a_model_too_large_for_memory_is_refused_by_name(monkeypatch):
     monkeypatch.setattr("ccpin.mechanism.analysis.build_tree", exhausted)
     with pytest.raises(UnsupportedMechanismError, match=r"rpdr\.urdf: \d+ joints do not fit into memory"):
         ccpin.load("rpdr")
+
+
+def test_what_would_not_fit_is_refused_before_it_is_taken(monkeypatch):
+    """Pinocchio's derivatives of second order take nv³ numbers: 400 joints 2 GB, at once and without asking."""
+    monkeypatch.setattr(scratch, "available_memory", lambda: 4.0 * 8.0 * 4**3)
+    with pytest.raises(UnsupportedMechanismError, match=r"rpdr\.urdf: 4 velocities take .* GB"):
+        ccpin.load("rpdr")
+    monkeypatch.undo()
+    assert scratch.available_memory() > 1e6
+    assert ccpin.load("rpdr").n == 2

@@ -59,8 +59,10 @@ def fixed(
         left = next(term.joint for term in coupling.terms if term.joint not in still)
         still.append(left)
         follows.append(f"'{left}' is locked too: coupling '{coupling.name}' leaves it no motion")
-    data = tree.model.createData()
-    pin.forwardKinematics(tree.model, data, q_free)
+    placed = tree.scratch.take()
+    pin.forwardKinematics(tree.model, placed, q_free)
+    inside = {joint.name: placed.liMi[joint.number].homogeneous.copy() for joint in tree.joints}
+    tree.scratch.give(placed)
     driven = [name for name in description.actuated or () if name in still]
     if driven:
         follows.append(f"motors of {', '.join(driven)} are left out: the joints are locked")
@@ -76,7 +78,9 @@ def fixed(
     couplings = (_folded(coupling, still, theta) for coupling in description.couplings)
     return replace(
         description,
-        joints=tuple(_fixed(joint, tree, data) if joint.name in still else joint for joint in description.joints),
+        joints=tuple(
+            _fixed(joint, tree, inside[joint.name]) if joint.name in still else joint for joint in description.joints
+        ),
         couplings=tuple(coupling for coupling in couplings if coupling is not None),
         independent=moving(description.independent),
         dependent_hint=moving(description.dependent_hint) or (),
@@ -120,9 +124,8 @@ def _folded(coupling: Coupling, still: Sequence[str], theta: Mapping[str, float]
     return replace(coupling, terms=(first, *others))
 
 
-def _fixed(joint: Joint, tree: Tree, data: pin.Data) -> Joint:
+def _fixed(joint: Joint, tree: Tree, moved: Array) -> Joint:
     """Where the moving frame stands in the parent link's, whatever the tree did to the joint's own frame."""
-    moved = data.liMi[tree.joint(joint.name).number].homogeneous
     carrier, child = tree.attachments[joint.parent].placement, tree.attachments[joint.child].placement
     return Joint(joint.name, FIXED, joint.parent, joint.child, inverse(carrier) @ moved @ child)
 
@@ -134,9 +137,10 @@ def component_locks(tree: Tree, q_free: Array, joint: TreeJoint, components: Seq
     angle, one fixed in the carrying body and one in the joint's own: of a ball a universal joint about the two is left.
     """
     parent, child = joint.stated.parent, joint.stated.child
-    data = tree.model.createData()
-    pin.forwardKinematics(tree.model, data, q_free)
-    reference = data.liMi[joint.number].homogeneous
+    placed = tree.scratch.take()
+    pin.forwardKinematics(tree.model, placed, q_free)
+    reference = placed.liMi[joint.number].homogeneous.copy()
+    tree.scratch.give(placed)
     b, a = (inverse(tree.attachments[link].placement) for link in (child, parent))
     closures = []
     for component in components:
