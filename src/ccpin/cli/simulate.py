@@ -134,11 +134,14 @@ def _cycles(
 
 
 def _write(out: Path, mechanism: Mechanism, trajectory: Trajectory, goals: Array, result: dict[str, Any]) -> None:
+    """The motion's data; its pictures too, unless whoever pressed Ctrl-C waits."""
     from ccpin import plotting, visualization
 
     trajectory.save(out / "motion.csv")
     trajectory.save(out / "motion.npz")
     write_atomically(out / "metrics.json", "w", lambda file: json.dump(result, file, indent=2))
+    if trajectory.status == "interrupted":
+        return
     plotting.save(plotting.plot_motion(trajectory, mechanism, goals), out / "motion.png")
     ends = [trajectory.q_free[0], trajectory.q_free[-1]]
     plotting.save(plotting.plot_configurations(mechanism, ends, ["start", "end"]), out / "configurations.png")
@@ -163,5 +166,6 @@ def _motion_in_words(mechanism: Mechanism, trajectory: Trajectory, result: dict[
     ]
     lines += [f"note: {note}" for note in trajectory.notes if note.startswith("stepped in Python")]
     if out is not None:
-        lines.append(f"figures, data and animation in {out}/")
+        pictures = "figures, data and animation" if trajectory.status != "interrupted" else "what was computed is"
+        lines.append(f"{pictures} in {out}/")
     return "\n".join(lines)

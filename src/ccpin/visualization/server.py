@@ -29,6 +29,8 @@ LARGEST_MESSAGE = 1 << 20
 """Bytes of the largest message that a page may send."""
 LARGEST_BACKLOG = 16 << 20
 """Bytes that may wait for a page, besides those that greet it."""
+EACH = 1 << 10
+"""Bytes that a message takes while it waits, besides its own."""
 LARGEST_HEADER, LARGEST_BODY = 1 << 14, 1 << 12
 TOO_SLOW = 1013
 """The code with which a page is hung up on that does not read."""
@@ -58,38 +60,44 @@ class Connection:
 
     def __init__(self, socket: Any, loop: asyncio.AbstractEventLoop) -> None:
         self._socket, self._loop, self._owner = socket, loop, threading.get_ident()
-        self._waiting = 0
+        self._waiting, self._lock, self._refused = 0, threading.Lock(), False
 
     def send(self, message: str | bytes, greeting: bool = False) -> None:
         """Send a text or bytes; a page that has gone hears nothing, one that does not read is hung up on.
 
         A `greeting`, sent when the page opens, is no part of what may wait.
         """
+        size = 0 if greeting else len(message) + EACH
+        with self._lock:
+            if self._refused:
+                return
+            self._refused = self._waiting + size > LARGEST_BACKLOG
+            self._waiting += size
+            refused = self._refused
         if threading.get_ident() == self._owner:
-            self._write(message, greeting)
+            self._write(message, size, refused)
         elif not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._write, message, greeting)
+            self._loop.call_soon_threadsafe(self._write, message, size, refused)
 
     def close(self, code: int | None = None) -> None:
         """Hang up; called on the server's thread."""
         self._socket.close(code)
 
-    def _write(self, message: str | bytes, greeting: bool) -> None:
+    def _write(self, message: str | bytes, size: int, refused: bool) -> None:
         from tornado.websocket import WebSocketClosedError
 
-        size = 0 if greeting else len(message)
-        if self._waiting + size > LARGEST_BACKLOG:
+        if refused:
             self.close(TOO_SLOW)
             return
         try:
             sent = self._socket.write_message(message, binary=isinstance(message, bytes))
         except WebSocketClosedError:
             return
-        self._waiting += size
         sent.add_done_callback(lambda done: self._sent(size, done))
 
     def _sent(self, size: int, done: Any) -> None:
-        self._waiting -= size
+        with self._lock:
+            self._waiting -= size
         if not done.cancelled():
             done.exception()  # a page that has gone: its socket says so itself
 
