@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import cast
@@ -179,7 +180,7 @@ class _TreeReader:
         kind = JOINT_KINDS.get(name_of_kind)
         axis = element.find("axis")
         direction = np.array(X_AXIS if axis is None else self.values[axis].get("xyz", X_AXIS))
-        norm = np.linalg.norm(direction)
+        norm = math.hypot(*direction)
         if kind is not None and kind.axial and not 1e-9 < norm < 1e9:
             raise fail(element, "the axis is the zero vector")
         limit = element.find("limit")

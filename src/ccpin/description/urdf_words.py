@@ -13,7 +13,7 @@ from collections.abc import Collection
 from typing import NamedTuple
 
 from ccpin.description.names import meant
-from ccpin.description.xml import XmlElement, fail, tag
+from ccpin.description.xml import XmlElement, doubled, fail, tag
 
 
 class Words(NamedTuple):
@@ -37,6 +37,7 @@ _SHOWN = Words(
     ("origin", "geometry", "material", "contact_coefficients", "verbose", "map", "cast_shadows"),
     ("name", "group"),
 )
+_REDUCTIONS = ("mechanicalReduction", "mechanical_reduction")
 _LOOPS = ("loop", "loop_joint", "constraint", "coupling", "ball_constraint", "distance_constraint")
 
 BELOW_ROOT = Words(
@@ -62,6 +63,17 @@ WITHIN: dict[str, Words] = {
         ),
         ("name", "type", "independent"),
     ),
+    "transmission": Words(
+        ("joint", "actuator", "type", "plugin", *_REDUCTIONS),
+        ("leftActuator", "rightActuator", "motorTorqueConstant", "use_simulated_gripper_joint", "gap_joint"),
+        ("name", "type"),
+    ),
+    "transmission/joint": Words(_REDUCTIONS, ("hardwareInterface", "offset", "role", "state_filter"), ("name", "role")),
+    "actuator": Words(
+        (*_REDUCTIONS, "rotor_inertia", "gear_ratio"),
+        ("hardwareInterface", "motorTorqueConstant", "offset", "role", "encoder", "efficiency"),
+        ("name", "role"),
+    ),
     "parent": Words((), (), ("link",)),
     "child": Words((), (), ("link",)),
     "origin": Words((), (), ("xyz", "rpy")),
@@ -75,8 +87,17 @@ WITHIN: dict[str, Words] = {
     "geometry": _GEOMETRY,
     "material": _MATERIAL,
 }
+_REPEATED = frozenset(
+    {
+        *BELOW_ROOT.bearing,
+        *BELOW_ROOT.idle,
+        *("visual", "collision", "actuator", "mechanicalReduction", "hardwareInterface"),
+        *("coupling/predecessor", "coupling/successor"),
+        *("param", "command_interface", "state_interface", "gpio", "plugin", "chain", "subgroup", "contact"),
+    }
+)
+_OTHERS = frozenset({"visual", "collision", "sensor", "material", "plugin"})
 _PICTURES = frozenset({"visual", "collision", "geometry", "material"})
-_WALKED = frozenset(WITHIN)
 
 
 def check_words(root: XmlElement, notes: list[str]) -> None:
@@ -85,6 +106,7 @@ def check_words(root: XmlElement, notes: list[str]) -> None:
     Raises:
         DescriptionError: One is nearly the name of one that bears on the mechanism, and is missing there.
     """
+    notes += doubled(root, _REPEATED, _OTHERS)
     found: Counter[str] = Counter()
     _check(root, BELOW_ROOT, "robot", found, bears=True)
     for said, count in found.items():
@@ -103,8 +125,8 @@ def _check(element: XmlElement, words: Words, name: str, found: Counter[str], be
         elif known not in (*words.bearing, *words.idle):
             every = (*words.bearing, *words.idle)
             _strange(inner, f"<{known}> in <{name}>", known, words.bearing if bears else (), every, found)
-        elif known in _WALKED:
-            _check(inner, WITHIN[known], known, found, bears and known not in _PICTURES)
+        elif (within := WITHIN.get(f"{name}/{known}", WITHIN.get(known))) is not None:
+            _check(inner, within, known, found, bears and known not in _PICTURES)
 
 
 def _strange(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import re
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any, TypeAlias
 
@@ -142,6 +143,25 @@ def attributes_spelt(element: XmlElement, known: Collection[str]) -> None:
             spelt(element, attribute, absent)
 
 
+def doubled(root: XmlElement, repeated: Collection[str], others: Collection[str]) -> list[str]:
+    """Sentences on elements that stand more than once where one of them is read.
+
+    Args:
+        root: Looked through with all in it.
+        repeated: Elements that may stand as often as they like, ``parent/child`` where they do in one parent only.
+        others: Elements that are not looked into.
+    """
+    notes, waiting = list[str](), [root]
+    while waiting:
+        element = waiting.pop()
+        inner = [child for child in element.iterchildren("*") if tag(child) not in others]
+        for name, count in Counter(map(tag, inner)).items():
+            if count > 1 and not {name, f"{tag(element)}/{name}"} & {*repeated}:
+                notes.append(f"<{name}> stands {count} times in {label(element)}: one of them is read")
+        waiting.extend(reversed(inner))
+    return notes
+
+
 def unread(element: XmlElement, known: Iterable[str]) -> list[str]:
     """The names of child elements that are not among those known.
 
@@ -234,7 +254,7 @@ def origin(element: XmlElement | None) -> Array:
 def unit_vector(element: XmlElement, attribute: str) -> Array:
     """A non-zero 3-vector attribute, normalised."""
     vector = np.array(numbers(element, attribute, 3))
-    length = float(np.linalg.norm(vector))
+    length = math.hypot(*vector)
     if not 1e-9 < length < 1e150:
         raise fail(element, f"{attribute} is the zero vector")
     return vector / length

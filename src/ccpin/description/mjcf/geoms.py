@@ -22,6 +22,7 @@ _SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "ellipsoid": 3, "box": 3}
 _SURFACES = ("plane", "hfield")
 _MESHES = ("mesh", "sdf")
 _TYPES = (*_SIZES, *_SURFACES, *_MESHES)
+_LEAST = 1e-30  # m, whose third power is a volume yet
 _ELONGATED = ("capsule", "cylinder", "ellipsoid", "box")
 
 
@@ -106,8 +107,8 @@ def _size_and_pose(said: Element, kind: str, compiler: Compiler) -> tuple[tuple[
     if spans and kind not in _ELONGATED:
         raise said.fail(f"fromto goes with {', '.join(_ELONGATED)}, not with {kind}")
     needed = 1 if spans else _SIZES[kind]
-    if len(sizes) < needed or min(sizes[:needed]) <= 0.0:
-        raise said.fail(f"size of a {kind} should be {needed} positive number(s) here")
+    if len(sizes) < needed or min(sizes[:needed]) < _LEAST:
+        raise said.fail(f"size of a {kind} should be {needed} positive number(s) here, {_LEAST:g} or more")
     if not spans:
         return sizes[:needed], said.pose(compiler.angles)
     placement, half = said.span()

@@ -199,7 +199,7 @@ def direction(axis: XmlElement, frames: Frames) -> Array:
     """
     xyz = first(axis, "xyz")
     vector = _Z if xyz is None else numbers(xyz, 3)
-    length = float(np.linalg.norm(vector))
+    length = math.hypot(*vector)
     if not 1e-9 < length < 1e9:
         raise fail(axis, "the axis is the zero vector")
     named = None if xyz is None else xyz.get("expressed_in")

@@ -114,8 +114,8 @@ def placement(pose: XmlElement | None) -> Array:
     format_ = pose.get("rotation_format", "euler_rpy")
     if format_ == "quat_xyzw":
         values = numbers(pose, 7)
-        if np.linalg.norm(values[3:]) < 1e-6:
-            raise fail(pose, "the quaternion has no length")
+        if not 1e-6 < math.hypot(*values[3:]) < 1e9:
+            raise fail(pose, "the quaternion has no length, or no bounded one")
         return frame(values[:3], Rotation.from_quat(values[3:]).as_matrix())
     if format_ != "euler_rpy":
         raise fail(pose, f"rotation_format {format_!r} is neither euler_rpy nor quat_xyzw")

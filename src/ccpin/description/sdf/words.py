@@ -7,7 +7,8 @@ from __future__ import annotations
 
 from collections import Counter
 
-from ccpin.description.xml import XmlElement, attributes_spelt, tag
+from ccpin.description.sdf.constraints import CONSTRAINTS
+from ccpin.description.xml import XmlElement, attributes_spelt, doubled, tag
 
 ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "sdf": ("version",),
@@ -29,6 +30,7 @@ ATTRIBUTES: dict[str, tuple[str, ...]] = {
     ),
     **dict.fromkeys(("gravity", "ixx", "ixy", "ixz", "iyy", "iyz", "izz", "placement_frame", "name"), ()),
 }
+_REPEATED = frozenset({"world", "model", "link", "joint", "frame", "include", *CONSTRAINTS})
 _OTHERS = frozenset({"plugin", "sensor", "visual", "collision", "light", "gui", "scene", "physics", "actor", "state"})
 
 
@@ -40,6 +42,7 @@ def check_attributes(element: XmlElement, notes: list[str]) -> None:
     """
     strange: Counter[str] = Counter()
     _check(element, strange)
+    notes += doubled(element, _REPEATED, _OTHERS)
     notes += [said + (f" ({count} of it)" if count > 1 else "") for said, count in strange.items()]
 
 
