@@ -58,7 +58,7 @@ DEFAULTS = {
     ("general", "biastype", "affine"),  # all of whose numbers are zero
     ("mass", "", "1.0"),
     ("mass", "", "1"),
-    ("gear_ratio", "", ""),
+    ("gear_ratio", "", "1"),
     ("gear_ratio", "value", "1"),
     ("frame", "attached_to", "driver"),  # the model's first link
     ("type", "", "transmission_interface/SimpleTransmission"),

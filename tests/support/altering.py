@@ -69,7 +69,7 @@ def _misspelt(word: str, rng: random.Random) -> str:
     """Another word: a letter lost or doubled, the end turned round, or a stranger."""
     at = rng.randrange(len(word))
     found = rng.choice((word[:at] + word[at + 1 :], word[: at + 1] + word[at:], word[:at] + word[at:][::-1], "unheard"))
-    return found if found.strip(":") and found != word else "unheard"
+    return found if re.match(r"[A-Za-z_]", found) and found != word else "unheard"
 
 
 def _other(value: str, rng: random.Random) -> str:

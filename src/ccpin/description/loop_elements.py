@@ -69,6 +69,8 @@ def read_loops(root: XmlElement, joints: Sequence[Joint], notes: list[str]) -> t
         notes += [f"loop '{closures[-1].name}': <{stranger}> is not read" for stranger in strangers]
         for part in element.iter("*"):
             attributes_spelt(part, _ATTRIBUTES)
+            unknown = [name for name in part.attrib if name not in _ATTRIBUTES and not name.startswith("{")]
+            notes += [f"loop '{closures[-1].name}': {name} of <{tag(part)}> is not read" for name in unknown]
         if _has(element, "distance_constraint_stiffness", "distance_constraint_damping"):
             notes.append(f"loop '{closures[-1].name}': its stiffness and damping are left out: it is rigid here")
     return tuple(closures)
