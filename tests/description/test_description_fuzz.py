@@ -6,63 +6,11 @@ import pytest
 
 import ccpin
 from tests.support.damage import VALUES, XML_DAMAGE, complaint, damage_bytes
+from tests.support.described import MJCF, TOOLBOX_URDF, TOOLBOX_YAML
 from tests.support.places import MODELS
 
 CASES = 400
 CHUNKS = 8
-
-TOOLBOX_URDF = """<robot name="bar">
-<link name="base"/>
-<link name="crank"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
-  <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="rod"><inertial><origin xyz="0.2 0 0" rpy="0 0.1 0"/><mass value="1"/>
-  <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="rocker"><inertial><mass value="1"/>
-  <inertia ixx="0.01" iyy="0.02" izz="0.02" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="end_A"/><link name="end_B"/>
-<joint name="motor" type="revolute"><parent link="base"/><child link="crank"/><axis xyz="0 0 1"/>
-  <limit lower="-3" upper="3" effort="1" velocity="1"/><dynamics damping="0.1" friction="0.2"/></joint>
-<joint name="ball" type="revolute"><origin xyz="0.2 0 0"/><parent link="crank"/><child link="rod"/><axis xyz="0 0 1"/>
-  <limit effort="1" velocity="1"/></joint>
-<joint name="pivot" type="continuous"><origin xyz="0.4 0 0"/><parent link="base"/><child link="rocker"/>
-  <axis xyz="0 0 1"/></joint>
-<joint name="end_A_frame" type="fixed"><origin xyz="0.4 0 0"/><parent link="rod"/><child link="end_A"/></joint>
-<joint name="end_B_frame" type="fixed"><origin xyz="0.3 0 0.05" rpy="0 0 1"/><parent link="rocker"/>
-  <child link="end_B"/></joint>
-<transmission name="drive"><type>transmission_interface/SimpleTransmission</type><joint name="motor"/>
-  <actuator name="m"><mechanicalReduction>20</mechanicalReduction><rotor_inertia value="1e-5"/></actuator>
-</transmission>
-<gazebo reference="motor"><springStiffness>2</springStiffness><springReference>0.1</springReference></gazebo>
-</robot>"""
-TOOLBOX_YAML = """closed_loop: [['end_A', 'end_B']]
-type: ['3d']
-name_mot: ['motor']
-joint_name: ['ball']
-joint_type: ['UJOINT_YZ']
-"""
-MJCF = """<mujoco model="bars">
-  <compiler angle="radian" autolimits="true"/>
-  <default><default class="bar"><geom type="capsule" size="0.02" density="800"/></default></default>
-  <worldbody>
-    <body name="crank" pos="0 0 1"><joint name="motor" type="hinge" axis="0 1 0" range="-3 3" armature="0.01"
-        damping="0.1" stiffness="2" springref="0.3" frictionloss="0.2"/>
-      <geom class="bar" fromto="0 0 0 0.2 0 0"/>
-      <body name="rod" pos="0.2 0 0"><joint name="elbow" type="ball"/>
-        <geom class="bar" fromto="0 0 0 0.3 0.1 0"/></body>
-    </body>
-    <body name="rocker" pos="0.5 0.1 1"><joint name="pivot" axis="0 1 0"/>
-      <inertial pos="0 0 0.1" mass="0.4" diaginertia="0.01 0.01 0.002"/>
-      <geom class="bar" fromto="0 0 0 0 0 0.3"/></body>
-    <body name="wheel" pos="0 1 0"><joint name="gear" axis="0 1 0"/><geom type="cylinder" size="0.1 0.02"/></body>
-  </worldbody>
-  <equality>
-    <connect name="tip" body1="rod" body2="rocker" anchor="0.3 0.1 0"/>
-    <joint name="mesh" joint1="gear" joint2="motor" polycoef="0 2 0 0 0"/>
-  </equality>
-  <actuator><motor joint="motor" gear="20" ctrlrange="-2 2" forcerange="-3 3"/>
-    <position name="servo" joint="pivot" kp="20" kv="1"/><general joint="gear" gainprm="3" biastype="affine"/>
-  </actuator>
-</mujoco>"""
 
 
 def damage_yaml(text, rng):

@@ -9,52 +9,7 @@ import pytest
 
 import ccpin
 from ccpin.errors import DescriptionError
-
-INERTIA = '<inertia ixx="0.1" iyy="0.1" izz="0.01" ixy="0" ixz="0" iyz="0"/>'
-BARS = f"""<robot name="bars"><link name="ground"/>
-<link name="crank"><inertial><origin xyz="0 0 0.5"/><mass value="1"/>{INERTIA}</inertial></link>
-<link name="coupler"><inertial><origin xyz="0.5 0 0"/><mass value="1"/>{INERTIA}</inertial></link>
-<link name="rocker"><inertial><origin xyz="0 0 0.5"/><mass value="1"/>{INERTIA}</inertial></link>
-<joint name="A" type="revolute"><parent link="ground"/><child link="crank"/><axis xyz="0 1 0"/></joint>
-<joint name="B" type="revolute"><origin xyz="0 0 1"/><parent link="crank"/><child link="coupler"/>
-  <axis xyz="0 1 0"/></joint>
-<joint name="D" type="revolute"><origin xyz="1 0 0"/><parent link="ground"/><child link="rocker"/>
-  <axis xyz="0 1 0"/></joint>
-<loop name="C" type="revolute"><predecessor link="coupler"><origin xyz="1 0 0"/></predecessor>
-  <successor link="rocker"><origin xyz="0 0 1"/></successor><axis xyz="0 1 0"/></loop>@</robot>"""
-SDF = """<sdf version="1.9" xmlns:drake="drake.mit.edu"><model name="bars">
-<link name="crank"><inertial><pose>0 0 0.5 0 0 0</pose></inertial></link>
-<link name="coupler"><pose relative_to="crank">0 0 1 0 0 0</pose></link>
-<link name="rocker"><pose>1 0 0 0 0 0</pose></link>
-<joint name="A" type="revolute"><parent>world</parent><child>crank</child><axis><xyz>0 1 0</xyz></axis></joint>
-<joint name="B" type="revolute"><parent>crank</parent><child>coupler</child><axis><xyz>0 1 0</xyz></axis></joint>
-<joint name="D" type="revolute"><parent>world</parent><child>rocker</child><axis><xyz>0 1 0</xyz></axis></joint>
-<joint name="C" type="revolute"><pose>0 0 1 0 0 0</pose><parent>coupler</parent><child>rocker</child>
-  <axis><xyz>0 1 0</xyz></axis></joint>@</model></sdf>"""
-UNASSEMBLED = """<sdf version="1.9" xmlns:drake="drake.mit.edu"><model name="unassembled">
-<link name="driver"><pose>7 0 3 0 1 0</pose><inertial><pose>0 0 0.5 0 0 0</pose><mass>1</mass></inertial></link>
-<link name="coupler"><pose>0.4 0 1 0 0.3 0</pose><inertial><mass>1.5</mass></inertial></link>
-<link name="rocker"><pose>2 0 0 0 0 0</pose><inertial><pose>0 0 1 0 0 0</pose><mass>2</mass></inertial></link>
-<link name="ground"/><joint name="held" type="fixed"><parent>world</parent><child>ground</child></joint>
-<frame name="Wd" attached_to="ground"><pose relative_to="ground">-2 0 0 0 0 0</pose></frame>
-<frame name="Wr" attached_to="ground"><pose relative_to="ground">2 0 0 0 0 0</pose></frame>
-<frame name="Dc" attached_to="driver"><pose relative_to="driver">0 0 1 0 0 0</pose></frame>
-<frame name="Cd" attached_to="coupler"><pose relative_to="coupler">-2.4 0 0 0 0 0</pose></frame>
-<frame name="Cr" attached_to="coupler"><pose relative_to="coupler">2.4 0 0 0 0 0</pose></frame>
-<frame name="Rc" attached_to="rocker"><pose relative_to="rocker">0 0 2 0 0 0</pose></frame>
-<joint name="wd" type="revolute"><parent>ground</parent><child>driver</child>
-  <drake:parent_frame>Wd</drake:parent_frame>
-  <drake:child_frame>driver</drake:child_frame><axis><xyz>0 -1 0</xyz></axis></joint>
-<joint name="wr" type="revolute"><parent>ground</parent><child>rocker</child>
-  <drake:parent_frame>Wr</drake:parent_frame>
-  <drake:child_frame>rocker</drake:child_frame><axis><xyz>0 -1 0</xyz></axis></joint>
-<joint name="dc" type="revolute"><parent>driver</parent><child>coupler</child>
-  <drake:parent_frame>Dc</drake:parent_frame>
-  <drake:child_frame>Cd</drake:child_frame><axis><xyz expressed_in="Cd">0 -1 0</xyz></axis></joint>
-<joint name="cr" type="revolute"><parent>coupler</parent><child>rocker</child>
-  <drake:parent_frame>Cr</drake:parent_frame>
-  <drake:child_frame>Rc</drake:child_frame>
-  <axis><xyz expressed_in="Rc">0 -1 0</xyz></axis></joint></model></sdf>"""
+from tests.support.described import BARS, SDF_BARS, UNASSEMBLED
 
 
 @pytest.fixture
@@ -96,20 +51,20 @@ def test_joints_with_two_frames_of_their_own(load):
 
 def test_a_stray_link_of_a_model_changes_nothing(load):
     """It floated by itself, and n was 7; links that a constraint holds stay."""
-    mechanism = load(SDF.replace("@", '<link name="stray"/>'))
+    mechanism = load(SDF_BARS.replace("@", '<link name="stray"/>'))
     assert mechanism.n == 1
     assert any("'stray' is left out" in note for note in mechanism.notes)
     ball = (
         "<drake:ball_constraint><ball_constraint_body_A>crank</ball_constraint_body_A>"
         "<ball_constraint_body_B>stray</ball_constraint_body_B></drake:ball_constraint>"
     )
-    assert load(SDF.replace("@", f'<link name="stray"/>{ball}')).n == 4
+    assert load(SDF_BARS.replace("@", f'<link name="stray"/>{ball}')).n == 4
 
 
 @pytest.mark.parametrize("version", ["1.6", "1.7", "1.8"])
 def test_names_with_colons(load, version):
     """Older converters flatten nested models into such names; a bare colon pair stays reserved."""
-    flat = SDF.replace('"1.9"', f'"{version}"').replace(' relative_to="crank"', "").replace("@", "")
+    flat = SDF_BARS.replace('"1.9"', f'"{version}"').replace(' relative_to="crank"', "").replace("@", "")
     flat = flat.replace('"crank"', '"arm::crank"').replace(">crank<", ">arm::crank<")
     assert load(flat).n == 1
     with pytest.raises(DescriptionError, match="reserved"):
@@ -129,13 +84,13 @@ def test_names_with_colons(load, version):
 )
 def test_misspelt_attributes_of_sdf_are_refused(load, old, new, word):
     with pytest.raises(DescriptionError, match=word):
-        load(SDF.replace("@", "<drake:nothing/>").replace(old, new))
+        load(SDF_BARS.replace("@", "<drake:nothing/>").replace(old, new))
 
 
 def test_unknown_attributes_of_sdf_are_noted(load):
     assert any(
         "colour of <link>" in note
-        for note in load(SDF.replace("@", "").replace('"rocker">', '"rocker" colour="1">', 1)).notes
+        for note in load(SDF_BARS.replace("@", "").replace('"rocker">', '"rocker" colour="1">', 1)).notes
     )
 
 
@@ -191,7 +146,7 @@ def test_a_gear_beyond_all_numbers_is_refused_by_name(load, ratio):
         load(urdf(drive))
     with pytest.raises(DescriptionError, match="rotor inertia inf"):
         load(
-            SDF.replace("@", "").replace(
+            SDF_BARS.replace("@", "").replace(
                 "<child>crank</child>",
                 f"<child>crank</child><drake:rotor_inertia>1</drake:rotor_inertia><drake:gear_ratio>{ratio}</drake:gear_ratio>",
             )

@@ -12,10 +12,8 @@ from collections import Counter
 
 import pytest
 
-from tests.description.test_description_fuzz import MJCF, TOOLBOX_URDF, TOOLBOX_YAML
-from tests.description.test_files_of_others import BARS, INERTIA, UNASSEMBLED
-from tests.description.test_sdf_fuzz import TEXTS as SDF
 from tests.support.altering import altered, taken
+from tests.support.described import BARS, INERTIA, MJCF, SDF_TEXTS, TOOLBOX_URDF, TOOLBOX_YAML, UNASSEMBLED
 from tests.support.places import MODELS
 
 RICH = BARS.replace(
@@ -33,7 +31,7 @@ REPLACED = '<axis xyz="0 0 1"/>\n  <limit effort="1" velocity="1"/>'
 """Of the hinge in whose place the YAML puts a universal joint."""
 TEXTS = {
     "urdf": {"rich": RICH} | {name: (MODELS / f"{name}.urdf").read_text() for name in ("rpdr", "four_bar")},
-    "sdf": {**SDF, "unassembled": UNASSEMBLED},
+    "sdf": {**SDF_TEXTS, "unassembled": UNASSEMBLED},
     "mjcf": {"bars": MJCF},
     "toolbox": {"robot": TOOLBOX_URDF.replace(REPLACED, REPLACED.replace('"0 0 1"', '"0 0 5"').replace('"1"', '"5"'))},
 }
