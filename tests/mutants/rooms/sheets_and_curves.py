@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
+_TUBES = (("hull = np.minimum(", "maximum instead of minimum", "the curve is within a wider hull too"),)
 ROOMS: tuple[Room, ...] = (
     Room(
         "domain/sheets/narrowing",
         ("alone_in",),
-        ("domain/sheets/test_sharp_narrowing.py",),
+        ("domain/sheets/test_sharp_narrowing.py", "domain/test_sharp_every.py"),
         (
             ("weight = 0.5 * (weight", "", "any w > 0 will do: it is checked below"),
             ("alone & np.isfinite", "not asked: np.isfinite", "Zw < w fails where Z is no number"),
+            ("alone & np.isfinite", "any instead of all", "Zw < w fails where Z is no number"),
         ),
     ),
     Room(
@@ -19,7 +21,9 @@ ROOMS: tuple[Room, ...] = (
         ("Front._continued", "Front._first", "Front._try"),
         ("domain/sheets/test_sharp_front.py",),
     ),
-    Room("domain/curves/tubes", ("bounds_of", "certify_tubes", "_room"), ("domain/curves/test_sharp_tubes.py",)),
+    Room(
+        "domain/curves/tubes", ("bounds_of", "certify_tubes", "_room"), ("domain/curves/test_sharp_tubes.py",), _TUBES
+    ),
 )
 
 EXCUSED: tuple[Excused, ...] = ()

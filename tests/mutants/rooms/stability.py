@@ -9,8 +9,10 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "control/stability/storage",
         ("floor", "gain", "widths", "_inverse_form", "_inverted", "_constant", "storage_of", "_blocks"),
-        ("control/stability/test_sharp_storage.py",),
+        ("control/stability/test_sharp_storage.py", "domain/test_sharp_every.py"),
         (
+            ("np.isfinite(inner)", "any instead of all", "an inverse that is not known is infinite in every entry"),
+            ("np.isfinite(M)", "any instead of all", "no eigenvalue of what is no number is above 1e-7"),
             ("np.isfinite(M)", "not asked: np.isfinite(M)", "no eigenvalue of what is no number is above 1e-7"),
             ("(1.0 - _CLEAR)", "without _CLEAR", "1e-9 of 1e-7 at least is below what doubles near 1 tell apart"),
         ),
