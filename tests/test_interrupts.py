@@ -129,7 +129,7 @@ def test_pressed_at_random_moments(name, tmp_path):
         answers.append(0.0 if ended else time.monotonic() - pressed)
         assert not group_of(process)
         assert not parts_of_files(folder)
-        assert "Traceback" not in said.replace("KeyboardInterrupt\n", "") or "import" in said, said[-800:]
+        assert "Traceback" not in said or "site" in said, said[-800:]  # before Python has come to ccpin
         found = content(name, folder)
         kept += found is not None
         if name in ("atlas", "workers", "sheets", "curves"):  # go on from what is kept

@@ -1,7 +1,19 @@
-"""``python -m ccpin``: the command line."""
+"""``ccpin`` and ``python -m ccpin``: the command line, quiet where Ctrl-C meets it on its way in or out."""
 
+import signal
 import sys
 
-from ccpin.cli import main
 
-sys.exit(main())
+def run() -> int:
+    """The command line; returns the exit code. What its own errors are told by is `ccpin.cli.main`."""
+    try:
+        from ccpin.cli import main
+    except KeyboardInterrupt:
+        return 130
+    code = main()
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # all is done and written: Python's own end needs no traceback
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(run())
