@@ -3,6 +3,7 @@
 import re
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from ccpin.errors import InvalidInputError, LoopNotClosedError
 from ccpin.kinematics.clusters import cut
 from ccpin.kinematics.points import moved
 from ccpin.kinematics.tree import build_tree
+from ccpin.mechanism import near
 from ccpin.mechanism.geometry import NO_RELATIONS, Geometry, shape_of
 from ccpin.mechanism.relations import parallel_axes
 from tests.support import families
@@ -196,3 +198,15 @@ def test_repaired_geometry_is_what_the_mechanism_says(tmp_path):
     path = tmp_path / "again.urdf"
     write_urdf(mechanism.description, path)
     assert repairs(ccpin.load(read_description(path))) == []
+
+
+def test_rows_that_are_no_numbers_are_told(monkeypatch):
+    """The decomposition of rows that are infinite ended in NumPy's own error."""
+
+    def failing(*_, **__):
+        raise np.linalg.LinAlgError
+
+    poses = near.Poses(ccpin.load("rpdr").constraints(), 1e-5)
+    monkeypatch.setattr(near.np.linalg, "svd", failing)
+    with pytest.raises(LoopNotClosedError, match="no numbers"):
+        poses.near(SimpleNamespace(constraints=ccpin.load("rpdr").constraints()), np.zeros(4))

@@ -65,7 +65,10 @@ WITHIN: dict[str, Words] = {
     ),
     "transmission": Words(
         ("joint", "actuator", "type", "plugin", *_REDUCTIONS),
-        ("leftActuator", "rightActuator", "motorTorqueConstant", "use_simulated_gripper_joint", "gap_joint"),
+        (
+            *("leftActuator", "rightActuator", "motorTorqueConstant", "use_simulated_gripper_joint", "gap_joint"),
+            *("flexJoint", "rollJoint", "passive_joint", "simulated_actuated_joint", "pulsesPerRevolution"),
+        ),
         ("name", "type"),
     ),
     "transmission/joint": Words(_REDUCTIONS, ("hardwareInterface", "offset", "role", "state_filter"), ("name", "role")),

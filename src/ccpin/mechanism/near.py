@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 from ccpin.arrays import Array
+from ccpin.errors import LoopNotClosedError
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.points import moved
 from ccpin.mechanism.closing import close
@@ -90,7 +91,11 @@ class Poses:
 
     def _at(self, shape: Shape, q_free: Array, rank: int | None) -> Near:
         point = shape.constraints.value(q_free)
-        left, singular, right = np.linalg.svd(self.scale[:, None] * point.jacobian, full_matrices=True)
+        try:
+            left, singular, right = np.linalg.svd(self.scale[:, None] * point.jacobian, full_matrices=True)
+        except np.linalg.LinAlgError:
+            message = "the rows of the loops are no numbers, or too large, at a pose that was tried"
+            raise LoopNotClosedError(message, q_free=q_free, errors={}) from None
         r = self.rank(singular) if rank is None else rank
         return Near(q_free, point, self.scale * point.phi, r, left, singular, right)
 
