@@ -126,6 +126,7 @@ CROSSED = {
     "enclose": (EVERY, lambda a, b: validated.enclose(a.model, b.full, GOAL, None, 0.01)),
     "enclose, law (28)": (CLOSURES, lambda a, b: validated.enclose(a.model, b.law, GOAL, None, 0.01)),
     "enclose_set": (EVERY, lambda a, b: validated.enclose_set(a.model, b.full, GOAL, None, 0.01, spread=1e-6)),
+    "certify_sheets": (CLOSURES, lambda a, b: domain.certify_sheets(a.mechanism, REGION, begun=b.sheets)),
     "SingularCover.crossed": (CLOSURES, lambda a, b: a.cover.crossed(b.atlas)),
     "merge": (
         CLOSURES,

@@ -16,7 +16,7 @@ from ccpin.studio import studio
 from tests.support.browser import opened, press, settle
 from tests.support.pages import five_bar, five_bar_swing
 
-SECONDS = float(os.environ.get("CCPIN_STILL", "4"))
+SECONDS = float(os.environ.get("CCPIN_STILL", "1.5"))
 KINDS = ("a pose", "a motion paused", "a report", "a live viewer", "the studio")
 ASKED = """(inner => { inner.asked = 0; const real = inner.requestAnimationFrame.bind(inner);
   inner.requestAnimationFrame = work => { inner.asked += 1; return real(work); }; })"""
@@ -89,7 +89,7 @@ def test_nothing_moves_and_nothing_is_drawn(left_alone, kind):
     page.evaluate(f"{ASKED}({inner})")
     looks = 0  # at which nobody had asked for a frame: what a studio computes first may take a while
     while looks < 3:
-        time.sleep(1.0)
+        time.sleep(0.4)
         looks = 0 if page.evaluate(f"({inner}.last = {inner}.asked, {inner}.asked = 0, {inner}.last)") else looks + 1
     before = busy()
     time.sleep(SECONDS)
