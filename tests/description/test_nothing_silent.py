@@ -55,6 +55,7 @@ DEFAULTS = {
     ("compiler", "angle", "radian"),
     ("general", "biastype", "affine"),  # all of whose numbers are zero
     ("mass", "", "1.0"),
+    ("xyz", "", "0 0 1"),
     ("mass", "", "1"),
     ("gear_ratio", "", "1"),
     ("gear_ratio", "value", "1"),
@@ -79,7 +80,7 @@ def exempt(name, change):
         or (change.tag, change.attribute, change.before) in DEFAULTS
         or (change.what in ("value", "text") and (change.tag, change.attribute) in DIRECTIONS)
         or (name == "robot" and change.before in ("5", "0 0 5"))
-        or (name == "rich" and (change.tag, change.attribute, change.before) == ("pose", "relative_to", "a"))
+        or (name == "rich" and (change.attribute == "relative_to" and change.before in ("a", "b")))
         or (name == "rich" and change.what == "remove" and change.tag == "axis" and change.within.count("model") == 2)
         or (change.attribute == "polycoef" and change.before.endswith(" 0"))  # fewer coefficients are zeros
         or (change.attribute in ("ctrlrange", "forcerange") and change.what == "value")  # the other's may be narrower
