@@ -2,8 +2,6 @@
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 import time
 
@@ -12,6 +10,7 @@ import pytest
 
 import ccpin
 from ccpin import control
+from ccpin.cli import main, simulate
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Simulator
 
@@ -67,15 +66,20 @@ def test_a_motion_that_would_fill_the_memory_is_refused(rpdr_model):
     assert ccpin.simulate(rpdr_model, law, START, duration=1e4, sample_period=1e3).status == "finished"
 
 
-def test_cycles_on_the_command_line_keep_what_was_computed(tmp_path):
+def test_cycles_on_the_command_line_keep_what_was_computed(monkeypatch, capsys):
     """Ctrl-C in the middle: the moves made are told, and the exit code is that of an interrupt."""
+    begun, law = [], simulate._law
+
+    def law_to(*of):
+        begun.append(of)
+        if len(begun) == 4:
+            os.kill(os.getpid(), signal.SIGINT)
+        return law(*of)
+
+    monkeypatch.setattr(simulate, "_law", law_to)
     arguments = ["simulate", "rpdr", "--start-deg", "-118", "-62", "--goal-deg", "-108", "-72", "--cycles", "5000"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "ccpin", *arguments, "--wait", "1"], stdout=subprocess.PIPE, text=True, cwd=tmp_path
-    )
-    time.sleep(4.0)
-    process.send_signal(signal.SIGINT)
-    said = process.communicate(timeout=60)[0]
-    assert process.returncode == 130
+    assert main([*arguments, "--wait", "0.1"]) == 130
+    said = capsys.readouterr().out
     assert "interrupted" in said
-    assert "move 2: within the band" in said
+    assert "move 3: within the band" in said
+    assert "move 4" not in said
