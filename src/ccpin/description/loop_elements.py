@@ -21,7 +21,6 @@ from ccpin.description.model import IDENTITY, X_AXIS, Joint, LoopClosure, frame,
 from ccpin.description.xml import (
     ZERO,
     XmlElement,
-    attributes_spelt,
     child,
     children,
     fail,
@@ -29,6 +28,7 @@ from ccpin.description.xml import (
     numbers,
     origin,
     spelt,
+    strange_attributes,
     tag,
     text_attribute,
     transform,
@@ -68,8 +68,7 @@ def read_loops(root: XmlElement, joints: Sequence[Joint], notes: list[str]) -> t
         closures.append(READERS[tag(element)](element, position, tree))
         notes += [f"loop '{closures[-1].name}': <{stranger}> is not read" for stranger in strangers]
         for part in element.iter("*"):
-            attributes_spelt(part, _ATTRIBUTES)
-            unknown = [name for name in part.attrib if name not in _ATTRIBUTES and not name.startswith("{")]
+            unknown = strange_attributes(part, _ATTRIBUTES)
             notes += [f"loop '{closures[-1].name}': {name} of <{tag(part)}> is not read" for name in unknown]
         if _has(element, "distance_constraint_stiffness", "distance_constraint_damping"):
             notes.append(f"loop '{closures[-1].name}': its stiffness and damping are left out: it is rigid here")

@@ -131,16 +131,17 @@ def spelt(element: XmlElement, word: str, known: Iterable[str]) -> bool:
     return False
 
 
-def attributes_spelt(element: XmlElement, known: Collection[str]) -> None:
-    """Nothing, if no attribute of an element is a misspelling of a known one it lacks.
+def strange_attributes(element: XmlElement, known: Collection[str]) -> list[str]:
+    """The attributes of an element that are not known, those with a prefix apart: they are others'.
 
     Raises:
-        DescriptionError: One is.
+        DescriptionError: One is a misspelling of a known one that the element lacks.
     """
     absent = [name for name in known if name not in element.attrib]
-    for attribute in element.attrib:
-        if attribute not in known:
-            spelt(element, attribute, absent)
+    strange = [name for name in element.attrib if name not in known]
+    for name in strange:
+        spelt(element, name, absent)
+    return [name for name in strange if not name.startswith("{")]
 
 
 def doubled(root: XmlElement, repeated: Collection[str], others: Collection[str]) -> list[str]:

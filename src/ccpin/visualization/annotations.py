@@ -15,6 +15,7 @@ from ccpin.mechanism.mechanism import Mechanism
 from ccpin.visualization.playback import HasForce, resampled
 from ccpin.visualization.scene import Scene
 from ccpin.visualization.shapes import material, triangles, tube
+from ccpin.visualization.skeleton import ends_of
 
 Tracked: TypeAlias = "str | tuple[str, ArrayLike]"
 """What a trace follows: a link or a loop by name, or (link, point in its frame)."""
@@ -68,11 +69,8 @@ def name_joints(scene: Scene) -> None:
         for joint in mechanism.tree.joints
     ]
     for closure in mechanism.closures:
-        for link, placement in ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b)):
-            carrier = mechanism.tree.attachments[link]
-            if carrier.joint > 0:
-                places.append(("loop", closure.name, carrier.joint, carrier.placement @ placement))
-                break
+        moving = [("loop", closure.name, joint, at) for joint, at in ends_of(mechanism, closure) if joint > 0]
+        places += moving[:1]
     labels = []
     for kind, text, joint, placement in places:
         body = carriers[joint]

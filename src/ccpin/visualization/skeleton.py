@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.model import Shape, frame, rotation_to
+from ccpin.description.model import LoopClosure, Shape, frame, rotation_to
 from ccpin.description.xml import Colour
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.tree import TreeJoint
@@ -97,16 +97,13 @@ def skeleton(mechanism: Mechanism, wanted: tuple[int, ...]) -> dict[int, tuple[P
 
 def rods(mechanism: Mechanism) -> list[Rod]:
     """What distance closures stand for, a rod with a ball at both ends each, from a body that moves."""
+    held_apart = [closure for closure in mechanism.closures if closure.length is not None]
+    if not held_apart:
+        return []
     radius = LIMB_RADIUS * extent(mechanism, held_points(mechanism))
     found = []
-    for closure in mechanism.closures:
-        if closure.length is None:
-            continue
-        ends = []
-        for link, placement in ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b)):
-            carrier = mechanism.tree.attachments[link]
-            ends.append((carrier.joint, carrier.placement @ placement))
-        (joint, placement), (other, far) = sorted(ends, key=lambda end: end[0] == 0)
+    for closure in held_apart:
+        (joint, placement), (other, far) = sorted(ends_of(mechanism, closure), key=lambda end: end[0] == 0)
         bar = Piece(Shape("cylinder", (0.6 * radius, closure.length)), frame([0.0, 0.0, 0.5 * closure.length]), LOOP)
         balls = [
             Piece(Shape("sphere", (0.98 * BALL * radius,)), frame([0.0, 0.0, at]), LOOP) for at in (0, closure.length)
@@ -115,19 +112,26 @@ def rods(mechanism: Mechanism) -> list[Rod]:
     return found
 
 
+def ends_of(mechanism: Mechanism, closure: LoopClosure) -> list[tuple[int, Array]]:
+    """Where a closure holds its two links: the number of the joint that carries each, its frame (4, 4) there."""
+    found = []
+    for link, placement in ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b)):
+        carrier = mechanism.tree.attachments[link]
+        found.append((carrier.joint, carrier.placement @ placement))
+    return found
+
+
 def held_points(mechanism: Mechanism) -> list[Points]:
     """Where each body is held, by joint number; a body with one end has the far end of its mass for the other."""
-    model, attachments = mechanism.tree.model, mechanism.tree.attachments
+    model = mechanism.tree.model
     points = [Points([], []) for _ in range(model.njoints)]
     for joint in mechanism.tree.joints:
         if joint.kind.nv < 6:
             hinge = joint.placement[:3, :3] @ joint.axis if joint.kind.nv == 1 and not joint.kind.sliding else None
             points[joint.parent].joints.append(Held(joint.placement[:3, 3], hinge))
     for closure in mechanism.closures:
-        for link, placement in ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b)):
-            carrier = attachments[link]
-            at = carrier.placement @ placement
-            points[carrier.joint].loops.append(Held(at[:3, 3], at[:3, 2] if closure.kind == "revolute" else None))
+        for joint_number, at in ends_of(mechanism, closure):
+            points[joint_number].loops.append(Held(at[:3, 3], at[:3, 2] if closure.kind == "revolute" else None))
     for inertia, body in list(zip(model.inertias, points, strict=True))[1:]:
         if not len(body.every) and np.linalg.norm(inertia.lever) > 1e-9:
             body.joints.append(Held(2 * np.array(inertia.lever), None))

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from ccpin.arrays import Array
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
+from ccpin.description.mjcf.resolving import moved
 from ccpin.description.mjcf.schema import WORLD
 from ccpin.description.model import IDENTITY, Joint, Link, frame
 from ccpin.description.xml import ZERO, XmlElement, fail
@@ -160,7 +161,7 @@ class JointReader:
             kind=_KINDS[kind],
             parent=ends[0],
             child=ends[1],
-            placement=placement @ _motion(kind, axis, -ref),
+            placement=placement @ moved(_KINDS[kind], axis, -ref),
             axis=axis,
             lower=lower,
             upper=upper,
@@ -221,13 +222,6 @@ class JointReader:
 
 def _type_of(said: Element) -> str:
     return "free" if said.xml.tag == "freejoint" else said.choice("type", _TYPES, "hinge")
-
-
-def _motion(kind: str, axis: Array, displacement: float) -> Array:
-    """Return the transform (4, 4) of a hinge or slide; the identity for the others."""
-    if kind == "hinge":
-        return frame(ZERO, Rotation.from_rotvec(axis * displacement).as_matrix())
-    return frame(axis * displacement)
 
 
 def displacement(said: Element, joint: str, tree: WorldBody) -> float:

@@ -22,7 +22,7 @@ def inertias_at_reference(
     """
     poses = {link.name: IDENTITY for link in links}
     for joint in joints:
-        poses[joint.child] = poses[joint.parent] @ joint.placement @ _moved(joint, reference.get(joint.name, ()))
+        poses[joint.child] = poses[joint.parent] @ joint.placement @ _at(joint, reference.get(joint.name, ()))
     own = {link.name: link.inertia for link in links}
     carried = {name: _in_world(own.get(name), pose) for name, pose in poses.items()}
     motions, rows, above, size = dict[str, Array](), dict[str, slice](), {joint.child: joint for joint in joints}, 0
@@ -84,11 +84,15 @@ def damped(motor: Motor, inertia: float) -> Motor:
     return replace(motor, gains=FrozenMapping(gains | {"bias": (constant, stiffness, rate)}))
 
 
-def _moved(joint: Joint, displacement: tuple[float, ...]) -> Array:
+def _at(joint: Joint, displacement: tuple[float, ...]) -> Array:
+    """Where a joint carries its child at a displacement; a ball joint and what is fixed stand at the identity."""
     if joint.kind == "floating" and len(displacement) == 7:
         return frame(displacement[:3], Rotation.from_quat(displacement[3:]).as_matrix())
-    if len(displacement) != 1:
-        return IDENTITY
-    if joint.kind == "prismatic":
-        return frame(joint.axis * displacement[0])
-    return frame(np.zeros(3), Rotation.from_rotvec(joint.axis * displacement[0]).as_matrix())
+    return moved(joint.kind, joint.axis, displacement[0]) if len(displacement) == 1 else IDENTITY
+
+
+def moved(kind: str, axis: Array, displacement: float) -> Array:
+    """The transform (4, 4) of a revolute joint (rad) or of a prismatic one (m), the identity where that is zero."""
+    if kind == "revolute":
+        return frame(np.zeros(3), Rotation.from_rotvec(axis * displacement).as_matrix())
+    return frame(axis * displacement)

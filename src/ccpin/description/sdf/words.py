@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 
 from ccpin.description.sdf.constraints import CONSTRAINTS
-from ccpin.description.xml import XmlElement, attributes_spelt, doubled, tag
+from ccpin.description.xml import XmlElement, doubled, strange_attributes, tag
 
 ATTRIBUTES: dict[str, tuple[str, ...]] = {
     "sdf": ("version",),
@@ -28,7 +28,7 @@ ATTRIBUTES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(
         ("spring_reference", "multiplier", "offset", "reference", "gearbox_ratio", "gravity", "static"), ()
     ),
-    **dict.fromkeys(("gravity", "ixx", "ixy", "ixz", "iyy", "iyz", "izz", "placement_frame", "name"), ()),
+    **dict.fromkeys(("ixx", "ixy", "ixz", "iyy", "iyz", "izz", "placement_frame", "name"), ()),
 }
 _REPEATED = frozenset({"world", "model", "link", "joint", "frame", "include", *CONSTRAINTS})
 _OTHERS = frozenset({"plugin", "sensor", "visual", "collision", "light", "gui", "scene", "physics", "actor", "state"})
@@ -49,10 +49,7 @@ def check_attributes(element: XmlElement, notes: list[str]) -> None:
 def _check(element: XmlElement, strange: Counter[str]) -> None:
     known = ATTRIBUTES.get(tag(element))
     if known is not None and not element.prefix:
-        attributes_spelt(element, known)
-        for attribute in element.attrib:
-            if attribute not in known and not attribute.startswith("{"):
-                strange[f"{attribute} of <{tag(element)}> is not read"] += 1
+        strange.update(f"{name} of <{tag(element)}> is not read" for name in strange_attributes(element, known))
     for inner in element.iterchildren("*"):
         if tag(inner) not in _OTHERS:
             _check(inner, strange)
