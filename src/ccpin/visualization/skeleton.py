@@ -97,12 +97,13 @@ def skeleton(mechanism: Mechanism, wanted: tuple[int, ...]) -> dict[int, tuple[P
 
 def rods(mechanism: Mechanism) -> list[Rod]:
     """What distance closures stand for, a rod with a ball at both ends each, from a body that moves."""
-    held_apart = [closure for closure in mechanism.closures if closure.length is not None]
-    if not held_apart:
+    if all(closure.length is None for closure in mechanism.closures):
         return []
     radius = LIMB_RADIUS * extent(mechanism, held_points(mechanism))
     found = []
-    for closure in held_apart:
+    for closure in mechanism.closures:
+        if closure.length is None:
+            continue
         (joint, placement), (other, far) = sorted(ends_of(mechanism, closure), key=lambda end: end[0] == 0)
         bar = Piece(Shape("cylinder", (0.6 * radius, closure.length)), frame([0.0, 0.0, 0.5 * closure.length]), LOOP)
         balls = [
