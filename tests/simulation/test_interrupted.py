@@ -12,7 +12,7 @@ import ccpin
 from ccpin import control
 from ccpin.cli import main, simulate
 from ccpin.errors import InvalidInputError
-from ccpin.simulation import Simulator
+from ccpin.simulation import Budget, Simulator
 
 START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
 
@@ -63,7 +63,8 @@ def test_a_motion_that_would_fill_the_memory_is_refused(rpdr_model):
     with pytest.raises(InvalidInputError, match=r"would take .* GB: ask for a longer sample_period"):
         ccpin.simulate(rpdr_model, None, START, duration=1e9)
     law = control.PDSimpleGravity(rpdr_model, GOAL, 11.0, 0.6)
-    assert ccpin.simulate(rpdr_model, law, START, duration=1e4, sample_period=1e3).status == "finished"
+    few = ccpin.simulate(rpdr_model, law, START, duration=1e9, sample_period=1e8, budget=Budget(evaluations=100))
+    assert few.status == "exhausted"
 
 
 def test_cycles_on_the_command_line_keep_what_was_computed(monkeypatch, capsys):

@@ -19,6 +19,7 @@ from ccpin.description import scaled
 PAIRS = int(os.environ.get("CCPIN_PAIRS", "20"))
 START, GOAL = np.radians((-118.0, -62.0)), np.radians((-108.0, -72.0))
 TIGHT = {"rtol": 1e-11, "atol": 1e-13}
+SEEDS = (0, 1) if native.backend().name == "native" else (1,)  # the reference takes long
 
 
 def pair(seed):
@@ -83,7 +84,7 @@ def compare(name, seed, sampling=None):
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_computes_with_its_own_model(name):
     """With full gravity and computed torque it was as if they knew the plant."""
-    for seed in range(2):
+    for seed in SEEDS:
         compare(name, seed)
 
 
@@ -91,7 +92,7 @@ def test_a_law_computes_with_its_own_model(name):
 @pytest.mark.parametrize("counts", [None, 4000])
 def test_so_it_does_as_a_sampled_loop(name, counts):
     """With and without encoders."""
-    for seed in range(2):
+    for seed in SEEDS:
         compare(name, seed, Sampling(period=0.001, encoder_counts=counts, velocity_cutoff=200.0))
 
 

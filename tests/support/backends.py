@@ -1,0 +1,8 @@
+"""Tests that are run on one backend only."""
+
+import pytest
+
+from ccpin import native
+
+same_on_both = pytest.mark.skipif(native.backend().name != "native", reason="the same lines; the reference takes long")
+"""What is tested is the Python around the equations of motion, which the compiled core computes sooner."""
