@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -131,6 +131,7 @@ class SampledCommands:
         q0: q at the start.
         v0: q̇ at the start.
         start: The time of the first sample, s.
+        place: Tells q, q̇ and q′ at a State in other coordinates than the model's; default by `ReducedModel.reading`.
 
     Attributes:
         law: The law; it may be replaced while the run goes on, and is asked at the next sample.
@@ -141,10 +142,18 @@ class SampledCommands:
     """
 
     def __init__(
-        self, model: ReducedModel, law: ControlLaw, sampling: Sampling, q0: Array, v0: Array, start: float = 0.0
+        self,
+        model: ReducedModel,
+        law: ControlLaw,
+        sampling: Sampling,
+        q0: Array,
+        v0: Array,
+        start: float = 0.0,
+        place: Callable[[State, Array], tuple[Array, Array, Array]] | None = None,
     ) -> None:
         self.law = law
         self._model, self._sampling, self._start = model, sampling, start
+        self._place = place or (lambda state, v: (*model.reading(state, v), state.q_free))
         self._coordinates = model.coordinates
         most = np.inf if sampling.saturation is None else sampling.saturation
         self._limit = _each(most, model.n_actuated, "saturation", "motor")
@@ -187,7 +196,7 @@ class SampledCommands:
         due = self._due()
         if t < due - 16 * np.spacing(abs(due)):
             return due
-        q, velocity = self._model.reading(state, v)
+        q, velocity, q_free = self._place(state, v)
         reading = self._measured(q, self._count + 1)
         if self._differentiates:
             slope = self._coordinates.difference(self._reading, reading) / self._sampling.period
@@ -195,7 +204,7 @@ class SampledCommands:
         if not self._encodes and state.model is self._model:
             u = np.array(self.law.torque_at(t, state, velocity))
         else:
-            u = np.array(self.law.torque(t, reading, velocity, state.q_free))
+            u = np.array(self.law.torque(t, reading, velocity, q_free))
         self._reading, self._velocity = reading, velocity
         self._pending.append(np.clip(u, -self._limit, self._limit))
         self._held = self._pending.popleft()

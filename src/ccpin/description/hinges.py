@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from ccpin.arrays import Array
 from ccpin.description.model import LoopClosure, frame, rotation_to
@@ -27,7 +27,7 @@ def make_hinges(closures: list[LoopClosure], notes: list[str], word: str) -> Non
             points.setdefault((closure.link_a, closure.link_b), []).append(closure)
     for pair in points.values():
         lines = [other - first for first, other in zip(_points(pair[0]), _points(pair[-1]), strict=True)]
-        lengths = [float(np.linalg.norm(line)) for line in lines]
+        lengths = [math.hypot(*line) for line in lines]
         if len(pair) != 2 or min(lengths) < _APART or abs(lengths[0] - lengths[1]) > _ROUNDED * lengths[0]:
             continue
         first, second = pair

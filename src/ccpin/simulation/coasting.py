@@ -63,7 +63,7 @@ class Coasting:
 
     Args:
         method: The integrator, one of `TABLEAUX`.
-        numbers: rtol, atol, singular_rcond and wrenches (`wrench_rows`).
+        numbers: rtol, atol and singular_rcond.
         bounds: What the motors can give.
     """
 
@@ -97,6 +97,7 @@ class Coasting:
                 "max_step": span.longest,
                 "lower": (-unbounded).tolist(),
                 "upper": unbounded.tolist(),
+                "wrenches": following.wrenches,
                 "leaving": following.leaving(),
             }
         )
@@ -117,9 +118,12 @@ def _samples(found: Answer, u: Array, following: Following) -> list[StateSample]
     rows, home = slice(found.done), following.home
     reading = found.q[rows], found.v[rows], found.a[rows]
     if following.model is not home:
-        reading = home.coordinates.readings(found.q_free[rows], found.v_free[rows], found.a_free[rows])
+        reading = following.own.coordinates.readings(found.q_free[rows], found.v_free[rows], found.a_free[rows])
     nothing = np.zeros(home.mechanism.n_free)
-    columns = zip(
+    samples = []
+    for t, q, v, a, x, w, error in zip(
         found.t[rows], *reading, found.q_free[rows], found.v_free[rows], found.closure_error[rows], strict=True
-    )
-    return [StateSample(float(t), q, v, a, u, x, w, nothing, nothing, float(e)) for t, q, v, a, x, w, e in columns]
+    ):
+        q_free, v_free = following.told_row(x, w)
+        samples.append(StateSample(float(t), q, v, a, u, q_free, v_free, nothing, nothing, float(error)))
+    return samples

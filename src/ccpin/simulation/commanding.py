@@ -12,6 +12,7 @@ from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction, effort_at
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
+from ccpin.simulation.following import Following
 
 LawLike = ControlLaw | Callable[[float, Array, Array], ArrayLike] | None
 
@@ -56,11 +57,16 @@ class Sized(ControlLaw):
     """A law whose u is looked at, so that one of the wrong size or none is told as the law's mistake.
 
     What it is given it can only read, and what it returns is copied, so a law that uses an array again changes nothing.
-    At a State in other coordinates than its model's it is given q and q̇ of its model's.
+    At a State in other coordinates than its model's it is given q, q̇ and q′ as they are reported.
+
+    Args:
+        law: The law.
+        following: Whose coordinates the motion is in.
     """
 
-    def __init__(self, law: ControlLaw, model: ReducedModel) -> None:
-        self._law, self._model = law, model
+    def __init__(self, law: ControlLaw, following: Following) -> None:
+        self._law, self._following = law, following
+        model = following.home
         self._motors, self._size = model.mechanism.actuated, model.n_actuated
 
     def torque(self, t: float, q: Array, v: Array, guess: Array | None = None) -> Array:
@@ -69,8 +75,8 @@ class Sized(ControlLaw):
 
     def torque_at(self, t: float, state: State, v: Array) -> Array:
         """The same at a State."""
-        if state.model is not self._model:
-            return self.torque(t, *self._model.reading(state, v), state.q_free)
+        if state.model is not self._following.home:
+            return self.torque(t, *self._following.place(state, v))
         return self._sized(effort_at(self._law, t, state, frozen(v)))
 
     def next_switch(self, t: float) -> float | None:

@@ -3,25 +3,29 @@
 Where ψ_q′ loses rank and φ_q′ does not, the mechanism is fine and the coordinates are not: a four-bar measured by its
 rocker at the end of the rocker's swing, a ball's component after half a turn. A run goes on from there in a sibling
 (`ccpin.mechanism.siblings`), the same mechanism in other coordinates: q′ and q̇′ are the same before and after, so
-energy, λ and closure are too, and q̇′ = ρ q̇ of the sibling lies in ker φ_q′.
+energy, λ and closure are too, and q̇′ = ρ q̇ of the sibling lies in ker φ_q′. Three revolutes that are a ball joint are
+the ball from there on (`ccpin.mechanism.balls`), as their gimbal lock is none of the mechanism's.
 
-What is reported is in the run's own coordinates all along, q = α(q′) and q̇ = α_q′ q̇′, which are always defined. What is
+What is reported is in the run's own coordinates all along, q = α(q′) and q̇ = α_q′ q̇′, which are always defined, and q′
+has the columns of its own joints: of the angles that a ball may have, those nearest to the ones told before. What is
 *stated* in them, as a feedback law or wrenches that read a State are, ends where they end.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array
+from ccpin.arrays import Array, frozen
 from ccpin.control.laws import ControlLaw, NoTorque, undelayed
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.dynamics.state import State
-from ccpin.dynamics.wrenches import Pushes, Wrenches
+from ccpin.dynamics.state import Model, State
+from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
 from ccpin.kinematics.coordinates import component_names
+from ccpin.mechanism.balls import Balls, balls_of
 from ccpin.mechanism.mobility import tangent
 from ccpin.mechanism.siblings import LEVERAGE, Measure, best_independent, with_independent
 
@@ -32,6 +36,14 @@ _RANK_LOSS = 1e-4
 _FRESH = 1e-9
 _NO_MASS = 1e-6
 _TAKES_PART = 0.1
+
+
+class Place(NamedTuple):
+    """Where a motion is, as it is reported: q, q̇ and q′."""
+
+    q: Array
+    v: Array
+    q_free: Array
 
 
 class Following:
@@ -46,23 +58,107 @@ class Following:
         law: The law, which may be stated in them.
         wrenches: On links; functions of a State are stated in them too.
         reads: What else reads a State of `home`, in words (events, a region, limits), or nothing.
+        rubbing: The joints (or components) with friction.
 
     Attributes:
-        model: The model whose coordinates the run is in: `home` or a sibling.
+        model: The model whose coordinates the run is in: `home` or a sibling, on ball joints where it has such.
         law: The law; it may be replaced.
         measure: How well the present coordinates measure the motion.
         most: The largest leverage (`Measure`) at which the present coordinates are kept.
     """
 
     def __init__(
-        self, home: ReducedModel, law: ControlLaw, wrenches: Wrenches | Pushes | None = None, reads: str = ""
+        self,
+        home: ReducedModel,
+        law: ControlLaw,
+        wrenches: Wrenches | Pushes | None = None,
+        reads: str = "",
+        rubbing: Sequence[str] = (),
     ) -> None:
         self.home = self.model = home
-        self.law, self._wrenches, self._reads = law, wrenches, reads
-        self._siblings: dict[tuple[str, ...], ReducedModel] = {home.mechanism.independent: home}
+        self.law, self._wrenches, self._reads, self._rubbing = law, wrenches, reads, rubbing
+        self._siblings: dict[tuple[str, ...], ReducedModel] = {}
         self.measure = Measure(home.mechanism)
         self.most = np.inf
-        self._since = np.array(home.mechanism.q_reference)
+        self._since = self._told = np.array(home.mechanism.q_reference)
+
+    @cached_property
+    def _balls(self) -> Balls | None:
+        tree = self.home.mechanism.tree
+        pushed = () if self._wrenches is None or callable(self._wrenches) else self._wrenches
+        return balls_of(self.home.mechanism, {*(tree.split(name)[0] for name in self._rubbing), *pushed})
+
+    @cached_property
+    def _base(self) -> ReducedModel:
+        """`home` on its ball joints."""
+        home = self.home
+        return home if self._balls is None else ReducedModel(self._balls.mechanism, home.gravity_vector)
+
+    # In the coordinates of `home`.
+
+    @property
+    def own(self) -> ReducedModel:
+        """The model of `home`'s coordinates on the joints that `model` has."""
+        return self._own(self.model)
+
+    @property
+    def balls(self) -> tuple[str, ...]:
+        """The ball joints that the motion is on."""
+        return () if self._balls is None or self.own is self.home else self._balls.names
+
+    def place(self, state: State, v: Array) -> Place:
+        """Where a motion is, as it is reported."""
+        return Place(*self._own(state.model).reading(state, v), self.told(state))
+
+    def acceleration(self, state: State, v: Array, a: Array) -> Array:
+        """q̈ likewise."""
+        return self._own(state.model).reading_rate(state, v, a)
+
+    def told(self, state: State) -> Array:
+        """q′ likewise, in the columns of `home`'s joints."""
+        if self._balls is None or self._own(state.model) is self.home:
+            return state.q_free
+        self._told = frozen(self._balls.told(state.q_free, self._told))
+        return self._told
+
+    def told_rate(self, state: State, v_free: Array) -> Array:
+        """q̇′ likewise; also of several columns."""
+        if self._balls is None or self._own(state.model) is self.home:
+            return v_free
+        return self._balls.told_rate(self.told(state), v_free)
+
+    def told_forces(self, state: State, forces: Array) -> Array:
+        """Forces on joints likewise."""
+        if self._balls is None or self._own(state.model) is self.home:
+            return forces
+        return self._balls.told_forces(forces)
+
+    def told_row(self, q_free: Array, v_free: Array) -> tuple[Array, Array]:
+        """q′ and q̇′ likewise, of q′ and q̇′ of `model`."""
+        if self._balls is None or self.own is self.home:
+            return q_free, v_free
+        self._told = frozen(self._balls.told(q_free, self._told))
+        return self._told, frozen(self._balls.told_rate(self._told, v_free))
+
+    def seen(self, state: State) -> State:
+        """A State as a caller sees it, on `home`'s joints.
+
+        Raises:
+            SingularConfigurationError: In gimbal lock there is none.
+        """
+        if self._balls is None or self._own(state.model) is self.home:
+            return state
+        told, home = self.told(state), self.home
+        names = best_independent(home.mechanism, told, self._balls.told_rate(told, state.rho))
+        if names == home.mechanism.independent:
+            return home.at(home.alpha(told), told)
+        sibling = ReducedModel(with_independent(home.mechanism, names, told), home.gravity_vector)
+        return sibling.at(sibling.alpha(told), told)
+
+    def _own(self, model: Model) -> ReducedModel:
+        return self.home if model.mechanism.tree is self.home.mechanism.tree else self._base
+
+    # What is stated in them.
 
     def begin(self, state: State) -> None:
         """Take up the coordinates of the State's model there."""
@@ -96,6 +192,11 @@ class Following:
         """What tells where `poor` is, as the compiled core takes it."""
         return {"most": self.most, **self.measure.numbers(), "turn": _FURTHEST_TURN}
 
+    @property
+    def wrenches(self) -> Array | None:
+        """Constant wrenches as the compiled core takes them for `model`."""
+        return wrench_rows(self.model.mechanism.tree, None if callable(self._wrenches) else self._wrenches)
+
     def change(self, state: State, v: Array) -> tuple[State, Array] | None:
         """The same configuration and velocity in the best coordinates there, which the run is in from here on.
 
@@ -106,10 +207,14 @@ class Following:
         measure = self.measure
         if measure.leverage(state.rho) <= LEVERAGE and measure.turned(state.q_free) <= _FURTHEST_TURN:
             return None
-        self.model = self._sibling(state)
+        q_free, v_free, rho = state.q_free, state.v_free(v), state.rho
+        if self._balls is not None and self.own is self.home:
+            v_free, rho = (self._balls.gathered_rate(q_free, rate) for rate in (v_free, rho))
+            self._told, q_free = q_free, self._balls.gathered(q_free)
+        self.model = self._measured_by(best_independent(self._base.mechanism, q_free, rho), q_free)
         self.measure = Measure(self.model.mechanism)
-        moved = self.model.at(self.model.alpha(state.q_free), state.q_free)
-        velocity = self.model.coordinates.jacobian(moved.q_free) @ state.v_free(v)
+        moved = self.model.at(self.model.alpha(q_free), q_free)
+        velocity = self.model.coordinates.jacobian(moved.q_free) @ v_free
         self.begin(moved)
         return moved, velocity
 
@@ -119,49 +224,53 @@ class Following:
         Raises:
             SingularConfigurationError: They are singular there.
         """
-        q, velocity = self.home.reading(state, v)
-        moved = self.home.at(q, state.q_free)
+        q, velocity, told = self.place(state, v)
+        moved = self.home.at(q, told)
         self.model, self.measure = self.home, Measure(self.home.mechanism)
         self.begin(moved)
         return moved, velocity
 
-    def _sibling(self, state: State) -> ReducedModel:
-        """The model in the best coordinates at a State."""
-        return self._measured_by(best_independent(self.home.mechanism, state.q_free, state.rho), state.q_free)
-
     def _measured_by(self, names: tuple[str, ...], centre: Array) -> ReducedModel:
         """The model in coordinates with a centre of their charts; one for each set whose charts have none."""
+        if names == self._base.mechanism.independent and self._base.coordinates.constant:
+            return self._base
         found = self._siblings.get(names)
         if found is None or not found.coordinates.constant:
-            mechanism = with_independent(self.home.mechanism, names, centre)
+            mechanism = with_independent(self._base.mechanism, names, centre)
             self._siblings[names] = found = ReducedModel(mechanism, self.home.gravity_vector)
         return found
 
     def memory(self) -> dict[str, Array]:
         """Whose coordinates the run is in, since where and up to what leverage, as arrays; `recall` brings it back."""
         names = () if self.model is self.home else self.model.mechanism.independent
-        return {"measured_by": np.array(names, dtype=str), "since": self._since, "most": np.array(self.most)}
+        return {
+            "measured_by": np.array(names, dtype=str),
+            "since": self._since,
+            "most": np.array(self.most),
+            "told": self._told,
+        }
 
     def recall(self, memory: Mapping[str, Array]) -> ReducedModel:
         """Be in the coordinates of a memory; their model."""
         names = tuple(memory["measured_by"].tolist())
         self._since, self.most = np.array(memory["since"]), float(memory["most"])
+        self._told = np.array(memory["told"])
         self.model = self._measured_by(names, self._since) if names else self.home
         self.measure = Measure(self.model.mechanism)
         return self.model
 
     def why(self, t: float, state: State, reason: str) -> str:
         """Why the run ends at a State, in a sentence: whose end it is, the mechanism's or that of coordinates."""
-        mechanism = self.home.mechanism
+        mechanism = state.model.mechanism
         left = tangent(mechanism.constraints(), state.q_free).conditioning(mechanism.mobility.rank)
-        place = np.array2string(state.q_free, precision=6, separator=", ", max_line_width=10**6)
+        place = np.array2string(self.told(state), precision=6, separator=", ", max_line_width=10**6)
         if left < _RANK_LOSS:
             return (
                 f"at t = {t:.6g} s the mechanism itself is singular at q′ = {place}: φ_q′ loses rank (singular values "
                 f"down to {left:.1e} of the largest)"
             )
         if self.stated is not None:
-            names = ", ".join(mechanism.independent)
+            names = ", ".join(self.home.mechanism.independent)
             return f"at t = {t:.6g} s the coordinates {names} end, in which {self.stated}: {reason}"
         idle, mass = _massless(state)
         if mass < _NO_MASS:

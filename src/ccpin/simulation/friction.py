@@ -79,12 +79,14 @@ def joint_friction(
 
 
 def moved_friction(friction: JointFriction, coordinates: IndependentCoordinates) -> JointFriction:
-    """The same friction, with the places of its joints among other independent coordinates."""
+    """The same friction, with the places of its joints among other independent coordinates, also of another tree."""
+    known = component_names(coordinates.tree)
+    index = np.array([known.index(name) for name in friction.names], dtype=np.intp)
     owner = np.full(coordinates.tree.model.nv, -1, dtype=np.intp)
     for part in coordinates.parts:
         if part.component is None:
             owner[part.v_free] = np.arange(part.v.start, part.v.stop)
-    return replace(friction, coordinate=owner[friction.index])
+    return replace(friction, index=index, coordinate=owner[index])
 
 
 def stated_friction(mechanism: Mechanism) -> dict[str, tuple[float, float]]:

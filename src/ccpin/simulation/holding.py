@@ -42,7 +42,7 @@ class Holding:
     Args:
         home: The model whose coordinates are reported.
         method: The integrator, one of `TABLEAUX`.
-        numbers: rtol, atol, max_step, singular_rcond and wrenches (`wrench_rows`).
+        numbers: rtol, atol, max_step and singular_rcond.
         bounds: What the motors can give.
 
     Attributes:
@@ -55,6 +55,7 @@ class Holding:
         self._model: Model | None = None
         self._motion: HeldMotion | None = None
         self._counted, self._beyond = 0, b""
+        self._q_free = home.mechanism.q_reference
         self.ahead: StateSample | None = None
 
     def begin(self) -> None:
@@ -78,10 +79,11 @@ class Holding:
         if answer is None:
             return None
         happened = self._jump(run, beyond) if jumps else []
-        q, v, a, told, q_free, v_free, closure, reached, raised = answer
+        q, v, a, told, self._q_free, v_free, closure, reached, raised = answer
         t = run.here.t if self.ahead is None else self.ahead.t
         told = told if own is given else frozen(given)
-        self.ahead = StateSample(t + reached, q, v, a, told, q_free, v_free, self._nothing, self._nothing, closure)
+        free = run.following.told_row(self._q_free, v_free)
+        self.ahead = StateSample(t + reached, q, v, a, told, *free, self._nothing, self._nothing, closure)
         return HeldStep(self.ahead, happened, raised)
 
     def land(self, run: Run) -> None:
@@ -89,7 +91,7 @@ class Holding:
         if self.ahead is None or self._motion is None or self._model is None:
             return
         q, v = np.split(self._motion.state(), [self._model.nq])
-        run.here = Moment(self.ahead.t, self._model.at(q, self.ahead.q_free), frozen(v))
+        run.here = Moment(self.ahead.t, self._model.at(q, self._q_free), frozen(v))
         run.first_step = self._motion.last_step
         run.evaluations += self._motion.evaluations - self._counted
         self.ahead = None
@@ -102,9 +104,8 @@ class Holding:
         if stated and state.model is not self._home:
             return False
         if self._model is not state.model:
-            leaving = following.leaving() | {"most": 1.0}
-            core = state.model.core
-            self._motion = core.held_motion(self._home.core, self._tableau, **self._numbers, leaving=leaving)
+            numbers = self._numbers | {"wrenches": following.wrenches, "leaving": following.leaving() | {"most": 1.0}}
+            self._motion = state.model.core.held_motion(following.own.core, self._tableau, **numbers)
             self._model = state.model
         if self._motion is None:
             return False
@@ -125,4 +126,4 @@ class Holding:
         if self.ahead is not None:
             return self.ahead.t, self.ahead.q, self.ahead.v, self.ahead.q_free
         t, state, v = run.here
-        return t, *self._home.reading(state, v), state.q_free
+        return t, *run.following.place(state, v)

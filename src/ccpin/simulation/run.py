@@ -86,14 +86,13 @@ class Run:
         self._plant = plant
         self.here, self.evaluations = here, 0
         self.first_step: float | None = None
-        mechanism = self.model.mechanism
-        self._pushes = pushes_of(mechanism.tree, settings.wrenches)
+        self._pushes = pushes_of(self.model.mechanism.tree, settings.wrenches)
         self.saturation = saturation
         self._own = watches if saturation is None else (*watches, saturation)
         self._watches = self._all_watches()
         self._watched = any(watch.pacing for watch in self._watches)
         self._creeping, self._latest, self._settles = 0, np.inf, False
-        self._nothing = np.zeros(mechanism.n_free)
+        self._nothing = np.zeros(following.home.mechanism.n_free)
         self._coasting, self.in_core = coasting, False
 
     @property
@@ -167,20 +166,20 @@ class Run:
     def sample(self, moment: Moment) -> StateSample:
         """The motion at a moment, in the present mode of its joints."""
         t, state, v = moment
-        drive = self.drive(*moment)
+        drive, following = self.drive(*moment), self.following
         friction = self._nothing
         if self.contact.rubs:
-            friction = self.contact.free_forces(state, v, drive)
+            friction = following.told_forces(state, self.contact.free_forces(state, v, drive))
         a = self.contact.acceleration(state, v, lambda: drive)
-        at = self.following.home.reading(state, v)
+        q, velocity, q_free = following.place(state, v)
         return StateSample(
             t=float(t),
-            q=at.q,
-            v=frozen(at.v),
-            a=self.following.home.reading_rate(state, v, a),
+            q=q,
+            v=frozen(velocity),
+            a=following.acceleration(state, v, a),
             u=self.commands.effort(t, state, v),
-            q_free=state.q_free,
-            v_free=frozen(state.v_free(v)),
+            q_free=q_free,
+            v_free=frozen(following.told_rate(state, state.v_free(v))),
             friction=friction,
             limits=self._nothing if drive.loads is None else drive.loads,
             closure_error=float(np.linalg.norm(self.model.parametrization.constraints.residual(state.q_free))),
@@ -320,23 +319,23 @@ class Run:
             return Stop("singular", self.following.why(t, state, reason), error)
         if found is not None:
             self._take_up(*found)
-            at = self.following.home.reading(*found)
+            q, velocity, q_free = self.following.place(*found)
             name = CHANGED + ", ".join(self.model.mechanism.independent)
-            record.happened([Happening(name, t, at.q, np.array(at.v), found[0].q_free)])
+            record.happened([Happening(name, t, q, np.array(velocity), q_free)])
         return None
 
     def _told(self, event: Happening) -> Happening:
         """An event in the coordinates that the motion was started in."""
-        home = self.following.home
-        if self.model is home:
+        if self.model is self.following.home:
             return event
-        at = home.reading(self.model.at(event.q, event.q_free), event.v)
-        return event._replace(q=at.q, v=at.v)
+        q, v, q_free = self.following.place(self.model.at(event.q, event.q_free), event.v)
+        return event._replace(q=q, v=v, q_free=q_free)
 
     def _take_up(self, state: State, v: Array) -> None:
         """Be in the coordinates of a State's model from here on."""
         self.model, self.here = self.following.model, Moment(self.here.t, state, frozen(v))
         self.contact = self.contact.moved(self.model)
+        self._pushes = pushes_of(self.model.mechanism.tree, self.settings.wrenches)
         self._watches, self._creeping = self._all_watches(), 0
         self.in_core = not self._settles and self.constant_effort is not None
 

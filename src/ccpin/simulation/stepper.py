@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -143,7 +143,7 @@ class Simulator:
         self._holding: Holding | None = None
         self._coasting: Coasting | None = None
         if self._plain and sampling is None and method in TABLEAUX:
-            numbers = {"rtol": rtol, "atol": atol, "singular_rcond": singular_rcond, "wrenches": self._pushed}
+            numbers = {"rtol": rtol, "atol": atol, "singular_rcond": singular_rcond}
             self._coasting = Coasting(method, numbers, self._plant.effort_bounds)
             if not isinstance(model.core, Declining):
                 numbers = numbers | {"max_step": np.inf if max_step is None else max_step}
@@ -162,16 +162,21 @@ class Simulator:
 
     @property
     def state(self) -> State:
-        """The State, of `model` or, where its coordinates were left for others, of a sibling of it."""
-        return self._moving.here.state
+        """The State, of `model` or, where its coordinates were left for others, of a sibling of it.
+
+        Raises:
+            SingularConfigurationError: Three revolutes that are a ball are in gimbal lock, where q′ has none.
+        """
+        run = self._moving
+        return run.following.seen(run.here.state)
 
     @property
     def v(self) -> Array:
         """q̇, of shape (n,)."""
         if self._ahead is not None:
             return self._ahead.v
-        _, state, v = self._moving.here
-        return np.array(self.model.reading(state, v).v)
+        run = self._moving
+        return np.array(run.following.place(run.here.state, run.here.v).v)
 
     @property
     def evaluations(self) -> int:
@@ -188,7 +193,7 @@ class Simulator:
         self._law = law_of(self.model, law)
         self._plant.check_law(self._law, self._sampling is not None)
         if self._run is not None:
-            self._run.commands.law = Sized(self._law, self.model)
+            self._run.commands.law = Sized(self._law, self._run.following)
             self._run.following.law = self._law
 
     def sample(self) -> StateSample:
@@ -222,16 +227,16 @@ class Simulator:
     def _following(self) -> Following:
         looks = self._looked_for or self._region is not None or not self._plant.plain
         reads = "events, a region, limits or contacts are looked for" if looks else ""
-        return Following(self.model, self._law, self._settings.wrenches, reads)
+        return Following(self.model, self._law, self._settings.wrenches, reads, self._friction.names)
 
     def _begin(self, here: Moment, following: Following) -> None:
         """Begin in the coordinates of a follower's model."""
         t, state, v = here
-        law = Sized(self._law, self.model)
+        law = Sized(self._law, following)
         commands: ContinuousCommands | SampledCommands = ContinuousCommands(law)
         if self._sampling is not None:
-            own = self.model.reading(state, v)
-            commands = SampledCommands(self.model, law, self._sampling, own.q, own.v, t)
+            own = following.place(state, v)
+            commands = SampledCommands(self.model, law, self._sampling, own.q, own.v, t, following.place)
         driven = self._plant.commands(commands, t, state, v)
         watches: list[Watch] = [EventWatch(event) for event in self._looked_for]
         if self._region is not None:
@@ -363,7 +368,7 @@ class Simulator:
             wall_time=spent,
             names=self._names,
             origin=self.model.digests._replace(law=self._law.digests.law),
-            notes=(self._computed_by(in_core or run.in_core, spent), *passed),
+            notes=(self._computed_by(in_core or run.in_core, spent), *_on_balls(run.following), *passed),
         )
 
     def _computed_by(self, in_core: bool, spent: float) -> str:
@@ -497,6 +502,12 @@ class Simulator:
     def _later(self, until: float) -> None:
         if not (np.isfinite(until) and until > self.t):
             raise InvalidInputError(f"until = {until} must be a time later than t = {self.t:.6g} s")
+
+
+def _on_balls(following: Following) -> Iterator[str]:
+    """What tells that revolutes are integrated as balls."""
+    for name in following.balls:
+        yield f"integrated as a ball joint, as its axes meet with no mass between them: {name}"
 
 
 def _times(start: float, until: float, period: float, size: int) -> Array:

@@ -169,7 +169,7 @@ class _Supervisor:
         simulator, hold = self.simulator, self._rule.hold
         simulator.recall(simulator.memory())  # as a motion does that goes on from its journal
         start = simulator.t
-        simulator.law = Delayed(law_of(simulator.model, self._law_to(goal, simulator.state.q_free)), start)
+        simulator.law = Delayed(law_of(simulator.model, self._law_to(goal, simulator.sample().q_free)), start)
         motion = self._go(start + self._timeout, self._rule._replace(goal=goal))
         if motion.status != "settled":
             late = f"the move to {np.array2string(goal, precision=6)} had not settled after {self._timeout:.6g} s"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -154,11 +155,11 @@ class Element:
         ends = self.vector("fromto", 6)
         along = ends[:3] - ends[3:]
         turn = rotation_to(self.unit(along, "fromto"))
-        return Span(frame((ends[:3] + ends[3:]) / 2.0, turn), float(np.linalg.norm(along)) / 2.0)
+        return Span(frame((ends[:3] + ends[3:]) / 2.0, turn), math.hypot(*along) / 2.0)
 
     def unit(self, value: Array, name: str) -> Array:
         """Return `value` normalized; what has no direction is an error."""
-        norm = float(np.linalg.norm(value))
+        norm = math.hypot(*value)
         if norm < 1e-14:
             raise self.fail(f"{name} has no length, so no direction")
         return value / norm

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
 
 from ccpin.arrays import Array
 from ccpin.description.graph import Connection
@@ -118,7 +118,7 @@ class Bodies:
         """Say so where a joint's parent frame stands elsewhere: some authors expect that to place the child."""
         parent = required(element, "parent")
         if parent in scope.entries and tag(scope.entries[parent]) == "frame":
-            away = float(np.linalg.norm((top @ scope.pose(parent, element))[:3, 3] - pose[:3, 3]))
+            away = math.dist((top @ scope.pose(parent, element))[:3, 3], pose[:3, 3])
             if away > 1e-6:
                 self.notes.append(
                     f"joint '{name}': its parent frame '{parent}' is {away:.4g} m from the joint; by SDFormat's rules "
