@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import random
+import re
 import sys
 from collections import Counter
 
@@ -27,6 +28,7 @@ RICH = BARS.replace(
 <axis xyz="0 0 1"/><limit lower="-1" upper="2" effort="3" velocity="4"/><dynamics damping="0.1" friction="0.2"/>
 <mimic joint="A" multiplier="0.5" offset="0.1"/></joint>""",
 )
+NUMBER = re.compile(r'(?<=[ ">])-?\d+\.?\d*(e-?\d+)?(?=[ "<])')
 REPLACED = '<axis xyz="0 0 1"/>\n  <limit effort="1" velocity="1"/>'
 """Of the hinge in whose place the YAML puts a universal joint."""
 TEXTS = {
@@ -128,6 +130,19 @@ def campaign(kind, numbers, folder):
 def test_what_is_altered_is_told(kind, tmp_path):
     """Elements and attributes renamed, removed, doubled; values swapped for 1e±300, NaN, nothing."""
     assert not campaign(kind, range(100), tmp_path / kind)[0]
+
+
+@pytest.mark.parametrize("kind", sorted(TEXTS))
+def test_any_number_may_be_beyond_measure(kind, tmp_path):
+    """Each number of each file, one at a time, as 1e300 or −1e300: an error of ours or none, and no warning."""
+    (tmp_path / "robot.yaml").write_text(TOOLBOX_YAML)
+    for name, text in TEXTS[kind].items():
+        file = tmp_path / f"{name}{SUFFIX[kind]}"
+        for k, spot in enumerate(() if name in ("rpdr", "four_bar") else NUMBER.finditer(text)):
+            file.write_text(text[: spot.start()] + ("1e300", "-1e300")[k % 2] + text[spot.end() :])
+            how = taken(tmp_path if kind == "toolbox" else file)
+            assert not how.fault, (text[spot.start() - 60 : spot.end() + 5], how.fault)
+        file.unlink(missing_ok=True)
 
 
 @pytest.mark.slow
