@@ -2,9 +2,13 @@
 
 import os
 import signal
+import subprocess
+import sys
+import tempfile
 import threading
 import time
 from concurrent.futures import Future
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import pytest
@@ -13,7 +17,7 @@ import ccpin
 from ccpin import domain
 from ccpin.domain import certify, certify_sheets
 from ccpin.domain.atlas.cells import WHOLE
-from ccpin.domain.atlas.run import Runner, stoppable
+from ccpin.domain.atlas.run import Runner, Work, stoppable
 from ccpin.domain.boxes import problem_of
 from ccpin.domain.chains import closure_system
 from ccpin.domain.curves import following, search
@@ -163,6 +167,59 @@ def test_a_closed_executor_is_told(rpdr):
     """By an error of ours."""
     with pytest.raises(InvalidInputError, match=r"takes no work .*the client is closed"):
         certify(rpdr, GOAL, executor=Closed())
+
+
+@pytest.mark.parametrize("at", [58, 100])  # about the start, in the map
+def test_a_largest_workspace_is_interrupted_as_a_whole(at):
+    """Ctrl-C in one of its surveys had ended that one alone; what was found is kept and is certified."""
+    pressed = Pressed(at)
+    found = domain.largest_cube(ccpin.EndEffector(ccpin.load("delta"), "platform"), work=Work(progress=pressed))
+    assert not found.atlas.complete
+    assert pressed.told <= at + 4  # surveys that end at once, and none that goes on
+    assert found.half > 0
+    assert found.contains(found.centre)
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_is_killed_is_not_waited_for(rpdr):
+    """Dask's own scheduler and worker, the scheduler killed in the midst: the same atlas, computed here, soon."""
+    distributed = pytest.importorskip("distributed")
+    region = GOAL - 0.5, GOAL + 0.5
+    began = time.monotonic()
+    alone = certify(rpdr, GOAL, region, max_depth=9)
+    spent = time.monotonic() - began
+    with ExitStack() as closing:
+        run = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
+        file = closing.enter_context(tempfile.TemporaryDirectory()) + "/scheduler.json"
+        scheduler = closing.enter_context(_process([*run, "--scheduler-file", file, "--no-dashboard"]))
+        run = [sys.executable, "-m", "distributed.cli.dask_worker", "--host", "127.0.0.1", "--no-dashboard"]
+        closing.enter_context(_process([*run, "--scheduler-file", file, "--nthreads", "1", "--death-timeout", "20"]))
+        client = distributed.Client(scheduler_file=file, timeout=30, set_as_default=False)
+        closing.callback(client.close, timeout=1)
+        client.wait_for_workers(1, timeout=60)
+        waves = []
+
+        def kill(progress):
+            waves.append(progress)
+            if len(waves) == 3:
+                scheduler.kill()
+
+        began = time.monotonic()
+        found = certify(rpdr, GOAL, region, max_depth=9, executor=client.get_executor(), progress=kill)
+        assert len(waves) > 3
+        assert time.monotonic() - began < 30 + 10 * spent
+    assert found.complete
+    np.testing.assert_array_equal(found.boxes.kappa, alone.boxes.kappa)
+
+
+@contextmanager
+def _process(command):
+    """A process that is killed in the end."""
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
 
 
 @pytest.mark.slow

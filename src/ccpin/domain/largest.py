@@ -13,7 +13,7 @@ there, made again twice as wide while that finds more room or what is found touc
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import NamedTuple
@@ -26,7 +26,7 @@ from ccpin.displays import table
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.build import Shape
 from ccpin.domain.atlas.cells import CellStatus, Region
-from ccpin.domain.atlas.run import Work
+from ccpin.domain.atlas.run import Work, stoppable
 from ccpin.domain.atlas.survey import Effort, survey
 from ccpin.domain.boxes import BoundsName
 from ccpin.domain.obstacles import demand_witnesses
@@ -171,7 +171,8 @@ def largest_cube(
         work: Workers, executor, checkpoint folder and progress, as in `certify_workspace`.
 
     Returns:
-        The cube, what stops a larger one and the cells; after Ctrl-C the largest found so far.
+        The cube, what stops a larger one and the cells; after Ctrl-C the largest found so far, which may be about the
+        start with turns held, where the centre was still sought.
 
     Raises:
         UnsupportedMechanismError, InvalidInputError, UnreachableError, SingularConfigurationError: As for
@@ -266,10 +267,17 @@ def _largest(
     most = reach if grows else positive(asked.within, "within")
     weights = np.divide(1.0, goal.edges, out=np.zeros_like(goal.edges), where=goal.edges > 0.0)
     search = _Search(Shape(weights, asked.round), most, _GROWN * reach, grows, work)
-    if asked.centre is None:
-        start, goal = search.moved(start, goal, asked.seconds and _MAP_SECONDS * asked.seconds)
-    left = None if asked.seconds is None else max(began + asked.seconds - time.monotonic(), 1e-3)
-    atlas = search.about(start, goal, tolerance, left)
+    first = None
+    with stoppable() as stop:
+        if asked.centre is None:
+            flat, seconds = goal._replace(tilt=0.0 * goal.tilt), asked.seconds and _MAP_SECONDS * asked.seconds
+            until = None if seconds is None else time.monotonic() + seconds
+            first = flat, search.about(start, flat, _FIRST, seconds)
+            start, goal = search.moved(start, goal, flat, first[1].radius, until)
+        left = None if asked.seconds is None else max(began + asked.seconds - time.monotonic(), 1e-3)
+        atlas = search.about(start, goal, tolerance, left)
+        if stop.is_set() and first is not None and first[1].radius > atlas.radius:
+            goal, atlas = first[0], replace(first[1], complete=False)
     return LargestWorkspace(goal.centre, atlas.radius, asked.round, goal.tilt[goal.edges == 0.0], atlas, search.shape)
 
 
@@ -292,10 +300,18 @@ class _Search(NamedTuple):
             most *= _GROWN
         return atlas
 
-    def moved(self, start: TaskProblem, goal: _Goal, seconds: float | None) -> tuple[TaskProblem, _Goal]:
-        """The start and the goal, moved to the roomiest place of a map about the start."""
-        flat, until = goal._replace(tilt=0.0 * goal.tilt), None if seconds is None else time.monotonic() + seconds
-        first = self.about(start, flat, _FIRST, seconds).radius
+    def moved(
+        self, start: TaskProblem, goal: _Goal, flat: _Goal, first: float, until: float | None
+    ) -> tuple[TaskProblem, _Goal]:
+        """The start and the goal, moved to the roomiest place of a map about the start.
+
+        Args:
+            start: The start.
+            goal: The goal.
+            flat: The same with turns held.
+            first: What was found about the start with these.
+            until: When to stop (`time.monotonic`).
+        """
         half = min(_AROUND * first, self.reach) if first > 0.0 else self.reach
         free = int(np.count_nonzero(goal.edges))
         depth = _MAP_DEPTHS.get(free, _MANY_MAP_DEPTH)
