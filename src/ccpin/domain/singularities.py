@@ -281,13 +281,14 @@ class _SingularEquations:
         )
 
     def solve_from(self, generator: np.random.Generator) -> Array | None:
-        """A solution from a random start, or ``None``."""
+        """A solution from a random start, its loops closed the right way round, or ``None``."""
         spread = np.where(self.angular, np.pi, 0.5)
         start = self.mechanism.q_reference + spread * generator.uniform(-1.0, 1.0, self.n_free)
         jacobian = np.vstack([self.constraints.value(start).jacobian, self.rows(start, np.zeros(self.n_free))[0]])
         x = np.concatenate([start, np.linalg.svd(jacobian)[2][-1]])
         found = optimize.least_squares(self.residual, x, jac=self.jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-15)
-        return self.correct(found.x)
+        x = self.correct(found.x)
+        return x if x is not None and self.constraints.aligned(x[: self.n_free]) else None
 
     def correct(self, x: Array) -> Array | None:
         """Gauss–Newton steps of least norm onto the curve, or ``None`` where they do not converge."""

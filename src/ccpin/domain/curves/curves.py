@@ -53,8 +53,8 @@ def certify_singularities(
 
     Raises:
         UnsupportedMechanismError: n ≠ 2, more than eight dependent coordinates, ball joints, distance closures,
-            couplings of continuous joints, redundant rows, closures that cannot be bounded, or a slide or a coupled
-            joint that neither limits nor lengths nor couplings bound.
+            couplings of continuous joints, redundant rows, closures that cannot be bounded or whose rows vanish with
+            their ends turned over too, or a slide or a coupled joint that limits, lengths and couplings do not bound.
         InvalidInputError: The region, resolution, budget, seconds or workers is malformed.
     """
     mechanism = mechanism_of(mechanism)

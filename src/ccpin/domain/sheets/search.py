@@ -75,8 +75,8 @@ def certify_sheets(
 
     Raises:
         UnsupportedMechanismError: More than three coordinates or eight dependent ones, ball joints, distance closures,
-            couplings of continuous joints, redundant rows, closures that cannot be bounded, or a slide or a coupled
-            joint that neither limits nor lengths nor couplings bound.
+            couplings of continuous joints, redundant rows, closures that cannot be bounded or whose rows vanish with
+            their ends turned over too, or a slide or a coupled joint that limits, lengths and couplings do not bound.
         InvalidInputError: The region, max_depth, seconds or workers is malformed, or `begun` is of another region.
         DifferentSubjectsError: `begun` is of other closures.
     """
@@ -174,6 +174,11 @@ def refuse(mechanism: Mechanism, system: ClosureSystem, what: str = "sheets cann
         why = "distance closures stand for rods with two angles, which say the same twice"
     elif np.any(system.moduli):
         why = "it has couplings of continuous joints"
+    elif turnable := [loop.closure for loop in mechanism.constraints().loops if loop.turnable]:
+        why = (
+            f"the rows of closure '{turnable[0].name}' ({turnable[0].kind}) vanish with its ends turned over too, and "
+            "these would count; cut the loop open at a joint about one axis, or at a ball joint"
+        )
     if why is not None:
         raise UnsupportedMechanismError(f"{mechanism.name}: its {what}: {why}")
 
