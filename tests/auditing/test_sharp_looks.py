@@ -7,8 +7,8 @@ import pytest
 from flint import arb, arb_mat
 
 from ccpin.auditing.boxes import Box, _half_width, contracts, look
-from ccpin.auditing.document import widened
 from ccpin.auditing.gluing import near
+from ccpin.auditing.reading import widened
 
 
 class Quadratic:

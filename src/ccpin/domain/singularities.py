@@ -287,8 +287,8 @@ class _SingularEquations:
         jacobian = np.vstack([self.constraints.value(start).jacobian, self.rows(start, np.zeros(self.n_free))[0]])
         x = np.concatenate([start, np.linalg.svd(jacobian)[2][-1]])
         found = optimize.least_squares(self.residual, x, jac=self.jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-15)
-        x = self.correct(found.x)
-        return x if x is not None and self.constraints.aligned(x[: self.n_free]) else None
+        settled = self.correct(found.x)
+        return None if settled is None or not self.constraints.aligned(settled[: self.n_free]) else settled
 
     def correct(self, x: Array) -> Array | None:
         """Gauss–Newton steps of least norm onto the curve, or ``None`` where they do not converge."""

@@ -22,7 +22,7 @@ from ccpin.dynamics.derivatives import (
     InverseDynamicsDerivatives,
 )
 from ccpin.dynamics.free_system import Energy, FreeSystem
-from ccpin.dynamics.reference import Reference
+from ccpin.dynamics.reference_backend import ReferenceBackend
 from ccpin.dynamics.state import Near, ReducedTerms, State
 from ccpin.dynamics.wrenches import Wrenches, wrench_rows
 from ccpin.errors import InvalidInputError
@@ -133,7 +133,7 @@ class ReducedModel:
         wanted = frozen(checked_q(self.coordinates, q))
         answer = self.core.closed_point(self._place(near), wanted)
         if answer is not None:
-            return State(self, wanted, Reference(self, *answer))
+            return State(self, wanted, ReferenceBackend(self, *answer))
         return State.of(self, wanted, self.parametrization.sigma(wanted, self._start(near)))
 
     def alpha(self, q_free: ArrayLike) -> Array:

@@ -13,7 +13,7 @@ from ccpin.control import CoulombCompensation, PDSimpleGravity, Sampling
 from ccpin.dynamics import ReducedModel, State
 from ccpin.mechanism import load
 from ccpin.paper import printed
-from ccpin.paper.theorem3 import Theorem3Facts, theorem3_facts
+from ccpin.paper.move_certificate import Theorem3Facts, theorem3_facts
 from ccpin.simulation import Settling, SupervisedMotion, Trajectory, supervise
 from ccpin.simulation.simulate import simulate
 

@@ -22,7 +22,7 @@ import numpy as np
 from ccpin.arrays import Array, frozen
 from ccpin.control.laws import ControlLaw, NoTorque, undelayed
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.dynamics.state import Model, State
+from ccpin.dynamics.state import State, StateModel
 from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
 from ccpin.kinematics.coordinates import component_names
 from ccpin.mechanism.balls import Balls, balls_of
@@ -155,7 +155,7 @@ class Following:
         sibling = ReducedModel(with_independent(home.mechanism, names, told), home.gravity_vector)
         return sibling.at(sibling.alpha(told), told)
 
-    def _own(self, model: Model) -> ReducedModel:
+    def _own(self, model: StateModel) -> ReducedModel:
         return self.home if model.mechanism.tree is self.home.mechanism.tree else self._base
 
     # What is stated in them.

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Mask, frozen
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.dynamics.state import Model
+from ccpin.dynamics.state import StateModel
 from ccpin.simulation.commanding import Held
 from ccpin.simulation.happenings import Moment
 from ccpin.simulation.in_core import TABLEAUX
@@ -52,7 +52,7 @@ class Holding:
     def __init__(self, home: ReducedModel, method: str, numbers: dict[str, Any], bounds: EffortBounds) -> None:
         self._home, self._tableau, self._numbers, self._bounds = home, TABLEAUX[method], numbers, bounds
         self._nothing = frozen(np.zeros(home.mechanism.n_free))
-        self._model: Model | None = None
+        self._model: StateModel | None = None
         self._motion: HeldMotion | None = None
         self._counted, self._beyond = 0, b""
         self._q_free = home.mechanism.q_reference

@@ -30,7 +30,7 @@ from scipy.optimize import lsq_linear
 
 from ccpin.arrays import Array, Mask, vector
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
-from ccpin.dynamics.state import Model, Near, State
+from ccpin.dynamics.state import Near, State, StateModel
 from ccpin.dynamics.wrenches import Wrenches
 from ccpin.errors import ConvergenceError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import Mechanism
@@ -137,7 +137,7 @@ class StickSlip:
         friction: Which joints rub.
     """
 
-    def __init__(self, model: Model, friction: JointFriction) -> None:
+    def __init__(self, model: StateModel, friction: JointFriction) -> None:
         self._model, self._friction = model, friction
         self._own = friction.coordinate >= 0
         self._units = np.eye(model.n)[friction.coordinate[self._own]]
@@ -155,7 +155,7 @@ class StickSlip:
         """Whether any joint has friction, dry or viscous."""
         return bool(len(self._signs))
 
-    def moved(self, model: Model) -> StickSlip:
+    def moved(self, model: StateModel) -> StickSlip:
         """The same joints in the same mode, for a motion that goes on in other coordinates of its mechanism."""
         moved = StickSlip(model, moved_friction(self._friction, model.coordinates))
         moved._signs, moved._rest, moved._locked = self._signs, self._rest, self._locked

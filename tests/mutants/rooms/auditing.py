@@ -6,7 +6,7 @@ from tests.mutants.room import Excused, Room
 
 _LOOKS = ("auditing/test_sharp_looks.py",)
 ROOMS: tuple[Room, ...] = (
-    Room("auditing/document", ("widened", "WIDEN"), _LOOKS),
+    Room("auditing/reading", ("widened", "WIDEN"), _LOOKS),
     Room(
         "auditing/boxes",
         ("look", "contracts", "_half_width", "_sum", "_scaled", "_least", "defect"),

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from ccpin.arrays import Array, Mask, joined, listener, rows_of, whole
-from ccpin.containers import Outline, read, write
+from ccpin.containers import ArrayOutline, read, write
 from ccpin.domain.atlas.cells import CellStatus, CellTree
 from ccpin.domain.atlas.code import code_digest
 from ccpin.domain.atlas.tasks import Arrays, CellsToProve, Proved, glue_task, prove_task
@@ -172,7 +172,7 @@ class ChunkStore:
         if self.folder is None:
             return None
 
-        def own(header: dict[str, Any], outlines: dict[str, Outline]) -> None:
+        def own(header: dict[str, Any], outlines: dict[str, ArrayOutline]) -> None:
             if {*header} != {"format", "key", "checksum"} or (header["format"], header["key"]) != (_CHUNK, key):
                 raise InvalidInputError("it is another's")
 

@@ -24,7 +24,7 @@ from flint import arb, arb_mat
 
 from ccpin.auditing.closures import Path, exact, floats
 from ccpin.auditing.lengths import size_of
-from ccpin.auditing.reach import Box, Group, Reach, above, below
+from ccpin.auditing.reach import ChainGroup, CornerBox, Reach, above, below
 
 TURN = np.pi + 1e-9
 """Half of what angles known modulo 2π may have, and a bit."""
@@ -36,9 +36,9 @@ _PLAIN, _LIMIT, _ENDED = 0, 1, (1, 2, 3)  # reasons of an end: of a whole turn, 
 _SLACK = 1.0 - 1e-7
 
 
-def intervals(reach: Reach) -> Box:
+def intervals(reach: Reach) -> CornerBox:
     """Where all coordinates of S lie; ±∞ where no end was found."""
-    return _Intervals(reach).found()
+    return _CoordinateIntervals(reach).found()
 
 
 def unproved(reach: Reach) -> list[int]:
@@ -67,7 +67,7 @@ def _free(reach: Reach) -> list[bool]:
     return [bool(document.periodic[j]) and j not in slides and not bound[j] for j in range(len(bound))]
 
 
-class _Intervals:
+class _CoordinateIntervals:
     """Intervals that the lemma makes smaller."""
 
     def __init__(self, reach: Reach) -> None:
@@ -83,7 +83,7 @@ class _Intervals:
         self.low[document.independent], self.high[document.independent] = document.lower - room, document.upper + room
         self._ours = np.isin(np.arange(size), document.dependent) & ~free
 
-    def found(self) -> Box:
+    def found(self) -> CornerBox:
         """The intervals, once none gets much smaller."""
         for _ in range(_ROUNDS):
             before = self.high - self.low
@@ -93,7 +93,7 @@ class _Intervals:
             now = self.high - self.low
             if not np.any((now < (1.0 - _GAIN) * before) | (np.isfinite(now) & ~np.isfinite(before))):
                 break
-        return Box(self.low, self.high)
+        return CornerBox(self.low, self.high)
 
     def _by_couplings(self) -> None:
         document = self._reach.document
@@ -112,7 +112,7 @@ class _Intervals:
     def _ball(self, j: int) -> arb:
         return arb(float(self.low[j])).union(arb(float(self.high[j])))
 
-    def _by_lengths(self, group: Group) -> None:
+    def _by_lengths(self, group: ChainGroup) -> None:
         for number in group.chains:
             joints = self._reach.document.chains[number].joints
             for together in _between_turns(self._reach.closures.paths[number]):
@@ -123,7 +123,7 @@ class _Intervals:
                     for k in own if np.isfinite(most) else ():
                         self._meet(int(joints[k]), -most, most)
 
-    def _bound(self, group: Group, number: int, own: list[int]) -> float:
+    def _bound(self, group: ChainGroup, number: int, own: list[int]) -> float:
         """2 for the slides at places `own` of a chain of a group."""
         least = self._least(group, number, own)
         if least is None:
@@ -141,7 +141,7 @@ class _Intervals:
                     total += arb(float(farthest)) * segments[k].along[0]
         return above(total / least.sqrt())
 
-    def _least(self, group: Group, number: int, own: list[int]) -> arb | None:
+    def _least(self, group: ChainGroup, number: int, own: list[int]) -> arb | None:
         """λ; ``None`` where the slides are not seen as they are, or hardly."""
         path, rotation, columns = self._reach.closures.paths[number], exact(np.eye(3)), list[arb_mat]()
         if not own or not self._reach.segments[number][own[0]].as_is:

@@ -35,17 +35,17 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ccpin.auditing.boxes import Box, box_of, contracts, defect
-from ccpin.auditing.closures import Closures, columns, exact, floats
-from ccpin.auditing.document import Array, Demands, Document, Integers
+from ccpin.auditing.closures import BallClosures, columns, exact, floats
 from ccpin.auditing.gluing import in_tube, near
 from ccpin.auditing.reach import above
+from ccpin.auditing.reading import Array, ClaimedDocument, ClaimedRequirements, Integers
 
 _ROOM = 1.0 + 1e-6
 _LEAST = 1e-300
 _LOOKS = 4096  # cells of one box
 
 
-def met(closures: Closures, document: Document, k: int, cuts: int) -> bool | None:
+def met(closures: BallClosures, document: ClaimedDocument, k: int, cuts: int) -> bool | None:
     """Whether the k-th box was proved to meet the demands, cut in two so many times one after another.
 
     ``False``: σ over its middle was proved to be beyond a limit, or motors to be too many or few; ``None``: neither.
@@ -76,7 +76,7 @@ def met(closures: Closures, document: Document, k: int, cuts: int) -> bool | Non
     return True
 
 
-def _beyond(closures: Closures, document: Document, k: int) -> bool:
+def _beyond(closures: BallClosures, document: ClaimedDocument, k: int) -> bool:
     """Whether σ over a box's middle is beyond a limit."""
     demands, still = document.demands, np.zeros(len(document.independent))
     found = near(closures, document.dependent, document.centre[k])
@@ -90,7 +90,7 @@ def _beyond(closures: Closures, document: Document, k: int) -> bool:
     )
 
 
-def _reached(document: Document, box: Box, low: Array, high: Array) -> list[arb]:
+def _reached(document: ClaimedDocument, box: Box, low: Array, high: Array) -> list[arb]:
     """θ over a cell of a box's parameters."""
     delta = [arb(float(a)).union(arb(float(b))) for a, b in zip(low, high, strict=True)]
     theta = [c + d for c, d in zip(box.centre, (box.directions * arb_mat(len(delta), 1, delta)).entries(), strict=True)]
@@ -100,7 +100,7 @@ def _reached(document: Document, box: Box, low: Array, high: Array) -> list[arb]
     return theta
 
 
-def _within(demands: Demands, theta: list[arb]) -> bool:
+def _within(demands: ClaimedRequirements, theta: list[arb]) -> bool:
     """Whether limits are kept; the largest number stands for no limit."""
     return all(
         x >= arb(float(low)) and x <= arb(float(high))
@@ -111,7 +111,7 @@ def _within(demands: Demands, theta: list[arb]) -> bool:
 class _Slopes:
     """φ_θ over a cell of a box's parameters and its tube."""
 
-    def __init__(self, closures: Closures, document: Document, box: Box, cell: tuple[Array, Array]) -> None:
+    def __init__(self, closures: BallClosures, document: ClaimedDocument, box: Box, cell: tuple[Array, Array]) -> None:
         self.document, self.size = document, closures.n_free
         middle = 0.5 * (cell[0] + cell[1])
         start = (box.directions * exact(middle)).entries()
@@ -142,7 +142,7 @@ class _Slopes:
         return exact(np.eye(self.size)[:, which])
 
 
-def _holds(slopes: _Slopes, demands: Demands) -> bool:
+def _holds(slopes: _Slopes, demands: ClaimedRequirements) -> bool:
     """1 and, where it is asked for, dexterity, over a cell."""
     others = np.setdiff1d(np.arange(slopes.size), demands.driven)
     gain = _inverse(columns(slopes.middle, others))
@@ -186,7 +186,7 @@ def _derivative(slopes: _Slopes) -> tuple[Array, Array] | None:
     return X, T
 
 
-def _dexterous(demands: Demands, document: Document, X: Array, T: Array) -> bool:
+def _dexterous(demands: ClaimedRequirements, document: ClaimedDocument, X: Array, T: Array) -> bool:
     """Whether 1/κ is what is asked for, by 3."""
     n_free = len(document.independent) + len(document.dependent)
     whole, spread = np.zeros((2, n_free, len(document.independent)))

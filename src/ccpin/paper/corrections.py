@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from ccpin.paper import printed
-from ccpin.paper.domain import radii
 from ccpin.paper.experiments import move_times, poles, why_slower
 from ccpin.paper.item import Erratum
+from ccpin.paper.move_certificate import Theorem3Facts
+from ccpin.paper.omega import radii
 from ccpin.paper.robot import determinants
 from ccpin.paper.study import CENTRES, GOAL, START, Study
-from ccpin.paper.theorem3 import Theorem3Facts
 
 
 def errata(study: Study) -> Iterator[Erratum]:

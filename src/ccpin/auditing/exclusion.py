@@ -30,12 +30,12 @@ from flint import arb, arb_mat
 from scipy.linalg import qr
 
 from ccpin.auditing.boxes import contracts, defect
-from ccpin.auditing.closures import Closures, columns, exact, floats
-from ccpin.auditing.curves import Singular, placed, turns
-from ccpin.auditing.document import Array, Curves
-from ccpin.auditing.ranges import intervals
-from ccpin.auditing.reach import Box, Reach, above, below
+from ccpin.auditing.closures import BallClosures, columns, exact, floats
+from ccpin.auditing.reach import CornerBox, Reach, above, below
+from ccpin.auditing.reading import Array, Curves
+from ccpin.auditing.singular_curves import Singular, placed, turns
 from ccpin.auditing.slanted import cut_down
+from ccpin.auditing.stated_ranges import intervals
 
 _FINE = 0.15  # rad: last joints of chains are cut after all others
 _CELL = 0.4  # rad: how wide parts are
@@ -50,10 +50,10 @@ _SHRUNK = 0.7
 _HELD = 0.2  # of a box: where a listed box holds so much the rest is cut off
 
 
-class Cover:
+class Exclusion:
     """What is needed to look at parts of a document's region, made once."""
 
-    def __init__(self, closures: Closures, document: Curves) -> None:
+    def __init__(self, closures: BallClosures, document: Curves) -> None:
         self.closures, self.document = closures, document
         self.turning = turns(closures, document)
         self.tubes = [placed(closures, document, k) for k in range(len(document.tubes))]
@@ -90,7 +90,7 @@ class Cover:
                 waiting += rest.halves(self._steepest(rest))
         return True
 
-    def _left_of(self, box: Box) -> Box | None:
+    def _left_of(self, box: CornerBox) -> CornerBox | None:
         """What may hold other singular configurations of a box; ``None``: nothing."""
         if self._is_listed(box) or self.reach.too_far(box):
             return None
@@ -121,7 +121,7 @@ class Cover:
             return False
         return contracts(defect(exact(inverse) * columns(slope, dependent)))
 
-    def _closing(self, box: Box, slope: arb_mat, at: _Middle) -> Box | None:
+    def _closing(self, box: CornerBox, slope: arb_mat, at: _Middle) -> CornerBox | None:
         """The box without some of what closes nothing (Lemma A), P the inverse of the columns that move φ most."""
         pivots = qr(at.slope * np.sqrt(box.half), mode="r", pivoting=True)[1][: self.closures.m]
         try:
@@ -142,9 +142,9 @@ class Cover:
             low[j], high[j] = max(low[j], below(found)), min(high[j], above(found))
             if low[j] > high[j]:
                 return None
-        return Box(low, high)
+        return CornerBox(low, high)
 
-    def _steepest(self, box: Box) -> int:
+    def _steepest(self, box: CornerBox) -> int:
         """Along which coordinate φ moves most over a box; last joints of chains come last."""
         moves = np.abs(self.closures.at(box.middle)[1]).max(axis=0, initial=0.0)
         moves = (moves / moves.max(initial=1e-9) + 0.1) * box.half
@@ -153,7 +153,7 @@ class Cover:
             return int(first[int(np.argmax(moves[first]))])
         return int(np.argmax(moves))
 
-    def _beside_curves(self, box: Box) -> Box | None:
+    def _beside_curves(self, box: CornerBox) -> CornerBox | None:
         """What is left of a small box by Lemmas B and C, with the tubes beside it if there are any."""
         near, size = self._near(box), box.half.max()
         tubes = [self.tubes[k] for k in near if size <= _NEAR * self._lengths[k]]
@@ -161,7 +161,7 @@ class Cover:
             inner = self.closures.at(box.middle)[1][:, self.document.dependent]
             weakest = np.linalg.svd(inner)[2][-1]
             return cut_down(box, Singular(self.closures, self.document.dependent, weakest), None, self.turning)
-        left: Box | None = box
+        left: CornerBox | None = box
         for tube in tubes:
             left = None if left is None else cut_down(left, tube.system, tube, self.turning)
         return left
@@ -175,7 +175,7 @@ class Cover:
         inside = np.all(np.abs(gap) <= 2.0 * self._extents[:, : len(theta)] + _WIDER, axis=1)
         return [int(k) for k in np.flatnonzero(inside)]
 
-    def _near(self, box: Box) -> list[int]:
+    def _near(self, box: CornerBox) -> list[int]:
         """The tubes nearest to a box's middle, of those that are not far from it."""
         gap = box.middle - self._middles
         gap -= np.where(self._free, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0)
@@ -183,16 +183,16 @@ class Cover:
         first = np.argsort(distance, kind="stable")[:_BESIDE]
         return [int(k) for k in first if distance[k] <= _FAR * self._lengths[k]]
 
-    def _is_listed(self, box: Box) -> bool:
+    def _is_listed(self, box: CornerBox) -> bool:
         """Whether a listed box holds all of a box."""
         return bool(np.any(np.all(np.abs(self._off(box)) + box.half <= self._reach, axis=1)))
 
-    def _off(self, box: Box) -> Array:
+    def _off(self, box: CornerBox) -> Array:
         """From the listed boxes' middles to a box's, without whole turns."""
         gap = box.middle - self._listed
         return np.asarray(gap - np.where(self._free, 2.0 * np.pi * np.round(gap / (2.0 * np.pi)), 0.0))
 
-    def _face(self, box: Box) -> tuple[int, float] | None:
+    def _face(self, box: CornerBox) -> tuple[int, float] | None:
         """Where to cut a box of which a listed box holds a good part: its axis and place; ``None``: there is none."""
         middle, reach = box.middle - self._off(box), self._reach - 0.5 * _WIDER
         low, high = np.maximum(box.low, middle - reach), np.minimum(box.high, middle + reach)
@@ -214,7 +214,7 @@ class _Middle(NamedTuple):
     slope: Array
 
     @staticmethod
-    def of(closures: Closures, box: Box) -> _Middle:
+    def of(closures: BallClosures, box: CornerBox) -> _Middle:
         point = [arb(float(x)) for x in box.middle]
         motions = closures.motions(point)
         return _Middle(point, closures.value(point, motions), floats(closures.jacobian(motions)))
@@ -224,17 +224,17 @@ def _inverse(matrix: Array) -> Array:
     return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
-def searched(closures: Closures, document: Curves) -> Box:
+def searched(closures: BallClosures, document: Curves) -> CornerBox:
     """The region, whole turns, all that slides and coupled joints can have; what is stated where they have no end."""
     box = intervals(Reach(closures, document, frozenset()))
     low, high = np.full(len(box.low), -np.inf), np.full(len(box.low), np.inf)
     low[document.dependent], high[document.dependent] = document.ranges.lower, document.ranges.upper
     low, high = np.where(np.isfinite(box.low), box.low, low), np.where(np.isfinite(box.high), box.high, high)
     room = _WIDER * (1.0 + np.maximum(np.abs(low), np.abs(high)))
-    return Box(low - room, high + room)
+    return CornerBox(low - room, high + room)
 
 
-def parts(closures: Closures, document: Curves) -> list[Box]:
+def parts(closures: BallClosures, document: Curves) -> list[CornerBox]:
     """Equal parts of that, cut along coordinates that are no chain's last."""
     found, first = [searched(closures, document)], Reach(closures, document, frozenset()).first
     for depth in range(_MOST):
@@ -245,7 +245,7 @@ def parts(closures: Closures, document: Curves) -> list[Box]:
     return found
 
 
-def listed_share(closures: Closures, document: Curves) -> float:
+def listed_share(closures: BallClosures, document: Curves) -> float:
     """How much of all that is searched lies in listed boxes, at most."""
     width = 2.0 * searched(closures, document).half
     listed = document.uncovered_upper - document.uncovered_lower

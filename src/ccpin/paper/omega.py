@@ -18,8 +18,8 @@ from ccpin.domain import (
 )
 from ccpin.domain.theorem2.system import Polynomial
 from ccpin.paper import printed
+from ccpin.paper.extremes import extremes_figure, singular_figure
 from ccpin.paper.item import Drawing, Item, apart
-from ccpin.paper.maps import extremes_figure, singular_figure
 from ccpin.paper.study import CENTRES, GOAL, RADII, START, Study
 
 _EDGE = np.linspace(-1.0, 1.0, 2001)

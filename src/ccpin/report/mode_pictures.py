@@ -5,13 +5,13 @@ from __future__ import annotations
 from ccpin.dynamics import ReducedModel, assembly_modes
 from ccpin.pages import figure, paragraphs, table
 from ccpin.plotting import plot_configuration_panels
-from ccpin.report.settings import Settings
+from ccpin.report.settings import ReportSettings
 
 _DRAWN = 4
 _SIGNS = {1: "> 0", -1: "< 0", 0: "redundant rows"}
 
 
-def modes(model: ReducedModel, settings: Settings) -> str:
+def modes(model: ReducedModel, settings: ReportSettings) -> str:
     """The section as HTML."""
     mechanism = model.mechanism
     found = assembly_modes(model, model.alpha(mechanism.q_reference), budget=settings.modes_budget)

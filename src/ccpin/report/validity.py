@@ -24,7 +24,7 @@ from ccpin.mechanism import Mechanism
 from ccpin.pages import figure, paragraphs, table
 from ccpin.plotting import plot_atlas, plot_singularities
 from ccpin.plotting.style import drawing
-from ccpin.report.settings import Settings, scalar, sliding
+from ccpin.report.settings import ReportSettings, scalar, sliding
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -35,7 +35,7 @@ _WIDEST = np.radians(60.0)
 _SHARES = ("certified", "empty", "singular", "undecided", "unreached")
 
 
-def domain(model: ReducedModel, settings: Settings) -> str:
+def domain(model: ReducedModel, settings: ReportSettings) -> str:
     """The section as HTML."""
     mechanism = model.mechanism
     if mechanism.n == 0:
@@ -93,7 +93,7 @@ def _singular(mechanism: Mechanism, curves: tuple[SingularCurve, ...]) -> str:
     return figure(plot_singularities(mechanism, curves), "Singular curves met from 120 starts; the search is sampled.")
 
 
-def _atlas(mechanism: Mechanism, atlas: Atlas, curves: tuple[SingularCurve, ...], settings: Settings) -> str:
+def _atlas(mechanism: Mechanism, atlas: Atlas, curves: tuple[SingularCurve, ...], settings: ReportSettings) -> str:
     shares = ", ".join(f"{100 * getattr(atlas, f'{share}_fraction'):.2f} % {share}" for share in _SHARES)
     words = (
         f"The reference's branch in {len(atlas.lower)} boxes, edges halved up to {settings.depth} times: {shares} of "
@@ -111,7 +111,7 @@ def _atlas(mechanism: Mechanism, atlas: Atlas, curves: tuple[SingularCurve, ...]
     )
 
 
-def _slices(model: ReducedModel, settings: Settings) -> str:
+def _slices(model: ReducedModel, settings: ReportSettings) -> str:
     mechanism = model.mechanism
     if not scalar(mechanism):
         words = (

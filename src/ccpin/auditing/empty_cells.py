@@ -19,11 +19,11 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ccpin.auditing.boxes import contracts, defect
-from ccpin.auditing.closures import Closures, columns, exact, floats
-from ccpin.auditing.document import Array, Document, Integers, corners
-from ccpin.auditing.platform import Platform
-from ccpin.auditing.ranges import TURN, intervals
-from ccpin.auditing.reach import Box, Reach, above, below
+from ccpin.auditing.closures import BallClosures, columns, exact, floats
+from ccpin.auditing.legs import Legs
+from ccpin.auditing.reach import CornerBox, Reach, above, below
+from ccpin.auditing.reading import Array, ClaimedDocument, Integers, corners
+from ccpin.auditing.stated_ranges import TURN, intervals
 
 _BUDGET, _REACH = 20_000, 400  # boxes over one cell, and where the lemma alone is tried
 _MOST = 6
@@ -35,7 +35,7 @@ _FINE = 0.002  # of the size: last joints of chains in no other loop are halved 
 class Emptiness:
     """What is needed to look at empty cells of a document, made once."""
 
-    def __init__(self, closures: Closures, document: Document) -> None:
+    def __init__(self, closures: BallClosures, document: ClaimedDocument) -> None:
         self.closures, self.document = closures, document
         dependent = document.dependent
         turns = {int(j) for c in document.chains for j, p in zip(c.joints, c.prismatic, strict=True) if not p}
@@ -45,7 +45,7 @@ class Emptiness:
         endless = set(np.flatnonzero(~np.isfinite(self.bounds.high - self.bounds.low)).tolist())
         slides = {int(j) for c in document.chains for j, p in zip(c.joints, c.prismatic, strict=True) if p}
         self.reach = Reach(closures, document, endless & slides)
-        self.platform = Platform.of(self.reach)
+        self.platform = Legs.of(self.reach)
         self.searched = not np.any(document.moduli) and not endless and len(dependent) <= _MOST
 
     def proved(self, k: int) -> bool | None:
@@ -55,7 +55,7 @@ class Emptiness:
             return True
         return (self.searched and self.remaining(boxes, keep=False) == []) or None
 
-    def _all_apart(self, boxes: list[Box]) -> bool:
+    def _all_apart(self, boxes: list[CornerBox]) -> bool:
         """Whether boxes, halved as often as need be, are proved to be empty by `_apart`."""
         waiting, left = list(boxes), _REACH
         while waiting and left:
@@ -68,17 +68,17 @@ class Emptiness:
             waiting += box.halves(self._widest(box, self.document.independent))
         return not waiting
 
-    def _over_middle(self, box: Box) -> Box:
+    def _over_middle(self, box: CornerBox) -> CornerBox:
         """The part of a box over the middle of its q."""
         at, low, high = self.document.independent, box.low.copy(), box.high.copy()
         low[at] = high[at] = box.middle[at]
-        return Box(low, high)
+        return CornerBox(low, high)
 
-    def _apart(self, box: Box) -> bool:
+    def _apart(self, box: CornerBox) -> bool:
         """Whether chains cannot meet by the lemmas of `reach` or `platform`."""
         return self.reach.too_far(box) or (self.platform is not None and self.platform.cannot_meet(box))
 
-    def whole(self, low: Array, high: Array) -> Box:
+    def whole(self, low: Array, high: Array) -> CornerBox:
         """All that dependent coordinates can have over a cell's corners within the limits.
 
         Where that has no end it is 0 for slides (`reach` does without them) and a turn, which is all that chains see,
@@ -86,16 +86,16 @@ class Emptiness:
         """
         known = np.isfinite(self.bounds.high - self.bounds.low)
         most = np.where([j in self.reach.unbounded for j in range(len(known))], 0.0, TURN)
-        full = Box(np.where(known, self.bounds.low, -most), np.where(known, self.bounds.high, most))
+        full = CornerBox(np.where(known, self.bounds.low, -most), np.where(known, self.bounds.high, most))
         full.low[self.document.independent], full.high[self.document.independent] = low, high
         return full
 
-    def remaining(self, boxes: list[Box], keep: bool) -> list[Box] | None:
+    def remaining(self, boxes: list[CornerBox], keep: bool) -> list[CornerBox] | None:
         """Boxes that hold every closed configuration of some; `keep`: those on which φ_y is proved nonsingular.
 
         ``None`` where the budget ended before.
         """
-        waiting, kept, left = list(boxes), list[Box](), _BUDGET
+        waiting, kept, left = list(boxes), list[CornerBox](), _BUDGET
         while waiting:
             if not left:
                 return None
@@ -114,7 +114,7 @@ class Emptiness:
                 waiting += smaller.halves(self._between(smaller) if keep else self.steepest(smaller))
         return kept
 
-    def narrowed(self, box: Box) -> tuple[Box | None, bool]:
+    def narrowed(self, box: CornerBox) -> tuple[CornerBox | None, bool]:
         """What of a box may close (``None``: nothing), and whether φ_y is proved nonsingular on all of it."""
         closures, dependent, balls = self.closures, self.document.dependent, box.balls()
         motions = closures.motions(balls)
@@ -136,7 +136,7 @@ class Emptiness:
         along = A * slope
         return self._solved(smaller, middle, A * value, along), contracts(defect(columns(along, dependent)))
 
-    def _solved(self, box: Box, middle: list[arb], value: arb_mat, slope: arb_mat) -> Box | None:
+    def _solved(self, box: CornerBox, middle: list[arb], value: arb_mat, slope: arb_mat) -> CornerBox | None:
         """What of a box is left by 0 ∈ f(θ₀) + f_θ(box)(θ − θ₀), row by row, solved for dependent coordinates."""
         low, high = box.low.copy(), box.high.copy()
         delta = [ball - x for ball, x in zip(box.balls(), middle, strict=True)]
@@ -152,24 +152,24 @@ class Emptiness:
                 low[j], high[j] = max(low[j], below(found)), min(high[j], above(found))
                 if low[j] > high[j]:
                     return None
-        return Box(low, high)
+        return CornerBox(low, high)
 
-    def steepest(self, box: Box) -> int:
+    def steepest(self, box: CornerBox) -> int:
         """The coordinate to halve: what moves φ most, those last that the lemma does without."""
         moves = self._moves(box)
         first = self.reach.first[int(np.argmax(moves[self.reach.first]))]
         return int(first) if moves[first] > _FINE else int(np.argmax(moves))
 
-    def _between(self, box: Box) -> int:
+    def _between(self, box: CornerBox) -> int:
         """The coordinate to halve where boxes are kept: the same, but of q as late as of those last."""
         first = np.intersect1d(self.reach.first, self.document.dependent)
         wide = np.any(box.half[first] > _CUT)
         return self._widest(box, first) if wide else int(np.argmax(self._moves(box)))
 
-    def _widest(self, box: Box, among: Integers) -> int:
+    def _widest(self, box: CornerBox, among: Integers) -> int:
         return int(among[int(np.argmax(self._moves(box)[among]))])
 
-    def _moves(self, box: Box) -> Array:
+    def _moves(self, box: CornerBox) -> Array:
         """How far φ moves over a box with each coordinate, as shares of its size."""
         slope = np.abs(self.closures.at(box.middle)[1]).max(axis=0, initial=0.0)
         size = slope.max(initial=1e-9)

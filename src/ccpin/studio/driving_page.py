@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from ccpin.visualization.page import Beside, render_page
+from ccpin.visualization.scene_page import PageParts, render_page
 
 ASSETS = Path(__file__).parent / "assets"
 SCRIPTS = ("link.js", "drive.js", "chart.js", "plots.js", "handle.js", "experiment.js", "start.js")
@@ -26,7 +26,7 @@ def studio_page(
     """
     script = "\n".join(_asset(name) for name in SCRIPTS)
     data = f"const facts = {_json(told)}, replay = {_json(replay)};"
-    beside = Beside(_asset("studio.html"), "\n" + _asset("studio.css"), f"{{\n{data}\n{script}\n}}")
+    beside = PageParts(_asset("studio.html"), "\n" + _asset("studio.css"), f"{{\n{data}\n{script}\n}}")
     return render_page(title, commands, beside=beside)
 
 

@@ -26,9 +26,9 @@ from flint import arb, arb_mat
 from scipy.optimize import minimize
 
 from ccpin.auditing.closures import Path, exact, floats
-from ccpin.auditing.document import Array
 from ccpin.auditing.lengths import PARALLEL, TILT, is_identity, size_of
-from ccpin.auditing.reach import Box, Group, Reach, head_of
+from ccpin.auditing.reach import ChainGroup, CornerBox, Reach, head_of
+from ccpin.auditing.reading import Array
 
 _LEGS = 2
 _TRIES = 150  # values of λ for each of its numbers
@@ -47,7 +47,7 @@ class _Leg(NamedTuple):
     far: arb
 
 
-class Platform:
+class Legs:
     """The legs of one body."""
 
     def __init__(self, reach: Reach, legs: list[_Leg]) -> None:
@@ -57,7 +57,7 @@ class Platform:
         self.betas = _rows([leg.beta for leg in legs])
 
     @staticmethod
-    def of(reach: Reach) -> Platform | None:
+    def of(reach: Reach) -> Legs | None:
         """The body that most legs meet in; ``None`` where there is none."""
         found = dict[bytes, list[_Leg]]()
         for group in reach.groups:
@@ -66,9 +66,9 @@ class Platform:
                 if leg is not None:
                     found.setdefault(_body(reach, group.rows, group.chains[1 - side]), []).append(leg)
         most = max(found.values(), key=len, default=[])
-        return Platform(reach, most) if len(most) >= _LEGS else None
+        return Legs(reach, most) if len(most) >= _LEGS else None
 
-    def cannot_meet(self, box: Box) -> bool:
+    def cannot_meet(self, box: CornerBox) -> bool:
         """Whether the lemma was proved to be violated for all q of a box."""
         ends = self._ends(box)
         if ends is None:
@@ -76,7 +76,7 @@ class Platform:
         weights = _best(ends, floats(self.betas))
         return self._violated(weights, ends)
 
-    def _ends(self, box: Box) -> _Ends | None:
+    def _ends(self, box: CornerBox) -> _EndBalls | None:
         """Where the legs' heads are; ``None`` where what is behind one has no length that is known."""
         middle, balls = [arb(float(x)) for x in box.middle], box.balls()
         at, over, squares = [], [], []
@@ -97,9 +97,9 @@ class Platform:
                     slopes[self.independent.index(joint)][k, i] += slope[i, 0]
             squares.append(_square(behind, leg.far))
         deltas = [balls[j] - middle[j] for j in self.independent]
-        return _Ends(_rows(at), _rows(over), slopes, deltas, squares)
+        return _EndBalls(_rows(at), _rows(over), slopes, deltas, squares)
 
-    def _violated(self, weights: Array, ends: _Ends) -> bool:
+    def _violated(self, weights: Array, ends: _EndBalls) -> bool:
         """Whether the lemma was proved to be violated by weights, of which the last is what the others leave of 1."""
         given = [arb(float(x)) for x in weights[:-1]]
         lam, beta = [*given, 1 - sum(given, arb(0))], self.betas
@@ -129,7 +129,7 @@ class Platform:
         return bool(least > 0)
 
 
-class _Ends(NamedTuple):
+class _EndBalls(NamedTuple):
     """Where K legs begin, over a box of q.
 
     Attributes:
@@ -153,7 +153,7 @@ class _Ends(NamedTuple):
         return np.asarray(np.linalg.norm(np.array(sizes), axis=1))
 
 
-def _leg(reach: Reach, group: Group, side: int) -> _Leg | None:
+def _leg(reach: Reach, group: ChainGroup, side: int) -> _Leg | None:
     """A group's chain as a leg and the other as the body; ``None`` where they are not what the lemma speaks of."""
     number, other = group.chains[side], group.chains[1 - side]
     body = reach.closures.paths[other]
@@ -223,7 +223,7 @@ def _spread(crossed: Array, moved: Array) -> Array:
     return np.asarray(left.T / np.sqrt(np.hypot(values, room) + 1e-12)[:, None])
 
 
-def _best(ends: _Ends, beta: Array) -> Array:
+def _best(ends: _EndBalls, beta: Array) -> Array:
     """λ with about the most of what the lemma then has on its left, over the box, less what it has on its right."""
     at, moves = floats(ends.at), ends.moves()
     slopes = np.array([floats(slope) for slope in ends.slopes])

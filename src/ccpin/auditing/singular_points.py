@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 from flint import arb, arb_mat
 
-from ccpin.auditing.closures import Closures, columns, exact, floats
-from ccpin.auditing.document import Array, Document, corners
+from ccpin.auditing.closures import BallClosures, columns, exact, floats
+from ccpin.auditing.reading import Array, ClaimedDocument, corners
 
 _NEWTON = 30
 
 
-def singular(closures: Closures, document: Document, k: int) -> bool | None:
+def singular(closures: BallClosures, document: ClaimedDocument, k: int) -> bool | None:
     """Whether the k-th cell called singular was proved to hold the q of a singular configuration; ``None``: not so."""
     theta, low_high = document.witnesses[k], corners(document, document.singular, k)
     jacobian = closures.at(theta)[1]
@@ -28,7 +28,12 @@ def singular(closures: Closures, document: Document, k: int) -> bool | None:
 
 
 def _on_line(
-    closures: Closures, document: Document, theta: Array, direction: Array, weak: Array, cell: tuple[Array, Array]
+    closures: BallClosures,
+    document: ClaimedDocument,
+    theta: Array,
+    direction: Array,
+    weak: Array,
+    cell: tuple[Array, Array],
 ) -> bool:
     """The same along one line."""
     m, y, q = closures.m, document.dependent, document.independent
@@ -67,7 +72,7 @@ def _on_line(
     return False
 
 
-def _lifted(document: Document, direction: Array, others: float) -> Array:
+def _lifted(document: ClaimedDocument, direction: Array, others: float) -> Array:
     """By how much each coordinate moves as s and y move by one."""
     moves: Array = np.full(len(document.independent) + len(document.dependent), others)
     moves[document.independent] = direction
@@ -75,7 +80,12 @@ def _lifted(document: Document, direction: Array, others: float) -> Array:
 
 
 def _extended(
-    closures: Closures, document: Document, theta: list[arb], kernel: list[arb], direction: Array, pairing: Array
+    closures: BallClosures,
+    document: ClaimedDocument,
+    theta: list[arb],
+    kernel: list[arb],
+    direction: Array,
+    pairing: Array,
 ) -> tuple[arb_mat, arb_mat]:
     """F and F′."""
     m, motions = closures.m, closures.motions(theta)
@@ -101,7 +111,7 @@ def _extended(
     return value, whole
 
 
-def _inside(document: Document, q: list[arb], cell: tuple[Array, Array]) -> bool:
+def _inside(document: ClaimedDocument, q: list[arb], cell: tuple[Array, Array]) -> bool:
     """Whether q is in a cell, whose corners are outward by a rounding, in the coordinates that are not held."""
     return all(
         low == high or (x >= arb(float(low)) and x <= arb(float(high))) for x, low, high in zip(q, *cell, strict=True)

@@ -10,7 +10,7 @@ from ccpin.arrays import Array
 from ccpin.description.model import Visual, frame, rotation_to
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.visualization.shapes import corners, missing
-from ccpin.visualization.skeleton import Piece, rods, skeleton
+from ccpin.visualization.stick_figure import Limb, rods, skeleton
 
 
 class Body(NamedTuple):
@@ -22,7 +22,7 @@ class Body(NamedTuple):
     name: str
     joint: int
     placement: Array
-    visuals: tuple[Visual | Piece, ...]
+    visuals: tuple[Visual | Limb, ...]
     towards: tuple[int, Array] | None = None
 
     def frame(self, poses: Array) -> Array:

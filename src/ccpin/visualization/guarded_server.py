@@ -55,7 +55,7 @@ class Guest(Protocol):
 Welcomed = TypeVar("Welcomed", bound=Guest)
 
 
-class Connection:
+class PageSocket:
     """An open page's web socket, as its guest writes to it: from any thread, in order."""
 
     def __init__(self, socket: Any, loop: asyncio.AbstractEventLoop) -> None:
@@ -118,11 +118,11 @@ class Server(Generic[Welcomed]):
         CcpinError: The port cannot be opened.
     """
 
-    def __init__(self, text: str, name: str, welcome: Callable[[Connection], Welcomed], port: int = 0) -> None:
+    def __init__(self, text: str, name: str, welcome: Callable[[PageSocket], Welcomed], port: int = 0) -> None:
         self.url = ""
         self._text, self._name, self._welcome, self._port = text, name, welcome, port
         self._token = secrets.token_urlsafe(16)
-        self._guests: dict[Connection, Welcomed] = {}
+        self._guests: dict[PageSocket, Welcomed] = {}
         self._loop = asyncio.new_event_loop()
         self._stop = asyncio.Event()
         self._ready = threading.Event()
@@ -178,7 +178,7 @@ class Server(Generic[Welcomed]):
             self._gone(connection)
         await asyncio.wait_for(server.close_all_connections(), TIMEOUT / 4)
 
-    def _gone(self, connection: Connection) -> None:
+    def _gone(self, connection: PageSocket) -> None:
         guest = self._guests.pop(connection, None)
         if guest is not None:
             guest.close()
@@ -194,7 +194,7 @@ class Server(Generic[Welcomed]):
             if handler.request.host not in hosts or not hmac.compare_digest(token.encode(), server._token.encode()):
                 raise HTTPError(404)
 
-        class Page(RequestHandler):  # type: ignore[misc]
+        class PageHandler(RequestHandler):  # type: ignore[misc]
             def prepare(self) -> None:
                 admit(self, self.path_args[0])
 
@@ -204,7 +204,7 @@ class Server(Generic[Welcomed]):
                 self.write(server._text)
 
         class Socket(WebSocketHandler):  # type: ignore[misc]
-            connection: Connection | None = None
+            connection: PageSocket | None = None
 
             def prepare(self) -> None:
                 admit(self, self.path_args[0])
@@ -216,7 +216,7 @@ class Server(Generic[Welcomed]):
 
             def open(self, *args: str, **kwargs: str) -> None:
                 self.set_nodelay(True)
-                self.connection = Connection(self, server._loop)
+                self.connection = PageSocket(self, server._loop)
                 server._guests[self.connection] = server._welcome(self.connection)
 
             def on_message(self, message: str | bytes) -> None:
@@ -228,7 +228,7 @@ class Server(Generic[Welcomed]):
                     server._gone(self.connection)
 
         return Application(
-            [(r"/([^/]*)/", Page), (rf"/([^/]*)/{self._name}", Socket)],
+            [(r"/([^/]*)/", PageHandler), (rf"/([^/]*)/{self._name}", Socket)],
             log_function=lambda handler: None,
             websocket_max_message_size=LARGEST_MESSAGE,
         )

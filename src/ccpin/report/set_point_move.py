@@ -16,7 +16,7 @@ from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism import Mechanism
 from ccpin.pages import embedded, figure, paragraphs, table
 from ccpin.plotting import plot_lyapunov, plot_motion
-from ccpin.report.settings import Settings, scalar, value
+from ccpin.report.settings import ReportSettings, scalar, value
 from ccpin.simulation import Trajectory, lyapunov_along, set_point_metrics
 from ccpin.simulation.simulate import simulate
 from ccpin.visualization import animate, snapshot
@@ -45,7 +45,7 @@ class Experiment(NamedTuple):
     words: str
 
 
-def run(model: ReducedModel, settings: Settings) -> Experiment:
+def run(model: ReducedModel, settings: ReportSettings) -> Experiment:
     """Drive the mechanism to a goal beside its reference, or let it fall where no law is possible.
 
     Raises:

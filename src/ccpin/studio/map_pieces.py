@@ -31,7 +31,7 @@ GRID = 61
 """Points along an edge of what is sampled."""
 
 
-class Cells(NamedTuple):
+class MapCells(NamedTuple):
     """An atlas as far as it is drawn.
 
     Attributes:
@@ -47,7 +47,7 @@ class Cells(NamedTuple):
     region: Array
     certified: Array
 
-    def across(self, axes: tuple[int, ...], values: Array) -> Cells:
+    def across(self, axes: tuple[int, ...], values: Array) -> MapCells:
         """The cells that a slice along `axes` through `values` (n,) meets, in those axes alone."""
         low, high = self.region
         others = [k for k in range(self.lower.shape[1]) if k not in axes]
@@ -56,23 +56,23 @@ class Cells(NamedTuple):
         met = np.all((self.lower[:, others] <= at) & (at < self.upper[:, others]), axis=1)
         chosen = list(axes)
         flat = (self.lower[met][:, chosen], self.upper[met][:, chosen], self.status[met])
-        return Cells(*flat, self.region[:, chosen], self.certified)
+        return MapCells(*flat, self.region[:, chosen], self.certified)
 
 
-def cells_of(atlas: Atlas) -> Cells:
+def cells_of(atlas: Atlas) -> MapCells:
     """The leaves of an atlas."""
     leaves = atlas.tree.leaves()
     ends = [atlas.tree.lower[leaves], atlas.tree.lower[leaves] + atlas.tree.size[leaves]]
     lower, upper = (atlas.region.position(end).astype(np.float32) for end in ends)
     region = np.array([atlas.region.lower, atlas.region.upper])
     status = atlas.tree.status[leaves].astype(np.uint8)
-    return Cells(lower, upper, status, region, np.array(atlas.certified_fraction))
+    return MapCells(lower, upper, status, region, np.array(atlas.certified_fraction))
 
 
 class Charted(NamedTuple):
     """What is proved of a branch: cells to draw, and (up to two coordinates) the atlas they are of."""
 
-    cells: Cells
+    cells: MapCells
     atlas: Atlas | None
     cached: bool
 
@@ -115,9 +115,9 @@ def _kept(cache: Cache, key: str, n: int) -> Charted | None:
         atlas = cache.load_atlas(key)
         return None if atlas is None else Charted(cells_of(atlas), atlas, True)
     arrays = cache.load(key)
-    if arrays is None or set(arrays) != set(Cells._fields):
+    if arrays is None or set(arrays) != set(MapCells._fields):
         return None
-    return Charted(Cells(**arrays), None, True)  # type: ignore[arg-type]
+    return Charted(MapCells(**arrays), None, True)  # type: ignore[arg-type]
 
 
 def _tell(job: Job, done: Progress) -> None:
@@ -169,7 +169,7 @@ def curves(model: ReducedModel, cache: Cache, job: Job) -> tuple[Line, ...]:
     return tuple(Line(curve.kind, curve.q) for curve in found)
 
 
-class Slice(NamedTuple):
+class SampledSlice(NamedTuple):
     """Samples over two coordinates: NaN where the flood from its start did not come.
 
     Attributes:
@@ -191,7 +191,7 @@ def flood(
     read: Callable[[State], float],
     job: Job,
     grid: int = GRID,
-) -> Slice:
+) -> SampledSlice:
     """Follow σ from `here` over a grid in two coordinates, the others held, from neighbour to neighbour.
 
     Sampled: nothing between the points is proved.
@@ -228,7 +228,7 @@ def flood(
             if cell not in seen and all(0 <= c < grid for c in cell):
                 seen.add(cell)
                 front.append((cell, state))
-    return Slice(x, y, found)
+    return SampledSlice(x, y, found)
 
 
 def sublevel(

@@ -26,7 +26,7 @@ def locked(array: Array) -> Array:
     return array
 
 
-class Model(Protocol):
+class ModelLike(Protocol):
     """What is read of a reduced model here; `ccpin.ReducedModel` says what each is."""
 
     mechanism: Mechanism
@@ -37,7 +37,7 @@ class Model(Protocol):
     n: int
 
 
-class Reference:
+class ReferenceBackend:
     """(22)–(25) at one configuration, each thing computed once; `State` says what each is, and checks arguments.
 
     Args:
@@ -46,18 +46,18 @@ class Reference:
         rho: ρ there.
     """
 
-    def __init__(self, model: Model, q_free: Array, rho: Array) -> None:
+    def __init__(self, model: ModelLike, q_free: Array, rho: Array) -> None:
         self.model, self.q_free, self.rho = model, locked(q_free), locked(rho)
 
     @classmethod
-    def of(cls, model: Model, point: ClosedPoint) -> Reference:
+    def of(cls, model: ModelLike, point: ClosedPoint) -> ReferenceBackend:
         """At a closed point that is known already."""
         reference = cls(model, point.q_free, point.rho)
         reference.point = point
         return reference
 
-    def __reduce__(self) -> tuple[type[Reference], tuple[Model, Array, Array]]:
-        return Reference, (self.model, self.q_free, self.rho)
+    def __reduce__(self) -> tuple[type[ReferenceBackend], tuple[ModelLike, Array, Array]]:
+        return ReferenceBackend, (self.model, self.q_free, self.rho)
 
     @cached_property
     def point(self) -> ClosedPoint:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 
-class Recorder:
+class CommandRecorder:
     """Stands in for MeshCat's window: keeps the packed commands that produce the scene, in order.
 
     A command that overrides an earlier one (same type, path and property) takes its place, so that moving a link
@@ -38,7 +38,7 @@ class Recorder:
         """What else to do with a command: nothing, unless browsers are watching."""
 
 
-class Command(dict[str, Any]):
+class SceneCommand(dict[str, Any]):
     """A MeshCat message given as it goes over the wire."""
 
     def lower(self) -> dict[str, Any]:
@@ -53,7 +53,7 @@ REPLAY = """for (const command of commands)
   viewer.handle_command_bytearray(Uint8Array.from(atob(command), c => c.charCodeAt(0)));"""
 
 
-class Beside(NamedTuple):
+class PageParts(NamedTuple):
     """What a page has besides the scene: its markup, its style, and what its script does once the scene runs."""
 
     markup: str = ""
@@ -61,10 +61,10 @@ class Beside(NamedTuple):
     script: str = ""
 
 
-ALONE = Beside()
+ALONE = PageParts()
 
 
-def render_page(title: str, commands: tuple[bytes, ...], live: bool = False, beside: Beside = ALONE) -> str:
+def render_page(title: str, commands: tuple[bytes, ...], live: bool = False, beside: PageParts = ALONE) -> str:
     """The web page: MeshCat's own viewer, ccpin's stage and player, the commands; no outside references.
 
     A live page carries no commands: it receives them over a web socket from the server it came from.

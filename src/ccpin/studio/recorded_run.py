@@ -36,7 +36,7 @@ BANDWIDTH = 10.0
 """ω of the gains that are offered, rad/s."""
 
 
-class Plan(NamedTuple):
+class RunPlan(NamedTuple):
     """An experiment: the law, where to, its gains (n,), its duration in s."""
 
     law: LawName
@@ -46,7 +46,7 @@ class Plan(NamedTuple):
     duration: float
 
     @classmethod
-    def of(cls, asked: Mapping[str, Any], goal: State) -> Plan:
+    def of(cls, asked: Mapping[str, Any], goal: State) -> RunPlan:
         """What a message asks for.
 
         Raises:
@@ -71,7 +71,7 @@ def offered_gains(model: ReducedModel, goal: State, law: LawName) -> tuple[Array
     return np.diag(K_p).copy(), np.diag(K_v).copy()
 
 
-class Motion(NamedTuple):
+class Recording(NamedTuple):
     """What is plotted, scrubbed and saved.
 
     Attributes:
@@ -89,7 +89,7 @@ class Motion(NamedTuple):
     goal: Array | None
 
 
-def run(model: ReducedModel, plan: Plan, start: State, job: Job) -> Motion:
+def run(model: ReducedModel, plan: RunPlan, start: State, job: Job) -> Recording:
     """Simulate from rest at `start`.
 
     Raises:
@@ -111,10 +111,10 @@ def run(model: ReducedModel, plan: Plan, start: State, job: Job) -> Motion:
     if trajectory.status == "finished":
         trajectory = trajectory._replace(message=f"simulated {trajectory.t[-1]:.6g} s")
     energy = "1/s²" if plan.law == "computed" else "J"
-    return Motion(LAWS[plan.law], trajectory, _lyapunov(law, trajectory), energy, plan.goal.q)
+    return Recording(LAWS[plan.law], trajectory, _lyapunov(law, trajectory), energy, plan.goal.q)
 
 
-def law_of(model: ReducedModel, plan: Plan, start: State) -> PDSimpleGravity | PDFullGravity | ComputedTorque:
+def law_of(model: ReducedModel, plan: RunPlan, start: State) -> PDSimpleGravity | PDFullGravity | ComputedTorque:
     """The law that a plan names."""
     if plan.law == "computed":
         reference = PointToPoint(model, start.q, plan.goal.q, MOVING * plan.duration)
@@ -133,7 +133,7 @@ def _lyapunov(law: PDSimpleGravity | PDFullGravity | ComputedTorque, motion: Tra
     return np.array([law.lyapunov(state, v) for state, v, _ in motion.states(law.model)])
 
 
-def recorded(model: ReducedModel, times: list[float], states: list[State]) -> Motion:
+def recorded(model: ReducedModel, times: list[float], states: list[State]) -> Recording:
     """A motion driven by hand: q̇ and q̈ by differences, u by inverse dynamics (zero where no u moves it so).
 
     Raises:
@@ -168,7 +168,7 @@ def recorded(model: ReducedModel, times: list[float], states: list[State]) -> Mo
         names=Names.of(model),
         origin=model.digests,
     )
-    return Motion("driven by hand", trajectory, np.full(len(t), np.nan), "", None)
+    return Recording("driven by hand", trajectory, np.full(len(t), np.nan), "", None)
 
 
 def _effort(state: State, v: Array, a: Array) -> Array:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from ccpin.arrays import Array, choice
-from ccpin.studio.experiment import Motion
-from ccpin.studio.page import studio_page
+from ccpin.studio.driving_page import studio_page
+from ccpin.studio.recorded_run import Recording
 from ccpin.studio.subject import Subject, Tap
 from ccpin.visualization.playing import play
 from ccpin.visualization.scene import Scene
@@ -26,7 +26,7 @@ FPS, FRAMES = 30.0, 900.0
 FORMATS = ("npz", "csv")
 
 
-def told_motion(motion: Motion, subject: Subject) -> dict[str, Any]:
+def told_motion(motion: Recording, subject: Subject) -> dict[str, Any]:
     """The samples that plots show, and MeshCat's commands that play them; ``sample`` counts the motion's own."""
     samples = motion.trajectory
     chosen = np.unique(np.linspace(0, len(samples.t) - 1, PLOTTED).astype(int))
@@ -50,7 +50,7 @@ def told_motion(motion: Motion, subject: Subject) -> dict[str, Any]:
     }
 
 
-def _played(motion: Motion, subject: Subject) -> list[bytes]:
+def _played(motion: Recording, subject: Subject) -> list[bytes]:
     """MeshCat's commands that play a motion in a scene of the subject, with the path of its first handle."""
     tap, samples = Tap(), motion.trajectory
     scene = subject.scene(tap)
@@ -71,7 +71,7 @@ def _plain(values: Array) -> list[float | None]:
     return [None if math.isnan(value) else value for value in values.tolist()]
 
 
-def saved(motion: Motion, form: object) -> dict[str, Any]:
+def saved(motion: Recording, form: object) -> dict[str, Any]:
     """A motion's file, as `Trajectory.save` writes it.
 
     Raises:

@@ -9,17 +9,6 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ccpin.auditing.cells import (
-    CERTIFIED,
-    EMPTY,
-    SINGULAR,
-    WHOLE,
-    Over,
-    check_atlas,
-    check_boxes,
-    check_sheets,
-    check_tree,
-)
 from ccpin.auditing.container import Arrays, contents
 from ccpin.auditing.declared import CURVES, SHEETS, refuse_others
 from ccpin.auditing.structure import (
@@ -31,6 +20,17 @@ from ccpin.auditing.structure import (
     in_range,
     require,
 )
+from ccpin.auditing.tiling import (
+    CERTIFIED,
+    EMPTY,
+    SINGULAR,
+    WHOLE,
+    Over,
+    check_atlas,
+    check_boxes,
+    check_sheets,
+    check_tree,
+)
 from ccpin.errors import InvalidInputError
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ _BOXES = ("centre", "half", "directions", "modes", "radius")
 _CHAIN = ("joints", "rotations", "translations", "axes", "prismatic", "tip", "direction", "weights")
 
 
-class Chain(NamedTuple):
+class SerialChain(NamedTuple):
     """A serial chain: joint numbers, frames before each joint moves, axes, the tip, and how it enters φ (m, 3)."""
 
     joints: Integers
@@ -58,7 +58,7 @@ class HasClosures(Protocol):
     """What closures are made of: φ(θ) = Σ B x(θ) + Gθ + d, rows of `moduli` modulo these."""
 
     @property
-    def chains(self) -> tuple[Chain, ...]:
+    def chains(self) -> tuple[SerialChain, ...]:
         """Those of the x."""
 
     @property
@@ -74,7 +74,7 @@ class HasClosures(Protocol):
         """What rows count modulo; 0: nothing."""
 
 
-class Cells(NamedTuple):
+class ClaimedCells(NamedTuple):
     """Cells of the region of which something is claimed: their numbers (K,), and corners as shares of it, (K, n)."""
 
     number: Integers
@@ -91,7 +91,7 @@ class Faces(NamedTuple):
     at_second: Array
 
 
-class Stated(NamedTuple):
+class StatedRanges(NamedTuple):
     """What is searched of the dependent coordinates, as stated.
 
     Attributes:
@@ -116,14 +116,14 @@ class Counts(NamedTuple):
         of, boxes: The numbers of cells and of boxes over them, side by side.
     """
 
-    cells: Cells
+    cells: ClaimedCells
     said: Integers
     certified: NDArray[np.bool_]
     of: Integers
     boxes: Integers
 
 
-class Demands(NamedTuple):
+class ClaimedRequirements(NamedTuple):
     """What boxes of a workspace are said to keep.
 
     Attributes:
@@ -140,7 +140,7 @@ class Demands(NamedTuple):
     dexterity: float
 
 
-class Document(NamedTuple):
+class ClaimedDocument(NamedTuple):
     """What a certificate claims, and of which closures φ(θ) = Σ B x(θ) + Gθ + d (rows of `moduli` modulo these).
 
     Attributes:
@@ -164,7 +164,7 @@ class Document(NamedTuple):
     """
 
     header: dict[str, Any]
-    chains: tuple[Chain, ...]
+    chains: tuple[SerialChain, ...]
     couplings: Array
     offset: Array
     moduli: Array
@@ -185,16 +185,16 @@ class Document(NamedTuple):
     over: Over
     place: Integers
     size: Integers
-    empty: Cells
-    singular: Cells
+    empty: ClaimedCells
+    singular: ClaimedCells
     witnesses: Array
     shares: dict[str, float]
     counts: Counts | None = None
-    ranges: Stated | None = None
-    demands: Demands | None = None
+    ranges: StatedRanges | None = None
+    demands: ClaimedRequirements | None = None
 
 
-class Tube(NamedTuple):
+class CurveTube(NamedTuple):
     """A tube x = x₀ + st + e of x = (θ, w), |s| ≤ δ, |e| ≤ R, e_j = 0, and l, the pairing of w: lᵀw = 1.
 
     Attributes:
@@ -213,10 +213,10 @@ class Tube(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """What a certificate claims of all singular curves over a region, and of which closures (as `Document`).
+    """What a certificate claims of all singular curves over a region, and of which closures (as `ClaimedDocument`).
 
     Attributes:
-        header, chains, couplings, offset, moduli, independent, dependent, periodic: As for a `Document`.
+        header, chains, couplings, offset, moduli, independent, dependent, periodic: As for a `ClaimedDocument`.
         lower, upper: The region.
         ranges: What of the dependent coordinates is claimed to be all there is.
         tubes: All tubes.
@@ -225,7 +225,7 @@ class Curves(NamedTuple):
     """
 
     header: dict[str, Any]
-    chains: tuple[Chain, ...]
+    chains: tuple[SerialChain, ...]
     couplings: Array
     offset: Array
     moduli: Array
@@ -234,8 +234,8 @@ class Curves(NamedTuple):
     periodic: NDArray[np.bool_]
     lower: Array
     upper: Array
-    ranges: Stated
-    tubes: tuple[Tube, ...]
+    ranges: StatedRanges
+    tubes: tuple[CurveTube, ...]
     sizes: Integers
     closed: NDArray[np.bool_]
     uncovered_lower: Array
@@ -247,7 +247,7 @@ class Curves(NamedTuple):
         return bool(self.periodic[joint]) and not slides and not np.any(self.couplings[:, joint])
 
 
-def read(path: str | Path) -> Document | Curves:
+def read(path: str | Path) -> ClaimedDocument | Curves:
     """The document in a file.
 
     Raises:
@@ -273,12 +273,12 @@ def _closures(header: dict[str, Any], arrays: Arrays) -> dict[str, Any]:
     chains = []
     for k in range(header["chains"]):
         fields: dict[str, Any] = {name: arrays[f"chain{k}_{name}"] for name in _CHAIN}
-        chains.append(Chain(**fields | {"direction": bool(fields["direction"])}))
+        chains.append(SerialChain(**fields | {"direction": bool(fields["direction"])}))
     own = {name: arrays[f"system_{name}"] for name in _SYSTEM}
     return {"header": header, "chains": tuple(chains), "lower": arrays["lower"], "upper": arrays["upper"], **own}
 
 
-def _of_cells(header: dict[str, Any], arrays: Arrays) -> Document:
+def _of_cells(header: dict[str, Any], arrays: Arrays) -> ClaimedDocument:
     """An atlas or sheets."""
     check_tree(arrays)
     sheets = header["format"] == SHEETS
@@ -288,7 +288,7 @@ def _of_cells(header: dict[str, Any], arrays: Arrays) -> Document:
     rest: dict[str, Any] = {name: arrays[f"box_{name}"] for name in _BOXES}
     rest |= {"place": arrays["tree_lower"][cell], "size": arrays["tree_size"][cell], "over": over}
     rest |= _claimed(arrays) | (_of_sheets(arrays) if sheets else _of_atlas(arrays))
-    return Document(**_closures(header, arrays), **rest, wrapped=arrays["wrapped"])
+    return ClaimedDocument(**_closures(header, arrays), **rest, wrapped=arrays["wrapped"])
 
 
 def widened(centre: Array, half: Array) -> Array:
@@ -300,11 +300,11 @@ def _of_atlas(arrays: Arrays) -> dict[str, Any]:
     return {"seed": arrays["seed"], "unglued": arrays["unglued"], "faces": None, "demands": _demands(arrays)}
 
 
-def _demands(arrays: Arrays) -> Demands | None:
+def _demands(arrays: Arrays) -> ClaimedRequirements | None:
     if "demand_driven" not in arrays:
         return None
-    said: dict[str, Any] = {name: arrays[f"demand_{name}"] for name in Demands._fields}
-    return Demands(**said | {"dexterity": float(said["dexterity"])})
+    said: dict[str, Any] = {name: arrays[f"demand_{name}"] for name in ClaimedRequirements._fields}
+    return ClaimedRequirements(**said | {"dexterity": float(said["dexterity"])})
 
 
 def _of_sheets(arrays: Arrays) -> dict[str, Any]:
@@ -322,13 +322,13 @@ def _counts(arrays: Arrays) -> Counts:
     return Counts(_cells(arrays, cells), said[cells], status[cells] == CERTIFIED, *members)
 
 
-def _stated(arrays: Arrays, part: str) -> Stated:
+def _stated(arrays: Arrays, part: str) -> StatedRanges:
     """The ranges stated.
 
     Raises:
         ContradictionError: A lower end is above the upper one.
     """
-    found = Stated(*(arrays[f"{part}_{name}"] for name in Stated._fields))
+    found = StatedRanges(*(arrays[f"{part}_{name}"] for name in StatedRanges._fields))
     for name, ends in (("", (found.lower, found.upper)), ("_limits", found.limits.T)):
         require(np.all(ends[0] <= ends[1]), f"{part}{name}: a lower end is above the upper one")
     return found
@@ -340,7 +340,7 @@ def _curves(header: dict[str, Any], arrays: Arrays) -> Curves:
     Raises:
         ContradictionError: The tubes or boxes are not as many, or not of the sizes, that it says.
     """
-    given = {name: arrays[f"tube_{name}"] for name in Tube._fields}
+    given = {name: arrays[f"tube_{name}"] for name in CurveTube._fields}
     rest: dict[str, Any] = {name: arrays[name] for name in ("uncovered_lower", "uncovered_upper")}
     sizes, closed = arrays["curve_tubes"], arrays["curve_closed"]
     require(
@@ -351,7 +351,7 @@ def _curves(header: dict[str, Any], arrays: Arrays) -> Curves:
     require(np.all(rest["uncovered_lower"] <= rest["uncovered_upper"]), "uncovered_lower is above uncovered_upper")
     rest["ranges"] = _stated(arrays, "range")
     rows = zip(*given.values(), strict=True)
-    tubes = tuple(Tube(a, b, c, int(j), t, float(half), r) for a, b, c, j, t, half, r in rows)
+    tubes = tuple(CurveTube(a, b, c, int(j), t, float(half), r) for a, b, c, j, t, half, r in rows)
     return Curves(**_closures(header, arrays), **rest, tubes=tubes, sizes=sizes, closed=closed)
 
 
@@ -371,12 +371,12 @@ def _shares(arrays: Arrays) -> dict[str, float]:
     return {name: float(share[rows].sum()) for name, rows in told.items()}
 
 
-def _cells(arrays: Arrays, numbers: Integers) -> Cells:
+def _cells(arrays: Arrays, numbers: Integers) -> ClaimedCells:
     lower, size = arrays["tree_lower"][numbers] / WHOLE, arrays["tree_size"][numbers] / WHOLE
-    return Cells(numbers, lower, lower + size)
+    return ClaimedCells(numbers, lower, lower + size)
 
 
-def corners(document: Document, cells: Cells, k: int) -> tuple[Array, Array]:
+def corners(document: ClaimedDocument, cells: ClaimedCells, k: int) -> tuple[Array, Array]:
     """A cell's corners in q-space, outward by some roundings where it has a width."""
     width = document.upper - document.lower
     low, high = document.lower + width * cells.lower[k], document.lower + width * cells.upper[k]

@@ -36,7 +36,7 @@ LONGEST_RAIL, SHORT_RAIL = 50.0, 10.0
 """In limb radii: travel drawn in full up to the first, else this much on both sides of the reference."""
 
 
-class Piece(NamedTuple):
+class Limb(NamedTuple):
     """Something drawn in a body's frame: a form, its 4×4 frame there, its colour (as a description's `Visual`)."""
 
     shape: Form
@@ -44,18 +44,18 @@ class Piece(NamedTuple):
     rgba: Colour
 
 
-class Held(NamedTuple):
+class HingePoint(NamedTuple):
     """A point where a body is held, in its joint's frame, and the axis of the hinge there (``None``: not a hinge)."""
 
     point: Array
     axis: Array | None
 
 
-class Points(NamedTuple):
+class HoldPoints(NamedTuple):
     """Where a body is held: by child joints, by loop closures."""
 
-    joints: list[Held]
-    loops: list[Held]
+    joints: list[HingePoint]
+    loops: list[HingePoint]
 
     @property
     def every(self) -> Array:
@@ -63,17 +63,17 @@ class Points(NamedTuple):
         return np.array([held.point for held in (*self.joints, *self.loops)]).reshape(-1, 3)
 
 
-class Rod(NamedTuple):
+class DrawnRod(NamedTuple):
     """The rod of a distance closure: from a placement in a joint's frame towards a point (4,) in another joint's."""
 
     name: str
     joint: int
     placement: Array
-    pieces: tuple[Piece, ...]
+    pieces: tuple[Limb, ...]
     towards: tuple[int, Array]
 
 
-def skeleton(mechanism: Mechanism, wanted: tuple[int, ...]) -> dict[int, tuple[Piece, ...]]:
+def skeleton(mechanism: Mechanism, wanted: tuple[int, ...]) -> dict[int, tuple[Limb, ...]]:
     """Pieces for the joints `wanted` (0: the ground), sized by the mechanism's extent in its reference.
 
     A body whose points all coincide gets none: it is a frame between two joints at one place.
@@ -95,7 +95,7 @@ def skeleton(mechanism: Mechanism, wanted: tuple[int, ...]) -> dict[int, tuple[P
     return pieces
 
 
-def rods(mechanism: Mechanism) -> list[Rod]:
+def rods(mechanism: Mechanism) -> list[DrawnRod]:
     """What distance closures stand for, a rod with a ball at both ends each, from a body that moves."""
     if all(closure.length is None for closure in mechanism.closures):
         return []
@@ -105,11 +105,11 @@ def rods(mechanism: Mechanism) -> list[Rod]:
         if closure.length is None:
             continue
         (joint, placement), (other, far) = sorted(ends_of(mechanism, closure), key=lambda end: end[0] == 0)
-        bar = Piece(Shape("cylinder", (0.6 * radius, closure.length)), frame([0.0, 0.0, 0.5 * closure.length]), LOOP)
+        bar = Limb(Shape("cylinder", (0.6 * radius, closure.length)), frame([0.0, 0.0, 0.5 * closure.length]), LOOP)
         balls = [
-            Piece(Shape("sphere", (0.98 * BALL * radius,)), frame([0.0, 0.0, at]), LOOP) for at in (0, closure.length)
+            Limb(Shape("sphere", (0.98 * BALL * radius,)), frame([0.0, 0.0, at]), LOOP) for at in (0, closure.length)
         ]
-        found.append(Rod(closure.name, joint, placement, (bar, *balls), (other, far[:, 3])))
+        found.append(DrawnRod(closure.name, joint, placement, (bar, *balls), (other, far[:, 3])))
     return found
 
 
@@ -122,24 +122,24 @@ def ends_of(mechanism: Mechanism, closure: LoopClosure) -> list[tuple[int, Array
     return found
 
 
-def held_points(mechanism: Mechanism) -> list[Points]:
+def held_points(mechanism: Mechanism) -> list[HoldPoints]:
     """Where each body is held, by joint number; a body with one end has the far end of its mass for the other."""
     model = mechanism.tree.model
-    points = [Points([], []) for _ in range(model.njoints)]
+    points = [HoldPoints([], []) for _ in range(model.njoints)]
     for joint in mechanism.tree.joints:
         if joint.kind.nv < 6:
             hinge = joint.placement[:3, :3] @ joint.axis if joint.kind.nv == 1 and not joint.kind.sliding else None
-            points[joint.parent].joints.append(Held(joint.placement[:3, 3], hinge))
+            points[joint.parent].joints.append(HingePoint(joint.placement[:3, 3], hinge))
     for closure in mechanism.closures:
         for joint_number, at in ends_of(mechanism, closure):
-            points[joint_number].loops.append(Held(at[:3, 3], at[:3, 2] if closure.kind == "revolute" else None))
+            points[joint_number].loops.append(HingePoint(at[:3, 3], at[:3, 2] if closure.kind == "revolute" else None))
     for inertia, body in list(zip(model.inertias, points, strict=True))[1:]:
         if not len(body.every) and np.linalg.norm(inertia.lever) > 1e-9:
-            body.joints.append(Held(2 * np.array(inertia.lever), None))
+            body.joints.append(HingePoint(2 * np.array(inertia.lever), None))
     return points
 
 
-def extent(mechanism: Mechanism, points: list[Points]) -> float:
+def extent(mechanism: Mechanism, points: list[HoldPoints]) -> float:
     """Diagonal (m) of the box around all joints and loop points in the reference pose; 1 where there is none."""
     poses = joint_poses(mechanism.tree.scratch, mechanism.q_reference)
     world = [held.every @ pose[:3, :3].T + pose[:3, 3] for pose, held in zip(poses, points, strict=True)]
@@ -148,7 +148,7 @@ def extent(mechanism: Mechanism, points: list[Points]) -> float:
     return diagonal or 1.0
 
 
-def _limbs(joint: int, ends: Array, radius: float, colour: Colour) -> list[Piece]:
+def _limbs(joint: int, ends: Array, radius: float, colour: Colour) -> list[Limb]:
     """A plate through all points of a body where they lie in a plane, else a tapered limb to each."""
     points = np.concatenate([np.zeros((int(joint > 0), 3)), ends])
     points = points[np.unique(np.round(points / radius, 3), axis=0, return_index=True)[1]] if len(points) else points
@@ -156,31 +156,31 @@ def _limbs(joint: int, ends: Array, radius: float, colour: Colour) -> list[Piece
         return []
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     if len(points) > 2 and spread[2:].sum() < FLAT * spread[0] and spread[1] > radius:
-        return [Piece(hull(points, np.full(len(points), radius)), np.eye(4), colour)]
+        return [Limb(hull(points, np.full(len(points), radius)), np.eye(4), colour)]
     start = np.zeros(3) if joint > 0 else points[0] if len(points) == 2 else points.mean(axis=0)
     radii = radius * np.array([ROOT, TIP])
     reached = [end for end in points if np.linalg.norm(end - start) > 1e-3 * radius]
-    return [Piece(hull(np.array([start, end]), radii), np.eye(4), colour) for end in reached]
+    return [Limb(hull(np.array([start, end]), radii), np.eye(4), colour) for end in reached]
 
 
-def _pin(held: Held, radius: float, colour: Colour) -> Piece:
+def _pin(held: HingePoint, radius: float, colour: Colour) -> Limb:
     """A hinge's pin along its axis, or a ball."""
     if held.axis is None:
-        return Piece(Shape("sphere", (BALL * radius,)), frame(held.point), colour)
+        return Limb(Shape("sphere", (BALL * radius,)), frame(held.point), colour)
     length = PIN_LENGTH * radius * (1.12 if colour is LOOP else 1.0)
     width = PIN * radius * (0.93 if colour is LOOP else 1.0)
-    return Piece(Shape("cylinder", (width, length)), frame(held.point, rotation_to(held.axis)), colour)
+    return Limb(Shape("cylinder", (width, length)), frame(held.point, rotation_to(held.axis)), colour)
 
 
-def _block(joint: TreeJoint, radius: float, colour: Colour) -> list[Piece]:
+def _block(joint: TreeJoint, radius: float, colour: Colour) -> list[Limb]:
     """The carriage of a body on a rail."""
     if not _on_rail(joint):
         return []
     block = Shape("box", (4 * radius, 4 * radius, 5 * radius))
-    return [Piece(block, frame(np.zeros(3), rotation_to(joint.axis)), colour)]
+    return [Limb(block, frame(np.zeros(3), rotation_to(joint.axis)), colour)]
 
 
-def _rails(mechanism: Mechanism, joint: int, radius: float) -> list[Piece]:
+def _rails(mechanism: Mechanism, joint: int, radius: float) -> list[Limb]:
     """A thin rod along the travel of every prismatic joint that a body carries."""
     model = mechanism.tree.model
     rails = []
@@ -194,7 +194,7 @@ def _rails(mechanism: Mechanism, joint: int, radius: float) -> list[Piece]:
             low, high = max(low, middle - SHORT_RAIL * radius), min(high, middle + SHORT_RAIL * radius)
         axis = child.placement[:3, :3] @ child.axis
         centre = frame(child.placement[:3, 3] + axis * (low + high) / 2, rotation_to(axis))
-        rails.append(Piece(Shape("cylinder", (0.6 * radius, max(high - low, radius))), centre, GROUND))
+        rails.append(Limb(Shape("cylinder", (0.6 * radius, max(high - low, radius))), centre, GROUND))
     return rails
 
 

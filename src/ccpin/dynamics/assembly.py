@@ -115,7 +115,7 @@ def assembly_modes(
     if budget is not None:
         budget = positive(budget, "budget")
     told = listener(progress)
-    search = _Search(model, checked_q(model.coordinates, q))
+    search = _ModeFinder(model, checked_q(model.coordinates, q))
     end = math.inf if budget is None else time.monotonic() + budget
     stopped = ""
     try:
@@ -131,7 +131,7 @@ def assembly_modes(
     return search.result(patience, "" if search.over(patience) else stopped)
 
 
-class _Found:
+class _FoundMode:
     """A mode, its bodies' poses, and how often it was found."""
 
     def __init__(self, q_free: Array, poses: Array, factor: Factor, is_reference: bool) -> None:
@@ -139,13 +139,13 @@ class _Found:
         self.sign, self.rcond, self.hits = factor.sign, factor.rcond, 0
 
 
-class _Search:
+class _ModeFinder:
     def __init__(self, model: ReducedModel, q: Array) -> None:
         self.model, self.q = model, q
         self.likeness = Likeness(model.mechanism.tree, model.parametrization.constraints)
         self.generator = np.random.default_rng(20003)
         self.equations = _equations(model.parametrization, q)
-        self.found: list[_Found] = []
+        self.found: list[_FoundMode] = []
         self.starts = self.quiet = self.singular = self.closed = 0
         with suppress(CcpinError):
             self.add(model.sigma(q), is_reference=True)
@@ -164,14 +164,14 @@ class _Search:
         """Whether it has ended by itself."""
         return self.quiet >= patience or (not self.closed and self.starts >= _NONE_CLOSES * patience)
 
-    def add(self, q_free: Array, is_reference: bool = False) -> _Found:
+    def add(self, q_free: Array, is_reference: bool = False) -> _FoundMode:
         """The mode that a closed configuration belongs to, a new one perhaps."""
         poses = self.likeness.poses(q_free)
         for known in self.found:
             if self.likeness.alike(known.poses, poses):
                 return known
         factor = factorize(self.model.parametrization.psi_jacobian(q_free))
-        new = _Found(q_free if is_reference else _unwound(self.model, q_free), poses, factor, is_reference)
+        new = _FoundMode(q_free if is_reference else _unwound(self.model, q_free), poses, factor, is_reference)
         if factor.rcond < SINGULAR_RCOND**0.5:
             self.singular += 1
         else:

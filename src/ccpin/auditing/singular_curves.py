@@ -29,12 +29,12 @@ import numpy as np
 from flint import arb, arb_mat
 
 from ccpin.auditing.boxes import Box, box_proved
-from ccpin.auditing.closures import Closures, Motion, columns, exact, floats
-from ccpin.auditing.document import Array, Curves, Integers, Tube
+from ccpin.auditing.closures import BallClosures, TipMotion, columns, exact, floats
 from ccpin.auditing.gluing import near
+from ccpin.auditing.reading import Array, Curves, CurveTube, Integers
 
 if TYPE_CHECKING:
-    from ccpin.auditing.covering import Cover
+    from ccpin.auditing.exclusion import Exclusion
 
 _CUTS = 12
 _BACK = (0.4, 0.1)  # of a half length: where the other zero of a gluing is
@@ -43,14 +43,14 @@ _BACK = (0.4, 0.1)  # of a half length: where the other zero of a gluing is
 class Moved(NamedTuple):
     """What G is made of: the chains and the kernel w."""
 
-    motions: list[Motion]
+    motions: list[TipMotion]
     kernel: list[arb]
 
 
 class Singular:
     """G of closures with a vector l."""
 
-    def __init__(self, closures: Closures, dependent: Integers, pairing: Array) -> None:
+    def __init__(self, closures: BallClosures, dependent: Integers, pairing: Array) -> None:
         self.closures, self.dependent = closures, dependent
         self.pairing = [arb(float(x)) for x in pairing]
         self.m, self.n_free = 2 * closures.m + 1, closures.n_free + closures.m
@@ -108,10 +108,10 @@ class Singular:
         return found
 
 
-class Placed(NamedTuple):
+class TubeEquations(NamedTuple):
     """A tube with its equations, x₀, t and R in balls, and the coordinates beside j."""
 
-    tube: Tube
+    tube: CurveTube
     system: Singular
     centre: list[arb]
     tangent: list[arb]
@@ -119,7 +119,7 @@ class Placed(NamedTuple):
     others: Integers
 
 
-def placed(closures: Closures, document: Curves, k: int) -> Placed:
+def placed(closures: BallClosures, document: Curves, k: int) -> TubeEquations:
     """The k-th tube of a document."""
     tube = document.tubes[k]
     system = Singular(closures, document.dependent, tube.pairing)
@@ -128,10 +128,10 @@ def placed(closures: Closures, document: Curves, k: int) -> Placed:
         for values in (np.concatenate([tube.theta, tube.kernel]), tube.tangent, tube.radius)
     )
     others = np.delete(np.arange(system.n_free), tube.along)
-    return Placed(tube, system, centre, tangent, radius, others)
+    return TubeEquations(tube, system, centre, tangent, radius, others)
 
 
-def one_curve(closures: Closures, document: Curves, k: int) -> bool | None:
+def one_curve(closures: BallClosures, document: Curves, k: int) -> bool | None:
     """Whether the k-th tube was proved to hold one curve from end to end, and nothing else of {G = 0}.
 
     ``False``: it is no tube, or has no zero over a place; ``None``: neither.
@@ -145,14 +145,14 @@ def one_curve(closures: Closures, document: Curves, k: int) -> bool | None:
     return box_proved(at.system, box, _CUTS)
 
 
-def goes_on(closures: Closures, document: Curves, first: int, second: int) -> bool | None:
+def goes_on(closures: BallClosures, document: Curves, first: int, second: int) -> bool | None:
     """Whether the second tube was proved to be glued to the first; ``None``: it was not."""
     one, other = (placed(closures, document, k) for k in (first, second))
     turning = turns(closures, document)
     return _begins_in(other, one, turning, 1.0) or _begins_in(one, other, turning, -1.0) or None
 
 
-def listed_once(cover: Cover, k: int) -> bool | None:
+def listed_once(cover: Exclusion, k: int) -> bool | None:
     """Whether the zero in the middle of the k-th tube was proved to be in no tube of another curve.
 
     Of a curve that is in two tubes of others somewhere, a middle is in one (``False``), or ends overlap. ``None``: it
@@ -174,7 +174,7 @@ def listed_once(cover: Cover, k: int) -> bool | None:
     return None if undecided else True
 
 
-def _apart(x: list[arb], tube: Placed, turning: list[bool]) -> bool:
+def _apart(x: list[arb], tube: TubeEquations, turning: list[bool]) -> bool:
     """Whether θ of balls was proved to lie beyond a tube in one coordinate, angles modulo 2π."""
     size = tube.system.closures.n_free
     for k, (a, b) in enumerate(zip(x[:size], tube.centre[:size], strict=True)):
@@ -185,7 +185,7 @@ def _apart(x: list[arb], tube: Placed, turning: list[bool]) -> bool:
     return _beyond(x, tube, turning)
 
 
-def _beyond(x: list[arb], tube: Placed, turning: list[bool]) -> bool:
+def _beyond(x: list[arb], tube: TubeEquations, turning: list[bool]) -> bool:
     """The same along the tube's own axes, where its reach is so small that other turns lead elsewhere."""
     size, j = tube.system.closures.n_free, tube.tube.along
     if j >= size or any(abs(t) * tube.tube.half + r > 1 for t, r in zip(tube.tangent, tube.radius, strict=True)):
@@ -196,7 +196,7 @@ def _beyond(x: list[arb], tube: Placed, turning: list[bool]) -> bool:
     return any(abs(gap - t * s) > r for gap, t, r in zip(gaps, tube.tangent[:size], tube.radius[:size], strict=True))
 
 
-def _begins_in(inner: Placed, outer: Placed, turning: list[bool], sign: float) -> bool:
+def _begins_in(inner: TubeEquations, outer: TubeEquations, turning: list[bool], sign: float) -> bool:
     """The lemma: the middle zero of a tube, and one before it (`sign` −1: after it), in the other."""
     last = _place_of(inner, 0.0, outer, turning)
     if last is None or not sign * last > 0:
@@ -208,7 +208,7 @@ def _begins_in(inner: Placed, outer: Placed, turning: list[bool], sign: float) -
     return False
 
 
-def _place_of(inner: Placed, s: float, outer: Placed, turning: list[bool]) -> arb | None:
+def _place_of(inner: TubeEquations, s: float, outer: TubeEquations, turning: list[bool]) -> arb | None:
     """Where the zero of a tube at s lies in another; ``None`` where that is not proved."""
     x = np.concatenate([inner.tube.theta, inner.tube.kernel]) + s * inner.tube.tangent
     found = near(inner.system, inner.others, x)
@@ -219,7 +219,7 @@ def _place_of(inner: Placed, s: float, outer: Placed, turning: list[bool]) -> ar
     return None if place(balls, inner, turning) is None else place(balls, outer, turning)
 
 
-def place(x: list[arb], tube: Placed, turning: list[bool]) -> arb | None:
+def place(x: list[arb], tube: TubeEquations, turning: list[bool]) -> arb | None:
     """s of balls that lie in a tube, w divided by its lᵀw, angles modulo 2π; ``None`` where not all of them do."""
     size = tube.system.closures.n_free
     paired = sum((w * p for w, p in zip(x[size:], tube.system.pairing, strict=True)), arb(0))
@@ -234,7 +234,7 @@ def place(x: list[arb], tube: Placed, turning: list[bool]) -> arb | None:
     return s if inside else None
 
 
-def turns(closures: Closures, document: Curves) -> list[bool]:
+def turns(closures: BallClosures, document: Curves) -> list[bool]:
     """Which coordinates of x are angles that φ knows modulo 2π."""
     return [*(document.free(j) for j in range(closures.n_free)), *[False] * closures.m]
 
