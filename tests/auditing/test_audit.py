@@ -86,7 +86,7 @@ def test_closures_are_those_of_the_mechanism(case):
     """The auditor's φ vanishes at the reference's σ, whose φ is Pinocchio's; φ_θ is its derivative."""
     mechanism, atlas, path, _ = case
     read = reading.read(path)
-    own, model = closures.Closures(read), ccpin.ReducedModel(mechanism)
+    own, model = closures.BallClosures(read), ccpin.ReducedModel(mechanism)
     rng = np.random.default_rng(5)
     near = atlas.problem.system.chart.configuration(read.seed[None])[0]
     for q in atlas.q0 + 0.05 * rng.uniform(-1.0, 1.0, (10, len(atlas.q0))):
@@ -100,7 +100,7 @@ def test_closures_are_those_of_the_mechanism(case):
 
 def test_the_variation_is_the_jacobian_s_derivative(case):
     read = reading.read(case[2])
-    own = closures.Closures(read)
+    own = closures.BallClosures(read)
     rng = np.random.default_rng(6)
     theta, direction = read.seed + 0.2 * rng.normal(size=len(read.seed)), rng.normal(size=len(read.seed))
     motions = own.motions([closures.arb(float(x)) for x in theta])
@@ -116,7 +116,7 @@ def test_a_box_too_wide_is_found(case, tmp_path, factor):
     k = int(np.argmax(atlas.boxes.half.max(axis=1)))
     read = reading.read(path)
     read.half[k] = np.maximum(factor * read.half[k], 4.0)
-    assert not boxes.proved(closures.Closures(read), read, k, 6)
+    assert not boxes.proved(closures.BallClosures(read), read, k, 6)
 
     def widen(arrays):
         arrays["box_half"][k] = read.half[k]
@@ -135,7 +135,7 @@ def test_a_wrong_tube_is_found(case, what):
         read.modes[0] = 0.0
     else:
         read.centre[0, read.dependent[0]] += 20.0 * read.radius[0].max() + 0.1
-    assert not boxes.proved(closures.Closures(read), read, 0, 4)
+    assert not boxes.proved(closures.BallClosures(read), read, 0, 4)
 
 
 def test_a_box_on_another_branch_is_not_glued(tmp_path):
@@ -197,7 +197,7 @@ def test_npz_and_json_say_the_same(case, tmp_path):
     atlas.save(tmp_path / "a.npz")
     one, two = reading.read(path), reading.read(tmp_path / "a.npz")
     assert one.faces is None is two.faces
-    names = reading.Document._fields
+    names = reading.ClaimedDocument._fields
     plain = [*names[2 : names.index("faces")], "place", "size"]
     for a, b in zip(*([*(getattr(d, n) for n in plain), *d.empty, *d.singular] for d in (one, two)), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -275,7 +275,7 @@ def test_boxes_beside_an_isolated_singularity_are_proved(tmp_path):
     assert np.abs(atlas.boxes.modes[weak[0], 0, 1]) > 0.5
     atlas.save(tmp_path / "a.npz")
     read = reading.read(tmp_path / "a.npz")
-    own = closures.Closures(read)
+    own = closures.BallClosures(read)
     assert all(boxes.proved(own, read, int(k), 8) for k in weak[:12])
 
 

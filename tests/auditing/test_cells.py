@@ -67,7 +67,7 @@ def test_cells_that_are_not_empty_are_found(torus, tmp_path, monkeypatch):
         )
 
     read = reading.read(changed(path, tmp_path, plant, radius=0.0))
-    look = empty_cells.Emptiness(closures.Closures(read), read)
+    look = empty_cells.Emptiness(closures.BallClosures(read), read)
     rows = np.flatnonzero(np.isin(read.empty.number, planted))
     assert len(rows) == 40
     assert not any(look.proved(int(k)) for k in rows[:12])
@@ -87,7 +87,7 @@ def test_configurations_that_are_not_singular_are_found(torus, tmp_path):
         arrays["singular_theta"] = np.concatenate([arrays["singular_theta"], regular])
 
     read = reading.read(changed(path, tmp_path, plant, radius=0.0))
-    own = closures.Closures(read)
+    own = closures.BallClosures(read)
     count = len(read.singular.number)
     for k in [*range(0, count - 5, 40), *range(count - 5, count)]:
         assert not singular_points.singular(own, read, k)
@@ -108,7 +108,7 @@ def test_cells_emptied_by_search_are_proved(tmp_path):
     atlas = certify(mechanism, q0, WHOLE, max_depth=5, exhaustive=True)
     atlas.save(tmp_path / "legs.npz")
     read = reading.read(tmp_path / "legs.npz")
-    look = empty_cells.Emptiness(closures.Closures(read), read)
+    look = empty_cells.Emptiness(closures.BallClosures(read), read)
     assert look.searched
     largest = np.argsort(-np.prod(read.empty.upper - read.empty.lower, axis=1))[:4]
     assert all(look.proved(int(k)) for k in largest)
@@ -130,7 +130,7 @@ def test_cells_emptied_by_theorem_e_are_proved(legs):
     atlas, path = legs
     assert atlas.empty_fraction > 0.0
     read = reading.read(path)
-    look = empty_cells.Emptiness(closures.Closures(read), read)
+    look = empty_cells.Emptiness(closures.BallClosures(read), read)
     assert all(look.proved(k) for k in range(len(read.empty.number)))
 
 

@@ -29,7 +29,7 @@ def sheets(tmp_path_factory):
 def looker(path):
     """The document in a file, and the search of the auditor for it."""
     read = reading.read(path)
-    return read, empty_cells.Emptiness(closures.Closures(read), read)
+    return read, empty_cells.Emptiness(closures.BallClosures(read), read)
 
 
 def row_of(read, cell):
@@ -53,7 +53,7 @@ def test_sheets_are_audited(sheets, tmp_path):
         arrays["glued_first"][rows] = [other[int(k)] for k in arrays["glued_first"][rows]]
 
     read = reading.read(changed(path, tmp_path, crossed))
-    own, faces = closures.Closures(read), audit_faces(read)
+    own, faces = closures.BallClosures(read), audit_faces(read)
     wrong = [c for c in faces if c.first in second]
     assert wrong
     assert not any(gluing.same_solution(own, read, c) for c in wrong)

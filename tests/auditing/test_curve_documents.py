@@ -65,7 +65,7 @@ def test_true_covers_are_proved(case):
 def test_the_equations_are_those_of_singular_configurations(case):
     """G vanishes to rounding on the tubes' middles; G′ and its variation are its derivatives."""
     read = reading.read(case[1])
-    own, tube, rng = closures.Closures(read), read.tubes[0], np.random.default_rng(0)
+    own, tube, rng = closures.BallClosures(read), read.tubes[0], np.random.default_rng(0)
     system = singular_curves.Singular(own, read.dependent, tube.pairing)
     x, step = np.concatenate([tube.theta, tube.kernel]), 1e-6 * np.eye(len(tube.tangent))
     assert np.abs(system.at(x)[0]).max() < 1e-9
@@ -96,14 +96,14 @@ def test_a_wrong_tube_is_found(case, tmp_path, what):
             arrays["tube_along"][1] = (arrays["tube_along"][1] + 1) % len(arrays["tube_tangent"][1])
 
     read = reading.read(changed(path, tmp_path, damage))
-    own = closures.Closures(read)
+    own = closures.BallClosures(read)
     assert not singular_curves.one_curve(own, read, 1)
     assert singular_curves.one_curve(own, read, 0)
 
 
 def rows(arrays, order):
     """All tubes in another order, or only some."""
-    for name in reading.Tube._fields:
+    for name in reading.CurveTube._fields:
         arrays[f"tube_{name}"] = arrays[f"tube_{name}"][order]
 
 
@@ -123,7 +123,7 @@ def test_gluing_in_another_order_is_found(region, tmp_path):
 
     for change, wrong in ((swapped, 19), (shorter, 19)):
         read = reading.read(changed(path, tmp_path, change))
-        own = closures.Closures(read)
+        own = closures.BallClosures(read)
         assert not singular_curves.goes_on(own, read, first + wrong, first + wrong + 1)
         assert singular_curves.goes_on(own, read, first + 3, first + 4)
         assert not singular_curves.goes_on(own, read, first + 4, first + 3)
@@ -139,12 +139,14 @@ def test_an_open_curve_called_closed_is_found(region, tmp_path):
 
     read = reading.read(changed(path, tmp_path, closed))
     start = sum(len(curve.radius) for curve in found.curves[:k])
-    assert not singular_curves.goes_on(closures.Closures(read), read, start + len(found.curves[k].radius) - 1, start)
+    assert not singular_curves.goes_on(
+        closures.BallClosures(read), read, start + len(found.curves[k].radius) - 1, start
+    )
 
 
 def parts_on(read, theta):
     """The parts that hold configurations."""
-    cover = exclusion.Cover(closures.Closures(read), read)
+    cover = exclusion.Exclusion(closures.BallClosures(read), read)
     theta = theta - np.where(read.periodic, 2.0 * np.pi * np.round(theta / (2.0 * np.pi)), 0.0)
     held = [any(np.all((t >= box.low) & (t <= box.high)) for t in theta) for box in cover.parts]
     return cover, np.flatnonzero(held)
@@ -286,8 +288,8 @@ def boxes_with(rng, theta, wide):
 def test_no_singular_configuration_is_lost(region, wide):
     """Those of closed forms stay in what Lemmas A, B and C leave of boxes that hold them, whatever l is."""
     read, rng = reading.read(region[1]), np.random.default_rng(7)
-    own = closures.Closures(read)
-    cover = exclusion.Cover(own, read)
+    own = closures.BallClosures(read)
+    cover = exclusion.Exclusion(own, read)
     cover.tubes, cover._lengths = [], np.zeros(0)  # that nothing is settled in a tube
     cover._middles = np.zeros((0, 4))
     theta = rpdr_singular(rng, 60)
@@ -315,8 +317,8 @@ def test_rows_known_modulo_something_lose_nothing(region, tmp_path):
             arrays[name][0] = 0.0
 
     read, rng = reading.read(changed(region[1], tmp_path, modulo)), np.random.default_rng(10)
-    own = closures.Closures(read)
-    cover = exclusion.Cover(own, read)
+    own = closures.BallClosures(read)
+    cover = exclusion.Exclusion(own, read)
     cover.tubes, cover._lengths, cover._middles = [], np.zeros(0), np.zeros((0, 4))
     q1, q3 = rng.uniform(-np.pi, np.pi, 200), np.pi / 30.0 * rng.integers(-29, 30, 200)
     up = rng.choice([-1.0, 1.0], 200)
@@ -347,7 +349,7 @@ class Shifted(singular_curves.Singular):
 def test_slanted_boxes_keep_their_zeros(case):
     """Lemma C about zeros put at corners of slanted boxes, where each of its terms is as large as it may be."""
     read, rng, smaller = reading.read(case[1]), np.random.default_rng(11), 0
-    own = closures.Closures(read)
+    own = closures.BallClosures(read)
     for _ in range(60):
         pairing, x = rng.normal(size=own.m), rng.normal(size=own.n_free + own.m)
         along, tangent = int(rng.integers(own.n_free)), rng.normal(size=len(x))
@@ -357,7 +359,9 @@ def test_slanted_boxes_keep_their_zeros(case):
         zero = [closures.arb(v) for v in corner.tolist()]
         system = Shifted(own, read.dependent, pairing, zero)
         wide = radius * (1.0 + 1e-9)
-        box = slanted.Slanted([closures.arb(v) for v in x.tolist()], along, tangent, half * (1.0 + 1e-9), -wide, wide)
+        box = slanted.SlantedBox(
+            [closures.arb(v) for v in x.tolist()], along, tangent, half * (1.0 + 1e-9), -wide, wide
+        )
         P = closures.exact(np.linalg.inv(np.delete(system.at(x)[1], along, axis=1)))
         for _ in range(3):
             left = slanted._narrowed(system, box, P, box.balls())
@@ -373,7 +377,7 @@ def test_slanted_boxes_keep_their_zeros(case):
 def test_boxes_off_curves_are_empty(region):
     """Lemma C does tell: boxes a little off the closed forms' curves hold none."""
     read, rng = reading.read(region[1]), np.random.default_rng(8)
-    own, empty = closures.Closures(read), 0
+    own, empty = closures.BallClosures(read), 0
     theta = rpdr_singular(rng, 30)
     for t in theta:
         slope = own.at(t)[1]
@@ -408,7 +412,7 @@ def test_wrong_tubes_in_hard_parts_are_found(torus, tmp_path, what):
     read = reading.read(torus)
     theta = np.array([tube.theta for tube in read.tubes])
     for part in HARD[1:3] if what == "narrow" else HARD:
-        box = exclusion.parts(closures.Closures(read), read)[part]
+        box = exclusion.parts(closures.BallClosures(read), read)[part]
         turned = np.angle(np.exp(1j * theta))
         inside = np.flatnonzero(np.all((turned >= box.low + 0.03) & (turned <= box.high - 0.03), axis=1))
         assert inside.size > 4
@@ -425,7 +429,7 @@ def test_wrong_tubes_in_hard_parts_are_found(torus, tmp_path, what):
                 arrays["tube_radius" if what == "narrow" else "tube_half"][wrong] *= 1e-7
 
         damaged = reading.read(changed(torus, tmp_path, damage))
-        assert not exclusion.Cover(closures.Closures(damaged), damaged).proved(part)
+        assert not exclusion.Exclusion(closures.BallClosures(damaged), damaged).proved(part)
 
 
 @pytest.mark.slow

@@ -34,7 +34,7 @@ def workspace(tmp_path_factory):
 def failing(path):
     """The boxes of a document that are not proved to meet its demands."""
     read = reading.read(path)
-    own = closures.Closures(read)
+    own = closures.BallClosures(read)
     return [k for k in range(len(read.centre)) if not demands.met(own, read, k, 3)]
 
 
@@ -107,7 +107,7 @@ def test_the_derivative_is_enclosed(workspace):
     """∂y/∂x of 2 against a solve at random places of the tubes, to what that is rounded by."""
     rng = np.random.default_rng(3)
     read = reading.read(workspace[1])
-    own = closures.Closures(read)
+    own = closures.BallClosures(read)
     for k in range(4):
         box = demands.box_of(read, k)
         slopes = demands._Slopes(own, read, box, (-box.half, box.half))

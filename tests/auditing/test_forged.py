@@ -321,12 +321,12 @@ def test_a_curve_listed_twice(cover, tmp_path):
 
     for shrink in (1.0, 0.999):
         read = reading.read(changed(path, tmp_path, twice(shrink)))
-        again = exclusion.Cover(closures.Closures(read), read)
+        again = exclusion.Exclusion(closures.BallClosures(read), read)
         last = len(read.tubes) - 1
         assert singular_curves.listed_once(again, 0) is False
         assert singular_curves.listed_once(again, last) is False
     read = reading.read(path)
-    assert singular_curves.listed_once(exclusion.Cover(closures.Closures(read), read), 0) is True
+    assert singular_curves.listed_once(exclusion.Exclusion(closures.BallClosures(read), read), 0) is True
     assert "tubes whose curve is no other one on the list" in [claim.what for claim in verify(path, sample=1).claims]
 
 

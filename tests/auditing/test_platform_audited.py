@@ -25,7 +25,7 @@ def looker(name, folder):
     q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
     certify(mechanism, q0, (q0 - 1e-3, q0 + 1e-3), max_depth=1).save(folder / "box.json")
     read = reading.read(folder / "box.json")
-    return mechanism, empty_cells.Emptiness(closures.Closures(read), read)
+    return mechanism, empty_cells.Emptiness(closures.BallClosures(read), read)
 
 
 def apart(look, q, half):
@@ -84,7 +84,7 @@ def ends_of(rng, size, count, stretched):
     lengths = np.linalg.norm(at + rng.normal(size=size) + beta @ R.T, axis=1) * stretched
     still = [arb(0)]
     A = closures.exact(at)
-    ends = legs._Ends(A, A, [arb_mat(count, size)], still, [arb(float(x)) ** 2 for x in lengths])
+    ends = legs._EndBalls(A, A, [arb_mat(count, size)], still, [arb(float(x)) ** 2 for x in lengths])
     return ends, closures.exact(beta)
 
 
@@ -94,7 +94,7 @@ def test_the_lemma_holds_for_any_weights(size, count):
     rng, told = np.random.default_rng(size + count), 0
     for _ in range(20):
         ends, beta = ends_of(rng, size, count, 1.0)
-        body = object.__new__(legs.Platform)
+        body = object.__new__(legs.Legs)
         body.betas, body.legs, body.size = beta, [None] * count, size
         for _ in range(5):
             weights = rng.normal(scale=2.0, size=count)
@@ -119,7 +119,7 @@ def test_reachable_cells_called_empty_are_not_proved(tmp_path):
         without_boxes(arrays, leaves)
 
     read = reading.read(changed(tmp_path / "delta.json", tmp_path, plant, radius=0.0))
-    look = empty_cells.Emptiness(closures.Closures(read), read)
+    look = empty_cells.Emptiness(closures.BallClosures(read), read)
     rows = np.flatnonzero(np.isin(read.empty.number, leaves))
     assert len(rows) == len(leaves)
     assert not any(look.proved(int(k)) for k in rows)

@@ -67,6 +67,6 @@ def test_a_geared_elbow_without_limits_is_not_held_still(tmp_path):
     q0 = domain.scalar_coordinates_at(geared, geared.q_reference)
     domain.certify(geared, q0, (q0 - 0.01, q0 + 0.01), max_depth=1).save(tmp_path / "atlas.json")
     file = reading.read(tmp_path / "atlas.json")
-    look = empty_cells.Emptiness(closures.Closures(file), file)
+    look = empty_cells.Emptiness(closures.BallClosures(file), file)
     assert not look.searched
     assert not look._all_apart([look.whole(file.lower, file.upper)])

@@ -17,7 +17,7 @@ from ccpin.auditing import closures, counts, empty_cells, reading, verify
 def looker(path):
     """The document in a file, and the auditor's search for it."""
     read = reading.read(path)
-    return read, empty_cells.Emptiness(closures.Closures(read), read)
+    return read, empty_cells.Emptiness(closures.BallClosures(read), read)
 
 
 def sliding(read):

@@ -265,7 +265,7 @@ def test_experiments_are_simulate(subjects, law):
     motion = desk.result("motion", "simulate", **asked)
     assert motion["status"] == "finished"
     model = desk.subject.model
-    plan = recorded_run.Plan.of(asked, model.at(goal))
+    plan = recorded_run.RunPlan.of(asked, model.at(goal))
     whole = ccpin.simulate(model, recorded_run.law_of(model, plan, model.at(start)), start, duration=0.8)
     assert motion["t"][-1] == pytest.approx(0.8)
     assert [row[-1] for row in motion["q"]] == pytest.approx(whole.q[-1], abs=1e-7)

@@ -192,7 +192,9 @@ class Closures:
 
     def __init__(self, made):
         a = made.arrays
-        self.chains = [{n: a[f"chain{k}_{n}"] for n in reading.Chain._fields} for k in range(made.header["chains"])]
+        self.chains = [
+            {n: a[f"chain{k}_{n}"] for n in reading.SerialChain._fields} for k in range(made.header["chains"])
+        ]
         self.couplings, self.offset, self.moduli = (a[f"system_{n}"] for n in ("couplings", "offset", "moduli"))
         self.q, self.y, self.periodic = (a[f"system_{n}"] for n in ("independent", "dependent", "periodic"))
 
