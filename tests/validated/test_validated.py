@@ -27,7 +27,7 @@ from ccpin.validated.arithmetic.series import all_series, gradients, values  # n
 from ccpin.validated.arithmetic.tape import Tape  # noqa: E402
 from ccpin.validated.flow.closing import closed_start  # noqa: E402
 from ccpin.validated.flow.defect import defect_along  # noqa: E402
-from ccpin.validated.flow.motion_task import motion_task  # noqa: E402
+from ccpin.validated.flow.motion_task import task_of  # noqa: E402
 from ccpin.validated.flow.regularity import regular  # noqa: E402
 from ccpin.validated.flow.step import (  # noqa: E402
     ProvenStep,
@@ -78,7 +78,7 @@ def accurately(model, controller, q0, v0, duration):
 
 def started(model, law, v0):
     """The loop, and its exact start at the paper's."""
-    task = motion_task(model, law, START, None, 0.1, StepOptions(30, 1e-18, 16), 128)
+    task = task_of(model, law, START, None, 0.1, StepOptions(30, 1e-18, 16), 128)
     return task.loop, task.start(START, v0)
 
 

@@ -1,10 +1,10 @@
 """Arrays of balls in doubles: midpoints and radii, every operation rounded outwards.
 
-A `BallArray` stands for all arrays x with |x − mid| ≤ rad by entry. Sums, products and quotients of doubles are those of
-IEEE 754 up to the order of summation: the computed value differs from the exact one by at most u = 2⁻⁵³ of it, a sum of
-k products by at most ku of the sum of their sizes (to first order; 2ku is taken), unless it underflows, which `_LEAST`
-covers. Radii are computed from sizes alone and widened by as much again. Nothing else is used of the processor:
-sines and cosines come from ball arithmetic.
+A `BallArray` stands for all arrays x with |x − mid| ≤ rad by entry. Sums, products and quotients of doubles are those
+of IEEE 754 up to the order of summation: the computed value differs from the exact one by at most u = 2⁻⁵³ of it, a
+sum of k products by at most ku of the sum of their sizes (to first order; 2ku is taken), unless it underflows, which
+`_LEAST` covers. Radii are computed from sizes alone and widened by as much again. Nothing else is used of the
+processor: sines and cosines come from ball arithmetic.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.validated.arithmetic import balls
-from ccpin.validated.arithmetic.balls import Ball, ball, flint, upper
+from ccpin.validated.arithmetic.balls import Ball, ball, centre_of, flint, upper
 
 _UNIT = 2.0**-53
 _LEAST = 1e-290  # above what thousands of underflows add
@@ -71,6 +71,10 @@ class BallArray(NamedTuple):
         """Two axes exchanged."""
         return BallArray(self.mid.swapaxes(first, second), self.rad.swapaxes(first, second))
 
+    def balls(self) -> list[Ball]:
+        """A vector's entries, one by one."""
+        return [flint().arb(mid, rad) for mid, rad in zip(self.mid.tolist(), self.rad.tolist(), strict=True)]
+
     @property
     def size(self) -> Array:
         """Upper bounds of |x|."""
@@ -115,7 +119,7 @@ def hull(stack: BallArray, group: int) -> BallArray:
 
 def of_balls(rows: Sequence[Sequence[Ball]]) -> BallArray:
     """A table of balls in doubles."""
-    mid = np.array([[float(x.mid()) for x in row] for row in rows])
+    mid = np.array([centre_of(row) for row in rows])
     rad = np.array(
         [
             [upper(abs(x - ball(c))) for x, c in zip(row, centre, strict=True)]
@@ -142,8 +146,7 @@ def sine_and_cosine(angle: BallArray) -> tuple[BallArray, BallArray]:
 def gain(cosine: BallArray, order: int) -> BallArray:
     """A derivative of `ccpin.validated.arithmetic.balls.gain`'s function over balls of shape (B,)."""
     with flint().ctx.workprec(_BITS):
-        pairs = zip(cosine.mid.tolist(), cosine.rad.tolist(), strict=True)
-        found = of_balls([[balls.gain(flint().arb(mid, rad), order)] for mid, rad in pairs])
+        found = of_balls([[balls.gain(x, order)] for x in cosine.balls()])
     return found.at(np.s_[:, 0])
 
 

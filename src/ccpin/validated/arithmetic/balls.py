@@ -100,6 +100,11 @@ def upper(x: Ball) -> float:
     return math.nextafter(float(x.upper()), math.inf)
 
 
+def centre_of(box: Iterable[Ball]) -> Array:
+    """The middle of a box in doubles, of shape (len(box),)."""
+    return np.array([float(x.mid()) for x in box], dtype=np.float64)
+
+
 def bounds(box: Sequence[Ball]) -> tuple[Array, Array]:
     """Lower and upper ends of a box, each of shape (len(box),), rounded outwards."""
     return np.array([lower(x) for x in box]), np.array([upper(x) for x in box])

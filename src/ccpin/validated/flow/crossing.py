@@ -8,14 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-import numpy as np
-
-from ccpin.arrays import Array
 from ccpin.domain.verdict import Witness
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError
 from ccpin.mechanism.siblings import best_independent, with_independent
-from ccpin.validated.arithmetic.balls import Ball, ball, lower, upper
+from ccpin.validated.arithmetic.ball_arrays import of_balls
+from ccpin.validated.arithmetic.balls import Ball, ball, centre_of, lower, upper
 from ccpin.validated.arithmetic.series import values
 from ccpin.validated.flow.regularity import regular, signed_determinant
 from ccpin.validated.flow.step import ProvenStep, StepOptions, march
@@ -66,7 +64,7 @@ def _other_coordinates(
     model: ReducedModel, loop: ClosedLoop, here: Sequence[Ball]
 ) -> tuple[ClosedLoop, list[Ball]] | None:
     """The motion in coordinates that measure it well at a box of states, and that box in them."""
-    q_free = middle_of(loop, here)
+    q_free = centre_of(configuration(loop.joints, here))
     try:
         names = best_independent(model.mechanism, q_free, model.rho(q_free))
         sibling = ReducedModel(with_independent(model.mechanism, names, q_free), model.gravity_vector)
@@ -77,11 +75,6 @@ def _other_coordinates(
         return None
     x_rate = values(loop.drift, here)
     return other, [*here[: loop.n_x], *[x_rate[k] for k in other.independent]]
-
-
-def middle_of(loop: ClosedLoop, box: Sequence[Ball]) -> Array:
-    """The configuration q′ in the middle of a box of states or configurations."""
-    return np.array([float(x.mid()) for x in configuration(loop.joints, box)])
 
 
 def _located(loop: ClosedLoop, steps: Sequence[ProvenStep], begin: float, sign: int) -> Crossing:
@@ -111,7 +104,5 @@ def _located(loop: ClosedLoop, steps: Sequence[ProvenStep], begin: float, sign: 
 
 def witness_of(kind: Literal["singular", "state"], loop: ClosedLoop, box: Sequence[Ball]) -> Witness:
     """The middle of a box of states."""
-    told = configuration(loop.joints, box)
-    q_free = np.array([float(x.mid()) for x in told])
-    error = max(upper(abs(x - ball(float(c)))) for x, c in zip(told, q_free, strict=True))
-    return Witness(kind, np.array([float(box[k].mid()) for k in loop.independent]), q_free, error)
+    q_free, error = of_balls([configuration(loop.joints, box)]).at(0)
+    return Witness(kind, centre_of(box[k] for k in loop.independent), q_free, float(error.max()))

@@ -20,11 +20,12 @@ from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.left_out import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.validated.arithmetic.balls import Ball, around, ball, bounds, flint, hull, magnitude, upper
+from ccpin.validated.arithmetic.ball_arrays import of_balls
+from ccpin.validated.arithmetic.balls import Ball, around, ball, bounds, centre_of, flint, hull, magnitude, upper
 from ccpin.validated.arithmetic.series import gradients, values
 from ccpin.validated.flow.crossing import Crossing, find_crossing
 from ccpin.validated.flow.defect import sizes_along
-from ccpin.validated.flow.motion_task import motion_task
+from ccpin.validated.flow.motion_task import task_of
 from ccpin.validated.flow.regularity import regular
 from ccpin.validated.flow.step import (
     SHORTEST_STEP,
@@ -145,7 +146,7 @@ class Enclosure:
         for joint in self.loop.joints:
             if joint.kind.unit == 4:
                 p = slice(joint.q.stop - 4, joint.q.stop)
-                signed[p] *= np.copysign(1.0, signed[p] @ [float(x.mid()) for x in box[p]])
+                signed[p] *= np.copysign(1.0, signed[p] @ centre_of(box[p]))
         return signed
 
     def energy(self, t: float) -> Ball:
@@ -194,7 +195,7 @@ def enclose(
     """
     model = model_of(model)
     options = StepOptions(order, tolerance, pieces, shortest_step, longest_step)
-    task = motion_task(model, law, q0, guess, duration, options, precision)
+    task = task_of(model, law, q0, guess, duration, options, precision)
     with flint().ctx.workprec(precision):
         loop, start = task.loop, task.start(q0, v0)
         steps, reason = [], ""
@@ -275,6 +276,5 @@ def _told(loop: ClosedLoop, box: Sequence[Ball]) -> list[Ball]:
 
 def _bounds(loop: ClosedLoop, box: Sequence[Ball]) -> StateBox:
     box, n_free = _told(loop, box), loop.joints[-1].q.stop
-    centre = np.array([float(x.mid()) for x in box])
-    radius = np.array([upper(abs(x - ball(c))) for x, c in zip(box, centre.tolist(), strict=True)])
+    centre, radius = of_balls([box]).at(0)
     return StateBox(centre[:n_free], radius[:n_free], centre[n_free:], radius[n_free:])

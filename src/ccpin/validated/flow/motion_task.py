@@ -48,7 +48,7 @@ class MotionTask(NamedTuple):
         return [*x, *(ball(y) for y in v.tolist())]
 
 
-def motion_task(
+def task_of(
     model: ReducedModel,
     law: ControlLaw | None,
     q0: ArrayLike,

@@ -15,7 +15,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.description.joint_kinds import JointKind
 from ccpin.kinematics.coordinates import Coordinate, IndependentCoordinates
-from ccpin.validated.arithmetic.balls import Ball, ball, flint
+from ccpin.validated.arithmetic.balls import Ball, ball, centre_of, flint
 from ccpin.validated.model.ball_joints import BallAngle
 from ccpin.validated.model.recorded_tree import ExactJoint
 
@@ -84,7 +84,7 @@ def numbers_of(
             held = [*held[:-2], angle]
         numbers += held
     for turn in turns:
-        joint, reference = turn.ball.joint, np.array([float(x.mid()) for x in turn.ball.reference])
+        joint, reference = turn.ball.joint, centre_of(turn.ball.reference)
         numbers.append(float(joint.kind.rotation_vector(q_free[joint.q], reference)[turn.axis]))
     return np.array(numbers)
 

@@ -14,7 +14,7 @@ from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.errors import InvalidInputError
 from ccpin.validated.arithmetic.ball_arrays import exactly, hull, raised
-from ccpin.validated.arithmetic.balls import Ball, ball, flint, upper
+from ccpin.validated.arithmetic.balls import Ball, ball, upper
 from ccpin.validated.arithmetic.series import NotInvertibleError, values
 from ccpin.validated.flow.closing import closed_start, unique_there
 from ccpin.validated.flow.motion_task import exact_q
@@ -26,7 +26,7 @@ from ccpin.validated.sets.curvature import UnboundedError, boxes
 from ccpin.validated.sets.subdivision import TOO_EARLY
 from ccpin.validated.sets.tube_theorem import TimeSlice
 
-_RETRY = 0.9
+RETRY = 0.9  # of a level at which nothing was proven
 _MARGIN = 1e-9  # relative: the level and the bounds it comes from are doubles
 
 
@@ -116,8 +116,7 @@ class SetArrival:
 
     def __call__(self, piece: TimeSlice) -> str:
         """What is missing at the middle of a slice; nothing where all its states are in B₂."""
-        middle = piece.instant.middle
-        centre = [flint().arb(x, r) for x, r in zip(middle.mid[0].tolist(), middle.rad[0].tolist(), strict=True)]
+        centre = piece.instant.middle.at(0).balls()
         if not upper(lyapunov(self._loop, self.goal, centre)) < self._ask_below:
             return TOO_EARLY
         highest = self._highest(piece)
@@ -125,7 +124,7 @@ class SetArrival:
             return "𝒱 is not below the level on the whole tube"
         missing = unconnected(self._loop, centre, self.goal, self._options)
         if missing:
-            self._ask_below *= _RETRY
+            self._ask_below *= RETRY
             return missing
         self._ask_below, self.largest = self.goal.level, max(self.largest, highest)
         return ""
@@ -145,5 +144,5 @@ class SetArrival:
         first = (thin.slope @ frame).size[0, 0] @ bound
         bend = hull(over.bend, around.pieces).at((0, 0))
         second = bound @ ((exactly(piece.frame.T) @ bend @ frame).size @ bound)
-        value = flint().arb(float(thin.value.mid[0, 0]), float(thin.value.rad[0, 0]))
+        value = thin.value.at(0).balls()[0]
         return upper(value + ball(float(raised(first + raised(0.5 * second)))) - self.goal.potential)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, hull, joined, raised, zeros
+from ccpin.validated.arithmetic.balls import centre_of
 from ccpin.validated.arithmetic.jets import Jet, jets_over
 from ccpin.validated.arithmetic.series import NotInvertibleError
 from ccpin.validated.arithmetic.tape import Program
@@ -119,7 +120,7 @@ def boxes(loop: ClosedLoop, instants: Instants, reach: Array, pieces: int) -> St
             raise UnboundedError(HALF_A_TURN)
     for turned in loop.upright:
         place = slice(turned.joint.x.stop - 4, turned.joint.x.stop)
-        reference = np.array([float(x.mid()) for x in turned.reference])
+        reference = centre_of(turned.reference)
         if not np.all(whole.mid[:, place] @ reference - whole.rad[:, place] @ np.abs(reference) > 1e-9):
             raise UnboundedError(HALF_A_TURN)
     v = BallArray(centre[:, split:], v_reach)

@@ -27,14 +27,13 @@ from ccpin.proof.digests import digest, require_same
 from ccpin.validated.arithmetic.balls import Ball, flint, lower, upper
 from ccpin.validated.flow.crossing import witness_of
 from ccpin.validated.flow.enclosure import Enclosure, collect
-from ccpin.validated.flow.motion_task import MotionTask, motion_task
+from ccpin.validated.flow.motion_task import MotionTask, task_of
 from ccpin.validated.flow.regularity import regular
 from ccpin.validated.flow.step import ProvenStep, StepOptions, march, start_box
-from ccpin.validated.sets.arrival import Goal, SetArrival, goal_of, lyapunov, single_valued, unconnected
+from ccpin.validated.sets.arrival import RETRY, Goal, SetArrival, goal_of, lyapunov, single_valued, unconnected
 from ccpin.validated.sets.set_enclosure import checked_cut, starts_of, told
 from ccpin.validated.sets.subdivision import Starts, Tube, TubeTask, cover
 
-_RETRY = 0.9
 _NEVER = (
     "at t = {:.6g} s 𝒱 < {:.6g} J, below its value 0 at the set point, and 𝒱 never rises: the motion does not arrive"
 )
@@ -141,7 +140,7 @@ def certify_move(
     require_same("a certified move", law.digests, model.digests, "closures", "dynamics")
     sampled = not rigorous and not isinstance(arrival, int | float)
     cut = checked_cut(parts, cells, np.inf)
-    task = motion_task(model, law, q0, guess, duration, StepOptions(order, tolerance, pieces), precision)
+    task = task_of(model, law, q0, guess, duration, StepOptions(order, tolerance, pieces), precision)
     with flint().ctx.workprec(precision):
         goal, starts = goal_of(task.loop, law, level), starts_of(task, q0, v0, spread)
         if starts.spread.any():
@@ -219,7 +218,7 @@ def _run(task: MotionTask, start: Sequence[Ball], goal: Goal) -> _Outcome:
             missing = unconnected(loop, end, goal, options)
             if not missing:
                 return _Outcome("proven", f"from t = {time:.6g} s on the motion is in B₂: 𝒱 < {value:.6g} J", steps, "")
-            ask_below = _RETRY * value
+            ask_below = RETRY * value
     told = f"not proven to arrive within {time:.6g} s and {len(steps)} steps: {missing}"
     return _Outcome("undecided", f"{told}; a longer duration= or {_MORE}", steps, "")
 

@@ -52,8 +52,7 @@ class CrossSection(NamedTuple):
 
 def first_section(loop: ClosedLoop, start: Instants, spread: Array) -> CrossSection:
     """The box of starts in a frame no edge of which is much thinner than the others, as the flow mixes them."""
-    rate = fastest_rate(loop, start)
-    units = np.repeat([1.0, max(rate, 1.0)], loop.n)
+    units = _units(loop, fastest_rate(loop, start))
     edges = np.maximum(spread, _THINNEST * units * (spread / units).max())
     return CrossSection(exactly(np.diag(edges)), np.minimum(spread / edges * (1.0 + 1e-15), 1.0))
 
@@ -73,7 +72,7 @@ def sampled_section(loop: ClosedLoop, step: ProvenStep, section: CrossSection, c
     its middle a frame with the columns (B, FB) and (0, ε) has ε z_u = (K − F)Bz there.
     """
     size = 2 * loop.n
-    units = np.repeat([1.0, max(fastest_rate(loop, instants_of(step, 0.0, 1)), 1.0)], loop.n)
+    units = _units(loop, fastest_rate(loop, instants_of(step, 0.0, 1)))
     rows = section.frame.at(np.s_[:size])
     begin = _turned(rows.mid[:, :size], section.bound[:size], units)
     back = inverse(exactly(begin))
@@ -110,7 +109,7 @@ def grow(
         part = instants.part(np.s_[done : done + batch])
         begin = last.mid
         if loop.efforts is None:
-            begin = _turned(begin, bound, np.repeat([1.0, max(rate, 1.0)], loop.n))
+            begin = _turned(begin, bound, _units(loop, rate))
         spread = np.abs(np.linalg.solve(begin, last.mid)) @ bound
         room = np.tile(_ROOM * spread + _AIR * spread.max(), (len(part.time), 1))
         try:
@@ -134,6 +133,11 @@ def grow(
         yield found
         if growth(found[-1]) > _GROWTH:
             raise UnboundedError(f"the tube has grown to {_GROWTH:g} times what the linearised flow makes of it")
+
+
+def _units(loop: ClosedLoop, rate: float) -> Array:
+    """In what edges of a cross-section (q, q̇) are compared, of shape (2n,)."""
+    return np.repeat([1.0, max(rate, 1.0)], loop.n)
 
 
 def _turned(frame: Array, bound: Array, units: Array) -> Array:

@@ -17,8 +17,8 @@ from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.left_out import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.validated.arithmetic.balls import flint
-from ccpin.validated.flow.motion_task import MotionTask, exact_q, motion_task, velocity
+from ccpin.validated.arithmetic.balls import centre_of, flint
+from ccpin.validated.flow.motion_task import MotionTask, exact_q, task_of, velocity
 from ccpin.validated.flow.step import QUANTUM, StepOptions
 from ccpin.validated.sets.propagation import Cut
 from ccpin.validated.sets.subdivision import Starts, Tube, TubeTask, cover
@@ -98,7 +98,7 @@ def enclose_set(
     """
     model = model_of(model)
     cut, options = checked_cut(parts, cells, longest_slice), StepOptions(order, tolerance, pieces)
-    task = motion_task(model, law, q0, guess, duration, options, precision, held=period is not None)
+    task = task_of(model, law, q0, guess, duration, options, precision, held=period is not None)
     with flint().ctx.workprec(precision):
         starts = starts_of(task, q0, v0, spread)
         if not starts.spread.any():
@@ -150,7 +150,7 @@ def starts_of(task: MotionTask, q0: ArrayLike, v0: ArrayLike | None, spread: Any
         widths.append(np.broadcast_to(width, (model.n,)))
     v = velocity(model, v0)
     centre = exact_q(model, loop, checked_q(model.coordinates, q0))
-    return Starts(np.array([float(x.mid()) for x in centre]), v, np.concatenate(widths))
+    return Starts(centre_of(centre), v, np.concatenate(widths))
 
 
 def told(tubes: list[Tube], missing: str, parts: int) -> tuple[Verdict, str]:

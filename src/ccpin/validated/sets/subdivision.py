@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, numbers
 from ccpin.domain.verdict import Verdict
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.validated.arithmetic.balls import Ball, ball
+from ccpin.validated.arithmetic.balls import Ball, ball, centre_of
 from ccpin.validated.arithmetic.series import values
 from ccpin.validated.flow.enclosure import Enclosure, collect
 from ccpin.validated.flow.motion_task import MotionTask, on_circles
@@ -105,7 +105,7 @@ class Tube:
 
     def _centre(self, t: float) -> Array:
         loop = self.enclosure.loop
-        state = np.array([float(x.mid()) for x in self.enclosure.inputs(t)])
+        state = centre_of(self.enclosure.inputs(t))
         return np.concatenate([state[list(loop.independent)], state[loop.n_x :]])
 
     def _slice(self, t: float) -> TimeSlice:

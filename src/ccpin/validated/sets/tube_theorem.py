@@ -56,13 +56,12 @@ class TimeSlice(NamedTuple):
 
 
 class _TubeTerms(NamedTuple):
-    """G = constant + Σ_k quadratic_k u_k by slices; A at their beginnings and ends; |P|."""
+    """G = constant + Σ_k quadratic_k u_k by slices; A at their beginnings and ends."""
 
     constant: Array
     quadratic: Array
     begin: BallArray
     end: BallArray
-    stretch: Array
 
 
 def frames(loop: ClosedLoop, instants: Instants, begin: Array) -> SliceFrames:
@@ -170,4 +169,4 @@ def _terms(half: Array, moving: SliceFrames, known: Curvature, stretch: Array) -
     quadratic = np.einsum("bia,bacd,bcj,bdk->bijk", unstretch, bilinear, stretch, stretch, optimize=True)
     steps = exactly(np.eye(size)) + t * rate, exactly(0.5 * time**2) * curve
     begin = exactly(np.eye(size)) - t * rate + steps[1]
-    return _TubeTerms(constant, raised(0.5 * quadratic), frame @ begin, frame @ (steps[0] + steps[1]), stretch)
+    return _TubeTerms(constant, raised(0.5 * quadratic), frame @ begin, frame @ (steps[0] + steps[1]))

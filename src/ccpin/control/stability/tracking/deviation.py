@@ -1,13 +1,7 @@
 """How far a law's efforts are off where it computes them at σ(q) + δ: bounds of the deviation over a tube's cells.
 
-A law u = τ(y; v, w, a) + feedback of measured e and ė (`ccpin.domain.motion_bounds` has τ) that takes y = σ(q) + δ for
-the dependent coordinates is off by
-
-    Δτ = τ(σ(q) + δ; v, w, a) − τ(σ(q); v, w, a) = ∫₀¹ ∂τ/∂y(σ(q) + hδ; v, w, a) dh δ = Gδ,
-
-the mean of the slopes over a segment: as an affine form of δ it is the slope's with half of δ's part. Computed torque:
-v = w = q̇, a = q̈_d + K_v ė + K_p e, and the deviation is Δ = D⁻¹(Δτ + f); PD+: v = q̇, w = q̇_d, a = q̈_d and
-Δ = Δτ + f, with f the generalized force of what the model does not have, |f_i| ≤ f̄_i.
+The deviation Δ = D⁻¹(Gδ + f) or Gδ + f of `ccpin/proof/theorems/tracking.md` (`ccpin.domain.motion_bounds` has τ and
+its slopes): as an affine form of δ, G is the slope with half of δ's part.
 """
 
 from __future__ import annotations
@@ -42,7 +36,7 @@ class Deviation(NamedTuple):
     damping: Affine
 
     def size(self, sigma_error: float, disturbance: Array, scale: Array) -> Array:
-        """The largest |L⁻¹Δ| with ‖δ‖₂ ≤ `sigma_error` and |f| ≤ `disturbance` (n,), of shape (K,)."""
+        """Theorem T's Δ_k (its 2), of shape (K,): |L⁻¹Δ| at most, ‖δ‖₂ ≤ `sigma_error` and |f| ≤ `disturbance` (n,)."""
         scaled = self.slope * (1.0 / scale)[:, None]
         stretch = np.full(len(self.push), np.nan)
         usable = np.isfinite(scaled.magnitude).all(axis=(1, 2))

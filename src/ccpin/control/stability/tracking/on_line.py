@@ -64,7 +64,7 @@ def _speed(tube: ReferenceTube, states: CellForms) -> float:
 
 
 def _newton(tube: ReferenceTube, states: CellForms, radius: float) -> tuple[float, float]:
-    """L, and the largest ‖M⁻¹r‖₂ for |r| ≤ 1; infinite where φ_y may be singular."""
+    """The lemma's L, and the largest ‖M⁻¹r‖₂ for |r| ≤ 1 (its 2); infinite where φ_y may be singular."""
     at = Reduced(tube.problem, tube.masses, thickened(tube, states, radius).theta)
     m, dependent = tube.problem.system.m, tube.problem.system.dependent
     bend = at.bend[:, :, dependent][:, :, :, dependent]

@@ -92,7 +92,7 @@ def floor(matrix: Affine) -> Array:
 
 
 def gain(storage: Storage, plan: StorageChoice) -> Array:
-    """g of each cell, of shape (K,); infinite where W − αP is not proved positive definite."""
+    """g of each cell, of shape (K,), as in the lemma; infinite where W − αP is not proved positive definite."""
     M = floor(storage.W - storage.P * plan.decay)
     S = storage.S * plan.scale
     squared = _inverse_form(M, S) / (4.0 * plan.decay)

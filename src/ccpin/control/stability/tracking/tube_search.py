@@ -69,7 +69,7 @@ class Levels(NamedTuple):
 
 
 class TubeSearch:
-    """Looks for E and Ė with which the theorem's hypotheses hold."""
+    """Looks for E and Ė with which Theorem T's hypotheses hold."""
 
     def __init__(self, law: TrackingLaw, tube: ReferenceTube, sigma_error: float, push: Array, start: Array) -> None:
         self.law, self.tube, self.sigma_error, self.push, self.start = law, tube, sigma_error, push, start
@@ -99,7 +99,7 @@ class TubeSearch:
             reason = self._open(levels, room)
             if reason is not None:
                 return self._undecided(reason)
-            if np.all(levels.reached * _ROOM < levels.allowed) and np.all(levels.entries * _ROOM < room):
+            if np.all(levels.reached * _ROOM < levels.allowed) and np.all(levels.entries * _ROOM < room):  # 4 and 5
                 return self._proven(levels, room)
             needed = np.maximum(np.sqrt(levels.reached)[:, None] * levels.widths, levels.entries)
             room = np.maximum(room, needed) * _MORE
@@ -116,7 +116,7 @@ class TubeSearch:
         return plan_for(self.law, scale, middle.D.mid[rows], middle.C.mid[rows], middle.damping.mid[rows])
 
     def _levels(self, deviation: Deviation, room: Array | None = None) -> Levels:
-        """v and c_k where the states of each cell are within `room`, (K, 2n)."""
+        """The largest v, c_k and what enters each cell, for 4 and 5, where its states are within `room`, (K, 2n)."""
         assert self.plan is not None
         storage = storage_of(self.law, self.plan, deviation.D, deviation.C, deviation.damping)
         size = deviation.size(self.sigma_error, self.push, self.plan.scale)
@@ -133,7 +133,7 @@ class TubeSearch:
         return Levels(reached, allowed, width, np.concatenate([first[None], entries * SLACK]), sources, start)
 
     def _open(self, levels: Levels, room: Array) -> str | None:
-        """Why no level is known, if one is not."""
+        """Why no level is known, if one is not: which of 1 to 3 fails."""
         sources = levels.sources
         checks = (
             (~np.isfinite(levels.widths).all(axis=1), "D is not proved positive definite"),
