@@ -7,7 +7,7 @@ import pytest
 from flint import arb
 
 from ccpin.auditing.boxes import contracts
-from ccpin.control.stability.storage import _inverted
+from ccpin.control.stability.tracking.storage import _inverted
 from ccpin.domain import newton
 from ccpin.domain.affine import Affine, inverse, product
 from ccpin.domain.boxes import _holds, measured_from

@@ -176,6 +176,7 @@ ALLOWED = {
     "SheetAtlas.is_about": "asks just that",
     "SingularCover.is_about": "asks just that",
     "Mechanism": "made by load only",
+    "TrackingCertificate": "made by certify_tracking only, with the tube of its law's reference",
     "describe_pinocchio": "two of Pinocchio's own",
     "write": "one mechanism and a path",
     "Subject.facts": "the studio's own",

@@ -6,7 +6,7 @@ from scipy.integrate import simpson
 
 import ccpin
 from ccpin.control import ComputedTorque, PDFullGravity, PDPlus, PDSimpleGravity, PointToPoint, Sampling
-from ccpin.control.stability.theorem3 import certify_law
+from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.dynamics import Wrench
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.points import body_motion

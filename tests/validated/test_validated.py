@@ -22,18 +22,25 @@ from tests.support.strategies import Growth
 flint = pytest.importorskip("flint")
 
 from ccpin.validated import certify_move, enclose  # noqa: E402
-from ccpin.validated.balls import ball  # noqa: E402
-from ccpin.validated.chains import closure_rows, exact_joints  # noqa: E402
-from ccpin.validated.closing import closed_start  # noqa: E402
-from ccpin.validated.defect import defect  # noqa: E402
-from ccpin.validated.dynamics import closed_loop  # noqa: E402
-from ccpin.validated.enclose import (  # noqa: E402
-    exact_start,
-    regular,
+from ccpin.validated.arithmetic.balls import ball  # noqa: E402
+from ccpin.validated.arithmetic.series import all_series, gradients, values  # noqa: E402
+from ccpin.validated.arithmetic.tape import Tape  # noqa: E402
+from ccpin.validated.flow.closing import closed_start  # noqa: E402
+from ccpin.validated.flow.defect import defect_along  # noqa: E402
+from ccpin.validated.flow.motion_task import task_of  # noqa: E402
+from ccpin.validated.flow.regularity import regular  # noqa: E402
+from ccpin.validated.flow.step import (  # noqa: E402
+    ProvenStep,
+    StepOptions,
+    WatchedField,
+    attempt,
+    evaluate,
+    march,
+    start_box,
+    start_of,
 )
-from ccpin.validated.series import all_series, gradients, values  # noqa: E402
-from ccpin.validated.step import Field, Options, Step, attempt, evaluate, march, start_box, start_of  # noqa: E402
-from ccpin.validated.tape import Tape  # noqa: E402
+from ccpin.validated.model.closed_loop import recorded_loop  # noqa: E402
+from ccpin.validated.model.recorded_tree import closure_rows, exact_joints  # noqa: E402
 from tests.support.paper import GOAL, K_V, START  # noqa: E402
 
 FREE = [0, 2, 1, 3]  # the paper's (q1, q2, q3, q4) in ccpin's order (q1, q3, q2, q4)
@@ -69,6 +76,12 @@ def accurately(model, controller, q0, v0, duration):
     return ccpin.simulate(model, controller, q0, v0, duration=duration, method="DOP853", rtol=1e-12, atol=1e-13)
 
 
+def started(model, law, v0):
+    """The loop, and its exact start at the paper's."""
+    task = task_of(model, law, START, None, 0.1, StepOptions(30, 1e-18, 16), 128)
+    return task.loop, task.start(START, v0)
+
+
 def balls(*arrays):
     return [ball(float(x)) for x in np.concatenate(arrays)]
 
@@ -88,7 +101,7 @@ def test_recorded_dynamics(name, stated):
     gains = q_d, rng.uniform(5, 9, n), rng.uniform(0.5, 0.9, n)
     laws = None, ccpin.control.PDSimpleGravity(model, *gains), ccpin.control.PDFullGravity(model, *gains)
     for controller in laws:
-        loop = closed_loop(model, controller)
+        loop = recorded_loop(model, controller)
         q_free = model.sigma(q_d + 0.05 * rng.normal(size=n))
         q, v = model.alpha(q_free), rng.normal(size=n)
         u = np.zeros(model.n_actuated) if controller is None else controller.torque(0.0, q, v, q_free)
@@ -136,10 +149,10 @@ def known(name):
 def test_equations_with_known_solutions(name):
     """Steps enclose closed-form solutions to 1e-18, and the first Taylor coefficient's gradient is right."""
     program, start, solution = known(name)
-    options = Options(order=25, tolerance=1e-20, pieces=4, shortest=2.0**-20, longest=1.0)
-    time, steps = 0.0, list(march(Field(program, lambda box: 1.0), [ball(start)], 0.5, options))
+    options = StepOptions(order=25, tolerance=1e-20, pieces=4, shortest=2.0**-20, longest=1.0)
+    time, steps = 0.0, list(march(WatchedField(program, lambda box: 1.0), [ball(start)], 0.5, options))
     for step in steps:
-        assert isinstance(step, Step)
+        assert isinstance(step, ProvenStep)
         for fraction in (0.3, 1.0):
             (x,) = evaluate(step.polynomial, ball(fraction * step.length))
             gap = abs(x - solution(ball(time) + ball(fraction * step.length)))
@@ -158,20 +171,19 @@ def test_equations_with_known_solutions(name):
 def test_a_solution_that_escapes_is_not_followed_beyond_its_end():
     """x′ = x² from 1 blows up at t = 1: the march ends before, and says so."""
     program, start, _ = known("x²")
-    options = Options(order=20, tolerance=1e-15, pieces=4, shortest=2.0**-14, longest=1.0)
-    steps = list(march(Field(program, lambda box: 1.0), [ball(start)], 2.0, options))
-    assert not isinstance(steps[-1], Step)
+    options = StepOptions(order=20, tolerance=1e-15, pieces=4, shortest=2.0**-14, longest=1.0)
+    steps = list(march(WatchedField(program, lambda box: 1.0), [ball(start)], 2.0, options))
+    assert not isinstance(steps[-1], ProvenStep)
     assert 0.9 < sum(step.length for step in steps[:-1]) < 1.0
 
 
 def test_defect_bounds_the_defect(rpdr_model, law):
     """|p′ − f(p)| evaluated along a step stays below its bound, and comes near it at the end."""
-    loop = closed_loop(rpdr_model, law)
-    start = exact_start(rpdr_model, loop, START, [1.0, -2.0], None)
+    loop, start = started(rpdr_model, law, [1.0, -2.0])
     series, h = all_series(loop.field, [x.mid() for x in start], 12), ball(2.0**-7)
     polynomial = series[: loop.field.inputs]
     slope = [[k * c for k, c in enumerate(row)][1:] for row in polynomial]
-    bound, largest = defect(loop.field, series, h), [0.0] * loop.field.inputs
+    bound, largest = defect_along(loop.field, series, h), [0.0] * loop.field.inputs
     for k in range(1, 9):
         t = h * k / 8
         rates = values(loop.field, evaluate(polynomial, t))
@@ -184,7 +196,7 @@ def test_defect_bounds_the_defect(rpdr_model, law):
 
 def test_exact_start(rpdr_model):
     """Krawczyk's box holds the closed form of σ, is as small as the precision, and is on the guess's branch."""
-    loop = closed_loop(rpdr_model, None)
+    loop = recorded_loop(rpdr_model, None)
     q = balls(START)
     for mode in (1.0, -1.0):
         expected = oracle.sigma(START, mode)[FREE]
@@ -196,7 +208,7 @@ def test_exact_start(rpdr_model):
 
 def test_a_start_that_cannot_be_closed_is_refused(rpdr_model):
     """Where no solution is near nothing is claimed."""
-    loop = closed_loop(rpdr_model, None)
+    loop = recorded_loop(rpdr_model, None)
     with pytest.raises(ConvergenceError, match="proven to exist"):
         closed_start(loop, balls(np.radians([180.0, 0.0])), np.array([np.pi, 0.3, 0.0, 0.2]))
 
@@ -255,10 +267,10 @@ def test_a_wrong_model_does_not_contain_the_motion(rpdr, rpdr_model, law, motion
 
 def test_a_step_that_is_too_long_fails(rpdr_model, law):
     """The hypotheses do not hold for a step of 0.25 s, and do for one of 2⁻⁸ s."""
-    loop = closed_loop(rpdr_model, law)
-    start = start_of(exact_start(rpdr_model, loop, START, None, None))
+    loop, box = started(rpdr_model, law, None)
+    start = start_of(box)
     series = all_series(loop.field, start.centre, 20)
-    assert isinstance(attempt(regular(loop), start, series, 2.0**-8, 8), Step)
+    assert isinstance(attempt(regular(loop), start, series, 2.0**-8, 8), ProvenStep)
     refused = attempt(regular(loop), start, series, 0.25, 8)
     assert isinstance(refused, str)
     assert "proven" in refused or "Picard" in refused or "converge" in refused
@@ -438,8 +450,7 @@ def test_python_flint_is_optional(rpdr_model, monkeypatch):
 
 def test_taylor_coefficients_are_derivatives(rpdr_model, law):
     """x₁ = f(x₀) and 2x₂ = f′(x₀)f(x₀)."""
-    loop = closed_loop(rpdr_model, law)
-    state = exact_start(rpdr_model, loop, START, [3.0, -1.0], None)
+    loop, state = started(rpdr_model, law, [3.0, -1.0])
     rates, slopes = numbers(values(loop.field, state)), np.array([numbers(row) for row in gradients(loop.field, state)])
     coefficients = all_series(loop.field, state, 2)[: loop.field.inputs]
     np.testing.assert_allclose(numbers([c[1] for c in coefficients]), rates, rtol=1e-13)

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
-from ccpin.control.stability.flood import Flooded
-from ccpin.control.stability.theorem3 import certify_law
+from ccpin.control.stability.set_point.flood import Flooded
+from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.domain.theorem2.theorem2 import theorem2_radius
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError

@@ -10,7 +10,7 @@ import numpy as np
 from ccpin.arrays import Array, choice, positive, vector
 from ccpin.control.laws import PDFullGravity, PDSimpleGravity
 from ccpin.control.references import PointToPoint
-from ccpin.control.stability.gains import local_gains
+from ccpin.control.stability.set_point.gains import local_gains
 from ccpin.control.tracking import ComputedTorque
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
