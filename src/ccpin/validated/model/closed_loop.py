@@ -18,7 +18,7 @@ import numpy as np
 from scipy.linalg import qr
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.control.laws import ControlLaw, stated
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.kinematics.tree import Tree
 from ccpin.proof.digests import Part, require_same
@@ -111,9 +111,10 @@ def recorded_loop(
             masses, springs or gravity. The constants of law (28) may be a nominal model's: it is then that law that is
             enclosed, on this plant.
     """
-    if isinstance(law, PDSimpleGravity | PDFullGravity):
-        parts: tuple[Part, ...] = ("closures", "dynamics") if isinstance(law, PDFullGravity) else ("closures",)
-        require_same("an enclosure", law.digests, model.digests, *parts)
+    told = stated(law)
+    if told is not None and told.model is not None:
+        parts: tuple[Part, ...] = ("closures",) if told.kind == "pd" else ("closures", "dynamics")
+        require_same("an enclosure", told.model.digests, model.digests, *parts)
     mechanism, constraints = model.mechanism, model.parametrization.constraints
     near = mechanism.q_reference if near is None else near
     joints = exact_joints(mechanism.tree)
@@ -136,7 +137,7 @@ def recorded_loop(
     terms = with_springs(tape, terms, mechanism.tree, sprung, x, motion.rho)
     does = law_terms(law, q, x, v, terms, about)
     across = transmission(model, motion.rho)
-    wanted = efforts(tape, across, does.force) if law is not None and not isinstance(law, NoTorque) else []
+    wanted = efforts(tape, across, does.force) if told is not None and told.kind != "none" else []
     force = does.force if not held else u if across is None else across @ u
     acceleration = tape.solve(terms.mass, (force - terms.bias)[:, None])[:, 0]
     still = [0] * len(u)

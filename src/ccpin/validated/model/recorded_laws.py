@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, NoTorque, PDFullGravity, PDSimpleGravity
+from ccpin.control.laws import ControlLaw, stated
+from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.validated.arithmetic.balls import Ball, ball, flint
@@ -19,7 +20,6 @@ from ccpin.validated.model.recorded_tree import Table, exact
 HALF_A_TURN = (
     "an angle on a circle, or a ball's turn, is not proven less than half a turn from where it is counted from"
 )
-SetPointLaw = PDSimpleGravity | PDFullGravity
 
 
 class Wrapped(NamedTuple):
@@ -56,29 +56,32 @@ def law_terms(law: ControlLaw | None, q: StateLayout, x: Table, v: Table, terms:
     Raises:
         UnsupportedMechanismError: Another law.
     """
-    if law is None or isinstance(law, NoTorque):
+    told = stated(law)
+    if told is not None and told.kind == "none":
         return LawTerms(np.zeros(len(v), dtype=object), None, ())
-    if not isinstance(law, SetPointLaw):
+    if told is None or not told.holds or told.kind not in ("pd", "pd_gravity"):
         raise UnsupportedMechanismError(
             f"validated integration knows PDSimpleGravity, PDFullGravity and no torque, not {type(law).__name__}"
         )
-    goal, wrapped = _goal(law, q, near)
+    goal, wrapped = _goal(told, q, near)
     error = goal - x[list(q.places)]
-    spring = exact(law.K_p) @ error
-    force = spring - exact(law.K_v) @ v
-    if isinstance(law, PDFullGravity):
+    spring = exact(told.K_p) @ error
+    force = spring - exact(told.K_v) @ v
+    if told.kind == "pd_gravity":
         return LawTerms(force + terms.gravity, None, wrapped)
-    constant = exact(law.gravity_d)
+    constant = exact(told.constant)
     half = flint().fmpq(1, 2)
     stored = error @ constant + half * (error @ spring)
     return LawTerms(force + constant, terms.kinetic + terms.potential + stored, wrapped)
 
 
-def _goal(law: SetPointLaw, q: StateLayout, near: Array) -> tuple[Table, tuple[Wrapped, ...]]:
+def _goal(law: Statement, q: StateLayout, near: Array) -> tuple[Table, tuple[Wrapped, ...]]:
     """q_d in the numbers of q, exact."""
+    assert law.model is not None  # a set-point law has both
+    assert law.reference is not None
     goal, wrapped = list[Any](), list[Wrapped]()
     for part in law.model.coordinates.parts:
-        values = exact(law.q_d[part.q]).tolist()
+        values = exact(law.reference.start[part.q]).tolist()
         if len(goal) in q.circles:
             place = q.places[len(goal)]
             angle = ball(values[0]) if len(values) == 1 else flint().arb.atan2(ball(values[1]), ball(values[0]))
@@ -104,18 +107,19 @@ def efforts(tape: Tape, across: Table | None, force: Table) -> Table:
 
 def gains_of(law: ControlLaw | None) -> Array:
     """∂u/∂(q, q̇) of (28) where motors sit on the independent joints, of shape (n, 2n)."""
-    require_sampled(law)
-    assert isinstance(law, PDSimpleGravity)
-    return np.hstack([-law.K_p, -law.K_v])
+    told = require_sampled(law)
+    return np.hstack([-told.K_p, -told.K_v])
 
 
-def require_sampled(law: ControlLaw | None) -> None:
-    """Check that a law can be sampled and held.
+def require_sampled(law: ControlLaw | None) -> Statement:
+    """A law that can be sampled and held.
 
     Raises:
         UnsupportedMechanismError: Another law than (28).
     """
-    if not isinstance(law, PDSimpleGravity):
+    told = stated(law)
+    if told is None or told.kind != "pd":
         raise UnsupportedMechanismError(
             f"a sampled loop is enclosed under PDSimpleGravity only, not under {type(law).__name__}"
         )
+    return told

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import positive
-from ccpin.control.laws import PDSimpleGravity
+from ccpin.control.laws import PDSimpleGravity, kind_of
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
@@ -134,7 +134,7 @@ def certify_move(
         DifferentSubjectsError: The law is of another mechanism than the model, or the certificate of another law.
         UnsupportedMechanismError, ConvergenceError: As for `ccpin.validated.enclose`.
     """
-    if not isinstance(law, PDSimpleGravity):
+    if kind_of(law) != "pd":
         raise InvalidInputError("the level certified is about PD with simple gravity compensation: pass that law")
     model, (level, rigorous) = model_of(model), _level(arrival, law)
     require_same("a certified move", law.digests, model.digests, "closures", "dynamics")

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, listener, vector
-from ccpin.control.laws import PDSimpleGravity, least_eigenvalue
+from ccpin.control.laws import PDSimpleGravity, kind_of, least_eigenvalue
 from ccpin.control.stability.set_point.certified_cells import CellStore, holding
 from ccpin.control.stability.set_point.flood import Budget, Flood, Flooded, Limit, Sublevel, connected
 from ccpin.control.stability.set_point.starting_cells import cells_around, cells_of_atlas
@@ -347,7 +347,7 @@ def _sampled(law: PDSimpleGravity, region: Corners, gain: float, least: float, n
 
 
 def _check(law: PDSimpleGravity) -> None:
-    if not isinstance(law, PDSimpleGravity):
+    if kind_of(law) != "pd":
         raise InvalidInputError("Theorem 3 is about PD with simple gravity compensation: pass a PDSimpleGravity law")
     mechanism, coordinates = law.model.mechanism, law.model.coordinates
     plural = [name for name in mechanism.actuated if mechanism.tree.joint(mechanism.tree.split(name)[0]).kind.nv != 1]

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
+from ccpin.control.laws import kind_of
 from ccpin.control.stability.tracking.reference_tube import CellForms, ReferenceTube
-from ccpin.control.tracking import PDPlus, TrackingLaw
+from ccpin.control.tracking import TrackingLaw
 from ccpin.domain.affine import Affine, affine, inverse, joined, product
 from ccpin.domain.motion_bounds import Motion, Reduced
 from ccpin.proof.rounding import SLACK
@@ -66,7 +67,7 @@ def _part(law: TrackingLaw, tube: ReferenceTube, states: CellForms, sigma_error:
     slope = Reduced(tube.problem, tube.masses, around.theta).force_slope(_motion(law, around))
     count, n = states.e.mid.shape
     unit = np.broadcast_to(np.eye(n), (count, n, n))
-    if isinstance(law, PDPlus):
+    if kind_of(law) == "pd_plus":
         return Deviation(slope, unit, closed.inertia, closed.coriolis(states.v), closed.damping)
     grip = inverse(closed.inertia)
     push = grip.solve(affine(unit)).magnitude
@@ -74,7 +75,7 @@ def _part(law: TrackingLaw, tube: ReferenceTube, states: CellForms, sigma_error:
 
 
 def _motion(law: TrackingLaw, states: CellForms) -> Motion:
-    if isinstance(law, PDPlus):
+    if kind_of(law) == "pd_plus":
         return Motion(states.v, states.v_d, states.a_d)
     feedback = product("ij,kj->ki", law.K_p, states.e) + product("ij,kj->ki", law.K_v, states.e_dot)
     return Motion(states.v, states.v, states.a_d + feedback)

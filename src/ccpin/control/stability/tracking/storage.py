@@ -11,7 +11,8 @@ import numpy as np
 from scipy.linalg import solve_continuous_lyapunov
 
 from ccpin.arrays import Array
-from ccpin.control.tracking import PDPlus, TrackingLaw
+from ccpin.control.laws import kind_of
+from ccpin.control.tracking import TrackingLaw
 from ccpin.domain.affine import Affine, affine, joined
 from ccpin.proof.rounding import SLACK, UNIT_ROUNDOFF
 
@@ -142,7 +143,7 @@ def plan_for(law: TrackingLaw, scale: Array, D: Array, C: Array, damping: Array)
     P = Y⁻¹, that of the least Σ √Y_ii/scale_i. PD+: c and α from a grid.
     """
     n = len(scale)
-    if not isinstance(law, PDPlus):
+    if kind_of(law) != "pd_plus":
         plans = _ellipsoids(law, scale)
         D, C, damping = D[:1], C[:1], damping[:1]
     else:

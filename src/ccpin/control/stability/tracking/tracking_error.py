@@ -15,10 +15,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, numbers, positive, whole
+from ccpin.control.laws import kind_of
 from ccpin.control.stability.tracking.on_line import OnlineDemand, online_demand
 from ccpin.control.stability.tracking.reference_tube import ReferenceTube, tube_of
 from ccpin.control.stability.tracking.tube_search import TubeSearch
-from ccpin.control.tracking import ComputedTorque, PDPlus, TrackingLaw
+from ccpin.control.tracking import TrackingLaw
 from ccpin.domain.verdict import Verdict
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.left_out import limits_left_out, without_dry_friction
@@ -199,7 +200,7 @@ def _check(law: TrackingLaw) -> None:
     """That the theorem is about this law and mechanism."""
     instance(law, "law", TrackingLaw)
     mechanism, coordinates = law.model.mechanism, law.model.coordinates
-    if not isinstance(law, ComputedTorque | PDPlus):
+    if kind_of(law) not in ("computed_torque", "pd_plus"):
         raise UnsupportedMechanismError(
             f"a {type(law).__name__} does not cancel what it tracks against, so its error is no matter of σ alone: "
             "certify a ComputedTorque or PDPlus law"
