@@ -40,6 +40,9 @@ ORDER = (
     "studio",
     "gym",
 )
+ORDER_WITHIN = {  # the folders and modules of a package; its face comes last
+    "simulation": ("events", "plant", "results", "integration", "studies"),
+}
 OF_NO_ROOM = (("scripts",), ("docs",))  # tests of what is no part of the package
 OUTERMOST = ("__init__", "cli", "__main__")  # public names, then what calls them
 PINOCCHIO = {"kinematics", "mechanism", "dynamics", "visualization"}
@@ -125,6 +128,22 @@ def test_imports_go_down_the_list(module):
     rank = {name: k for k, name in enumerate((*ORDER, *OUTERMOST))}
     upward = [name for name in GRAPH[module] if rank.get(room(name), 99) > rank.get(room(module), -1)]
     assert not upward, f"{module} imports {upward}"
+
+
+@pytest.mark.parametrize("package", ORDER_WITHIN)
+def test_imports_within_a_package_go_down_its_list(package):
+    """Inside a package, too, a module imports only folders and modules before its own (or its own folder)."""
+    inside = f"ccpin.{package}."
+    rank = {name: k for k, name in enumerate(ORDER_WITHIN[package])}
+    place = {module: module.removeprefix(inside).split(".")[0] for module in MODULES if module.startswith(inside)}
+    assert {*place.values()} == {*rank}
+    upward = [
+        f"{module} imports {name}"
+        for module in place
+        for name in GRAPH[module]
+        if f"{name}." == inside or (name in place and rank[place[name]] > rank[place[module]])
+    ]
+    assert upward == []
 
 
 def test_who_knows_pinocchio():
