@@ -17,7 +17,7 @@ from ccpin.errors import CcpinError, InvalidInputError
 
 if TYPE_CHECKING:
     from ccpin.auditing.closures import Closures
-    from ccpin.auditing.gluing import Contact
+    from ccpin.auditing.gluing import SharedFace
 
 _CUTS = 24
 _NEAR = 1e-9  # rad or m: how far a seed may be from a closed configuration
@@ -261,13 +261,13 @@ def _of_curves(document: Curves) -> dict[str, list[Any]]:
 
 def _faces(document: Document) -> list[Any]:
     """Where boxes are said to carry the same σ."""
-    from ccpin.auditing.gluing import Contact, contacts
+    from ccpin.auditing.gluing import SharedFace, contacts
 
     if document.faces is None:
         unglued = {tuple(sorted(map(int, pair))) for pair in document.unglued}
         return [c for c in contacts(document) if tuple(sorted((c.first, c.second))) not in unglued]
     rows = zip(*document.faces, strict=True)
-    return [Contact(int(a), int(b), at_a, at_a - at_b) for a, b, at_a, at_b in rows]
+    return [SharedFace(int(a), int(b), at_a, at_a - at_b) for a, b, at_a, at_b in rows]
 
 
 def _chosen(count: int, sample: int | None, seed: int) -> NDArray[np.int64]:
@@ -337,7 +337,7 @@ def _looks(held: _Held) -> dict[str, Callable[[Any], tuple[tuple[int, ...], bool
         good = cells.proved(k)
         return (int(document.empty.number[k]),), good, good is not None or cells.searched
 
-    def different(face: Contact) -> bool | None:
+    def different(face: SharedFace) -> bool | None:
         same = same_solution(closures, document, face)
         return None if same is None else not same
 

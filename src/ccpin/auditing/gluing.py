@@ -24,7 +24,7 @@ from ccpin.auditing.document import Array, Document, Faces, Integers
 _NEWTON = 12
 
 
-class Contact(NamedTuple):
+class SharedFace(NamedTuple):
     """A face two boxes share: the middle in the first one's coordinates, and the turn that leads to the second's."""
 
     first: int
@@ -33,7 +33,7 @@ class Contact(NamedTuple):
     turn: Array
 
 
-def contacts(document: Document) -> Iterator[Contact]:
+def contacts(document: Document) -> Iterator[SharedFace]:
     """Every pair of boxes whose cells share a face (over the coordinates that a slice does not hold), once."""
     low, high = document.place, document.place + document.size
     start = [Fraction(float(x)) for x in document.lower]
@@ -54,7 +54,7 @@ def contacts(document: Document) -> Iterator[Contact]:
                 twice = begin[row] + end[row]
                 twice[k] = 2 * high[a, k]
                 middle = [float(a0 + e * int(w) / (2 * WHOLE)) for a0, e, w in zip(start, edge, twice, strict=True)]
-                yield Contact(a, int(beside[row]), np.array(middle), turn.copy())
+                yield SharedFace(a, int(beside[row]), np.array(middle), turn.copy())
 
 
 def sheets_of(document: Document, faces: Faces) -> Integers:
@@ -66,7 +66,7 @@ def sheets_of(document: Document, faces: Faces) -> Integers:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def apart(document: Document, faces: Faces) -> Iterator[Contact]:
+def apart(document: Document, faces: Faces) -> Iterator[SharedFace]:
     """Faces of certified cells at which two boxes are said to be of two sheets: no way over glued faces joins them."""
     sheet = sheets_of(document, faces)
     cell = np.empty(len(sheet), dtype=np.int64)
@@ -79,7 +79,7 @@ def apart(document: Document, faces: Faces) -> Iterator[Contact]:
             yield contact
 
 
-def same_solution(closures: Closures, document: Document, contact: Contact) -> bool | None:
+def same_solution(closures: Closures, document: Document, contact: SharedFace) -> bool | None:
     """Whether the two boxes of a contact are proved to carry the same solution, or (``False``) two; ``None``: neither.
 
     They carry two where that of the first is proved to lie beyond the second one's tube, which holds the second's.

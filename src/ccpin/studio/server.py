@@ -9,7 +9,7 @@ import webbrowser
 from ccpin.studio.page import studio_page
 from ccpin.studio.session import Session
 from ccpin.studio.subject import Subject
-from ccpin.visualization.page import Recorder
+from ccpin.visualization.page import CommandRecorder
 from ccpin.visualization.server import Connection, Server
 
 LAST_WORK = 5.0
@@ -30,7 +30,7 @@ class Studio:
 
     def __init__(self, subject: Subject, port: int = 0, open_browser: bool = False) -> None:
         self.subject = subject
-        recorder = Recorder()
+        recorder = CommandRecorder()
         scene = subject.scene(recorder)
         text = studio_page(subject.title, recorder.commands, subject.told(scene))
         self._closed = threading.Event()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from numpy.typing import ArrayLike
 
 from ccpin.visualization.embedded import frame
-from ccpin.visualization.page import Recorder
+from ccpin.visualization.page import CommandRecorder
 from ccpin.visualization.playback import checked_pose
 from ccpin.visualization.server import Connection, Guest, Server
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ccpin.visualization.scene import Scene
 
 
-class LiveRecorder(Recorder):
+class LiveRecorder(CommandRecorder):
     """A recorder that also forwards each command to the pages that are open, and greets a new one with them all."""
 
     def __init__(self) -> None:

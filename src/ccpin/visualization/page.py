@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 
-class Recorder:
+class CommandRecorder:
     """Stands in for MeshCat's window: keeps the packed commands that produce the scene, in order.
 
     A command that overrides an earlier one (same type, path and property) takes its place, so that moving a link

@@ -131,10 +131,9 @@ def run_in_core(
         return None
     if nominal is not None and isinstance(nominal.model.core, Declining):
         return None
-    times, most = numbers["times"], (budget or Budget())._asdict()
-    run = _PLAIN | numbers | {"begin": times[0], "until": times[-1], "origin": origin}
+    times = numbers["times"]
+    run = _PLAIN | numbers | (budget or Budget()).numbers() | {"begin": times[0], "until": times[-1], "origin": origin}
     run |= {"start": np.concatenate([start.state.q, start.v])} | ({} if settling is None else settling._asdict())
-    run |= {name: np.inf if value is None else value for name, value in most.items()}
     own = () if nominal is None else (nominal.model.core, of_own(nominal.model, start.state, nominal.near).q_free)
     answer = model.core.simulate(start.state.q_free, told, run, TABLEAUX[method], *own)
     return None if answer is None else CoreRun(*answer)

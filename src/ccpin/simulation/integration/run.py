@@ -233,7 +233,7 @@ class Run:
         assert u is not None
         times = record.due(end - 2 * _slack(end))
         numbers = {"until": end, "times": times, "first_step": self.first_step or 0.0, "max_step": longest}
-        found = self._constant.run(here, numbers | limits.left(self.evaluations), u, self.switching)
+        found = self._constant.run(here, numbers | limits.left(self.evaluations).numbers(), u, self.switching)
         if found is None:
             self.in_core = False
             return None

@@ -27,7 +27,7 @@ from ccpin.description.names import choices
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
-from ccpin.mechanism.limits import position_bounds
+from ccpin.mechanism.joint_limits import position_bounds
 from ccpin.mechanism.mechanism import Mechanism
 
 Position = Literal["ignore", "stop", "end"]

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 
 from ccpin.arrays import Array, instance
 from ccpin.dynamics.reduced_model import ReducedModel
-from ccpin.mechanism.limits import position_bounds
+from ccpin.mechanism.joint_limits import position_bounds
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.results.trajectory import Trajectory
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -22,7 +21,7 @@ from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.events.samples import Stop
 from ccpin.simulation.events.settling import Settling
-from ccpin.simulation.integration.budget import Budget
+from ccpin.simulation.integration.budget import Allowance, Budget
 from ccpin.simulation.integration.simulator import Simulator
 from ccpin.simulation.plant.commands import LawLike, law_of
 from ccpin.simulation.results.trajectory import Trajectory, joined
@@ -107,9 +106,8 @@ def supervise(
     visited = [np.array(checked_q(model.coordinates, goal)) for goal in goals]
     wait = number(wait, "wait", "a number of seconds")
     rule = Settling(goal=visited[0]) if settling is None else instance(settling, "settling", Settling)
-    supervisor = _Supervisor(
-        Simulator(model, **options), law_to, rule, wait, positive(timeout, "timeout"), sample_period, _Purse(budget)
-    )
+    timeout, allowance = positive(timeout, "timeout"), Allowance.of(budget or Budget(), 0)
+    supervisor = _Supervisor(Simulator(model, **options), law_to, rule, wait, timeout, sample_period, allowance)
     supervisor.simulator.reset(q0, guess=guess)
     if journal is None:
         return supervisor.visit(visited, [])
@@ -134,10 +132,11 @@ class _Supervisor:
         wait: float,
         timeout: float,
         sample_period: float,
-        purse: _Purse,
+        allowance: Allowance,
     ) -> None:
         self.simulator, self._law_to, self._rule, self._wait = simulator, law_to, rule, wait
-        self._timeout, self._sample_period, self._purse = timeout, sample_period, purse
+        self._timeout, self._sample_period = timeout, sample_period
+        self._allowance, self._spent = allowance, 0
 
     def visit(self, goals: list[Array], log: Stored | list[Move]) -> SupervisedMotion:
         """Make the moves that the log has not."""
@@ -181,25 +180,7 @@ class _Supervisor:
         return Move(goal, start, settled, simulator.t, motion), stop
 
     def _go(self, until: float, settling: Settling | None) -> Trajectory:
-        budget = self._purse.left()
+        budget = self._allowance.left(self._spent)
         motion = self.simulator.run(until, sample_period=self._sample_period, settling=settling, budget=budget)
-        self._purse.pay(motion)
+        self._spent += motion.evaluations
         return motion
-
-
-class _Purse:
-    """What is left of a budget."""
-
-    def __init__(self, budget: Budget | None) -> None:
-        self._evaluations, seconds = budget or Budget()
-        self._deadline = None if seconds is None else time.perf_counter() + seconds
-
-    def left(self) -> Budget:
-        """What is left."""
-        seconds = None if self._deadline is None else max(0.0, self._deadline - time.perf_counter())
-        return Budget(self._evaluations, seconds)
-
-    def pay(self, motion: Trajectory) -> None:
-        """Pay for a motion."""
-        if self._evaluations is not None:
-            self._evaluations = max(0, self._evaluations - motion.evaluations)

@@ -30,14 +30,11 @@ class PositionBound(NamedTuple):
 
 def position_bounds(mechanism: Mechanism) -> tuple[PositionBound, ...]:
     """Every finite limit of the joints with one displacement."""
-    lower, upper = mechanism.position_limits
-    joints = [joint for joint in mechanism.tree.joints if joint.kind.nq == joint.kind.nv == 1]
-    bounds = [
-        bound
-        for joint in joints
-        for bound in (
-            PositionBound(joint.name, "lower", joint.q.start, joint.v.start, -1.0, float(lower[joint.q.start])),
-            PositionBound(joint.name, "upper", joint.q.start, joint.v.start, 1.0, float(upper[joint.q.start])),
-        )
-    ]
-    return tuple(bound for bound in bounds if np.isfinite(bound.limit))
+    found: list[PositionBound] = []
+    for joint in mechanism.tree.joints:
+        if joint.kind.nq == joint.kind.nv == 1:
+            q, v = joint.q.start, joint.v.start
+            lower, upper = (float(limits[q]) for limits in mechanism.position_limits)
+            found.append(PositionBound(joint.name, "lower", q, v, -1.0, lower))
+            found.append(PositionBound(joint.name, "upper", q, v, 1.0, upper))
+    return tuple(bound for bound in found if np.isfinite(bound.limit))
