@@ -43,6 +43,7 @@ ORDER = (
 ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one tuple do not import each other
     "control": ("references", "laws", ("sampling", "servos", "tracking"), "stability", "online"),
     "control.stability": (("set_point", "tracking"),),
+    "simulation": ("events", "plant", "results", "integration", "studies"),
     "validated": ("arithmetic", "model", "flow", "sets"),
 }
 OF_NO_ROOM = (("scripts",), ("docs",))  # tests of what is no part of the package

@@ -15,7 +15,7 @@ import ccpin
 from ccpin import native
 from ccpin.errors import InvalidInputError, UnderactuatedError
 from ccpin.kinematics.clusters import clusters
-from ccpin.simulation.in_core import TABLEAUX
+from ccpin.simulation.integration.core_numbers import TABLEAUX
 from tests.support.agreement import reference_model, relative
 
 native_only = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")

@@ -19,7 +19,7 @@ from ccpin.description import scaled
 from ccpin.domain.atlas import code, run, tasks
 from ccpin.errors import CcpinError, DifferentSubjectsError
 from ccpin.proof.digests import Digests, UndigestedError, digest, require_same
-from ccpin.simulation import saving
+from ccpin.simulation.results import saving
 
 GOAL, GAINS = [-1.57, -1.75], ([11.0, 11.0], [0.65, 0.60])
 REGION = (np.array([-1.65, -1.85]), np.array([-1.5, -1.65]))

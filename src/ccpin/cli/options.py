@@ -17,8 +17,8 @@ from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism import load as load_mechanism
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.simulation.limits import Effort, Limits, Position, Velocity
-from ccpin.simulation.motors import MotorModel
+from ccpin.simulation.plant.limits import Effort, Limits, Position, Velocity
+from ccpin.simulation.plant.motors import MotorModel
 
 _SAMPLED = (
     "encoder_counts",

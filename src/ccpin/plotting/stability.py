@@ -14,7 +14,7 @@ from ccpin.control.stability.set_point.theorem3 import SetPointCertificate
 from ccpin.domain.atlas.cells import Corners, corners_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
 from ccpin.plotting.style import COLOURS, drawing
-from ccpin.simulation.metrics import LyapunovHistory
+from ccpin.simulation.results.metrics import LyapunovHistory
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -18,7 +18,7 @@ from ccpin.pages import embedded, figure, paragraphs, table
 from ccpin.plotting import plot_lyapunov, plot_motion
 from ccpin.report.settings import ReportSettings, scalar, value
 from ccpin.simulation import Trajectory, lyapunov_along, set_point_metrics
-from ccpin.simulation.simulate import simulate
+from ccpin.simulation.integration.single_run import simulate
 from ccpin.visualization import animate, snapshot
 
 _STEP, _PART = 0.35, 0.06

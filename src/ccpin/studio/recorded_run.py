@@ -15,9 +15,9 @@ from ccpin.control.tracking import ComputedTorque
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.simulation.samples import Names
-from ccpin.simulation.stepper import Simulator
-from ccpin.simulation.trajectory import Trajectory, joined
+from ccpin.simulation.events.samples import ColumnNames
+from ccpin.simulation.integration.simulator import Simulator
+from ccpin.simulation.results.trajectory import Trajectory, joined
 from ccpin.studio.jobs import Job
 
 LawName = Literal["simple", "full", "computed"]
@@ -165,7 +165,7 @@ def recorded(model: ReducedModel, times: list[float], states: list[State]) -> Re
         events=(),
         evaluations=0,
         wall_time=float(t[-1]),
-        names=Names.of(model),
+        names=ColumnNames.of(model),
         origin=model.digests,
     )
     return Recording("driven by hand", trajectory, np.full(len(t), np.nan), "", None)
