@@ -41,7 +41,7 @@ ORDER = (
     "gym",
 )
 ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one tuple do not import each other
-    "control": ("references", "laws", ("sampling", "servos", "tracking"), "stability", "online"),
+    "control": ("references", "statements", "laws", ("sampling", "servos", "tracking"), "stability", "online"),
     "control.stability": (("set_point", "tracking"),),
     "simulation": ("events", "plant", "results", "integration", "studies"),
     "validated": ("arithmetic", "model", "flow", "sets"),

@@ -17,7 +17,7 @@ from ccpin.control import (
     certify_law,
     certify_tracking,
 )
-from ccpin.control.laws import Delayed, kind_of, stated
+from ccpin.control.laws import Delayed, idle, kind_of, stated
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 
 Q_D = np.array([-1.885, -1.257])
@@ -85,7 +85,9 @@ def test_each_law_states_itself(rpdr_model):
 
 def test_what_states_nothing(rpdr_model):
     law = PDSimpleGravity(rpdr_model, Q_D, *GAINS)
-    assert kind_of(None) == kind_of(NoTorque(rpdr_model)) == "none"
+    assert idle(None)
+    assert idle(NoTorque(rpdr_model))
+    assert not idle(law)
     assert kind_of(TorqueFunction(lambda t, q, v: q)) is None
     assert stated(Delayed(law, 2.0)).start == 2.0
     assert kind_of(named(PDSimpleGravity)(rpdr_model, Q_D, *GAINS)) == "pd"

@@ -79,8 +79,14 @@ class ControlLaw(abc.ABC):
 def stated(law: ControlLaw | None) -> Statement | None:
     """What a law is in constants, unless it or a class of its own does otherwise; no law at all is no torque."""
     if law is None:
-        return Statement("none")
+        return Statement("constant")
     return law.statement() if speaks_for(law, "statement") else None
+
+
+def idle(law: ControlLaw | None) -> bool:
+    """Whether a law is no torque, by its own word."""
+    found = stated(law)
+    return found is not None and found.idle
 
 
 def kind_of(law: ControlLaw | None) -> LawKind | None:
@@ -134,7 +140,7 @@ class NoTorque(ControlLaw):
 
     def statement(self) -> Statement:
         """u = 0."""
-        return Statement("none")
+        return Statement("constant", constant=self._zero)
 
 
 class TorqueFunction(ControlLaw):

@@ -19,7 +19,7 @@ from ccpin.dynamics.state import State
 
 _NOTHING = frozen(np.empty(0))
 
-LawKind = Literal["none", "pd", "pd_gravity", "computed_torque", "pd_plus"]
+LawKind = Literal["constant", "pd", "pd_gravity", "computed_torque", "pd_plus"]
 
 
 class Statement(NamedTuple):
@@ -28,7 +28,7 @@ class Statement(NamedTuple):
     =================  ====================================================  =============================
     kind               f                                                     with a constant q_d
     =================  ====================================================  =============================
-    `none`             0
+    `constant`         u = constant
     `pd`               K_p e + K_v ė + constant                              (28) if constant = g(q_d)
     `pd_gravity`       K_p e + K_v ė + g(q)                                  (30)
     `computed_torque`  D (q̈_d + K_v ė + K_p e) + C q̇ + damping q̇ + g
@@ -41,7 +41,7 @@ class Statement(NamedTuple):
         near: A State of it, where its σ starts.
         reference: q_d(t), without pieces for a set point; ``None`` where it is no polynomial by its own word.
         K_p, K_v: Gains, symmetric positive definite, (n, n).
-        constant: Of shape (n,).
+        constant: Of shape (n,); a constant u of shape (motors,).
         start: When the law's clock shows zero, s.
     """
 
@@ -53,6 +53,11 @@ class Statement(NamedTuple):
     K_v: Array = _NOTHING
     constant: Array = _NOTHING
     start: float = 0.0
+
+    @property
+    def idle(self) -> bool:
+        """Whether u = 0."""
+        return self.kind == "constant" and not np.any(self.constant)
 
     @property
     def holds(self) -> bool:

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, frozen
-from ccpin.control.laws import ControlLaw, NoTorque, undelayed
+from ccpin.control.laws import ControlLaw, idle, undelayed
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State, StateModel
 from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
@@ -178,7 +178,7 @@ class CoordinateSwitching:
         if callable(self._wrenches):
             return "the wrenches, a function of a State, are stated"
         driven = self.home.mechanism.direct and not self.home.coordinates.constant
-        if driven and not isinstance(law, NoTorque):
+        if driven and not idle(law):
             return "a motor on a component of a joint acts"
         return self._reads or None
 

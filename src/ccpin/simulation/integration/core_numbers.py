@@ -8,64 +8,43 @@ import numpy as np
 from scipy.integrate import DOP853, RK45
 
 from ccpin.arrays import Array
-from ccpin.control.laws import ControlLaw, ModelLaw, NoTorque, PDFullGravity, PDSimpleGravity
-from ccpin.control.references import Hold, PiecewisePolynomial, PointToPoint, Waypoints
-from ccpin.control.tracking import ComputedTorque, PDOnlineGravity, PDPlus, TrackingLaw
+from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
 
-_TRACKING: dict[type[ControlLaw], str] = {
-    ComputedTorque: "computed_torque",
-    PDPlus: "pd_plus",
-    PDOnlineGravity: "pd_gravity",
-}
 
-_REFERENCES = (Hold, PointToPoint, Waypoints)  # themselves: a subclass may have another `at`
-
-
-def law_numbers(model: ReducedModel, law: ControlLaw) -> dict[str, Any] | None:
-    """A law in plain numbers: its kind, gains, constant part and reference; ``None`` where the core has none."""
-    n, kind = model.n, type(law)
-    if kind is NoTorque:
+def law_numbers(model: ReducedModel, law: Statement | None) -> dict[str, Any] | None:
+    """A law of a plant in plain numbers; ``None`` where the core has none for it."""
+    if law is None:
+        return None
+    if law.idle:
         return constant_law(np.zeros(model.n_actuated))
-    if not isinstance(law, ModelLaw) or "torque" in vars(law) or law.model.coordinates.nq != model.nq:
+    own, path = law.model, law.reference
+    if own is None or path is None or own.coordinates.nq != model.nq or own.actuation is not None:
         return None
-    if law.model.actuation is not None:
-        return None
-    if isinstance(law, PDSimpleGravity | PDFullGravity) and kind in (PDSimpleGravity, PDFullGravity):
-        simple = isinstance(law, PDSimpleGravity)
-        path = Hold(model, law.q_d).as_polynomial()
-        constant = law.gravity_d if simple else np.zeros(n)
-        return _numbers("pd" if simple else "pd_gravity", path, law.K_p, law.K_v, constant)
-    if not isinstance(law, TrackingLaw) or kind not in _TRACKING or type(law.reference) not in _REFERENCES:
-        return None
-    found = law.reference.as_polynomial()
-    return None if found is None else _numbers(_TRACKING[kind], found, law.K_p, law.K_v, np.zeros(n))
+    return {
+        "kind": law.kind,
+        "start": path.start.tolist(),
+        "breaks": path.breaks.tolist(),
+        "degree": path.coefficients.shape[1] - 1,
+        "coefficients": path.coefficients.ravel().tolist(),
+        "K_p": law.K_p.ravel().tolist(),
+        "K_v": law.K_v.ravel().tolist(),
+        "constant": law.constant.tolist(),
+    }
 
 
-def nominal_law(model: ReducedModel, law: ControlLaw) -> ModelLaw | None:
-    """The law, where its model is another than the plant's."""
-    if not isinstance(law, ModelLaw) or law.model is model:
+def nominal_model(model: ReducedModel, law: Statement) -> ReducedModel | None:
+    """The law's own model, where that is another than the plant's."""
+    own = law.model
+    if own is None or own is model:
         return None
-    same = law.model.mechanism is model.mechanism and np.array_equal(law.model.gravity_vector, model.gravity_vector)
-    return None if same else law
+    same = own.mechanism is model.mechanism and np.array_equal(own.gravity_vector, model.gravity_vector)
+    return None if same else own
 
 
 def constant_law(u: Array) -> dict[str, Any]:
     """A constant u in plain numbers, which is a law whatever the motors."""
     return {"kind": "constant", "constant": u.tolist()}
-
-
-def _numbers(kind: str, path: PiecewisePolynomial, K_p: Array, K_v: Array, constant: Array) -> dict[str, Any]:
-    return {
-        "kind": kind,
-        "start": path.start.tolist(),
-        "breaks": path.breaks.tolist(),
-        "degree": path.coefficients.shape[1] - 1,
-        "coefficients": path.coefficients.ravel().tolist(),
-        "K_p": K_p.ravel().tolist(),
-        "K_v": K_v.ravel().tolist(),
-        "constant": constant.tolist(),
-    }
 
 
 def _rk45() -> dict[str, Any]:

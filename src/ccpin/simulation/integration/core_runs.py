@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, frozen
-from ccpin.control.laws import ControlLaw, Delayed, NoTorque, of_own, undelayed
+from ccpin.control.laws import ControlLaw, of_own, stated
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import StateModel
 from ccpin.native import Declining
@@ -22,8 +22,7 @@ from ccpin.simulation.events.settling import Settling
 from ccpin.simulation.events.watches import Instant
 from ccpin.simulation.integration.budget import Budget
 from ccpin.simulation.integration.coordinate_switching import CoordinateSwitching
-from ccpin.simulation.integration.core_numbers import TABLEAUX, constant_law, law_numbers, nominal_law
-from ccpin.simulation.plant.commands import HeldEffort
+from ccpin.simulation.integration.core_numbers import TABLEAUX, constant_law, law_numbers, nominal_model
 from ccpin.simulation.plant.plant import EffortBounds
 
 _PLAIN = Settling(np.empty(0))._asdict() | {"origin": 0.0, "first_step": 0.0, "sampling": None, "leaving": None}
@@ -124,18 +123,20 @@ def run_in_core(
         settling: End once settled.
         budget: End once it is spent.
     """
-    origin, law = (law.start, law.law) if isinstance(law, Delayed) else (0.0, law)
-    told, nominal = law_numbers(model, law), nominal_law(model, law)
-    held = told == constant_law(np.zeros(model.n_actuated)) and numbers["sampling"] is None
-    if method not in TABLEAUX or told is None or not (model.actuation is None or held):
+    own = stated(law)
+    told = law_numbers(model, own)
+    if method not in TABLEAUX or own is None or told is None:
         return None
-    if nominal is not None and isinstance(nominal.model.core, Declining):
+    nominal, held = nominal_model(model, own), own.idle and numbers["sampling"] is None
+    if not (model.actuation is None or held) or (nominal is not None and isinstance(nominal.core, Declining)):
         return None
     times = numbers["times"]
-    run = _PLAIN | numbers | (budget or Budget()).numbers() | {"begin": times[0], "until": times[-1], "origin": origin}
+    run = (
+        _PLAIN | numbers | (budget or Budget()).numbers() | {"begin": times[0], "until": times[-1], "origin": own.start}
+    )
     run |= {"start": np.concatenate([start.state.q, start.v])} | ({} if settling is None else settling._asdict())
-    own = () if nominal is None else (nominal.model.core, of_own(nominal.model, start.state, nominal.near).q_free)
-    answer = model.core.simulate(start.state.q_free, told, run, TABLEAUX[method], *own)
+    laws = () if nominal is None else (nominal.core, of_own(nominal, start.state, own.near).q_free)
+    answer = model.core.simulate(start.state.q_free, told, run, TABLEAUX[method], *laws)
     return None if answer is None else CoreRun(*answer)
 
 
@@ -153,10 +154,10 @@ class ConstantEffortRuns:
 
     def effort(self, law: ControlLaw, motors: int) -> Array | None:
         """The constant u of a law; ``None`` where it has none, or where the motors cannot give it."""
-        law = undelayed(law)
-        if not isinstance(law, HeldEffort) and type(law) is not NoTorque:
+        told = stated(law)
+        if told is None or told.kind != "constant":
             return None
-        u = law.effort if isinstance(law, HeldEffort) else np.zeros(motors)
+        u = told.constant if told.constant.size else np.zeros(motors)
         return u if self._bounds.hold(u) else None
 
     def run(self, start: Instant, numbers: dict[str, Any], u: Array, switching: CoordinateSwitching) -> CoreRun | None:

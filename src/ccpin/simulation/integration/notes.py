@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 
-from ccpin.control.laws import ControlLaw, undelayed
+from ccpin.control.laws import ControlLaw, stated, undelayed
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import SlowRunWarning
 from ccpin.native import backend
@@ -38,7 +38,7 @@ def _outside_the_core(model: ReducedModel, law: ControlLaw, method: str, plain: 
         return "friction, events, a region, limits, contacts, motors or wrenches that change are looked at every step"
     if method not in TABLEAUX:
         return f"the core steps {' and '.join(TABLEAUX)}, not {method}"
-    if law_numbers(model, law) is None:
+    if law_numbers(model, stated(law)) is None:
         return f"the core does not know {type(law).__name__}"
     return "the core left the motion to it, as σ fails, motors saturate or coordinates are changed on the way"
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, numbers
 from ccpin.control.laws import ControlLaw, NoTorque, TorqueFunction, effort_at
+from ccpin.control.statements import Statement
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import InvalidInputError
@@ -50,6 +51,10 @@ class HeldEffort(ControlLaw):
     def next_switch(self, t: float) -> float:
         """Never."""
         return np.inf
+
+    def statement(self) -> Statement:
+        """The effort."""
+        return Statement("constant", constant=self.effort)
 
 
 class CheckedLaw(ControlLaw):

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, records
-from ccpin.control.laws import ControlLaw, NoTorque, undelayed
+from ccpin.control.laws import ControlLaw, idle
 from ccpin.control.sampling import ContinuousCommands, SampledCommands
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
@@ -77,7 +77,7 @@ class Plant:
         Raises:
             InvalidInputError: They are not.
         """
-        if self.motors.held and not sampled and not isinstance(undelayed(law), NoTorque):
+        if self.motors.held and not sampled and not idle(law):
             raise InvalidInputError(
                 "motors with a lag or a rate need commands that are held: run the law with sampling=, or step(u, dt)"
             )

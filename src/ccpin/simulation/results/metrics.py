@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, instance, positive
-from ccpin.control.laws import PDFullGravity, PDSimpleGravity
+from ccpin.control.laws import ControlLaw, PDFullGravity, PDSimpleGravity, stated
 from ccpin.dynamics.reduced_model import ReducedModel, coordinates_of
 from ccpin.errors import InvalidInputError
 from ccpin.kinematics.checked import checked_q
@@ -110,13 +110,17 @@ def lyapunov_along(law: PDSimpleGravity | PDFullGravity, trajectory: Trajectory)
         DifferentSubjectsError: The motion is of another mechanism than the law's: of a nominal one, say, which is no
             Lyapunov function of that plant.
     """
-    full = isinstance(law, PDFullGravity)
-    if not full and not isinstance(law, PDSimpleGravity):
+    told = stated(instance(law, "law", ControlLaw))
+    if told is None or not told.holds or told.kind not in ("pd", "pd_gravity"):
         raise InvalidInputError(f"law must be PDSimpleGravity or PDFullGravity, not {type(law).__name__}")
     instance(trajectory, "trajectory", Trajectory)
     model, samples = trajectory.of("𝒱 along a motion", law.model, "closures", "dynamics"), []
     for state, v, u in trajectory.states(model):
-        force = state.generalized_force(u) - law.K_p @ law.error(state.q) - (state.g if full else law.gravity_d)
+        force = (
+            state.generalized_force(u)
+            - law.K_p @ law.error(state.q)
+            - (state.g if told.kind == "pd_gravity" else told.constant)
+        )
         lost = v @ state.damping @ v
         samples.append((law.lyapunov(state, v), v @ force - lost, -(v @ law.K_v @ v) - lost))
     return LyapunovHistory(*np.array(samples).T)

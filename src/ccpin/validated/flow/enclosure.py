@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, frozen, numbers
-from ccpin.control.laws import ControlLaw, kind_of
+from ccpin.control.laws import ControlLaw, idle
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
@@ -205,7 +205,7 @@ def enclose(
                 break
             steps.append(step)
         met = None
-        if reason and steps and kind_of(law) == "none":
+        if reason and steps and idle(law):
             since = sum(step.length for step in steps)
             met = find_crossing(model, loop, start_box(steps[-1].end), since, duration - since, options)
         found = collect(loop, start, steps, reason, precision, met)

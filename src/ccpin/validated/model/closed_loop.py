@@ -137,7 +137,7 @@ def recorded_loop(
     terms = with_springs(tape, terms, mechanism.tree, sprung, x, motion.rho)
     does = law_terms(law, q, x, v, terms, about)
     across = transmission(model, motion.rho)
-    wanted = efforts(tape, across, does.force) if told is not None and told.kind != "none" else []
+    wanted = efforts(tape, across, does.force) if told is not None and not told.idle else []
     force = does.force if not held else u if across is None else across @ u
     acceleration = tape.solve(terms.mass, (force - terms.bias)[:, None])[:, 0]
     still = [0] * len(u)

@@ -57,7 +57,7 @@ def law_terms(law: ControlLaw | None, q: StateLayout, x: Table, v: Table, terms:
         UnsupportedMechanismError: Another law.
     """
     told = stated(law)
-    if told is not None and told.kind == "none":
+    if told is not None and told.idle:
         return LawTerms(np.zeros(len(v), dtype=object), None, ())
     if told is None or not told.holds or told.kind not in ("pd", "pd_gravity"):
         raise UnsupportedMechanismError(
