@@ -35,12 +35,15 @@ def limited(tmp_path):
 @built
 def test_who_stepped_it(rpdr_model, law):
     """The core where it can; else what it does not step is named."""
-    own = type("MyLaw", (control.PDSimpleGravity,), {})(rpdr_model, GOAL, 11.0, 0.6)
+    named = type("Named", (control.PDSimpleGravity,), {})(rpdr_model, GOAL, 11.0, 0.6)
+    half = {"torque_at": lambda self, t, state, v: 0.5 * control.PDSimpleGravity.torque_at(self, t, state, v)}
+    own = type("MyLaw", (control.PDSimpleGravity,), half)(rpdr_model, GOAL, 11.0, 0.6)
     watch = Event(lambda t, state, v: state.q[0], "there")
     for controller, options, said in (
         (law, {}, "stepped by the compiled core"),
         (None, {}, "stepped by the compiled core"),
         (lambda t, q, v: np.zeros(2), {}, "the core does not know TorqueFunction"),
+        (named, {}, "stepped by the compiled core"),  # it does what its class above says
         (own, {}, "the core does not know MyLaw"),
         (law, {"method": "Radau"}, "not Radau"),
         (law, {"events": [watch]}, "events"),
