@@ -45,6 +45,15 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
     "control.stability": (("set_point", "tracking"),),
     "simulation": ("events", "plant", "results", "integration", "studies"),
     "validated": ("arithmetic", "model", "flow", "sets"),
+    "proof": (
+        ("theorems", "rounding", "digests", "verdict"),
+        ("balls", "chains"),
+        ("ranges", "bounds", "emptiness"),
+        "phasors",
+        "equations",
+        "newton",
+        ("narrowing", "requirements"),
+    ),
 }
 OF_NO_ROOM = (("scripts",), ("docs",))  # tests of what is no part of the package
 OUTERMOST = ("__init__", "cli", "__main__")  # public names, then what calls them
@@ -145,6 +154,12 @@ def test_imports_go_one_way_inside_a_package(package):
         others = {name: place[name] for name in GRAPH[module] if place.get(name, own) != own}
         upward = [name for name, other in others.items() if rank[other] >= rank[own]]
         assert not upward, f"{module} imports {upward}"
+
+
+def test_the_kernel_asks_nobody():
+    """Proofs are checked by `proof` alone: neither the compiled core nor any other room has a say."""
+    used = {room(name) for module in MODULES if room(module) == "proof" for name in GRAPH[module]}
+    assert used <= {"proof", "arrays", "errors"}
 
 
 def test_who_knows_pinocchio():

@@ -17,8 +17,8 @@ import ccpin
 from ccpin import domain
 from ccpin.domain import Atlas, CellStatus, certify
 from ccpin.domain.atlas import run as atlas_run
-from ccpin.domain.newton import solve_in_boxes
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
+from ccpin.proof.newton import solve_in_boxes
 from tests.oracles import cusped_3rpr as cusped
 from tests.oracles import delta as delta_oracle
 from tests.oracles import planar_3rrr as planar_oracle

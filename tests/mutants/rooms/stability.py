@@ -13,7 +13,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "control/stability/tracking/storage",
         ("floor", "gain", "widths", "_inverse_form", "_inverted", "_constant", "storage_of", "_blocks"),
-        ("control/stability/tracking/test_sharp_storage.py", "domain/test_sharp_every.py"),
+        ("control/stability/tracking/test_sharp_storage.py", "proof/test_sharp_every.py"),
         (
             ("np.isfinite(inner)", "any instead of all", "an inverse that is not known is infinite in every entry"),
             ("np.isfinite(M)", "any instead of all", "no eigenvalue of what is no number is above 1e-7"),

@@ -18,7 +18,7 @@ from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Corners, Region, contacts_of, corners_of
 from ccpin.domain.atlas.grafting import grafted, whole_region
 from ccpin.domain.atlas.radius_map import certified_radius
-from ccpin.domain.atlas.store import same_problem
+from ccpin.domain.atlas.store import same_reading
 from ccpin.domain.newton import glued
 from ccpin.errors import InvalidInputError
 
@@ -88,7 +88,7 @@ def _refuse_others(first: Atlas, other: Atlas, k: int) -> None:
             f"part {k} is about other closures than part 1: parts are of one mechanism as one file states it (where it "
             "has ball joints or distances, whose charts are centred at q0, from one q0)"
         )
-    if not same_problem(first.problem, other.problem):
+    if not same_reading(first.reading, other.reading):
         raise InvalidInputError(f"part {k} has other bounds=, limits= or dexterity= than part 1: they must be the same")
     if np.any(first.region.held != other.region.held):
         raise InvalidInputError(f"part {k} holds other coordinates than part 1: slices are merged with slices")

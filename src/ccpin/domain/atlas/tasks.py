@@ -11,9 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccpin.arrays import Array, Indices, Mask, apply
-from ccpin.domain.boxes import Boxes, Problem, certify_boxes
-from ccpin.domain.demands import meets
+from ccpin.domain.boxes import certify_boxes
 from ccpin.domain.newton import glued, newton
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes
+from ccpin.proof.requirements import meets
 
 Arrays = tuple[NDArray[np.generic], ...]
 _AT_FACE, _AT_CENTRE = 5, 10

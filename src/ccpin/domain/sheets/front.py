@@ -19,8 +19,10 @@ from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Contacts, Region, contacts_of, place
 from ccpin.domain.atlas.run import Report, Runner, glue_boxes, prove_cells
 from ccpin.domain.atlas.tasks import CellsToProve
-from ccpin.domain.boxes import Boxes, Problem, certify_points
-from ccpin.domain.newton import encloses, newton, predict, without_turns
+from ccpin.domain.boxes import certify_points
+from ccpin.domain.newton import newton
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes, encloses, predict, without_turns
 
 _CHUNK = 2000
 _NEAR = 1e-6

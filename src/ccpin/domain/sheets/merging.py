@@ -62,7 +62,7 @@ def merge_sheets(parts: Sequence[SheetAtlas]) -> SheetAtlas:
 
 def _refuse_others(first: SheetAtlas, other: SheetAtlas, k: int) -> None:
     """What speaks of other things than the first."""
-    if first.names != other.names or not store.same_problem(first.problem, other.problem):
+    if first.names != other.names or not store.same_reading(first.reading, other.reading):
         raise InvalidInputError(
             f"part {k} is about other closures, or other bounds=, than part 1: parts are of one mechanism as one file "
             "states it"

@@ -28,8 +28,8 @@ from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region, place
 from ccpin.domain.atlas.run import Report, Runner
 from ccpin.domain.atlas.tasks import Arrays
-from ccpin.domain.boxes import Boxes, Problem, certify_boxes
-from ccpin.domain.newton import newton, without_turns
+from ccpin.domain.boxes import certify_boxes
+from ccpin.domain.newton import newton
 from ccpin.domain.sheets.candidates import (
     Pruning,
     halved,
@@ -39,7 +39,9 @@ from ccpin.domain.sheets.candidates import (
     to_halve,
     whole_candidates,
 )
-from ccpin.domain.sheets.narrowing import Candidates, alone_in
+from ccpin.proof.equations import Problem
+from ccpin.proof.narrowing import Candidates, alone_in
+from ccpin.proof.newton import Boxes, without_turns
 from ccpin.proof.ranges import Ranges
 from ccpin.proof.rounding import SLACK
 

@@ -8,10 +8,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from ccpin.domain.verdict import Witness
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError
 from ccpin.mechanism.siblings import best_independent, with_independent
+from ccpin.proof.verdict import Witness
 from ccpin.validated.arithmetic.ball_arrays import of_balls
 from ccpin.validated.arithmetic.balls import Ball, ball, centre_of, lower, upper
 from ccpin.validated.arithmetic.series import values

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, numbers
-from ccpin.domain.verdict import Verdict
 from ccpin.errors import CcpinError, InvalidInputError
+from ccpin.proof.verdict import Verdict
 from ccpin.validated.arithmetic.balls import Ball, ball, centre_of
 from ccpin.validated.arithmetic.series import values
 from ccpin.validated.flow.enclosure import Enclosure, collect

@@ -18,9 +18,11 @@ from ccpin.arrays import Array, Indices, joined
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.well import Well, wells
 from ccpin.domain.atlas.tasks import CellsToProve, prove
-from ccpin.domain.boxes import Boxes, Problem, verify
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.gravity_bounds import Potential, gravity_bounds
-from ccpin.domain.newton import glued, predict
+from ccpin.domain.newton import glued
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes, predict, verify
 from ccpin.proof.rounding import widened
 
 Proof = Literal["untried", "proved", "failed"]
@@ -77,7 +79,7 @@ class CellStore:
     """All cells by number.
 
     Args:
-        problem: The closures.
+        reading: The closures, and how their coordinates and configurations correspond.
         potential: V′ in the same chart.
         law: The set point and K_p.
         lattice: (corner of cell (0, …, 0), edge lengths) of a lattice that may grow; ``None``: it may not.
@@ -88,9 +90,9 @@ class CellStore:
     """
 
     def __init__(
-        self, problem: Problem, potential: Potential, law: PDSimpleGravity, lattice: tuple[Array, Array] | None
+        self, reading: Reading, potential: Potential, law: PDSimpleGravity, lattice: tuple[Array, Array] | None
     ) -> None:
-        self.problem, self.potential, self.law = problem, potential, law
+        self.reading, self.problem, self.potential, self.law = reading, reading.problem, potential, law
         self.cells: list[Cell] = []
         self.proved = 0
         self.whole = True

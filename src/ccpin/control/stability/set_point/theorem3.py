@@ -29,13 +29,13 @@ from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.atlas.run import stoppable
 from ccpin.domain.atlas.store import require_about
-from ccpin.domain.newton import predict
-from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.checked import checked_q
 from ccpin.mechanism.left_out import limits_left_out, mass_assumed, rubbing, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.proof.newton import predict
+from ccpin.proof.verdict import Verdict
 
 _BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
 _ONE_BOX = Budget(0, 1)
@@ -178,7 +178,7 @@ class _MemberCells:
         box = self.store.boxes([self.members[int(inside[0])]])
         system = self.store.problem.system
         theta = predict(self.store.problem, box, q[None] - box.centre[:, system.independent])
-        return np.asarray(system.chart.configuration(theta[0]))
+        return np.asarray(self.store.reading.configuration(theta[0]))
 
 
 @dataclass(frozen=True, eq=False)

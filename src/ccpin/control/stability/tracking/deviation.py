@@ -14,8 +14,8 @@ from ccpin.arrays import Array
 from ccpin.control.laws import kind_of
 from ccpin.control.stability.tracking.reference_tube import CellForms, ReferenceTube
 from ccpin.control.tracking import TrackingLaw
-from ccpin.domain.affine import Affine, affine, inverse, joined, product
 from ccpin.domain.motion_bounds import Motion, Reduced
+from ccpin.proof.balls import Affine, affine, inverse, joined, product
 from ccpin.proof.rounding import SLACK
 
 _NUMBERS = 4e6  # in the largest array of one chunk

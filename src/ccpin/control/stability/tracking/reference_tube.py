@@ -26,13 +26,15 @@ from scipy.interpolate import PPoly
 from ccpin.arrays import Array, Mask
 from ccpin.control.references import Reference
 from ccpin.control.tracking import TrackingLaw
-from ccpin.domain.affine import Affine
-from ccpin.domain.boxes import Boxes, Problem, certify_boxes
+from ccpin.domain.boxes import certify_boxes
 from ccpin.domain.masses import Masses, masses_of
-from ccpin.domain.newton import glued, solve_in_boxes
+from ccpin.domain.newton import glued
 from ccpin.domain.path import CertifiedPath, certify_path
 from ccpin.domain.pieces import Chord, chords_of, pieces_of, points_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.proof.balls import Affine
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes, solve_in_boxes
 from ccpin.proof.rounding import SLACK
 
 _REST = 1.0
@@ -124,7 +126,7 @@ def tube_of(law: TrackingLaw, cells: int) -> ReferenceTube:
     times = _cut(pieces.x, rests, cells)
     first = chords_of(pieces, times)
     path = certify_path(law.model.mechanism, pieces, first.deviation.max(axis=0), law.near.q_free)
-    masses = masses_of(law.model.mechanism, path.problem, law.model.gravity_vector)
+    masses = masses_of(law.model.mechanism, path.reading, law.model.gravity_vector)
     chords = first, chords_of(pieces.derivative(1), times), chords_of(pieces.derivative(2), times)
     middle = 0.5 * (times[1:] + times[:-1])
     _check_told(law.reference, pieces, middle)

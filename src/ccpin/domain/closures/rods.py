@@ -31,7 +31,7 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.description.closure_kinds import Gap, X, Y, Z
-from ccpin.domain.chart import Elementary
+from ccpin.domain.closures.scalar_coordinates import Elementary
 from ccpin.kinematics.loops import ResolvedClosure
 
 _IN_PLANE = 1e-12

@@ -29,7 +29,7 @@ import numpy as np
 from ccpin.arrays import Array
 from ccpin.description.closure_kinds import PlaneNormal, X, Y, Z, plane_axes, rows_of
 from ccpin.description.model import LoopClosure, frame
-from ccpin.domain.chart import Elementary
+from ccpin.domain.closures.scalar_coordinates import Elementary
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import UnsupportedMechanismError

@@ -11,12 +11,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.domain.bounds import Frame, Image
-from ccpin.domain.bounds_reach import chain_reach, reach_bounds
-from ccpin.domain.boxes import Boxes, Problem, _holds, bounds_of
-from ccpin.domain.chain_stack import ChainStack, Derivatives
-from ccpin.domain.extended import third_bound
-from ccpin.domain.newton import _rounding, encloses, without_turns
+from ccpin.proof.bounds import Frame, Image, chain_reach, reach_bounds
+from ccpin.proof.chains import ChainStack, Derivatives
+from ccpin.proof.equations import Problem, third_bound
+from ccpin.proof.newton import Boxes, _rounding, bounds_of, encloses, inequalities_hold, without_turns
 from ccpin.proof.rounding import blur, widened
 
 N, M, P = 5, 2, 3  # n′, m and the parameters of a box
@@ -211,12 +209,12 @@ def box_of(radius=1.0, weight=1.0, kappa=0.5):
     ],
 )
 def test_theorem_k_is_checked_at_equality(y, mean, slope, kappa, holds):
-    assert _holds(Fixed(y, mean, slope), box_of(kappa=kappa))[0] == holds
+    assert inequalities_hold(Fixed(y, mean, slope), box_of(kappa=kappa))[0] == holds
 
 
 @pytest.mark.parametrize(("weight", "slope"), [(0.0, -1.0), (0.0, 0.0), (-1.0, 0.6)])
 def test_theorem_k_asks_for_positive_weights(weight, slope):
-    assert not _holds(Fixed(0.1, 0.2, slope), box_of(weight=weight))[0]
+    assert not inequalities_hold(Fixed(0.1, 0.2, slope), box_of(weight=weight))[0]
 
 
 @pytest.fixture
@@ -302,7 +300,7 @@ def test_the_rounding_of_f_is_that_of_the_farthest_point_in_the_boxes_norm(alone
 
 def test_boxes_are_bounded_as_widened(monkeypatch):
     """h is widened by more than a corner's rounding before anything is bounded."""
-    from ccpin.domain import boxes as module
+    from ccpin.proof import newton as module
 
     seen = []
     monkeypatch.setattr(module, "derivatives", lambda *_: None)

@@ -8,11 +8,9 @@ from flint import arb
 
 from ccpin.auditing.boxes import contracts
 from ccpin.control.stability.tracking.storage import _inverted
-from ccpin.domain import newton
-from ccpin.domain.affine import Affine, inverse, product
-from ccpin.domain.boxes import _holds, measured_from
-from ccpin.domain.extended import proved_within
-from ccpin.domain.sheets import narrowing
+from ccpin.proof import narrowing, newton
+from ccpin.proof.balls import Affine, inverse, product
+from ccpin.proof.newton import inequalities_hold, measured_from, proved_within
 
 ONES, I2 = np.ones((1, 2)), np.eye(2)[None]
 
@@ -41,7 +39,7 @@ class Said:
 )
 def test_a_box_is_proved_by_all_its_coordinates(y, shrunk, weight, holds):
     boxes = SimpleNamespace(radius=ONES, weight=np.array([weight]), kappa=np.array([0.5]))
-    assert bool(_holds(Said(y, shrunk), boxes)[0]) is holds
+    assert bool(inequalities_hold(Said(y, shrunk), boxes)[0]) is holds
 
 
 def test_parameters_are_measured_from_the_largest_coordinate():
