@@ -36,7 +36,7 @@ from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.points import LinkPoint
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.mechanism.outline import plane_of_motion
+from ccpin.mechanism.wireframe import plane_of_motion
 
 RowFunction = Callable[[Array, Array], tuple[Array, Array]]
 _SOLVED = 1e-11

@@ -18,7 +18,7 @@ from ccpin.control.laws import ControlLaw, NoTorque
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
-from ccpin.mechanism.left_out import without_dry_friction
+from ccpin.mechanism.assumptions import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.validated.arithmetic.ball_arrays import of_balls
 from ccpin.validated.arithmetic.balls import Ball, around, ball, bounds, centre_of, flint, hull, magnitude, upper

@@ -14,8 +14,8 @@ from ccpin.control.laws import ControlLaw
 from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.kinematics.checked import checked_q
-from ccpin.mechanism.left_out import without_dry_friction
+from ccpin.kinematics.coordinates import checked_q
+from ccpin.mechanism.assumptions import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.validated.arithmetic.balls import centre_of, flint
 from ccpin.validated.flow.motion_task import MotionTask, exact_q, task_of, velocity

@@ -33,8 +33,8 @@ from ccpin.domain.newton import predict
 from ccpin.domain.verdict import Verdict
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
-from ccpin.kinematics.checked import checked_q
-from ccpin.mechanism.left_out import limits_left_out, mass_assumed, rubbing, without_dry_friction
+from ccpin.kinematics.coordinates import checked_q
+from ccpin.mechanism.assumptions import limits_left_out, mass_assumed, rubbing, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 
 _BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
