@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import ccpin
-from ccpin.description.urdf import read_urdf
+from ccpin.description.urdf.reader import read_urdf
 from ccpin.errors import AmbiguousFormatError, DescriptionError
 from tests.support.sdf_files import (
     FOUR_BAR_JOINTS,

@@ -6,7 +6,7 @@ import pytest
 
 import ccpin
 from ccpin.description import read_description
-from ccpin.description.toolbox import JOINT_TYPES
+from ccpin.description.toolbox.reader import JOINT_TYPES
 from ccpin.errors import DescriptionError, DescriptionNotFoundError, InvalidXmlError
 from ccpin.kinematics.tree import build_tree
 

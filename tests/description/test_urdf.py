@@ -8,9 +8,9 @@ from scipy.spatial.transform import Rotation
 
 import ccpin
 from ccpin.description import CLOSURE_KINDS
-from ccpin.description.loop_elements import SYNONYMS, closure_kind
-from ccpin.description.meshes import find_mesh
-from ccpin.description.urdf import read_urdf
+from ccpin.description.elements.meshes import find_mesh
+from ccpin.description.urdf.loop_elements import SYNONYMS, closure_kind
+from ccpin.description.urdf.reader import read_urdf
 from ccpin.errors import (
     AmbiguousFormatError,
     CcpinError,

@@ -10,7 +10,7 @@ import pytest
 import ccpin
 from ccpin.cli import main
 from ccpin.description import read_description
-from ccpin.description.urdf import read_urdf
+from ccpin.description.urdf.reader import read_urdf
 from ccpin.errors import DescriptionError
 from tests.support.damage import TEXT_XML_DAMAGE, complaints
 from tests.support.sdf_files import COUPLER, four_bar_urdf

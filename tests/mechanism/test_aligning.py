@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from ccpin.description import CLOSURE_KINDS, Inertia, Joint, Link, LoopClosure, MechanismDescription
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
-from ccpin.mechanism.closing import aligning_rows, close, close_from_afar, position_rows
-from ccpin.mechanism.search import find_closed
+from ccpin.mechanism.poses.loop_closing import aligning_rows, close, close_from_afar, position_rows
+from ccpin.mechanism.poses.pose_search import find_closed
 
 HALF_TURN = np.diag([1.0, -1.0, -1.0, 1.0])
 

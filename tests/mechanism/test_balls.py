@@ -8,7 +8,7 @@ import pytest
 
 import ccpin
 from ccpin.description.model import Inertia
-from ccpin.mechanism.balls import balls_of
+from ccpin.mechanism.other_coordinates.concurrent_revolutes import balls_of
 from tests.support.gimbal import TRIPLE, link_pose, stewart
 from tests.support.places import MODELS
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.mechanism import branches
+from ccpin.mechanism.poses import branches
 from tests.support import families
 from tests.support.places import SHARED
 
@@ -69,7 +69,7 @@ def test_few_starts_in_all(monkeypatch):
         finally:
             spent.append(time.process_time() - begin)
 
-    monkeypatch.setattr("ccpin.mechanism.reference.told", timed)
+    monkeypatch.setattr("ccpin.mechanism.loading.reference_search.told", timed)
     begin = time.process_time()
     mechanism = ccpin.load(undecided(families.serial, 64))
     whole = time.process_time() - begin

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 import ccpin
-from ccpin.description.urdf import read_urdf
+from ccpin.description.urdf.reader import read_urdf
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics import scratch
 from ccpin.kinematics.tree import build_tree
@@ -203,7 +203,7 @@ def test_a_model_too_large_for_memory_is_refused_by_name(monkeypatch):
     def exhausted(*_):
         raise MemoryError
 
-    monkeypatch.setattr("ccpin.mechanism.analysis.build_tree", exhausted)
+    monkeypatch.setattr("ccpin.mechanism.loading.analysis.build_tree", exhausted)
     with pytest.raises(UnsupportedMechanismError, match=r"rpdr\.urdf: \d+ joints do not fit into memory"):
         ccpin.load("rpdr")
 

@@ -12,7 +12,7 @@ from ccpin.kinematics.clusters import cut
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.scratch import Scratch
 from ccpin.kinematics.tree import build_tree
-from ccpin.mechanism.reference import stated_pose
+from ccpin.mechanism.loading.reference_search import stated_pose
 from tests.support import families
 from tests.support.strategies import mechanisms
 

@@ -9,7 +9,7 @@ import ccpin
 from ccpin.description import Inertia, Joint, Link
 from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.tree import build_tree
-from ccpin.mechanism.mobility import generic_rank, null_space, rank_at, tangent
+from ccpin.mechanism.motion.mobility import generic_rank, null_space, rank_at, tangent
 from tests.oracles import descriptor
 from tests.support.strategies import Growth, mechanisms
 

@@ -11,14 +11,14 @@ from hypothesis import given, settings
 
 import ccpin
 from ccpin.description import read_description
-from ccpin.description.writers.urdf import write_urdf
+from ccpin.description.urdf.writer import write_urdf
 from ccpin.errors import InvalidInputError, LoopNotClosedError
 from ccpin.kinematics.clusters import cut
 from ccpin.kinematics.points import moved
 from ccpin.kinematics.tree import build_tree
-from ccpin.mechanism import near
-from ccpin.mechanism.geometry import NO_RELATIONS, Geometry, shape_of
-from ccpin.mechanism.relations import parallel_axes
+from ccpin.mechanism.repair import open_poses
+from ccpin.mechanism.repair.geometry import NO_RELATIONS, Geometry, shape_of
+from ccpin.mechanism.repair.relations import parallel_axes
 from tests.support import families
 from tests.support.places import MODELS, SHARED
 from tests.support.rounded import poses_along, rounded
@@ -206,7 +206,7 @@ def test_rows_that_are_no_numbers_are_told(monkeypatch):
     def failing(*_, **__):
         raise np.linalg.LinAlgError
 
-    poses = near.Poses(ccpin.load("rpdr").constraints(), 1e-5)
-    monkeypatch.setattr(near.np.linalg, "svd", failing)
+    poses = open_poses.OpenPoses(ccpin.load("rpdr").constraints(), 1e-5)
+    monkeypatch.setattr(open_poses.np.linalg, "svd", failing)
     with pytest.raises(LoopNotClosedError, match="no numbers"):
         poses.near(SimpleNamespace(constraints=ccpin.load("rpdr").constraints()), np.zeros(4))

@@ -6,7 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin.mechanism.siblings import LEVERAGE, Measure, _swapped, best_independent, with_independent
+from ccpin.mechanism.other_coordinates.independent_sets import (
+    LEVERAGE,
+    Measure,
+    _swapped,
+    best_independent,
+    with_independent,
+)
 from tests.support import linkages
 
 

@@ -19,8 +19,7 @@ from ccpin.control.statements import LawKind, Statement, speaks_for
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.kinematics.checked import checked_q
-from ccpin.kinematics.coordinates import IndependentCoordinates
+from ccpin.kinematics.coordinates import IndependentCoordinates, checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.digests import Digests, digest_or_none
 

@@ -43,7 +43,7 @@ def rotation_to(axis: Array) -> Array:
     return np.asarray(np.eye(3) + skew(v) + gain * skew(v) @ skew(v))
 
 
-class _Placed(Record):
+class _WithPlacement(Record):
     """A record whose fields annotated ``Placement`` may be given in any of a frame's spellings."""
 
     def __post_init__(self) -> None:
@@ -108,7 +108,7 @@ class Shape(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Visual(_Placed):
+class Visual(_WithPlacement):
     """A shape placed in its link's frame, with its colour (red, green, blue, alpha in [0, 1])."""
 
     shape: Shape
@@ -126,7 +126,7 @@ class Link(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class Joint(_Placed):
+class Joint(_WithPlacement):
     """A tree joint.
 
     `kind` is one of `ccpin.description.joint_kinds.JOINT_KINDS`, or ``fixed``.
@@ -186,7 +186,7 @@ class Motor(Record):
 
 
 @dataclass(frozen=True, eq=False)
-class LoopClosure(_Placed):
+class LoopClosure(_WithPlacement):
     """A closed loop: frame A on `link_a` and frame B on `link_b` are joined by a joint of `kind`.
 
     The kind names the relative motion left free (number of constraint rows): spherical (3), revolute about

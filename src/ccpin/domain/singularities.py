@@ -34,7 +34,7 @@ from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.points import LinkPoint
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
-from ccpin.mechanism.outline import plane_of_motion
+from ccpin.mechanism.wireframe import plane_of_motion
 from ccpin.proof.verdict import Verdict
 
 RowFunction = Callable[[Array, Array], tuple[Array, Array]]

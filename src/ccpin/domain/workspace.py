@@ -32,7 +32,7 @@ from ccpin.domain.walker import Walker
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.errors import InvalidInputError, UnreachableError
 from ccpin.mechanism.mechanism import Mechanism, mechanism_of
-from ccpin.mechanism.siblings import with_independent
+from ccpin.mechanism.other_coordinates.independent_sets import with_independent
 from ccpin.proof.equations import BoundsName, Requirements, problem_of
 from ccpin.proof.requirements import passable
 

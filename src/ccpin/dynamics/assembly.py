@@ -15,14 +15,14 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, listener, positive, whole
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import CcpinError
-from ccpin.kinematics.checked import checked_q
-from ccpin.kinematics.levenberg_marquardt import Linearized
+from ccpin.kinematics.coordinates import checked_q
+from ccpin.kinematics.least_squares import Linearized
 from ccpin.kinematics.linear import Factor, factorize
 from ccpin.kinematics.parametrization import SINGULAR_RCOND, Parametrization
-from ccpin.mechanism.alike import Likeness
-from ccpin.mechanism.closing import solve
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.mechanism.search import within_limits
+from ccpin.mechanism.poses.loop_closing import solve
+from ccpin.mechanism.poses.pose_search import within_limits
+from ccpin.mechanism.poses.same_pose import Likeness
 
 INTERRUPTED = "interrupted"
 _NONE_CLOSES = 5
@@ -55,7 +55,7 @@ class AssemblyModes(NamedTuple):
 
     Attributes:
         modes: The poses over q. Configurations that differ only by a universal joint's flip, or by a spin that moves
-            nothing else, are one (`ccpin.mechanism.alike`).
+            nothing else, are one (`ccpin.mechanism.poses.same_pose`).
         starts: The number of starts they were found from.
         singular: How many starts ended at singular configurations, which belong to no branch.
         complete: Whether the search ended by itself, the last starts having found nothing new.

@@ -10,7 +10,7 @@ from ccpin.arrays import Array
 from ccpin.dynamics import ReducedModel
 from ccpin.kinematics.points import joint_poses, moved
 from ccpin.mechanism import Mechanism
-from ccpin.mechanism.outline import plane_of_motion
+from ccpin.mechanism.wireframe import plane_of_motion
 from ccpin.pages import bullets, figure, paragraphs, table
 from ccpin.plotting import COLOURS, plot_configuration_panels
 from ccpin.report.settings import value

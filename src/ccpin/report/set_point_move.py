@@ -12,7 +12,7 @@ from ccpin.arrays import Array
 from ccpin.control import ControlLaw, NoTorque, PDSimpleGravity, local_gains
 from ccpin.dynamics import ReducedModel
 from ccpin.errors import CcpinError
-from ccpin.kinematics.checked import checked_q
+from ccpin.kinematics.coordinates import checked_q
 from ccpin.mechanism import Mechanism
 from ccpin.pages import embedded, figure, paragraphs, table
 from ccpin.plotting import plot_lyapunov, plot_motion

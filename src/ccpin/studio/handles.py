@@ -13,7 +13,7 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.mechanism.outline import plane_of_motion
+from ccpin.mechanism.wireframe import plane_of_motion
 
 TOOLS = ("end_effector", "effector", "tool", "platform", "coupler", "foot", "toe", "hand", "flange")
 """Words in a name that make it the first guess for what is worth dragging, best first."""

@@ -7,7 +7,7 @@ from typing import Any
 from ccpin.arrays import whole
 from ccpin.dynamics.state import State
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
-from ccpin.mechanism.alike import Likeness
+from ccpin.mechanism.poses.same_pose import Likeness
 
 
 class Branches:

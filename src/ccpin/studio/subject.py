@@ -11,8 +11,8 @@ from ccpin.arrays import Array, heading
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import UnsupportedMechanismError
-from ccpin.mechanism.alike import Likeness
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.mechanism.poses.same_pose import Likeness
 from ccpin.studio.cache import Cache
 from ccpin.studio.dials import Dials
 from ccpin.studio.handles import Handle, handles_of

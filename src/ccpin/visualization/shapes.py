@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from ccpin.arrays import Array, frozen
-from ccpin.description.meshes import LARGEST, SUFFIXES, is_mesh
+from ccpin.description.elements.meshes import LARGEST, SUFFIXES, is_mesh
 from ccpin.description.model import Shape, frame
 
 MAX_FACES_SMOOTHED = 50_000

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array
+from ccpin.description.elements.xml import Colour
 from ccpin.description.model import LoopClosure, Shape, frame, rotation_to
-from ccpin.description.xml import Colour
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.tree import TreeJoint
 from ccpin.mechanism.mechanism import Mechanism

@@ -10,12 +10,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
+from ccpin.description.elements.xml import ZERO, XmlElement, fail
 from ccpin.description.mjcf.defaults import Compiler
 from ccpin.description.mjcf.element import Element
 from ccpin.description.mjcf.resolving import moved
 from ccpin.description.mjcf.schema import WORLD
 from ccpin.description.model import IDENTITY, Joint, Link, frame
-from ccpin.description.xml import ZERO, XmlElement, fail
 
 _TYPES = ("free", "ball", "slide", "hinge")
 _KINDS = {"free": "floating", "ball": "spherical", "slide": "prismatic", "hinge": "revolute"}
@@ -24,7 +24,7 @@ _PHYSICS = {"armature": "armature", "damping": "damping", "frictionloss": "frict
 _Z = (0.0, 0.0, 1.0)
 
 
-class Names:
+class NameGiver:
     """Hands out element names, each once, so that unnamed elements get names no other one has."""
 
     def __init__(self, what: str, given: Iterable[XmlElement]) -> None:
@@ -66,8 +66,8 @@ class WorldBody:
         springdampers: Time constants (s) and damping ratios that stand for springs and dampers.
     """
 
-    body_names: Names
-    joint_names: Names
+    body_names: NameGiver
+    joint_names: NameGiver
     links: list[Link] = field(default_factory=list)
     joints: list[Joint] = field(default_factory=list)
     poses: dict[str, Array] = field(default_factory=dict)

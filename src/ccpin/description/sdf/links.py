@@ -7,10 +7,10 @@ from typing import cast
 import numpy as np
 
 from ccpin.arrays import Array
-from ccpin.description.meshes import find_mesh
+from ccpin.description.elements.meshes import find_mesh
+from ccpin.description.elements.xml import Colour, XmlElement, fail, source_of
 from ccpin.description.model import Inertia, Link, Shape, Visual
 from ccpin.description.sdf.values import first, flag, number, numbers, own, placement, text, unread
-from ccpin.description.xml import Colour, XmlElement, fail, source_of
 
 LINK = (
     *("pose", "inertial", "collision", "visual", "sensor", "projector", "audio_sink", "audio_source", "battery"),

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
+from ccpin.description.elements.xml import XmlElement, fail, spelt, tag, transform
 from ccpin.description.model import IDENTITY, frame
-from ccpin.description.xml import XmlElement, fail, spelt, tag, transform
 
 UNLIMITED = 1e16
 _FLAGS = {"true": True, "1": True, "false": False, "0": False}

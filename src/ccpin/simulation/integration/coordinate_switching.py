@@ -2,9 +2,9 @@
 
 Where ψ_q′ loses rank and φ_q′ does not, the mechanism is fine and the coordinates are not: a four-bar measured by its
 rocker at the end of the rocker's swing, a ball's component after half a turn. A run goes on from there in a sibling
-(`ccpin.mechanism.siblings`), the same mechanism in other coordinates: q′ and q̇′ are the same before and after, so
-energy, λ and closure are too, and q̇′ = ρ q̇ of the sibling lies in ker φ_q′. Three revolutes that are a ball joint are
-the ball from there on (`ccpin.mechanism.balls`), as their gimbal lock is none of the mechanism's.
+(`ccpin.mechanism.other_coordinates`), the same mechanism in other coordinates: q′ and q̇′ are the same before and after,
+so energy, λ and closure are too, and q̇′ = ρ q̇ of the sibling lies in ker φ_q′. Three revolutes that are a ball joint
+are the ball from there on (`concurrent_revolutes`), as their gimbal lock is none of the mechanism's.
 
 What is reported is in the run's own coordinates all along, q = α(q′) and q̇ = α_q′ q̇′, which are always defined, and q′
 has the columns of its own joints: of the angles that a ball may have, those nearest to the ones told before. What is
@@ -25,9 +25,9 @@ from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State, StateModel
 from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
 from ccpin.kinematics.coordinates import component_names
-from ccpin.mechanism.balls import Balls, balls_of
-from ccpin.mechanism.mobility import tangent
-from ccpin.mechanism.siblings import LEVERAGE, Measure, best_independent, with_independent
+from ccpin.mechanism.motion.mobility import tangent
+from ccpin.mechanism.other_coordinates.concurrent_revolutes import Balls, balls_of
+from ccpin.mechanism.other_coordinates.independent_sets import LEVERAGE, Measure, best_independent, with_independent
 
 _WORSE = 10.0
 _MOST_LEVERAGE = 1e3

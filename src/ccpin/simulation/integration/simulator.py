@@ -18,7 +18,7 @@ from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near, State
 from ccpin.dynamics.wrenches import Pushes, Wrenches, wrench_rows
 from ccpin.errors import DifferentSubjectsError, InvalidInputError, UnsupportedMechanismError
-from ccpin.kinematics.checked import checked_q
+from ccpin.kinematics.coordinates import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.native import Declining
 from ccpin.proof.digests import digest_or_none

@@ -17,7 +17,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.mechanism.outline import outline
+from ccpin.mechanism.wireframe import outline
 
 _PART = 1 / 32
 _G = 9.81

@@ -11,7 +11,7 @@ from ccpin.arrays import Array, instance, positive
 from ccpin.control.laws import ControlLaw, PDFullGravity, PDSimpleGravity, stated
 from ccpin.dynamics.reduced_model import ReducedModel, coordinates_of
 from ccpin.errors import InvalidInputError
-from ccpin.kinematics.checked import checked_q
+from ccpin.kinematics.coordinates import checked_q
 from ccpin.mechanism.mechanism import Mechanism, mechanism_of
 from ccpin.proof.digests import require_same
 from ccpin.simulation.results.trajectory import Trajectory

@@ -17,7 +17,7 @@ from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.dynamics.state import Near
 from ccpin.errors import InvalidInputError
 from ccpin.files import Journal
-from ccpin.kinematics.checked import checked_q
+from ccpin.kinematics.coordinates import checked_q
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation.events.samples import Stop
 from ccpin.simulation.events.settling import Settling

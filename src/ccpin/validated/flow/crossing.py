@@ -1,6 +1,6 @@
 """A free motion proved to meet a singular configuration: what refutes that it stays on its branch of σ.
 
-Theorem X of `ccpin/proof/theorems/crossing.md`; the other coordinates are those of `ccpin.mechanism.siblings`.
+Theorem X of `ccpin/proof/theorems/crossing.md`; the other coordinates: `ccpin.mechanism.other_coordinates`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError
-from ccpin.mechanism.siblings import best_independent, with_independent
+from ccpin.mechanism.other_coordinates.independent_sets import best_independent, with_independent
 from ccpin.proof.verdict import Witness
 from ccpin.validated.arithmetic.ball_arrays import of_balls
 from ccpin.validated.arithmetic.balls import Ball, ball, centre_of, lower, upper

@@ -17,7 +17,7 @@ from ccpin.arrays import Array, frozen, numbers
 from ccpin.control.laws import ControlLaw, idle
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
-from ccpin.mechanism.left_out import without_dry_friction
+from ccpin.mechanism.assumptions import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.verdict import Verdict, Witness
 from ccpin.validated.arithmetic.ball_arrays import of_balls

@@ -20,7 +20,7 @@ from ccpin.arrays import positive
 from ccpin.control.laws import PDSimpleGravity, kind_of
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
-from ccpin.mechanism.left_out import limits_left_out, without_dry_friction
+from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.digests import digest, require_same
 from ccpin.proof.verdict import Verdict, Witness

@@ -13,8 +13,8 @@ from ccpin.arrays import numbers, positive, step_or_infinite, whole
 from ccpin.control.laws import ControlLaw
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.kinematics.checked import checked_q
-from ccpin.mechanism.left_out import without_dry_friction
+from ccpin.kinematics.coordinates import checked_q
+from ccpin.mechanism.assumptions import without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.verdict import Verdict
 from ccpin.validated.arithmetic.balls import centre_of, flint

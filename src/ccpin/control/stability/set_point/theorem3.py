@@ -31,8 +31,8 @@ from ccpin.domain.atlas.run import stoppable
 from ccpin.domain.atlas.store import require_about
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
-from ccpin.kinematics.checked import checked_q
-from ccpin.mechanism.left_out import limits_left_out, mass_assumed, rubbing, without_dry_friction
+from ccpin.kinematics.coordinates import checked_q
+from ccpin.mechanism.assumptions import limits_left_out, mass_assumed, rubbing, without_dry_friction
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.newton import predict
 from ccpin.proof.verdict import Verdict

@@ -21,7 +21,7 @@ from ccpin.control.stability.tracking.reference_tube import ReferenceTube, tube_
 from ccpin.control.stability.tracking.tube_search import TubeSearch
 from ccpin.control.tracking import TrackingLaw
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.mechanism.left_out import limits_left_out, without_dry_friction
+from ccpin.mechanism.assumptions import limits_left_out, without_dry_friction
 from ccpin.proof.verdict import Verdict
 
 _LEAST, _MIDDLE, _STRIDE, _NEAR = 1e-9, 1e-3, 4.0, 1.1
