@@ -70,9 +70,13 @@ def changes_of(source: str, places: tuple[str, ...]) -> Iterator[Change]:
 
 
 def _within(root: ast.AST) -> list[ast.AST]:
-    """The expressions and statements of a function's body (neither its defaults nor its annotations)."""
-    body = root.body if isinstance(root, ast.FunctionDef) else [root]
-    return [node for statement in body for node in ast.walk(statement)]
+    """The expressions and statements of a function's body (neither its defaults nor any annotations)."""
+    found: list[ast.AST] = list(root.body) if isinstance(root, ast.FunctionDef) else [root]
+    for node in found:
+        fields = ast.iter_fields(node)
+        inner = [value for name, value in fields if name not in ("annotation", "returns")]
+        found += [n for v in inner for n in (v if isinstance(v, list) else [v]) if isinstance(n, ast.AST)]
+    return found
 
 
 def _variants(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
