@@ -91,7 +91,9 @@ def test_middles_of_faces_lie_in_both_boxes():
 def test_sums_and_products_are_exact():
     """s + e and p + e are the exact sum and product."""
     rng = np.random.default_rng(7)
-    a, b = (rng.standard_normal(500) * 10.0 ** rng.integers(-8, 9, 500) for _ in range(2))
+    a, b = (rng.standard_normal(2000) * 10.0 ** rng.integers(-8, 9, 2000) for _ in range(2))
+    np.testing.assert_array_equal(sum_of(a, b)[0], a + b)
+    np.testing.assert_array_equal(product_of(a, b)[0], a * b)
     for exact_of, (value, error) in ((Fraction.__add__, sum_of(a, b)), (Fraction.__mul__, product_of(a, b))):
         for x, y, s, e in zip(a, b, value, error, strict=True):
             assert exact_of(Fraction(x), Fraction(y)) == Fraction(s) + Fraction(e)
