@@ -2,35 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
 from typing import NamedTuple
 
-import numpy as np
-
-from ccpin.arrays import Array
 from ccpin.description.model import MechanismDescription
 from ccpin.description.names import choices
 from ccpin.errors import IndependentSetError, InvalidInputError
 from ccpin.kinematics.coordinates import IndependentCoordinates
 from ccpin.kinematics.tree import Tree, build_tree
+from ccpin.mechanism.loading.closed_description import ClosedDescription, close_loops
 from ccpin.mechanism.loading.fixing import component_locks, fixed, locked_joints
 from ccpin.mechanism.loading.locking import Spin, hold, spins_of
 from ccpin.mechanism.loading.reference_search import (
-    Settled,
     check_independent,
     how_closed,
     how_moved,
-    idle,
     other_branches,
-    settle,
     stated_pose,
 )
 from ccpin.mechanism.mechanism import Mechanism
-from ccpin.mechanism.motion.idle import Idle
 from ccpin.mechanism.motion.mobility import Mobility
 from ccpin.mechanism.motion.selection import choose_independent
-from ccpin.mechanism.repair.geometry import Change, changed
+from ccpin.mechanism.repair.geometry import changed
 
 ALL = "all"
 
@@ -44,83 +39,80 @@ class Wishes(NamedTuple):
     free: tuple[str, ...] = ()
 
 
-class ClosedDescription(NamedTuple):
-    """A description whose loops are closed.
+Close = Callable[[MechanismDescription], ClosedDescription]
+
+
+class _Stage(NamedTuple):
+    """A description closed with what has been locked in it so far.
 
     Attributes:
-        description: With geometry repaired.
-        tree: Its free system.
-        settled: Its clusters at the reference.
-        q_free: The whole reference, of shape (nq,).
-        changes: The repairs.
+        first: As it was closed before anything was locked where the loops closed.
+        closed: As it is closed now, with all locks.
+        asked: Joints to lock on request and their components (none: whole).
+        pending: Those of them that are not locked yet.
+        spins: Joints and components that lock idle spins, by name.
+        spinning: The description with those spins free and all else as in `closed`; ``None`` where there are none.
+        told: What the locks entail, in sentences.
     """
 
-    description: MechanismDescription
-    tree: Tree
-    settled: list[Settled]
-    q_free: Array
-    changes: list[Change]
+    first: ClosedDescription
+    closed: ClosedDescription
+    asked: Mapping[str, tuple[str, ...]]
+    pending: Mapping[str, tuple[str, ...]]
+    spins: tuple[str, ...] = ()
+    spinning: MechanismDescription | None = None
+    told: tuple[str, ...] = ()
 
     @property
-    def posed(self) -> MechanismDescription:
-        """The description with this configuration as its reference."""
-        own = {joint.name for joint in self.description.joints}
-        told = {j.name: j.kind.told(self.q_free[j.q]) for j in self.tree.joints if j.name in own}
-        return replace(self.description, reference=told)
+    def locked(self) -> tuple[str, ...]:
+        """All that is locked, by name: what was asked for, then the spins."""
+        names = (name for joint, parts in self.asked.items() for name in ([f"{joint}:{p}" for p in parts] or [joint]))
+        return (*names, *self.spins)
 
 
 def analysed(description: MechanismDescription, floating_base: bool, wishes: Wishes, tolerance: float) -> Mechanism:
-    """Close the loops, lock what is to be locked, count the motions, settle who measures and who drives them.
+    """Close the loops, lock until nothing is left to lock, count the motions, settle who measures and who drives them.
 
     What is locked changes φ, so the loops are closed again with it, from where they were.
     """
     wanted = tuple(wishes.independent) if wishes.independent is not None else (description.independent or ())
 
     def close(description: MechanismDescription) -> ClosedDescription:
-        return _closed(description, floating_base, wanted, tolerance)
+        return close_loops(description, floating_base, wanted, tolerance)
 
-    tree, told = build_tree(description, floating_base), list[str]()
+    stage = _begun(description, build_tree(description, floating_base), wishes, close)
+    while (further := _locked_further(stage, wishes, close)) is not None:
+        stage = further
+    return _mechanism(stage, wishes)
+
+
+def _begun(description: MechanismDescription, tree: Tree, wishes: Wishes, close: Close) -> _Stage:
+    """The loops closed, whole joints that are asked for and have a stated place locked there."""
     asked = _asked(tree, wishes)
     stated = [joint for joint, parts in asked.items() if not parts and joint in description.reference]
-    if stated:
-        description, told = fixed(description, tree, stated_pose(tree, description), stated)
-    first = here = close(description)
-    left = {joint: parts for joint, parts in asked.items() if joint not in stated}
-    if left:
-        description, more = _held_still(here, left)
-        here, told = close(description), told + more
-    motions = idle(here.tree, here.settled)
-    spins = _idle_spins(here, motions, wishes)
-    description, locked, held = here.description, tuple(_names(asked)), None
-    if spins:
-        description = here.posed
-        held = hold(description, here.tree, here.q_free, spins)
-        here, told = close(held.description), told + list(held.notes)
-        motions = idle(here.tree, here.settled)
-        for change in here.changes:
-            description = changed(description, change)
-    notes = [*how_closed(first.settled), *how_moved(first.tree, first.description, first.q_free), *told]
-    mechanism = _mechanism(here, motions, wishes, notes)
-    locked = locked if held is None else (*locked, *held.locked)
-    still = (*mechanism.independent, *locked)
-    branches = other_branches(first.settled, first.tree, first.description, still)
-    mechanism = replace(mechanism, notes=(*mechanism.notes, *branches), locked=locked)
-    return mechanism if held is None else replace(mechanism, description=description, held=here.description)
+    still, told = fixed(description, tree, stated_pose(tree, description), stated)
+    closed = close(still)
+    pending = {joint: parts for joint, parts in asked.items() if joint not in stated}
+    return _Stage(closed, closed, asked, pending, told=tuple(told))
 
 
-def _closed(
-    description: MechanismDescription, floating_base: bool, wanted: Sequence[str], tolerance: float
-) -> ClosedDescription:
-    tree = build_tree(description, floating_base)
-    settled = settle(tree, description, wanted, tolerance)
-    changes = [found.repair.change for found in settled if found.repair is not None]
-    for change in changes:
-        description = changed(description, change)
-    tree = build_tree(description, floating_base) if changes else tree
-    q_free = np.empty(tree.model.nq)
-    for found in settled:
-        q_free[found.part.q] = found.closed.q_free
-    return ClosedDescription(description, tree, settled, q_free, changes)
+def _locked_further(stage: _Stage, wishes: Wishes, close: Close) -> _Stage | None:
+    """The next stage: joints asked for locked where the loops closed, then idle spins; ``None``: nothing is left."""
+    here = stage.closed
+    if stage.pending:
+        still, told = _held_still(here, stage.pending)
+        return stage._replace(closed=close(still), pending={}, told=(*stage.told, *told))
+    spins = _spins_to_lock(stage, wishes)
+    if not spins:
+        return None
+    held = hold(here.posed, here.tree, here.q_free, spins)
+    closed = close(held.description)
+    return stage._replace(
+        closed=closed,
+        spins=(*stage.spins, *held.locked),
+        spinning=reduce(changed, closed.changes, here.posed if stage.spinning is None else stage.spinning),
+        told=(*stage.told, *held.notes),
+    )
 
 
 def _asked(tree: Tree, wishes: Wishes) -> dict[str, tuple[str, ...]]:
@@ -156,25 +148,20 @@ def _held_still(
     return fixed(description, here.tree, here.q_free, [joint for joint in asked if joint not in parts])
 
 
-def _names(asked: Mapping[str, tuple[str, ...]]) -> list[str]:
-    return [name for joint, parts in asked.items() for name in ([f"{joint}:{part}" for part in parts] or [joint])]
-
-
-def _idle_spins(here: ClosedDescription, motions: Sequence[tuple[Settled, list[Idle]]], wishes: Wishes) -> list[Spin]:
+def _spins_to_lock(stage: _Stage, wishes: Wishes) -> list[Spin]:
     """The idle spins to lock: all that nothing turns and nobody asked for, but never the last motion there is.
 
     Raises:
         InvalidInputError: A joint named as free has no idle spin.
     """
+    here = stage.closed
     given = here.description
     measuring = wishes.independent or (() if given.independent_is_default else given.independent) or ()
     driving = wishes.actuated if wishes.actuated is not None else (given.actuated or ())
     coupled = [term.joint for coupling in given.couplings for term in coupling.terms]
-    found = [spin for settled, own in motions for spin in spins_of(settled, own, coupled)]
-    for name in wishes.free:
-        if name != ALL and not any(spin.named_by([name]) for spin in found):
-            known = ", ".join(spin.lock.name for spin in found if spin.lock) or "none has"
-            raise InvalidInputError(f"free: '{name}' has no spin that moves nothing else; those that have: {known}")
+    found = [spin for settled, own in here.idle for spin in spins_of(settled, own, coupled)]
+    if not stage.spins:
+        _check_free(found, wishes)
     wanted = [*measuring, *driving, *wishes.free]
     spins = [
         spin
@@ -185,28 +172,48 @@ def _idle_spins(here: ClosedDescription, motions: Sequence[tuple[Settled, list[I
         and not any(joint.stated.stiffness for joint in spin.joints)
         and spin.idle_in_mass
     ]
-    return spins if len(spins) < sum(settled.motion.n for settled in here.settled) else []
+    return spins if len(spins) < here.n else []
 
 
-def _mechanism(
-    here: ClosedDescription, idles: Sequence[tuple[Settled, list[Idle]]], wishes: Wishes, notes: list[str]
-) -> Mechanism:
+def _check_free(found: Sequence[Spin], wishes: Wishes) -> None:
+    for name in wishes.free:
+        if name != ALL and not any(spin.named_by([name]) for spin in found):
+            known = ", ".join(spin.lock.name for spin in found if spin.lock) or "none has"
+            raise InvalidInputError(f"free: '{name}' has no spin that moves nothing else; those that have: {known}")
+
+
+def _mechanism(stage: _Stage, wishes: Wishes) -> Mechanism:
+    """The mechanism, with coordinates and motors chosen and all that had to be assumed among its notes."""
+    here, first = stage.closed, stage.first
     description, tree, settled = here.description, here.tree, here.settled
     motions = [found.motion for found in settled]
     choice = choose_independent(tree, motions, description, wishes.independent, wishes.actuated, wishes.locked)
+    IndependentCoordinates(tree, choice.actuated, here.q_free)  # refuses names that cannot be actuated
+    check_independent(settled, choice.independent)
     rank = sum(found.tangent.rank for found in settled)
     mobility = Mobility(
         n_free=int(tree.model.nv),
         rows=sum(found.constraints.size for found in settled),
         rank=rank,
         mobility=int(tree.model.nv) - rank,
-        idle=tuple(each.sentence for _, own in idles for each in own),
+        idle=tuple(each.sentence for _, own in here.idle for each in own),
         notes=choice.notes,
     )
-    told = dict.fromkeys([*description.notes, *choice.notes, *notes, *_forces_told(description, tree, choice.actuated)])
-    IndependentCoordinates(tree, choice.actuated, here.q_free)  # refuses names that cannot be actuated
-    check_independent(settled, choice.independent)
-    return Mechanism(description, tree, choice.independent, choice.actuated, here.q_free, mobility, tuple(told))
+    closing = [*how_closed(first.settled), *how_moved(first.tree, first.description, first.q_free)]
+    told = [*description.notes, *choice.notes, *closing, *stage.told]
+    told += _forces_told(description, tree, choice.actuated)
+    branches = other_branches(first.settled, first.tree, first.description, (*choice.independent, *stage.locked))
+    return Mechanism(
+        description=description if stage.spinning is None else stage.spinning,
+        tree=tree,
+        independent=choice.independent,
+        actuated=choice.actuated,
+        q_reference=here.q_free,
+        mobility=mobility,
+        notes=(*dict.fromkeys(told), *branches),
+        locked=stage.locked,
+        held=None if stage.spinning is None else description,
+    )
 
 
 def _forces_told(description: MechanismDescription, tree: Tree, actuated: tuple[str, ...]) -> list[str]:
