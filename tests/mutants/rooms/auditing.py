@@ -103,7 +103,7 @@ ROOMS: tuple[Room, ...] = (
             "_check_faces",
             "check_boxes",
         ),
-        ("auditing/test_sharp_cells.py",),
+        ("auditing/test_sharp_tiling.py",),
         (
             ("not np.any(reached[level]) and", "", "halves of disjoint cells are disjoint: none is reached twice"),
             ("child < 0", "0 let in", "the first cell is nobody's child"),
@@ -130,7 +130,7 @@ ROOMS: tuple[Room, ...] = (
             "_cells",
             "corners",
         ),
-        ("auditing/test_sharp_cells.py",),
+        ("auditing/test_sharp_tiling.py",),
         (
             ("rest |= _claimed(arrays)", "", "without either there is no document"),
             ('["tree_child"] < 0', "0 let in", "the first cell is nobody's child"),
