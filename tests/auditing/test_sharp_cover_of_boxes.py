@@ -13,7 +13,7 @@ from ccpin.auditing import boxes, gluing, workspace
 from ccpin.auditing.boxes import Box, Looked
 from ccpin.auditing.reading import ClaimedCells, ClaimedRequirements, Counts, Faces
 from ccpin.auditing.tiling import WHOLE, Over
-from tests.support.rows import Quadratic, exact
+from tests.support.rows import Quadratic, Rows, exact
 
 
 def box_of(half, radius=(1.0,)):
@@ -96,6 +96,7 @@ def test_a_tube_misses_where_it_was_proved_to_hold_none():
         assert boxes._misses(Quadratic(c=c), box, np.zeros(1)) == misses
     assert boxes._misses(Quadratic(c=0.5, g=1.0), box, np.array([0.6]))
     assert not boxes._misses(Quadratic(c=0.5, g=1.0), box, np.array([0.4]))
+    assert not boxes._misses(Rows([9.0], [[1.0, 0.0]]), box, np.zeros(1))  # no Ã
 
 
 def looked(most, least, none=False, offset=0.0, carried=0.0, m=1):
@@ -126,7 +127,7 @@ def test_one_at_most_in_the_tube_and_one_at_least_in_a_part(monkeypatch, tube, n
 def test_parts_lie_in_the_tube_and_are_made_by_their_images(monkeypatch):
     """About what is taken for the solution over the cell's middle: the whole of its room first, then 1.05 images."""
     cell, middle = (np.array([-0.5]), np.array([1.0])), np.array([0.25, -0.5])
-    found = Looked(True, False, False, np.array([0.1, 0.2]), np.array([[0.25, 0.5], [2.0, 0.0]]))
+    found = Looked(True, False, False, np.array([0.1, 0.2]), np.array([[0.1, 0.05], [2.0, 0.1]]))
     asked, sought = Asked(lambda *_: found), Asked(lambda *_: middle)
     monkeypatch.setattr(boxes, "look", asked)
     monkeypatch.setattr(boxes, "_solution", sought)
@@ -233,6 +234,21 @@ def test_boxes_touch_over_shared_faces_once():
     assert touching(corner) == sorted([(0, 1, 0.0, 0.25, 0.0, 0.0), (0, 2, -1.0, 0.5, 0.0, 0.0)])
     held = cells(upper=(4.0, 0.0))
     assert touching(held) == [(0, 1, 0.0, 0.0, 0.0, 0.0), (0, 2, 0.0, 0.0, 0.0, 0.0)]
+
+
+def test_boxes_that_share_an_edge_do_not_touch():
+    """Beside each other along x and above each other along y, at the same z."""
+    half = WHOLE // 2
+    document = SimpleNamespace(
+        place=np.array([[0, 0, 0], [half, half, 0]]),
+        size=np.array([[half, half, WHOLE], [half, half, WHOLE]]),
+        lower=np.zeros(3),
+        upper=np.ones(3),
+        wrapped=np.zeros(3, dtype=bool),
+    )
+    assert touching(document) == []
+    document.size[0, 1] = WHOLE
+    assert touching(document) == [(0, 1, 0.5, 0.75, 0.5, 0.0, 0.0, 0.0)]
 
 
 def test_faces_of_two_sheets_are_between_certified_cells():
@@ -438,6 +454,9 @@ def test_slopes_are_enclosed_as_far_as_they_go():
     ):
         assert float(ball.mid()) == pytest.approx(middle)
         assert float(ball.rad()) == pytest.approx(reach, rel=1e-6)
+    beyond = slopes_of(closures, document, 1.0, 1.5).between(exact([[3.0]]), exact(np.eye(2)))
+    for ball, reach in zip(beyond.entries(), 3 * (np.abs(along) * 0.25 + np.abs(aside) * 0.25), strict=True):
+        assert float(ball.rad()) == pytest.approx(reach, rel=1e-6)
     mixed = slopes.between(exact([[3.0]]), exact([[1.0], [2.0]])).entries()[0]
     assert float(mixed.rad()) == pytest.approx(3 * (abs(along @ [1, 2]) * 0.75 + abs(aside @ [1, 2]) * 0.25), rel=1e-6)
 
@@ -510,6 +529,21 @@ def test_a_t_that_is_proposed_is_checked(monkeypatch, factor, good, b):
     slopes = slopes_of(Quadratic(g=0.5, a=0.25, b=b), document, -1.0, 1.0)
     monkeypatch.setattr(workspace, "contracts", lambda matrix: True)
     assert (workspace._derivative(slopes) is not None) == good
+
+
+@pytest.mark.parametrize("row", [0, 1])
+def test_a_t_that_is_proposed_is_checked_in_every_row(monkeypatch, row):
+    closures = Rows([0.0, 0.0], [[0.5, 1.0, 0.0], [0.5, 0.0, 1.0]], np.eye(3)[[0, 0]][:, :, None] * np.eye(3)[0])
+    document = SimpleNamespace(
+        independent=np.array([0]), dependent=np.array([1, 2]), centre=np.zeros((1, 3)), half=np.ones((1, 1)),
+        directions=np.eye(3)[None, :, :1], modes=np.eye(2)[None], radius=np.zeros((1, 2)),
+    )  # fmt: skip
+    slopes = slopes_of(closures, document, -1.0, 1.0)
+    solve, factor = np.linalg.solve, np.ones((2, 1))
+    monkeypatch.setattr(np.linalg, "solve", lambda A, B: solve(A, B) * (factor if B.ndim == 2 else 1.0))
+    assert workspace._derivative(slopes) is not None
+    factor[row] = 0.9
+    assert workspace._derivative(slopes) is None
 
 
 def dexterous(X, T, dexterity, units, driven):

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.support.reading import read_mjcf
 
-from ccpin.description.mjcf.reader import read_mjcf
 from tests.support.mjcf_files import BALL, HAS_CASSIE, SAMPLES, model, read
 
 mujoco = pytest.importorskip("mujoco")

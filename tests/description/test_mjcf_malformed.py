@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from tests.support.reading import read_mjcf
 
 import ccpin
 from ccpin import cli
 from ccpin.description import read_description
-from ccpin.description.mjcf.reader import read_mjcf
 from ccpin.errors import DescriptionError, InvalidXmlError
 from tests.support.mjcf_files import BALL, PAIR, model, read
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from tests.support.reading import read_mjcf
 
 import ccpin
 from ccpin.description import Motor, Part, combine, read_description
 from ccpin.description.checks import check
-from ccpin.description.mjcf.reader import read_mjcf
 from ccpin.description.urdf.reader import read_urdf
 from ccpin.description.urdf.writer import write_urdf
 from ccpin.errors import DescriptionError, InvalidInputError

@@ -108,7 +108,7 @@ def test_pieces_do_not_run_into_each_other():
 @pytest.mark.parametrize(
     "value",
     [len, lambda: 0, np.array([object()]), Record, Empty, Bare(), partial(int, 1), (1, len), {"a": len}, Held(one=len)],
-    ids=str,
+    ids=lambda value: type(value).__name__,
 )
 def test_what_no_number_tells_has_none(value):
     with pytest.raises(UndigestedError):

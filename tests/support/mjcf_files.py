@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from tests.support.reading import read_mjcf
 
 from ccpin.description import MechanismDescription
-from ccpin.description.mjcf.reader import read_mjcf
 from tests.support.places import SHARED
 
 CASSIE = SHARED / "cassie_closed_chain.xml"

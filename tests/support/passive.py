@@ -4,9 +4,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.support.reading import read_mjcf
 
 import ccpin
-from ccpin.description.mjcf.reader import read_mjcf
 from tests.support import linkages
 from tests.support.places import SHARED
 

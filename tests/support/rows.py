@@ -33,3 +33,35 @@ class Quadratic:
 
 def exact(values):
     return arb_mat(*np.shape(values), [arb(float(x)) for x in np.ravel(values)])
+
+
+class Rows:
+    """φ = c + Lθ + ½ θᵀBθ row by row, with as many rows as c has, in any number of coordinates."""
+
+    def __init__(self, c, line, bend=None):
+        self.c, self.line = np.array(c, dtype=float), np.array(line, dtype=float)
+        self.m, self.n_free = self.line.shape
+        self.bend = np.zeros((self.m, self.n_free, self.n_free)) if bend is None else np.array(bend, dtype=float)
+
+    def motions(self, theta):
+        return theta
+
+    def value(self, theta, motions):
+        x = arb_mat(self.n_free, 1, list(theta))
+        flat = exact(self.c[:, None]) + exact(self.line) * x
+        return arb_mat(
+            self.m,
+            1,
+            [f + (x.transpose() * exact(B) * x)[0, 0] / 2 for f, B in zip(flat.entries(), self.bend, strict=True)],
+        )
+
+    def jacobian(self, motions):
+        return exact(self.line) + self.variation(motions, motions)
+
+    def variation(self, motions, direction):
+        d = arb_mat(self.n_free, 1, list(direction))
+        return arb_mat(self.m, self.n_free, [x for B in self.bend for x in (exact(B) * d).entries()])
+
+    def at(self, theta):
+        bent = self.bend @ theta
+        return self.c + self.line @ theta + 0.5 * bent @ theta, self.line + bent
