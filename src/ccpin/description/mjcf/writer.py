@@ -35,9 +35,9 @@ _LARGEST_POWER = 4
 
 
 def write_mjcf(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
-    """Write a description as an MJCF file that MuJoCo and `read_mjcf` read.
+    """Write a description as an MJCF file that MuJoCo and ccpin read.
 
-    A massless link between two joints goes into the body after it, as MuJoCo asks; `read_mjcf` makes it anew. A
+    A massless link between two joints goes into the body after it, as MuJoCo asks; reading it makes it anew. A
     revolute closure, which MJCF has not, becomes two connects on its axis. A coupling is an equality of two joints, or
     of <fixed> tendons where it sums more. Poses are keyframes, the reference pose the one called "reference". Bodies'
     visuals are geoms that touch nothing; meshes that are not there, or of another kind than STL, OBJ and MSH, are not
@@ -285,8 +285,7 @@ class _MjcfWriter:
     def keyframes(self) -> None:
         """The reference pose and the others."""
         section = etree.SubElement(self.root, "keyframe")
-        others = {name: pose for name, pose in self.description.poses.items() if name != "reference"}
-        for name, pose in {"reference": self.description.reference, **others}.items():
+        for name, pose in self.description.named_poses.items():
             if pose:
                 etree.SubElement(section, "key", name=name, qpos=written(self.qpos(pose)))
 

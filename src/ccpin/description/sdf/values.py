@@ -9,8 +9,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ccpin.arrays import Array
-from ccpin.description.elements.xml import XmlElement, fail, spelt, tag, transform
-from ccpin.description.model import IDENTITY, frame
+from ccpin.description.elements.xml import XmlElement, fail, spelt, tag
+from ccpin.description.model import IDENTITY, frame, frame_from_rpy
 
 UNLIMITED = 1e16
 _FLAGS = {"true": True, "1": True, "false": False, "0": False}
@@ -121,7 +121,7 @@ def placement(pose: XmlElement | None) -> Array:
         raise fail(pose, f"rotation_format {format_!r} is neither euler_rpy nor quat_xyzw")
     values = numbers(pose, 6)
     unit = math.pi / 180 if _FLAGS.get(pose.get("degrees", "false").lower(), False) else 1.0
-    return transform(tuple(values[:3].tolist()), tuple((unit * values[3:]).tolist()))
+    return frame_from_rpy(tuple(values[:3].tolist()), tuple((unit * values[3:]).tolist()))
 
 
 def relative_to(pose: XmlElement | None) -> str | None:

@@ -17,7 +17,7 @@ _UNDRAWN = ("capsule", "ellipsoid")
 
 
 def write_urdf(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
-    """Write a description as a URDF with URDF+ loops, which `read_urdf` reads back as the same mechanism.
+    """Write a description as a URDF with URDF+ loops, which ccpin reads back as the same mechanism.
 
     Linear couplings of two joints become mimic joints, springs Gazebo's elements, gears mechanical reductions, poses
     <group_state>s. Gravity, notes, bounds and gains of motors, and shapes URDF has no element for (capsules,
@@ -60,8 +60,7 @@ def write_urdf(description: MechanismDescription, path: str | Path) -> tuple[str
             spring = etree.SubElement(root, "gazebo", reference=joint.name)
             etree.SubElement(spring, "springStiffness").text = str(joint.stiffness)
             etree.SubElement(spring, "springReference").text = str(joint.spring_reference)
-    others = {name: pose for name, pose in description.poses.items() if name != "reference"}
-    poses = {"reference": description.reference, **others}
+    poses = description.named_poses
     for name, pose in poses.items() if any(poses.values()) else ():
         state = etree.SubElement(root, "group_state", name=name)
         for joint_name, values in pose.items():

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.description.mjcf.reader import read_mjcf
+from tests.support.reading import read_mjcf
 from tests.support.sdf_files import COUPLER, ROCKER, angle, four_bar_points
 
 A, B, C, D = four_bar_points()

@@ -110,7 +110,7 @@ def test_a_point_mass_says_so():
 
 def test_an_obj_without_faces_is_its_hull(tmp_path):
     """As a MSH file of bare vertices is: MuJoCo hulls both."""
-    from ccpin.description.mjcf.reader import read_mjcf
+    from tests.support.reading import read_mjcf
 
     corners = np.array([[x, y, z] for x in (0, 0.3) for y in (0, 0.5) for z in (0, 0.7)])
     (tmp_path / "box.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners))

@@ -9,9 +9,9 @@ import pytest
 import ccpin
 from ccpin import cli
 from ccpin.description import read_description
-from ccpin.description.mjcf.reader import read_mjcf
 from ccpin.errors import DescriptionError, InvalidXmlError
 from tests.support.mjcf_files import BALL, PAIR, model, read
+from tests.support.reading import read_mjcf
 
 
 def test_includes_are_read_from_the_models_folder(tmp_path: Path) -> None:
