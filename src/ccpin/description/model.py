@@ -212,6 +212,11 @@ class LoopClosure(_WithPlacement):
     placement_b: Placement = field(default_factory=lambda: IDENTITY)
     length: float | None = None
 
+    @property
+    def ends(self) -> tuple[tuple[str, Array], tuple[str, Array]]:
+        """Link and frame of A and of B."""
+        return (self.link_a, self.placement_a), (self.link_b, self.placement_b)
+
 
 @dataclass(frozen=True)
 class CouplingTerm(Record):
@@ -263,6 +268,11 @@ class MechanismDescription(Record):
     gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)
     source: str | None = None
     notes: tuple[str, ...] = ()
+
+    @property
+    def size(self) -> float:
+        """A length of the mechanism's own size, m: the longest way from joint to joint, or 1."""
+        return max((float(np.linalg.norm(joint.placement[:3, 3])) for joint in self.joints), default=0.0) or 1.0
 
     @property
     def named_poses(self) -> dict[str, Mapping[str, tuple[float, ...]]]:

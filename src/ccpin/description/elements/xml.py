@@ -23,7 +23,7 @@ XmlElement: TypeAlias = Any  # lxml's etree._Element, which has no type stubs
 Colour: TypeAlias = tuple[float, float, float, float]
 ZERO = (0.0, 0.0, 0.0)
 MAX_BYTES = 32 * 1024 * 1024
-_TRUTH = {"true": True, "1": True, "false": False, "0": False}
+TRUTH = {"true": True, "1": True, "false": False, "0": False}
 
 
 def parse_xml(text: bytes, source: str | None) -> XmlElement:
@@ -189,9 +189,9 @@ def text_attribute(element: XmlElement, attribute: str) -> str:
 def truth(element: XmlElement, attribute: str) -> bool:
     """A required attribute that is true or false (or 1 or 0), in any letter case."""
     value = text_attribute(element, attribute).strip().lower()
-    if value not in _TRUTH:
+    if value not in TRUTH:
         raise fail(element, f"{attribute}='{element.get(attribute)[:80]}' is neither true nor false")
-    return _TRUTH[value]
+    return TRUTH[value]
 
 
 def numeric_attributes(element: XmlElement, counts: Mapping[str, int | None]) -> dict[str, tuple[float, ...]]:

@@ -140,8 +140,7 @@ def _mimic(joints: dict[str, XmlElement], coupling: Coupling, description: Mecha
 def _loop(root: XmlElement, closure: LoopClosure) -> None:
     """Write a <loop>: both frames as origins, whose z axes (x and y for a universal joint) are the axes."""
     loop = etree.SubElement(root, "loop", name=closure.name, type=closure.kind)
-    ends = ("predecessor", closure.link_a, closure.placement_a), ("successor", closure.link_b, closure.placement_b)
-    for role, link, placement in ends:
+    for role, (link, placement) in zip(("predecessor", "successor"), closure.ends, strict=True):
         end = etree.SubElement(loop, role, link=link)
         etree.SubElement(end, "origin", xyz=written(placement[:3, 3]), rpy=written(euler_from_matrix(placement)))
     universal = closure.kind == "universal"
