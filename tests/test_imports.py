@@ -53,6 +53,17 @@ ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one t
         "toolbox",
         "formats",
     ),
+    "kinematics": (
+        ("least_squares", "linear", "scratch"),
+        "tree",
+        ("coordinates", "loops", "points"),
+        ("clusters", "rows"),
+        "constraints",
+        "derivative_bounds",
+        "continuation",
+        "parametrization",
+        "sigma_derivatives",
+    ),
     "mechanism": (
         ("physics", "pinocchio", "poses"),
         ("motion", "repair"),

@@ -16,10 +16,10 @@ from ccpin.description.mjcf.writer import write_mjcf
 from ccpin.description.model import IDENTITY, LoopClosure, Motor, frame, inverse
 from ccpin.description.sdf.writer import write_sdf
 from ccpin.description.toolbox.writer import write_toolbox
-from ccpin.description.urdf.reader import read_urdf
 from ccpin.description.urdf.writer import write_urdf
 from ccpin.errors import DescriptionError, InvalidInputError, UnsupportedMechanismError
 from tests.support.places import MODELS, SHARED
+from tests.support.reading import read_urdf
 
 BODY = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01"/></inertial>'
 GEAR = f"""<robot name="gear"><link name="base"/>

@@ -7,11 +7,11 @@ import pinocchio as pin
 import pytest
 
 import ccpin
-from ccpin.description.urdf.reader import read_urdf
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics import scratch
 from ccpin.kinematics.tree import build_tree
 from ccpin.mechanism import describe_pinocchio
+from tests.support.reading import read_urdf
 from tests.support.sdf_files import COUPLER, ROCKER, four_bar_urdf
 
 URDF = four_bar_urdf()

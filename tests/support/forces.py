@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+
 from tests.support.reading import read_mjcf
 
 ARM = """

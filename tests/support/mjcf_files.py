@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from tests.support.reading import read_mjcf
 
 from ccpin.description import MechanismDescription
 from tests.support.places import SHARED
+from tests.support.reading import read_mjcf
 
 CASSIE = SHARED / "cassie_closed_chain.xml"
 BALL = '<geom size="0.1"/>'

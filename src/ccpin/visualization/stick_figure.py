@@ -116,7 +116,7 @@ def rods(mechanism: Mechanism) -> list[DrawnRod]:
 def ends_of(mechanism: Mechanism, closure: LoopClosure) -> list[tuple[int, Array]]:
     """Where a closure holds its two links: the number of the joint that carries each, its frame (4, 4) there."""
     found = []
-    for link, placement in ((closure.link_a, closure.placement_a), (closure.link_b, closure.placement_b)):
+    for link, placement in closure.ends:
         carrier = mechanism.tree.attachments[link]
         found.append((carrier.joint, carrier.placement @ placement))
     return found

@@ -194,7 +194,7 @@ def without_strays(description: MechanismDescription, kept: Collection[str] = ()
 
     Of bodies that float because their file's joints do not reach them; `kept` names joints to leave.
     """
-    ends = {link for closure in description.closures for link in (closure.link_a, closure.link_b)}
+    ends = {link for closure in description.closures for link, _ in closure.ends}
     ends |= {joint.parent for joint in description.joints}
     strays = {
         joint.child: joint

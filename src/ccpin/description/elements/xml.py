@@ -14,7 +14,7 @@ import numpy as np
 from lxml import etree
 
 from ccpin.arrays import Array
-from ccpin.description.model import IDENTITY, MechanismDescription
+from ccpin.description.model import IDENTITY, MechanismDescription, frame_from_rpy
 from ccpin.description.names import meant
 from ccpin.errors import DescriptionError, InvalidXmlError
 from ccpin.files import write_atomically
@@ -23,7 +23,7 @@ XmlElement: TypeAlias = Any  # lxml's etree._Element, which has no type stubs
 Colour: TypeAlias = tuple[float, float, float, float]
 ZERO = (0.0, 0.0, 0.0)
 MAX_BYTES = 32 * 1024 * 1024
-_TRUTH = {"true": True, "1": True, "false": False, "0": False}
+TRUTH = {"true": True, "1": True, "false": False, "0": False}
 
 
 def parse_xml(text: bytes, source: str | None) -> XmlElement:
@@ -189,9 +189,9 @@ def text_attribute(element: XmlElement, attribute: str) -> str:
 def truth(element: XmlElement, attribute: str) -> bool:
     """A required attribute that is true or false (or 1 or 0), in any letter case."""
     value = text_attribute(element, attribute).strip().lower()
-    if value not in _TRUTH:
+    if value not in TRUTH:
         raise fail(element, f"{attribute}='{element.get(attribute)[:80]}' is neither true nor false")
-    return _TRUTH[value]
+    return TRUTH[value]
 
 
 def numeric_attributes(element: XmlElement, counts: Mapping[str, int | None]) -> dict[str, tuple[float, ...]]:
@@ -234,24 +234,12 @@ def number(element: XmlElement, attribute: str) -> float:
     return numbers(element, attribute, 1)[0]
 
 
-def transform(xyz: tuple[float, ...], rpy: tuple[float, ...]) -> Array:
-    """The 4×4 transform of URDF's ``xyz`` (m) and ``rpy`` (rad, fixed axes): R = R_z(yaw) R_y(pitch) R_x(roll)."""
-    (sr, sp, sy), (cr, cp, cy) = map(math.sin, rpy), map(math.cos, rpy)
-    rows: list[list[float]] = [
-        [cp * cy, sp * (sr * cy) - cr * sy, sp * (cr * cy) + sr * sy, xyz[0]],
-        [cp * sy, sp * (sr * sy) + cr * cy, sp * (cr * sy) - sr * cy, xyz[1]],
-        [-sp, cp * sr, cp * cr, xyz[2]],
-        [0, 0, 0, 1],
-    ]
-    return np.add(rows, 0.0)  # no negative zeros
-
-
 def origin(element: XmlElement | None) -> Array:
     """The 4×4 transform of an element's ``xyz`` and ``rpy`` attributes; the identity where there is none."""
     if element is None:
         return IDENTITY
     values = numeric_attributes(element, {"xyz": 3, "rpy": 3})
-    return transform(values.get("xyz", ZERO), values.get("rpy", ZERO))
+    return frame_from_rpy(values.get("xyz", ZERO), values.get("rpy", ZERO))
 
 
 def unit_vector(element: XmlElement, attribute: str) -> Array:

@@ -35,8 +35,8 @@ _UNMODELLED = {
 _Gravity = tuple[float, float, float]
 
 
-def read_mjcf(text: bytes, source: str | None, *, include_root: str | Path | None = None) -> MechanismDescription:
-    """Read an MJCF file: the bodies and joints as a tree below "world", the equalities as closures.
+def mjcf_description(root: XmlElement, *, include_root: str | Path | None = None) -> MechanismDescription:
+    """Read a parsed MJCF file: the bodies and joints as a tree below "world", the equalities as closures.
 
     The reference pose is that of the keyframe "reference" where there is one, else qpos0; the others are poses.
 
@@ -46,19 +46,13 @@ def read_mjcf(text: bytes, source: str | None, *, include_root: str | Path | Non
     is listed in the notes.
 
     Args:
-        text: The file's content.
-        source: The file, against which includes and meshes are looked up; ``None`` if there is none.
+        root: The file's root element; includes and meshes are looked up against its source.
         include_root: The folder included files may come from; default the file's own.
 
     Raises:
-        InvalidXmlError: Not well-formed, or refused for safety.
+        InvalidXmlError: An included file is not well-formed, or refused for safety.
         DescriptionError: An element is unknown, unsupported, incomplete or contradictory.
     """
-    return mjcf_description(parse_xml(text, source), include_root=include_root)
-
-
-def mjcf_description(root: XmlElement, *, include_root: str | Path | None = None) -> MechanismDescription:
-    """The description that a parsed MJCF file states (see `read_mjcf`)."""
     source = source_of(root)
     if root.tag != "mujoco":
         raise fail(root, "an MJCF file has the root element <mujoco>")

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from ccpin.arrays import Array
 from ccpin.description.elements.omissions import left_out, not_written
 from ccpin.description.elements.xml import XmlElement, cannot, saved, written
+from ccpin.description.mjcf.schema import FORCES, KINDS, WORLD
 from ccpin.description.model import (
     IDENTITY,
     Coupling,
@@ -26,18 +27,16 @@ from ccpin.description.model import (
     frame,
 )
 
-WORLD = "world"
-_TYPES = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "spherical": "ball", "floating": "free"}
-_FORCES = {"armature": "armature", "damping": "damping", "friction": "frictionloss", "stiffness": "stiffness"}
+_TYPES = {kind: word for word, kind in KINDS.items()} | {"continuous": "hinge"}
 _CLOSURES = ("spherical", "revolute", "fixed")
 _MESHES = (".stl", ".obj", ".msh")
 _LARGEST_POWER = 4
 
 
 def write_mjcf(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
-    """Write a description as an MJCF file that MuJoCo and `read_mjcf` read.
+    """Write a description as an MJCF file that MuJoCo and ccpin read.
 
-    A massless link between two joints goes into the body after it, as MuJoCo asks; `read_mjcf` makes it anew. A
+    A massless link between two joints goes into the body after it, as MuJoCo asks; reading it makes it anew. A
     revolute closure, which MJCF has not, becomes two connects on its axis. A coupling is an equality of two joints, or
     of <fixed> tendons where it sums more. Poses are keyframes, the reference pose the one called "reference". Bodies'
     visuals are geoms that touch nothing; meshes that are not there, or of another kind than STL, OBJ and MSH, are not
@@ -68,7 +67,7 @@ class _MjcfWriter:
         self.below: dict[str, list[Joint]] = {}
         for joint in description.joints:
             self.below.setdefault(joint.parent, []).append(joint)
-        self.ended = {link for closure in description.closures for link in (closure.link_a, closure.link_b)}
+        self.ended = {link for closure in description.closures for link, _ in closure.ends}
         self.motors = {motor.joint: motor for motor in description.motors}
         self.root = etree.Element("mujoco", model=description.name)
         self.meshes: dict[tuple[str, tuple[float, ...]], str] = {}
@@ -161,7 +160,7 @@ class _MjcfWriter:
                 element.set("range", written([joint.lower, joint.upper]))
         if kind in ("hinge", "ball") and np.any(place[:3, 3]):
             element.set("pos", written(place[:3, 3]))
-        for field, attribute in _FORCES.items():
+        for attribute, field in FORCES.items():
             if getattr(joint, field):
                 element.set(attribute, written(getattr(joint, field)))
         if joint.stiffness and kind != "ball":
@@ -213,7 +212,7 @@ class _MjcfWriter:
                 continue
             self.between(section, "connect", closure.name, closure, IDENTITY)
             if closure.kind == "revolute":
-                along = frame([0.0, 0.0, self.size()])
+                along = frame([0.0, 0.0, self.description.size])
                 self.between(section, "connect", f"{closure.name}_axis", closure, along)
         for coupling in self.description.couplings:
             self.coupling(section, coupling)
@@ -221,18 +220,12 @@ class _MjcfWriter:
     def between(self, section: XmlElement, kind: str, name: str, closure: LoopClosure, along: Array) -> None:
         """One equality between a site on each of the two bodies."""
         sites = []
-        ends = ("a", closure.link_a, closure.placement_a), ("b", closure.link_b, closure.placement_b)
-        for side, link, placement in ends:
+        for side, (link, placement) in zip("ab", closure.ends, strict=True):
             sites.append(f"{name}_{side}")
             place = np.asarray(placement) @ along
             # sites stand after a body's joints and geoms, before the bodies on it
             etree.SubElement(self.bodies[link], "site", name=sites[-1], **({"pos": "0 0 0"} | _pose(place)))
         etree.SubElement(section, kind, name=name, site1=sites[0], site2=sites[1])
-
-    def size(self) -> float:
-        """A length of the mechanism's own size."""
-        lengths = [float(np.linalg.norm(joint.placement[:3, 3])) for joint in self.description.joints]
-        return max(lengths, default=0.0) or 1.0
 
     def coupling(self, section: XmlElement, coupling: Coupling) -> None:
         """y = p(x), or y constant, by joint displacements from zero, where the bodies are drawn."""
@@ -285,8 +278,7 @@ class _MjcfWriter:
     def keyframes(self) -> None:
         """The reference pose and the others."""
         section = etree.SubElement(self.root, "keyframe")
-        others = {name: pose for name, pose in self.description.poses.items() if name != "reference"}
-        for name, pose in {"reference": self.description.reference, **others}.items():
+        for name, pose in self.description.named_poses.items():
             if pose:
                 etree.SubElement(section, "key", name=name, qpos=written(self.qpos(pose)))
 

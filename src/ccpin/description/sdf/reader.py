@@ -17,7 +17,7 @@ from ccpin.description.checks import check
 from ccpin.description.elements.closing_frames import closing_pairs
 from ccpin.description.elements.graph import ConnectionParts, as_loop, as_tree, free_joint, loop_notes, span
 from ccpin.description.elements.hinges import make_hinges
-from ccpin.description.elements.xml import XmlElement, fail, parse_xml, source_of, tag
+from ccpin.description.elements.xml import XmlElement, fail, source_of, tag
 from ccpin.description.model import IDENTITY, Coupling, Joint, Link, LoopClosure, MechanismDescription, inverse
 from ccpin.description.sdf.drake_constraints import drake_closures
 from ccpin.description.sdf.gearboxes import gear_couplings
@@ -38,28 +38,20 @@ _LEFT_OUT = {
 }
 
 
-def read_sdf(
-    text: bytes, source: str | None, *, model: str | None = None, include_root: str | Path | None = None
+def sdf_description(
+    root: XmlElement, *, model: str | None = None, include_root: str | Path | None = None
 ) -> MechanismDescription:
-    """Read an SDFormat file: one of its models, with what it includes, as links, a tree of joints and closures.
+    """Read a parsed SDFormat file: one of its models, with what it includes, as links, a tree of joints and closures.
 
     Args:
-        text: The file's content.
-        source: The file, against which includes and meshes are looked up; ``None`` if there is none.
+        root: The file's root element; includes and meshes are looked up against its source.
         model: The model to read where there are several (``a::b`` for one inside another).
         include_root: The folder included files may come from; default the file's own.
 
     Raises:
-        InvalidXmlError: Not well-formed, or refused for safety.
+        InvalidXmlError: An included file is not well-formed, or refused for safety.
         DescriptionError: An element is malformed, contradictory or not expressible.
     """
-    return sdf_description(parse_xml(text, source), model=model, include_root=include_root)
-
-
-def sdf_description(
-    root: XmlElement, *, model: str | None = None, include_root: str | Path | None = None
-) -> MechanismDescription:
-    """The description that a parsed SDFormat file states (see `read_sdf`)."""
     if tag(root) != "sdf":
         raise fail(root, "an SDFormat file has the root element <sdf>")
     source = source_of(root)

@@ -182,7 +182,7 @@ class _SdfWriter:
         elif closure.kind in ("spherical", "revolute"):
             self.points("ball_constraint", closure, IDENTITY)
             if closure.kind == "revolute":
-                self.points("ball_constraint", closure, frame([0.0, 0.0, self.size()]), "_axis")
+                self.points("ball_constraint", closure, frame([0.0, 0.0, self.description.size]), "_axis")
         else:
             message = f"the loop is open at zero displacement, and SDFormat has no {closure.kind} closure for that"
             raise cannot(self.description, where, message)
@@ -191,7 +191,7 @@ class _SdfWriter:
         """Whether the two frames stand as the closure's kind asks, at zero displacement."""
         a = self.poses[closure.link_a] @ closure.placement_a
         gap = inverse(a) @ self.poses[closure.link_b] @ closure.placement_b
-        turn, away = gap[:3, :3] - np.eye(3), gap[:3, 3] / self.size()
+        turn, away = gap[:3, :3] - np.eye(3), gap[:3, 3] / self.description.size
         misfit = {
             "spherical": [away],
             "revolute": [away, turn[:, 2]],
@@ -204,7 +204,7 @@ class _SdfWriter:
 
     def closing_joint(self, closure: LoopClosure) -> None:
         """A joint from A's link to B's, or the other way round where B's is the world, which is nobody's child."""
-        ends = [(closure.link_a, closure.placement_a, 0), (closure.link_b, closure.placement_b, 1)]
+        ends = [(*end, k) for k, end in enumerate(closure.ends)]
         if self.names[closure.link_b] == WORLD:
             ends.reverse()
         (parent, placement, first), (child, other, second) = ends
@@ -220,8 +220,7 @@ class _SdfWriter:
         """Drake's weld of a frame on each of the two links."""
         name = self.unique(closure.name)
         frames = []
-        ends = ("a", closure.link_a, closure.placement_a), ("b", closure.link_b, closure.placement_b)
-        for side, link, place in ends:
+        for side, (link, place) in zip("ab", closure.ends, strict=True):
             frames.append(self.unique(f"{name}_{side}"))
             on = self.names[link]
             element = etree.SubElement(self.model, "frame", name=frames[-1], attached_to=on)
@@ -234,17 +233,11 @@ class _SdfWriter:
         """Drake's constraint of a point on each of the two links."""
         name = self.unique(closure.name + suffix)
         element = etree.SubElement(self.model, f"{{{_DRAKE}}}{kind}", name=name)
-        ends = ("A", "AP", closure.link_a, closure.placement_a), ("B", "BQ", closure.link_b, closure.placement_b)
-        for body, point, link, place in ends:
+        for (body, point), (link, place) in zip((("A", "AP"), ("B", "BQ")), closure.ends, strict=True):
             etree.SubElement(element, f"{{{_DRAKE}}}{kind}_body_{body}").text = self.names[link]
             say(element, f"{{{_DRAKE}}}{kind}_p_{point}", (place @ along)[:3, 3])
         if closure.length is not None:
             say(element, f"{{{_DRAKE}}}{kind}_distance", closure.length)
-
-    def size(self) -> float:
-        """A length of the mechanism's own size."""
-        lengths = [float(np.linalg.norm(joint.placement[:3, 3])) for joint in self.description.joints]
-        return max(lengths, default=0.0) or 1.0
 
     def coupling(self, coupling: Coupling) -> None:
         """A mimic of the joint that is dependent: θ = m (ψ − s) + offset."""

@@ -9,14 +9,8 @@ from scipy.spatial.transform import Rotation
 from ccpin.arrays import Array
 from ccpin.description.elements.xml import XmlElement, written
 from ccpin.description.model import Joint, Visual
+from ccpin.description.sdf.links import SIZES
 
-_SIZES = {
-    "box": ("size",),
-    "cylinder": ("radius", "length"),
-    "sphere": ("radius",),
-    "capsule": ("radius", "length"),
-    "ellipsoid": ("radii",),
-}
 _FORCES = {
     "damping": "damping",
     "friction": "friction",
@@ -49,7 +43,7 @@ def add_visual(link: XmlElement, visual: Visual, name: str) -> None:
         etree.SubElement(drawn, "uri").text = shape.mesh
         say(drawn, "scale", shape.size)
     else:
-        parts = _SIZES[shape.kind]
+        parts = SIZES[shape.kind]
         for part, size in zip(parts, np.split(np.array(shape.size), len(parts)), strict=True):
             say(drawn, part, size)
     say(etree.SubElement(element, "material"), "diffuse", visual.rgba)

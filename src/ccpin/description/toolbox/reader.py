@@ -11,8 +11,9 @@ import yaml
 
 from ccpin.arrays import frozen
 from ccpin.description.checks import check
+from ccpin.description.elements.xml import parse_xml
 from ccpin.description.model import Joint, Link, LoopClosure, MechanismDescription
-from ccpin.description.urdf.reader import read_urdf
+from ccpin.description.urdf.reader import urdf_description
 from ccpin.errors import DescriptionError, DescriptionNotFoundError, InvalidXmlError
 
 MAX_BYTES = 128 * 1024
@@ -56,7 +57,7 @@ def toolbox_description(text: bytes, file: Path) -> MechanismDescription:
     document = parse_document(text, source)
     urdf = _urdf_beside(file)
     try:
-        description = read_urdf(urdf.read_bytes(), str(urdf))
+        description = urdf_description(parse_xml(urdf.read_bytes(), str(urdf)))
     except OSError as error:
         raise DescriptionNotFoundError(f"cannot be read: {error.strerror}", source=str(urdf)) from None
     description = _override(description, document.overrides, source)

@@ -68,10 +68,9 @@ def _pairs(description: MechanismDescription, closure: LoopClosure) -> list[_Pai
 
 
 def _pair(closure: LoopClosure, name: str, kind: str, along: Array) -> _Pair:
-    ends = ("a", closure.link_a, closure.placement_a), ("b", closure.link_b, closure.placement_b)
-    frames = tuple(f"{name}_{side}" for side, _, _ in ends)
+    frames = tuple(f"{name}_{side}" for side in "ab")
     joints = tuple(
-        Joint(f"{name}_{side}_fixed", "fixed", link, f"{name}_{side}", np.asarray(placement) @ along)
-        for side, link, placement in ends
+        Joint(f"{own}_fixed", "fixed", link, own, np.asarray(placement) @ along)
+        for own, (link, placement) in zip(frames, closure.ends, strict=True)
     )
     return _Pair((frames[0], frames[1]), kind, (joints[0], joints[1]))

@@ -30,11 +30,10 @@ from ccpin.description.elements.xml import (
     strange_attributes,
     tag,
     text_attribute,
-    transform,
     unit_vector,
     unread,
 )
-from ccpin.description.model import IDENTITY, X_AXIS, Joint, LoopClosure, frame, inverse, rotation_to
+from ccpin.description.model import IDENTITY, X_AXIS, Joint, LoopClosure, frame, frame_from_rpy, inverse, rotation_to
 from ccpin.errors import DescriptionError
 
 # What URDF+ and Isaac Sim call closure kinds beside ccpin's own names.
@@ -189,7 +188,7 @@ def _drake_end(element: XmlElement, own: str, side: str, point: str) -> tuple[st
     """The body of one side and the frame at the point fixed to it."""
     link = text_attribute(child(element, f"{own}_body_{side}"), "name")
     found = next(children(element, f"{own}_{point}"), None)
-    return link, IDENTITY if found is None else transform(numbers(found, "value", 3), ZERO)
+    return link, IDENTITY if found is None else frame_from_rpy(numbers(found, "value", 3), ZERO)
 
 
 READERS: dict[str, Callable[[XmlElement, int, _ZeroPoses], LoopClosure]] = {

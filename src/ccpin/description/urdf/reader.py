@@ -19,7 +19,6 @@ from ccpin.description.elements.xml import (
     label,
     numeric_attributes,
     origin,
-    parse_xml,
     source_of,
     text_attribute,
 )
@@ -60,21 +59,12 @@ SHAPES = ("box", "cylinder", "sphere", "mesh")
 WHITE: Colour = (1.0, 1.0, 1.0, 1.0)
 
 
-def read_urdf(text: bytes, source: str | None) -> MechanismDescription:
-    """Read a URDF with its loop elements (URDF+, Isaac Sim, Drake) into a plain description.
-
-    Args:
-        text: The file's content.
-        source: Its path, for messages and for finding meshes.
+def urdf_description(root: XmlElement) -> MechanismDescription:
+    """Read a parsed URDF with its loop elements (URDF+, Isaac Sim, Drake) into a plain description.
 
     Raises:
-        InvalidXmlError, DescriptionError: Naming the element at fault.
+        DescriptionError: Naming the element at fault.
     """
-    return urdf_description(parse_xml(text, source))
-
-
-def urdf_description(root: XmlElement) -> MechanismDescription:
-    """The description that a parsed URDF states (see `read_urdf`)."""
     source = source_of(root)
     if root.tag != "robot":
         raise DescriptionError("the root element of a URDF is <robot>", source=source, element=f"<{root.tag}>")

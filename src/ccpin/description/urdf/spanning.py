@@ -83,7 +83,7 @@ def onshape_closures(graph: Graph, stated: Sequence[LoopClosure], notes: list[st
 
     None where the closures stated use those links themselves.
     """
-    used = {link for closure in stated for link in (closure.link_a, closure.link_b)}
+    used = {link for closure in stated for link, _ in closure.ends}
     frames = {
         joint.child: (joint.parent, joint.placement)
         for joint in graph.joints

@@ -17,7 +17,7 @@ _UNDRAWN = ("capsule", "ellipsoid")
 
 
 def write_urdf(description: MechanismDescription, path: str | Path) -> tuple[str, ...]:
-    """Write a description as a URDF with URDF+ loops, which `read_urdf` reads back as the same mechanism.
+    """Write a description as a URDF with URDF+ loops, which ccpin reads back as the same mechanism.
 
     Linear couplings of two joints become mimic joints, springs Gazebo's elements, gears mechanical reductions, poses
     <group_state>s. Gravity, notes, bounds and gains of motors, and shapes URDF has no element for (capsules,
@@ -60,8 +60,7 @@ def write_urdf(description: MechanismDescription, path: str | Path) -> tuple[str
             spring = etree.SubElement(root, "gazebo", reference=joint.name)
             etree.SubElement(spring, "springStiffness").text = str(joint.stiffness)
             etree.SubElement(spring, "springReference").text = str(joint.spring_reference)
-    others = {name: pose for name, pose in description.poses.items() if name != "reference"}
-    poses = {"reference": description.reference, **others}
+    poses = description.named_poses
     for name, pose in poses.items() if any(poses.values()) else ():
         state = etree.SubElement(root, "group_state", name=name)
         for joint_name, values in pose.items():
@@ -141,8 +140,7 @@ def _mimic(joints: dict[str, XmlElement], coupling: Coupling, description: Mecha
 def _loop(root: XmlElement, closure: LoopClosure) -> None:
     """Write a <loop>: both frames as origins, whose z axes (x and y for a universal joint) are the axes."""
     loop = etree.SubElement(root, "loop", name=closure.name, type=closure.kind)
-    ends = ("predecessor", closure.link_a, closure.placement_a), ("successor", closure.link_b, closure.placement_b)
-    for role, link, placement in ends:
+    for role, (link, placement) in zip(("predecessor", "successor"), closure.ends, strict=True):
         end = etree.SubElement(loop, role, link=link)
         etree.SubElement(end, "origin", xyz=written(placement[:3, 3]), rpy=written(euler_from_matrix(placement)))
     universal = closure.kind == "universal"

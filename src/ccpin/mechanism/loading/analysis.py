@@ -48,26 +48,18 @@ class _Stage(NamedTuple):
     Attributes:
         first: As it was closed before anything was locked where the loops closed.
         closed: As it is closed now, with all locks.
-        asked: Joints to lock on request and their components (none: whole).
-        pending: Those of them that are not locked yet.
-        spins: Joints and components that lock idle spins, by name.
-        spinning: The description with those spins free and all else as in `closed`; ``None`` where there are none.
+        pending: Joints to lock on request that are not locked yet, and their components (none: whole).
+        locked: All that is asked for, and what locks idle spins, by name.
+        spinning: The description with those spins free and all else as in `closed`; ``None``: no spin is locked.
         told: What the locks entail, in sentences.
     """
 
     first: ClosedDescription
     closed: ClosedDescription
-    asked: Mapping[str, tuple[str, ...]]
     pending: Mapping[str, tuple[str, ...]]
-    spins: tuple[str, ...] = ()
+    locked: tuple[str, ...]
+    told: tuple[str, ...]
     spinning: MechanismDescription | None = None
-    told: tuple[str, ...] = ()
-
-    @property
-    def locked(self) -> tuple[str, ...]:
-        """All that is locked, by name: what was asked for, then the spins."""
-        names = (name for joint, parts in self.asked.items() for name in ([f"{joint}:{p}" for p in parts] or [joint]))
-        return (*names, *self.spins)
 
 
 def analysed(description: MechanismDescription, floating_base: bool, wishes: Wishes, tolerance: float) -> Mechanism:
@@ -93,7 +85,8 @@ def _begun(description: MechanismDescription, tree: Tree, wishes: Wishes, close:
     still, told = fixed(description, tree, stated_pose(tree, description), stated)
     closed = close(still)
     pending = {joint: parts for joint, parts in asked.items() if joint not in stated}
-    return _Stage(closed, closed, asked, pending, told=tuple(told))
+    names = [name for joint, parts in asked.items() for name in ([f"{joint}:{part}" for part in parts] or [joint])]
+    return _Stage(closed, closed, pending, tuple(names), tuple(told))
 
 
 def _locked_further(stage: _Stage, wishes: Wishes, close: Close) -> _Stage | None:
@@ -109,7 +102,7 @@ def _locked_further(stage: _Stage, wishes: Wishes, close: Close) -> _Stage | Non
     closed = close(held.description)
     return stage._replace(
         closed=closed,
-        spins=(*stage.spins, *held.locked),
+        locked=(*stage.locked, *held.locked),
         spinning=reduce(changed, closed.changes, here.posed if stage.spinning is None else stage.spinning),
         told=(*stage.told, *held.notes),
     )
@@ -160,7 +153,7 @@ def _spins_to_lock(stage: _Stage, wishes: Wishes) -> list[Spin]:
     driving = wishes.actuated if wishes.actuated is not None else (given.actuated or ())
     coupled = [term.joint for coupling in given.couplings for term in coupling.terms]
     found = [spin for settled, own in here.idle for spin in spins_of(settled, own, coupled)]
-    if not stage.spins:
+    if stage.spinning is None:
         _check_free(found, wishes)
     wanted = [*measuring, *driving, *wishes.free]
     spins = [

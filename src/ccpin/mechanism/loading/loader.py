@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pinocchio as pin
 
@@ -99,31 +98,22 @@ def load(
             or free is of no such joint.
     """
     _check_arguments(path, geometry_tolerance, independent=independent, actuated=actuated, locked=locked, free=free)
-    more: dict[str, Any] = {
-        "closures": records(() if closures is None else closures, "closures", LoopClosure),
-        "couplings": records(() if couplings is None else couplings, "couplings", Coupling),
-    }
+    more_closures = records(() if closures is None else closures, "closures", LoopClosure)
+    more_couplings = records(() if couplings is None else couplings, "couplings", Coupling)
     if isinstance(path, MechanismDescription):
-        description = path
+        read = path
     elif isinstance(path, pin.Model):
-        description = describe_pinocchio(path, geometry=geometry, constraints=constraints)
+        read = describe_pinocchio(path, geometry=geometry, constraints=constraints)
     else:
-        description = read_description(
+        read = read_description(
             path, format, model=model, include_root=include_root, xacro=xacro, xacro_arguments=xacro_arguments
         )
-    if joints is not None or motors is not None:
-        description = with_stated(description, joints, motors)
-    if reference is not None:
-        description = with_reference(description, reference)
-    stated = any(given is not None for given in (joints, motors, reference))
-    if description is path or more["closures"] or more["couplings"] or stated:
-        more["closures"] = description.closures + more["closures"]
-        more["couplings"] = description.couplings + more["couplings"]
-        description = check(replace(description, **more))
-    if not description.closures and not description.couplings:
-        raise NoLoopError(_no_loop_message(description), source=description.source)
-    if description is not path:
-        description = without_strays(description, independent or ())
+    stated = _with_stated(read, joints, motors, reference, more_closures, more_couplings)
+    if read is path or stated is not read:
+        stated = check(stated)
+    if not stated.closures and not stated.couplings:
+        raise NoLoopError(_no_loop_message(stated), source=stated.source)
+    description = without_strays(stated, independent or ())
     try:
         wishes = Wishes(independent, actuated, tuple(locked), tuple(free))
         mechanism = analysed(description, floating_base, wishes, geometry_tolerance)
@@ -138,6 +128,25 @@ def load(
         driven = ", ".join(mechanism.actuated)
         raise InvalidInputError(f"motors: joint '{idle[0]}' is not actuated; {driven} are (actuated= chooses)")
     return mechanism
+
+
+def _with_stated(
+    description: MechanismDescription,
+    joints: Stated | None,
+    motors: Stated | None,
+    reference: Pose | None,
+    closures: tuple[LoopClosure, ...],
+    couplings: tuple[Coupling, ...],
+) -> MechanismDescription:
+    """The description with what is stated beside it, to be checked again; itself where nothing is."""
+    stated = description
+    if joints is not None or motors is not None:
+        stated = with_stated(stated, joints, motors)
+    if reference is not None:
+        stated = with_reference(stated, reference)
+    if closures or couplings:
+        stated = replace(stated, closures=stated.closures + closures, couplings=stated.couplings + couplings)
+    return stated
 
 
 def _check_arguments(path: object, tolerance: object, **named: object) -> None:

@@ -81,11 +81,6 @@ def scaled_jacobian(constraints: Constraints, q_free: Array) -> Array:
     return np.asarray(constraints.row_scale()[:, None] * constraints.value(q_free).jacobian)
 
 
-def rank_at(constraints: Constraints, q_free: Array) -> int:
-    """Numerical rank of φ_q′ at a configuration."""
-    return tangent(constraints, q_free).rank
-
-
 def null_space(constraints: Constraints, q_free: Array, rank: int) -> Array:
     """An orthonormal basis of the velocities φ_q′ allows, of shape (n′, n′ − rank)."""
     return tangent(constraints, q_free).basis(rank)

@@ -43,42 +43,61 @@ def choose_independent(
     base = (ROOT_JOINT,) if ROOT_JOINT in tree.names and tree.joint(ROOT_JOINT).kind.nv == 6 else ()
     notes: list[str] = []
     if independent is not None:
-        names = tuple(independent)
-        _check_size(tree, names, motions)
-        names = complete_independent(motions, names, ()) if names else names
+        names = _named(tree, tuple(independent), motions)
     elif description.independent is not None and not (locked and _count(motions, description.independent) > n):
         names = _marked(tree, description, motions, base, notes)
     else:
-        hinted = description.dependent_hint
-        masters = tuple(name for name in tree.names if hinted and name not in hinted)
-        first = dict.fromkeys(base + motors)
-        preferred = motors or description.independent or masters
-        names = _in_order(complete_independent(motions, (), (*base, *preferred)), first)
-        added = [name for name in names if name not in motors]
-        if description.independent is not None:
-            notes.append(
-                f"with {', '.join(locked)} locked the file marks more independent joints than there are motions ({n}): "
-                f"{', '.join(names) or 'none'} of them"
-            )
-        elif motors and added:
-            notes.append(
-                f"the file names {len(motors)} motors and the mechanism has {n} independent motions: "
-                f"{', '.join(added)} completed the independent set"
-            )
-        elif not motors:
-            chosen = (
-                f"{', '.join(names)} {'was' if len(names) == 1 else 'were'} chosen" if names else "none moves freely"
-            )
-            notes.append(f"the file marks no independent joints: {chosen}")
-    if independent is not None and set(names) == set(independent):
-        names = tuple(independent)
-    if not motors:
-        motors = _default_motors(tree, names, notes)
-    if any(tree.split(name)[1] for name in motors) and motors != names:
+        names = _found(tree, description, motions, base, motors)
+        notes += _how_found(description, names, motors, locked, n)
+    driven = motors or _default_motors(tree, names, notes)
+    if any(tree.split(name)[1] for name in driven) and driven != names:
         raise IndependentSetError(
             "a single component of a joint can be actuated only where the actuated coordinates are the independent ones"
         )
-    return JointChoice(names, motors, tuple(notes))
+    return JointChoice(names, driven, tuple(notes))
+
+
+def _named(tree: Tree, names: tuple[str, ...], motions: Sequence[MotionSpace]) -> tuple[str, ...]:
+    """The set a caller names, in his order and words where these are whole joints' own."""
+    _check_size(tree, names, motions)
+    whole = complete_independent(motions, names, ()) if names else names
+    return names if set(whole) == set(names) else whole
+
+
+def _found(
+    tree: Tree,
+    description: MechanismDescription,
+    motions: Sequence[MotionSpace],
+    base: tuple[str, ...],
+    motors: tuple[str, ...],
+) -> tuple[str, ...]:
+    """The set that measures the motion best: the motors before others, else what is marked, or not a successor."""
+    hinted = description.dependent_hint
+    masters = tuple(name for name in tree.names if hinted and name not in hinted)
+    preferred = motors or description.independent or masters
+    return _in_order(complete_independent(motions, (), (*base, *preferred)), dict.fromkeys(base + motors))
+
+
+def _how_found(
+    description: MechanismDescription, names: tuple[str, ...], motors: tuple[str, ...], locked: Sequence[str], n: int
+) -> list[str]:
+    """Why the independent set is not what the file says, in at most one sentence."""
+    listed = ", ".join(names)
+    added = ", ".join(name for name in names if name not in motors)
+    if description.independent is not None:
+        return [
+            f"with {', '.join(locked)} locked the file marks more independent joints than there are motions ({n}): "
+            f"{listed or 'none'} of them"
+        ]
+    if motors and added:
+        return [
+            f"the file names {len(motors)} motors and the mechanism has {n} independent motions: {added} completed the "
+            "independent set"
+        ]
+    if motors:
+        return []
+    chosen = f"{listed} {'was' if len(names) == 1 else 'were'} chosen" if names else "none moves freely"
+    return [f"the file marks no independent joints: {chosen}"]
 
 
 def _default_motors(tree: Tree, names: tuple[str, ...], notes: list[str]) -> tuple[str, ...]:

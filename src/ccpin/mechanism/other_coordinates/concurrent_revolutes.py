@@ -194,7 +194,7 @@ def balls_of(mechanism: Mechanism, used: Collection[str] = ()) -> Balls | None:
 def _triples(mechanism: Mechanism, used: set[str]) -> Iterator[Triple]:
     """Runs of three revolutes that are a ball and nothing else; no joint is in two."""
     tree, taken = mechanism.tree, set[str]()
-    links = {link for closure in (*mechanism.closures, *mechanism.locks) for link in (closure.link_a, closure.link_b)}
+    links = {link for closure in (*mechanism.closures, *mechanism.locks) for link, _ in closure.ends}
     used |= links | {term.joint for coupling in mechanism.couplings for term in coupling.terms}
     used |= {tree.split(name)[0] for name in (*mechanism.independent, *mechanism.actuated)}
     used |= {motor.joint for motor in mechanism.description.motors}

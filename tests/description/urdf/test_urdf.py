@@ -10,7 +10,6 @@ import ccpin
 from ccpin.description import CLOSURE_KINDS
 from ccpin.description.elements.meshes import find_mesh
 from ccpin.description.urdf.loop_elements import SYNONYMS, closure_kind
-from ccpin.description.urdf.reader import read_urdf
 from ccpin.errors import (
     AmbiguousFormatError,
     CcpinError,
@@ -21,6 +20,7 @@ from ccpin.errors import (
 )
 from ccpin.kinematics.tree import build_tree
 from tests.support.places import MODELS
+from tests.support.reading import read_urdf
 
 every_model = pytest.mark.parametrize("path", sorted(MODELS.glob("*.urdf")), ids=lambda path: path.stem)
 

@@ -10,9 +10,9 @@ import pytest
 import ccpin
 from ccpin.cli import main
 from ccpin.description import read_description
-from ccpin.description.urdf.reader import read_urdf
 from ccpin.errors import DescriptionError
 from tests.support.damage import TEXT_XML_DAMAGE, complaints
+from tests.support.reading import read_urdf
 from tests.support.sdf_files import COUPLER, four_bar_urdf
 
 URDF = four_bar_urdf()

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from ccpin.description.urdf.reader import read_urdf
 from ccpin.description.urdf.words import BELOW_ROOT, WITHIN
 from ccpin.errors import DescriptionError
+from tests.support.reading import read_urdf
 from tests.support.sdf_files import four_bar_urdf
 
 URDF = four_bar_urdf()

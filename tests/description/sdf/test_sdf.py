@@ -10,8 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import ccpin
-from ccpin.description.urdf.reader import read_urdf
 from ccpin.errors import AmbiguousFormatError, DescriptionError
+from tests.support.reading import read_urdf
 from tests.support.sdf_files import (
     FOUR_BAR_JOINTS,
     ROCKER,

@@ -5,9 +5,9 @@ from __future__ import annotations
 import mujoco
 import numpy as np
 import pytest
-from tests.support.reading import read_mjcf
 
 import ccpin
+from tests.support.reading import read_mjcf
 from tests.support.sdf_files import COUPLER, ROCKER, angle, four_bar_points
 
 A, B, C, D = four_bar_points()

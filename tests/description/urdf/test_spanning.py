@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.description.urdf.reader import read_urdf
 from ccpin.errors import DescriptionError
 from tests.support.damage import TEXT_XML_DAMAGE, complaints
+from tests.support.reading import read_urdf
 from tests.support.sdf_files import COUPLER, ROCKER, four_bar_urdf
 
 URDF = four_bar_urdf()

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
-from tests.support.reading import read_mjcf
 
 from ccpin.description.model import Inertia
 from ccpin.errors import DescriptionError
 from tests.support.mjcf_files import model
+from tests.support.reading import read_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 

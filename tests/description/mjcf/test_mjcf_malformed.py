@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from tests.support.reading import read_mjcf
 
 import ccpin
 from ccpin import cli
 from ccpin.description import read_description
 from ccpin.errors import DescriptionError, InvalidXmlError
 from tests.support.mjcf_files import BALL, PAIR, model, read
+from tests.support.reading import read_mjcf
 
 
 def test_includes_are_read_from_the_models_folder(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.support.reading import read_mjcf
 
 from tests.support.mjcf_files import BALL, HAS_CASSIE, SAMPLES, model, read
+from tests.support.reading import read_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 
