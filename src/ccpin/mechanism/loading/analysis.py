@@ -42,7 +42,7 @@ class Wishes(NamedTuple):
 Close = Callable[[MechanismDescription], ClosedDescription]
 
 
-class _Stage(NamedTuple):
+class _LockedSoFar(NamedTuple):
     """A description closed with what has been locked in it so far.
 
     Attributes:
@@ -78,7 +78,7 @@ def analysed(description: MechanismDescription, floating_base: bool, wishes: Wis
     return _mechanism(stage, wishes)
 
 
-def _begun(description: MechanismDescription, tree: Tree, wishes: Wishes, close: Close) -> _Stage:
+def _begun(description: MechanismDescription, tree: Tree, wishes: Wishes, close: Close) -> _LockedSoFar:
     """The loops closed, whole joints that are asked for and have a stated place locked there."""
     asked = _asked(tree, wishes)
     stated = [joint for joint, parts in asked.items() if not parts and joint in description.reference]
@@ -86,10 +86,10 @@ def _begun(description: MechanismDescription, tree: Tree, wishes: Wishes, close:
     closed = close(still)
     pending = {joint: parts for joint, parts in asked.items() if joint not in stated}
     names = [name for joint, parts in asked.items() for name in ([f"{joint}:{part}" for part in parts] or [joint])]
-    return _Stage(closed, closed, pending, tuple(names), tuple(told))
+    return _LockedSoFar(closed, closed, pending, tuple(names), tuple(told))
 
 
-def _locked_further(stage: _Stage, wishes: Wishes, close: Close) -> _Stage | None:
+def _locked_further(stage: _LockedSoFar, wishes: Wishes, close: Close) -> _LockedSoFar | None:
     """The next stage: joints asked for locked where the loops closed, then idle spins; ``None``: nothing is left."""
     here = stage.closed
     if stage.pending:
@@ -141,7 +141,7 @@ def _held_still(
     return fixed(description, here.tree, here.q_free, [joint for joint in asked if joint not in parts])
 
 
-def _spins_to_lock(stage: _Stage, wishes: Wishes) -> list[Spin]:
+def _spins_to_lock(stage: _LockedSoFar, wishes: Wishes) -> list[Spin]:
     """The idle spins to lock: all that nothing turns and nobody asked for, but never the last motion there is.
 
     Raises:
@@ -175,7 +175,7 @@ def _check_free(found: Sequence[Spin], wishes: Wishes) -> None:
             raise InvalidInputError(f"free: '{name}' has no spin that moves nothing else; those that have: {known}")
 
 
-def _mechanism(stage: _Stage, wishes: Wishes) -> Mechanism:
+def _mechanism(stage: _LockedSoFar, wishes: Wishes) -> Mechanism:
     """The mechanism, with coordinates and motors chosen and all that had to be assumed among its notes."""
     here, first = stage.closed, stage.first
     description, tree, settled = here.description, here.tree, here.settled
