@@ -1,5 +1,6 @@
 """Singular curves in the auditor: G's derivatives, tubes and their ends, slanted boxes, and what covers the rest."""
 
+from fractions import Fraction
 from itertools import product
 from types import SimpleNamespace
 
@@ -368,6 +369,21 @@ def test_what_lemma_c_leaves(along, seed):
     assert left.low[along] == left.high[along] == 0.0
 
 
+@pytest.mark.parametrize(("low", "high"), [(1.0, 1.5), (-1.5, -1.0), (1000.0, np.nextafter(1000.0, 2000.0))])
+@pytest.mark.parametrize("turned", [False, True])
+def test_what_is_left_of_a_box_is_about_its_own_middle(low, high, turned):
+    """Nothing is cut off where P says nothing."""
+    low, high = (-high, -low) if turned else (low, high)
+    box = SlantedBox(
+        balls((5.0, 0.0, 0.0)), 0, np.array([1.0, 0.0, 0.0]), 0.1, np.array([0, low, -1]), np.array([0, high, 1])
+    )
+    left = slanted._narrowed(some_rows(np.random.default_rng(0)), box, exact(np.zeros((2, 2))), [arb(0, 1e4)] * 3)
+    centre = Fraction(float(left.centre[1].mid()))
+    assert centre + Fraction(left.low[1]) <= Fraction(low)
+    assert centre + Fraction(left.high[1]) >= Fraction(high)
+    np.testing.assert_allclose(left.high[1] - left.low[1], high - low, rtol=1.1 if high - low < 1e-9 else 1e-12)
+
+
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_nothing_is_left_where_no_zero_is(side):
     """e = c of a line, |e| ≤ ½; or where nothing is in B too."""
@@ -459,16 +475,17 @@ def test_a_kernel_s_bound_that_is_proposed_is_checked(monkeypatch, row):
         assert kernel(A, r, weights, m=2) is None
 
 
-def fold_system(c=0.0):
-    """φ = c + q + ½ y², with l = 1: singular at y = 0, q = −c."""
-    closures = Rows([c], [[1.0, 0.0]], [[[0.0, 0.0], [0.0, 1.0]]])
-    closures.second_variation = lambda motions, one, other: arb_mat(1, 2)
-    return singular_curves.Singular(closures, np.array([1]), np.array([1.0]))
+def test_a_kernel_that_may_be_any_length_has_no_bound(monkeypatch):
+    """|1 − PA| = 1 and p = 0: |w| ≤ |w| says nothing."""
+    monkeypatch.setattr(np.linalg, "pinv", lambda A: np.zeros((1, 2)))
+    monkeypatch.setattr(np.linalg, "solve", lambda A, b: np.ones(1))
+    assert kernel(1.0, 0.0, 0.0) is None
 
 
-def plane_system(c=0.0):
-    """φ = c + q + ½ y² over q and p: singular along p."""
-    closures = Rows([c], [[1.0, 0.0, 0.0]], [np.diag([0.0, 0.0, 1.0])])
+def plane_system(c=0.0, lean=0.0):
+    """φ = c + q + ½ y² + l p (1 + y) over q and p: singular along p if l = 0."""
+    bend = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, lean], [0.0, lean, 1.0]])
+    closures = Rows([c], [[1.0, lean, 0.0]], [bend])
     closures.second_variation = lambda motions, one, other: arb_mat(1, 3)
     return singular_curves.Singular(closures, np.array([2]), np.array([1.0]))
 
@@ -479,7 +496,8 @@ def test_a_box_is_cut_down_to_what_is_about_the_curve(monkeypatch):
     box = CornerBox(np.array([-0.1, 0.3, -0.2]), np.array([0.1, 0.7, 0.05]))
     monkeypatch.setattr(slanted, "_narrowed", lambda system, found, P, within: asked.append((found, within)))
     monkeypatch.setattr(slanted, "_kernel", lambda system, inner: (np.array([1.0]), np.array([0.25])))
-    assert slanted.cut_down(box, plane_system(), None, [False] * 4) is None
+    lean = plane_system(lean=0.5)
+    assert slanted.cut_down(box, lean, None, [False] * 4) is None
     found, within = asked[0]
     assert [float(x.mid()) for x in within[:3]] == pytest.approx(box.middle.tolist())
     extent, x = np.array([0.1, 0.2, 0.125, 0.25]), np.array([0.0, 0.5, -0.075, 1.0])
@@ -492,6 +510,14 @@ def test_a_box_is_cut_down_to_what_is_about_the_curve(monkeypatch):
     e[j] = 0.0
     np.testing.assert_allclose(found.high[e > 0] / e[e > 0] - 1.0, 1e-12, rtol=1e-3)
     np.testing.assert_array_equal(found.low, -found.high)
+    assert found.high[j] == 0.0
+    assert np.abs(found.tangent).max() > 0.1
+    thin = CornerBox(np.array([1000.0, 0.3, -0.2]), np.array([np.nextafter(1000.0, np.inf), 0.7, 0.05]))
+    slanted.cut_down(thin, lean, None, [False] * 4)
+    found, _ = asked[-1]
+    ends = [Fraction(float(found.centre[0].mid())) + side * Fraction(found.high[0]) for side in (-1, 1)]
+    assert ends[0] <= Fraction(thin.low[0])
+    assert ends[1] >= Fraction(thin.high[0])
     small = found._replace(tangent=np.zeros(4), half=0.0, centre=balls((0.05, 0.5, -0.1, 1.0)),
                            low=np.array([-0.02, -0.5, -0.05, 0.0]), high=np.array([0.5, 0.01, 0.05, 0.0]))  # fmt: skip
     monkeypatch.setattr(slanted, "_narrowed", lambda *_: small)
@@ -622,6 +648,7 @@ def test_tubes_beside_a_configuration(turns):
             assert some.beside(np.array([3.0 + TURN * turns + side * off, 1.0])) == beside
             assert some.beside(np.array([3.0 + TURN * turns, 1.0 + side * off / 2.0])) == beside
     assert some.beside(np.array([3.0, 1.0 + TURN])) == []
+    assert some.beside(np.array([3.0 + 40.0 * TURN, 1.0])) == [0]
     some._extents = np.zeros((2, 3))
     assert some.beside(np.array([3.0 + 0.9e-12, 1.0])) == [0]
     assert some.beside(np.array([3.0 + 2e-12, 1.0])) == []

@@ -335,7 +335,7 @@ def test_every_solution_over_a_place_is_found(monkeypatch):
 
     def near(closures, dependent, theta):
         best = min(roots, key=lambda r: abs(r - theta[1]))
-        return (np.array([theta[0], best]), 1e-9) if abs(best - theta[1]) < 0.2 else None
+        return (np.array([theta[0], best]), 1e-9) if abs(best - theta[1]) < 0.15 else None
 
     search.narrowed = narrowed
     monkeypatch.setattr(counts, "near", near)
