@@ -1,11 +1,9 @@
 """Chains that just do, and just do not, reach each other, and what rows see of their segments."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from tests.support.chains import NO_LIMIT, NONE, X, Y, Z, chain, closures, leg_and_anchor, planar
+from tests.support.chains import NO_LIMIT, NONE, X, Y, Z, chain, closures, leg_and_anchor, planar, stated
 
 pytest.importorskip("flint")
 
@@ -13,19 +11,8 @@ from flint import arb, arb_mat
 
 from ccpin.auditing import lengths, ranges
 from ccpin.auditing.closures import Closures, exact
-from ccpin.auditing.document import Stated
 from ccpin.auditing.ranges import intervals, unproved
 from ccpin.auditing.reach import Box, Reach, above, below
-
-
-def stated(system, lower, upper, limits=None, ends=None, reasons=3):
-    """The closures as a document with a region and ranges."""
-    m = len(system.dependent)
-    limits = np.tile(NONE, (m, 1)) if limits is None else np.array(limits)
-    ends = np.tile([-1e3, 1e3], (m, 1)) if ends is None else np.array(ends)
-    reasons = np.broadcast_to(np.array(reasons), (m, 2))
-    ranges = Stated(ends[:, 0], ends[:, 1], reasons, limits)
-    return SimpleNamespace(**vars(system), lower=np.array(lower), upper=np.array(upper), ranges=ranges)
 
 
 def reach_of(system, unbounded=frozenset(), lower=(1.0,), upper=(6.0,), **more):
