@@ -513,7 +513,7 @@ def test_a_box_is_cut_down_to_what_is_about_the_curve(monkeypatch):
     assert found.high[j] == 0.0
     assert np.abs(found.tangent).max() > 0.1
     thin = CornerBox(np.array([1000.0, 0.3, -0.2]), np.array([np.nextafter(1000.0, np.inf), 0.7, 0.05]))
-    slanted.cut_down(thin, lean, None, [False] * 4)
+    slanted.cut_down(thin, plane_system(-1000.0), None, [False] * 4)
     found, _ = asked[-1]
     ends = [Fraction(float(found.centre[0].mid())) + side * Fraction(found.high[0]) for side in (-1, 1)]
     assert ends[0] <= Fraction(thin.low[0])

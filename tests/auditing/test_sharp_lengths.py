@@ -1,32 +1,18 @@
 """Chains that just do, and just do not, reach each other, and what rows see of their segments."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
-from tests.support.chains import NO_LIMIT, NONE, X, Y, Z, chain, closures, leg_and_anchor, planar
+from tests.support.chains import NO_LIMIT, NONE, X, Y, Z, chain, closures, leg_and_anchor, planar, stated
 
 pytest.importorskip("flint")
 
 from flint import arb, arb_mat
 
-from ccpin.auditing import lengths
-from ccpin.auditing import stated_ranges as ranges
+from ccpin.auditing import lengths, stated_ranges
 from ccpin.auditing.closures import BallClosures, exact
 from ccpin.auditing.reach import CornerBox, Reach, above, below
-from ccpin.auditing.reading import StatedRanges
 from ccpin.auditing.stated_ranges import intervals, unproved
-
-
-def stated(system, lower, upper, limits=None, ends=None, reasons=3):
-    """The closures as a document with a region and ranges."""
-    m = len(system.dependent)
-    limits = np.tile(NONE, (m, 1)) if limits is None else np.array(limits)
-    ends = np.tile([-1e3, 1e3], (m, 1)) if ends is None else np.array(ends)
-    reasons = np.broadcast_to(np.array(reasons), (m, 2))
-    ranges = StatedRanges(ends[:, 0], ends[:, 1], reasons, limits)
-    return SimpleNamespace(**vars(system), lower=np.array(lower), upper=np.array(upper), ranges=ranges)
 
 
 def reach_of(system, unbounded=frozenset(), lower=(1.0,), upper=(6.0,), **more):
@@ -374,7 +360,7 @@ def test_slides_in_one_frame_are_bounded_together(between):
 
 def test_a_least_singular_value_that_is_proposed_is_checked(monkeypatch):
     """One that is too large bounds nothing, also where it is below each slide's own."""
-    monkeypatch.setattr(ranges, "_SLACK", 1.01)
+    monkeypatch.setattr(stated_ranges, "_SLACK", 1.01)
     assert np.isinf(ends(leg_and_anchor())[1][1])
     carriage = planar([(1, np.zeros(3), X, True), (2, np.zeros(3), 0.6 * X + 0.8 * Y, True)], np.zeros(3))
     crank = chain([(0, np.zeros(3), Z, False)], -np.array([X, Y]), 2.0 * X)

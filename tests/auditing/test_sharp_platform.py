@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tests.support.chains import X, Y, Z, chain, closures
+from tests.support.chains import X, Y, Z, chain, closures, stated
 
 pytest.importorskip("flint")
 
@@ -15,7 +15,6 @@ from ccpin.auditing import legs as platform
 from ccpin.auditing.closures import BallClosures, exact, floats
 from ccpin.auditing.legs import Legs
 from ccpin.auditing.reach import CornerBox, Reach
-from tests.auditing.test_sharp_lengths import stated
 
 TIPS = np.array([[0.5, 0.0, 0.0], [0.0, 0.75, 0.0], [-0.25, 0.5, 0.0]])
 LINKS = (2.0, 3.0, 1.5)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from tests.support.chains import NONE, X, Y, Z, chain, closures, leg_and_anchor, planar
+from tests.support.chains import NONE, X, Y, Z, chain, closures, leg_and_anchor, planar, stated
 
 pytest.importorskip("flint")
 
@@ -17,7 +17,6 @@ from ccpin.auditing.closures import BallClosures
 from ccpin.auditing.empty_cells import Emptiness
 from ccpin.auditing.reach import CornerBox
 from ccpin.auditing.reading import ClaimedCells, Counts, StatedRanges
-from tests.auditing.test_sharp_lengths import stated
 from tests.support.rows import Quadratic, Rows, exact
 
 TURN = np.pi + 1e-9

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from ccpin.auditing.reading import StatedRanges
 from ccpin.proof.chains import Chain
 
 X, Y, Z = np.eye(3)
@@ -54,3 +55,13 @@ def leg_and_anchor(weights=(X, Y), turns=(), slide=X, **anchor):
     leg = chain([*joints, (1, np.zeros(3), np.array(slide), True)], np.array(weights))
     other = chain([(0, np.zeros(3), X, True)], -np.array(weights), **anchor)
     return closures([leg, other], 2 + len(turns), [0])
+
+
+def stated(system, lower, upper, limits=None, ends=None, reasons=3):
+    """The closures as a document with a region and ranges."""
+    m = len(system.dependent)
+    limits = np.tile(NONE, (m, 1)) if limits is None else np.array(limits)
+    ends = np.tile([-1e3, 1e3], (m, 1)) if ends is None else np.array(ends)
+    reasons = np.broadcast_to(np.array(reasons), (m, 2))
+    ranges = StatedRanges(ends[:, 0], ends[:, 1], reasons, limits)
+    return SimpleNamespace(**vars(system), lower=np.array(lower), upper=np.array(upper), ranges=ranges)

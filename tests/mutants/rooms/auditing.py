@@ -260,6 +260,7 @@ ROOMS: tuple[Room, ...] = (
             "_reached",
         ),
         ("auditing/test_sharp_audit.py",),
+        (("if found and seeded", "not asked: found", "nothing is the seed where nothing was found"),),
     ),
     Room(
         "auditing/wording",
