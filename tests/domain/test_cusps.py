@@ -6,7 +6,7 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.domain.closures.system import reading_of
-from ccpin.domain.cusps import _Equations, proved_cusps
+from ccpin.domain.cusps import _CuspEquations, proved_cusps
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.chains import derivatives, third_along
 from tests.oracles import planar_3rpr as oracle
@@ -76,7 +76,7 @@ def test_the_slope_and_its_drift():
     m, n = at.system.m, at.system.n
     for _ in range(20):
         pairing = rng.normal(size=(1, m))
-        equations = _Equations(at, pairing / np.linalg.norm(pairing))
+        equations = _CuspEquations(at, pairing / np.linalg.norm(pairing))
         x = np.concatenate([rng.uniform(0.1, 0.3, (1, n)), rng.normal(size=(1, 3 * m))], axis=1)
         slope = equations.slope(equations.at(x))[0]
         for k in range(x.shape[1]):

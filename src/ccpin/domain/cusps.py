@@ -75,7 +75,7 @@ class Cusp(NamedTuple):
     error: float
 
 
-class _Point(NamedTuple):
+class _CuspPoint(NamedTuple):
     """x and what F needs there, of B points."""
 
     theta: Array
@@ -83,11 +83,11 @@ class _Point(NamedTuple):
     w: Array
     values: Derivatives
 
-    def take(self, rows: Indices) -> _Point:
-        return _Point(self.theta[rows], self.v[rows], self.w[rows], rows_of(self.values, rows))
+    def take(self, rows: Indices) -> _CuspPoint:
+        return _CuspPoint(self.theta[rows], self.v[rows], self.w[rows], rows_of(self.values, rows))
 
 
-class _Equations:
+class _CuspEquations:
     """F about B singular configurations, with l of each (B, m)."""
 
     def __init__(self, problem: Problem, pairing: Array) -> None:
@@ -96,8 +96,8 @@ class _Equations:
         self.n, self.m = system.n, system.m
         self.order = np.concatenate([system.independent, system.dependent])
 
-    def take(self, rows: Indices) -> _Equations:
-        return _Equations(self.problem, self.pairing[rows])
+    def take(self, rows: Indices) -> _CuspEquations:
+        return _CuspEquations(self.problem, self.pairing[rows])
 
     def start(self, theta: Array) -> Array:
         """x with v the weakest direction and the w that fits best."""
@@ -108,14 +108,14 @@ class _Equations:
         right = np.concatenate([-apply(bent, self.pairing), np.zeros((len(theta), 1))], axis=1)
         return np.concatenate([theta[:, self.order], self.pairing, apply(np.linalg.pinv(tall), right)], axis=1)
 
-    def at(self, x: Array) -> _Point:
+    def at(self, x: Array) -> _CuspPoint:
         size = self.n + self.m
         theta = np.empty((len(x), size))
         theta[:, self.order] = x[:, :size]
         values = closure_derivatives(self.problem, theta)
-        return _Point(theta, x[:, size : size + self.m], x[:, size + self.m :], values)
+        return _CuspPoint(theta, x[:, size : size + self.m], x[:, size + self.m :], values)
 
-    def value(self, point: _Point) -> Array:
+    def value(self, point: _CuspPoint) -> Array:
         dependent = self.problem.system.dependent
         slope = point.values.jacobian[:, :, dependent]
         bent = _along(point.values.hessian, self._whole(point.v))[:, :, dependent]
@@ -126,7 +126,7 @@ class _Equations:
         third = apply(bent, point.v) + apply(slope, point.w)
         return np.concatenate([point.values.phi, apply(slope, point.v), paired[0], third, paired[1]], axis=1)
 
-    def slope(self, point: _Point) -> Array:
+    def slope(self, point: _CuspPoint) -> Array:
         system, stack = self.problem.system, self.problem.stack
         v, w = self._whole(point.v), self._whole(point.w)
         jacobian, bent = point.values.jacobian, _along(point.values.hessian, v)
@@ -150,7 +150,7 @@ class _Equations:
         result[:, 2 * m + 1 : -1, size + m :] = slope
         return result
 
-    def drift(self, point: _Point, radius: Array) -> Array:
+    def drift(self, point: _CuspPoint, radius: Array) -> Array:
         """Δ for radii (B,)."""
         size, m, r = self.n + self.m, self.m, radius[:, None, None]
         third = self._third(point, radius)[:, :, None]
@@ -162,7 +162,7 @@ class _Equations:
         curled = third * (size * v**2 + 2.0 * m * v) * r + partial * r + third * size * r * w
         return self._assembled(turned, bent, curled)
 
-    def rounding(self, point: _Point) -> Array:
+    def rounding(self, point: _CuspPoint) -> Array:
         """The rounding error of the entries of F′, of shape (B, 3m + 2, 3m + 2)."""
         unit = np.broadcast_to(self._margin(np.abs(point.theta))[:, None, None], point.values.jacobian.shape)
         v, w = (1.0 + np.abs(u).sum(axis=1)[:, None, None] for u in (point.v, point.w))
@@ -171,7 +171,7 @@ class _Equations:
     def _margin(self, reach: Array) -> Array:
         return self.problem.system.rounding * self.problem.system.magnitude(reach)
 
-    def _third(self, point: _Point, radius: Array) -> Array:
+    def _third(self, point: _CuspPoint, radius: Array) -> Array:
         """τ, of shape (B, m)."""
         box = np.tile(radius[:, None], point.theta.shape[1])
         return third_bound(self.problem, point.theta, point.values.arms, box)
@@ -260,7 +260,7 @@ def proved_cusps(reading: Reading, theta: Array) -> list[Cusp]:
         return []
     problem, independent = reading.problem, reading.system.independent
     slope = closure_derivatives(problem, theta).jacobian[:, :, problem.system.dependent]
-    equations = _Equations(problem, np.linalg.svd(slope)[2][:, -1])
+    equations = _CuspEquations(problem, np.linalg.svd(slope)[2][:, -1])
     with np.errstate(all="ignore"):
         point = equations.at(solved(equations, equations.start(theta), _STEPS))
         error = _proved_within(equations, point)
@@ -270,7 +270,7 @@ def proved_cusps(reading: Reading, theta: Array) -> list[Cusp]:
     ]
 
 
-def _proved_within(equations: _Equations, point: _Point) -> Array:
+def _proved_within(equations: _CuspEquations, point: _CuspPoint) -> Array:
     """The r of Theorem C, of shape (B,); NaN where none of those tried will do."""
     weight = 1.0 + np.abs(point.v).sum(axis=1) + np.abs(point.w).sum(axis=1)
 

@@ -86,7 +86,7 @@ def design(
             raise InvalidInputError(f"{name} must be a function; it is {given!r:.80}")
     names, lower, upper = _box(instance(ranges, "ranges", Mapping, "a mapping of names to (lower, upper)"))
     first = 0.5 * (lower + upper) if start is None else _started(instance(start, "start", Mapping), names, lower, upper)
-    search = _Search(build, figure, names, whole(evaluations, "evaluations"), listener(progress))
+    search = _Objective(build, figure, names, whole(evaluations, "evaluations"), listener(progress))
     inward = np.where(first > 0.5 * (lower + upper), -_STEP, _STEP)  # SciPy's own would be clipped to the bounds
     simplex = np.vstack([first, first + np.diag(inward * (upper - lower))])
     with stoppable() as flag, suppress(Stopped):
@@ -108,7 +108,7 @@ def design(
     return Design(dimensions, value, certificate, subject, tuple(search.trials), complete)
 
 
-class _Search(Generic[T]):
+class _Objective(Generic[T]):
     """The function that SciPy minimizes, and what it found."""
 
     def __init__(

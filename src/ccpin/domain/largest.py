@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, Mask, instance, numbers, positive, vector
 from ccpin.displays import table
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.build import Shape
+from ccpin.domain.atlas.build import SquareNorm
 from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.atlas.run import Work, stoppable
 from ccpin.domain.atlas.survey import Effort, survey
@@ -65,7 +65,7 @@ class LargestWorkspace:
     round: bool
     tilt: Array
     atlas: Atlas
-    shape: Shape
+    shape: SquareNorm
 
     def __repr__(self) -> str:
         what = f"ball of radius {self.half:.6g} m" if self.round else f"cube of half width {self.half:.6g} m"
@@ -226,7 +226,7 @@ def _reach(start: TaskProblem, end_effector: EndEffector | JointSpace) -> float:
     return 0.5 * mechanism_of(end_effector.model).constraints().extent if start.slides.any() else 0.5 * np.pi
 
 
-class _Goal(NamedTuple):
+class _LargestProblem(NamedTuple):
     """What was asked for, checked: the centre, the edges of a cube of half width 1, how far turns reach, (n,) each."""
 
     centre: Array
@@ -238,7 +238,7 @@ class _Goal(NamedTuple):
         return Region(self.centre - reach, self.centre + reach, np.zeros(len(reach), dtype=np.bool_))
 
 
-def _goal(start: TaskProblem, asked: _Asked) -> _Goal:
+def _goal(start: TaskProblem, asked: _Asked) -> _LargestProblem:
     """Lengths make the cube, turns are tilt; in a space of turns alone they make the cube."""
     across = start.slides if start.slides.any() else np.ones(len(start.names), dtype=np.bool_)
     turns = int(np.count_nonzero(~across))
@@ -252,7 +252,7 @@ def _goal(start: TaskProblem, asked: _Asked) -> _Goal:
         raise InvalidInputError(f"proportions must be positive numbers; they are {asked.proportions!r:.80}")
     if not np.all((tilt >= 0.0) & (tilt < np.pi / 2)):
         raise InvalidInputError(f"tilt must be from 0 to below π/2 rad; it is {asked.tilt!r:.80}")
-    return _Goal(vector(given, f"centre ({', '.join(start.names)})", len(across)), edges, tilt)
+    return _LargestProblem(vector(given, f"centre ({', '.join(start.names)})", len(across)), edges, tilt)
 
 
 def _largest(
@@ -266,7 +266,7 @@ def _largest(
     reach = _reach(start, end_effector) / float(goal.edges.max())
     most = reach if grows else positive(asked.within, "within")
     weights = np.divide(1.0, goal.edges, out=np.zeros_like(goal.edges), where=goal.edges > 0.0)
-    search = _Search(Shape(weights, asked.round), most, _GROWN * reach, grows, work)
+    search = _SearchScope(SquareNorm(weights, asked.round), most, _GROWN * reach, grows, work)
     first = None
     with stoppable() as stop:
         if asked.centre is None:
@@ -281,16 +281,16 @@ def _largest(
     return LargestWorkspace(goal.centre, atlas.radius, asked.round, goal.tilt[goal.edges == 0.0], atlas, search.shape)
 
 
-class _Search(NamedTuple):
+class _SearchScope(NamedTuple):
     """How distances are measured, where searches begin, how far a map goes, and whether searches go on beyond."""
 
-    shape: Shape
+    shape: SquareNorm
     most: float
     reach: float
     grows: bool
     work: Work
 
-    def about(self, start: TaskProblem, goal: _Goal, tolerance: float, seconds: float | None) -> Atlas:
+    def about(self, start: TaskProblem, goal: _LargestProblem, tolerance: float, seconds: float | None) -> Atlas:
         """The largest about a centre."""
         theta, most, effort = start.moved_to(goal.centre), self.most, Effort(0, tolerance, seconds=seconds)
         for _ in range(_GROWTHS if self.grows else 1):
@@ -301,8 +301,8 @@ class _Search(NamedTuple):
         return atlas
 
     def moved(
-        self, start: TaskProblem, goal: _Goal, flat: _Goal, first: float, until: float | None
-    ) -> tuple[TaskProblem, _Goal]:
+        self, start: TaskProblem, goal: _LargestProblem, flat: _LargestProblem, first: float, until: float | None
+    ) -> tuple[TaskProblem, _LargestProblem]:
         """The start and the goal, moved to the roomiest place of a map about the start.
 
         Args:

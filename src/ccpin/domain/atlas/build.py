@@ -47,7 +47,7 @@ class _Origins(NamedTuple):
         return cls(np.full(count, -1, dtype=np.intp), np.zeros((count, n)), np.zeros((count, n)))
 
 
-class Shape(NamedTuple):
+class SquareNorm(NamedTuple):
     """What is meant by the largest square about the seed.
 
     Attributes:
@@ -82,11 +82,11 @@ class AtlasBuilder:
         region: Region,
         runner: Runner,
         report: Report,
-        shape: Shape | None = None,
+        shape: SquareNorm | None = None,
         budget: int = BUDGET,
     ) -> None:
         self._budget = budget
-        self.shape = Shape(np.ones(problem.system.n)) if shape is None else shape
+        self.shape = SquareNorm(np.ones(problem.system.n)) if shape is None else shape
         self.problem, self.seed, self.region, self.runner, self._report = problem, seed, region, runner, report
         self.q0 = seed[problem.system.independent]
         self.tree = CellTree.whole(problem.system.n)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, joined, number, positive, whole
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.build import BUDGET, AtlasBuilder, Shape
+from ccpin.domain.atlas.build import BUDGET, AtlasBuilder, SquareNorm
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, Corners, Region, region_of
 from ccpin.domain.atlas.emptying import prove_empty
 from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
@@ -158,7 +158,7 @@ def survey(
     region: Region,
     effort: Effort,
     work: Work,
-    shape: Shape | None = None,
+    shape: SquareNorm | None = None,
 ) -> Atlas:
     """The atlas of what can be proved of a region from a seed θ (n′,), the largest square about it first.
 

@@ -19,8 +19,8 @@ from ccpin.domain.atlas.run import Runner, Work, executor_for, stoppable
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.curves.covering import Nearby, extents
 from ccpin.domain.curves.curve import CertifiedCurve, as_curve, holds
-from ccpin.domain.curves.following import Chain
-from ccpin.domain.curves.search import Found, Place, Search
+from ccpin.domain.curves.following import TubeChain
+from ccpin.domain.curves.search import CurveSearch, Found, SearchDomain
 from ccpin.domain.curves.tubes import Points, Stated, no_tubes, proved_again, stated, zeros_in
 from ccpin.domain.documents import CURVES
 from ccpin.errors import InvalidInputError
@@ -242,7 +242,7 @@ class SingularCover:
         """
         effort = effort_of(self.resolution if resolution is None else resolution, budget, seconds, progress)
         reading, work = self.reading.bounded(bounds), Work(workers, executor, checkpoint)
-        return searched(reading, self.names, Place(self.region, self.ranges), effort, work, self)
+        return searched(reading, self.names, SearchDomain(self.region, self.ranges), effort, work, self)
 
     def save(self, path: str | Path) -> None:
         """Write the cover to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it.
@@ -279,7 +279,7 @@ class SingularCover:
             if sizes.sum() != len(proved):
                 raise InvalidInputError("curve_tubes are not as many as there are tubes")
             curve = np.repeat(np.arange(len(sizes)), sizes)
-            chains = [Chain(tubes.take(curve == k), bool(end)) for k, end in enumerate(arrays["curve_closed"])]
+            chains = [TubeChain(tubes.take(curve == k), bool(end)) for k, end in enumerate(arrays["curve_closed"])]
             return cls(
                 names=tuple(header["names"]),
                 region=store.unpack_region(arrays),
@@ -319,18 +319,18 @@ def effort_of(
 def searched(
     reading: Reading,
     names: tuple[str, ...],
-    place: Place,
+    place: SearchDomain,
     effort: Effort,
     work: Work,
     before: SingularCover | None = None,
 ) -> SingularCover:
     """The cover of a place, or what more work makes of one; who does the work is all that `work` says."""
-    problem, chains, waiting, tried = reading.problem, list[Chain](), None, 0
+    problem, chains, waiting, tried = reading.problem, list[TubeChain](), None, 0
     if before is not None:
-        chains = [Chain(curve.tubes, curve.closed) for curve in before.curves]
+        chains = [TubeChain(curve.tubes, curve.closed) for curve in before.curves]
         waiting, tried = _waiting(problem, before.uncovered), before.tried
     with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
-        search = Search(Runner(problem, chosen, work.checkpoint, flag), place, chains)
+        search = CurveSearch(Runner(problem, chosen, work.checkpoint, flag), place, chains)
         found = search.run(effort.resolution, effort.budget, effort.report, waiting)
     plain = reading._replace(problem=search.plain)
     curves = sorted((as_curve(plain, chain) for chain in found.chains), key=lambda curve: curve.kind)

@@ -8,7 +8,7 @@ import numpy as np
 
 from ccpin.arrays import Array, joined, rows_of
 from ccpin.domain.closures.system import Reading
-from ccpin.domain.curves.following import Chain
+from ccpin.domain.curves.following import TubeChain
 from ccpin.domain.curves.system import values_at
 from ccpin.domain.curves.tubes import Frames, Tubes, certify_tubes, glued, zeros_in
 from ccpin.domain.singularities import CurveKind, SingularCurve
@@ -49,7 +49,7 @@ class CertifiedCurve(NamedTuple):
         return SingularCurve(self.kind, q, self.q_free[order], self.closed, self.error[order])
 
 
-def as_curve(reading: Reading, chain: Chain) -> CertifiedCurve:
+def as_curve(reading: Reading, chain: TubeChain) -> CertifiedCurve:
     """The curve in a chain's tubes."""
     system, tubes = reading.system, chain.tubes
     at = zeros_in(reading.problem, tubes, np.zeros(len(tubes.half)))

@@ -10,7 +10,7 @@ from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.atlas.run import Work
 from ccpin.domain.closures.system import Reading, reading_of
 from ccpin.domain.curves.cover import SingularCover, effort_of, searched
-from ccpin.domain.curves.search import Place
+from ccpin.domain.curves.search import SearchDomain
 from ccpin.domain.sheets.search import refuse, region_about, searched_ranges
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
@@ -61,7 +61,7 @@ def certify_singularities(
     reading = _reading(mechanism)
     effort = effort_of(resolution, budget, seconds, progress)
     area = region_about(mechanism, reading, region)
-    place = Place(area, searched_ranges(mechanism, reading, area))
+    place = SearchDomain(area, searched_ranges(mechanism, reading, area))
     work = Work(workers, executor, checkpoint)
     return searched(reading.bounded(bounds), tuple(mechanism.independent), place, effort, work)
 

@@ -23,7 +23,7 @@ from ccpin.domain.atlas import store
 from ccpin.domain.atlas.cells import TURN, Region
 from ccpin.domain.curves.cover import SingularCover
 from ccpin.domain.curves.curve import as_curve
-from ccpin.domain.curves.following import Chain
+from ccpin.domain.curves.following import TubeChain
 from ccpin.domain.curves.joining import one_of_each
 from ccpin.domain.curves.search import BEYOND
 from ccpin.errors import InvalidInputError
@@ -39,7 +39,7 @@ def merge_covers(covers: Sequence[SingularCover]) -> SingularCover:
     first = covers[0]
     for k, other in enumerate(covers[1:], start=2):
         _refuse_others(first, other, k)
-    chains = [Chain(curve.tubes, curve.closed) for cover in covers for curve in cover.curves]
+    chains = [TubeChain(curve.tubes, curve.closed) for cover in covers for curve in cover.curves]
     curves = [as_curve(first.reading, chain) for chain in one_of_each(first.problem, chains)]
     region = filled(first.problem, [cover.region for cover in covers])
     return replace(

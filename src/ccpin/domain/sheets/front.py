@@ -29,7 +29,7 @@ _NEAR = 1e-6
 _NEWTON = 12
 
 
-class Part(NamedTuple):
+class CountedRegion(NamedTuple):
     """A part: its cells, the cell that was counted, and all solutions over that cell's centre, (k, n′)."""
 
     cells: Indices
@@ -100,7 +100,7 @@ class Front:
         runner: Runner,
         region: Region,
         tree: CellTree,
-        parts: list[Part],
+        parts: list[CountedRegion],
         depth: int,
         report: Report,
     ) -> None:

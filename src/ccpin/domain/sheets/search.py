@@ -19,7 +19,7 @@ from ccpin.domain.atlas.singular import SingularCells, mark_in_cells
 from ccpin.domain.atlas.store import require_about
 from ccpin.domain.closures.seeds import Seed
 from ccpin.domain.closures.system import Reading, reading_of
-from ccpin.domain.sheets.front import Front, Part, glued_pairs, parts_of
+from ccpin.domain.sheets.front import CountedRegion, Front, glued_pairs, parts_of
 from ccpin.domain.sheets.paving import MOST_DEPENDENT, Cover, cover_singular, solutions_task
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
@@ -211,14 +211,14 @@ def searched_ranges(mechanism: Mechanism, reading: Reading, region: Region) -> R
 
 def _counted(
     runner: Runner, tree: CellTree, region: Region, ranges: Ranges, regular: Indices
-) -> tuple[list[Part], bool]:
+) -> tuple[list[CountedRegion], bool]:
     """The largest parts of the regular cells, with all solutions over one q of each where that was proved.
 
     And whether no interrupt left some of them uncounted.
     """
     unions = parts_of(tree, region, regular)[:_COUNTED]
     largest = np.array([int(cells[int(np.argmax(tree.shares(cells)))]) for cells in unions], dtype=np.intp)
-    middles, parts = place(tree, region, largest)[0], list[Part]()
+    middles, parts = place(tree, region, largest)[0], list[CountedRegion]()
     for first in range(0, len(unions), _AT_ONCE):
         some = range(first, min(first + _AT_ONCE, len(unions)))
         try:
@@ -227,5 +227,5 @@ def _counted(
             return parts, False
         for k, (theta, whole_count) in zip(some, found, strict=True):
             if whole_count:
-                parts.append(Part(unions[k], int(largest[k]), np.asarray(theta, dtype=np.float64)))
+                parts.append(CountedRegion(unions[k], int(largest[k]), np.asarray(theta, dtype=np.float64)))
     return parts, True
