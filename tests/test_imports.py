@@ -21,12 +21,14 @@ ORDER = (
     "containers",
     "schemas",
     "displays",
+    "work",
     "auditing",
     "proof",
     "description",
     "kinematics",
     "mechanism",
     "native",
+    "covering",
     "dynamics",
     "domain",
     "control",
@@ -41,6 +43,12 @@ ORDER = (
     "gym",
 )
 ORDER_WITHIN: dict[str, tuple[str | tuple[str, ...], ...]] = {  # names in one tuple do not import each other
+    "covering": (
+        ("region", "sources"),
+        ("cells", "documents"),
+        ("faces", "merging", "runner"),
+        ("pruning", "proposals"),
+    ),
     "proof": (
         ("theorems", "rounding", "digests", "verdict"),
         ("balls", "chains"),

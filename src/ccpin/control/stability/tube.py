@@ -6,7 +6,7 @@ Cell k holds the states of the times T_k = [t_k, t_{k+1}] whose errors are small
 
 the last one those of all times at which the reference has come to rest; a reference that begins late has a cell of rest
 before it. σ is proved on each cell by a box of Theorem K
-(`ccpin.domain.boxes`) with the parameters (s, e), s ∈ [−1, 1] the time in the cell, and glued at its middle to the σ
+(`ccpin.proof.newton`) with the parameters (s, e), s ∈ [−1, 1] the time in the cell, and glued at its middle to the σ
 that `certify_path` continued along q_d from the law's start. So two cells carry the same σ where they meet: at q_d(t_k)
 both carry the path's, by continuity, and so they do on all of the connected cross-section there. A closed motion that
 stays in the tube is σ of its q all along. Where q_d jumps at t_k (by 1e-9 at most: the path goes straight there) the
@@ -30,9 +30,9 @@ from scipy.interpolate import PPoly
 from ccpin.arrays import Array, Mask
 from ccpin.control.references import Reference
 from ccpin.control.tracking import TrackingLaw
-from ccpin.domain.boxes import certify_boxes
+from ccpin.covering.proposals.krawczyk import certify_boxes
+from ccpin.covering.proposals.solving import glued
 from ccpin.domain.masses import Masses, masses_of
-from ccpin.domain.newton import glued
 from ccpin.domain.path import CertifiedPath, certify_path
 from ccpin.domain.pieces import Chord, chords_of, pieces_of, points_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError

@@ -9,7 +9,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ccpin.arrays import Indices
-from ccpin.domain.atlas.cells import TURN, WHOLE, CellTree, Integers, Region
+from ccpin.covering.cells import CellTree
+from ccpin.covering.region import TURN, WHOLE, Integers, Region
 from ccpin.errors import InvalidInputError
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes
@@ -19,7 +20,7 @@ _TURN = 1e-9
 _SPARE, _SPARE_ROUNDINGS = 8e-15, Fraction(19, 10)  # of the lemma of `ccpin.proof.rounding`
 
 
-class Part(Protocol):
+class PartialCover(Protocol):
     """What has cells over a region, and boxes."""
 
     @property
@@ -39,7 +40,7 @@ class Part(Protocol):
         """The boxes."""
 
 
-class Place(NamedTuple):
+class CellOffset(NamedTuple):
     """Where a part's cells came: the number of its first one in the whole, and by how much the others' moved."""
 
     first: int
@@ -50,7 +51,7 @@ class Place(NamedTuple):
         return np.where(cells == 0, self.first, cells + self.others)
 
 
-def whole_region(parts: Sequence[Part]) -> Region:
+def whole_region(parts: Sequence[PartialCover]) -> Region:
     """The smallest region that holds all parts."""
     lower = np.min([part.region.lower for part in parts], axis=0)
     upper = np.max([part.region.upper for part in parts], axis=0)
@@ -59,7 +60,7 @@ def whole_region(parts: Sequence[Part]) -> Region:
     return Region(lower, np.where(wrapped, lower + TURN, upper), wrapped)
 
 
-def grafted(region: Region, parts: Sequence[Part]) -> tuple[CellTree, list[Place]]:
+def grafted(region: Region, parts: Sequence[PartialCover]) -> tuple[CellTree, list[CellOffset]]:
     """The region's cells: halved down to the parts', whose trees are put there; and where each came.
 
     Raises:
@@ -68,7 +69,7 @@ def grafted(region: Region, parts: Sequence[Part]) -> tuple[CellTree, list[Place
     places = [_place(region, part.region, k) for k, part in enumerate(parts, start=1)]
     first = np.cumsum([0, *(len(part.boxes.kappa) for part in parts)])
     tree = CellTree.whole(len(region.lower))
-    waiting, put = [(0, list(range(len(parts))))], [Place(0, 0)] * len(parts)
+    waiting, put = [(0, list(range(len(parts))))], [CellOffset(0, 0)] * len(parts)
     while waiting:
         cell, held = waiting.pop()
         lower, size = tree.lower[cell], tree.size[cell]
@@ -80,7 +81,7 @@ def grafted(region: Region, parts: Sequence[Part]) -> tuple[CellTree, list[Place
             if len(held) > 1:
                 k = next(k for k in held if k != exact[0])
                 raise InvalidInputError(f"parts {min(k, exact[0]) + 1} and {max(k, exact[0]) + 1} overlap")
-            put[exact[0]] = Place(cell, len(tree.child) - 1)  # its first cell takes the place of this one
+            put[exact[0]] = CellOffset(cell, len(tree.child) - 1)  # its first cell takes the place of this one
             _graft(tree, cell, parts[exact[0]], int(first[exact[0]]), exact[0] + 1)
             continue
         axis, above = _cut(lower + size // 2, held, places)
@@ -131,7 +132,7 @@ def _aligned(region: Region, part: Region, lower: Integers, size: Integers, axis
     return all(error <= Fraction(_SPARE) + _SPARE_ROUNDINGS * Fraction(UNIT_ROUNDOFF) * abs(x) for x, error in points)
 
 
-def _graft(tree: CellTree, cell: int, part: Part, first_box: int, k: int) -> None:
+def _graft(tree: CellTree, cell: int, part: PartialCover, first_box: int, k: int) -> None:
     """Put a part's cells in the place of a cell."""
     size, cells = tree.size[cell], part.tree.cells
     ratio = WHOLE // size
