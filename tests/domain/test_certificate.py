@@ -7,11 +7,11 @@ import pytest
 from scipy.linalg import qr
 
 import ccpin
+from ccpin.covering.proposals.krawczyk import certify_boxes
+from ccpin.covering.proposals.solving import extrapolate, glued, newton
 from ccpin.description import Joint
 from ccpin.domain import certify_path, kantorovich_radius, newton_steps
-from ccpin.domain.boxes import certify_boxes
 from ccpin.domain.closures.system import reading_of
-from ccpin.domain.newton import extrapolate, glued, newton
 from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from ccpin.proof.chains import derivatives, first_order, stack_chains
 from ccpin.proof.equations import closure_values, problem_of

@@ -6,8 +6,8 @@ from itertools import product
 import numpy as np
 import pytest
 
+from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.domain import certify
-from ccpin.domain.boxes import certify_boxes
 from ccpin.domain.closures.system import reading_of
 from tests.oracles import rpdr as oracle
 

@@ -6,8 +6,8 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.control import certify_set_point
+from ccpin.covering.proposals.solving import newton
 from ccpin.domain.closures.system import reading_of
-from ccpin.domain.newton import newton
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.proof.equations import closure_values
 from tests.support.rods import rocker_angle, rod_ankle, rod_four_bar, rod_stewart

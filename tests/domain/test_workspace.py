@@ -8,8 +8,8 @@ from scipy import ndimage
 
 import ccpin
 from ccpin import domain
+from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.boxes import certify_boxes
 from ccpin.domain.workspace import task_problem
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
 from ccpin.proof.requirements import conditioning

@@ -28,7 +28,7 @@ SOURCES = ROOT / "src" / "ccpin"
 
 
 def source_of(module: str) -> Path:
-    """The file of a module named from ccpin on, as ``domain/boxes``."""
+    """The file of a module named from ccpin on, as ``proof/newton``."""
     return SOURCES / f"{module}.py"
 
 

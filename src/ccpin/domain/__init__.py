@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from ccpin.covering.cells import CellStatus
+from ccpin.covering.region import Region
+from ccpin.covering.runner import Work
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import CellStatus, Region
 from ccpin.domain.atlas.merging import split_region
 from ccpin.domain.atlas.radius_map import certified_radius
-from ccpin.domain.atlas.run import Work
 from ccpin.domain.atlas.survey import certify
 from ccpin.domain.closures.seeds import scalar_coordinates_at
 from ccpin.domain.closures.task_space import JointSpace

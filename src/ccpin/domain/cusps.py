@@ -45,10 +45,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, apply, records, rows_of
-from ccpin.domain.atlas.cells import Corners, corners_of
+from ccpin.covering.proposals.solving import closure_derivatives, solved
+from ccpin.covering.region import Corners, corners_of
 from ccpin.domain.closures.system import Reading, reading_of
-from ccpin.domain.extended import solved
-from ccpin.domain.newton import closure_derivatives
 from ccpin.domain.singularities import SingularCurve, singularities
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.chains import Derivatives, third_along

@@ -18,11 +18,11 @@ from scipy.optimize import minimize
 from ccpin.arrays import Array, instance, listener, number, numbers, whole
 from ccpin.description import MechanismDescription, read_description, scaled
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.run import Flag, Stopped, stoppable
 from ccpin.domain.largest import LargestWorkspace
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.mechanism import load
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.work import Flag, Stopped, stoppable
 
 T = TypeVar("T")
 Range = tuple[float, float]

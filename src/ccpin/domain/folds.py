@@ -11,8 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.domain.extended import solved
-from ccpin.domain.newton import closure_derivatives
+from ccpin.covering.proposals.solving import closure_derivatives, solved
 from ccpin.proof.chains import Derivatives
 from ccpin.proof.equations import Problem, closure_values, third_bound
 from ccpin.proof.newton import proved_within

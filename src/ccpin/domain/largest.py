@@ -22,11 +22,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Mask, instance, numbers, positive, vector
+from ccpin.covering.cells import CellStatus
+from ccpin.covering.region import Region
+from ccpin.covering.runner import Work
 from ccpin.displays import table
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.build import SquareNorm
-from ccpin.domain.atlas.cells import CellStatus, Region
-from ccpin.domain.atlas.run import Work, stoppable
 from ccpin.domain.atlas.survey import Effort, survey
 from ccpin.domain.closures.task_space import JointSpace
 from ccpin.domain.obstacles import demand_witnesses
@@ -38,6 +39,7 @@ from ccpin.mechanism.mechanism import mechanism_of
 from ccpin.proof.equations import BoundsName
 from ccpin.proof.rounding import SLACK
 from ccpin.proof.verdict import Witness
+from ccpin.work import stoppable
 
 _CELLS, _TRIED = 6, 24
 _PUSHED = 4.0

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array
-from ccpin.domain.boxes import certify_boxes, certify_points
+from ccpin.covering.proposals.krawczyk import certify_boxes, certify_points
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.refutation import empty_witness, singular_witness
 from ccpin.domain.walker import Walker

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.arrays import Array, apply, positive
-from ccpin.domain.boxes import Tried, certify_boxes
+from ccpin.covering.proposals.krawczyk import Tried, certify_boxes
 from ccpin.domain.closures.seeds import seed_at_configuration
 from ccpin.errors import ConvergenceError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism

@@ -21,9 +21,9 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, PPoly
 
 from ccpin.arrays import Array, numbers
+from ccpin.covering.proposals.solving import newton
 from ccpin.domain.closures.seeds import seed_at_coordinates
 from ccpin.domain.closures.system import Reading
-from ccpin.domain.newton import newton
 from ccpin.domain.pieces import chord_of, pieces_of, points_of
 from ccpin.domain.refutation import empty_witness, singular_witness
 from ccpin.domain.walker import SHORTEST, TRIES, Walker

@@ -29,10 +29,10 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Indices, apply
-from ccpin.domain.boxes import certify_boxes
+from ccpin.covering.proposals.krawczyk import certify_boxes
+from ccpin.covering.proposals.solving import extrapolate
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.folds import singular_points
-from ccpin.domain.newton import extrapolate
 from ccpin.domain.walker import Walker
 from ccpin.errors import SingularConfigurationError
 from ccpin.proof.emptiness import empty_cells, groups_of

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, joined
-from ccpin.domain.boxes import certify_boxes, certify_points
-from ccpin.domain.newton import extrapolate, glued, newton
+from ccpin.covering.proposals.krawczyk import certify_boxes, certify_points
+from ccpin.covering.proposals.solving import extrapolate, glued, newton
 from ccpin.domain.pieces import chord_of
 from ccpin.errors import SingularConfigurationError
 from ccpin.proof.equations import Problem, closure_values

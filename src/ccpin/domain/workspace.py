@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Mask, number, numbers, positive
+from ccpin.covering.region import Corners, Region, corners_of
+from ccpin.covering.runner import Progress, Work
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.build import BUDGET
-from ccpin.domain.atlas.cells import Corners, Region, corners_of
-from ccpin.domain.atlas.run import Progress, Work
 from ccpin.domain.atlas.survey import effort_of, survey
 from ccpin.domain.closures.scalar_coordinates import independent_indices
 from ccpin.domain.closures.seeds import checked_configuration

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, heading, instance, whole
+from ccpin.covering.cells import CellStatus
+from ccpin.covering.region import corners_of
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import CellStatus, corners_of
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.atlas.store import require_about
 from ccpin.domain.singularities import SingularCurve

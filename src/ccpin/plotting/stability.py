@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, heading, instance, matrix_rows, positive, vector
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.theorem3 import SetPointCertificate
-from ccpin.domain.atlas.cells import Corners, corners_of
+from ccpin.covering.region import Corners, corners_of
 from ccpin.errors import CcpinError, UnsupportedMechanismError
 from ccpin.plotting.style import COLOURS, drawing
 from ccpin.simulation.results.metrics import LyapunovHistory

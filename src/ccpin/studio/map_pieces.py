@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
+from ccpin.covering.runner import Progress
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import region_of
-from ccpin.domain.atlas.run import Progress
 from ccpin.domain.atlas.survey import certify
+from ccpin.domain.closures.searchable import region_of
 from ccpin.domain.closures.seeds import scalar_coordinates_at, seed_at_coordinates
 from ccpin.domain.singularities import singularities
 from ccpin.dynamics.reduced_model import ReducedModel

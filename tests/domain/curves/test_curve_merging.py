@@ -8,8 +8,8 @@ import pytest
 from ccpin import domain
 from ccpin.arrays import apply
 from ccpin.cli import main
+from ccpin.covering.region import Region
 from ccpin.domain import merge, split_region
-from ccpin.domain.atlas.cells import Region
 from ccpin.domain.curves import joining
 from ccpin.domain.curves.following import TubeChain
 from ccpin.domain.curves.joining import _around, _Piece, held, one_of_each, without_held

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ccpin import domain
-from ccpin.domain.atlas.run import Runner
+from ccpin.covering.runner import Runner
 from ccpin.domain.closures.system import reading_of
 from ccpin.domain.curves import tasks
 from ccpin.domain.curves.covering import Nearby, settled, settled_beside

@@ -5,7 +5,7 @@ import pytest
 
 import ccpin
 from ccpin import domain, plotting
-from ccpin.domain.atlas.cells import place
+from ccpin.covering.cells import place
 from ccpin.domain.curves import search
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import five_bar as oracle

@@ -5,7 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.domain.atlas.cells import CellStatus, Contacts
+from ccpin.covering.cells import CellStatus
+from ccpin.covering.faces import CellFaces
 from ccpin.domain.sheets import front as module
 from ccpin.domain.sheets.front import CountedRegion, Front, Members
 from ccpin.proof.newton import Boxes
@@ -102,7 +103,7 @@ def test_a_cell_is_certified_only_where_all_its_sheets_are_carried_on(front, bad
     )
     front._split = split.append
     front._carry = lambda found: split.append(found.cell)
-    contacts = Contacts(*(np.zeros((1, 1) if name.startswith("at") else 1, np.intp) for name in Contacts._fields))
+    contacts = CellFaces(*(np.zeros((1, 1) if name.startswith("at") else 1, np.intp) for name in CellFaces._fields))
     front._try(contacts)
     assert (front.tree.status[1] == CellStatus.CERTIFIED) == (bad is None)
 

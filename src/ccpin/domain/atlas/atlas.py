@@ -28,13 +28,15 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Mask, numbers
+from ccpin.covering.cells import CellStatus, CellTree, SingularCells, leaves_about, place
+from ccpin.covering.faces import contacts_of
+from ccpin.covering.proposals.solving import newton
+from ccpin.covering.region import Region
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store
-from ccpin.domain.atlas.cells import CellStatus, CellTree, Region, contacts_of, leaves_about, place
-from ccpin.domain.atlas.singular import SingularCells, refuting
+from ccpin.domain.atlas.singular import refuting
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.documents import ATLAS
-from ccpin.domain.newton import newton
 from ccpin.domain.obstacles import demand_witnesses
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of

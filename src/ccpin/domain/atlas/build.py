@@ -14,15 +14,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, rows_of
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Contacts, Region, contacts_of, place
-from ccpin.domain.atlas.growing import Growing
-from ccpin.domain.atlas.run import Report, Runner, Stopped, glue_boxes, prove_cells
-from ccpin.domain.atlas.singular import SingularCells
-from ccpin.domain.atlas.tasks import CellsToProve, Proved
-from ccpin.domain.boxes import certify_points
+from ccpin.covering.cells import CellStatus, CellTree, Growing, SingularCells, place
+from ccpin.covering.faces import CellFaces, contacts_of
+from ccpin.covering.proposals.krawczyk import certify_points
+from ccpin.covering.proposals.tasks import CellsToProve, Proved, glue_boxes, prove_cells
+from ccpin.covering.region import LEVELS, WHOLE, Region
+from ccpin.covering.runner import Report, Runner
 from ccpin.errors import SingularConfigurationError
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, encloses, predict
+from ccpin.work import Stopped
 
 BUDGET = 400_000
 """Boxes of an atlas: of a mechanism with six coordinates that depend they take half a gigabyte."""
@@ -324,7 +325,7 @@ class AtlasBuilder:
         )
         self.tree.status[chosen] = CellStatus.CANDIDATE
 
-    def _check(self, contacts: Contacts) -> None:
+    def _check(self, contacts: CellFaces) -> None:
         if not contacts.cell.size:
             return
         numbers = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]

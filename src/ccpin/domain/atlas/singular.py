@@ -8,17 +8,18 @@ Theorem S of `ccpin.domain.folds` proves a singular configuration, the cell that
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Indices, rows_of
-from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of, leaves_holding, place
-from ccpin.domain.atlas.run import Runner
+from ccpin.covering.cells import CellStatus, CellTree, SingularCells, leaves_holding, place
+from ccpin.covering.faces import CellFaces, contacts_of
+from ccpin.covering.proposals.solving import newton
+from ccpin.covering.region import Region
+from ccpin.covering.runner import Runner
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.folds import Folds, SingularPoints, singular_points
-from ccpin.domain.newton import newton
 from ccpin.domain.refutation import singular_witness
 from ccpin.domain.walker import Walker
 from ccpin.errors import SingularConfigurationError
@@ -31,23 +32,6 @@ _REACH = 2.0  # of a cell: how far beside it a fold is looked for
 _NEWTON = 12
 _SOUGHT = 500
 _TRIED = 8
-
-
-class SingularCells(NamedTuple):
-    """Cells that hold the q of a singular configuration.
-
-    Attributes:
-        cell: Their numbers, of shape (K,).
-        theta: One such configuration over each, to rounding, of shape (K, n′).
-    """
-
-    cell: Indices
-    theta: Array
-
-    @classmethod
-    def none(cls, n_free: int) -> SingularCells:
-        """None yet."""
-        return cls(np.zeros(0, dtype=np.intp), np.zeros((0, n_free)))
 
 
 def mark_singular(runner: Runner, tree: CellTree, region: Region, boxes: Boxes) -> Iterator[SingularCells]:
@@ -121,7 +105,7 @@ def _corners(n: int) -> list[Array]:
     return [np.array([(k >> i) & 1 for i in range(n)], dtype=np.bool_) for k in range(2**n)]
 
 
-def _beside_certified(tree: CellTree, region: Region, status: CellStatus) -> Contacts:
+def _beside_certified(tree: CellTree, region: Region, status: CellStatus) -> CellFaces:
     """For each leaf of a status that touches a certified one, the largest face they share."""
     contacts = contacts_of(tree, region, tree.leaves(status))
     rows = np.flatnonzero(tree.status[contacts.leaf] == CellStatus.CERTIFIED)
@@ -130,7 +114,7 @@ def _beside_certified(tree: CellTree, region: Region, status: CellStatus) -> Con
     return rows_of(contacts, first)
 
 
-def _sigma_at(problem: Problem, tree: CellTree, region: Region, boxes: Boxes, contacts: Contacts) -> Array:
+def _sigma_at(problem: Problem, tree: CellTree, region: Region, boxes: Boxes, contacts: CellFaces) -> Array:
     """σ at the faces' middles as the certified sides have it, to rounding, q in the uncertified sides' coordinates."""
     known = boxes.take(tree.box[contacts.leaf])
     delta = region.position(contacts.at_leaf) - known.centre[:, problem.system.independent]

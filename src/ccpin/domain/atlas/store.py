@@ -10,27 +10,26 @@ import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from ccpin.arrays import Array, frozen, rows_of
 from ccpin.containers import NamedArrays, told_of
+from ccpin.covering.cells import Cells, CellTree, SingularCells
+from ccpin.covering.documents import Document, pack_region, packed, unpack_region, unpacked
+from ccpin.covering.region import Region
 from ccpin.description.joint_kinds import JOINT_KINDS
-from ccpin.domain.atlas.cells import Cells, CellTree, Region
 from ccpin.domain.atlas.checked import checked_boxes, checked_cells, checked_closures, checked_region
-from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.closures.rods import Rod
 from ccpin.domain.closures.scalar_coordinates import Chart, ChartJoint, Elementary
 from ccpin.domain.closures.system import Reading, reading_of
-from ccpin.domain.documents import Document
 from ccpin.errors import DifferentSubjectsError, InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.chains import Chain, ClosureSystem
 from ccpin.proof.equations import BoundsName, Problem, Requirements, problem_of
 from ccpin.proof.newton import Boxes, verify
 
-Record = TypeVar("Record")
 _PART = 10_000  # boxes proved again at once
 _SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 
@@ -98,28 +97,6 @@ def unpack(header: dict[str, Any], arrays: NamedArrays) -> Covering:
         boxes,
         unpacked("singular", SingularCells, arrays),
     )
-
-
-def pack_region(region: Region) -> NamedArrays:
-    """A region as arrays."""
-    return {"lower": region.lower, "upper": region.upper, "wrapped": region.wrapped}
-
-
-def unpack_region(arrays: NamedArrays) -> Region:
-    """What `pack_region` packed."""
-    corners: dict[str, Any] = {name: arrays[name] for name in ("lower", "upper")}
-    return Region(**corners, wrapped=arrays["wrapped"].astype(np.bool_))
-
-
-def packed(part: str, record: Any) -> NamedArrays:
-    """The fields of a record of arrays, under names that begin with its own."""
-    return {f"{part}_{name}": array for name, array in record._asdict().items()}
-
-
-def unpacked(part: str, kind: type[Record], arrays: NamedArrays) -> Record:
-    """What `packed` packed."""
-    fields: tuple[str, ...] = kind._fields  # type: ignore[attr-defined]
-    return kind(**{name: arrays[f"{part}_{name}"] for name in fields})
 
 
 def same_closures(reading: Reading, names: tuple[str, ...], mechanism: Mechanism, theta: Array | None = None) -> bool:

@@ -11,18 +11,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, joined, number, positive, whole
+from ccpin.covering.cells import CellStatus
+from ccpin.covering.region import LEVELS, Corners, Region
+from ccpin.covering.runner import Progress, Runner, Work, reporter
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.build import BUDGET, AtlasBuilder, SquareNorm
-from ccpin.domain.atlas.cells import LEVELS, CellStatus, Corners, Region, region_of
 from ccpin.domain.atlas.emptying import prove_empty
-from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
 from ccpin.domain.atlas.singular import mark_singular
+from ccpin.domain.closures.searchable import region_of
 from ccpin.domain.closures.seeds import seed_at_coordinates
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.sheets.emptiness import search_empty
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.equations import BoundsName
+from ccpin.work import Stopped, executor_for, stoppable
 
 _DEPTHS = {1: 14, 2: 12, 3: 6}
 _TOLERANCES = {1: 1e-5, 2: 2e-5, 3: 2e-3}

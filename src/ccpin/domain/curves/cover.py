@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Indices, Mask, instance, joined, listener, matrix_rows, positive, whole
+from ccpin.covering.cells import CellStatus, leaves_holding
+from ccpin.covering.documents import pack_region, packed, unpack_region, unpacked
+from ccpin.covering.region import Region
+from ccpin.covering.runner import Runner, Work
 from ccpin.domain.atlas import store
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import CellStatus, Region, leaves_holding
-from ccpin.domain.atlas.run import Runner, Work, executor_for, stoppable
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.curves.covering import Nearby, extents
 from ccpin.domain.curves.curve import CertifiedCurve, as_curve, holds
@@ -31,6 +33,7 @@ from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import without_turns
 from ccpin.proof.ranges import Ranges
 from ccpin.proof.verdict import Verdict, of_file
+from ccpin.work import executor_for, stoppable
 
 _SAMPLES = 33  # of a tube
 _TOUCHING = 1e-12
@@ -254,8 +257,8 @@ class SingularCover:
         tubes = joined([no_tubes(self.problem), *(curve.tubes for curve in self.curves)])
         records: dict[str, Any] = dict(zip(_RECORDS, (stated(tubes), self.ranges, self.uncovered), strict=True))
         for part, record in records.items():
-            arrays |= store.packed(part, record)
-        arrays |= store.pack_region(self.region)
+            arrays |= packed(part, record)
+        arrays |= pack_region(self.region)
         arrays["curve_tubes"] = np.array([len(curve.radius) for curve in self.curves], dtype=np.int64)
         arrays["curve_closed"] = np.array([curve.closed for curve in self.curves], dtype=np.bool_)
         store.write(path, CURVES, header, arrays)
@@ -270,7 +273,7 @@ class SingularCover:
             InvalidInputError: The file cannot be read or is none, or Theorem R does not hold for a tube in it.
         """
         with store.reading(path, CURVES) as (header, arrays):
-            given, ranges, uncovered = (store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items())
+            given, ranges, uncovered = (unpacked(part, kind, arrays) for part, kind in _RECORDS.items())
             reading = store.unpack_reading(header, arrays)
             tubes, proved = proved_again(reading.problem, given)
             if not np.all(proved):
@@ -282,7 +285,7 @@ class SingularCover:
             chains = [TubeChain(tubes.take(curve == k), bool(end)) for k, end in enumerate(arrays["curve_closed"])]
             return cls(
                 names=tuple(header["names"]),
-                region=store.unpack_region(arrays),
+                region=unpack_region(arrays),
                 reading=reading,
                 curves=tuple(as_curve(reading, chain) for chain in chains),
                 uncovered=uncovered,

@@ -12,9 +12,9 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of, solve_many
+from ccpin.covering.proposals.solving import closure_derivatives
 from ccpin.domain.curves.system import first_order, values_at
 from ccpin.domain.curves.tubes import Frames, Points, Tubes, bounds_of, frames_at, inverse_without, places_in
-from ccpin.domain.newton import closure_derivatives
 from ccpin.proof.equations import Problem, third_bound
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.newton import without_turns

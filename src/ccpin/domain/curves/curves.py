@@ -6,12 +6,12 @@ from collections.abc import Callable
 from concurrent.futures import Executor
 from pathlib import Path
 
-from ccpin.domain.atlas.cells import Corners
-from ccpin.domain.atlas.run import Work
+from ccpin.covering.region import Corners
+from ccpin.covering.runner import Work
+from ccpin.domain.closures.searchable import check_searchable, region_about, searched_ranges
 from ccpin.domain.closures.system import Reading, reading_of
 from ccpin.domain.curves.cover import SingularCover, effort_of, searched
 from ccpin.domain.curves.search import SearchDomain
-from ccpin.domain.sheets.search import refuse, region_about, searched_ranges
 from ccpin.errors import UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.equations import BoundsName
@@ -74,5 +74,5 @@ def _reading(mechanism: Mechanism) -> Reading:
             + (": hold joints still with load(locked=…) for a slice" if mechanism.n > 2 else "")
         )
     reading = reading_of(mechanism, mechanism.q_reference)
-    refuse(mechanism, reading, "singular curves cannot all be found")
+    check_searchable(mechanism, reading, "singular curves cannot all be found")
     return reading

@@ -19,8 +19,8 @@ from dataclasses import replace
 import numpy as np
 
 from ccpin.arrays import Array, Mask, joined
+from ccpin.covering.region import TURN, Region
 from ccpin.domain.atlas import store
-from ccpin.domain.atlas.cells import TURN, Region
 from ccpin.domain.curves.cover import SingularCover
 from ccpin.domain.curves.curve import as_curve
 from ccpin.domain.curves.following import TubeChain

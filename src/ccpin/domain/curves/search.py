@@ -14,19 +14,19 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Mask, joined, rows_of
-from ccpin.domain.atlas.cells import Region
-from ccpin.domain.atlas.run import Runner, Stopped
-from ccpin.domain.atlas.tasks import Arrays
+from ccpin.covering.proposals.solving import closure_derivatives
+from ccpin.covering.pruning import rows_to_halve_for
+from ccpin.covering.region import Region
+from ccpin.covering.runner import Arrays, Runner
 from ccpin.domain.curves.covering import Nearby, directions, extents
 from ccpin.domain.curves.following import TubeChain, follow, prolonged
 from ccpin.domain.curves.system import onto_curves
 from ccpin.domain.curves.tasks import narrow_boxes, settle_boxes
 from ccpin.domain.curves.tubes import Points, Tubes, no_tubes
-from ccpin.domain.newton import closure_derivatives
-from ccpin.domain.sheets.candidates import rows_to_halve_for
 from ccpin.proof.equations import Problem, closure_values
 from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges
+from ccpin.work import Stopped
 
 BEYOND = 1e-12
 """How far a search goes beyond its region and ranges each way."""

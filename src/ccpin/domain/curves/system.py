@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Mask, apply, solve_many
-from ccpin.domain.newton import closure_derivatives
+from ccpin.covering.proposals.solving import closure_derivatives
 from ccpin.proof.chains import Derivatives, third_along
 from ccpin.proof.equations import Problem, third_bound
 

@@ -20,9 +20,9 @@ from threading import Event
 import numpy as np
 
 from ccpin.arrays import joined, rows_of
+from ccpin.covering.merging import grafted, whole_region
+from ccpin.covering.runner import Runner
 from ccpin.domain.atlas import store
-from ccpin.domain.atlas.grafting import grafted, whole_region
-from ccpin.domain.atlas.run import Runner
 from ccpin.domain.sheets.front import Members, glued_pairs
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError

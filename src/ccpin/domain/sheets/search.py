@@ -13,20 +13,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Indices, instance, joined, positive, whole
-from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Corners, Region, corners_of, place, region_of
-from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
-from ccpin.domain.atlas.singular import SingularCells, mark_in_cells
+from ccpin.covering.cells import CellStatus, CellTree, SingularCells, place
+from ccpin.covering.region import LEVELS, Corners, Region
+from ccpin.covering.runner import Progress, Runner, Work, reporter
+from ccpin.domain.atlas.singular import mark_in_cells
 from ccpin.domain.atlas.store import require_about
-from ccpin.domain.closures.seeds import Seed
+from ccpin.domain.closures.searchable import check_searchable, region_about, searched_ranges
 from ccpin.domain.closures.system import Reading, reading_of
 from ccpin.domain.sheets.front import CountedRegion, Front, glued_pairs, parts_of
-from ccpin.domain.sheets.paving import MOST_DEPENDENT, Cover, cover_singular, solutions_task
+from ccpin.domain.sheets.paving import Cover, cover_singular, solutions_task
 from ccpin.domain.sheets.sheets import SheetAtlas
-from ccpin.errors import InvalidInputError, UnsupportedMechanismError
-from ccpin.kinematics.coordinates import component_names
+from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.equations import BoundsName
-from ccpin.proof.ranges import NO_LIMIT, Ranges, ranges_of
+from ccpin.proof.ranges import Ranges
+from ccpin.work import Stopped, executor_for, stoppable
 
 _DEPTHS = {1: 10, 2: 7, 3: 4}
 _DEEPER = 3
@@ -83,7 +84,7 @@ def certify_sheets(
     """
     mechanism = mechanism_of(mechanism)
     reading = reading_of(mechanism, mechanism.q_reference)
-    refuse(mechanism, reading)
+    check_searchable(mechanism, reading)
     depth = _DEPTHS[mechanism.n] if max_depth is None else whole(max_depth, "max_depth", 1)
     if not depth + _DEEPER < LEVELS:
         raise InvalidInputError(f"max_depth must be from 1 to {LEVELS - _DEEPER - 1}; it is {depth}")
@@ -161,52 +162,6 @@ def _survey(
         complete=complete,
         singular=joined(singular),
     )
-
-
-def refuse(mechanism: Mechanism, reading: Reading, what: str = "sheets cannot be counted") -> None:
-    """What cannot be searched exhaustively."""
-    why, system = None, reading.system
-    if not 1 <= mechanism.n <= max(_DEPTHS):
-        why = f"it has {mechanism.n} independent coordinates, and sheets are for one to three"
-    elif system.m > MOST_DEPENDENT:
-        why = f"{system.m} of its coordinates depend, and all values of more than {MOST_DEPENDENT} take too long"
-    elif any(joint.kind.unit == 4 for joint in reading.chart.joints):
-        why = "it has ball joints, whose turns have no range to be searched; universal joints have"
-    elif reading.rods:
-        why = "distance closures stand for rods with two angles, which say the same twice"
-    elif np.any(system.moduli):
-        why = "it has couplings of continuous joints"
-    elif turnable := [loop.closure for loop in mechanism.constraints().loops if loop.turnable]:
-        why = (
-            f"the rows of closure '{turnable[0].name}' ({turnable[0].kind}) vanish with its ends turned over too, and "
-            "these would count; cut the loop open at a joint about one axis, or at a ball joint"
-        )
-    if why is not None:
-        raise UnsupportedMechanismError(f"{mechanism.name}: its {what}: {why}")
-
-
-def region_about(mechanism: Mechanism, reading: Reading, region: Corners | None) -> Region:
-    """The region asked for, or what the joints allow."""
-    theta = reading.theta(mechanism.q_reference)
-    if region is not None:
-        theta[reading.system.independent] = np.mean(corners_of(region, mechanism.independent), axis=0)
-    return region_of(mechanism, Seed(reading, theta), region)
-
-
-def searched_ranges(mechanism: Mechanism, reading: Reading, region: Region) -> Ranges:
-    """What is searched of the dependent coordinates over a region (Lemma R): all there is within the joints' limits.
-
-    Raises:
-        UnsupportedMechanismError: Nothing bounds one of them.
-    """
-    system, model, names = reading.system, mechanism.tree.model, component_names(mechanism.tree)
-    limits = np.tile([-NO_LIMIT, NO_LIMIT], (system.n_free, 1))
-    for joint in reading.chart.joints:
-        if joint.kind.nq == 1:
-            low, high = model.lowerPositionLimit[joint.q.start], model.upperPositionLimit[joint.q.start]
-            limits[joint.v.start] = max(low, -NO_LIMIT), min(high, NO_LIMIT)
-    middle = reading.theta(mechanism.q_reference)
-    return ranges_of(system, middle, (region.lower, region.upper), limits[system.dependent], names)
 
 
 def _counted(

@@ -28,13 +28,15 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ccpin.arrays import Array, Indices, Mask, numbers, whole
+from ccpin.covering.cells import CellStatus, CellTree, SingularCells, place
+from ccpin.covering.documents import packed, unpacked
+from ccpin.covering.faces import contacts_of
+from ccpin.covering.proposals.solving import newton
+from ccpin.covering.region import WHOLE, Region
 from ccpin.domain.atlas import store
-from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contacts_of, place
-from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
 from ccpin.domain.documents import SHEETS
-from ccpin.domain.newton import newton
 from ccpin.domain.sheets.front import Glued, Members
 from ccpin.domain.sheets.touching import Fold, cross, near_folds
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
@@ -211,7 +213,7 @@ class SheetAtlas:
         header, arrays = store.pack(store.Covering(self.reading, self.region, self.tree, self.boxes, self.singular))
         header |= {"names": list(self.names), "complete": self.complete}
         for part in _RECORDS:
-            arrays |= store.packed(part, getattr(self, part))
+            arrays |= packed(part, getattr(self, part))
         store.write(path, SHEETS, header, arrays | {"count": self.count})
 
     @classmethod
@@ -222,7 +224,7 @@ class SheetAtlas:
             InvalidInputError: The file cannot be read or is none, or a box in it is not proved.
         """
         with store.reading(path, SHEETS) as (header, arrays):
-            records = {part: store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items()}
+            records = {part: unpacked(part, kind, arrays) for part, kind in _RECORDS.items()}
             return cls(
                 names=tuple(header["names"]),
                 count=arrays["count"].astype(np.int64),

@@ -6,7 +6,7 @@ from functools import partial
 from typing import Any
 
 from ccpin.arrays import instance
-from ccpin.domain.atlas.code import code_digest
+from ccpin.covering.sources import code_digest
 from ccpin.errors import InvalidInputError
 from ccpin.proof.digests import digest_or_none
 

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from ccpin.arrays import instance, listener, whole
-from ccpin.domain.atlas.run import executor_for, stoppable
 from ccpin.errors import InvalidInputError
 from ccpin.files import Journal, write_atomically
 from ccpin.simulation.results import saving
 from ccpin.simulation.studies.cases import Case
 from ccpin.simulation.studies.origins import origin_of
+from ccpin.work import executor_for, stoppable
 
 if TYPE_CHECKING:
     import pandas as pd

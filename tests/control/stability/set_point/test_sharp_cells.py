@@ -21,8 +21,9 @@ def test_cells_agree_where_they_are_glued_at_the_middle_of_their_face(monkeypatc
         return np.array(answers)
 
     monkeypatch.setattr(module, "glued", glued)
-    problem = SimpleNamespace(system=SimpleNamespace(independent=np.array([0, 1])))
-    store = CellStore(problem, None, None, None)
+    system = SimpleNamespace(independent=np.array([0, 1]))
+    reading = SimpleNamespace(problem=SimpleNamespace(system=system))
+    store = CellStore(reading, None, None, None)
     for low, high in CORNERS:
         lower, upper = np.array(low), np.array(high)
         centre = 0.5 * (lower + upper)[None]

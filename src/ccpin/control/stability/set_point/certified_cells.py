@@ -1,6 +1,6 @@
 """Cells of q-space that are proved to carry σ when they are needed: a lattice that grows, or an atlas's boxes.
 
-Each cell is a box of q-space; a proved one has a box of `ccpin.domain.boxes` and bounds of U over it (`Well`).
+Each cell is a box of q-space; a proved one has a box of Theorem K and bounds of U over it (`Well`).
 Cells are proved from a proved neighbour and glued to it at the middle of the common face, halved where that fails,
 and new ones are laid beside old ones where the lattice may grow.
 """
@@ -17,10 +17,10 @@ import numpy as np
 from ccpin.arrays import Array, Indices, joined
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.well import Well, wells
-from ccpin.domain.atlas.tasks import CellsToProve, prove
+from ccpin.covering.proposals.solving import glued
+from ccpin.covering.proposals.tasks import CellsToProve, prove
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.gravity_bounds import Potential, gravity_bounds
-from ccpin.domain.newton import glued
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, predict, verify
 from ccpin.proof.rounding import widened

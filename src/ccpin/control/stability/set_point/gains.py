@@ -28,8 +28,8 @@ from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.certified_cells import CellStore
 from ccpin.control.stability.set_point.starting_cells import cells_of_atlas
 from ccpin.control.stability.set_point.well import checked_region, sample_region
+from ccpin.covering.region import Corners
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import Corners
 from ccpin.domain.atlas.store import require_about
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, UnattainableGainsError

@@ -25,9 +25,8 @@ from ccpin.control.stability.set_point.certified_cells import CellStore, holding
 from ccpin.control.stability.set_point.flood import Budget, Flood, Flooded, Limit, Sublevel, connected
 from ccpin.control.stability.set_point.starting_cells import cells_around, cells_of_atlas
 from ccpin.control.stability.set_point.well import Well, checked_region, sample_region
+from ccpin.covering.region import Corners
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import Corners
-from ccpin.domain.atlas.run import stoppable
 from ccpin.domain.atlas.store import require_about
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
@@ -36,6 +35,7 @@ from ccpin.mechanism.assumptions import limits_left_out, mass_assumed, rubbing, 
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.proof.newton import predict
 from ccpin.proof.verdict import Verdict
+from ccpin.work import stoppable
 
 _BUDGETS = {1: Budget(12, 400), 2: Budget(14, 2000), 3: Budget(9, 1500)}
 _ONE_BOX = Budget(0, 1)

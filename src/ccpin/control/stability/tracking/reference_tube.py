@@ -6,7 +6,7 @@ Cell k holds the states of the times T_k = [t_k, t_{k+1}] whose errors are small
 
 the last one those of all times at which the reference has come to rest; a reference that begins late has a cell of rest
 before it. That σ is one along them is Lemma T of `ccpin/proof/theorems/tracking.md`: σ is proved on each cell by a box
-of Theorem K (`ccpin.domain.boxes`) with the parameters (s, e), and glued at its middle to the σ that `certify_path`
+of Theorem K (`ccpin.proof.newton`) with the parameters (s, e), and glued at its middle to the σ that `certify_path`
 continued along q_d from the law's start.
 
 How far q_d and q̇_d jump at most at each t_k is bounded from the polynomials of both sides, rounding included (`kicks`).
@@ -26,9 +26,9 @@ from scipy.interpolate import PPoly
 from ccpin.arrays import Array, Mask
 from ccpin.control.references import Reference
 from ccpin.control.tracking import TrackingLaw
-from ccpin.domain.boxes import certify_boxes
+from ccpin.covering.proposals.krawczyk import certify_boxes
+from ccpin.covering.proposals.solving import glued
 from ccpin.domain.masses import Masses, masses_of
-from ccpin.domain.newton import glued
 from ccpin.domain.path import CertifiedPath, certify_path
 from ccpin.domain.pieces import Chord, chords_of, pieces_of, points_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError

@@ -8,16 +8,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ccpin.arrays import Array, Indices, Mask, apply
-from ccpin.domain.boxes import certify_boxes
-from ccpin.domain.newton import glued, newton
+from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
+from ccpin.covering.proposals.krawczyk import certify_boxes
+from ccpin.covering.proposals.solving import glued, newton
+from ccpin.covering.runner import Arrays, Runner
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes
 from ccpin.proof.requirements import meets
 
-Arrays = tuple[NDArray[np.generic], ...]
 _AT_FACE, _AT_CENTRE = 5, 10
 _NEAR = 1e-4  # at a face: σ is only passed there
 _FIELDS = len(Boxes._fields)
@@ -99,3 +98,29 @@ def _turned(problem: Problem, theta: Array, turn_to: Array) -> Array:
     movable = system.periodic.copy()
     movable[system.independent] = False
     return np.where(movable & np.isfinite(turns), theta - 2.0 * np.pi * turns, theta)
+
+
+def prove_cells(runner: Runner, cells: CellsToProve, chunk: int) -> Proved:
+    """`tasks.prove`, in chunks of so many.
+
+    Raises:
+        Stopped: As for `Runner.map`.
+    """
+    results = runner.map(prove_task, [rows_of(cells, part) for part in _parts(len(cells.centre), chunk)])
+    return joined(Proved.unpack(result) for result in results)
+
+
+def glue_boxes(runner: Runner, first: Boxes, delta: Array, second: Boxes, delta_second: Array, chunk: int) -> Mask:
+    """`newton.glued`, in chunks of so many.
+
+    Raises:
+        Stopped: As for `Runner.map`.
+    """
+    arrays: Arrays = (*first, delta, *second, delta_second)
+    chunks = [tuple(array[part] for array in arrays) for part in _parts(len(delta), chunk)]
+    same = [result[0] for result in runner.map(glue_task, chunks)]
+    return np.concatenate([np.zeros(0, dtype=np.bool_), *same]).astype(np.bool_)
+
+
+def _parts(count: int, chunk: int) -> list[slice]:
+    return [slice(k, k + chunk) for k in range(0, count, chunk)]

@@ -9,7 +9,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from ccpin.arrays import Indices
-from ccpin.domain.atlas.cells import TURN, WHOLE, CellTree, Integers, Region
+from ccpin.covering.cells import CellTree
+from ccpin.covering.region import TURN, WHOLE, Integers, Region
 from ccpin.errors import InvalidInputError
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes

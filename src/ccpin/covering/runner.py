@@ -3,112 +3,33 @@
 from __future__ import annotations
 
 import hashlib
-import multiprocessing
-import os
 import pickle
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import CancelledError, Executor, Future, ProcessPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Executor, Future
 from concurrent.futures import TimeoutError as FutureTimeoutError
-from contextlib import contextmanager
-from contextvars import ContextVar
 from copy import copy
 from pathlib import Path
-from types import FrameType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ccpin.arrays import Array, Mask, joined, listener, rows_of, whole
+from ccpin.arrays import listener
 from ccpin.containers import ArrayOutline, read, write
-from ccpin.domain.atlas.cells import CellStatus, CellTree
-from ccpin.domain.atlas.code import code_digest
-from ccpin.domain.atlas.tasks import Arrays, CellsToProve, Proved, glue_task, prove_task
+from ccpin.covering.cells import CellStatus, CellTree
+from ccpin.covering.sources import code_digest
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.files import writable_folder
 from ccpin.proof.equations import Problem
-from ccpin.proof.newton import Boxes
+from ccpin.work import Flag, Stopped, Until
 
+Arrays = tuple[NDArray[np.generic], ...]
 Task = Callable[[Problem, Arrays], Arrays]
 
 _POLL = 0.2
 _CHUNK = "ccpin-chunk-1"
 _STALLED = 5.0
-_ACTIVE: ContextVar[tuple[threading.Event, ...]] = ContextVar("active", default=())
-
-
-class Stopped(Exception):  # noqa: N818 - not an error: what is proved is kept
-    """Raised between chunks after an interrupt, and where a budget is spent."""
-
-
-class Flag(Protocol):
-    """What tells that work is to end."""
-
-    def is_set(self) -> bool:
-        """Whether it is."""
-
-
-class _Until(NamedTuple):
-    """A flag that is also set from a time on (`time.monotonic`)."""
-
-    flag: Flag
-    time: float
-
-    def is_set(self) -> bool:
-        return self.flag.is_set() or time.monotonic() >= self.time
-
-
-@contextmanager
-def stoppable(seconds: float | None = None) -> Iterator[threading.Event]:
-    """Make the first Ctrl-C, or the end of a time, set an event, so that no bookkeeping is cut in half.
-
-    Ctrl-C within another one's stretch of work sets that one's event too, and what is begun after that ends at once.
-    The second Ctrl-C acts as ever.
-    """
-    flag, around = threading.Event(), _ACTIVE.get()
-    if any(outer.is_set() for outer in around):
-        flag.set()
-    token = _ACTIVE.set((*around, flag))
-    try:
-        with _timed(flag, seconds), _interruptible((*around, flag)):
-            yield flag
-    finally:
-        _ACTIVE.reset(token)
-
-
-@contextmanager
-def _timed(flag: threading.Event, seconds: float | None) -> Iterator[None]:
-    timer = None if seconds is None else threading.Timer(min(seconds, threading.TIMEOUT_MAX), flag.set)
-    if timer is not None:
-        timer.daemon = True
-        timer.start()
-    try:
-        yield
-    finally:
-        if timer is not None:
-            timer.cancel()
-
-
-@contextmanager
-def _interruptible(flags: tuple[threading.Event, ...]) -> Iterator[None]:
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.getsignal(signal.SIGINT)
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        del number, frame
-        for flag in flags:
-            flag.set()
-        signal.signal(signal.SIGINT, signal.default_int_handler if len(flags) > 1 else before)
-
-    signal.signal(signal.SIGINT, stop)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 class Progress(NamedTuple):
@@ -190,48 +111,6 @@ class ChunkStore:
             write(self.folder / f"{key}.npz", {"format": _CHUNK, "key": key}, arrays)
 
 
-def processes(workers: int) -> int:
-    """How many processes are started where so many are asked for: no more than twice those that can run at a time.
-
-    Raises:
-        InvalidInputError: It is not a whole number of at least one.
-    """
-    return min(whole(workers, "workers"), 2 * (os.cpu_count() or 1))
-
-
-@contextmanager
-def executor_for(executor: Executor | None, workers: int | None) -> Iterator[Executor | None]:
-    """The executor given, or worker processes where more than one was asked for; ``None``: this process.
-
-    Raises:
-        InvalidInputError: Both were given, or `workers` is not a whole number of at least one.
-    """
-    if executor is not None and workers is not None:
-        raise InvalidInputError("give an executor or a number of workers, not both")
-    workers = None if workers is None else processes(workers)
-    if workers is None or workers == 1:
-        yield executor
-        return
-    pool = ProcessPoolExecutor(workers, initializer=_serve)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
-def _serve() -> None:
-    """In a worker: Ctrl-C is the main process's business, and none outlives it, were it killed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
 class Runner:
     """Maps a task over chunks, in order, with the same chunks whoever computes them.
 
@@ -249,7 +128,7 @@ class Runner:
         """One that stops after a time too, if any is given."""
         sooner = copy(self)
         if seconds is not None:
-            sooner.flag = _Until(self.flag, time.monotonic() + seconds)
+            sooner.flag = Until(self.flag, time.monotonic() + seconds)
         return sooner
 
     def map(self, task: Task, chunks: list[Arrays]) -> list[Arrays]:
@@ -323,29 +202,3 @@ class Runner:
                     return None
             except (Exception, CancelledError):
                 return None
-
-
-def prove_cells(runner: Runner, cells: CellsToProve, chunk: int) -> Proved:
-    """`tasks.prove`, in chunks of so many.
-
-    Raises:
-        Stopped: As for `Runner.map`.
-    """
-    results = runner.map(prove_task, [rows_of(cells, part) for part in _parts(len(cells.centre), chunk)])
-    return joined(Proved.unpack(result) for result in results)
-
-
-def glue_boxes(runner: Runner, first: Boxes, delta: Array, second: Boxes, delta_second: Array, chunk: int) -> Mask:
-    """`newton.glued`, in chunks of so many.
-
-    Raises:
-        Stopped: As for `Runner.map`.
-    """
-    arrays: Arrays = (*first, delta, *second, delta_second)
-    chunks = [tuple(array[part] for array in arrays) for part in _parts(len(delta), chunk)]
-    same = [result[0] for result in runner.map(glue_task, chunks)]
-    return np.concatenate([np.zeros(0, dtype=np.bool_), *same]).astype(np.bool_)
-
-
-def _parts(count: int, chunk: int) -> list[slice]:
-    return [slice(k, k + chunk) for k in range(0, count, chunk)]

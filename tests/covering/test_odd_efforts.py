@@ -9,9 +9,10 @@ from scipy.interpolate import BSpline, PPoly
 
 from ccpin import control, domain, dynamics
 from ccpin.arrays import numbers, positive, whole
-from ccpin.domain.atlas.run import ChunkStore, executor_for
+from ccpin.covering.runner import ChunkStore
 from ccpin.domain.closures.system import reading_of
 from ccpin.errors import InvalidInputError
+from ccpin.work import executor_for
 
 REGION = np.radians([[-112.0, -76.0], [-104.0, -68.0]])
 GOAL = np.radians((-108.0, -72.0))

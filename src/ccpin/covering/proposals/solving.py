@@ -1,13 +1,13 @@
-"""Newton's method and the certified iteration at fixed q, over batches of configurations."""
+"""Newton's method over batches: at fixed q, and for systems with as many unknowns; boxes glued by it."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask, apply, inverses
-from ccpin.domain.boxes import certify_points
+from ccpin.arrays import Array, Indices, Mask, apply, inverses, solve_many
+from ccpin.covering.proposals.krawczyk import certify_points
 from ccpin.native.certifier import certifier
 from ccpin.proof.chains import Derivatives, derivatives
 from ccpin.proof.equations import Problem, closure_values
@@ -15,6 +15,9 @@ from ccpin.proof.newton import Boxes, encloses, solve_in_boxes, within
 
 _LARGEST_STEP = 1.5
 _SETTLED = 1e-7
+_LOST = 1e-8  # a step after which Newton's next one is lost in rounding
+_LONGEST = 0.5
+P = TypeVar("P")
 
 
 class Converged(NamedTuple):
@@ -93,3 +96,36 @@ def closure_derivatives(problem: Problem, theta: Array) -> Derivatives:
     if core is not None:
         return Derivatives(*core.derivatives(theta))
     return derivatives(problem.system, problem.stack, theta)
+
+
+class SquareSystem(Protocol[P]):
+    """F at B points, P being what it needs there."""
+
+    def take(self, rows: Indices) -> SquareSystem[P]:
+        """Those of some points."""
+
+    def at(self, x: Array) -> P:
+        """What is needed at x, of shape (B, unknowns)."""
+
+    def value(self, point: P) -> Array:
+        """F, of shape (B, unknowns)."""
+
+    def slope(self, point: P) -> Array:
+        """F′, of shape (B, unknowns, unknowns)."""
+
+
+def solved(equations: SquareSystem[P], x: Array, steps: int) -> Array:
+    """Newton's method, its steps shortened to at most 0.5 in any unknown."""
+    x, active = x.copy(), np.arange(len(x))
+    for _ in range(steps):
+        part = equations.take(active)
+        point = part.at(x[active])
+        step = -solve_many(part.slope(point), part.value(point))
+        length = np.max(np.abs(step), axis=1)
+        going = np.isfinite(length)
+        step, length, active = step[going], length[going], active[going]
+        x[active] += step * np.minimum(1.0, _LONGEST / np.maximum(length, 1e-300))[:, None]
+        active = active[length > _LOST * (1.0 + np.abs(x[active]).max(axis=1))]
+        if not active.size:
+            break
+    return x

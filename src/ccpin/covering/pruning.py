@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
-from ccpin.domain.atlas.cells import CellTree, Region, place
-from ccpin.domain.atlas.run import Runner, Stopped
-from ccpin.domain.atlas.tasks import Arrays
+from ccpin.covering.cells import CellTree, place
+from ccpin.covering.region import Region
+from ccpin.covering.runner import Arrays, Runner
 from ccpin.proof.equations import Problem, closure_values
 from ccpin.proof.narrowing import Candidates, narrowed
 from ccpin.proof.ranges import Ranges
 from ccpin.proof.rounding import blur
+from ccpin.work import Stopped
 
 _RATIO, _CURVED = 2.0, 0.3
 _FLOOR = 1e-3

@@ -15,12 +15,13 @@ import pytest
 
 import ccpin
 from ccpin import domain
+from ccpin.covering.region import WHOLE
+from ccpin.covering.runner import Runner, Work
 from ccpin.domain import certify, certify_sheets
-from ccpin.domain.atlas.cells import WHOLE
-from ccpin.domain.atlas.run import Runner, Work, stoppable
 from ccpin.domain.closures.system import reading_of
 from ccpin.domain.curves import following, search
 from ccpin.errors import DifferentSubjectsError, InvalidInputError
+from ccpin.work import stoppable
 
 TORUS = (np.full(2, -np.pi), np.full(2, np.pi))
 GOAL = np.radians((-108.0, -72.0))
@@ -137,7 +138,7 @@ class Closed:
 
 def test_nobody_waits_for_an_executor_that_is_gone(rpdr, monkeypatch):
     """A scheduler that had died was waited for for ever; the work is done here."""
-    monkeypatch.setattr("ccpin.domain.atlas.run._STALLED", 0.3)
+    monkeypatch.setattr("ccpin.covering.runner._STALLED", 0.3)
     gone = Gone()
     alone = certify(rpdr, GOAL, (GOAL - 0.3, GOAL + 0.3))
     found = certify(rpdr, GOAL, (GOAL - 0.3, GOAL + 0.3), executor=gone)
