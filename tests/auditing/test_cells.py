@@ -136,7 +136,7 @@ def test_cells_emptied_by_theorem_e_are_proved(legs):
 
 def test_what_there_is_no_way_to_look_at_is_no_failure(legs, monkeypatch):
     """Without legs of a body, and with more dependent coordinates than are searched: neither proved nor failed."""
-    monkeypatch.setattr(empty_cells.Platform, "of", lambda reach: None)
+    monkeypatch.setattr(empty_cells.Legs, "of", lambda reach: None)
     monkeypatch.setattr(empty_cells, "_MOST", 5)
     audit = verify(legs[1], sample=3)
     assert (claim(audit, "without a closed").checked, claim(audit, "without a closed").failed) == (0, ())

@@ -75,7 +75,9 @@ def speaks_for(thing: object, statement: str) -> bool:
 def _home(kind: type[Any], statement: str) -> type[Any] | None:
     """The class that makes a statement, or ``None`` where a class between it and `kind` redefines what it has."""
     order = kind.__mro__
-    first = next(k for k, c in enumerate(order) if statement in vars(c))
+    first = next((k for k, c in enumerate(order) if statement in vars(c)), None)
+    if first is None:
+        return None
     home = order[first]
     below = (name for c in order[:first] for name in vars(c))
     redefined = any(hasattr(home, name) for name in below if name not in _NOT_BEHAVIOUR)
