@@ -6,6 +6,7 @@ import pkgutil
 import re
 import subprocess
 import sys
+from collections import Counter
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -242,3 +243,36 @@ def test_nothing_prints_but_the_command_line():
             assert not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "print"), (
                 f"{path.name}:{node.lineno}"
             )
+
+
+# One word, one thing: what still stands for two. These lists may only become shorter.
+CLASSES_OF_ONE_NAME = {"Budget", "Effort", "Reading", "TubeBounds"}
+MODULES_OF_ONE_ROLE = {"documents", "joints", "merging", "meshes", "reader", "sheets", "tasks", "words", "writer"}
+MODULES_OF_ONE_NAME = {"balls", "emptiness", "search", "system", "workspace"}
+MODULES_NAMED_AS_A_FUNCTION = {
+    "certifier",
+    "cusps",
+    "design",
+    "drawn_bodies",
+    "gravity_bounds",
+    "singularities",
+    "specification",
+    "survey",
+    "task_space",
+    "theorem2",
+}
+
+
+def test_one_word_is_one_thing():
+    """No two classes share a name, nor two modules but for sisters of one role, nor a module and its function."""
+    classes, modules, functions = Counter(), Counter(), set()
+    for module, path in MODULES.items():
+        tree, own = ast.parse(path.read_text(encoding="utf-8")), module.rpartition(".")[2]
+        classes.update(node.name.lstrip("_") for node in ast.walk(tree) if isinstance(node, ast.ClassDef))
+        if path.name == "__init__.py" or room(module) == "cli":  # commands are named as what they call
+            continue
+        modules[own] += 1
+        functions |= {own for node in tree.body if isinstance(node, ast.FunctionDef) and node.name == own}
+    assert {name for name, number in classes.items() if number > 1} <= CLASSES_OF_ONE_NAME
+    assert {name for name, number in modules.items() if number > 1} <= MODULES_OF_ONE_ROLE | MODULES_OF_ONE_NAME
+    assert functions <= MODULES_NAMED_AS_A_FUNCTION
