@@ -155,3 +155,14 @@ def test_the_line_keeps_the_other_coordinates():
     rows = line.system.couplings[-2:] @ np.array([on, off]).T + line.system.offset[-2:, None]
     assert np.abs(rows[:, 0]).max() < 1e-15
     assert np.linalg.norm(rows[:, 1]) > 0.02
+
+
+def test_what_a_line_s_rows_hold_is_no_angle(rpdr):
+    """φ with Nᵀ(q − q_r) = 0 is not the same a turn on in q: such a turn is no gluing."""
+    reading = reading_of(rpdr, rpdr.q_reference)
+    system = reading.problem.system
+    theta = reading.theta(rpdr.q_reference)
+    for direction, turning in (((1.0, 0.5), (False, False)), ((1.0, 0.0), (True, False))):
+        line = line_problem(reading.problem, theta, np.array(direction), int(system.dependent[0])).system
+        np.testing.assert_array_equal(line.periodic[system.independent], turning)
+        np.testing.assert_array_equal(line.periodic[system.dependent], system.periodic[system.dependent])

@@ -175,5 +175,7 @@ def line_problem(problem: Problem, theta: Array, direction: Array, parameter: in
         moduli=np.concatenate([system.moduli, np.zeros(n - 1)]),
         independent=np.array([parameter]),
         dependent=others,
+        periodic=system.periodic
+        & ~np.any(rows != 0.0, axis=0),  # of these coordinates the rows know more than an angle
     )
     return problem_of(extended, "reach" if problem.phasors is None else "planar")
