@@ -54,7 +54,6 @@ class Bench:
         right = {"q": self.q, "v": self.rest, "a": self.rest, "u": self.rest, "force": self.rest, "wrenches": None}
         right |= {
             "state": self.state,
-            "guess": None,
             "near": None,
             "q_free": self.q_free,
             "v_free": np.zeros(4),
@@ -85,7 +84,7 @@ def _ccpin(b):
     load = {"path": "rpdr", "closures": (), "couplings": (), "independent": names, "actuated": names, "joints": {}}
     load |= {"motors": {}, "format": None, "model": None, "include_root": None, "xacro": False, "xacro_arguments": None}
     load |= {"reference": reference, "geometry": None, "constraints": (), "geometry_tolerance": 1e-5}
-    run = {"model": b.model, "controller": b.law, "q0": b.q, "v0": b.rest, "duration": 0.005, "guess": None}
+    run = {"model": b.model, "controller": b.law, "q0": b.q, "v0": b.rest, "duration": 0.005, "near": None}
     run |= {"method": "RK45", "rtol": 1e-6, "atol": 1e-6, "sample_period": 0.005, "max_step": 1.0, "region": None}
     run |= {"settling": None, "friction": None, "wrenches": None, "sampling": None, "singular_rcond": 1e-7}
     closure = {"name": "a", "kind": "fixed", "link_a": "a", "link_b": "b", "placement_a": np.eye(4), "length": None}
@@ -103,12 +102,12 @@ def _ccpin(b):
 
 
 def _control(b):
-    pd = {"model": b.model, "q_d": b.q, "K_p": [50, 50], "K_v": [5, 5], "guess": None}
-    tracking = {"model": b.model, "reference": b.hold, "K_p": [50, 50], "K_v": [5, 5], "guess": None}
+    pd = {"model": b.model, "q_d": b.q, "K_p": [50, 50], "K_v": [5, 5], "near": None}
+    tracking = {"model": b.model, "reference": b.hold, "K_p": [50, 50], "K_v": [5, 5], "near": None}
     online = control.OnlineSigma(b.model, b.q_free)
     poses = [b.effector.pose(b.q), b.effector.pose(b.q + 0.01)]
     sampling = {"period": 0.001, "encoder_counts": 1000, "velocity_cutoff": 10.0, "saturation": 1.0, "delay": 1}
-    newton = {"parametrization": b.whole.parametrization(), "q": b.q, "start": b.q_free, "max_newton_steps": 4}
+    newton = {"parametrization": b.whole.parametrization(), "q": b.q, "near": b.q_free, "max_newton_steps": 4}
     return {
         "NoTorque": (control.NoTorque, {"model": b.model}),
         "TorqueFunction": (control.TorqueFunction, {"function": lambda t, q, v: b.rest}),
@@ -140,7 +139,7 @@ def _control(b):
         ),
         "through_points": (
             control.through_points,
-            {"end_effector": b.effector, "times": [0, 1], "targets": poses, "degree": 5, "guess": None},
+            {"end_effector": b.effector, "times": [0, 1], "targets": poses, "degree": 5, "near": None},
         ),
         "capped_sigma": (control.capped_sigma, newton | {"tolerance": 1e-9}),
         "certify_law": (control.certify_law, {"law": b.law, "domain": b.box, "budget": None}),
@@ -160,14 +159,14 @@ def _control(b):
         ),
         "local_gains": (
             control.local_gains,
-            {"model": b.model, "q_d": b.q, "frequency": 10.0, "damping": 1.0, "guess": None},
+            {"model": b.model, "q_d": b.q, "frequency": 10.0, "damping": 1.0, "near": None},
         ),
         "suggest_gains": (
             control.suggest_gains,
-            {"model": b.model, "q_d": b.q, "domain": b.box, "margin": 1.5, "damping": 0.7, "guess": None},
+            {"model": b.model, "q_d": b.q, "domain": b.box, "margin": 1.5, "damping": 0.7, "near": None},
         ),
-        "PDSimpleGravity.torque": (b.law.torque, {"q": b.q, "v": b.rest, "t": 0.0, "guess": None}),
-        "PDSimpleGravity.lyapunov": (b.law.lyapunov, {"q": b.q, "v": b.rest, "guess": None}),
+        "PDSimpleGravity.torque": (b.law.torque, {"q": b.q, "v": b.rest, "t": 0.0, "near": None}),
+        "PDSimpleGravity.lyapunov": (b.law.lyapunov, {"q": b.q, "v": b.rest, "near": None}),
         "SetPointCertificate.contains": (b.certificate.contains, {"q": b.q, "v": b.rest}),
     }
 
@@ -202,14 +201,14 @@ def _description(b):
 def _domain(b):
     path = [b.q, b.q + 0.02]
     x = b.tip.pose(b.q)[[0, 2], 3]
-    asked = {"end_effector": b.tip, "guess": None, "limits": True, "dexterity": 0.0, "length": None, "seconds": None}
+    asked = {"end_effector": b.tip, "near": None, "limits": True, "dexterity": 0.0, "length": None, "seconds": None}
     asked |= {"bounds": "auto"}
     largest = asked | {"centre": x, "proportions": 1.0, "tilt": 0.0, "within": 0.01, "tolerance": 0.5, "work": None}
     curves = {"starts": 2, "step": 0.05, "limit": 10}
     return {
         "certify": (
             domain.certify,
-            {"mechanism": b.whole, "q0": b.q, "region": b.box, "guess": None, "max_depth": 2, "bounds": "auto"}
+            {"mechanism": b.whole, "q0": b.q, "region": b.box, "near": None, "max_depth": 2, "bounds": "auto"}
             | {"resolution": 0.1, "fraction": 0.5, "seconds": None},
         ),
         "certify_sheets": (
@@ -242,7 +241,7 @@ def _domain(b):
         "scaled_links": (domain.scaled_links, {"source": "rpdr", "links": {"arms": ("link1", "link2")}}),
         "certify_path": (
             domain.certify_path,
-            {"mechanism": b.whole, "path": path, "tube": 1e-3, "guess": None, "bounds": "auto"},
+            {"mechanism": b.whole, "path": path, "tube": 1e-3, "near": None, "bounds": "auto"},
         ),
         "kantorovich_radius": (domain.kantorovich_radius, {"mechanism": b.whole, "q_free": b.q_free, "bounds": "auto"}),
         "newton_steps": (
@@ -256,7 +255,7 @@ def _domain(b):
             domain.serial_singularities,
             {"mechanism": b.whole, "link": b.link, "point": (0, 0, 0), **curves},
         ),
-        "singularity_distance": (domain.singularity_distance, {"mechanism": b.whole, "path": path, "guess": None}),
+        "singularity_distance": (domain.singularity_distance, {"mechanism": b.whole, "path": path, "near": None}),
         "certified_radius": (domain.certified_radius, {"atlas": b.atlas, "q": [b.q]}),
         "scalar_coordinates_at": (domain.scalar_coordinates_at, {"mechanism": b.whole, "q_free": b.q_free}),
     }
@@ -272,7 +271,7 @@ def _dynamics(b):
         "assembly_modes": (dynamics.assembly_modes, {"model": b.model, "q": b.q, "patience": 5, "limit": 20}),
         "linearize": (
             dynamics.linearize,
-            {"model": b.model, "q": b.q, "u": b.rest, "v": b.rest, "guess": None, "wrenches": None},
+            {"model": b.model, "q": b.q, "u": b.rest, "v": b.rest, "near": None, "wrenches": None},
         ),
         "closed_loop_derivative": (
             dynamics.closed_loop_derivative,
@@ -300,10 +299,10 @@ def _options(b):
 
 def _simulation(b):
     forces = {"model": b.model, "trajectory": b.run, "wrenches": None}
-    at = {"model": b.model, "q": b.q, "v": b.rest, "u": b.rest, "guess": None, "wrenches": None}
+    at = {"model": b.model, "q": b.q, "v": b.rest, "u": b.rest, "near": None, "wrenches": None}
     near = simulation.Settling(b.q, hold=0.002)
     supervised = {"model": b.model, "q0": b.q, "goals": [b.q], "wait": 0.003, "settling": near, "timeout": 0.01}
-    supervised |= {"law_to": lambda goal, q_free: control.PDSimpleGravity(b.model, goal, 50, 5, q_free), "guess": None}
+    supervised |= {"law_to": lambda goal, q_free: control.PDSimpleGravity(b.model, goal, 50, 5, q_free), "near": None}
     metrics = {"trajectory": b.run, "mechanism": b.whole, "goal": b.q, "band": 0.03}
     return {
         "closure_forces": (simulation.closure_forces, forces),
@@ -329,7 +328,7 @@ def _simulation(b):
 
 
 def _validated(b):
-    run = {"model": b.model, "law": b.law, "q0": b.q, "v0": b.rest, "duration": 1e-3, "guess": None}
+    run = {"model": b.model, "law": b.law, "q0": b.q, "v0": b.rest, "duration": 1e-3, "near": None}
     run |= {"precision": 64, "order": 4, "tolerance": 1e-6, "pieces": 2}
     spread = {"spread": 1e-6, "parts": 1, "cells": 1}
     return {

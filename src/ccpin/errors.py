@@ -103,7 +103,7 @@ class ConvergenceError(CcpinError):
 
 
 class UnreachableError(ConvergenceError):
-    """σ(q) cannot be reached from the guess along the straight line in q.
+    """σ(q) cannot be reached from `near` along the straight line in q.
 
     Attributes:
         q: The q asked for, of shape (model.nq,).

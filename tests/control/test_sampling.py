@@ -22,8 +22,8 @@ class Recorded(ControlLaw):
     def __init__(self, law):
         self.law, self.calls = law, []
 
-    def torque(self, t, q, v, guess=None):
-        u = self.law.torque(t, q, v, guess)
+    def torque(self, t, q, v, near=None):
+        u = self.law.torque(t, q, v, near)
         self.calls.append((t, q.copy(), v.copy(), u.copy()))
         return u
 

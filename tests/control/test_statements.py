@@ -28,8 +28,8 @@ def backwards(kind):
     """The law, pushing the other way."""
 
     class Backwards(kind):
-        def torque(self, t, q, v, guess=None):
-            return -super().torque(t, q, v, guess)
+        def torque(self, t, q, v, near=None):
+            return -super().torque(t, q, v, near)
 
         def torque_at(self, t, state, v):
             return -super().torque_at(t, state, v)

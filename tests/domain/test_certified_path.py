@@ -114,14 +114,14 @@ def test_stops_at_the_coincident_elbows(rpdr):
     elbows, aside = -oracle.coincident_elbows(), np.array([0.0, np.radians(1.0)])
     ends = np.array([elbows - [0.2, 0.2], elbows + [0.2, 0.2]])
     q1, q2, q3, q4 = oracle.sigma(ends[0], 1.0)
-    guess = np.array([q1, q3, q2, q4])
-    blocked = certify_path(rpdr, ends, 0.0, guess)
+    near = np.array([q1, q3, q2, q4])
+    blocked = certify_path(rpdr, ends, 0.0, near)
     assert blocked.verdict != "proven"
     assert 0.5 - 1e-3 < blocked.reached < 0.5
     assert blocked.verdict == "undecided"
     assert blocked.witness is None
     assert "boxes of" in blocked.reason
-    assert certify_path(rpdr, ends + [aside, aside], 1e-3, guess).verdict == "proven"
+    assert certify_path(rpdr, ends + [aside, aside], 1e-3, near).verdict == "proven"
 
 
 def test_gough_stewart_translation_and_rotation(stewart):

@@ -49,9 +49,9 @@ FILES = [*sorted(MODELS.glob("*.urdf")), *(SHARED / name for name in THEIRS)]
 seeds = st.integers(0, 2**32 - 1)
 
 
-def assert_same(model, kernel, q, rng, guess=None):
+def assert_same(model, kernel, q, rng, near=None):
     """Every quantity of both cores within its allowance."""
-    apart = [d for d in differences(model, kernel, q, rng, guess) if not d.relative <= d.allowed]
+    apart = [d for d in differences(model, kernel, q, rng, near) if not d.relative <= d.allowed]
     assert not apart, apart
 
 

@@ -189,7 +189,7 @@ def law_of(model, start, offset=0.05):
 
 def assert_encloses(model, law, state, v, duration, **options):
     """The enclosure is proven, thin, and holds what an integrator computes; returned."""
-    found = enclose(model, law, state.q, v, duration, guess=state.q_free, **QUICK | options)
+    found = enclose(model, law, state.q, v, duration, near=state.q_free, **QUICK | options)
     sample = ccpin.simulate(
         model,
         law or ccpin.control.NoTorque(model),
@@ -312,7 +312,7 @@ def test_rows_left_out_are_bounded_along_the_motion():
 
     model = ccpin.ReducedModel(ccpin.load("bennett"))
     state, v = random_state(model)
-    found = enclose(model, None, state.q, v, 0.05, guess=state.q_free, **QUICK)
+    found = enclose(model, None, state.q, v, 0.05, near=state.q_free, **QUICK)
     loop = found.loop._replace(left_out=found.loop.energies)
     for step, begin in zip(found.steps, found.times[:-1], strict=True):
         largest = max(
@@ -425,7 +425,7 @@ def test_sets_of_starts(name):
     """Tubes of mechanisms with ball joints, and with redundant rows: starts simulated one by one stay inside."""
     model = ccpin.ReducedModel(MECHANISMS[name]())
     state, v = random_state(model)
-    found = enclose_set(model, None, state.q, v, 0.01, spread=(1e-3, 1e-2), guess=state.q_free, cells=2, **QUICK)
+    found = enclose_set(model, None, state.q, v, 0.01, spread=(1e-3, 1e-2), near=state.q_free, cells=2, **QUICK)
     assert found.verdict == "proven"
     largest = 0.0
     for signs in ([1.0, 1.0], [1.0, -1.0], [-1.0, 0.3]):

@@ -99,7 +99,7 @@ def _law(model: ReducedModel, options: argparse.Namespace, goal: Array, q_free: 
         return NoTorque(model)
     law = PDSimpleGravity if options.law == "simple" else PDFullGravity
     if options.kp is None and options.kv is None:
-        return law(model, goal, *local_gains(model, goal, guess=q_free), q_free)
+        return law(model, goal, *local_gains(model, goal, near=q_free), q_free)
     if options.kp is None or options.kv is None:
         raise InvalidInputError("--kp and --kv belong together (one for each independent velocity, or one number)")
     return law(model, goal, _gain(options, "kp", model.n), _gain(options, "kv", model.n), q_free)

@@ -60,11 +60,11 @@ class _Target(NamedTuple):
         return gap if self.rotation is None else np.concatenate([gap, rotation_error(pose[:3, :3], self.rotation)])
 
 
-def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: Near = None) -> Solution:
+def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, near: Near = None) -> Solution:
     """Find q with the point at the target.
 
     Damped Newton (Levenberg–Marquardt) on q, the residual being the gap to the target at σ(q) and its derivative
-    −J ρ. Every trial goes through σ from the configuration before it, so the assembly mode is that of the guess; a
+    −J ρ. Every trial goes through σ from the configuration before it, so the assembly mode is that of `near`; a
     step on which σ is blocked is shortened like one that does not help. Arguments and errors as for
     `ccpin.dynamics.end_effector.EndEffector.solve`.
     """
@@ -75,7 +75,7 @@ def solve(model: ReducedModel, point: LinkPoint, target: ArrayLike, guess: Near 
         gap = wanted.error(point.pose(state.q_free))
         return Linearized(-gap, (point.jacobian(state.q_free) @ state.rho)[:rows])
 
-    found = levenberg_marquardt(_start(model, guess), linearize, _moved, TOLERANCE)
+    found = levenberg_marquardt(_start(model, near), linearize, _moved, TOLERANCE)
     if found.error > TOLERANCE:
         raise _unreachable(wanted, found.place, -found.residual)
     return Solution(found.place.q, found.place.q_free, found.error, found.iterations)
@@ -100,10 +100,10 @@ def _checked(target: ArrayLike) -> _Target:
     return _Target(array[:3, 3], rotation)
 
 
-def _start(model: ReducedModel, guess: Near) -> State:
-    if isinstance(guess, State):
-        return model.at(guess)
-    configuration = model.mechanism.q_reference if guess is None else guess
+def _start(model: ReducedModel, near: Near) -> State:
+    if isinstance(near, State):
+        return model.at(near)
+    configuration = model.mechanism.q_reference if near is None else near
     return model.at(model.alpha(configuration), configuration)
 
 
@@ -122,7 +122,7 @@ def _unreachable(target: _Target, here: State, error: Array) -> UnreachableTarge
         f"the target at {np.array2string(target.position, precision=6)} m was not reached on this branch: the "
         f"nearest the iteration came leaves {distance:.4g} m{turned}, at q = {np.array2string(here.q, precision=6)} "
         f"(reciprocal condition number of ψ_q′ {here.rcond:.1e}); the mechanism moves in {here.model.n} directions; "
-        "pass a guess nearer to it, or on the other branch",
+        "pass near= closer to it, or on the other branch",
         q=here.q,
         q_free=here.q_free,
         distance=distance,

@@ -33,7 +33,7 @@ def linearize(
     q: ArrayLike | State,
     u: ArrayLike,
     v: ArrayLike | None = None,
-    guess: Near = None,
+    near: Near = None,
     wrenches: Wrenches | None = None,
 ) -> Linearization:
     """A = [−ad_q̇ I; ∂q̈/∂q ∂q̈/∂q̇], B = [0; ∂q̈/∂u] at the state (q, v) and effort u, exact.
@@ -47,13 +47,13 @@ def linearize(
         q: Independent coordinates, of shape (model.nq,), or a State.
         u: Actuated joints' efforts, of shape (motors,).
         v: Velocity, of shape (n,); default at rest.
-        guess: Chooses the assembly mode, as `near` of `ReducedModel.at`.
+        near: Chooses the assembly mode, as `near` of `ReducedModel.at`.
         wrenches: On links, constant in world axes, as for `State.forward_dynamics`.
 
     Raises:
         CcpinError: As `ReducedModel.forward_dynamics_derivatives` does.
     """
-    state = model_of(model).at(q, guess)
+    state = model_of(model).at(q, near)
     n = state.model.n
     velocity = np.zeros(n) if v is None else vector(v, "v", n)
     slopes = state.forward_dynamics_derivatives(velocity, u, wrenches)

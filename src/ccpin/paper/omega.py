@@ -100,7 +100,7 @@ def radii(study: Study) -> tuple[Radii, ...]:
             theorem2(study.mechanism, q_free).radius,
             kantorovich_radius(study.mechanism, q_free),
             kantorovich_radius(study.mechanism, q_free, bounds="planar"),
-            certify(study.mechanism, centre, guess=q_free, max_depth=0).radius,
+            certify(study.mechanism, centre, near=q_free, max_depth=0).radius,
             exact_radius(centre),
         ]
         first, second = np.degrees(centre).round(9).tolist()

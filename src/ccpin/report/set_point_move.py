@@ -58,7 +58,7 @@ def run(model: ReducedModel, settings: ReportSettings) -> Experiment:
     try:
         if goal is None:
             raise CcpinError("no goal beside the start was found along which the mechanism stays well conditioned")
-        gains = local_gains(model, goal, frequency=settings.frequency, guess=model.sigma(start))
+        gains = local_gains(model, goal, frequency=settings.frequency, near=model.sigma(start))
         law: ControlLaw = PDSimpleGravity(model, goal, *gains, model.sigma(start))
     except CcpinError as error:
         if wanted is not None:

@@ -73,7 +73,7 @@ def test_modes_change_on_a_way_through_all_parts():
     assert not np.any((counted >= 0) & (counted != expected) & ~doubtful)
     assert max(sheet.layers for sheet in merged.sheets) > max(s.layers for part in parts for s in part.sheets)
     change = merged.mode_change()
-    path = domain.certify_path(mechanism, change.path, tube=1e-6, guess=change.start)
+    path = domain.certify_path(mechanism, change.path, tube=1e-6, near=change.start)
     assert path.verdict == "proven"
     assert np.abs(np.exp(1j * path.sigma(path.reached)) - np.exp(1j * change.end)).max() < 1e-9
     assert np.abs(np.exp(1j * change.end) - np.exp(1j * change.start)).max() > 0.1

@@ -154,7 +154,7 @@ def test_a_sample_where_the_coordinates_are_singular_has_its_velocity():
     k = 1 + int(np.argmin(speed[1:]))
 
     moving = ccpin.Simulator(model, None, **{name: TIGHT[name] for name in ("method", "rtol", "atol")})
-    moving.reset(run.q[0], run.v[0], guess=run.q_free[0])
+    moving.reset(run.q[0], run.v[0], near=run.q_free[0])
     moving.advance(run.t[k - 1])
     before = moving.memory()
 
@@ -229,7 +229,7 @@ def test_friction_goes_on_alike_in_any_coordinates():
         model = ccpin.ReducedModel(ccpin.load("rpdr", independent=independent, actuated=("joint1", "joint2")))
         v = model.reading(start, STRETCHING[1]).v
         at = model.alpha(start.q_free), v
-        runs.append(ccpin.simulate(model, None, *at, duration=0.3, guess=start.q_free, friction=levels, **TIGHT))
+        runs.append(ccpin.simulate(model, None, *at, duration=0.3, near=start.q_free, friction=levels, **TIGHT))
     assert [run.status for run in runs] == ["finished"] * 2
     assert runs[0].changes > 0
     np.testing.assert_allclose(runs[0].q_free, runs[1].q_free, rtol=0, atol=1e-7)

@@ -123,9 +123,9 @@ def test_a_law_that_does_not_know_the_plant_rests_elsewhere():
 class Halved(control.PDFullGravity):
     """A law of a user's own that changes what another one says."""
 
-    def torque(self, t, q, v, guess=None):
+    def torque(self, t, q, v, near=None):
         """Half of it."""
-        return 0.5 * super().torque(t, q, v, guess)
+        return 0.5 * super().torque(t, q, v, near)
 
 
 @pytest.mark.parametrize("wrapped", [False, True])
@@ -147,7 +147,7 @@ def test_an_overridden_torque_is_what_acts(rpdr_model, wrapped, sampling):
 def test_an_overridden_torque_of_one_law_alone_is_what_acts(rpdr_model):
     """Bound to the instance rather than its class."""
     law = control.PDFullGravity(rpdr_model, GOAL, 30.0, 3.0)
-    law.torque = lambda t, q, v, guess=None: np.zeros(2)
+    law.torque = lambda t, q, v, near=None: np.zeros(2)
     assert not ccpin.simulate(rpdr_model, law, START, duration=0.01).u.any()
 
 

@@ -151,7 +151,7 @@ def test_the_cores_steps_are_the_references(name):
     ends = []
     for model in (ccpin.ReducedModel(mechanism), reference_model(mechanism)):
         simulator = ccpin.Simulator(model, friction={})
-        simulator.reset(model.alpha(mechanism.q_reference), guess=mechanism.q_reference)
+        simulator.reset(model.alpha(mechanism.q_reference), near=mechanism.q_reference)
         for k in range(5):
             sample = simulator.step(0.1 * np.cos(k + np.arange(model.n_actuated)), 2e-3)
         ends.append(sample)
@@ -263,7 +263,7 @@ class Raises(ccpin.control.ControlLaw):
     def __init__(self, error):
         self.error = error
 
-    def torque(self, t, q, v, guess=None):
+    def torque(self, t, q, v, near=None):
         if t > 0.05:
             raise self.error
         return np.zeros(2)

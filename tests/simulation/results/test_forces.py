@@ -115,7 +115,7 @@ class State(NamedTuple):
     def still(self):
         """A motion of one sample."""
         simulator = ccpin.Simulator(self.model, lambda t, q, v: self.u, friction={})
-        simulator.reset(self.model.alpha(self.mechanism.q_reference), self.v, guess=self.mechanism.q_reference)
+        simulator.reset(self.model.alpha(self.mechanism.q_reference), self.v, near=self.mechanism.q_reference)
         motion = simulator.run(1e-9, sample_period=1e-9)
         samples = {name: getattr(motion, name)[:1] for name in SAMPLED}
         return motion._replace(**samples)

@@ -34,7 +34,7 @@ def _atlas(model, law, turns=0, names=("joint3",)):
     """A square about the goal, from a configuration with passive joints turned on by whole turns."""
     start = law.q_free_d.copy()
     start[[model.mechanism.tree.joint(name).q.start for name in names]] += TURN * turns
-    return certify(model.mechanism, GOAL, (GOAL - WIDTH, GOAL + WIDTH), guess=start, max_depth=6)
+    return certify(model.mechanism, GOAL, (GOAL - WIDTH, GOAL + WIDTH), near=start, max_depth=6)
 
 
 def _well(law, q):
@@ -68,7 +68,7 @@ def test_motions_from_just_below_the_level_arrive(model, law):
             assert certificate.contains(q)
             starts.append(q)
     for q in starts:
-        motion = ccpin.simulate(model, law, q, guess=law.q_free_d, duration=1.5, sample_period=0.05)
+        motion = ccpin.simulate(model, law, q, near=law.q_free_d, duration=1.5, sample_period=0.05)
         np.testing.assert_allclose(motion.q[-1], GOAL, atol=1e-3)
         assert np.all(np.abs(motion.q - GOAL) <= WIDTH)
 
@@ -117,7 +117,7 @@ def test_over_a_full_turn_neighbours_have_one_energy(model, law):
 @pytest.mark.parametrize("turns", [0, 1])
 def test_gains_are_suggested_for_the_laws_turns(model, law, turns):
     """β holds what ‖∂g/∂q‖ is along the law's own σ, whatever turns the atlas has."""
-    gains = suggest_gains(model, GOAL, _atlas(model, law, turns), guess=law.q_free_d)
+    gains = suggest_gains(model, GOAL, _atlas(model, law, turns), near=law.q_free_d)
     rng = np.random.default_rng(7)
     seen = 0.0
     corners = WIDTH * np.array([(s, t) for s in (-1, 1) for t in (-1, 1)])
@@ -149,7 +149,7 @@ def test_where_turns_do_not_agree_a_face_is_a_boundary(model, law, monkeypatch):
             there = store.cells[other]
             assert abs(cell.box.centre[0, elbow] - there.box.centre[0, elbow]) < np.pi, number
     with pytest.raises(UnattainableGainsError) as refused:
-        suggest_gains(model, GOAL, atlas, guess=law.q_free_d)
+        suggest_gains(model, GOAL, atlas, near=law.q_free_d)
     assert refused.value.gains.verdict == "undecided"
 
 

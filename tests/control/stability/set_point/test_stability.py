@@ -229,7 +229,7 @@ def test_well_is_at_least_c_on_the_boundary(name):
     chosen = members if len(members) < 60 else rng.choice(members, 60, replace=False)
     for number in chosen:
         cell = store[number]
-        near = certificate._region.guess(0.5 * (cell.lower + cell.upper))
+        near = certificate._region.near(0.5 * (cell.lower + cell.upper))
         for q in rng.uniform(cell.lower, cell.upper, (4, law.model.n)):
             value = law.lyapunov(q, rest, near)
             assert abs(value - cell.well.quadratic(q - cell.well.centre)) <= cell.well.remainder
@@ -335,13 +335,13 @@ def test_gain_below_the_slope_is_refused_and_runs_away(rpdr_model):
     assert "not stable" in refused.reason
     assert not refused.contains(UPRIGHT)
     off = UPRIGHT + np.array([2e-3, -1e-3])
-    gone = ccpin.simulate(rpdr_model, weak, off, duration=4.0, guess=UPRIGHT_MODE)
+    gone = ccpin.simulate(rpdr_model, weak, off, duration=4.0, near=UPRIGHT_MODE)
     assert np.abs(gone.q[-1] - UPRIGHT).max() > 0.3
     strong = PDSimpleGravity(rpdr_model, UPRIGHT, K_P, K_V, UPRIGHT_MODE)
     certificate = certify_law(strong, budget=Budget(8, 120))
     assert certificate.verdict == "proven"
     assert certificate.contains(off)
-    back = ccpin.simulate(rpdr_model, strong, off, duration=4.0, guess=UPRIGHT_MODE)
+    back = ccpin.simulate(rpdr_model, strong, off, duration=4.0, near=UPRIGHT_MODE)
     assert np.abs(back.q[-1] - UPRIGHT).max() < 1e-8
 
 

@@ -157,8 +157,8 @@ class SetPointCertificate:
         """Whether the state (q, v) (default at rest) is in B₂: q in cells whose part of {U < c} is 𝒬's, and 𝒱 < c."""
         point = checked_q(self.law.model.coordinates, q)
         velocity = np.zeros(self.law.model.n) if v is None else vector(v, "v", self.law.model.n)
-        guess = None if self._region is None else self._region.guess(point)
-        return guess is not None and self.law.lyapunov(point, velocity, guess) < self.level
+        near = None if self._region is None else self._region.near(point)
+        return near is not None and self.law.lyapunov(point, velocity, near) < self.level
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,7 +170,7 @@ class _MemberCells:
     lower: Array
     upper: Array
 
-    def guess(self, q: Array) -> Array | None:
+    def near(self, q: Array) -> Array | None:
         """A configuration in the tube of the cell that holds q; ``None`` where there is no cell."""
         inside = holding(self.lower, self.upper, q)
         if not inside.size:
@@ -189,7 +189,7 @@ class _SampledRegion:
     lower: Array
     upper: Array
 
-    def guess(self, q: Array) -> Array | None:
+    def near(self, q: Array) -> Array | None:
         """σ(q) from q_d, where q is inside and can be reached."""
         if not np.all((self.lower <= q) & (q <= self.upper)):
             return None
@@ -206,7 +206,7 @@ def certify_set_point(
     K_v: ArrayLike,
     domain: Atlas | Corners | None = None,
     *,
-    guess: ArrayLike | None = None,
+    near: ArrayLike | None = None,
     budget: Budget | None = None,
     progress: Callable[[Flooded], None] | None = None,
 ) -> SetPointCertificate:
@@ -218,7 +218,7 @@ def certify_set_point(
         K_p: Proportional gains, as for `PDSimpleGravity`.
         K_v: Velocity gains, alike.
         domain: As for `certify_law`.
-        guess: Chooses the assembly mode of σ(q_d).
+        near: Chooses the assembly mode of σ(q_d).
         budget: As for `certify_law`.
         progress: As for `certify_law`.
 
@@ -226,7 +226,7 @@ def certify_set_point(
         InvalidInputError, UnsupportedMechanismError, UnreachableError, SingularConfigurationError: As `certify_law`
             and `PDSimpleGravity` do.
     """
-    return certify_law(PDSimpleGravity(model, q_d, K_p, K_v, guess), domain, budget=budget, progress=progress)
+    return certify_law(PDSimpleGravity(model, q_d, K_p, K_v, near), domain, budget=budget, progress=progress)
 
 
 def certify_law(
