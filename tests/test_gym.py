@@ -6,9 +6,9 @@ import pytest
 pytest.importorskip("gymnasium")
 
 import ccpin
+from ccpin import Simulator
 from ccpin.errors import InvalidInputError
 from ccpin.gym import MechanismEnv
-from ccpin.simulation import Simulator
 from tests.support.carriage import carriage
 
 

@@ -9,7 +9,17 @@ import pytest
 
 import ccpin
 from ccpin import control, description, domain, dynamics, mechanism, plotting, simulation, validated, visualization
+from ccpin.control.laws import NoTorque
+from ccpin.control.online import capped_sigma
+from ccpin.control.stability.set_point.theorem3 import certify_law
+from ccpin.control.stability.set_point.well import sample_region
+from ccpin.description.finding import find_file, installed_models
+from ccpin.domain import scalar_coordinates_at
+from ccpin.domain.one_box import newton_steps
 from ccpin.errors import CcpinError
+from ccpin.plotting.motion import plot_configuration_panels
+from ccpin.simulation.plant.stick_slip import friction_force
+from ccpin.simulation.results.forces import closure_forces_at
 
 ROOMS = ("control", "description", "domain", "dynamics", "mechanism", "plotting", "simulation", "validated")
 WRONG = (None, "rpbr", -1, np.nan, [], [[1.0, 2.0]], np.zeros((3, 3)), {"a": 1}, [object()], np.ones(2) * 1j, 10**400)
@@ -47,7 +57,7 @@ class Bench:
         self.atlas = domain.certify(self.whole, self.q, region=self.box)
         self.sheets = domain.certify_sheets(self.whole, self.box, max_depth=2)
         self.cover = domain.certify_singularities(self.whole, self.box)
-        self.certificate = control.certify_law(self.law, self.box)
+        self.certificate = certify_law(self.law, self.box)
 
     def methods(self, thing, skip=()):
         """The public methods of a thing, each with arguments that are right."""
@@ -109,7 +119,7 @@ def _control(b):
     sampling = {"period": 0.001, "encoder_counts": 1000, "velocity_cutoff": 10.0, "saturation": 1.0, "delay": 1}
     newton = {"parametrization": b.whole.parametrization(), "q": b.q, "near": b.q_free, "max_newton_steps": 4}
     return {
-        "NoTorque": (control.NoTorque, {"model": b.model}),
+        "NoTorque": (NoTorque, {"model": b.model}),
         "TorqueFunction": (control.TorqueFunction, {"function": lambda t, q, v: b.rest}),
         "PDSimpleGravity": (control.PDSimpleGravity, pd),
         "PDFullGravity": (control.PDFullGravity, pd),
@@ -141,8 +151,8 @@ def _control(b):
             control.through_points,
             {"end_effector": b.effector, "times": [0, 1], "targets": poses, "degree": 5, "near": None},
         ),
-        "capped_sigma": (control.capped_sigma, newton | {"tolerance": 1e-9}),
-        "certify_law": (control.certify_law, {"law": b.law, "domain": b.box, "budget": None}),
+        "capped_sigma": (capped_sigma, newton | {"tolerance": 1e-9}),
+        "certify_law": (certify_law, {"law": b.law, "domain": b.box, "max_depth": None, "budget": None}),
         "certify_tracking": (
             control.certify_tracking,
             {"law": b.tracking, "sigma_error": 1e-4, "disturbance": 0.0, "initial_error": 0.0, "initial_speed": 0.0}
@@ -152,9 +162,9 @@ def _control(b):
             control.largest_sigma_error,
             {"law": b.tracking, "disturbance": 0.0, "initial_error": 0.0, "initial_speed": 0.0, "cells": 4},
         ),
-        "certify_set_point": (control.certify_set_point, pd | {"domain": b.box, "budget": None}),
+        "certify_set_point": (control.certify_set_point, pd | {"domain": b.box, "max_depth": None, "budget": None}),
         "sample_region": (
-            control.sample_region,
+            sample_region,
             {"model": b.model, "lower": b.box[0], "upper": b.box[1], "q_free_d": b.q_free, "points": 50},
         ),
         "local_gains": (
@@ -189,8 +199,8 @@ def _description(b):
             description.scaled,
             {"description": b.whole.description, "masses": 1.1, "lengths": {b.link: 1.0}, "friction": 1.0},
         ),
-        "find_file": (description.find_file, {"path": "rpdr"}),
-        "installed_models": (description.installed_models, {}),
+        "find_file": (find_file, {"path": "rpdr"}),
+        "installed_models": (installed_models, {}),
         "combine": (
             description.combine,
             {"name": "a", "parts": parts, "links": (), "joints": (), "closures": (), "root": "world"},
@@ -245,11 +255,10 @@ def _domain(b):
         ),
         "kantorovich_radius": (domain.kantorovich_radius, {"mechanism": b.whole, "q_free": b.q_free, "bounds": "auto"}),
         "newton_steps": (
-            domain.newton_steps,
+            newton_steps,
             {"mechanism": b.whole, "q_free": b.q_free, "radius": 0.01, "accuracy": 1e-12, "bounds": "auto"},
         ),
         "theorem2": (domain.theorem2, {"mechanism": b.whole, "q_free": b.q_free}),
-        "theorem2_radius": (domain.theorem2_radius, {"mechanism": b.whole, "q_free": b.q_free}),
         "singularities": (domain.singularities, {"mechanism": b.whole, **curves}),
         "serial_singularities": (
             domain.serial_singularities,
@@ -257,7 +266,7 @@ def _domain(b):
         ),
         "singularity_distance": (domain.singularity_distance, {"mechanism": b.whole, "path": path, "near": None}),
         "certified_radius": (domain.certified_radius, {"atlas": b.atlas, "q": [b.q]}),
-        "scalar_coordinates_at": (domain.scalar_coordinates_at, {"mechanism": b.whole, "q_free": b.q_free}),
+        "scalar_coordinates_at": (scalar_coordinates_at, {"mechanism": b.whole, "q_free": b.q_free}),
     }
 
 
@@ -273,10 +282,7 @@ def _dynamics(b):
             dynamics.linearize,
             {"model": b.model, "q": b.q, "u": b.rest, "v": b.rest, "near": None, "wrenches": None},
         ),
-        "closed_loop_derivative": (
-            dynamics.closed_loop_derivative,
-            {"linearization": linear, "du_dq": np.eye(2), "du_dv": np.eye(2)},
-        ),
+        "Linearization.closed_loop": (linear.closed_loop, {"du_dq": np.eye(2), "du_dv": np.eye(2)}),
         "Wrench": (push, {"force": np.ones(3), "moment": (0, 0, 0), "point": (0, 0, 0)}),
     }
 
@@ -307,19 +313,19 @@ def _simulation(b):
     return {
         "closure_forces": (simulation.closure_forces, forces),
         "joint_forces": (simulation.joint_forces, forces),
-        "closure_forces_at": (simulation.closure_forces_at, at),
-        "friction_force": (simulation.friction_force, at | {"friction": (0.1, 0.1)}),
-        "load_npz": (simulation.load_npz, {"path": b.folder / "absent.npz"}),
+        "closure_forces_at": (closure_forces_at, at),
+        "friction_force": (friction_force, at | {"friction": (0.1, 0.1)}),
+        "Trajectory.load": (ccpin.Trajectory.load, {"path": b.folder / "absent.npz"}),
         "lyapunov_along": (simulation.lyapunov_along, {"law": b.law, "trajectory": b.run}),
         "set_point_metrics": (simulation.set_point_metrics, metrics),
         "supervise": (simulation.supervise, supervised),
         "Trajectory.then": (b.run.then, {"other": b.run}),
         "Trajectory.states": (lambda model: list(b.run.states(model)), {"model": b.model}),
         "Trajectory.save": (b.run.save, {"path": b.folder / "t.npz"}),
-        "Simulator": (simulation.Simulator, _options(b)),
+        "Simulator": (ccpin.Simulator, _options(b)),
         "demands": (simulation.demands, forces),
         "exceeded": (simulation.exceeded, {"model": b.model, "trajectory": b.run}),
-        "sweep": (simulation.sweep, {"task": _nothing, "cases": [{}, {}], "seed": 1, "path": None, "progress": None}),
+        "sweep": (ccpin.sweep, {"task": _nothing, "cases": [{}, {}], "seed": 1, "path": None, "progress": None}),
         "Disturbance": (simulation.Disturbance, {"pushes": ()}),
         "grid": (simulation.grid, {"values": {"a": [1, 2]}}),
         "sobol": (simulation.sobol, {"ranges": {"a": (0.0, 1.0)}, "count": 2, "seed": 0}),
@@ -363,7 +369,7 @@ def _plotting(b):
     return {
         "plot_motion": (plotting.plot_motion, {"trajectory": b.run, "mechanism": b.whole, "goal": b.q, "title": None}),
         "plot_configurations": (plotting.plot_configurations, poses | {"configurations": [b.q_free]}),
-        "plot_configuration_panels": (plotting.plot_configuration_panels, poses | {"panels": [("a", [b.q_free])]}),
+        "plot_configuration_panels": (plot_configuration_panels, poses | {"panels": [("a", [b.q_free])]}),
         "plot_lyapunov": (plotting.plot_lyapunov, {"t": b.run.t, "history": history, "level": None, "title": None}),
         "plot_atlas": (plotting.plot_atlas, area | {"atlas": b.atlas}),
         "plot_sheets": (

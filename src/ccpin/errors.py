@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 __all__ = [
     "AmbiguousFormatError",
-    "CcpinError",
     "ConvergenceError",
     "DescriptionError",
     "DescriptionNotFoundError",
@@ -29,8 +28,10 @@ __all__ = [
     "UnattainableGainsError",
     "UnderactuatedError",
     "UnreachableError",
+    "UnreachableTargetError",
     "UnsupportedMechanismError",
 ]
+__dir__ = __all__.copy
 
 
 class CcpinError(Exception):
@@ -120,6 +121,26 @@ class UnreachableError(ConvergenceError):
         super().__init__(message)
 
 
+class UnreachableTargetError(ConvergenceError):
+    """No configuration was found, on the branch asked for, that brings the point to the target.
+
+    Attributes:
+        q: The q that came nearest, of shape (model.nq,).
+        q_free: σ(q) there, of shape (nq,).
+        distance: How far from the target the point is there, m.
+        angle: How far its axes are turned, rad.
+    """
+
+    def __init__(
+        self, message: str, *, q: NDArray[np.float64], q_free: NDArray[np.float64], distance: float, angle: float
+    ) -> None:
+        self.q = q
+        self.q_free = q_free
+        self.distance = distance
+        self.angle = angle
+        super().__init__(message)
+
+
 class SingularConfigurationError(CcpinError):
     """ψ_q′ is singular to working precision: the independent coordinates do not fix the mechanism's motion.
 
@@ -138,7 +159,7 @@ class UnattainableGainsError(CcpinError):
     """Gains that a theorem asks for are more than motors can give, or than any loop could be closed with.
 
     Attributes:
-        gains: What was asked for, a `ccpin.control.Gains`.
+        gains: What was asked for, the `Gains` of `ccpin.control.suggest_gains`.
     """
 
     def __init__(self, message: str, gains: Any) -> None:

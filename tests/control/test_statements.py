@@ -7,17 +7,16 @@ from ccpin import validated
 from ccpin.control import (
     ComputedTorque,
     Hold,
-    NoTorque,
     PDFullGravity,
     PDOnlineGravity,
     PDPlus,
     PDSimpleGravity,
     PointToPoint,
     TorqueFunction,
-    certify_law,
     certify_tracking,
 )
-from ccpin.control.laws import Delayed, idle, kind_of, stated
+from ccpin.control.laws import Delayed, NoTorque, idle, kind_of, stated
+from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 
 Q_D = np.array([-1.885, -1.257])

@@ -6,7 +6,7 @@ from scipy.interpolate import CubicSpline, PPoly, make_interp_spline
 from scipy.optimize import brentq
 
 import ccpin
-from ccpin.domain import certify_path
+from ccpin.domain import certify_path, scalar_coordinates_at
 from ccpin.domain.pieces import chord_of, pieces_of
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
 from ccpin.proof.newton import verify
@@ -198,7 +198,7 @@ def test_bad_input(rpdr):
 def test_a_fold_refutes_a_straight_path(name):
     """Paths far beyond the workspace meet a fold: the witness is singular, lies on the path and before its end."""
     mechanism = ccpin.load(name)
-    start = np.array(ccpin.domain.scalar_coordinates_at(mechanism, mechanism.q_reference))
+    start = np.array(scalar_coordinates_at(mechanism, mechanism.q_reference))
     way = np.random.default_rng(4).uniform(-3.0, 3.0, mechanism.n)
     path = certify_path(mechanism, [start, start + way], 1e-4)
     assert (path.verdict, path.witness.kind) == ("refuted", "singular")

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import ccpin
+from ccpin import LoopClosure, MechanismDescription
 from ccpin.covering.proposals.krawczyk import certify_boxes
-from ccpin.description import Inertia, Joint, Link, LoopClosure, MechanismDescription
+from ccpin.description import Inertia, Joint, Link
 from ccpin.domain.closures.seeds import seed_at_coordinates
 from ccpin.domain.closures.system import Reading
 from ccpin.domain.gravity_bounds import GravityBounds, Potential, gravity_bounds, potential_of, potential_values

@@ -12,17 +12,9 @@ from hypothesis import Phase, assume, given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin.description import (
-    CLOSURE_KINDS,
-    Coupling,
-    CouplingTerm,
-    Inertia,
-    Joint,
-    Link,
-    LoopClosure,
-    MechanismDescription,
-)
-from ccpin.dynamics import closed_loop_derivative, linearize
+from ccpin import LoopClosure, MechanismDescription
+from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Inertia, Joint, Link
+from ccpin.dynamics import linearize
 from ccpin.errors import (
     InvalidInputError,
     SingularConfigurationError,
@@ -414,7 +406,7 @@ def test_closed_loop_derivative():
     q_d = model.alpha(model.mechanism.q_reference)
     law = ccpin.control.PDFullGravity(model, q_d, [11.0, 12.0], [0.6, 0.5])
     linear = linearize(model, q_d, model.gravity(q_d))
-    closed = closed_loop_derivative(linear, model.gravity_derivative(q_d) - law.K_p, -law.K_v)
+    closed = linear.closed_loop(model.gravity_derivative(q_d) - law.K_p, -law.K_v)
 
     def acceleration(q, v):
         return model.forward_dynamics(q, v, law.torque(0.0, q, v))
@@ -431,7 +423,7 @@ def test_wrong_shapes_are_refused():
     q = model.alpha(model.mechanism.q_reference)
     linear = linearize(model, q, [0.0, 0.0])
     with pytest.raises(InvalidInputError, match="du_dv has shape"):
-        closed_loop_derivative(linear, np.zeros((2, 2)), np.zeros(2))
+        linear.closed_loop(np.zeros((2, 2)), np.zeros(2))
     with pytest.raises(InvalidInputError, match="v has shape"):
         linearize(model, q, [0.0, 0.0], v=[1.0])
     with pytest.raises(InvalidInputError, match="u has shape"):

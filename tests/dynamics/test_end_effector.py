@@ -5,8 +5,8 @@ import pinocchio as pin
 import pytest
 
 import ccpin
-from ccpin.dynamics import EndEffector, UnreachableTargetError
-from ccpin.errors import InvalidInputError
+from ccpin import EndEffector
+from ccpin.errors import InvalidInputError, UnreachableTargetError
 from tests.oracles import delta, rpdr
 from tests.oracles.finite_differences import assert_close, derivative
 

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ccpin
-from ccpin.description import Coupling, CouplingTerm, MechanismDescription
+from ccpin import MechanismDescription
+from ccpin.description import Coupling, CouplingTerm
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.kinematics.coordinates import IndependentCoordinates, component_names
 from ccpin.kinematics.parametrization import Parametrization

@@ -23,7 +23,7 @@ OTHERS = {
 
 def answers(model, queries, near):
     """(index, q′) of the queries that σ answers, by the core's batch where there is a core."""
-    kernel = native.kernel(model.mechanism) if native.backend().name == "native" else None
+    kernel = native.kernel(model.mechanism) if ccpin.backend().name == "native" else None
     if kernel is not None:
         found, mask = kernel.sigma_many(queries, near, 1)
         return [(k, found[k]) for k in np.flatnonzero(mask)]

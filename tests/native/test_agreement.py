@@ -9,17 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import ccpin
-from ccpin import native
-from ccpin.description import (
-    CLOSURE_KINDS,
-    Coupling,
-    CouplingTerm,
-    Inertia,
-    Joint,
-    Link,
-    LoopClosure,
-    MechanismDescription,
-)
+from ccpin import LoopClosure, MechanismDescription, native
+from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Inertia, Joint, Link
 from ccpin.description.closure_kinds import GAP, Fixed, LoopRows, Product, X, Y, Z
 from ccpin.dynamics.wrenches import wrench_rows
 from ccpin.simulation.results.forces import _Bearings, _LoadCase
@@ -36,7 +27,7 @@ from tests.support.agreement import (
 from tests.support.places import MODELS, SHARED
 from tests.support.strategies import mechanisms, rigid
 
-pytestmark = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
+pytestmark = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
 THEIRS = (
     "four_bar.urdf",
     "mini_cheetah_leg.urdf",

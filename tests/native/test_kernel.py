@@ -18,7 +18,7 @@ from ccpin.kinematics.clusters import find_clusters
 from ccpin.simulation.integration.core_numbers import TABLEAUX
 from tests.support.agreement import reference_model, relative
 
-native_only = pytest.mark.skipif(native.backend().name != "native", reason="the compiled core is not in use")
+native_only = pytest.mark.skipif(ccpin.backend().name != "native", reason="the compiled core is not in use")
 
 
 @pytest.fixture(scope="module")
@@ -223,11 +223,11 @@ def test_clusters_of_a_tree():
 def test_backend_is_chosen_by_the_environment(monkeypatch):
     """CCPIN_BACKEND=numpy switches the core off; another word is refused."""
     monkeypatch.setenv(native.VARIABLE, "numpy")
-    assert native.backend() == ("numpy", "CCPIN_BACKEND=numpy")
+    assert ccpin.backend() == ("numpy", "CCPIN_BACKEND=numpy")
     assert native.kernel(ccpin.load("rpdr")) is None
     monkeypatch.setenv(native.VARIABLE, "fortran")
     with pytest.raises(InvalidInputError, match="must be numpy or native"):
-        native.backend()
+        ccpin.backend()
 
 
 def test_without_the_core_numpy_does_the_work():

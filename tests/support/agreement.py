@@ -5,8 +5,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from ccpin import ReducedModel, native
-from ccpin.dynamics import State, Wrench
+from ccpin import ReducedModel, State, native
+from ccpin.dynamics import Wrench
 from ccpin.dynamics.derivatives import ForwardDynamicsDerivatives, GeneralizedForceDerivatives
 from ccpin.dynamics.wrenches import wrench_rows
 from ccpin.errors import CcpinError

@@ -2,60 +2,31 @@
 
 from __future__ import annotations
 
-from ccpin.covering.cells import CellStatus
-from ccpin.covering.region import Region
-from ccpin.covering.runner import Work
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.merging import split_region
 from ccpin.domain.atlas.radius_map import certified_radius
 from ccpin.domain.atlas.survey import certify
 from ccpin.domain.closures.seeds import scalar_coordinates_at
 from ccpin.domain.closures.task_space import JointSpace
-from ccpin.domain.curves.cover import CrossedCells, SingularCover, UncoveredBoxes
-from ccpin.domain.curves.curve import CertifiedCurve
+from ccpin.domain.curves.cover import SingularCover
 from ccpin.domain.curves.curves import certify_singularities
-from ccpin.domain.cusps import Cusp, cusps
-from ccpin.domain.design import Design, design, scaled_links
-from ccpin.domain.largest import LargestWorkspace, largest_ball, largest_cube
+from ccpin.domain.cusps import cusps
+from ccpin.domain.design import design, scaled_links
+from ccpin.domain.largest import largest_ball, largest_cube
 from ccpin.domain.merging import merge
-from ccpin.domain.one_box import kantorovich_radius, newton_steps
-from ccpin.domain.path import CertifiedPath, certify_path
+from ccpin.domain.one_box import kantorovich_radius
+from ccpin.domain.path import certify_path
 from ccpin.domain.sheets.search import certify_sheets
-from ccpin.domain.sheets.sheets import ModeChange, Sheet, SheetAtlas
-from ccpin.domain.sheets.touching import Fold
-from ccpin.domain.singularities import (
-    SingularCurve,
-    SingularityDistance,
-    serial_singularities,
-    singularities,
-    singularity_distance,
-)
-from ccpin.domain.theorem2.system import QuadraticSystem
-from ccpin.domain.theorem2.theorem2 import Theorem2Result, theorem2, theorem2_radius
+from ccpin.domain.sheets.sheets import SheetAtlas
+from ccpin.domain.singularities import serial_singularities, singularities, singularity_distance
+from ccpin.domain.theorem2.theorem2 import theorem2
 from ccpin.domain.workspace import certify_workspace
 
 __all__ = [
     "Atlas",
-    "CellStatus",
-    "CertifiedCurve",
-    "CertifiedPath",
-    "CrossedCells",
-    "Cusp",
-    "Design",
-    "Fold",
     "JointSpace",
-    "LargestWorkspace",
-    "ModeChange",
-    "QuadraticSystem",
-    "Region",
-    "Sheet",
     "SheetAtlas",
     "SingularCover",
-    "SingularCurve",
-    "SingularityDistance",
-    "Theorem2Result",
-    "UncoveredBoxes",
-    "Work",
     "certified_radius",
     "certify",
     "certify_path",
@@ -68,7 +39,6 @@ __all__ = [
     "largest_ball",
     "largest_cube",
     "merge",
-    "newton_steps",
     "scalar_coordinates_at",
     "scaled_links",
     "serial_singularities",
@@ -76,5 +46,5 @@ __all__ = [
     "singularity_distance",
     "split_region",
     "theorem2",
-    "theorem2_radius",
 ]
+__dir__ = __all__.copy

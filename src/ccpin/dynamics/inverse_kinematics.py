@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from ccpin.arrays import Array, numbers
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import Near, State
-from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
+from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnreachableTargetError
 from ccpin.kinematics.least_squares import Linearized, levenberg_marquardt
 from ccpin.kinematics.points import LinkPoint, rotation_error
 
@@ -31,23 +31,6 @@ class Solution(NamedTuple):
     q_free: Array
     error: float
     iterations: int
-
-
-class UnreachableTargetError(ConvergenceError):
-    """No configuration was found, on the branch asked for, that brings the point to the target.
-
-    Attributes:
-        q: The q that came nearest, of shape (model.nq,).
-        q_free: σ(q) there, of shape (nq,).
-        distance: How far from the target the point is there, m. angle: how far its axes are turned, rad.
-    """
-
-    def __init__(self, message: str, *, q: Array, q_free: Array, distance: float, angle: float) -> None:
-        self.q = q
-        self.q_free = q_free
-        self.distance = distance
-        self.angle = angle
-        super().__init__(message)
 
 
 class _Target(NamedTuple):

@@ -8,10 +8,9 @@ import numpy as np
 
 from ccpin.arrays import Array, numbers
 from ccpin.dynamics.end_effector import EndEffector
-from ccpin.dynamics.inverse_kinematics import UnreachableTargetError
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
-from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError
+from ccpin.errors import ConvergenceError, InvalidInputError, SingularConfigurationError, UnreachableTargetError
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.mechanism.wireframe import plane_of_motion
 

@@ -5,7 +5,7 @@ import pytest
 
 import ccpin
 from ccpin import domain, plotting
-from ccpin.covering.cells import place
+from ccpin.covering.cells import CellStatus, place
 from ccpin.domain.curves import search
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import five_bar as oracle
@@ -204,7 +204,7 @@ def test_cells_of_an_atlas_that_curves_cross(rpdr, cover):
     atlas = domain.certify(rpdr, q0, REGION, max_depth=7)
     found = cover.crossed(atlas)
     assert 0.0 < found.share <= atlas.undecided_fraction
-    assert set(found.cells) <= set(atlas.tree.leaves(domain.CellStatus.UNDECIDED).tolist())
+    assert set(found.cells) <= set(atlas.tree.leaves(CellStatus.UNDECIDED).tolist())
     middle, half = place(atlas.tree, atlas.region, found.cells)
     grid = np.stack(np.meshgrid(*2 * [np.linspace(-1.0, 1.0, 41)]), axis=-1).reshape(-1, 2)
     for centre, width in zip(middle, half, strict=True):

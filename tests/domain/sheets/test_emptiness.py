@@ -5,7 +5,8 @@ import pytest
 
 import ccpin
 from ccpin import domain
-from ccpin.domain import CellStatus
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import scalar_coordinates_at
 from ccpin.domain.closures.searchable import all_values
 from ccpin.domain.closures.system import reading_of
 from tests.oracles import planar_3rpr as oracle
@@ -18,7 +19,7 @@ from tests.support.places import ROOT
 def legs():
     """An atlas of one branch of the 3-RPR's slice."""
     mechanism = load_slice()
-    q0 = domain.scalar_coordinates_at(mechanism, mechanism.q_reference)
+    q0 = scalar_coordinates_at(mechanism, mechanism.q_reference)
     return domain.certify(mechanism, q0, WHOLE, max_depth=6, exhaustive=True)
 
 

@@ -8,7 +8,8 @@ import pytest
 import ccpin
 from ccpin import domain
 from ccpin.cli import main
-from ccpin.domain import CellStatus, SheetAtlas, certify_sheets, merge, split_region
+from ccpin.covering.cells import CellStatus
+from ccpin.domain import SheetAtlas, certify_sheets, merge, split_region
 from ccpin.errors import InvalidInputError
 from tests.oracles import planar_3rpr as sextic
 from tests.oracles import rpdr as five_bar

@@ -7,7 +7,6 @@ from scipy.integrate import simpson, solve_ivp
 from scipy.optimize import brentq
 
 import ccpin
-from ccpin import native
 from ccpin.control import PDSimpleGravity
 from ccpin.control.sampling import Sampling
 from tests.oracles import descriptor
@@ -91,7 +90,7 @@ def test_the_motion_is_that_of_the_descriptor_form_at_one_second(name):
 @pytest.mark.parametrize("name", ["five-bar", "RSSR", "Stewart"])
 def test_both_backends_follow_alike(name):
     """The core's run, piece by piece, is that of NumPy: as many changes and the same samples to the tolerance."""
-    if native.backend().name != "native":
+    if ccpin.backend().name != "native":
         pytest.skip("the compiled core is not in use")
     model, ours = released(name, 0.5)
     v = case(name)[1]
@@ -262,5 +261,5 @@ def test_trajectories_one_after_the_other_add_their_changes(tmp_path):
     _, run = released("RSSR", 1.0)
     run.save(tmp_path / "run.npz")
     assert run.then(run).changes == 2 * run.changes > 0
-    assert ccpin.simulation.load_npz(tmp_path / "run.npz").changes == run.changes
+    assert ccpin.Trajectory.load(tmp_path / "run.npz").changes == run.changes
     assert all(event.name.startswith("measured by ") for event in run.events)

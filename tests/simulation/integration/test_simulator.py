@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 import ccpin
 from ccpin.control import PDSimpleGravity, Sampling, TorqueFunction
-from ccpin.control.laws import Delayed
+from ccpin.control.laws import Delayed, NoTorque
 from ccpin.errors import InvalidInputError
 from ccpin.simulation import Budget, Event
 from tests.oracles import rpdr as oracle
@@ -362,7 +362,7 @@ def test_a_clock_of_its_own_loses_no_switch(seed):
 def test_a_switch_that_is_past_is_told(rpdr_model):
     """A law whose next switch is now would hold the motion up for ever."""
 
-    class Stuck(ccpin.control.NoTorque):
+    class Stuck(NoTorque):
         def next_switch(self, t):
             return t
 

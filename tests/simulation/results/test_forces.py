@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 
 import ccpin
 from ccpin.errors import DifferentSubjectsError
-from ccpin.simulation import closure_forces, closure_forces_at, joint_forces
+from ccpin.simulation import closure_forces, joint_forces
 from ccpin.simulation.events.samples import SAMPLED
+from ccpin.simulation.results.forces import closure_forces_at
 from tests.oracles import descriptor, rpdr
 from tests.support.paper import GOAL, K_P, K_V, START
 from tests.support.strategies import mechanisms

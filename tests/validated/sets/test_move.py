@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import certify_law
+from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.errors import InvalidInputError
 from tests.oracles import rpdr as oracle
 from tests.support.loading import script

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin.control import Budget, PDSimpleGravity, certify_law, suggest_gains
+from ccpin.control import PDSimpleGravity, suggest_gains
 from ccpin.control.stability.set_point.starting_cells import cells_of_atlas
+from ccpin.control.stability.set_point.theorem3 import certify_law
 from ccpin.domain import certify
 from ccpin.errors import UnattainableGainsError
 from tests.support.paper import GOAL, K_P, K_V
@@ -53,14 +54,14 @@ def _least_on_the_edge(law):
 @pytest.mark.parametrize("turns", [-1, 0, 1, 2])
 def test_an_atlas_wound_otherwise_proves_the_laws_level(model, law, turns):
     """The level is below the least U on the atlas's edge, U with the springs as the law's configuration stretches."""
-    certificate = certify_law(law, _atlas(model, law, turns), budget=Budget(10, 600))
+    certificate = certify_law(law, _atlas(model, law, turns), max_depth=10, budget=600)
     assert certificate.verdict == "proven"
     assert 0.9 * _least_on_the_edge(law) < certificate.level <= _least_on_the_edge(law)
 
 
 def test_motions_from_just_below_the_level_arrive(model, law):
     """From rest at 0.9 to 0.99 of a level proved over an atlas one turn on motions converge and stay on σ."""
-    certificate = certify_law(law, _atlas(model, law, 1), budget=Budget(10, 600))
+    certificate = certify_law(law, _atlas(model, law, 1), max_depth=10, budget=600)
     rng, starts = np.random.default_rng(11), []
     while len(starts) < 6:
         q = GOAL + rng.uniform(-WIDTH, WIDTH, 2)
@@ -86,7 +87,7 @@ def test_boxes_with_turns_of_their_own(model, law):
     for cell, expected in zip(store.cells, same.cells, strict=True):
         np.testing.assert_allclose(cell.box.centre, expected.box.centre, atol=1e-12)
         assert cell.neighbours == expected.neighbours
-    level, plain = (certify_law(law, domain, budget=Budget(8, 100)).level for domain in (other, atlas))
+    level, plain = (certify_law(law, domain, max_depth=8, budget=100).level for domain in (other, atlas))
     assert level == pytest.approx(plain, rel=1e-6)
 
 
@@ -97,7 +98,7 @@ def test_the_laws_own_turns_count(model, law):
     other = PDSimpleGravity(model, GOAL, 20.0 * np.asarray(K_P), K_V, start)
     np.testing.assert_allclose(other.q_free_d, start, atol=1e-9)
     atlas = _atlas(model, law)
-    certificate, least = certify_law(other, atlas, budget=Budget(10, 600)), _least_on_the_edge(other)
+    certificate, least = certify_law(other, atlas, max_depth=10, budget=600), _least_on_the_edge(other)
     assert certificate.verdict == "proven"
     assert 0.9 * least < certificate.level_domain <= least
     assert certificate.level <= least
