@@ -5,11 +5,11 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from ccpin.domain.singular import settled_boxes
 
 from ccpin import domain
 from ccpin.covering.runner import Runner
 from ccpin.domain.closures.system import reading_of
+from ccpin.domain.singular import settled_boxes
 from ccpin.domain.singular.settled_boxes import Nearby, settled, settled_beside
 from ccpin.errors import InvalidInputError
 from ccpin.proof.narrowing import Candidates
