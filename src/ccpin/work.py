@@ -1,4 +1,4 @@
-"""Who does long work, and when it is to end: worker processes, Ctrl-C, time."""
+"""Who does long work, and when it is to end: worker threads and processes, Ctrl-C, time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from types import FrameType
@@ -103,8 +103,11 @@ def processes(workers: int) -> int:
 
 
 @contextmanager
-def executor_for(executor: Executor | None, workers: int | None) -> Iterator[Executor | None]:
-    """The executor given, or worker processes where more than one was asked for; ``None``: this process.
+def executor_for(executor: Executor | None, workers: int | None, compiled: bool = False) -> Iterator[Executor | None]:
+    """The executor given, or workers where more than one was asked for; ``None``: this thread does all.
+
+    Workers are processes, or where the work is `compiled` threads: it lets go of the interpreter's lock, and nothing
+    is copied from one process to another.
 
     Raises:
         InvalidInputError: Both were given, or `workers` is not a whole number of at least one.
@@ -115,7 +118,7 @@ def executor_for(executor: Executor | None, workers: int | None) -> Iterator[Exe
     if workers is None or workers == 1:
         yield executor
         return
-    pool = ProcessPoolExecutor(workers, initializer=_serve)
+    pool = ThreadPoolExecutor(workers) if compiled else ProcessPoolExecutor(workers, initializer=_serve)
     try:
         yield pool
     finally:

@@ -23,6 +23,7 @@ from ccpin.domain.closures.system import Reading
 from ccpin.domain.singular.marking import mark_singular
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.native.certifier import certifier
 from ccpin.proof.equations import BoundsName
 from ccpin.work import Stopped, executor_for, stoppable
 
@@ -74,8 +75,9 @@ def certify(
         budget: How many boxes may be proved; cells that it did not come to are left as they are.
         seconds: When to stop, measured by the clock; what is proved by then is kept, as after Ctrl-C.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
-        workers: How many processes to start for the work; default none: all is done in this one. A script that asks
-            for more than one needs the guard ``if __name__ == "__main__":``.
+        workers: How many to share the work among; default none: this thread does all. They are threads, whom the
+            compiled core lets go on side by side; where NumPy does its work (`ccpin.backend`) they are processes, and
+            a script that asks for more than one needs the guard ``if __name__ == "__main__":``.
         executor: In place of `workers` anything with ``submit``: a process pool, Dask's ``client.get_executor()``.
             The result depends on neither.
         checkpoint: A folder in which finished chunks are kept; the same call finds them again after a crash.
@@ -168,7 +170,8 @@ def certify_region(
         SingularConfigurationError: The seed is singular.
     """
     problem, complete = reading.problem, True
-    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
+    compiled = certifier(problem.system, problem.phasors) is not None
+    with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers, compiled) as chosen:
         runner = Runner(problem, chosen, work.checkpoint, flag)
         builder = AtlasBuilder(problem, seed, region, runner, reporter(work.progress), shape, effort.budget)
         try:

@@ -21,12 +21,14 @@ from ccpin.covering.proposals.tasks import CellsToProve, Proved, glue_boxes, pro
 from ccpin.covering.region import LEVELS, WHOLE, Region
 from ccpin.covering.runner import Report, Runner
 from ccpin.errors import SingularConfigurationError
+from ccpin.native.certifier import certifier
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, encloses, predict
 from ccpin.work import Stopped
 
 BUDGET = 400_000
 """Boxes of an atlas: of a mechanism with six coordinates that depend they take half a gigabyte."""
+_COMPILED, _IN_NUMPY = 150_000, 500_000  # numbers of a chunk's second derivatives: NumPy is slow on few boxes
 _NEAREST = 96  # cells of a wave that looks for the largest square: more would refine in vain
 
 
@@ -104,7 +106,8 @@ class AtlasBuilder:
         self._at_seed = (region.reduce(self.q0[None])[0] - region.lower) / region.span * WHOLE
         self._reach_seed()
         size = problem.system.m * problem.system.n_free**2
-        self._chunk = int(np.clip(500_000 // size, 32, 512))
+        compiled = certifier(problem.system, problem.phasors) is not None
+        self._chunk = int(np.clip((_COMPILED if compiled else _IN_NUMPY) // size, 16 if compiled else 32, 512))
 
     @property
     def boxes(self) -> Boxes:

@@ -65,7 +65,8 @@ def certify_sheets(
         seconds: When to stop, measured by the clock: the search takes half of it at most, counting and boxes the rest.
             What is proved by then is kept, as after Ctrl-C.
         bounds: ``"auto"`` (planar where the mechanism is), ``"planar"`` or ``"reach"``.
-        workers: How many processes to start for the work, as for `certify`; the result is the same.
+        workers: How many processes to start for the work; the result is the same. A script that asks for more than one
+            needs the guard ``if __name__ == "__main__":``.
         executor: In place of `workers` anything with ``submit``, as for `certify`.
         checkpoint: A folder in which finished chunks are kept; the same call finds them again after a crash.
         begun: Sheets of the same mechanism and region, interrupted or cut short: the search goes on from theirs.
