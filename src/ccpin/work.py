@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ from typing import NamedTuple, Protocol
 from ccpin.arrays import whole
 from ccpin.errors import InvalidInputError
 
+_AGAIN = 0.02  # s
 _ACTIVE: ContextVar[tuple[threading.Event, ...]] = ContextVar("active", default=())
 
 
@@ -91,6 +93,28 @@ def _interruptible(flags: tuple[threading.Event, ...]) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def insistent() -> Iterator[None]:
+    """Make every Ctrl-C be heard: Python drops a `KeyboardInterrupt` that falls into a destructor or a weak reference's
+    callback (a library's, say), and tells `sys.unraisablehook`; there it is asked for again, a moment later.
+    """
+    before = sys.unraisablehook
+
+    def again(dropped: sys.UnraisableHookArgs) -> None:
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+            before(dropped)
+            return
+        timer = threading.Timer(_AGAIN, signal.raise_signal, (signal.SIGINT,))  # now it would fall into this hook
+        timer.daemon = True
+        timer.start()
+
+    sys.unraisablehook = again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
 
 
 def processes(workers: int) -> int:
