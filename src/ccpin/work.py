@@ -97,8 +97,10 @@ def _interruptible(flags: tuple[threading.Event, ...]) -> Iterator[None]:
 
 @contextmanager
 def insistent() -> Iterator[None]:
-    """Make every Ctrl-C be heard: Python drops a `KeyboardInterrupt` that falls into a destructor or a weak reference's
-    callback (a library's, say), and tells `sys.unraisablehook`; there it is asked for again, a moment later.
+    """Make every Ctrl-C be heard.
+
+    Python drops a `KeyboardInterrupt` that falls into a destructor or a weak reference's callback (a library's, say),
+    and tells `sys.unraisablehook`: there it is asked for again, a moment later.
     """
     before = sys.unraisablehook
 
