@@ -6,8 +6,15 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from ccpin.domain import certify, singularities, theorem2
-from ccpin.domain.theorem2.system import Polynomial, QuadraticSystem
+from ccpin.arrays import Array
+from ccpin.domain import (
+    QuadraticSystem,
+    certify,
+    kantorovich_radius,
+    singularities,
+    theorem2,
+)
+from ccpin.domain.theorem2.polynomials import Polynomial
 from ccpin.paper import printed
 from ccpin.paper.extremes import extremes_figure, singular_figure
 from ccpin.paper.item import Drawing, Item, apart
