@@ -135,7 +135,7 @@ def test_what_is_altered_is_told(kind, tmp_path):
 @pytest.mark.parametrize("every", [3, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("kind", sorted(TEXTS))
 def test_any_number_may_be_beyond_measure(kind, every, tmp_path):
-    """Each number of each file (or each third), one at a time, as 1e300 or −1e300: an error of ours or none, no warning."""
+    """Each number of each file, or each third, as 1e300 or −1e300: an error of ours or none, and no warning."""
     (tmp_path / "robot.yaml").write_text(TOOLBOX_YAML)
     for name, text in TEXTS[kind].items():
         file = tmp_path / f"{name}{SUFFIX[kind]}"
