@@ -31,14 +31,14 @@ UPRIGHT, UPRIGHT_MODE = np.radians([90.0, 90.0]), np.radians([90.0, -30.0, 90.0,
 def _case(name):
     """A law, its certificate and how long its motions take to settle."""
     model = ccpin.ReducedModel(ccpin.load(name))
-    q_d, k_p, k_v, budget, duration = {
+    q_d, k_p, k_v, (depth, cells), duration = {
         "rpdr": (GOAL, K_P, K_V, (11, 700), 1.0),
         "delta": (np.zeros(3), np.full(3, 30.0), np.full(3, 4.0), (9, 150), 2.0),
-        "stewart": (model.alpha(model.mechanism.q_reference), np.full(6, 4e3), np.full(6, 300.0), None, 0.8),
-        "hexa": (model.alpha(model.mechanism.q_reference), np.full(6, 100.0), np.full(6, 5.0), None, 1.0),
+        "stewart": (model.alpha(model.mechanism.q_reference), np.full(6, 4e3), np.full(6, 300.0), (None, None), 0.8),
+        "hexa": (model.alpha(model.mechanism.q_reference), np.full(6, 100.0), np.full(6, 5.0), (None, None), 1.0),
     }[name]
     law = PDSimpleGravity(model, q_d, k_p, k_v)
-    return law, certify_law(law, max_depth=budget[0], budget=budget[1]), duration
+    return law, certify_law(law, max_depth=depth, budget=cells), duration
 
 
 def _stopped_after(cells, how):
