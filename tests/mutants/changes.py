@@ -72,7 +72,9 @@ def changes_of(source: str, places: tuple[str, ...]) -> Iterator[Change]:
 def _within(root: ast.AST) -> list[ast.AST]:
     """The expressions and statements of a function's body (neither its defaults nor its annotations)."""
     body = root.body if isinstance(root, ast.FunctionDef) else [root]
-    return [node for statement in body for node in ast.walk(statement)]
+    nodes = [node for statement in body for node in ast.walk(statement)]
+    told = {id(part) for n in nodes if isinstance(n, ast.AnnAssign) for part in ast.walk(n.annotation)}
+    return [node for node in nodes if id(node) not in told]
 
 
 def _variants(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:

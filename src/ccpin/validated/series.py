@@ -161,8 +161,11 @@ def extend(program: Program, series: list[Any], order: int) -> None:
         NotInvertibleError: As for `values`.
     """
     inverses: Memory = {}
-    for degree in range(order):
+    given = series[: program.inputs]
+    for degree in range(order):  # a product takes all coefficients that are there: those of inputs come one by one too
+        series[: program.inputs] = (row[: degree + 1] for row in given)
         _extend(program, series, degree, inverses)
+    series[: program.inputs] = given
 
 
 def _extend(program: Program, series: list[Any], degree: int, inverses: Memory) -> None:
