@@ -5,6 +5,28 @@ from __future__ import annotations
 from tests.mutants.room import Excused, Room
 
 _WIDE = ("validated/test_sharp_wide.py",)
+_RECORDED = (
+    *(
+        f"validated/test_joints.py::test_recorded_dynamics[{name}]"
+        for name in (
+            "ball, independent",
+            "ball and universal",
+            "ball with a spring",
+            "ball, dependent",
+            "continuous",
+            "geared",
+            "floating",
+            "planar",
+            "rod",
+            "redundant",
+        )
+    ),
+    "validated/test_sharp_recorded.py",
+    "validated/test_validated.py::test_recorded_dynamics[slider_crank-stated1]",
+)
+_STEP = ("validated/test_sharp_step.py",)
+_BOXES = ("validated/test_sharp_boxes.py",)
+_SMALLER = ("0.001", "0.0001", "1e-06", "1e-08", "1e-10")
 _DEFECT = ("validated/test_sharp_defect.py",)
 _PROGRAMS = ("validated/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
@@ -90,9 +112,94 @@ ROOMS: tuple[Room, ...] = (
         (
             ("[None] * (size - len(inputs))", "without len(inputs)", "values that no one asks for"),
             ("if self.order >= 1", "left × 2", "the same of whole numbers"),
+            ("list[Wide | None](jet)", "not asked", "a type, which says nothing"),
             ("if x is None or rate is None", "not asked: x is None", "where a derivative is zero, so are the next"),
             ("better = found.rad < x.rad[half:]", "left × 0.5", "the value is in both"),
         ),
+    ),
+    Room(
+        "validated/chains",
+        (
+            "ExactJoint.turning_axes",
+            "exact_joints",
+            "exact_placement",
+            "_exact_rotation",
+            "_rotation",
+            "poses",
+            "_motion",
+            "_turn",
+            "rates",
+            "closure_rows",
+            "_coupling_row",
+            "_loop_rows",
+            "_SNAP",
+        ),
+        _RECORDED,
+        (
+            ("return self.kind.unit == 4 or", "not asked: self.kind.unit == 2", "several freedoms: a unit length"),
+            ("if joint.parent in found and", "not asked: joint.number != root", "a root's parent is not beyond it"),
+        ),
+    ),
+    Room(
+        "validated/mechanics",
+        ("closed", "dynamic_terms", "with_springs", "_motions"),
+        _RECORDED,
+        (
+            ("k in q.velocities if k >= 0]", "k >= 0: left × 2", "of the same sign"),
+            ("in enumerate(q.velocities) if k", "left ×", "of the same sign"),
+            ("right[row, entries] = -psi[row, known]", "left out", "zeros: such a row is of other velocities"),
+            ("x_rate[list(q.places)] = v", "left out", "the same by what ρ is, only in wider balls"),
+        ),
+    ),
+    Room(
+        "validated/dynamics",
+        ("closed_loop", "too_far_turned", "_independent_rows", "_sprung", "_unit_lengths"),
+        _RECORDED,
+        (
+            ("if law is not None and not isinstance(law, NoTorque)", "not asked: not", "asks for more than is needed"),
+            ("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),
+        ),
+    ),
+    Room("validated/laws", ("acting", "_goal", "efforts"), _RECORDED),
+    Room(
+        "validated/places",
+        ("chosen", "_windows", "numbers_of", "on_manifold", "unwound", "configuration"),
+        _RECORDED,
+    ),
+    Room(
+        "validated/turns",
+        ("BallTurn.relative", "ball_at", "turns_of", "turn_rows", "turn_rates", "upright"),
+        _RECORDED,
+    ),
+    Room(
+        "validated/step",
+        ("QUANTUM", "evaluate", "attempt", "_piece", "_exponential", "march"),
+        _STEP,
+        (
+            ("box = [around(x, x.rad() * 1e-4", "", "a box that is tried: that it holds its image is asked"),
+            ("if keep_negative or bound > 0", "0 let in", "the same number"),
+            ("boldness", "", "how long a step is tried"),
+        ),
+    ),
+    Room("validated/slices", ("instants_of",), _STEP),
+    Room(
+        "validated/closing",
+        ("_UNIQUE", "closed_start", "unique_there", "krawczyk", "_assemble", "at_rest"),
+        _BOXES,
+        (
+            ("_UNIQUE =", "0.01 × 0.", "smaller is asking for more"),
+            *(("_UNIQUE =", f"{x} × ", "any radius does for which Krawczyk's condition holds") for x in _SMALLER),
+        ),
+    ),
+    Room(
+        "validated/branch",
+        ("closed_boxes", "states_of", "_write", "jets_of", "_inputs"),
+        _BOXES,
+    ),
+    Room(
+        "validated/curvature",
+        ("_middles", "boxes", "_in_pieces", "curvature", "feedback", "_flow", "_flow_jets"),
+        _BOXES,
     ),
     Room(
         "validated/defect",
@@ -114,6 +221,13 @@ ROOMS: tuple[Room, ...] = (
     ),
 )
 
+_CHOSEN = "chooses the length of a step, which `attempt` proves"
 EXCUSED: tuple[Excused, ...] = (
+    Excused("validated/step", ("_GROWTH", "_longest", "_blown_up", "_correction", "_affordable"), _CHOSEN),
+    Excused("validated/closing", ("_newton", "_sharpened"), "looks for numbers with which `krawczyk` may hold"),
+    Excused("validated/branch", ("_INFLATION", "_SMALLEST"), "radii that are tried: Krawczyk's condition is asked of each"),
+    Excused("validated/branch", ("nearly_closed",), "Newton's method proposes centres; `closed_boxes` proves boxes there"),
+    Excused("validated/curvature", ("_POINT", "_LARGER"), "sizes of boxes that are tried: each is proved to hold σ"),
+    Excused("validated/laws", ("SetPointLaw",), "a type"),
     Excused("validated/balls", ("flint",), "python-flint is imported, with what copies a ball: found or not"),
 )

@@ -1,0 +1,258 @@
+"""Recorded mechanisms beside those of `test_joints`: what their dynamics rest on, by the model's own figures."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import ccpin
+from ccpin.description import Coupling, CouplingTerm, Joint, Link, MechanismDescription
+from tests.support.linkages import rssr
+from ccpin.errors import DifferentSubjectsError
+from tests.support.paper import GOAL, K_P, K_V
+
+flint = pytest.importorskip("flint")
+
+from ccpin.validated import chains, places, turns  # noqa: E402
+from ccpin.validated.balls import ball  # noqa: E402
+from ccpin.validated.dynamics import closed_loop, too_far_turned  # noqa: E402
+from ccpin.validated.series import values  # noqa: E402
+from tests.support.strategies import Growth  # noqa: E402
+from tests.validated.test_joints import (  # noqa: E402
+    MECHANISMS,
+    Y,
+    at,
+    balls,
+    body,
+    numbers,
+    random_state,
+    with_kinds,
+    x_rate,
+)
+
+
+@pytest.fixture(autouse=True)
+def _precision():
+    with flint.ctx.workprec(128):
+        yield
+
+
+def compare(model, controller=None, seed=1, tolerance=1e-10):
+    """The recorded (ẋ, q̈), energies and closure against the model's."""
+    state, v = random_state(model, seed)
+    loop = closed_loop(model, controller, state.q_free)
+    start = balls(loop.numbers(state.q_free), v)
+    u = np.zeros(model.n_actuated) if controller is None else controller.torque(0.0, state.q, v, state.q_free)
+    expected = np.concatenate([x_rate(loop, state, v), state.forward_dynamics(v, u)])
+    scale = max(1.0, np.abs(expected).max())
+    np.testing.assert_allclose(numbers(values(loop.field, start)), expected, rtol=0, atol=tolerance * scale)
+    np.testing.assert_allclose(numbers(values(loop.energies, start)), state.energy(v), rtol=1e-10)
+    np.testing.assert_allclose(numbers(values(loop.closure, start)), 0.0, rtol=0, atol=1e-12)
+    return loop, state, v
+
+
+def test_a_single_turn_of_a_ball_as_a_coordinate():
+    model = ccpin.ReducedModel(ccpin.load(rssr(), free=["all"], independent=["crank", "ball:rx"]))
+    compare(model)
+
+
+def geared(power=3, reference=0.2, **of_wheel):
+    """A crank geared to a wheel by a polynomial, references and all; both out of balance."""
+    links = Link("base"), Link("crank", body(1.0, 0.1, 0.0, 0.02)), Link("wheel", body(0.5, 0.05, 0.02, 0.0))
+    joints = (
+        Joint("crank", "revolute", "base", "crank", axis=Y, stiffness=0.4, spring_reference=0.3, damping=0.05),
+        Joint("wheel", "revolute", "base", "wheel", at(0.4, 0.0, 0.0), axis=Y, damping=0.01, **of_wheel),
+    )
+    curve = (0.1, 3.0, 0.2, 0.05)[: power + 1]
+    gears = (CouplingTerm("crank", curve, reference=reference), CouplingTerm("wheel", (0.0, -1.0), reference=-0.1))
+    return MechanismDescription(
+        "gears",
+        "base",
+        links,
+        joints,
+        couplings=(Coupling("gear", gears),),
+        independent=("crank",),
+        actuated=("crank",),
+    )
+
+
+def test_couplings_of_higher_degree():
+    compare(ccpin.ReducedModel(ccpin.load(geared())))
+
+
+def test_a_geared_wheel_some_turns_on():
+    """Of a continuous joint the row is less whole turns: it vanishes at angles three turns on, counted from there."""
+    described = geared(1, 1.5)
+    joints = (described.joints[0], replace(described.joints[1], kind="continuous"))
+    model = ccpin.ReducedModel(ccpin.load(replace(described, joints=joints)))
+    state = model.at([2.4 * np.pi])
+    loop = closed_loop(model, None, state.q_free)
+    x = loop.numbers(state.q_free)
+    assert abs(float(values(loop.closure, balls(x, [0.0]))[0].mid())) < 1e-9
+    later = closed_loop(model, None, state.q_free)
+    assert abs(later.near[1] - x[1]) < 1e-12
+
+
+def test_rotors_and_springs_of_joints_that_depend():
+    """Rotors, dampers and two springs on the passive joints of the RPDR, under a law that computes their pull."""
+    stated = {"armature": 0.02, "damping": 0.3, "stiffness": 1.7, "spring_reference": 0.2}
+    model = ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint3": stated, "joint4": {**stated, "stiffness": 0.9}}))
+    compare(model, ccpin.control.PDFullGravity(model, GOAL, K_P, K_V))
+    lagging = ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint3": stated}))
+    compare(lagging, None, 2)
+
+
+def test_slides_on_bodies_that_turn():
+    """A slide carried round by a crank, which a link holds back."""
+    growth = Growth(np.random.default_rng(7), True)
+    growth.close("revolute", growth.grow("base", ["revolute", "prismatic"]), growth.grow("base", ["revolute"]))
+    compare(ccpin.ReducedModel(ccpin.load(growth.drawn().description)))
+
+
+@pytest.mark.parametrize("name", ["ball, independent", "ball, dependent", "floating", "planar", "single turn"])
+def test_there_are_as_many_equations_as_numbers_that_depend(name):
+    model = ccpin.ReducedModel(MECHANISMS[name]())
+    loop = closed_loop(model, None)
+    assert len(loop.closure.outputs) == len(loop.dependent) == loop.n_x - len(loop.independent)
+
+
+def test_laws_of_other_mechanisms_are_refused(rpdr_model):
+    """Closures for both, masses for the one that computes with them."""
+    heavier = ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint1": {"armature": 0.1}}))
+    other = ccpin.ReducedModel(ccpin.load(with_kinds("rpdr", joint3="continuous")))
+    closed_loop(rpdr_model, ccpin.control.PDSimpleGravity(heavier, GOAL, K_P, K_V))
+    with pytest.raises(DifferentSubjectsError):
+        closed_loop(rpdr_model, ccpin.control.PDFullGravity(heavier, GOAL, K_P, K_V))
+    for law in (ccpin.control.PDSimpleGravity, ccpin.control.PDFullGravity):
+        with pytest.raises(DifferentSubjectsError):
+            closed_loop(rpdr_model, law(other, GOAL, K_P, K_V))
+
+
+@pytest.mark.parametrize("kind", ["PDSimpleGravity", "PDFullGravity"])
+def test_laws_with_motors_elsewhere(kind):
+    """Q̈ under motors on the passive joints, and more motors than coordinates, is what the law's u makes of it."""
+    for actuated in (["joint3", "joint4"], ["joint1", "joint3", "joint4"]):
+        model = ccpin.ReducedModel(ccpin.load("rpdr", actuated=actuated, independent=["joint1", "joint2"]))
+        law = getattr(ccpin.control, kind)(model, GOAL, K_P, K_V)
+        compare(model, law)
+
+
+def test_the_lyapunov_function_and_held_efforts(rpdr_model):
+    """𝒱 + V(q_d), and u(q, q̇) of a sampled law, whose state holds the efforts."""
+    K_p, K_v = np.array([[11.0, 2.0], [2.0, 9.0]]), np.array([[0.7, 0.1], [0.1, 0.6]])
+    law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_p, K_v)
+    loop, state, v = compare(rpdr_model, law)
+    told = numbers(values(loop.lyapunov, balls(loop.numbers(state.q_free), v)))[0]
+    potential = rpdr_model.energy(law.q_d, np.zeros(2), law.q_free_d).potential
+    assert told == pytest.approx(law.lyapunov(state.q, v, state.q_free) + potential, abs=1e-10)
+    held = closed_loop(rpdr_model, law, state.q_free, held=True)
+    u = law.torque(0.0, state.q, v, state.q_free)
+    start = [*balls(held.numbers(state.q_free), v), ball(0), ball(0)]
+    np.testing.assert_allclose(numbers(values(held.efforts, start)), u, atol=1e-11)
+    other = np.array([0.3, -0.2])
+    rates = numbers(values(held.field, [*start[:-2], *balls(other)]))
+    np.testing.assert_allclose(rates[-4:-2], state.forward_dynamics(v, other), atol=1e-9)
+    np.testing.assert_array_equal(rates[-2:], 0.0)
+    drift = numbers(values(held.drift, [*start[:-2], *balls(other)]))
+    np.testing.assert_allclose(drift[:4], state.rho @ v, atol=1e-12)
+    np.testing.assert_array_equal(drift[4:], 0.0)
+    np.testing.assert_array_equal(held.gains, np.hstack([-K_p, -K_v]))
+    elsewhere = ccpin.ReducedModel(
+        ccpin.load("rpdr", actuated=["joint3", "joint4"], independent=["joint1", "joint2"])
+    )
+    law = ccpin.control.PDSimpleGravity(elsewhere, GOAL, K_P, K_V)
+    at_start = elsewhere.at(GOAL)
+    held = closed_loop(elsewhere, law, at_start.q_free, held=True)
+    assert held.gains is None
+    rates = numbers(values(held.field, balls(held.numbers(at_start.q_free), [0.3, 0.1], other)))
+    np.testing.assert_allclose(rates[4:6], at_start.forward_dynamics(np.array([0.3, 0.1]), other), atol=1e-8)
+
+
+def test_angles_on_circles_that_a_law_reads():
+    """Goals on circles are counted in the turn that is nearest, and asked to be less than half a turn away."""
+    model = ccpin.ReducedModel(ccpin.load(with_kinds("slider_crank", crank="continuous")))
+    law = ccpin.control.PDSimpleGravity(model, [np.cos(1.0), np.sin(1.0)], 2.0, 0.5)
+    loop, state, v = compare(model, law)
+    (angle,) = loop.wrapped
+    assert angle.place == loop.independent[0]
+    assert float(angle.target) == pytest.approx(1.0, abs=1e-15)
+    x = loop.numbers(state.q_free)
+    for off, told in ((3.1, True), (-3.1, True), (3.2, False), (-3.2, False)):
+        x[angle.place] = 1.0 + off
+        assert (too_far_turned(loop, balls(x, v)) == "") is told
+
+
+def test_balls_that_are_turned_too_far():
+    """Less than half a turn from the reference: w > 0, all over a box, of every ball."""
+    joint = SimpleNamespace(x=slice(1, 5), number=1)
+    turned = turns.ball_at(joint, np.array([0.0, 0.6, 0.0, 0.8]) * 2.0, np.array([9.0, 0.0, -0.6, 0.0, -0.8]))
+    np.testing.assert_allclose(numbers(turned.reference), [0.0, -0.6, 0.0, -0.8])
+    straight = turns.ball_at(joint, np.array([0.0, 0.6, 0.0, 0.8]), np.array([9.0, 0.0, 0.6, 0.0, 0.8]))
+    np.testing.assert_allclose(numbers(straight.reference), [0.0, 0.6, 0.0, 0.8])
+    across = turns.ball_at(joint, np.array([0.0, 0.6, 0.0, 0.8]), np.array([9.0, 0.0, 0.8, 0.0, -0.6]))
+    np.testing.assert_allclose(numbers(across.reference), [0.0, 0.6, 0.0, 0.8])
+    box = [ball(0), ball(0), ball(0.6), ball(0), ball(0.8)]
+    assert turns.upright(straight, box)
+    assert not turns.upright(turned, box)
+    assert not turns.upright(straight, [ball(0), ball(0), ball(0), ball(0), ball(0)])
+    assert turns.upright(straight, [*box[:4], flint.arb(0.8, 1.2)])
+    assert not turns.upright(straight, [*box[:4], flint.arb(0.8, 1.3)])
+    loop = SimpleNamespace(wrapped=(), upright=(straight, turned))
+    assert "half a turn" in too_far_turned(loop, box)
+    assert too_far_turned(SimpleNamespace(wrapped=(), upright=(straight,)), box) == ""
+    angles = tuple(SimpleNamespace(target=ball(0), place=k) for k in (0, 1))
+    loop = SimpleNamespace(wrapped=angles, upright=())
+    assert "half a turn" in too_far_turned(loop, [ball(0), ball(4)])
+    assert too_far_turned(loop, [ball(0), ball(-3)]) == ""
+
+
+def test_turns_are_unwound_to_the_nearest():
+    for angle, near, expected in ((0.5, 0.6, 0.5), (0.5, 7.0, 0.5 + 2 * np.pi), (-3.0, 9.0, -3.0 + 4 * np.pi)):
+        assert float(places.unwound(ball(angle), near)) == pytest.approx(expected, rel=1e-14)
+
+
+def test_points_of_circles_and_quaternions():
+    kind = SimpleNamespace(nq=3, unit=2)
+    slide, angle = places.on_manifold(kind, balls([0.7, 3.0, 4.0]))
+    assert float(slide) == 0.7
+    assert float(angle) == pytest.approx(np.arctan2(4.0, 3.0))
+    kind = SimpleNamespace(nq=5, unit=4)
+    held = numbers(places.on_manifold(kind, balls([0.7, 1.0, 2.0, 3.0, 4.0])))
+    np.testing.assert_allclose(held, [0.7, *(np.arange(1, 5) / np.sqrt(30.0))])
+
+
+def test_configurations_of_numbers(rpdr_model):
+    """Of a circle's angle cosine and sine; angles come back in the turn they are near."""
+    model = ccpin.ReducedModel(ccpin.load(with_kinds("slider_crank", crank="continuous")))
+    loop = closed_loop(model, None)
+    q_free = model.mechanism.q_reference
+    x = loop.numbers(q_free)
+    np.testing.assert_allclose(numbers(places.configuration(loop.joints, balls(x))), q_free, atol=1e-15)
+    near = x + np.where(np.arange(len(x)) == loop.joints[0].x.start, 4 * np.pi, 0.0)
+    turned = places.numbers_of(loop.joints, q_free, near)
+    np.testing.assert_allclose(turned, near, atol=1e-12)
+    loop = closed_loop(rpdr_model, None)
+    x = loop.numbers(rpdr_model.mechanism.q_reference)
+    np.testing.assert_array_equal(numbers(places.configuration(loop.joints, balls(x))), x)
+
+
+def test_rotations_are_exact():
+    """A quarter turn of doubles is one; a general rotation that of a unit quaternion, within rounding."""
+    quarter = np.array([[1e-15, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    assert chains._exact_rotation(quarter)[0, 0] == 0
+    tilted = np.array([[np.cos(0.3), -np.sin(0.3), 0.0], [np.sin(0.3), np.cos(0.3), 0.0], [0.0, 0.0, 1.0]])
+    for off, snapped in ((0.96e-14, True), (1.04e-14, False)):
+        near = np.array([[0.0, -1.0, 0.0], [1.0, off, 0.0], [0.0, 0.0, 1.0]])
+        assert (chains._exact_rotation(near)[1, 1] == 0) is snapped
+    small = np.array([[1.0, -1e-12, 0.0], [1e-12, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    for matrix in (tilted, tilted[:, [1, 2, 0]], small):
+        exact = chains._exact_rotation(matrix)
+        assert (exact @ exact.T == np.eye(3, dtype=int)).all()
+        np.testing.assert_allclose(np.array([[float(x.p) / float(x.q) for x in row] for row in exact]), matrix, atol=1e-15)
+    assert chains._exact_rotation(small)[1, 0] != 0
+    placement = np.eye(4)
+    placement[:3, :3], placement[:3, 3] = tilted, [1.0, 2.0, 3.0]
+    exact = chains.exact_placement(placement)
+    assert list(exact[:3, 3]) == [1, 2, 3]
+    assert (exact[:3, :3] == chains._exact_rotation(tilted)).all()
