@@ -8,6 +8,7 @@ import pytest
 
 import ccpin
 from ccpin.description import Coupling, CouplingTerm, Joint, Link, MechanismDescription
+from tests.support.ball_joint import ball_joint
 from tests.support.linkages import rssr
 from ccpin.errors import DifferentSubjectsError
 from tests.support.paper import GOAL, K_P, K_V
@@ -101,6 +102,7 @@ def test_rotors_and_springs_of_joints_that_depend():
     compare(model, ccpin.control.PDFullGravity(model, GOAL, K_P, K_V))
     lagging = ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint3": stated}))
     compare(lagging, None, 2)
+    compare(lagging, ccpin.control.NoTorque(lagging))
 
 
 def test_slides_on_bodies_that_turn():
@@ -115,6 +117,20 @@ def test_there_are_as_many_equations_as_numbers_that_depend(name):
     model = ccpin.ReducedModel(MECHANISMS[name]())
     loop = closed_loop(model, None)
     assert len(loop.closure.outputs) == len(loop.dependent) == loop.n_x - len(loop.independent)
+
+
+def test_plain_angles_are_no_circles(rpdr_model):
+    """Nor are whole balls."""
+    law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
+    loop = closed_loop(rpdr_model, law)
+    assert loop.wrapped == ()
+    for model, scalar, circles in (
+        (ball_joint(), False, ()),
+        (ccpin.ReducedModel(ccpin.load(with_kinds("slider_crank", crank="continuous"))), True, (0,)),
+        (rpdr_model, True, ()),
+    ):
+        told = places.chosen(model.coordinates, chains.exact_joints(model.mechanism.tree))
+        assert (told.scalar, told.circles) == (scalar, circles)
 
 
 def test_laws_of_other_mechanisms_are_refused(rpdr_model):
@@ -232,6 +248,11 @@ def test_configurations_of_numbers(rpdr_model):
     near = x + np.where(np.arange(len(x)) == loop.joints[0].x.start, 4 * np.pi, 0.0)
     turned = places.numbers_of(loop.joints, q_free, near)
     np.testing.assert_allclose(turned, near, atol=1e-12)
+    one = (SimpleNamespace(q=slice(0, 2), x=slice(0, 1), kind=SimpleNamespace(unit=2)),)
+    for near_one in (3.1 + 4 * np.pi, 3.4 + 4 * np.pi, 4 * np.pi - 0.04):
+        told = places.numbers_of(one, np.array([np.cos(3.1), np.sin(3.1)]), np.array([near_one]))[0]
+        assert abs(told - near_one) <= np.pi
+        assert np.cos(told - 3.1) == pytest.approx(1.0)
     loop = closed_loop(rpdr_model, None)
     x = loop.numbers(rpdr_model.mechanism.q_reference)
     np.testing.assert_array_equal(numbers(places.configuration(loop.joints, balls(x))), x)

@@ -160,6 +160,7 @@ def test_a_march_ends_when_it_is_to(duration, longest):
     total = sum(Fraction(step.length) for step in steps)
     assert Fraction(duration) <= total < Fraction(duration) + Fraction(QUANTUM)
     assert max(step.length for step in steps) <= longest
+    assert all((Fraction(step.length) * 2**40).denominator == 1 for step in steps)
     assert float(sum(step.length for step in steps)) == float(total)
     np.testing.assert_allclose(floats(steps[-1].end.centre), expm(0.1 * J * float(total)) @ [1.0, 2.0], rtol=1e-9)
 

@@ -24,6 +24,9 @@ _RECORDED = (
     "validated/test_sharp_recorded.py",
     "validated/test_validated.py::test_recorded_dynamics[slider_crank-stated1]",
 )
+_RANDOM = "validated/test_joints.py::test_random_mechanisms_of_every_kind[6]"
+_MOTIONS = ("validated/test_sharp_motions.py",)
+_TUBES = ("validated/test_sharp_tubes.py",)
 _STEP = ("validated/test_sharp_step.py",)
 _BOXES = ("validated/test_sharp_boxes.py",)
 _SMALLER = ("0.001", "0.0001", "1e-06", "1e-08", "1e-10")
@@ -164,12 +167,13 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "validated/places",
         ("chosen", "_windows", "numbers_of", "on_manifold", "unwound", "configuration"),
-        _RECORDED,
+        (*_RECORDED, _RANDOM),
     ),
     Room(
         "validated/turns",
         ("BallTurn.relative", "ball_at", "turns_of", "turn_rows", "turn_rates", "upright"),
-        _RECORDED,
+        (*_RECORDED, _RANDOM),
+        (("sign = 1 if float(near", "left × 2", "of the same sign"),),
     ),
     Room(
         "validated/step",
@@ -179,6 +183,7 @@ ROOMS: tuple[Room, ...] = (
             ("box = [around(x, x.rad() * 1e-4", "", "a box that is tried: that it holds its image is asked"),
             ("if keep_negative or bound > 0", "0 let in", "the same number"),
             ("boldness", "", "how long a step is tried"),
+            ("_SINGULAR + ", "", "words"),
         ),
     ),
     Room("validated/slices", ("instants_of",), _STEP),
@@ -194,12 +199,71 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "validated/branch",
         ("closed_boxes", "states_of", "_write", "jets_of", "_inputs"),
-        _BOXES,
+        (*_BOXES, _TUBES[0] + "::test_tubes_of_linear_flows_reach_their_corners"),
+        (
+            ("floor = open_by + _SMALLEST", "", "radii that are tried: Krawczyk's condition is asked of each"),
+            ("radius[:, dependent] = floor", "left out", "radii that are tried: Krawczyk's condition is asked of each"),
+            ("[still] * (loop.field.inputs", "without loop.n_x", "inputs that no one asks for"),
+        ),
     ),
     Room(
         "validated/curvature",
         ("_middles", "boxes", "_in_pieces", "curvature", "feedback", "_flow", "_flow_jets"),
         _BOXES,
+    ),
+    Room(
+        "validated/crossing",
+        ("signed_determinant", "sign_of", "crossing", "_other_coordinates", "_state", "_located", "witness_of"),
+        (*_MOTIONS, "validated/test_crossing_signs.py"),
+    ),
+    Room(
+        "validated/arrival",
+        (
+            "_MARGIN",
+            "unconnected",
+            "lyapunov",
+            "single_valued",
+            "goal_of",
+            "SetArrival.__call__",
+            "SetArrival._highest",
+        ),
+        (*_MOTIONS, "validated/test_one_turn_on.py::test_where_the_lyapunov_function_is_one_function"),
+    ),
+    Room("validated/certificate", ("certify_move", "_of_a_set", "_run", "_level"), _MOTIONS),
+    Room(
+        "validated/enclose",
+        (
+            "Enclosure.smallest_determinant",
+            "Enclosure.inputs",
+            "Enclosure.contains",
+            "Enclosure._nearest",
+            "Enclosure.energy",
+            "enclose",
+            "exact_q",
+            "collect",
+            "left_open",
+            "_bounds",
+        ),
+        _MOTIONS,
+    ),
+    Room("validated/sets", ("SetEnclosure.contains", "enclose_set", "starts_of"), _MOTIONS),
+    Room("validated/tube", ("advance", "_fitting", "_stretch", "_terms"), _TUBES),
+    Room("validated/growing", ("first_section", "fastest_rate", "sampled_section", "grow"), _TUBES),
+    Room(
+        "validated/tubes",
+        (
+            "_COVERING",
+            "Starts.halves",
+            "Tube.duration",
+            "Tube.coordinates",
+            "Tube._slice",
+            "cover",
+            "_grown",
+            "_motion",
+            "_at_a_sample",
+            "_widest",
+        ),
+        _TUBES,
     ),
     Room(
         "validated/defect",
@@ -223,6 +287,18 @@ ROOMS: tuple[Room, ...] = (
 
 _CHOSEN = "chooses the length of a step, which `attempt` proves"
 EXCUSED: tuple[Excused, ...] = (
+    Excused("validated/arrival", ("_RETRY",), "when `unconnected` is asked again"),
+    Excused("validated/certificate", ("_RETRY",), "when `unconnected` is asked again"),
+    Excused("validated/enclose", ("SHORTEST_STEP",), "how far a step is shortened before it is given up"),
+    Excused("validated/enclose", ("checked_options",), "which arguments are refused: those let in are only slow or useless"),
+    Excused("validated/sets", ("checked_cut", "told"), "which arguments are refused, and words"),
+    Excused("validated/tube", ("_TIGHT", "frames"), "frames and bounds that are tried: `_fitting` asks what is proved"),
+    Excused(
+        "validated/growing",
+        ("_FINE", "_STRIDE", "_ROOM", "_AIR", "_THINNEST", "_GROWTH", "_PARALLEL", "_turned", "growth"),
+        "how slices, frames and room are chosen; `advance` proves the tube with any",
+    ),
+    Excused("validated/tubes", ("_tube",), "words, and the numbers in them"),
     Excused("validated/step", ("_GROWTH", "_longest", "_blown_up", "_correction", "_affordable"), _CHOSEN),
     Excused("validated/closing", ("_newton", "_sharpened"), "looks for numbers with which `krawczyk` may hold"),
     Excused("validated/branch", ("_INFLATION", "_SMALLEST"), "radii that are tried: Krawczyk's condition is asked of each"),
