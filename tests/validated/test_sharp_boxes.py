@@ -1,5 +1,7 @@
 """σ over boxes, where it is a square root: boxes that just do and just do not hold, jets by closed forms."""
 
+from fractions import Fraction
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -238,6 +240,10 @@ def test_boxes_hold_the_tube():
     assert found.v.rad[0, 0] == pytest.approx(0.45, rel=1e-9)
     mid, rad = found.q_free.mid[0, 1], found.q_free.rad[0, 1]
     assert mid - rad < 3.7**0.5 < 4.3**0.5 < mid + rad
+    at = instants()
+    off = at._replace(during=Wide(at.during.mid + [[0.02, 0.0, -0.01]], at.during.rad))
+    wider = boxes(parabola(), off, np.array([[0.2, 0.4]]), 1)
+    assert (wider.q_free.rad[0, 0], wider.v.rad[0, 0]) == pytest.approx((0.32, 0.46), rel=1e-9)
     assert found.centre.rad[0, 1] < 1e-13
     assert found.centre.mid[0, 1] == 2.0
 
@@ -263,10 +269,10 @@ def test_pieces_cover_the_box():
     far = 1e15  # where doubles are an eighth apart
     wide = Wide(np.array([[far, far]]), np.array([[4.0, 9.0]]))
     pieces = module._in_pieces(lines(1.0), wide, Wide(np.zeros((1, 1)), np.ones((1, 1))), 3).q_free
-    low, high = pieces.mid[3:, 0] - pieces.rad[3:, 0], pieces.mid[3:, 0] + pieces.rad[3:, 0]
-    assert np.all(np.sort(low)[1:] <= np.sort(high)[:-1])
-    assert low.min() <= far - 4.0
-    assert high.max() >= far + 4.0
+    ends = sorted((Fraction(m) - Fraction(r), Fraction(m) + Fraction(r)) for m, r in zip(*(x[3:, 0] for x in pieces)))
+    assert ends[0][0] <= far - 4
+    assert ends[-1][1] >= far + 4
+    assert all(low[1] >= high[0] for low, high in pairwise(ends))
 
 
 def test_pieces_are_in_the_box_of_their_branch():
@@ -321,10 +327,69 @@ def test_whole_boxes_are_to_be_proven(monkeypatch, fails):
         boxes(parabola(), instants(), np.array([[0.2, 0.4]]), 1)
 
 
+def twice(at):
+    """Two slices alike."""
+    return Instants(*(np.tile(x, 2) for x in at[:2]), *(Wide(*(np.tile(x, (2, 1)) for x in wide)) for wide in at[2:]))
+
+
+@pytest.mark.parametrize("call", [2, 3, 4, 5])
+def test_every_slice_is_to_be_proven(monkeypatch, call):
+    """Of two one is open: whole boxes, middles, the pieces' points and the pieces."""
+    real, calls = closed_boxes, []
+
+    def told(*given):
+        box, proven = real(*given)
+        calls.append(0)
+        return box, proven & (np.arange(len(proven)) > 0) if len(calls) == call else proven
+
+    monkeypatch.setattr(module, "closed_boxes", told)
+    with pytest.raises(UnboundedError, match="single"):
+        boxes(parabola(), twice(instants()), np.tile([[0.2, 0.4]], (2, 1)), 2)
+
+
+@pytest.mark.parametrize(("share", "holds"), [(0.9, True), (1.2, False)])
+def test_middles_are_within_the_whole_boxes(monkeypatch, share, holds):
+    """Of each slice."""
+    real, seen = closed_boxes, []
+
+    def told(*given):
+        box, proven = real(*given)
+        seen.append(box)
+        if len(seen) == 3:
+            box.rad[0, 1] = share * seen[1].rad[0, 1]
+        return box, proven
+
+    monkeypatch.setattr(module, "closed_boxes", told)
+    monkeypatch.setattr(module, "_in_pieces", lambda *_: None)
+    try:
+        boxes(parabola(), twice(instants()), np.tile([[0.2, 0.4]], (2, 1)), 1)
+        assert holds
+    except UnboundedError:
+        assert not holds
+
+
+def test_every_dependent_coordinate_of_a_piece_is_in_its_box():
+    v = Wide(np.array([[3.0]]), np.array([[0.1]]))
+    for radii, holds in ((([0.5, 1.0, 2.0]), True), (([0.5, 1.0, 0.01]), False), (([0.5, 0.01, 2.0]), False)):
+        try:
+            module._in_pieces(lines(0.1, 0.2), Wide(np.array([[4.0, 0.4, 0.8]]), np.array([radii])), v, 2)
+            assert holds
+        except UnboundedError:
+            assert not holds
+
+
+def test_angles_of_every_slice_are_asked_for():
+    one = parabola()
+    at = twice(instants())
+    at.middle.mid[1], at.during.mid[1] = [9.0, 3.0, 3.0], [9.0, 3.0, 3.0]
+    one.wrapped = (SimpleNamespace(place=0, target=ball(4.0)),)
+    assert not proves(one, np.tile([[0.2, 0.4]], (2, 1)), at)
+
+
 def test_angles_on_circles_are_less_than_half_a_turn_away():
     """All over the box."""
     for sign in (1.0, -1.0):
-        for more, holds in ((-1e-6, True), (1e-6, False)):
+        for more, holds in ((-1.05e-9 * np.pi, True), (-0.95e-9 * np.pi, False)):
             one = parabola()
             one.wrapped = (SimpleNamespace(place=0, target=ball(4.0 + sign * (np.pi - 0.3 + more))),)
             assert proves(one, np.array([[0.2, 0.4]])) is holds
@@ -348,12 +413,18 @@ def test_balls_are_less_than_half_a_turn_away():
     p, rad = whole.mid[0, 1:], whole.rad[0, 1:]
     reference = np.array([0.5, 0.5, 0.5, 0.5])
     short = (p @ reference - rad @ reference) / 0.5
-    for more, holds in ((1e-6, True), (-1e-6, False)):
+    for more, holds in ((1.05e-9, True), (0.95e-9, False)):
         turned = np.array([0.5, 0.5, 0.5, 0.5])
-        turned[3] -= 0.5 * short / (p[3] - rad[3]) - more
+        turned[3] -= (0.5 * short - more) / (p[3] - rad[3])
         joint = SimpleNamespace(x=slice(1, 5))
         one.upright = (SimpleNamespace(joint=joint, reference=tuple(ball(x) for x in turned)),)
         assert proves(one, np.array([[0.5, 0.0]]), at) is holds
+    other = twice(at)
+    other.middle.mid[1, :5] *= -1.0
+    other.during.mid[1, :5] = other.middle.mid[1, :5]
+    one.upright = (SimpleNamespace(joint=joint, reference=tuple(ball(0.5) for _ in range(4))),)
+    assert proves(one, np.array([[0.5, 0.0]]), at)
+    assert not proves(one, np.tile([[0.5, 0.0]], (2, 1)), other)
 
 
 def test_curvature_of_the_flow():

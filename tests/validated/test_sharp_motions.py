@@ -432,6 +432,41 @@ def test_a_cross_section_has_arrived_where_all_is_proved(monkeypatch):
         assert told in arrival.SetArrival(jointed(), goal(2.0), None, 1)(piece)
 
 
+@pytest.mark.parametrize(
+    ("steps", "unit", "independent", "stiffness", "held"),
+    [
+        (["rz"], 0, (0,), 1.0, True), (["rz"], 0, (1,), 1.0, False), (["rz"], 2, (0,), 1.0, False),
+        (["tz"], 0, (1,), 1.0, True), (["rz"], 2, (1,), 0.0, True), (["tx", "rz"], 2, (1,), 1.0, False),
+    ],
+)  # fmt: skip
+def test_springs_that_make_another_energy_one_turn_on(steps, unit, independent, stiffness, held):
+    """A joint that turns and has one: only where it is a coordinate that is a plain number."""
+    joint = SimpleNamespace(number=1, kind=SimpleNamespace(steps=steps, unit=unit), x=slice(0, 1))
+    stated = [SimpleNamespace(stated=SimpleNamespace(stiffness=stiffness))]
+    tree = SimpleNamespace(tree=SimpleNamespace(joints=stated))
+    law = SimpleNamespace(model=SimpleNamespace(mechanism=tree))
+    known = SimpleNamespace(joints=(joint,), independent=independent, wrapped=(), upright=())
+    assert arrival.single_valued(known, law) is held
+    known.upright = (1,)
+    assert not arrival.single_valued(known, law)
+
+
+@pytest.mark.parametrize(
+    ("gravity", "coupling", "held"), [(0.0, 0.0, True), (0.5, 0.0, False), (0.0, 0.5, False)]
+)
+def test_angles_whose_errors_jump_half_a_turn_away(gravity, coupling, held):
+    """Of either angle; what neither gravity nor a gain couples does not jump."""
+    law = SimpleNamespace(
+        model=SimpleNamespace(mechanism=SimpleNamespace(tree=SimpleNamespace(joints=()))),
+        gravity_d=np.array([0.5, gravity, 0.0]),
+        K_p=np.array([[1.0, coupling, 0.25], [coupling, 1.0, 0.0], [0.25, 0.0, 1.0]]),
+    )
+    for places in ((4,), (4, 5), (5, 4)):
+        wrapped = tuple(SimpleNamespace(place=k) for k in places)
+        known = SimpleNamespace(joints=(), independent=(3, 4, 5), wrapped=wrapped, upright=())
+        assert arrival.single_valued(known, law) is (held and 5 not in places)
+
+
 # Moves.
 
 

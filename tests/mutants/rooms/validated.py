@@ -209,12 +209,26 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "validated/curvature",
         ("_middles", "boxes", "_in_pieces", "curvature", "feedback", "_flow", "_flow_jets"),
-        _BOXES,
+        (*_BOXES, _TUBES[0] + "::test_tubes_of_linear_flows_reach_their_corners"),
+        (
+            ("[:, list(loop.independent)] + _POINT", "without _POINT", "a box of any size that is proved holds σ"),
+            ("reach = raised(large.rad", "1e-15 × ", "the middle's own rounding is a tenth of it"),
+            ("reach = raised(large.rad", "1e-12 × ", "`raised` is above these roundings too"),
+            ("reach = raised(large.rad", "without 1e-12", "`raised` is above these roundings too"),
+        ),
     ),
     Room(
         "validated/crossing",
         ("signed_determinant", "sign_of", "crossing", "_other_coordinates", "_state", "_located", "witness_of"),
         (*_MOTIONS, "validated/test_crossing_signs.py"),
+        (
+            ("at_rest = [*box[: loop.n_x]", "without loop.n_x", "inputs that no one asks for"),
+            ("return int(lower(value)", "0 let in", "`lower` is below what it bounds"),
+            ("return int(lower(value)", "left × 0.5", "of the same sign"),
+            ("lambda box: max(0.0", "min instead of max", "proves no step"),
+            ("if found == 0 or not first < middle", "not asked: not first", "where halving ends"),
+            ("middle = 0.5 * (first + last)", "0.5 × ", "where halving looks"),
+        ),
     ),
     Room(
         "validated/arrival",
@@ -228,6 +242,10 @@ ROOMS: tuple[Room, ...] = (
             "SetArrival._highest",
         ),
         (*_MOTIONS, "validated/test_one_turn_on.py::test_where_the_lyapunov_function_is_one_function"),
+        (
+            ("if regularity > 0 and room_left > 0", "0 let in", "0 either way"),
+            ("options._replace(shortest=2.0**-12)", "2 × ", "how far a step is shortened before it is given up"),
+        ),
     ),
     Room("validated/certificate", ("certify_move", "_of_a_set", "_run", "_level"), _MOTIONS),
     Room(
