@@ -11,7 +11,6 @@ pytest.importorskip("flint")
 
 import ccpin
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.mechanism.left_out import without_dry_friction
 from ccpin.validated import arrival, certificate, crossing, sets
 from ccpin.validated.balls import ball, flint
 from ccpin.validated.curvature import Instants
@@ -167,7 +166,12 @@ def test_exact_starts_on_circles_are_in_the_turn_of_what_they_are_near():
     found = [float(x.mid()) for x in exact_q(model, one._replace(near=near), q)]
     np.testing.assert_allclose(found, [4 * np.pi + 0.5, -2 * np.pi - 0.4])
     planar = ccpin.ReducedModel(ccpin.load("rpdr"))
-    assert [float(x) for x in exact_q(planar, closed_loop(planar, None), START)] == START.tolist()
+    far = closed_loop(planar, None)._replace(near=np.full(4, 9 * np.pi))
+    assert [float(x) for x in exact_q(planar, far, START)] == START.tolist()
+    slide = SimpleNamespace(q=slice(0, 1), whole=None, kind=SimpleNamespace(unit=2), slides=(True,))
+    held = SimpleNamespace(coordinates=SimpleNamespace(parts=[slide]))
+    at = SimpleNamespace(near=np.array([9 * np.pi]), independent=(0,))
+    assert [float(x) for x in exact_q(held, at, np.array([0.5]))] == [0.5]
 
 
 # `enclose`: when a motion is asked for a singularity.
@@ -186,6 +190,7 @@ def marched(monkeypatch, rpdr_model):
             return enclosed()
 
         monkeypatch.setattr(enclosing, "collect", collected)
+        monkeypatch.setattr(enclosing, "without_dry_friction", lambda _: ", but")
         found = enclosing.enclose(rpdr_model, law, START, None, 1.0)
         return found, asked, told[0]
 
@@ -197,7 +202,7 @@ def test_a_free_motion_that_is_stuck_is_asked_for_a_singularity(marched, rpdr_mo
     found, asked, told = marched([*steps, Stuck("why")])
     assert told[:2] == (steps, "why")
     assert (asked[0][3], asked[0][4]) == (0.75, 0.25)
-    assert found.reason == enclosed().reason + without_dry_friction(rpdr_model.mechanism)
+    assert found.reason == enclosed().reason + ", but"
     assert len(marched([*steps, Stuck("why")], ccpin.control.NoTorque(rpdr_model))[1]) == 1
     assert marched(steps)[1] == []
     assert marched([Stuck("why")])[1] == []
@@ -531,6 +536,7 @@ def test_moves_from_sampled_levels_are_not_proven(monkeypatch, rpdr_model):
     law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
     made = certificate.MoveCertificate("proven", "so", None, 1.0, 3.0, 1.0, 2.0, False, None)
     calls = []
+    monkeypatch.setattr(certificate, "without_dry_friction", lambda _: ", but")
     monkeypatch.setattr(certificate, "_of_one", lambda *_: calls.append("one") or made)
     monkeypatch.setattr(certificate, "_of_a_set", lambda *_: calls.append("set") or made)
 
@@ -544,7 +550,7 @@ def test_moves_from_sampled_levels_are_not_proven(monkeypatch, rpdr_model):
     assert (sampled.verdict, sampled.rigorous, sampled.level) == ("undecided", False, 2.5)
     assert "sampled" in sampled.reason
     assert sampled.reason.startswith("so")
-    assert told(2.5).reason == "so" + without_dry_friction(rpdr_model.mechanism)
+    assert told(2.5).reason == "so, but"
     monkeypatch.setattr(certificate, "_of_one", lambda *_: replace(made, verdict="refuted"))
     assert told(SimpleNamespace(level=2.5, rigorous=False, law=law)).verdict == "refuted"
     calls.clear()
@@ -585,11 +591,12 @@ def test_boxes_that_are_none(rpdr_model, spread):
 def test_a_set_of_starts_as_asked(monkeypatch, rpdr_model):
     """Any width makes a set; a period is rounded up to the times that there are; friction is told."""
     jobs = []
+    monkeypatch.setattr(sets, "without_dry_friction", lambda _: ", but")
     monkeypatch.setattr(sets, "cover", lambda job, starts, parts: jobs.append(job) or ([None], ""))
     law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
     found = sets.enclose_set(rpdr_model, law, START, None, 0.01, spread=(1e-3, 0.0), period=0.001)
     assert found.verdict == "proven"
-    assert found.reason == sets.told([None], "", 16)[1] + without_dry_friction(rpdr_model.mechanism)
+    assert found.reason == sets.told([None], "", 16)[1] + ", but"
     assert 0.001 <= jobs[0].period < 0.001 + 2.0**-40
     assert (jobs[0].period * 2.0**40).is_integer()
     assert jobs[0].loop.efforts is not None

@@ -247,7 +247,15 @@ ROOMS: tuple[Room, ...] = (
             ("options._replace(shortest=2.0**-12)", "2 × ", "how far a step is shortened before it is given up"),
         ),
     ),
-    Room("validated/certificate", ("certify_move", "_of_a_set", "_run", "_level"), _MOTIONS),
+    Room(
+        "validated/certificate",
+        ("certify_move", "_of_a_set", "_run", "_level"),
+        _MOTIONS,
+        (
+            ("< 0.0 and never", "left × 0.5", "of the same sign"),
+            ("assert not isinstance(arrival", "", "what holds of any that is told apart before"),
+        ),
+    ),
     Room(
         "validated/enclose",
         (
@@ -263,8 +271,14 @@ ROOMS: tuple[Room, ...] = (
             "_bounds",
         ),
         _MOTIONS,
+        (("if k < 0", "left × 0.5", "of the same sign"),),
     ),
-    Room("validated/sets", ("SetEnclosure.contains", "enclose_set", "starts_of"), _MOTIONS),
+    Room(
+        "validated/sets",
+        ("SetEnclosure.contains", "enclose_set", "starts_of"),
+        _MOTIONS,
+        (("np.all((width >= 0.0)", "width >= 0.0: left × 2", "of the same sign"),),
+    ),
     Room("validated/tube", ("advance", "_fitting", "_stretch", "_terms"), _TUBES),
     Room("validated/growing", ("first_section", "fastest_rate", "sampled_section", "grow"), _TUBES),
     Room(
