@@ -5,13 +5,14 @@ import pytest
 
 import ccpin
 from ccpin.domain import certify_workspace
-from ccpin.domain.demands import conditioning, reach
 from ccpin.domain.workspace import task_problem
+from ccpin.proof.requirements import conditioning, reach
 from tests.support.altered import changed
 
 pytest.importorskip("flint")
 
-from ccpin.auditing import closures, demands, document, verify
+from ccpin.auditing import closures, reading, verify
+from ccpin.auditing import workspace as demands
 
 LIMITS = {"motor1": (-6.0, 6.0), "elbow2": (-6.0, 6.0)}
 
@@ -32,8 +33,8 @@ def workspace(tmp_path_factory):
 
 def failing(path):
     """The boxes of a document that are not proved to meet its demands."""
-    read = document.read(path)
-    own = closures.Closures(read)
+    read = reading.read(path)
+    own = closures.BallClosures(read)
     return [k for k in range(len(read.centre)) if not demands.met(own, read, k, 3)]
 
 
@@ -52,7 +53,7 @@ def test_a_tightened_limit_is_found(workspace, tmp_path, side):
     """A motor's limit, a thousandth of a radian within the furthest reach: what passes it fails, the others do not."""
     atlas, path = workspace
     ends = dict(zip(("lower", "upper"), reach(atlas.problem, atlas.boxes), strict=True))[side]
-    joint = int(atlas.problem.demands.driven[0])
+    joint = int(atlas.problem.requirements.driven[0])
     sign = 1.0 if side == "upper" else -1.0
     furthest = float(np.max(sign * ends[:, joint]))
 
@@ -67,7 +68,7 @@ def test_a_tightened_limit_is_found(workspace, tmp_path, side):
 def test_a_raised_dexterity_is_found(workspace, tmp_path):
     """One that a box's own upper bound excludes, where motors have a grip; what lower bounds say is proved."""
     atlas, path = workspace
-    low, high = conditioning(atlas.problem, atlas.problem.demands, atlas.boxes)
+    low, high = conditioning(atlas.problem, atlas.problem.requirements, atlas.boxes)
     raised = float(1.001 * high.min())
 
     def put(value):
@@ -92,7 +93,7 @@ def test_other_units_are_found(workspace, tmp_path):
 def test_motors_that_lose_hold_are_found(workspace, tmp_path):
     """Motors said to be on one of the platform's slides twice, once beside it: nothing determines the others."""
     atlas, path = workspace
-    free = np.setdiff1d(np.arange(atlas.problem.system.n_free), atlas.problem.demands.driven)
+    free = np.setdiff1d(np.arange(atlas.problem.system.n_free), atlas.problem.requirements.driven)
     beside = atlas.problem.system.independent[0]
 
     def plant(arrays):
@@ -105,8 +106,8 @@ def test_motors_that_lose_hold_are_found(workspace, tmp_path):
 def test_the_derivative_is_enclosed(workspace):
     """∂y/∂x of 2 against a solve at random places of the tubes, to what that is rounded by."""
     rng = np.random.default_rng(3)
-    read = document.read(workspace[1])
-    own = closures.Closures(read)
+    read = reading.read(workspace[1])
+    own = closures.BallClosures(read)
     for k in range(4):
         box = demands.box_of(read, k)
         slopes = demands._Slopes(own, read, box, (-box.half, box.half))

@@ -14,11 +14,10 @@ import numpy as np
 import pytest
 
 import ccpin
-from ccpin import domain
+from ccpin import domain, work
 from ccpin.domain import Atlas, CellStatus, certify
-from ccpin.domain.atlas import run as atlas_run
-from ccpin.domain.newton import solve_in_boxes
 from ccpin.errors import InvalidInputError, UnreachableError, UnsupportedMechanismError
+from ccpin.proof.newton import solve_in_boxes
 from tests.oracles import cusped_3rpr as cusped
 from tests.oracles import delta as delta_oracle
 from tests.oracles import planar_3rrr as planar_oracle
@@ -417,7 +416,7 @@ def test_no_process_starts_that_was_not_asked_for(monkeypatch):
             tasks.append(function)
             return super().submit(function, *arguments)
 
-    monkeypatch.setattr(atlas_run, "ProcessPoolExecutor", Watched)
+    monkeypatch.setattr(work, "ProcessPoolExecutor", Watched)
     arguments = {"q0": np.zeros(3), "region": region, "max_depth": 4}
     serial = certify(mechanism, **arguments, progress=lambda _: children.extend(multiprocessing.active_children()))
     assert not made

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from ccpin.domain.atlas.build import Shape
+from ccpin.domain.atlas.build import SquareNorm
 from ccpin.domain.largest import LargestWorkspace
-from ccpin.domain.verdict import Witness
+from ccpin.proof.verdict import Witness
 
 ERROR = 1e-3
 
@@ -16,7 +16,7 @@ ERROR = 1e-3
 @pytest.mark.parametrize("weights", [[1.0, 1.0, 1.0], [1.0, 2.0, 0.5], [1.0, 1.0, 0.0]])
 def test_the_upper_bound_is_attained_and_holds(round, weights):
     """An obstacle off by its error in every coordinate, away from the centre: of a ball that is √n times as far."""
-    shape = Shape(np.array(weights), round)
+    shape = SquareNorm(np.array(weights), round)
     found = LargestWorkspace(np.zeros(3), 0.1, round, np.zeros(0), SimpleNamespace(), shape)
     direction = np.ones(3)
     found.__dict__["obstacle"] = Witness("singular", 0.3 * direction * (shape.weights > 0), None, ERROR)

@@ -5,6 +5,7 @@ import pytest
 
 import ccpin
 from ccpin.domain import CellStatus, certify, certify_path, scalar_coordinates_at
+from ccpin.domain.closures.system import reading_of
 from ccpin.domain.folds import singular_points
 from ccpin.domain.refutation import line_problem
 from tests.oracles import rpdr as oracle
@@ -126,8 +127,9 @@ def test_theorem_s_has_no_false_proofs():
     found = singular_points(problem, start, directions)
     assert found.proved.sum() > 20
     mechanism = ccpin.load("planar_3rrr")
+    reading = reading_of(mechanism, mechanism.q_reference)
     for k in np.flatnonzero(found.proved):
-        q_free = system.chart.configuration(found.theta[k])
+        q_free = reading.configuration(found.theta[k])
         assert np.abs(mechanism.constraints().residual(q_free)).max() < 1e-9 + 10 * found.error[k]
         assert least_singular_value(mechanism, q_free) < 1e-9 + 100 * found.error[k]
         gap = found.theta[k, system.independent] - start[k, system.independent] - found.along[k] * directions[k]
@@ -153,3 +155,14 @@ def test_the_line_keeps_the_other_coordinates():
     rows = line.system.couplings[-2:] @ np.array([on, off]).T + line.system.offset[-2:, None]
     assert np.abs(rows[:, 0]).max() < 1e-15
     assert np.linalg.norm(rows[:, 1]) > 0.02
+
+
+def test_what_a_line_s_rows_hold_is_no_angle(rpdr):
+    """φ with Nᵀ(q − q_r) = 0 is not the same a turn on in q: such a turn is no gluing."""
+    reading = reading_of(rpdr, rpdr.q_reference)
+    system = reading.problem.system
+    theta = reading.theta(rpdr.q_reference)
+    for direction, turning in (((1.0, 0.5), (False, False)), ((1.0, 0.0), (True, False))):
+        line = line_problem(reading.problem, theta, np.array(direction), int(system.dependent[0])).system
+        np.testing.assert_array_equal(line.periodic[system.independent], turning)
+        np.testing.assert_array_equal(line.periodic[system.dependent], system.periodic[system.dependent])

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ccpin.auditing import document
+from ccpin.auditing import reading
 from ccpin.auditing.declared import ATLAS, CURVES, SHEETS
 from ccpin.containers import checksum
 from ccpin.domain import Atlas, CellStatus, SheetAtlas, SingularCover
@@ -36,7 +36,7 @@ class Forgery(NamedTuple):
 
     def save(self, path):
         """Write it as npz, its fingerprint and checksum made right."""
-        header = self.header | {"fingerprint": document.fingerprint(self.arrays)}
+        header = self.header | {"fingerprint": reading.fingerprint(self.arrays)}
         header["checksum"] = checksum(header, self.arrays)
         text = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
         np.savez(path, header=text, **self.arrays)
@@ -192,7 +192,9 @@ class Closures:
 
     def __init__(self, made):
         a = made.arrays
-        self.chains = [{n: a[f"chain{k}_{n}"] for n in document.Chain._fields} for k in range(made.header["chains"])]
+        self.chains = [
+            {n: a[f"chain{k}_{n}"] for n in reading.SerialChain._fields} for k in range(made.header["chains"])
+        ]
         self.couplings, self.offset, self.moduli = (a[f"system_{n}"] for n in ("couplings", "offset", "moduli"))
         self.q, self.y, self.periodic = (a[f"system_{n}"] for n in ("independent", "dependent", "periodic"))
 
@@ -335,7 +337,7 @@ def _of_atlas(rng, found, made, closures, points):
 
 def _theta(found, q_free, q):
     theta = np.zeros(found.problem.system.n_free)
-    theta[: found.problem.system.chart.n_free] = found.problem.system.chart.theta(q_free)
+    theta[: found.reading.chart.n_free] = found.reading.chart.theta(q_free)
     theta[found.problem.system.independent] = q
     return theta
 
@@ -382,11 +384,11 @@ def _sheets(original):
 def _of_cover(rng, found, made, original, closures, points):
     sizes = original.arrays["curve_tubes"]
     tubes = original.arrays["tube_theta"]
-    unmoved = document.fingerprint(made.arrays) == document.fingerprint(original.arrays)
+    unmoved = reading.fingerprint(made.arrays) == reading.fingerprint(original.arrays)
     chosen, region = tubes[rng.integers(len(tubes), size=points)], found.region
     q = chosen[:, closures.q]
     inside = np.all((q >= region.lower) & (q <= region.upper), axis=1)
-    known = found.problem.system.chart.configuration(chosen[inside])
+    known = found.reading.configuration(chosen[inside])
     if unmoved and len(known) and not np.all((found.curve_of(known) >= 0) | found.is_uncovered(known)):
         return "a singular configuration on no curve"
     if unmoved and len(found.curves) > len(sizes):
@@ -394,6 +396,6 @@ def _of_cover(rng, found, made, original, closures, points):
     for q in rng.uniform(found.region.lower, found.region.upper, (points, len(found.names))):
         for theta in closures.solutions(rng, q, chosen[0], np.pi):
             regular = np.linalg.svd(closures.slope(theta[None]))[1][0, -1] > 0.02
-            if regular and found.curve_of(found.problem.system.chart.configuration(theta[None]))[0] >= 0:
+            if regular and found.curve_of(found.reading.configuration(theta[None]))[0] >= 0:
                 return "a regular configuration on a curve"
     return None

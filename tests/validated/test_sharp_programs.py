@@ -7,11 +7,11 @@ import pytest
 
 pytest.importorskip("flint")
 
-from ccpin.validated.balls import ball, flint
-from ccpin.validated.jets import Jet, jets
-from ccpin.validated.series import NotInvertibleError, all_series, extend, gradients, values
-from ccpin.validated.tape import CONSTANT, SINE, Node, Tape, is_zero
-from ccpin.validated.wide import Wide, exactly, joined
+from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, joined
+from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.jets import Jet, jets_over
+from ccpin.validated.arithmetic.series import NotInvertibleError, all_series, extend, gradients, values
+from ccpin.validated.arithmetic.tape import CONSTANT, SINE, Node, Tape, is_zero
 
 LENGTH = 7
 
@@ -33,7 +33,16 @@ def recorded(tape, x, y):
     z = tape.solve(matrix, [[y, tape.node(1)], [x * x, c]])
     turned = tape.gain(x * fraction(1, 4), 0) - tape.gain(y * fraction(1, 5), 1)
     five = tape.node(5)
-    return [five * (x * y) + x * x - s * c - y, 2 * (x - y) * 3 - (-y), z[0, 0], z[0, 1] * x, z[1, 0], z[1, 1] - z[0, 0] * y, turned, five]
+    return [
+        five * (x * y) + x * x - s * c - y,
+        2 * (x - y) * 3 - (-y),
+        z[0, 0],
+        z[0, 1] * x,
+        z[1, 0],
+        z[1, 1] - z[0, 0] * y,
+        turned,
+        five,
+    ]
 
 
 def by_series(x, y):
@@ -47,7 +56,16 @@ def by_series(x, y):
     second = (e - b * c) / det, (a * c - d) / det
     g = turning(x / 4) - turning_slope(y / 5)
     six = 6 * (x - y) + y
-    return [5 * x * y + x * x - s * c - y, six, first[0], second[0] * x, first[1], second[1] - first[0] * y, g, arb_series([5], prec=LENGTH)]
+    return [
+        5 * x * y + x * x - s * c - y,
+        six,
+        first[0],
+        second[0] * x,
+        first[1],
+        second[1] - first[0] * y,
+        g,
+        arb_series([5], prec=LENGTH),
+    ]
 
 
 def turning(w):
@@ -145,7 +163,7 @@ def test_matrices_that_may_be_singular_are_refused():
         with pytest.raises(NotInvertibleError):
             what(run, [flint().arb(0, 1)])
     with pytest.raises(NotInvertibleError):
-        jets(run, [Jet(Wide(np.zeros(1), np.ones(1)))], 0)
+        jets_over(run, [Jet(BallArray(np.zeros(1), np.ones(1)))], 0)
 
 
 def test_repeated_sines_are_the_same_and_have_their_cosine():
@@ -229,7 +247,7 @@ def test_jets_are_taylor_coefficients_along_every_line(order):
     """Of s ↦ w(x(s)) along directions d the coefficients are w′d, ½ w″dd and (1/6) w‴ddd; the derivatives symmetric."""
     bases = np.array([[0.7, -0.4], [0.2, 0.9]])
     inputs = [Jet(*(part if k <= order else None for k, part in enumerate(jet))) for jet in curved(bases)]
-    found = jets(program(), inputs, order)
+    found = jets_over(program(), inputs, order)
     for d in DIRECTIONS:
         for row in range(2):
             lines = []
@@ -265,7 +283,7 @@ def contracted(part, d, degree):
 
 
 def test_values_alone():
-    found = jets(program(), [Jet(exactly(np.array([0.7]))), Jet(exactly(np.array([-0.4])))], 0)
+    found = jets_over(program(), [Jet(exactly(np.array([0.7]))), Jet(exactly(np.array([-0.4])))], 0)
     expected = values(program(), [ball(0.7), ball(-0.4)])
     for jet, e in zip(found, expected, strict=True):
         assert jet.value.mid[0] == pytest.approx(float(e), abs=1e-14)
@@ -274,7 +292,7 @@ def test_values_alone():
 
 def pair(centre, reach):
     """A coordinate at its centre and over centre ± reach, with the slope 1."""
-    value = joined(exactly(np.array([centre])), Wide(np.array([centre]), np.array([reach])))
+    value = joined(exactly(np.array([centre])), BallArray(np.array([centre]), np.array([reach])))
     return Jet(value, exactly(np.ones((2, 1))))
 
 
@@ -283,7 +301,7 @@ def test_pairs_are_narrowed_by_taylors_theorem():
     tape = Tape(1)
     (x,) = tape.inputs
     d = 0.25
-    square, cube = jets(tape.program([x * x, x * x * x]), [pair(1.0, d)], 3, np.array([[d]]))
+    square, cube = jets_over(tape.program([x * x, x * x * x]), [pair(1.0, d)], 3, np.array([[d]]))
     assert square.value.mid[1] == 1.0
     assert square.value.rad[1] == pytest.approx(2 * d + d * d, rel=1e-9)
     assert square.value.rad[0] < 1e-15
@@ -302,7 +320,7 @@ def test_what_cancels_is_narrowed_to_its_ends():
     tape = Tape(1)
     (x,) = tape.inputs
     d = 0.25
-    parabola, quotient = jets(
+    parabola, quotient = jets_over(
         tape.program([x * (1 - x), tape.solve([[x]], [[1 + x * x]])[0, 0]]), [pair(0.5, d)], 3, np.array([[d]])
     )
     assert parabola.value.mid[1] == 0.25

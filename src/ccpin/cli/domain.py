@@ -13,11 +13,10 @@ import numpy as np
 import shtab
 
 from ccpin.arrays import Array
+from ccpin.cli.certificates import curve_facts, curves_in_words, sheet_facts, sheets_in_words
 from ccpin.cli.command import INTERRUPTED, complete, count, index, judged
-from ccpin.cli.covers import curve_facts, curves_in_words
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import busy, progress_bar
-from ccpin.cli.sheets import sheet_facts, sheets_in_words
 from ccpin.dynamics import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism

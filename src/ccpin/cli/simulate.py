@@ -20,7 +20,7 @@ from ccpin.errors import InvalidInputError
 from ccpin.files import write_atomically
 from ccpin.mechanism.mechanism import Mechanism
 from ccpin.simulation import METHODS, Settling, Simulator, SupervisedMotion, Trajectory, exceeded, supervise
-from ccpin.simulation.metrics import set_point_metrics
+from ccpin.simulation.results.metrics import set_point_metrics
 
 _EXAMPLES = """\
 example: ccpin simulate rpdr --goal-deg -90 -100 --out out

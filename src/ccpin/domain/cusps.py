@@ -26,8 +26,8 @@ and Schaeffer, "Singularities and groups in bifurcation theory I", 1985). 2 is r
 about (0, 0) in the plane of (a, b) that begins and ends at a < 0, b = 0, the root followed is the largest at one
 end and the least at the other and is simple all along. ∎
 
-Δ. With τ_i bounding every third and fourth derivative of φ_i on the ball (`bounds_reach.chain_reach`; a derivative of a
-chain's tip of any order is at most ρ of its deepest joint), P = n′ and V = |v₀|₁ + mr,
+Δ. With τ_i bounding every third and fourth derivative of φ_i on the ball (`ccpin.proof.bounds.chain_reach`; a
+derivative of a chain's tip of any order is at most ρ of its deepest joint), P = n′ and V = |v₀|₁ + mr,
 
     |φ_θθ − φ_θθ(θ₀)| ≤ τPr,     |φ_θ − φ_θ(θ₀)| ≤ (|φ_θθ(θ₀)|1 + τP²r) r,
     |φ_θθv − φ_θθ(θ₀)v₀| ≤ |φ_θθ(θ₀)|1 r + τPrV,     likewise for w,
@@ -45,14 +45,14 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, apply, records, rows_of
-from ccpin.domain.atlas.cells import Corners, corners_of
-from ccpin.domain.boxes import Problem, closure_derivatives, problem_of
-from ccpin.domain.chain_stack import Derivatives, third_along
-from ccpin.domain.chains import closure_system
-from ccpin.domain.extended import proved_within, solved, third_bound
-from ccpin.domain.newton import without_turns
+from ccpin.covering.proposals.solving import closure_derivatives, solved
+from ccpin.covering.region import Corners, corners_of
+from ccpin.domain.closures.system import Reading, reading_of
 from ccpin.domain.singularities import SingularCurve, singularities
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.chains import Derivatives, third_along
+from ccpin.proof.equations import Problem, third_bound
+from ccpin.proof.newton import proved_within, without_turns
 
 _STEPS = 40
 _SAME = 1e-6
@@ -74,7 +74,7 @@ class Cusp(NamedTuple):
     error: float
 
 
-class _Point(NamedTuple):
+class _CuspPoint(NamedTuple):
     """x and what F needs there, of B points."""
 
     theta: Array
@@ -82,11 +82,11 @@ class _Point(NamedTuple):
     w: Array
     values: Derivatives
 
-    def take(self, rows: Indices) -> _Point:
-        return _Point(self.theta[rows], self.v[rows], self.w[rows], rows_of(self.values, rows))
+    def take(self, rows: Indices) -> _CuspPoint:
+        return _CuspPoint(self.theta[rows], self.v[rows], self.w[rows], rows_of(self.values, rows))
 
 
-class _Equations:
+class _CuspEquations:
     """F about B singular configurations, with l of each (B, m)."""
 
     def __init__(self, problem: Problem, pairing: Array) -> None:
@@ -95,8 +95,8 @@ class _Equations:
         self.n, self.m = system.n, system.m
         self.order = np.concatenate([system.independent, system.dependent])
 
-    def take(self, rows: Indices) -> _Equations:
-        return _Equations(self.problem, self.pairing[rows])
+    def take(self, rows: Indices) -> _CuspEquations:
+        return _CuspEquations(self.problem, self.pairing[rows])
 
     def start(self, theta: Array) -> Array:
         """x with v the weakest direction and the w that fits best."""
@@ -107,14 +107,14 @@ class _Equations:
         right = np.concatenate([-apply(bent, self.pairing), np.zeros((len(theta), 1))], axis=1)
         return np.concatenate([theta[:, self.order], self.pairing, apply(np.linalg.pinv(tall), right)], axis=1)
 
-    def at(self, x: Array) -> _Point:
+    def at(self, x: Array) -> _CuspPoint:
         size = self.n + self.m
         theta = np.empty((len(x), size))
         theta[:, self.order] = x[:, :size]
         values = closure_derivatives(self.problem, theta)
-        return _Point(theta, x[:, size : size + self.m], x[:, size + self.m :], values)
+        return _CuspPoint(theta, x[:, size : size + self.m], x[:, size + self.m :], values)
 
-    def value(self, point: _Point) -> Array:
+    def value(self, point: _CuspPoint) -> Array:
         dependent = self.problem.system.dependent
         slope = point.values.jacobian[:, :, dependent]
         bent = _along(point.values.hessian, self._whole(point.v))[:, :, dependent]
@@ -125,7 +125,7 @@ class _Equations:
         third = apply(bent, point.v) + apply(slope, point.w)
         return np.concatenate([point.values.phi, apply(slope, point.v), paired[0], third, paired[1]], axis=1)
 
-    def slope(self, point: _Point) -> Array:
+    def slope(self, point: _CuspPoint) -> Array:
         system, stack = self.problem.system, self.problem.stack
         v, w = self._whole(point.v), self._whole(point.w)
         jacobian, bent = point.values.jacobian, _along(point.values.hessian, v)
@@ -149,7 +149,7 @@ class _Equations:
         result[:, 2 * m + 1 : -1, size + m :] = slope
         return result
 
-    def drift(self, point: _Point, radius: Array) -> Array:
+    def drift(self, point: _CuspPoint, radius: Array) -> Array:
         """Δ for radii (B,)."""
         size, m, r = self.n + self.m, self.m, radius[:, None, None]
         third = self._third(point, radius)[:, :, None]
@@ -161,7 +161,7 @@ class _Equations:
         curled = third * (size * v**2 + 2.0 * m * v) * r + partial * r + third * size * r * w
         return self._assembled(turned, bent, curled)
 
-    def rounding(self, point: _Point) -> Array:
+    def rounding(self, point: _CuspPoint) -> Array:
         """The rounding error of the entries of F′, of shape (B, 3m + 2, 3m + 2)."""
         unit = np.broadcast_to(self._margin(np.abs(point.theta))[:, None, None], point.values.jacobian.shape)
         v, w = (1.0 + np.abs(u).sum(axis=1)[:, None, None] for u in (point.v, point.w))
@@ -170,7 +170,7 @@ class _Equations:
     def _margin(self, reach: Array) -> Array:
         return self.problem.system.rounding * self.problem.system.magnitude(reach)
 
-    def _third(self, point: _Point, radius: Array) -> Array:
+    def _third(self, point: _CuspPoint, radius: Array) -> Array:
         """τ, of shape (B, m)."""
         box = np.tile(radius[:, None], point.theta.shape[1])
         return third_bound(self.problem, point.theta, point.values.arms, box)
@@ -210,29 +210,29 @@ def cusps(
     mechanism = mechanism_of(mechanism)
     given = singularities(mechanism) if curves is None else records(curves, "curves", SingularCurve)
     folds = [curve for curve in given if curve.kind == "fold"]
-    problem = problem_of(closure_system(mechanism, mechanism.q_reference), "reach")
+    reading = reading_of(mechanism, mechanism.q_reference).bounded("reach")
     found: list[Cusp] = []
     for curve in folds:
-        theta = np.array([problem.system.theta(q_free) for q_free in curve.q_free])
-        found += proved_cusps(problem, theta[_turning(problem, theta, curve.closed)])
+        theta = np.array([reading.theta(q_free) for q_free in curve.q_free])
+        found += proved_cusps(reading, theta[_turning(reading.problem, theta, curve.closed)])
     low, high = (
         (np.full(2, -np.inf), np.full(2, np.inf)) if region is None else corners_of(region, mechanism.independent)
     )
-    return distinct(problem, [cusp for cusp in found if np.all((cusp.q >= low) & (cusp.q <= high))])
+    return distinct(reading, [cusp for cusp in found if np.all((cusp.q >= low) & (cusp.q <= high))])
 
 
-def distinct(problem: Problem, found: Sequence[Cusp]) -> tuple[Cusp, ...]:
+def distinct(reading: Reading, found: Sequence[Cusp]) -> tuple[Cusp, ...]:
     """Each cusp once: those that agree modulo 2π are the same."""
     kept: list[Cusp] = []
     for cusp in found:
-        if not any(_same(problem, cusp, other) for other in kept):
+        if not any(_same(reading, cusp, other) for other in kept):
             kept.append(cusp)
     return tuple(kept)
 
 
-def _same(problem: Problem, one: Cusp, other: Cusp) -> bool:
-    gap = problem.system.theta(one.q_free) - problem.system.theta(other.q_free)
-    gap = without_turns(gap, problem.system.periodic)
+def _same(reading: Reading, one: Cusp, other: Cusp) -> bool:
+    gap = reading.theta(one.q_free) - reading.theta(other.q_free)
+    gap = without_turns(gap, reading.system.periodic)
     return bool(np.abs(gap).max() < _SAME)
 
 
@@ -253,23 +253,23 @@ def _turning(problem: Problem, theta: Array, closed: bool) -> Array:
     return np.unique(np.concatenate([at, following[at]]))
 
 
-def proved_cusps(problem: Problem, theta: Array) -> list[Cusp]:
+def proved_cusps(reading: Reading, theta: Array) -> list[Cusp]:
     """The cusps that Newton's method finds from singular configurations θ (B, n′) and Theorem C proves."""
     if not len(theta):
         return []
+    problem, independent = reading.problem, reading.system.independent
     slope = closure_derivatives(problem, theta).jacobian[:, :, problem.system.dependent]
-    equations = _Equations(problem, np.linalg.svd(slope)[2][:, -1])
+    equations = _CuspEquations(problem, np.linalg.svd(slope)[2][:, -1])
     with np.errstate(all="ignore"):
         point = equations.at(solved(equations, equations.start(theta), _STEPS))
         error = _proved_within(equations, point)
-    chart, independent = problem.system.chart, problem.system.independent
     return [
-        Cusp(point.theta[k, independent], chart.configuration(point.theta[k]), point.v[k], float(error[k]))
+        Cusp(point.theta[k, independent], reading.configuration(point.theta[k]), point.v[k], float(error[k]))
         for k in np.flatnonzero(np.isfinite(error))
     ]
 
 
-def _proved_within(equations: _Equations, point: _Point) -> Array:
+def _proved_within(equations: _CuspEquations, point: _CuspPoint) -> Array:
     """The r of Theorem C, of shape (B,); NaN where none of those tried will do."""
     weight = 1.0 + np.abs(point.v).sum(axis=1) + np.abs(point.w).sum(axis=1)
 

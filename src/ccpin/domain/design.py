@@ -18,11 +18,11 @@ from scipy.optimize import minimize
 from ccpin.arrays import Array, instance, listener, number, numbers, whole
 from ccpin.description import MechanismDescription, read_description, scaled
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.run import Flag, Stopped, stoppable
 from ccpin.domain.largest import LargestWorkspace
 from ccpin.errors import CcpinError, InvalidInputError
 from ccpin.mechanism import load
 from ccpin.mechanism.mechanism import Mechanism
+from ccpin.work import Flag, Stopped, stoppable
 
 T = TypeVar("T")
 Range = tuple[float, float]
@@ -86,7 +86,7 @@ def design(
             raise InvalidInputError(f"{name} must be a function; it is {given!r:.80}")
     names, lower, upper = _box(instance(ranges, "ranges", Mapping, "a mapping of names to (lower, upper)"))
     first = 0.5 * (lower + upper) if start is None else _started(instance(start, "start", Mapping), names, lower, upper)
-    search = _Search(build, figure, names, whole(evaluations, "evaluations"), listener(progress))
+    search = _Objective(build, figure, names, whole(evaluations, "evaluations"), listener(progress))
     inward = np.where(first > 0.5 * (lower + upper), -_STEP, _STEP)  # SciPy's own would be clipped to the bounds
     simplex = np.vstack([first, first + np.diag(inward * (upper - lower))])
     with stoppable() as flag, suppress(Stopped):
@@ -108,7 +108,7 @@ def design(
     return Design(dimensions, value, certificate, subject, tuple(search.trials), complete)
 
 
-class _Search(Generic[T]):
+class _Objective(Generic[T]):
     """The function that SciPy minimizes, and what it found."""
 
     def __init__(

@@ -6,32 +6,11 @@ unit ``θ`` is that of the coordinate: rad of one that turns, m of one that slid
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, NamedTuple
-
-from ccpin.containers import NamedArrays
-from ccpin.proof.theorems import theorems
+from ccpin.covering.documents import Document
 from ccpin.schemas import Choice, Field, Parts, Schema
 
 _ROWS = 2.0**32 + 1.0
 _STATUSES = 7
-
-
-class Document(NamedTuple):
-    """A kind of document: what it holds, and the theorems that its claims rest on."""
-
-    schema: Schema
-    theorems: tuple[str, ...]
-
-    def write(self, path: str | Path, header: Mapping[str, Any], arrays: NamedArrays) -> None:
-        """Write one, with the text of its theorems.
-
-        Raises:
-            InvalidInputError: It cannot be written.
-        """
-        named = (*self.theorems, *(("demands",) if {*_DEMANDS} <= {*arrays} else ()))
-        self.schema.write(path, {"theorem": theorems(*named), **header}, arrays)
 
 
 _HEADER = {
@@ -133,6 +112,7 @@ ATLAS = Document(
         (_DEMANDS,),
     ),
     ("boxes", "extended", "folds", "reach", "platform"),
+    (("demands", frozenset(_DEMANDS)),),
 )
 """Theorems K and S, the triangle inequality and Theorem E; of a workspace Theorem D besides."""
 

@@ -11,9 +11,10 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.domain.boxes import Problem, closure_derivatives, closure_values
-from ccpin.domain.chain_stack import Derivatives
-from ccpin.domain.extended import proved_within, solved, third_bound
+from ccpin.covering.proposals.solving import closure_derivatives, solved
+from ccpin.proof.chains import Derivatives
+from ccpin.proof.equations import Problem, closure_values, third_bound
+from ccpin.proof.newton import proved_within
 
 _STEPS, _STEPS_AHEAD = 40, 8
 
@@ -36,15 +37,15 @@ class SingularPoints(NamedTuple):
     proved: Mask
 
 
-class _Point(NamedTuple):
+class _FoldPoint(NamedTuple):
     """x and what F needs there, of B points."""
 
     theta: Array
     kernel: Array
     values: Derivatives
 
-    def take(self, rows: Indices) -> _Point:
-        return _Point(self.theta[rows], self.kernel[rows], rows_of(self.values, rows))
+    def take(self, rows: Indices) -> _FoldPoint:
+        return _FoldPoint(self.theta[rows], self.kernel[rows], rows_of(self.values, rows))
 
 
 class _System:
@@ -56,14 +57,14 @@ class _System:
     def take(self, rows: Indices) -> _System:
         return _System(self.problem, self.origin[rows], self.directions[rows], self.pairing[rows])
 
-    def at(self, x: Array) -> _Point:
+    def at(self, x: Array) -> _FoldPoint:
         system, m = self.problem.system, self.problem.system.m
         theta = np.empty((len(x), system.n_free))
         theta[:, system.independent] = self.origin + x[:, :1] * self.directions
         theta[:, system.dependent] = x[:, 1 : m + 1]
-        return _Point(theta, x[:, m + 1 :], closure_derivatives(self.problem, theta))
+        return _FoldPoint(theta, x[:, m + 1 :], closure_derivatives(self.problem, theta))
 
-    def value(self, point: _Point) -> Array:
+    def value(self, point: _FoldPoint) -> Array:
         slope = point.values.jacobian[:, :, self.problem.system.dependent]
         paired = np.sum(self.pairing * point.kernel, axis=1, keepdims=True) - 1.0
         return np.concatenate([point.values.phi, apply(slope, point.kernel), paired], axis=1)
@@ -74,7 +75,7 @@ class _System:
         along = apply(matrices[:, :, system.independent], self.directions)
         return np.concatenate([along[..., None], matrices[:, :, system.dependent]], axis=2)
 
-    def slope(self, point: _Point) -> Array:
+    def slope(self, point: _FoldPoint) -> Array:
         system, m = self.problem.system, self.problem.system.m
         bent = (point.values.hessian[..., system.dependent] @ point.kernel[:, None, :, None])[..., 0]
         slope = np.zeros((len(point.theta), 2 * m + 1, 2 * m + 1))
@@ -84,7 +85,7 @@ class _System:
         slope[:, -1, m + 1 :] = self.pairing
         return slope
 
-    def drift(self, point: _Point, radius: Array) -> tuple[Array, Array]:
+    def drift(self, point: _FoldPoint, radius: Array) -> tuple[Array, Array]:
         """Δ for radii (B,), and the rounding error of F′'s entries, of shape (B, 2m + 1, 2m + 1) each."""
         system, m = self.problem.system, self.problem.system.m
         moves = np.ones((len(radius), system.n_free))
@@ -194,7 +195,7 @@ class Folds(NamedTuple):
             )
 
 
-def _proved_within(equations: _System, point: _Point) -> Array:
+def _proved_within(equations: _System, point: _FoldPoint) -> Array:
     """The r of Theorem S, of shape (B,); NaN where none of those tried will do."""
     slope = equations.slope(point)
     rounding = equations.drift(point, np.zeros(len(slope)))[1]

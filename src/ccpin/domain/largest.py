@@ -22,22 +22,24 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Mask, instance, numbers, positive, vector
+from ccpin.covering.cells import CellStatus
+from ccpin.covering.region import Region
+from ccpin.covering.runner import Work
 from ccpin.displays import table
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.build import Shape
-from ccpin.domain.atlas.cells import CellStatus, Region
-from ccpin.domain.atlas.run import Work, stoppable
+from ccpin.domain.atlas.build import SquareNorm
 from ccpin.domain.atlas.survey import Effort, survey
-from ccpin.domain.boxes import BoundsName
+from ccpin.domain.closures.task_space import JointSpace
 from ccpin.domain.obstacles import demand_witnesses
 from ccpin.domain.room import roomiest
-from ccpin.domain.task_space import JointSpace
-from ccpin.domain.verdict import Witness
 from ccpin.domain.workspace import Limits, TaskProblem, task_problem
 from ccpin.dynamics.end_effector import EndEffector
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import mechanism_of
+from ccpin.proof.equations import BoundsName
 from ccpin.proof.rounding import SLACK
+from ccpin.proof.verdict import Witness
+from ccpin.work import stoppable
 
 _CELLS, _TRIED = 6, 24
 _PUSHED = 4.0
@@ -65,7 +67,7 @@ class LargestWorkspace:
     round: bool
     tilt: Array
     atlas: Atlas
-    shape: Shape
+    shape: SquareNorm
 
     def __repr__(self) -> str:
         what = f"ball of radius {self.half:.6g} m" if self.round else f"cube of half width {self.half:.6g} m"
@@ -84,7 +86,7 @@ class LargestWorkspace:
     @cached_property
     def obstacle(self) -> Witness | None:
         """A place outside, as near as was found, at which a straight move from the centre is proved to fail."""
-        found = demand_witnesses(self.atlas.problem, self.atlas.seed, self._suspects())
+        found = demand_witnesses(self.atlas.reading, self.atlas.seed, self._suspects())
         outside = (witness for witness in found if self._distance(witness.q) >= self.half)
         return min(outside, key=lambda witness: self._distance(witness.q), default=None)
 
@@ -154,8 +156,8 @@ def largest_cube(
     Args:
         end_effector: The point of a link that is to get everywhere in it.
         centre: Its position in the middle (metres, in the world; two coordinates in a plane), or all task coordinates
-            (`ccpin.domain.task_space`); default the roomiest place of a map about where `guess` has it (a search first
-            that takes some times as long, and finds it to a thirty-second of the map).
+            (`ccpin.domain.closures.task_space`); default the roomiest place of a map about where `guess` has it (a
+            search first that takes some times as long, and finds it to a thirty-second of the map).
         guess: A closed configuration on the branch wanted, of shape (nq,); default the reference.
         proportions: What the edges (or the ball's axes) are to one another, one number or one for each: the half
             width found, times these.
@@ -226,7 +228,7 @@ def _reach(start: TaskProblem, end_effector: EndEffector | JointSpace) -> float:
     return 0.5 * mechanism_of(end_effector.model).constraints().extent if start.slides.any() else 0.5 * np.pi
 
 
-class _Goal(NamedTuple):
+class _LargestProblem(NamedTuple):
     """What was asked for, checked: the centre, the edges of a cube of half width 1, how far turns reach, (n,) each."""
 
     centre: Array
@@ -238,7 +240,7 @@ class _Goal(NamedTuple):
         return Region(self.centre - reach, self.centre + reach, np.zeros(len(reach), dtype=np.bool_))
 
 
-def _goal(start: TaskProblem, asked: _Asked) -> _Goal:
+def _goal(start: TaskProblem, asked: _Asked) -> _LargestProblem:
     """Lengths make the cube, turns are tilt; in a space of turns alone they make the cube."""
     across = start.slides if start.slides.any() else np.ones(len(start.names), dtype=np.bool_)
     turns = int(np.count_nonzero(~across))
@@ -252,7 +254,7 @@ def _goal(start: TaskProblem, asked: _Asked) -> _Goal:
         raise InvalidInputError(f"proportions must be positive numbers; they are {asked.proportions!r:.80}")
     if not np.all((tilt >= 0.0) & (tilt < np.pi / 2)):
         raise InvalidInputError(f"tilt must be from 0 to below π/2 rad; it is {asked.tilt!r:.80}")
-    return _Goal(vector(given, f"centre ({', '.join(start.names)})", len(across)), edges, tilt)
+    return _LargestProblem(vector(given, f"centre ({', '.join(start.names)})", len(across)), edges, tilt)
 
 
 def _largest(
@@ -266,7 +268,7 @@ def _largest(
     reach = _reach(start, end_effector) / float(goal.edges.max())
     most = reach if grows else positive(asked.within, "within")
     weights = np.divide(1.0, goal.edges, out=np.zeros_like(goal.edges), where=goal.edges > 0.0)
-    search = _Search(Shape(weights, asked.round), most, _GROWN * reach, grows, work)
+    search = _SearchScope(SquareNorm(weights, asked.round), most, _GROWN * reach, grows, work)
     first = None
     with stoppable() as stop:
         if asked.centre is None:
@@ -281,28 +283,28 @@ def _largest(
     return LargestWorkspace(goal.centre, atlas.radius, asked.round, goal.tilt[goal.edges == 0.0], atlas, search.shape)
 
 
-class _Search(NamedTuple):
+class _SearchScope(NamedTuple):
     """How distances are measured, where searches begin, how far a map goes, and whether searches go on beyond."""
 
-    shape: Shape
+    shape: SquareNorm
     most: float
     reach: float
     grows: bool
     work: Work
 
-    def about(self, start: TaskProblem, goal: _Goal, tolerance: float, seconds: float | None) -> Atlas:
+    def about(self, start: TaskProblem, goal: _LargestProblem, tolerance: float, seconds: float | None) -> Atlas:
         """The largest about a centre."""
         theta, most, effort = start.moved_to(goal.centre), self.most, Effort(0, tolerance, seconds=seconds)
         for _ in range(_GROWTHS if self.grows else 1):
-            atlas = survey(start.problem, theta, start.names, goal.region(most), effort, self.work, self.shape)
+            atlas = survey(start.reading, theta, start.names, goal.region(most), effort, self.work, self.shape)
             if not atlas.complete or atlas.radius < most * (1.0 - _EDGE):
                 break
             most *= _GROWN
         return atlas
 
     def moved(
-        self, start: TaskProblem, goal: _Goal, flat: _Goal, first: float, until: float | None
-    ) -> tuple[TaskProblem, _Goal]:
+        self, start: TaskProblem, goal: _LargestProblem, flat: _LargestProblem, first: float, until: float | None
+    ) -> tuple[TaskProblem, _LargestProblem]:
         """The start and the goal, moved to the roomiest place of a map about the start.
 
         Args:
@@ -319,7 +321,7 @@ class _Search(NamedTuple):
         while True:
             left = None if until is None else max(until - time.monotonic(), 1e-3)
             effort = Effort(depth, seconds=left)
-            atlas = survey(start.problem, theta, start.names, flat.region(half), effort, self.work)
+            atlas = survey(start.reading, theta, start.names, flat.region(half), effort, self.work)
             room = roomiest(atlas, self.shape.round)
             better = room.share * half > best * _BETTER
             if better:
@@ -329,5 +331,5 @@ class _Search(NamedTuple):
             half = min(_GROWN * half, self.reach)
         if found is None:
             return start, goal
-        there = TaskProblem(start.names, start.slides, start.problem, found.theta)
+        there = TaskProblem(start.names, start.slides, start.reading, found.theta)
         return there, goal._replace(centre=found.centre)

@@ -16,10 +16,12 @@ from __future__ import annotations
 import numpy as np
 
 from ccpin.arrays import Array, apply, positive
-from ccpin.domain.boxes import BoundsName, Boxes, Problem, Tried, bounds_of, certify_boxes, problem_of
-from ccpin.domain.chains import seed_at_configuration
+from ccpin.covering.proposals.krawczyk import Tried, certify_boxes
+from ccpin.domain.closures.seeds import seed_at_configuration
 from ccpin.errors import ConvergenceError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism
+from ccpin.proof.equations import BoundsName, Problem
+from ccpin.proof.newton import Boxes, bounds_of
 from ccpin.proof.rounding import SLACK
 
 _TRIES = 64
@@ -46,7 +48,7 @@ def kantorovich_radius(mechanism: Mechanism | HasMechanism, q_free: Array, bound
         UnsupportedMechanismError: The closures are of a kind that cannot be certified.
     """
     seed = seed_at_configuration(mechanism, q_free)
-    return largest_square(problem_of(seed.system, bounds), seed.theta)
+    return largest_square(seed.reading.bounded(bounds).problem, seed.theta)
 
 
 def largest_square(problem: Problem, theta: Array) -> float:
@@ -96,7 +98,7 @@ def newton_steps(
     """
     radius, accuracy = positive(radius, "radius"), positive(accuracy, "accuracy")
     seed = seed_at_configuration(mechanism, q_free)
-    problem = problem_of(seed.system, bounds)
+    problem = seed.reading.bounded(bounds).problem
     attempt = _squares(problem, seed.theta, np.array([radius]))
     steps = newton_bound(problem, attempt.boxes, accuracy) if attempt.proved[0] else np.array([np.inf])
     if not np.isfinite(steps[0]):

@@ -21,15 +21,17 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import BSpline, PPoly
 
 from ccpin.arrays import Array, numbers
-from ccpin.domain.boxes import BoundsName, Boxes, Problem, closure_values, problem_of
-from ccpin.domain.chains import seed_at_coordinates
-from ccpin.domain.newton import newton, solve_in_boxes
+from ccpin.covering.proposals.solving import newton
+from ccpin.domain.closures.seeds import seed_at_coordinates
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.pieces import chord_of, pieces_of, points_of
 from ccpin.domain.refutation import empty_witness, singular_witness
-from ccpin.domain.verdict import Verdict, Witness
 from ccpin.domain.walker import SHORTEST, TRIES, Walker
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.equations import BoundsName, Problem, closure_values
+from ccpin.proof.newton import Boxes, solve_in_boxes
+from ccpin.proof.verdict import Verdict, Witness
 
 _AHEAD = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4])
 _BACK = (1, 3, 6, 12)
@@ -54,7 +56,7 @@ class CertifiedPath:
         tube: Half widths of the tube, of shape (n,).
         boxes: The boxes, in order.
         pieces: The path, a polynomial between two knots.
-        problem: The closures.
+        reading: The closures, and how their coordinates and configurations correspond.
     """
 
     verdict: Verdict
@@ -67,10 +69,15 @@ class CertifiedPath:
     tube: Array
     boxes: Boxes
     pieces: PPoly
-    problem: Problem
+    reading: Reading
 
     def __repr__(self) -> str:
         return f"CertifiedPath({self.verdict}: {self.reason})"
+
+    @property
+    def problem(self) -> Problem:
+        """The closures."""
+        return self.reading.problem
 
     def sigma(self, t: ArrayLike) -> Array:
         """q′ = σ(q(t)) along the certified part: (nq,) for a number, (K, nq) for an array (K,).
@@ -92,7 +99,7 @@ class CertifiedPath:
         across = q - boxes.centre[:, system.independent] - s[:, None] * along
         delta = np.concatenate([s[:, None], across], axis=1)
         theta = newton(self.problem, solve_in_boxes(self.problem, boxes, delta).theta, 1).theta
-        q_free = system.chart.configuration(theta)
+        q_free = self.reading.configuration(theta)
         return np.asarray(q_free[0] if np.ndim(t) == 0 else q_free)
 
 
@@ -133,9 +140,10 @@ def certify_path(
     if not (np.all(np.isfinite(widths)) and np.all(widths >= 0.0)):
         raise InvalidInputError(f"tube must be a nonnegative number or {mechanism.n} of them; it is {tube!r}")
     seed = seed_at_coordinates(mechanism, pieces(pieces.x[0]), guess)
-    walker = Walker(problem_of(seed.system, bounds), pieces, widths, seed.theta)
+    reading = seed.reading.bounded(bounds)
+    walker = Walker(reading.problem, pieces, widths, seed.theta)
     stopped = walker.walk()
-    witness = None if stopped is None else _refuted(walker, stopped)
+    witness = None if stopped is None else _refuted(walker, reading, stopped)
     return CertifiedPath(
         verdict="proven" if stopped is None else "refuted" if witness else "undecided",
         reached=walker.here,
@@ -147,16 +155,16 @@ def certify_path(
         tube=widths,
         boxes=walker.boxes,
         pieces=pieces,
-        problem=walker.problem,
+        reading=reading,
     )
 
 
-def _refuted(walker: Walker, knot: float) -> Witness | None:
+def _refuted(walker: Walker, reading: Reading, knot: float) -> Witness | None:
     """A place in the tube ahead at which the claim is proved to fail, seen from here or from some steps before."""
     for steps in (0, *_BACK):
         if steps < len(walker.times):
             before = walker.back(steps)
-            found = singular_witness(before, _targets(before, min(knot, _next_knot(before))))
+            found = singular_witness(before, reading, _targets(before, min(knot, _next_knot(before))))
             if found is not None:
                 return found
     ahead, rounding = points_of(walker.pieces, np.linspace(walker.here, walker.pieces.x[-1], _SAMPLES))

@@ -8,10 +8,10 @@ import pytest
 from ccpin import domain
 from ccpin.arrays import apply
 from ccpin.cli import main
+from ccpin.covering.region import Region
 from ccpin.domain import merge, split_region
-from ccpin.domain.atlas.cells import Region
 from ccpin.domain.curves import joining
-from ccpin.domain.curves.following import Chain
+from ccpin.domain.curves.following import TubeChain
 from ccpin.domain.curves.joining import _around, _Piece, held, one_of_each, without_held
 from ccpin.domain.curves.merging import filled
 from ccpin.domain.curves.system import first_order
@@ -255,7 +255,7 @@ def test_turns_of_regions_are_full_turns(merged):
 def ring(rpdr):
     """The isolated point's closed curve, and the piece of the fold."""
     found = domain.certify_singularities(rpdr, np.array([[0.9, 1.0], [2.2, 2.3]]))
-    chains = {curve.kind: Chain(curve.tubes, curve.closed) for curve in found.curves}
+    chains = {curve.kind: TubeChain(curve.tubes, curve.closed) for curve in found.curves}
     return found.problem, chains["self-motion"], chains["fold"]
 
 
@@ -264,7 +264,7 @@ def pieces(ring, ends, turned):
     size, found = len(ring.tubes.half), []
     for (start, stop), way in zip(ends, turned, strict=True):
         tubes = ring.tubes.take(np.arange(start, stop) % size)
-        found.append(Chain(tubes.take(np.arange(len(tubes.half))[::-1]).turned() if way else tubes, False))
+        found.append(TubeChain(tubes.take(np.arange(len(tubes.half))[::-1]).turned() if way else tubes, False))
     return found
 
 

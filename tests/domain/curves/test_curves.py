@@ -5,7 +5,7 @@ import pytest
 
 import ccpin
 from ccpin import domain, plotting
-from ccpin.domain.atlas.cells import place
+from ccpin.covering.cells import place
 from ccpin.domain.curves import search
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from tests.oracles import five_bar as oracle
@@ -106,9 +106,9 @@ def test_tubes_are_checked_anew(cover):
 
 def test_a_missing_tube_leaves_boxes_uncovered(rpdr, cover, monkeypatch):
     """With three tubes of the isolated point's curve left out, exactly what they held is listed."""
-    chain = next(search.Chain(curve.tubes, True) for curve in cover.curves if curve.closed)
+    chain = next(search.TubeChain(curve.tubes, True) for curve in cover.curves if curve.closed)
     kept = np.delete(np.arange(len(chain.tubes.half)), [10, 11, 12])
-    given = iter([search.Chain(chain.tubes.take(kept), False)])
+    given = iter([search.TubeChain(chain.tubes.take(kept), False)])
     monkeypatch.setattr(search, "follow", lambda *_: next(given, None))
     region = np.array([chain.tubes.theta[0, [0, 2]] - 0.02, chain.tubes.theta[0, [0, 2]] + 0.02])
     found = domain.certify_singularities(rpdr, region, resolution=0.01)

@@ -7,7 +7,7 @@ import pytest
 
 from ccpin.domain.curves import tubes as module
 from ccpin.domain.curves.system import Drift, Values
-from ccpin.domain.curves.tubes import Bounds, Frames, _room, bounds_of, certify_tubes
+from ccpin.domain.curves.tubes import Frames, TubeBounds, _room, bounds_of, certify_tubes
 
 SIZE, M, ALONG = 3, 2, 1  # n′, m and the coordinate j that a tube runs along
 N, ROWS = SIZE + M, 2 * M
@@ -87,7 +87,7 @@ def test_tubes_are_bounded_as_widened(monkeypatch):
 )
 def test_theorem_r_is_checked_at_equality(monkeypatch, y, z, proved):
     """Y + ZR < R in all rows but j, and what is left of the radii is the hull."""
-    bounds = Bounds(np.array([[y, 9.0]]), np.array([[[z, 0.0], [0.0, 9.0]]]))
+    bounds = TubeBounds(np.array([[y, 9.0]]), np.array([[[z, 0.0], [0.0, 9.0]]]))
     monkeypatch.setattr(module, "bounds_of", lambda *_: bounds)
     values = Values(*(np.zeros((1, 1)) for _ in Values._fields))
     frames = Frames(np.array([1]), np.ones((1, 2)), np.zeros((1, 2, 1)))

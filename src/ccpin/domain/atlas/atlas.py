@@ -28,18 +28,22 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Mask, numbers
+from ccpin.covering.cells import CellStatus, CellTree, SingularCells, leaves_about, place
+from ccpin.covering.faces import contacts_of
+from ccpin.covering.proposals.solving import newton
+from ccpin.covering.region import Region
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store
-from ccpin.domain.atlas.cells import CellStatus, CellTree, Region, contacts_of, leaves_about, place
-from ccpin.domain.atlas.singular import SingularCells, refuting
-from ccpin.domain.boxes import Boxes, Problem, verify
-from ccpin.domain.demands import meets
+from ccpin.domain.atlas.singular import refuting
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.documents import ATLAS
-from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.domain.obstacles import demand_witnesses
-from ccpin.domain.verdict import Verdict, Witness, of_file
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes, solve_in_boxes, verify
+from ccpin.proof.requirements import meets
+from ccpin.proof.verdict import Verdict, Witness, of_file
 
 _WITNESSES = 12
 _FAILURES = {
@@ -62,7 +66,7 @@ class Atlas:
         unglued: Pairs of boxes that share a face at which they could not be shown to carry the same σ, (K, 2).
         complete: False where an interrupt ended the work; what is there is certified nevertheless.
         region: What was asked for.
-        problem: The closures.
+        reading: The closures, and how their coordinates and configurations correspond.
         tree: The cells.
         seed: θ of the seed, of shape (n′,).
         singular: A singular configuration over each cell called so.
@@ -77,7 +81,7 @@ class Atlas:
     unglued: NDArray[np.int64]
     complete: bool
     region: Region
-    problem: Problem
+    reading: Reading
     tree: CellTree
     seed: Array
     singular: SingularCells
@@ -103,6 +107,11 @@ class Atlas:
             return shown
         corners = self.region.lower, self.region.upper
         return shown + boxes(self.lower, self.upper, corners, self.region.reduce(self.q0[None])[0])
+
+    @property
+    def problem(self) -> Problem:
+        """The closures."""
+        return self.reading.problem
 
     @property
     def single_valued(self) -> bool:
@@ -138,8 +147,8 @@ class Atlas:
         """A place of the region proved to have no σ, or one that is singular."""
         if self._whole:
             return None
-        found = refuting(self.problem, self.tree, self.region, self.boxes)
-        return next(demand_witnesses(self.problem, self.seed, self._undecided()), None) if found is None else found
+        found = refuting(self.reading, self.tree, self.region, self.boxes)
+        return next(demand_witnesses(self.reading, self.seed, self._undecided()), None) if found is None else found
 
     @property
     def verdict(self) -> Verdict:
@@ -154,7 +163,7 @@ class Atlas:
 
     def _undecided(self) -> list[Array]:
         """Middles of the largest cells undecided or not reached, where more than Theorem K was asked for."""
-        if self.problem.demands is None:
+        if self.problem.requirements is None:
             return []
         cells = self.tree.leaves(CellStatus.UNDECIDED, CellStatus.UNREACHED)
         volume = np.prod(self.tree.size[cells].astype(np.float64), axis=1)
@@ -262,7 +271,7 @@ class Atlas:
         delta = self.region.reduce(points) - boxes.centre[:, self.problem.system.independent]
         theta = newton(self.problem, solve_in_boxes(self.problem, boxes, delta).theta, 1).theta
         theta[:, self.problem.system.independent] = points
-        q_free = self.problem.system.chart.configuration(theta)
+        q_free = self.reading.configuration(theta)
         return np.asarray(q_free[0] if np.ndim(q) == 1 else q_free)
 
     def verify(self) -> Mask:
@@ -280,11 +289,11 @@ class Atlas:
         Raises:
             InvalidInputError: It is a workspace's, whose closures hold an end effector besides, which no file names.
         """
-        return store.same_closures(self.problem, self.names, mechanism_of(mechanism), self.seed)
+        return store.same_closures(self.reading, self.names, mechanism_of(mechanism), self.seed)
 
     def save(self, path: str | Path) -> None:
         """Write the atlas to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
-        header, arrays = store.pack(store.Covering(self.problem, self.region, self.tree, self.boxes, self.singular))
+        header, arrays = store.pack(store.Covering(self.reading, self.region, self.tree, self.boxes, self.singular))
         header |= {"names": list(self.names), "radius": self.radius, "complete": self.complete}
         arrays |= {"q0": self.q0, "seed": self.seed, "unglued": self.unglued}
         store.write(path, ATLAS, header, arrays)

@@ -14,14 +14,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, rows_of
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Contacts, Region, contacts_of, place
-from ccpin.domain.atlas.growing import Growing
-from ccpin.domain.atlas.run import Report, Runner, Stopped, glue_boxes, prove_cells
-from ccpin.domain.atlas.singular import SingularCells
-from ccpin.domain.atlas.tasks import CellsToProve, Proved
-from ccpin.domain.boxes import Boxes, Problem, certify_points
-from ccpin.domain.newton import encloses, predict
+from ccpin.covering.cells import CellStatus, CellTree, Growing, SingularCells, place
+from ccpin.covering.faces import CellFaces, contacts_of
+from ccpin.covering.proposals.krawczyk import certify_points
+from ccpin.covering.proposals.tasks import CellsToProve, Proved, glue_boxes, prove_cells
+from ccpin.covering.region import LEVELS, WHOLE, Region
+from ccpin.covering.runner import Report, Runner
 from ccpin.errors import SingularConfigurationError
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes, encloses, predict
+from ccpin.work import Stopped
 
 BUDGET = 400_000
 """Boxes of an atlas: of a mechanism with six coordinates that depend they take half a gigabyte."""
@@ -46,7 +48,7 @@ class _Origins(NamedTuple):
         return cls(np.full(count, -1, dtype=np.intp), np.zeros((count, n)), np.zeros((count, n)))
 
 
-class Shape(NamedTuple):
+class SquareNorm(NamedTuple):
     """What is meant by the largest square about the seed.
 
     Attributes:
@@ -81,11 +83,11 @@ class AtlasBuilder:
         region: Region,
         runner: Runner,
         report: Report,
-        shape: Shape | None = None,
+        shape: SquareNorm | None = None,
         budget: int = BUDGET,
     ) -> None:
         self._budget = budget
-        self.shape = Shape(np.ones(problem.system.n)) if shape is None else shape
+        self.shape = SquareNorm(np.ones(problem.system.n)) if shape is None else shape
         self.problem, self.seed, self.region, self.runner, self._report = problem, seed, region, runner, report
         self.q0 = seed[problem.system.independent]
         self.tree = CellTree.whole(problem.system.n)
@@ -323,7 +325,7 @@ class AtlasBuilder:
         )
         self.tree.status[chosen] = CellStatus.CANDIDATE
 
-    def _check(self, contacts: Contacts) -> None:
+    def _check(self, contacts: CellFaces) -> None:
         if not contacts.cell.size:
             return
         numbers = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]

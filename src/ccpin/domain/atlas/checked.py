@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from ccpin.containers import NamedArrays
+from ccpin.covering.cells import CellStatus
+from ccpin.covering.region import TURN, WHOLE
 from ccpin.description.joint_kinds import JOINT_KINDS
-from ccpin.domain.atlas.cells import TURN, WHOLE, CellStatus
 from ccpin.errors import InvalidInputError
 from ccpin.proof.rounding import widened
 

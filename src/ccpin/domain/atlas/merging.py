@@ -14,12 +14,14 @@ from dataclasses import replace
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, joined, numbers, rows_of, whole
+from ccpin.covering.cells import CellStatus, CellTree
+from ccpin.covering.faces import CellFaces, contacts_of
+from ccpin.covering.merging import grafted, whole_region
+from ccpin.covering.proposals.solving import glued
+from ccpin.covering.region import Corners, Region, corners_of
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Corners, Region, contacts_of, corners_of
-from ccpin.domain.atlas.grafting import grafted, whole_region
 from ccpin.domain.atlas.radius_map import certified_radius
-from ccpin.domain.atlas.store import same_problem
-from ccpin.domain.newton import glued
+from ccpin.domain.atlas.store import same_reading
 from ccpin.errors import InvalidInputError
 
 _CHUNK = 500
@@ -88,20 +90,20 @@ def _refuse_others(first: Atlas, other: Atlas, k: int) -> None:
             f"part {k} is about other closures than part 1: parts are of one mechanism as one file states it (where it "
             "has ball joints or distances, whose charts are centred at q0, from one q0)"
         )
-    if not same_problem(first.problem, other.problem):
+    if not same_reading(first.reading, other.reading):
         raise InvalidInputError(f"part {k} has other bounds=, limits= or dexterity= than part 1: they must be the same")
     if np.any(first.region.held != other.region.held):
         raise InvalidInputError(f"part {k} holds other coordinates than part 1: slices are merged with slices")
 
 
-def _between(tree: CellTree, region: Region, owner: Indices) -> Contacts:
+def _between(tree: CellTree, region: Region, owner: Indices) -> CellFaces:
     """The faces that certified cells of different parts share, each once."""
     contacts = contacts_of(tree, region, tree.leaves(CellStatus.CERTIFIED))
     contacts = rows_of(contacts, contacts.upper & (tree.status[contacts.leaf] == CellStatus.CERTIFIED))
     return rows_of(contacts, owner[tree.box[contacts.cell]] != owner[tree.box[contacts.leaf]])
 
 
-def _agree(atlas: Atlas, contacts: Contacts) -> Mask:
+def _agree(atlas: Atlas, contacts: CellFaces) -> Mask:
     """At which faces the two boxes are proved to carry the same σ, of shape (K,)."""
     same, independent = np.zeros(len(contacts.cell), dtype=np.bool_), atlas.problem.system.independent
     for start in range(0, len(same), _CHUNK):

@@ -11,17 +11,21 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, joined, number, positive, whole
+from ccpin.covering.cells import CellStatus
+from ccpin.covering.region import LEVELS, Corners, Region
+from ccpin.covering.runner import Progress, Runner, Work, reporter
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.build import BUDGET, AtlasBuilder, Shape
-from ccpin.domain.atlas.cells import LEVELS, CellStatus, Corners, Region, region_of
+from ccpin.domain.atlas.build import BUDGET, AtlasBuilder, SquareNorm
 from ccpin.domain.atlas.emptying import prove_empty
-from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
 from ccpin.domain.atlas.singular import mark_singular
-from ccpin.domain.boxes import BoundsName, Problem, problem_of
-from ccpin.domain.chains import seed_at_coordinates
+from ccpin.domain.closures.searchable import region_of
+from ccpin.domain.closures.seeds import seed_at_coordinates
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.sheets.emptiness import search_empty
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.equations import BoundsName
+from ccpin.work import Stopped, executor_for, stoppable
 
 _DEPTHS = {1: 14, 2: 12, 3: 6}
 _TOLERANCES = {1: 1e-5, 2: 2e-5, 3: 2e-3}
@@ -103,10 +107,10 @@ def certify(
         effort = effort._replace(tolerance=_TOLERANCES.get(mechanism.n, _MANY_TOLERANCE))
     else:
         effort = effort._replace(tolerance=positive(resolution, "resolution"))
-    problem = problem_of(seed.system, bounds)
+    reading = seed.reading.bounded(bounds)
     area = region_of(mechanism, seed, region)
     return survey(
-        problem, seed.theta, tuple(mechanism.independent), area, effort, Work(workers, executor, checkpoint, progress)
+        reading, seed.theta, tuple(mechanism.independent), area, effort, Work(workers, executor, checkpoint, progress)
     )
 
 
@@ -151,20 +155,20 @@ def effort_of(
 
 
 def survey(
-    problem: Problem,
+    reading: Reading,
     seed: Array,
     names: tuple[str, ...],
     region: Region,
     effort: Effort,
     work: Work,
-    shape: Shape | None = None,
+    shape: SquareNorm | None = None,
 ) -> Atlas:
     """The atlas of what can be proved of a region from a seed θ (n′,), the largest square about it first.
 
     Raises:
         SingularConfigurationError: The seed is singular.
     """
-    complete = True
+    problem, complete = reading.problem, True
     with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
         runner = Runner(problem, chosen, work.checkpoint, flag)
         builder = AtlasBuilder(problem, seed, region, runner, reporter(work.progress), shape, effort.budget)
@@ -174,7 +178,7 @@ def survey(
             if effort.depth:
                 _cover(builder, effort)
                 if effort.exhaustive:
-                    search_empty(runner, builder.tree, region, effort.depth)
+                    search_empty(runner, reading, builder.tree, region, effort.depth)
                 for found in mark_singular(runner, builder.tree, region, builder.boxes):
                     builder.singular.append(found)
         except Stopped:
@@ -187,7 +191,7 @@ def survey(
         unglued=np.concatenate(builder.unglued).astype(np.int64),
         complete=complete,
         region=region,
-        problem=problem,
+        reading=reading,
         tree=builder.tree,
         seed=seed,
         singular=joined(builder.singular),

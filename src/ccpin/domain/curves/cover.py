@@ -12,24 +12,28 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, Indices, Mask, instance, joined, listener, matrix_rows, positive, whole
+from ccpin.covering.cells import CellStatus, leaves_holding
+from ccpin.covering.documents import pack_region, packed, unpack_region, unpacked
+from ccpin.covering.region import Region
+from ccpin.covering.runner import Runner, Work
 from ccpin.domain.atlas import store
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.cells import CellStatus, Region, leaves_holding
-from ccpin.domain.atlas.run import Runner, Work, executor_for, stoppable
-from ccpin.domain.boxes import BoundsName, Problem, closure_values, problem_of
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.curves.covering import Nearby, extents
 from ccpin.domain.curves.curve import CertifiedCurve, as_curve, holds
-from ccpin.domain.curves.following import Chain
-from ccpin.domain.curves.search import Found, Place, Search
+from ccpin.domain.curves.following import TubeChain
+from ccpin.domain.curves.search import CurveSearch, Found, SearchDomain
 from ccpin.domain.curves.tubes import Points, Stated, no_tubes, proved_again, stated, zeros_in
 from ccpin.domain.documents import CURVES
-from ccpin.domain.newton import without_turns
-from ccpin.domain.sheets.narrowing import Candidates
-from ccpin.domain.verdict import Verdict, of_file
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.digests import Digests, require_same
+from ccpin.proof.equations import BoundsName, Problem, closure_values
+from ccpin.proof.narrowing import Candidates
+from ccpin.proof.newton import without_turns
 from ccpin.proof.ranges import Ranges
+from ccpin.proof.verdict import Verdict, of_file
+from ccpin.work import executor_for, stoppable
 
 _SAMPLES = 33  # of a tube
 _TOUCHING = 1e-12
@@ -73,7 +77,7 @@ class SingularCover:
     Attributes:
         names: The independent coordinates, in the order of q.
         region: What was asked for.
-        problem: The closures.
+        reading: The closures, and how their coordinates and configurations correspond.
         curves: The curves, folds first.
         uncovered: Boxes that may hold others: about bifurcations, where curves cross or configurations are singular
             twice; and wherever the work ended early.
@@ -88,7 +92,7 @@ class SingularCover:
 
     names: tuple[str, ...]
     region: Region
-    problem: Problem
+    reading: Reading
     curves: tuple[CertifiedCurve, ...]
     uncovered: UncoveredBoxes
     tried: int
@@ -101,6 +105,11 @@ class SingularCover:
         kinds = ", ".join(curve.kind for curve in self.curves) or "none"
         left = f"{len(self.uncovered.lower)} boxes uncovered" + ("" if self.source is None else ", loaded")
         return f"SingularCover({', '.join(self.names)}: curves {kinds}; {left})"
+
+    @property
+    def problem(self) -> Problem:
+        """The closures."""
+        return self.reading.problem
 
     @property
     def complete(self) -> bool:
@@ -204,7 +213,7 @@ class SingularCover:
 
     def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
         """Whether the closures are those that a mechanism's file gives today, bit for bit."""
-        return store.same_closures(self.problem, self.names, mechanism_of(mechanism))
+        return store.same_closures(self.reading, self.names, mechanism_of(mechanism))
 
     def continued(
         self,
@@ -235,21 +244,21 @@ class SingularCover:
             InvalidInputError: The resolution, budget, seconds or workers is malformed.
         """
         effort = effort_of(self.resolution if resolution is None else resolution, budget, seconds, progress)
-        problem, work = problem_of(self.problem.system, bounds), Work(workers, executor, checkpoint)
-        return searched(problem, self.names, Place(self.region, self.ranges), effort, work, self)
+        reading, work = self.reading.bounded(bounds), Work(workers, executor, checkpoint)
+        return searched(reading, self.names, SearchDomain(self.region, self.ranges), effort, work, self)
 
     def save(self, path: str | Path) -> None:
         """Write the cover to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it.
 
         The boxes that were settled are not in it: the auditor has a search of its own.
         """
-        header, arrays = store.pack_problem(self.problem)
+        header, arrays = store.pack_reading(self.reading)
         header |= {"names": list(self.names), "tried": self.tried, "limit": self.limit, "resolution": self.resolution}
         tubes = joined([no_tubes(self.problem), *(curve.tubes for curve in self.curves)])
         records: dict[str, Any] = dict(zip(_RECORDS, (stated(tubes), self.ranges, self.uncovered), strict=True))
         for part, record in records.items():
-            arrays |= store.packed(part, record)
-        arrays |= store.pack_region(self.region)
+            arrays |= packed(part, record)
+        arrays |= pack_region(self.region)
         arrays["curve_tubes"] = np.array([len(curve.radius) for curve in self.curves], dtype=np.int64)
         arrays["curve_closed"] = np.array([curve.closed for curve in self.curves], dtype=np.bool_)
         store.write(path, CURVES, header, arrays)
@@ -264,21 +273,21 @@ class SingularCover:
             InvalidInputError: The file cannot be read or is none, or Theorem R does not hold for a tube in it.
         """
         with store.reading(path, CURVES) as (header, arrays):
-            given, ranges, uncovered = (store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items())
-            problem = store.unpack_problem(header, arrays)
-            tubes, proved = proved_again(problem, given)
+            given, ranges, uncovered = (unpacked(part, kind, arrays) for part, kind in _RECORDS.items())
+            reading = store.unpack_reading(header, arrays)
+            tubes, proved = proved_again(reading.problem, given)
             if not np.all(proved):
                 raise InvalidInputError(f"tube {int(np.argmin(proved))} is not proved: the file was altered")
             sizes = arrays["curve_tubes"].astype(np.int64)
             if sizes.sum() != len(proved):
                 raise InvalidInputError("curve_tubes are not as many as there are tubes")
             curve = np.repeat(np.arange(len(sizes)), sizes)
-            chains = [Chain(tubes.take(curve == k), bool(end)) for k, end in enumerate(arrays["curve_closed"])]
+            chains = [TubeChain(tubes.take(curve == k), bool(end)) for k, end in enumerate(arrays["curve_closed"])]
             return cls(
                 names=tuple(header["names"]),
-                region=store.unpack_region(arrays),
-                problem=problem,
-                curves=tuple(as_curve(problem, chain) for chain in chains),
+                region=unpack_region(arrays),
+                reading=reading,
+                curves=tuple(as_curve(reading, chain) for chain in chains),
                 uncovered=uncovered,
                 tried=header["tried"],
                 limit=header["limit"],
@@ -288,7 +297,7 @@ class SingularCover:
             )
 
     def _thetas(self, q_free: ArrayLike) -> Array:
-        chart = self.problem.system.chart
+        chart = self.reading.chart
         given = matrix_rows(np.atleast_2d(np.asarray(q_free)), "q_free", chart.nq)
         return np.array([chart.theta(row) for row in given]).reshape(-1, chart.n_free)
 
@@ -311,26 +320,27 @@ def effort_of(
 
 
 def searched(
-    problem: Problem,
+    reading: Reading,
     names: tuple[str, ...],
-    place: Place,
+    place: SearchDomain,
     effort: Effort,
     work: Work,
     before: SingularCover | None = None,
 ) -> SingularCover:
     """The cover of a place, or what more work makes of one; who does the work is all that `work` says."""
-    chains, waiting, tried = list[Chain](), None, 0
+    problem, chains, waiting, tried = reading.problem, list[TubeChain](), None, 0
     if before is not None:
-        chains = [Chain(curve.tubes, curve.closed) for curve in before.curves]
+        chains = [TubeChain(curve.tubes, curve.closed) for curve in before.curves]
         waiting, tried = _waiting(problem, before.uncovered), before.tried
     with stoppable(effort.seconds) as flag, executor_for(work.executor, work.workers) as chosen:
-        search = Search(Runner(problem, chosen, work.checkpoint, flag), place, chains)
+        search = CurveSearch(Runner(problem, chosen, work.checkpoint, flag), place, chains)
         found = search.run(effort.resolution, effort.budget, effort.report, waiting)
-    curves = sorted((as_curve(search.plain, chain) for chain in found.chains), key=lambda curve: curve.kind)
+    plain = reading._replace(problem=search.plain)
+    curves = sorted((as_curve(plain, chain) for chain in found.chains), key=lambda curve: curve.kind)
     return SingularCover(
         names=names,
         region=place.region,
-        problem=search.plain,
+        reading=plain,
         curves=tuple(curves),
         uncovered=_uncovered(problem, found),
         tried=tried + found.tried,

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, joined, rows_of
-from ccpin.domain.boxes import Problem
 from ccpin.domain.curves.system import onto_curves, values_at
 from ccpin.domain.curves.tubes import Points, Tubes, glued, longest, places_in
+from ccpin.proof.equations import Problem
 
 _FIRST = np.geomspace(0.4, 1e-4, 40)
 _NEXT = np.array([1.5, 1.25, 1.1, 1.0, 0.9, 0.8, 0.65, 0.5, 0.35, 0.2, 0.1])
@@ -22,14 +22,14 @@ MOST_TUBES = 20_000
 """Of one curve."""
 
 
-class Chain(NamedTuple):
+class TubeChain(NamedTuple):
     """Tubes glued one behind the other, s growing along them, and whether the last is glued to the first."""
 
     tubes: Tubes
     closed: bool
 
 
-def follow(problem: Problem, theta: Array, kernel: Array, going: Callable[[Tubes], bool]) -> Chain | None:
+def follow(problem: Problem, theta: Array, kernel: Array, going: Callable[[Tubes], bool]) -> TubeChain | None:
     """The curve through a singular configuration, both ways; ``None`` where no tube is proved about that.
 
     Args:
@@ -44,20 +44,20 @@ def follow(problem: Problem, theta: Array, kernel: Array, going: Callable[[Tubes
     return _both_ways(problem, [first], going)
 
 
-def prolonged(problem: Problem, chain: Chain, going: Callable[[Tubes], bool]) -> Chain:
+def prolonged(problem: Problem, chain: TubeChain, going: Callable[[Tubes], bool]) -> TubeChain:
     """A chain that was cut short, followed on as by `follow`."""
     if chain.closed:
         return chain
     return _both_ways(problem, [rows_of(chain.tubes, slice(k, k + 1)) for k in range(len(chain.tubes.half))], going)
 
 
-def _both_ways(problem: Problem, tubes: list[Tubes], going: Callable[[Tubes], bool]) -> Chain:
+def _both_ways(problem: Problem, tubes: list[Tubes], going: Callable[[Tubes], bool]) -> TubeChain:
     """The chain that begins with some tubes, each glued to the next."""
     ahead, closed = _one_way(problem, tubes, going)
     if closed:
-        return Chain(joined(ahead), True)
+        return TubeChain(joined(ahead), True)
     behind, closed = _one_way(problem, [tube.turned() for tube in reversed(ahead)], going)
-    return Chain(joined([tube.turned() for tube in reversed(behind)]), closed)
+    return TubeChain(joined([tube.turned() for tube in reversed(behind)]), closed)
 
 
 def _tube_at(problem: Problem, theta: Array, kernel: Array, sizes: Array, forward: Array | None) -> Tubes | None:

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
-from ccpin.domain.boxes import Problem
 from ccpin.domain.curves.covering import Nearby
-from ccpin.domain.curves.following import Chain
+from ccpin.domain.curves.following import TubeChain
 from ccpin.domain.curves.system import values_at
 from ccpin.domain.curves.tubes import Frames, Points, Tubes, bounds_of, glued, inverse_without, places_in, zeros_in
-from ccpin.domain.newton import without_turns
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import without_turns
 from ccpin.proof.rounding import SLACK
 
 _LAST = 4  # tubes of a chain from which it may go on in another
@@ -27,7 +27,7 @@ _REACH = 2.0  # half lengths: tubes that meet are no farther apart
 _ROUNDING = 1e-13
 
 
-def one_of_each(problem: Problem, chains: Iterable[Chain]) -> list[Chain]:
+def one_of_each(problem: Problem, chains: Iterable[TubeChain]) -> list[TubeChain]:
     """The chains with those of one curve made one, as far as that is proved: they hold what all of them held."""
     found, k = without_held(problem, chains), 0
     while k < len(found):  # of those before k none goes on in another: their ends met all tubes there are
@@ -39,7 +39,7 @@ def one_of_each(problem: Problem, chains: Iterable[Chain]) -> list[Chain]:
     return without_held(problem, found)
 
 
-def without_held(problem: Problem, chains: Iterable[Chain]) -> list[Chain]:
+def without_held(problem: Problem, chains: Iterable[TubeChain]) -> list[TubeChain]:
     """The chains without those of which all of the curve is in another one's tubes (Lemma J).
 
     Of several that hold one another one stays, a closed one if there is any.
@@ -119,7 +119,7 @@ class _Pool(NamedTuple):
     after: Indices
 
     @staticmethod
-    def of(chains: Sequence[Chain]) -> _Pool:
+    def of(chains: Sequence[TubeChain]) -> _Pool:
         """Those of chains, of which there is one at least."""
         sizes = [len(chain.tubes.half) for chain in chains]
         owner, place = np.repeat(np.arange(len(sizes)), sizes), np.concatenate([np.arange(size) for size in sizes])
@@ -131,7 +131,7 @@ class _Pool(NamedTuple):
         return np.flatnonzero(gap <= _REACH * np.maximum(self.tubes.half, tube.half))
 
 
-def _beside(problem: Problem, chain: Chain, others: Sequence[Chain]) -> Iterator[Chain]:
+def _beside(problem: Problem, chain: TubeChain, others: Sequence[TubeChain]) -> Iterator[TubeChain]:
     """The chains that have the first tube's middle zero in one of their tubes."""
     if others:
         pool, first = _Pool.of(others), rows_of(chain.tubes, slice(0, 1))
@@ -158,7 +158,7 @@ class _Meeting(NamedTuple):
     there: int
 
 
-def _longer(problem: Problem, chains: list[Chain], number: int) -> tuple[list[Chain], int] | None:
+def _longer(problem: Problem, chains: list[TubeChain], number: int) -> tuple[list[TubeChain], int] | None:
     """The chains with one of them closed, or joined to another, and its number then; ``None``: neither is proved."""
     if chains[number].closed:
         return None
@@ -179,7 +179,7 @@ def _longer(problem: Problem, chains: list[Chain], number: int) -> tuple[list[Ch
     return None
 
 
-def _meetings(problem: Problem, chain: Chain, pool: _Pool) -> list[_Meeting]:
+def _meetings(problem: Problem, chain: TubeChain, pool: _Pool) -> list[_Meeting]:
     """Where the last tubes of a chain are glued to tubes of open ones, those first that leave the fewest out."""
     found, last = list[_Meeting](), len(chain.tubes.half) - 1
     for here in range(last, max(last - _LAST, -1), -1):
@@ -193,24 +193,24 @@ def _meetings(problem: Problem, chain: Chain, pool: _Pool) -> list[_Meeting]:
     return sorted(found)
 
 
-def _closed(problem: Problem, chain: Chain, meeting: _Meeting) -> Chain | None:
+def _closed(problem: Problem, chain: TubeChain, meeting: _Meeting) -> TubeChain | None:
     """What is left of a chain that meets itself, closed; ``None`` where that is not proved to hold the rest."""
     ends = [slice(meeting.there), slice(meeting.here + 1, None)]
-    kept = Chain(rows_of(chain.tubes, slice(meeting.there, meeting.here + 1)), True)
+    kept = TubeChain(rows_of(chain.tubes, slice(meeting.there, meeting.here + 1)), True)
     return _if_held(problem, [rows_of(chain.tubes, end) for end in ends], kept)
 
 
-def _gone_on(problem: Problem, chain: Chain, other: Chain, meeting: _Meeting) -> Chain | None:
+def _gone_on(problem: Problem, chain: TubeChain, other: TubeChain, meeting: _Meeting) -> TubeChain | None:
     """A chain that goes on in another one; ``None`` where it is not proved to hold the rest of both."""
     first, behind = (rows_of(chain.tubes, part) for part in (slice(meeting.here + 1), slice(meeting.here + 1, None)))
     before, on = (rows_of(other.tubes, part) for part in (slice(meeting.there), slice(meeting.there, None)))
-    return _if_held(problem, [behind, before], Chain(joined([first, on]), False))
+    return _if_held(problem, [behind, before], TubeChain(joined([first, on]), False))
 
 
-def _if_held(problem: Problem, left_out: list[Tubes], kept: Chain) -> Chain | None:
+def _if_held(problem: Problem, left_out: list[Tubes], kept: TubeChain) -> TubeChain | None:
     return kept if bool(held(problem, joined(left_out), kept.tubes).all()) else None
 
 
-def _turned(chain: Chain) -> Chain:
+def _turned(chain: TubeChain) -> TubeChain:
     """The chain the other way."""
     return chain._replace(tubes=chain.tubes.take(np.arange(len(chain.tubes.half))[::-1]).turned())

@@ -14,18 +14,19 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Mask, joined, rows_of
-from ccpin.domain.atlas.cells import Region
-from ccpin.domain.atlas.run import Runner, Stopped
-from ccpin.domain.atlas.tasks import Arrays
-from ccpin.domain.boxes import Problem, closure_derivatives, closure_values
+from ccpin.covering.proposals.solving import closure_derivatives
+from ccpin.covering.pruning import rows_to_halve_for
+from ccpin.covering.region import Region
+from ccpin.covering.runner import Arrays, Runner
 from ccpin.domain.curves.covering import Nearby, directions, extents
-from ccpin.domain.curves.following import Chain, follow, prolonged
+from ccpin.domain.curves.following import TubeChain, follow, prolonged
 from ccpin.domain.curves.system import onto_curves
 from ccpin.domain.curves.tasks import narrow_boxes, settle_boxes
 from ccpin.domain.curves.tubes import Points, Tubes, no_tubes
-from ccpin.domain.sheets.candidates import rows_to_halve_for
-from ccpin.domain.sheets.narrowing import Candidates
+from ccpin.proof.equations import Problem, closure_values
+from ccpin.proof.narrowing import Candidates
 from ccpin.proof.ranges import Ranges
+from ccpin.work import Stopped
 
 BEYOND = 1e-12
 """How far a search goes beyond its region and ranges each way."""
@@ -36,7 +37,7 @@ _FAR = 3.0  # of a box: singular configurations farther from its middle are othe
 _ON_CURVE = 1e-9
 
 
-class Place(NamedTuple):
+class SearchDomain(NamedTuple):
     """Where singular configurations are looked for: a region of q, and ranges of the dependent coordinates."""
 
     region: Region
@@ -62,13 +63,13 @@ class Found(NamedTuple):
         limit: What ended it before every box was small or settled: ``"interrupted"``, ``"budget"``, or nothing.
     """
 
-    chains: tuple[Chain, ...]
+    chains: tuple[TubeChain, ...]
     left: Candidates
     tried: int
     limit: str | None
 
 
-class Search:
+class CurveSearch:
     """A search: the problem with the bounds chosen for boxes, and with those for any tree for tubes; where; the curves.
 
     Boxes are narrowed and settled in the runner's chunks; curves are followed in this process, and kept as those are.
@@ -78,7 +79,7 @@ class Search:
         tried: How many boxes were looked at.
     """
 
-    def __init__(self, runner: Runner, place: Place, chains: Iterable[Chain] = ()) -> None:
+    def __init__(self, runner: Runner, place: SearchDomain, chains: Iterable[TubeChain] = ()) -> None:
         self.problem, self.plain, self.place = runner.problem, runner.problem._replace(phasors=None), place
         self.tried = 0
         self._runner = runner
@@ -159,7 +160,7 @@ class Search:
             closed, *tubes = self._runner.once(self._followed, about)
             points = rows_of(points, slice(1, None))
             if len(tubes[0]):
-                self.chains.append(Chain(Tubes(*tubes), bool(closed)))  # type: ignore[arg-type]
+                self.chains.append(TubeChain(Tubes(*tubes), bool(closed)))  # type: ignore[arg-type]
                 self._gather()
             self._runner.check()
 

@@ -9,10 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Mask, apply
-from ccpin.domain.boxes import Problem, closure_derivatives, solve_many
-from ccpin.domain.chain_stack import Derivatives, third_along
-from ccpin.domain.extended import third_bound
+from ccpin.arrays import Array, Mask, apply, solve_many
+from ccpin.covering.proposals.solving import closure_derivatives
+from ccpin.proof.chains import Derivatives, third_along
+from ccpin.proof.equations import Problem, third_bound
 
 _SETTLED, _FAR = 1e-7, 1.0
 

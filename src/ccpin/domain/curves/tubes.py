@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, apply, rows_of
-from ccpin.domain.boxes import Problem, inverses
+from ccpin.arrays import Array, Indices, Mask, apply, inverses, rows_of
 from ccpin.domain.curves.system import Values, drift, first_order, rounding_at, values_at
-from ccpin.domain.newton import without_turns
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import without_turns
 from ccpin.proof.rounding import SLACK
 
 _WIDEN = 1e-13
@@ -105,7 +105,7 @@ def stated(tubes: Tubes) -> Stated:
     return Stated(*(getattr(tubes, name) for name in Stated._fields))
 
 
-def proved_again(problem: Problem, given: Stated) -> Tried:
+def proved_again(problem: Problem, given: Stated) -> TriedTubes:
     """Tubes that are stated, with the P, κ and bounds of |e| that follow, and whether Theorem R holds for each."""
     values = values_at(problem, given.theta, given.kernel, given.pairing)
     frames = Frames(given.along, given.tangent, inverse_without(values.slope, given.along))
@@ -135,14 +135,14 @@ def inverse_without(slope: Array, along: Indices) -> Array:
     return gain
 
 
-class Bounds(NamedTuple):
+class TubeBounds(NamedTuple):
     """Y and Z of B boxes x = x₀ + s t + e: (B, N) and (B, N, N)."""
 
     y: Array
     z: Array
 
 
-def bounds_of(problem: Problem, values: Values, frames: Frames, half: Array, radius: Array) -> Bounds:
+def bounds_of(problem: Problem, values: Values, frames: Frames, half: Array, radius: Array) -> TubeBounds:
     """The bounds of Theorem R for half lengths δ (B,) and radii R (B, N)."""
     n_free, n = problem.system.n_free, values.slope.shape[2]
     gain, size = frames.gain, np.abs(frames.gain)
@@ -168,17 +168,17 @@ def bounds_of(problem: Problem, values: Values, frames: Frames, half: Array, rad
     z += (noise * (1.0 + box.sum(axis=1))[:, None])[..., None]
     rows = np.arange(len(z))
     z[rows, frames.along], z[rows, :, frames.along], y[rows, frames.along] = 0.0, 0.0, 0.0
-    return Bounds(y, z)
+    return TubeBounds(y, z)
 
 
-class Tried(NamedTuple):
+class TriedTubes(NamedTuple):
     """Tubes tried, and which of them are proved (the others' numbers mean nothing)."""
 
     tubes: Tubes
     proved: Mask
 
 
-def certify_tubes(problem: Problem, values: Values, frames: Frames, half: Array, radius: Array) -> Tried:
+def certify_tubes(problem: Problem, values: Values, frames: Frames, half: Array, radius: Array) -> TriedTubes:
     """Check Theorem R for tubes with half lengths δ (B,) and radii R (B, N)."""
     with np.errstate(all="ignore"):
         bounds = bounds_of(problem, values, frames, half, radius)
@@ -202,7 +202,7 @@ def certify_tubes(problem: Problem, values: Values, frames: Frames, half: Array,
         kappa=kappa,
         hull=hull,
     )
-    return Tried(tubes, proved)
+    return TriedTubes(tubes, proved)
 
 
 def longest(problem: Problem, values: Values, sizes: Array, forward: Array | None = None) -> Tubes | None:

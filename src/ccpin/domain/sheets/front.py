@@ -16,18 +16,22 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from ccpin.arrays import Array, Indices, Mask, joined, rows_of
-from ccpin.domain.atlas.cells import LEVELS, CellStatus, CellTree, Contacts, Region, contacts_of, place
-from ccpin.domain.atlas.run import Report, Runner, glue_boxes, prove_cells
-from ccpin.domain.atlas.tasks import CellsToProve
-from ccpin.domain.boxes import Boxes, Problem, certify_points
-from ccpin.domain.newton import encloses, newton, predict, without_turns
+from ccpin.covering.cells import CellStatus, CellTree, place
+from ccpin.covering.faces import CellFaces, contacts_of
+from ccpin.covering.proposals.krawczyk import certify_points
+from ccpin.covering.proposals.solving import newton
+from ccpin.covering.proposals.tasks import CellsToProve, glue_boxes, prove_cells
+from ccpin.covering.region import LEVELS, Region
+from ccpin.covering.runner import Report, Runner
+from ccpin.proof.equations import Problem
+from ccpin.proof.newton import Boxes, encloses, predict, without_turns
 
 _CHUNK = 2000
 _NEAR = 1e-6
 _NEWTON = 12
 
 
-class Part(NamedTuple):
+class CountedRegion(NamedTuple):
     """A part: its cells, the cell that was counted, and all solutions over that cell's centre, (k, n′)."""
 
     cells: Indices
@@ -98,7 +102,7 @@ class Front:
         runner: Runner,
         region: Region,
         tree: CellTree,
-        parts: list[Part],
+        parts: list[CountedRegion],
         depth: int,
         report: Report,
     ) -> None:
@@ -165,7 +169,7 @@ class Front:
         self._try(rows_of(contacts, first))
         return True
 
-    def _try(self, contacts: Contacts) -> None:
+    def _try(self, contacts: CellFaces) -> None:
         rows, origin = self._over(contacts.leaf)
         found = self._continued(rows_of(contacts, rows), origin)
         failed = np.unique(found.cell[~found.good])
@@ -220,7 +224,7 @@ class Front:
             result[rows[agree]] = True
         return result
 
-    def _continued(self, contacts: Contacts, origin: Indices) -> _Continued:
+    def _continued(self, contacts: CellFaces, origin: Indices) -> _Continued:
         """Boxes over cells from one box each beyond a common face; which are proved and glued to it."""
         items, parents = contacts.cell, self.boxes.take(origin)
         independent = self.problem.system.independent

@@ -20,9 +20,9 @@ from threading import Event
 import numpy as np
 
 from ccpin.arrays import joined, rows_of
+from ccpin.covering.merging import grafted, whole_region
+from ccpin.covering.runner import Runner
 from ccpin.domain.atlas import store
-from ccpin.domain.atlas.grafting import grafted, whole_region
-from ccpin.domain.atlas.run import Runner
 from ccpin.domain.sheets.front import Members, glued_pairs
 from ccpin.domain.sheets.sheets import SheetAtlas
 from ccpin.errors import InvalidInputError
@@ -62,7 +62,7 @@ def merge_sheets(parts: Sequence[SheetAtlas]) -> SheetAtlas:
 
 def _refuse_others(first: SheetAtlas, other: SheetAtlas, k: int) -> None:
     """What speaks of other things than the first."""
-    if first.names != other.names or not store.same_problem(first.problem, other.problem):
+    if first.names != other.names or not store.same_reading(first.reading, other.reading):
         raise InvalidInputError(
             f"part {k} is about other closures, or other bounds=, than part 1: parts are of one mechanism as one file "
             "states it"

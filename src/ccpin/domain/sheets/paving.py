@@ -25,21 +25,15 @@ from typing import NamedTuple
 import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, apply, joined, rows_of
-from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellTree, Region, place
-from ccpin.domain.atlas.run import Report, Runner
-from ccpin.domain.atlas.tasks import Arrays
-from ccpin.domain.boxes import Boxes, Problem, certify_boxes
-from ccpin.domain.newton import newton, without_turns
-from ccpin.domain.sheets.candidates import (
-    Pruning,
-    halved,
-    handed_down,
-    narrowed_both,
-    steepness,
-    to_halve,
-    whole_candidates,
-)
-from ccpin.domain.sheets.narrowing import Candidates, alone_in
+from ccpin.covering.cells import CellTree, place
+from ccpin.covering.proposals.krawczyk import certify_boxes
+from ccpin.covering.proposals.solving import newton
+from ccpin.covering.pruning import Pruning, halved, handed_down, narrowed_both, steepness, to_halve, whole_candidates
+from ccpin.covering.region import LEVELS, WHOLE, Region
+from ccpin.covering.runner import Arrays, Report, Runner
+from ccpin.proof.equations import Problem
+from ccpin.proof.narrowing import Candidates, alone_in
+from ccpin.proof.newton import Boxes, without_turns
 from ccpin.proof.ranges import Ranges
 from ccpin.proof.rounding import SLACK
 
@@ -48,8 +42,6 @@ _WIDEST = 1.5  # rad: wider candidates are halved before Newton's method is trie
 _ROUNDS = 60
 _BUDGET = 300_000  # candidates over one q
 
-MOST_DEPENDENT = 8
-"""Dependent coordinates: the search of all values of more would not end."""
 _NEAR = 1e-6
 
 

@@ -28,18 +28,22 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import breadth_first_order, connected_components
 
 from ccpin.arrays import Array, Indices, Mask, numbers, whole
+from ccpin.covering.cells import CellStatus, CellTree, SingularCells, place
+from ccpin.covering.documents import packed, unpacked
+from ccpin.covering.faces import contacts_of
+from ccpin.covering.proposals.solving import newton
+from ccpin.covering.region import WHOLE, Region
 from ccpin.domain.atlas import store
-from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contacts_of, place
-from ccpin.domain.atlas.singular import SingularCells
-from ccpin.domain.boxes import Boxes, Problem, closure_values, verify
+from ccpin.domain.closures.system import Reading
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
 from ccpin.domain.documents import SHEETS
-from ccpin.domain.newton import newton, solve_in_boxes, without_turns
 from ccpin.domain.sheets.front import Glued, Members
-from ccpin.domain.sheets.narrowing import Candidates
 from ccpin.domain.sheets.touching import Fold, cross, near_folds
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.equations import Problem, closure_values
+from ccpin.proof.narrowing import Candidates
+from ccpin.proof.newton import Boxes, solve_in_boxes, verify, without_turns
 from ccpin.proof.ranges import Ranges
 
 _PART = 500
@@ -87,7 +91,7 @@ class SheetAtlas:
     Attributes:
         names: The independent coordinates, in the order of q.
         region: What was asked for.
-        problem: The closures.
+        reading: The closures, and how their coordinates and configurations correspond.
         tree: The cells.
         boxes: The certified boxes, as Theorem K has them.
         members: Which boxes lie over which cells.
@@ -103,7 +107,7 @@ class SheetAtlas:
 
     names: tuple[str, ...]
     region: Region
-    problem: Problem
+    reading: Reading
     tree: CellTree
     boxes: Boxes
     members: Members
@@ -121,6 +125,11 @@ class SheetAtlas:
             f"SheetAtlas({', '.join(self.names)}: {len(self.sheets)} sheets in {len(self.boxes.kappa)} boxes, "
             f"{100 * self.counted_fraction:.4g} % of the region counted{done})"
         )
+
+    @property
+    def problem(self) -> Problem:
+        """The closures."""
+        return self.reading.problem
 
     @cached_property
     def sheet_of(self) -> Indices:
@@ -197,14 +206,14 @@ class SheetAtlas:
 
     def is_about(self, mechanism: Mechanism | HasMechanism) -> bool:
         """Whether the closures are those that a mechanism's file gives today, bit for bit."""
-        return store.same_closures(self.problem, self.names, mechanism_of(mechanism))
+        return store.same_closures(self.reading, self.names, mechanism_of(mechanism))
 
     def save(self, path: str | Path) -> None:
         """Write the sheets to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
-        header, arrays = store.pack(store.Covering(self.problem, self.region, self.tree, self.boxes, self.singular))
+        header, arrays = store.pack(store.Covering(self.reading, self.region, self.tree, self.boxes, self.singular))
         header |= {"names": list(self.names), "complete": self.complete}
         for part in _RECORDS:
-            arrays |= store.packed(part, getattr(self, part))
+            arrays |= packed(part, getattr(self, part))
         store.write(path, SHEETS, header, arrays | {"count": self.count})
 
     @classmethod
@@ -215,7 +224,7 @@ class SheetAtlas:
             InvalidInputError: The file cannot be read or is none, or a box in it is not proved.
         """
         with store.reading(path, SHEETS) as (header, arrays):
-            records = {part: store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items()}
+            records = {part: unpacked(part, kind, arrays) for part, kind in _RECORDS.items()}
             return cls(
                 names=tuple(header["names"]),
                 count=arrays["count"].astype(np.int64),
@@ -238,7 +247,7 @@ class SheetAtlas:
             InvalidInputError: q is not certified.
         """
         theta, box = self._over(q)
-        return self.problem.system.chart.configuration(theta), self.sheet_of[box]
+        return self.reading.configuration(theta), self.sheet_of[box]
 
     def sigma(self, q: ArrayLike, near: ArrayLike) -> Array:
         """q′ over q (n,), of the closed configurations there the one nearest to a configuration, of shape (nq,).
@@ -249,7 +258,7 @@ class SheetAtlas:
         found = self.solutions(q)[0]
         if not len(found):
             raise InvalidInputError(f"nothing closes at q = {np.asarray(q).tolist()}: the region is empty there")
-        chart = self.problem.system.chart
+        chart = self.reading.chart
         wanted = chart.theta(numbers(near, "near"))
         gap = np.array([chart.theta(q_free) for q_free in found]) - wanted
         periodic = self.problem.system.periodic[: gap.shape[1]]
@@ -299,10 +308,10 @@ class SheetAtlas:
         if len(self.names) != 2:
             raise UnsupportedMechanismError(f"cusps are points for two coordinates; the atlas has {len(self.names)}")
         starts = self.left.centre[np.unique(self.left.cell, return_index=True)[1]]
-        problem = self.problem._replace(phasors=None)
-        found = [cusp for k in range(0, len(starts), _PART) for cusp in proved_cusps(problem, starts[k : k + _PART])]
+        reading = self.reading._replace(problem=self.problem._replace(phasors=None))
+        found = [cusp for k in range(0, len(starts), _PART) for cusp in proved_cusps(reading, starts[k : k + _PART])]
         inside = self._cells(np.array([cusp.q for cusp in found]).reshape(-1, 2)) >= 0
-        return distinct(problem, [cusp for cusp, within in zip(found, inside, strict=True) if within])
+        return distinct(reading, [cusp for cusp, within in zip(found, inside, strict=True) if within])
 
     def folds(self, most: int = 200) -> tuple[Fold, ...]:
         """Folds at which two sheets are proved to touch (Proposition T of `touching`), each pair of sheets in turn.
@@ -328,7 +337,7 @@ class SheetAtlas:
             if other is not None:
                 pair = sorted((int(self.sheet_of[box[k]]), int(self.sheet_of[beside[other]])))
                 q = fold[0][self.problem.system.independent]
-                found.append(Fold(q, self.problem.system.chart.configuration(fold[0]), fold[2], (pair[0], pair[1])))
+                found.append(Fold(q, self.reading.configuration(fold[0]), fold[2], (pair[0], pair[1])))
         return tuple(found)
 
     def _ends(self, most: int) -> tuple[Indices, Indices]:

@@ -41,7 +41,7 @@ _TURNS = ("rx", "ry", "rz")
 _Rotation = Sequence[tuple[Polynomial, Array]]  # Σ polynomial · matrix, equal to a rotation
 
 
-class Run(NamedTuple):
+class AngleRun(NamedTuple):
     """How a revolute joint's angle enters: summed onto `parent`'s (``None``: it stands alone), times `sign`.
 
     `axis` is the run's axis in the frame of its first joint.
@@ -109,23 +109,25 @@ def _angular(joint: TreeJoint) -> bool:
     return joint.kind.nv == 1 and not joint.kind.sliding
 
 
-def find_runs(joints: dict[int, TreeJoint], on_loops: set[int], ancestors: set[int], merge: bool) -> dict[int, Run]:
+def find_runs(
+    joints: dict[int, TreeJoint], on_loops: set[int], ancestors: set[int], merge: bool
+) -> dict[int, AngleRun]:
     """The run each revolute joint belongs to.
 
     A run ends at every body from which some loop is measured (`ancestors`), so that each joint has one angle
     variable for all loops; without `merge` every joint stands alone.
     """
-    runs: dict[int, Run] = {}
+    runs: dict[int, AngleRun] = {}
     for j, joint in joints.items():
         if not _angular(joint):
             continue
-        runs[j] = Run(None, 1.0, joint.axis)
+        runs[j] = AngleRun(None, 1.0, joint.axis)
         axis, k = joint.placement[:3, :3] @ joint.axis, joint.parent
         while merge and k and j in on_loops and k not in ancestors:
             before = joints[k]
             if not before.kind.sliding:
                 if _angular(before) and np.linalg.norm(np.cross(axis, before.axis)) < PARALLEL:
-                    runs[j] = Run(k, float(np.sign(axis @ before.axis)) * runs[k].sign, runs[k].axis)
+                    runs[j] = AngleRun(k, float(np.sign(axis @ before.axis)) * runs[k].sign, runs[k].axis)
                 break
             axis, k = before.placement[:3, :3] @ axis, before.parent
     return runs
@@ -141,7 +143,9 @@ class Kinematics:
         q_free: The centre, of shape (nq,).
     """
 
-    def __init__(self, joints: dict[int, TreeJoint], runs: dict[int, Run], active: list[int], q_free: Array) -> None:
+    def __init__(
+        self, joints: dict[int, TreeJoint], runs: dict[int, AngleRun], active: list[int], q_free: Array
+    ) -> None:
         self.joints = joints
         self.runs = runs
         self.unknowns = Unknowns()

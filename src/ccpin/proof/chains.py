@@ -1,0 +1,282 @@
+"""Closures as plain arrays: φ(θ) = Σ_c B_c x_c(θ) + G θ + d, and their derivatives over many configurations at once.
+
+x_c is the tip of a serial chain: a point, or a fixed direction. The derivatives of a tip follow from its joints in the
+order root to tip, with axes a, origins o and b = a × (x − o) for a revolute joint of a point chain, a × x of a
+direction chain, a for a prismatic joint of a point chain, 0 of a direction chain: for joints j₁ ≤ … ≤ j_k along the
+chain
+
+    ∂ᵏx/∂θ_{j₁}…∂θ_{j_k} = a_{j₁} × (… × (a_{j_{k−1}} × b_{j_k})),
+
+zero if any but the deepest, j_k, is prismatic (moving along a fixed axis turns nothing), or if a prismatic j_k
+is repeated. Chains stand side by side, padded to one length, so that one sweep moves all of them.
+
+Nothing here knows a mechanism: a `ClosureSystem` is picklable and is what worker processes receive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from ccpin.arrays import Array, Indices, Mask, apply, cross, skew
+from ccpin.proof.rounding import UNIT_ROUNDOFF
+
+
+class Chain(NamedTuple):
+    """One chain of k joints, root to tip.
+
+    Attributes:
+        joints: Indices in θ, of shape (k,), each once.
+        rotations, translations: Frame of a joint before it moves, in the frame of the one above after it has
+            moved (the root's for the first), of shapes (k, 3, 3) and (k, 3).
+        axes: Unit axes in the joint's own frame, of shape (k, 3).
+        prismatic: Whether a joint slides, of shape (k,).
+        tip: The tip in the last joint's frame (m, or unit direction), of shape (3,).
+        direction: Whether the tip is a direction.
+        weights: B_c, of shape (m, 3), in root axes.
+    """
+
+    joints: Indices
+    rotations: Array
+    translations: Array
+    axes: Array
+    prismatic: Mask
+    tip: Array
+    direction: bool
+    weights: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ClosureSystem:
+    """Closures in scalar coordinates θ (n′,), of which n are independent and m = n′ − n depend.
+
+    Attributes:
+        chains: The chains c.
+        couplings: G, of shape (m, n′): linear couplings.
+        offset: d, of shape (m,).
+        moduli: Of shape (m,): a coupling of continuous joints holds modulo this angle (0: exactly).
+        independent, dependent: Indices in θ, of shapes (n,) and (m,).
+        periodic: Whether θ + 2π e_j means the same configuration and the same closures, of shape (n′,).
+    """
+
+    chains: tuple[Chain, ...]
+    couplings: Array
+    offset: Array
+    moduli: Array
+    independent: Indices
+    dependent: Indices
+    periodic: Mask
+
+    @property
+    def n(self) -> int:
+        """Number of independent coordinates."""
+        return len(self.independent)
+
+    @property
+    def m(self) -> int:
+        """Number of dependent coordinates and of closure rows."""
+        return len(self.dependent)
+
+    @property
+    def n_free(self) -> int:
+        """The size of θ."""
+        return int(self.couplings.shape[1])
+
+    @cached_property
+    def scale(self) -> float:
+        """An upper bound of every length that enters φ apart from slides, for rounding margins, at least 1 (m).
+
+        It is the sum of all link lengths, directions and offsets with their weights.
+        """
+        scale = 1.0 + float(np.abs(self.offset).sum() + np.abs(self.couplings).sum())
+        for chain in self.chains:
+            length = np.linalg.norm(chain.translations, axis=1).sum() + np.linalg.norm(chain.tip)
+            scale += float(length) * _largest_row(chain)
+        return scale
+
+    @property
+    def depth(self) -> int:
+        """The largest number of joints in a chain."""
+        return max((len(chain.joints) for chain in self.chains), default=0)
+
+    @property
+    def rounding(self) -> float:
+        """γ: |computed − exact| ≤ γ · `magnitude` for every entry of φ, its Jacobian and its second derivative.
+
+        Each joint costs a 3×3 product, one sine and one cosine: fewer than 40 roundings of quantities at most 1
+        or the reach; 64u a joint (and as much again for placements that are orthogonal to rounding only) is ample.
+        Products of the bounds with n′×n′ matrices add 4u a column.
+        """
+        return (128.0 * (self.depth + 2) + 4.0 * self.n_free) * UNIT_ROUNDOFF
+
+    def magnitude(self, theta: Array) -> Array:
+        """An upper bound of every length in φ at θ (B, n′): `scale` and the slides, of shape (B,).
+
+        Beyond 4 rad it grows with the angles: planar bounds add them up, with the roundings of so large numbers.
+        """
+        total = np.full(len(theta), self.scale)
+        for chain in self.chains:
+            if np.any(chain.prismatic):
+                slides = np.abs(theta[:, chain.joints[chain.prismatic]]).sum(axis=1)
+                total += slides * _largest_row(chain)
+        return np.asarray(total * np.maximum(1.0, 0.25 * np.abs(theta).max(axis=1)))
+
+
+def _largest_row(chain: Chain) -> float:
+    """The length of the largest row of B_c, at least 1."""
+    return float(np.linalg.norm(chain.weights, axis=1).max(initial=1.0))
+
+
+class ChainStack(NamedTuple):
+    """C chains, padded on the root side to the same number k of joints.
+
+    Attributes:
+        joints: Indices in θ with a zero appended (n′ where padded), of shape (C, k).
+        placement: Which θ an entry belongs to, of shape (C · k, n′), one-hot rows, zero where padded.
+        rotations, translations, axes: As in `Chain`, of shapes (C, k, 3, 3), (C, k, 3), (C, k, 3).
+        turning, sliding: 1.0 where a joint turns or slides (both 0 where padded), of shape (C, k).
+        tips: Of shape (C, 3).
+        points: 1.0 for points, 0.0 for directions, of shape (C,).
+        weights: Of shape (C, m, 3).
+    """
+
+    joints: Indices
+    placement: Array
+    rotations: Array
+    translations: Array
+    axes: Array
+    turning: Array
+    sliding: Array
+    tips: Array
+    points: Array
+    weights: Array
+
+
+class StackMotion(NamedTuple):
+    """The chains at B configurations.
+
+    Attributes:
+        x: Tips, of shape (B, C, 3).
+        a: Axes of turning joints, zero elsewhere, of shape (B, C, k, 3).
+        b: ∂x/∂θ_j, of shape (B, C, k, 3).
+    """
+
+    x: Array
+    a: Array
+    b: Array
+
+
+def stack_chains(chains: tuple[Chain, ...], n_free: int, rows: int) -> ChainStack:
+    """Pad chains in θ of size n′ that enter m rows; there may be none (couplings alone)."""
+    count, k = len(chains), max((len(chain.joints) for chain in chains), default=0)
+    joints = np.full((count, k), n_free, dtype=np.intp)
+    rotations, translations = np.tile(np.eye(3), (count, k, 1, 1)), np.zeros((count, k, 3))
+    axes, turning, sliding = np.zeros((count, k, 3)), np.zeros((count, k)), np.zeros((count, k))
+    for row, chain in enumerate(chains):
+        window = slice(k - len(chain.joints), k)
+        joints[row, window] = chain.joints
+        rotations[row, window], translations[row, window] = chain.rotations, chain.translations
+        axes[row, window] = chain.axes
+        turning[row, window], sliding[row, window] = ~chain.prismatic, chain.prismatic
+    return ChainStack(
+        joints=joints,
+        placement=np.eye(n_free + 1)[joints.ravel(), :n_free],
+        rotations=rotations,
+        translations=translations,
+        axes=axes,
+        turning=turning,
+        sliding=sliding,
+        tips=np.array([chain.tip for chain in chains]).reshape(count, 3),
+        points=np.array([0.0 if chain.direction else 1.0 for chain in chains]),
+        weights=np.array([chain.weights for chain in chains]).reshape(count, rows, 3),
+    )
+
+
+def gather(stack: ChainStack, values: Array) -> Array:
+    """Values of joints (B, n′) by chain and joint, of shape (B, C, k), zero where padded."""
+    padded = np.concatenate([values, np.zeros((len(values), 1))], axis=1)
+    return np.asarray(padded[:, stack.joints])
+
+
+def move(stack: ChainStack, theta: Array) -> StackMotion:
+    """Sweep all chains from root to tip at θ of shape (B, n′)."""
+    angles = gather(stack, theta)
+    count, chains, k = angles.shape
+    turns = angles * stack.turning
+    sines, versines = np.sin(turns)[..., None, None], (2.0 * np.sin(0.5 * turns) ** 2)[..., None, None]
+    slides = (angles * stack.sliding)[..., None]
+    crosses = skew(stack.axes)
+    axes, origins = np.empty((count, chains, k, 3)), np.empty((count, chains, k, 3))
+    turn, origin = np.broadcast_to(np.eye(3), (count, chains, 3, 3)), np.zeros((count, chains, 3))
+    for j in range(k):
+        origin = origin + apply(turn, stack.translations[:, j])
+        turn = turn @ stack.rotations[:, j]
+        axis = apply(turn, stack.axes[:, j])
+        axes[:, :, j], origins[:, :, j] = axis, origin
+        origin = origin + slides[:, :, j] * axis
+        turned = turn @ crosses[:, j]
+        turn = turn + sines[:, :, j] * turned + versines[:, :, j] * (turned @ crosses[:, j])
+    points = stack.points[:, None]
+    tip = apply(turn, stack.tips) + points * origin
+    arms = tip[:, :, None] - points[:, None] * origins
+    turning = axes * stack.turning[..., None]
+    b = cross(turning, arms) + axes * (stack.sliding * points)[..., None]
+    return StackMotion(tip, turning, b)
+
+
+class Derivatives(NamedTuple):
+    """φ (B, m), φ_θ (B, m, n′), φ_θθ (B, m, n′, n′) and |∂x_c/∂θ_j| of the chains (B, C, k)."""
+
+    phi: Array
+    jacobian: Array
+    hessian: Array
+    arms: Array
+
+
+def derivatives(system: ClosureSystem, stack: ChainStack, theta: Array) -> Derivatives:
+    """φ, φ_θ and φ_θθ at θ (B, n′)."""
+    phi, jacobian, motion = first_order(system, stack, theta)
+    hessian = np.zeros((len(theta), system.m, system.n_free, system.n_free))
+    second = _second(motion)
+    k = stack.joints.shape[1]
+    for row, chain in enumerate(system.chains):
+        rows = np.flatnonzero(np.any(chain.weights != 0.0, axis=1))
+        first = k - len(chain.joints)
+        part = second[:, row, first:, first:] @ chain.weights[rows].T
+        hessian[np.ix_(np.arange(len(theta)), rows, chain.joints, chain.joints)] += np.moveaxis(part, 3, 1)
+    return Derivatives(phi, jacobian, hessian, np.linalg.norm(motion.b, axis=3))
+
+
+def first_order(system: ClosureSystem, stack: ChainStack, theta: Array) -> tuple[Array, Array, StackMotion]:
+    """φ (B, m), φ_θ (B, m, n′) and the chains at θ (B, n′)."""
+    motion = move(stack, theta)
+    phi = (theta[:, None] @ system.couplings.T)[:, 0] + system.offset
+    for row in np.flatnonzero(system.moduli):
+        phi[:, row] -= system.moduli[row] * np.round(phi[:, row] / system.moduli[row])
+    phi = phi + np.sum(apply(stack.weights, motion.x), axis=1)
+    columns = motion.b @ np.swapaxes(stack.weights, 1, 2)
+    flat = columns.reshape(len(theta), stack.joints.size, system.m)
+    return phi, system.couplings + np.swapaxes(flat, 1, 2) @ stack.placement, motion
+
+
+def _second(motion: StackMotion) -> Array:
+    """∂²x/∂θ_i∂θ_j = a_i × b_j for i ≤ j along the chain, of shape (B, C, k, k, 3)."""
+    product = cross(motion.a[:, :, :, None], motion.b[:, :, None])
+    upper = np.triu(np.ones(product.shape[2:4], dtype=np.bool_))
+    return np.where(upper[:, :, None], product, np.swapaxes(product, 2, 3))
+
+
+def third_along(system: ClosureSystem, stack: ChainStack, theta: Array, turn: Array) -> Array:
+    """Σ_k ∂³φ/∂θ_i∂θ_j∂θ_k v_k at θ (B, n′) for v of shape (B, n′), of shape (B, m, n′, n′)."""
+    motion, rates = move(stack, theta), gather(stack, turn)
+    k, size = stack.joints.shape[1], system.n_free
+    first, middle, last = np.sort(np.indices((k, k, k)).reshape(3, -1), axis=0)
+    product = cross(motion.a[:, :, first], cross(motion.a[:, :, middle], motion.b[:, :, last]))
+    tensor = product.reshape(*motion.b.shape[:2], k * k, k, 3)
+    turned = (rates[:, :, None, None] @ tensor)[..., 0, :] @ np.swapaxes(stack.weights, 1, 2)
+    parts = np.moveaxis(turned.reshape(*motion.b.shape[:2], k, k, system.m), 4, 1)
+    place = stack.placement.reshape(-1, k, size)
+    return np.asarray((np.swapaxes(place, 1, 2) @ parts @ place).sum(axis=2))
