@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from ccpin.validated.tape import Tape
+from ccpin.validated.arithmetic.tape import Tape
+from ccpin.validated.model.closed_loop import ClosedLoop
 
 
 def parabola():
@@ -21,7 +22,11 @@ def lines(*slopes):
     q, *x, v = tape.inputs
     slopes = [exact(c) for c in slopes]
     return loop(
-        tape, 1 + len(slopes), 1, [a - q * c for a, c in zip(x, slopes, strict=True)], [v, *(v * c for c in slopes), q * 0 + v]
+        tape,
+        1 + len(slopes),
+        1,
+        [a - q * c for a, c in zip(x, slopes, strict=True)],
+        [v, *(v * c for c in slopes), q * 0 + v],
     )
 
 
@@ -37,16 +42,30 @@ def linear(stiffness, damping):
     return loop(tape, n, n, [], [*v, *pull])
 
 
+class KnownLoop(SimpleNamespace):
+    """What a `ClosedLoop` tells, as far as it is asked for."""
+
+    at_rest = ClosedLoop.at_rest
+
+
 def exact(value):
-    from ccpin.validated.balls import rational
+    from ccpin.validated.arithmetic.balls import rational
 
     return rational(value)
 
 
 def loop(tape, n_x, n, closure, field, **more):
     """A closed loop of recorded rows and rates; the first n numbers are q."""
-    known = {"wrapped": (), "upright": (), "efforts": None, "gains": None, "turns": (), "left_out": None, "scalar": True}
-    return SimpleNamespace(
+    known = {
+        "wrapped": (),
+        "upright": (),
+        "efforts": None,
+        "gains": None,
+        "turns": (),
+        "left_out": None,
+        "scalar": True,
+    }
+    return KnownLoop(
         n_x=n_x,
         n=n,
         independent=tuple(range(n)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from tests.mutants.room import Excused, Room
 
-_WIDE = ("validated/test_sharp_wide.py",)
+_WIDE = ("validated/arithmetic/test_sharp_ball_arrays.py",)
 _RECORDED = (
     *(
         f"validated/test_joints.py::test_recorded_dynamics[{name}]"
@@ -21,30 +21,30 @@ _RECORDED = (
             "redundant",
         )
     ),
-    "validated/test_sharp_recorded.py",
-    "validated/test_validated.py::test_recorded_dynamics[slider_crank-stated1]",
+    "validated/model/test_sharp_recorded.py",
+    "validated/model/test_recorded_loop.py::test_recorded_dynamics[slider_crank-stated1]",
 )
 _RANDOM = "validated/test_joints.py::test_random_mechanisms_of_every_kind[6]"
-_MOTIONS = ("validated/test_sharp_motions.py",)
-_TUBES = ("validated/test_sharp_tubes.py",)
-_STEP = ("validated/test_sharp_step.py",)
-_BOXES = ("validated/test_sharp_boxes.py",)
+_MOTIONS = ("validated/flow/test_sharp_motions.py",)
+_TUBES = ("validated/sets/test_sharp_state_tubes.py",)
+_STEP = ("validated/flow/test_sharp_step.py",)
+_BOXES = ("validated/sets/test_sharp_state_boxes.py",)
 _SMALLER = ("0.001", "0.0001", "1e-06", "1e-08", "1e-10")
-_DEFECT = ("validated/test_sharp_defect.py",)
-_PROGRAMS = ("validated/test_sharp_programs.py",)
+_DEFECT = ("validated/flow/test_sharp_defect.py",)
+_PROGRAMS = ("validated/arithmetic/test_sharp_programs.py",)
 ROOMS: tuple[Room, ...] = (
     Room(
-        "validated/wide",
+        "validated/arithmetic/ball_arrays",
         (
             "_UNIT",
             "_LEAST",
             "_OUT",
             "_TRIGONOMETRIC",
-            "Wide.__add__",
-            "Wide.__sub__",
-            "Wide.__mul__",
-            "Wide.__matmul__",
-            "Wide.size",
+            "BallArray.__add__",
+            "BallArray.__sub__",
+            "BallArray.__mul__",
+            "BallArray.__matmul__",
+            "BallArray.size",
             "raised",
             "hull",
             "of_balls",
@@ -55,13 +55,13 @@ ROOMS: tuple[Room, ...] = (
         (("reach = np.maximum(", "minimum instead", "they differ by the middle's rounding, which is counted below"),),
     ),
     Room(
-        "validated/balls",
+        "validated/arithmetic/balls",
         ("_put_together", "around", "finite", "gain"),
         _WIDE,
         (("if not z < 1", "left × 0.5", "from half a turn on the function is no number, nor is a hull of it"),),
     ),
     Room(
-        "validated/tape",
+        "validated/arithmetic/tape",
         ("Tape.sincos", "Tape.derivative", "Tape.program", "Tape._slope", "Tape._record", "is_zero"),
         _PROGRAMS,
         (
@@ -70,7 +70,7 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "validated/series",
+        "validated/arithmetic/series",
         (
             "_values",
             "_value",
@@ -95,15 +95,15 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "validated/jets",
+        "validated/arithmetic/jets",
         (
-            "_Run.__init__",
-            "_Run.visit",
-            "_Run.product",
-            "_Run.composed",
-            "_Run.trigonometric",
-            "_Run.solution",
-            "_Run.table",
+            "_JetEvaluation.__init__",
+            "_JetEvaluation.visit",
+            "_JetEvaluation.product",
+            "_JetEvaluation.composed",
+            "_JetEvaluation.trigonometric",
+            "_JetEvaluation.solution",
+            "_JetEvaluation.table",
             "narrowed",
             "_narrower",
             "_shared",
@@ -115,13 +115,13 @@ ROOMS: tuple[Room, ...] = (
         (
             ("[None] * (size - len(inputs))", "without len(inputs)", "values that no one asks for"),
             ("if self.order >= 1", "left × 2", "the same of whole numbers"),
-            ("list[Wide | None](jet)", "not asked", "a type, which says nothing"),
+            ("list[BallArray | None](jet)", "not asked", "a type, which says nothing"),
             ("if x is None or rate is None", "not asked: x is None", "where a derivative is zero, so are the next"),
             ("better = found.rad < x.rad[half:]", "left × 0.5", "the value is in both"),
         ),
     ),
     Room(
-        "validated/chains",
+        "validated/model/recorded_tree",
         (
             "ExactJoint.turning_axes",
             "exact_joints",
@@ -144,39 +144,38 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "validated/mechanics",
-        ("closed", "dynamic_terms", "with_springs", "_motions"),
+        "validated/model/recorded_forces",
+        ("closure_terms", "dynamic_terms", "with_springs", "_body_rates"),
         _RECORDED,
         (
-            ("k in q.velocities if k >= 0]", "k >= 0: left × 2", "of the same sign"),
-            ("in enumerate(q.velocities) if k", "left ×", "of the same sign"),
             ("right[row, entries] = -psi[row, known]", "left out", "zeros: such a row is of other velocities"),
             ("x_rate[list(q.places)] = v", "left out", "the same by what ρ is, only in wider balls"),
         ),
     ),
     Room(
-        "validated/dynamics",
-        ("closed_loop", "too_far_turned", "_independent_rows", "_sprung", "_unit_lengths"),
+        "validated/model/closed_loop",
+        ("recorded_loop", "too_far_turned", "_independent_rows", "_sprung", "_unit_lengths"),
         _RECORDED,
         (
-            ("if law is not None and not isinstance(law, NoTorque)", "not asked: not", "asks for more than is needed"),
+            ("if told is not None and not told.idle", "not asked: not", "asks for more than is needed"),
             ("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),
         ),
     ),
-    Room("validated/laws", ("acting", "_goal", "efforts"), _RECORDED),
+    Room("validated/model/closed_loop", ("ClosedLoop.at_rest",), _BOXES),
+    Room("validated/model/recorded_laws", ("law_terms", "_goal", "efforts", "require_sampled"), _RECORDED),
     Room(
-        "validated/places",
-        ("chosen", "_windows", "numbers_of", "on_manifold", "unwound", "configuration"),
+        "validated/model/recorded_coordinates",
+        ("layout_of", "_windows", "numbers_of", "on_manifold", "unwound", "configuration"),
         (*_RECORDED, _RANDOM),
     ),
     Room(
-        "validated/turns",
+        "validated/model/ball_joints",
         ("BallTurn.relative", "ball_at", "turns_of", "turn_rows", "turn_rates", "upright"),
         (*_RECORDED, _RANDOM),
-        (("sign = 1 if float(near", "left × 2", "of the same sign"),),
+        (("sign = 1 if float(near", "0 left out", "half a turn away either sign is as near"),),
     ),
     Room(
-        "validated/step",
+        "validated/flow/step",
         ("QUANTUM", "evaluate", "attempt", "_piece", "_exponential", "march"),
         _STEP,
         (
@@ -186,10 +185,11 @@ ROOMS: tuple[Room, ...] = (
             ("_SINGULAR + ", "", "words"),
         ),
     ),
-    Room("validated/slices", ("instants_of",), _STEP),
+    Room("validated/sets/propagation", ("instants_of",), _STEP),
+    Room("validated/flow/regularity", ("signed_determinant",), _MOTIONS),
     Room(
-        "validated/closing",
-        ("_UNIQUE", "closed_start", "unique_there", "krawczyk", "_assemble", "at_rest"),
+        "validated/flow/closing",
+        ("_UNIQUE", "closed_start", "unique_there", "krawczyk", "_assemble"),
         _BOXES,
         (
             ("_UNIQUE =", "0.01 × 0.", "smaller is asking for more"),
@@ -197,7 +197,7 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "validated/branch",
+        "validated/sets/branch",
         ("closed_boxes", "states_of", "_write", "jets_of", "_inputs"),
         (*_BOXES, _TUBES[0] + "::test_tubes_of_linear_flows_reach_their_corners"),
         (
@@ -207,8 +207,8 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "validated/curvature",
-        ("_middles", "boxes", "_in_pieces", "curvature", "feedback", "_flow", "_flow_jets"),
+        "validated/sets/curvature",
+        ("_middles", "boxes", "_in_pieces", "curvature_over", "feedback", "_flow", "_flow_jets"),
         (*_BOXES, _TUBES[0] + "::test_tubes_of_linear_flows_reach_their_corners"),
         (
             ("[:, list(loop.independent)] + _POINT", "without _POINT", "a box of any size that is proved holds σ"),
@@ -218,20 +218,17 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room(
-        "validated/crossing",
-        ("signed_determinant", "sign_of", "crossing", "_other_coordinates", "_state", "_located", "witness_of"),
-        (*_MOTIONS, "validated/test_crossing_signs.py"),
+        "validated/flow/crossing",
+        ("sign_of", "find_crossing", "_other_coordinates", "_located", "witness_of"),
+        (*_MOTIONS, "validated/flow/test_crossing_signs.py"),
         (
-            ("at_rest = [*box[: loop.n_x]", "without loop.n_x", "inputs that no one asks for"),
             ("return int(lower(value)", "0 let in", "`lower` is below what it bounds"),
-            ("return int(lower(value)", "left × 0.5", "of the same sign"),
-            ("lambda box: max(0.0", "min instead of max", "proves no step"),
             ("if found == 0 or not first < middle", "not asked: not first", "where halving ends"),
             ("middle = 0.5 * (first + last)", "0.5 × ", "where halving looks"),
         ),
     ),
     Room(
-        "validated/arrival",
+        "validated/sets/arrival",
         (
             "_MARGIN",
             "unconnected",
@@ -241,23 +238,20 @@ ROOMS: tuple[Room, ...] = (
             "SetArrival.__call__",
             "SetArrival._highest",
         ),
-        (*_MOTIONS, "validated/test_one_turn_on.py::test_where_the_lyapunov_function_is_one_function"),
+        (*_MOTIONS, "validated/sets/test_one_turn_on.py::test_where_the_lyapunov_function_is_one_function"),
         (
             ("if regularity > 0 and room_left > 0", "0 let in", "0 either way"),
             ("options._replace(shortest=2.0**-12)", "2 × ", "how far a step is shortened before it is given up"),
         ),
     ),
     Room(
-        "validated/certificate",
+        "validated/sets/move",
         ("certify_move", "_of_a_set", "_run", "_level"),
         _MOTIONS,
-        (
-            ("< 0.0 and never", "left × 0.5", "of the same sign"),
-            ("assert not isinstance(arrival", "", "what holds of any that is told apart before"),
-        ),
+        (("assert not isinstance(arrival", "", "what holds of any that is told apart before"),),
     ),
     Room(
-        "validated/enclose",
+        "validated/flow/enclosure",
         (
             "Enclosure.smallest_determinant",
             "Enclosure.inputs",
@@ -265,24 +259,22 @@ ROOMS: tuple[Room, ...] = (
             "Enclosure._nearest",
             "Enclosure.energy",
             "enclose",
-            "exact_q",
             "collect",
             "left_open",
             "_bounds",
         ),
         _MOTIONS,
-        (("if k < 0", "left × 0.5", "of the same sign"),),
     ),
+    Room("validated/flow/motion_task", ("exact_q",), _MOTIONS),
     Room(
-        "validated/sets",
+        "validated/sets/set_enclosure",
         ("SetEnclosure.contains", "enclose_set", "starts_of"),
         _MOTIONS,
-        (("np.all((width >= 0.0)", "width >= 0.0: left × 2", "of the same sign"),),
     ),
-    Room("validated/tube", ("advance", "_fitting", "_stretch", "_terms"), _TUBES),
-    Room("validated/growing", ("first_section", "fastest_rate", "sampled_section", "grow"), _TUBES),
+    Room("validated/sets/tube_theorem", ("advance", "_fitting", "_stretch", "_terms"), _TUBES),
+    Room("validated/sets/propagation", ("first_section", "fastest_rate", "sampled_section", "grow"), _TUBES),
     Room(
-        "validated/tubes",
+        "validated/sets/subdivision",
         (
             "_COVERING",
             "Starts.halves",
@@ -298,7 +290,7 @@ ROOMS: tuple[Room, ...] = (
         _TUBES,
     ),
     Room(
-        "validated/defect",
+        "validated/flow/defect",
         (
             "sizes_along",
             "_AlongPolynomial.over",
@@ -319,23 +311,41 @@ ROOMS: tuple[Room, ...] = (
 
 _CHOSEN = "chooses the length of a step, which `attempt` proves"
 EXCUSED: tuple[Excused, ...] = (
-    Excused("validated/arrival", ("_RETRY",), "when `unconnected` is asked again"),
-    Excused("validated/certificate", ("_RETRY",), "when `unconnected` is asked again"),
-    Excused("validated/enclose", ("SHORTEST_STEP",), "how far a step is shortened before it is given up"),
-    Excused("validated/enclose", ("checked_options",), "which arguments are refused: those let in are only slow or useless"),
-    Excused("validated/sets", ("checked_cut", "told"), "which arguments are refused, and words"),
-    Excused("validated/tube", ("_TIGHT", "frames"), "frames and bounds that are tried: `_fitting` asks what is proved"),
+    Excused("validated/sets/arrival", ("RETRY",), "when `unconnected` is asked again"),
+    Excused("validated/flow/step", ("SHORTEST_STEP",), "how far a step is shortened before it is given up"),
     Excused(
-        "validated/growing",
-        ("_FINE", "_STRIDE", "_ROOM", "_AIR", "_THINNEST", "_GROWTH", "_PARALLEL", "_turned", "growth"),
+        "validated/flow/motion_task",
+        ("_check_options",),
+        "which arguments are refused: those let in are only slow or useless",
+    ),
+    Excused("validated/sets/set_enclosure", ("checked_cut", "told"), "which arguments are refused, and words"),
+    Excused(
+        "validated/sets/tube_theorem",
+        ("_TIGHT", "frames"),
+        "frames and bounds that are tried: `_fitting` asks what is proved",
+    ),
+    Excused(
+        "validated/sets/propagation",
+        ("_FINE", "_STRIDE", "_ROOM", "_AIR", "_THINNEST", "_GROWTH", "_PARALLEL", "_turned", "_units", "growth"),
         "how slices, frames and room are chosen; `advance` proves the tube with any",
     ),
-    Excused("validated/tubes", ("_tube",), "words, and the numbers in them"),
-    Excused("validated/step", ("_GROWTH", "_longest", "_blown_up", "_correction", "_affordable"), _CHOSEN),
-    Excused("validated/closing", ("_newton", "_sharpened"), "looks for numbers with which `krawczyk` may hold"),
-    Excused("validated/branch", ("_INFLATION", "_SMALLEST"), "radii that are tried: Krawczyk's condition is asked of each"),
-    Excused("validated/branch", ("nearly_closed",), "Newton's method proposes centres; `closed_boxes` proves boxes there"),
-    Excused("validated/curvature", ("_POINT", "_LARGER"), "sizes of boxes that are tried: each is proved to hold σ"),
-    Excused("validated/laws", ("SetPointLaw",), "a type"),
-    Excused("validated/balls", ("flint",), "python-flint is imported, with what copies a ball: found or not"),
+    Excused("validated/sets/subdivision", ("_tube",), "words, and the numbers in them"),
+    Excused("validated/flow/step", ("_GROWTH", "_longest", "_blown_up", "_correction", "_affordable"), _CHOSEN),
+    Excused("validated/flow/closing", ("_newton", "_sharpened"), "looks for numbers with which `krawczyk` may hold"),
+    Excused(
+        "validated/sets/branch",
+        ("_INFLATION", "_SMALLEST"),
+        "radii that are tried: Krawczyk's condition is asked of each",
+    ),
+    Excused(
+        "validated/sets/branch",
+        ("nearly_closed",),
+        "Newton's method proposes centres; `closed_boxes` proves boxes there",
+    ),
+    Excused(
+        "validated/sets/curvature", ("_POINT", "_LARGER"), "sizes of boxes that are tried: each is proved to hold σ"
+    ),
+    Excused(
+        "validated/arithmetic/balls", ("flint",), "python-flint is imported, with what copies a ball: found or not"
+    ),
 )

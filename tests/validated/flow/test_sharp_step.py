@@ -8,17 +8,17 @@ from scipy.linalg import expm
 
 pytest.importorskip("flint")
 
-from ccpin.validated import crossing as crossings
-from ccpin.validated import slices
-from ccpin.validated.balls import ball, flint
-from ccpin.validated.defect import defect
-from ccpin.validated.series import all_series
-from ccpin.validated.step import (
+from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.series import all_series
+from ccpin.validated.arithmetic.tape import Tape
+from ccpin.validated.flow import crossing as crossings
+from ccpin.validated.flow.defect import defect_along
+from ccpin.validated.flow.step import (
     QUANTUM,
-    Field,
-    Options,
+    ProvenStep,
     Start,
-    Step,
+    StepOptions,
+    WatchedField,
     _piece,
     _RefusedError,
     attempt,
@@ -26,7 +26,7 @@ from ccpin.validated.step import (
     march,
     start_of,
 )
-from ccpin.validated.tape import Tape
+from ccpin.validated.sets.propagation import instants_of
 
 J = np.array([[-1.0, 0.5], [-2.0, 0.25]])
 PLUS = np.array([[0.0, 0.5], [2.0, 0.25]])  # M⁺
@@ -57,9 +57,7 @@ def test_a_piece_grows_by_the_exponentials_of_its_slopes():
     """ē = exp(M⁺δ)(e + δd), e⁺ = exp(Mδ)e + exp(M⁺δ)δd, |off-diagonal| entries, the diagonal's with their sign."""
     error, added, share = np.array([1e-3, 2e-3]), np.array([1e-4, 3e-4]), 0.5
     path = [flint().arb(1.0, 0.25), flint().arb(-2.0, 0.125)]
-    tube, during, after = _piece(
-        linear(J), path, [ball(x) for x in error], [ball(x) for x in added], ball(share)
-    )
+    tube, during, after = _piece(linear(J), path, [ball(x) for x in error], [ball(x) for x in added], ball(share))
     expected = expm(PLUS * share) @ (error + added)
     np.testing.assert_allclose(floats(during), expected, rtol=1e-9)
     np.testing.assert_allclose(floats(after), expm(MINUS * share) @ error + expm(PLUS * share) @ added, rtol=1e-9)
@@ -98,8 +96,8 @@ def test_a_step_by_the_theorem():
         seen.append(box)
         return next(asked)
 
-    step = attempt(Field(program, quantity), start, series, h, 2)
-    d = floats(defect(program, series, ball(h)))
+    step = attempt(WatchedField(program, quantity), start, series, h, 2)
+    d = floats(defect_along(program, series, ball(h)))
     assert np.all(d > 0.0)
     half = 0.5 * h
     e, largest = np.array([1e-3, 2e-3]), np.zeros(2)
@@ -120,9 +118,9 @@ def test_the_defect_enters_by_its_share_of_each_piece():
     program = linear(1e-6 * J)
     series = all_series(program, [ball(1.0), ball(-0.5)], 2)
     start = Start([ball(1.0), ball(-0.5)], [ball(0), ball(0)])
-    d = floats(defect(program, series, ball(0.25)))
+    d = floats(defect_along(program, series, ball(0.25)))
     for pieces in (1, 2, 4):
-        step = attempt(Field(program, lambda box: 1.0), start, series, 0.25, pieces)
+        step = attempt(WatchedField(program, lambda box: 1.0), start, series, 0.25, pieces)
         np.testing.assert_allclose(floats(step.end.radius), 0.25 * d, rtol=1e-5)
 
 
@@ -131,7 +129,7 @@ def test_the_pieces_are_those_of_the_step():
     tape = Tape(1)
     program = tape.program([tape.node(1)])
     start = Start([ball(3.0)], [ball(0)])
-    step = attempt(Field(program, lambda box: 1.0), start, all_series(program, start.centre, 2), 0.5, 4)
+    step = attempt(WatchedField(program, lambda box: 1.0), start, all_series(program, start.centre, 2), 0.5, 4)
     for k, (box,) in enumerate(step.boxes):
         assert float(box.lower()) == pytest.approx(3.0 + 0.125 * k, rel=1e-9)
         assert float(box.upper()) == pytest.approx(3.125 + 0.125 * k, rel=1e-9)
@@ -144,19 +142,21 @@ def test_a_quantity_that_is_not_proved_positive_is_refused(quantity):
     program = tape.program([tape.node(1)])
     start = Start([ball(3.0)], [ball(0)])
     series = all_series(program, start.centre, 2)
-    assert "nonsingular" in attempt(Field(program, lambda box: quantity), start, series, 0.5, 4)
-    assert attempt(Field(program, lambda box: 1.0, lambda box: "this"), start, series, 0.5, 4) == "this"
+    assert "nonsingular" in attempt(WatchedField(program, lambda box: quantity), start, series, 0.5, 4)
+    assert attempt(WatchedField(program, lambda box: 1.0, lambda box: "this"), start, series, 0.5, 4) == "this"
 
 
 @pytest.mark.parametrize(("duration", "longest"), [(0.1, np.inf), (3.5 * 2.0**-4, 2.0**-4), (0.25, 0.25)])
 def test_a_march_ends_when_it_is_to(duration, longest):
     """No earlier than asked, no later than a multiple of 2⁻⁴⁰ s, all times exact."""
     assert Fraction(QUANTUM) == Fraction(1, 2**40)
-    options = Options(order=8, tolerance=1e-12, pieces=2, shortest=2.0**-4, longest=longest)
+    options = StepOptions(order=8, tolerance=1e-12, pieces=2, shortest=2.0**-4, longest=longest)
     if duration == 0.1:
         options = options._replace(shortest=2.0**-10)
-    steps = list(march(Field(linear(0.1 * J), lambda box: 1.0), [ball(1.0), flint().arb(2.0, 1e-9)], duration, options))
-    assert all(isinstance(step, Step) for step in steps)
+    steps = list(
+        march(WatchedField(linear(0.1 * J), lambda box: 1.0), [ball(1.0), flint().arb(2.0, 1e-9)], duration, options)
+    )
+    assert all(isinstance(step, ProvenStep) for step in steps)
     total = sum(Fraction(step.length) for step in steps)
     assert Fraction(duration) <= total < Fraction(duration) + Fraction(QUANTUM)
     assert max(step.length for step in steps) <= longest
@@ -168,8 +168,8 @@ def test_a_march_ends_when_it_is_to(duration, longest):
 def test_slices_cover_a_step_and_no_more():
     """Of x = 3 + 2t ± 0.25 over 2⁻³ s since 5 s, in three: times, halves, the middles and what is passed over."""
     units = 2**37 + 1
-    step = Step(units * QUANTUM, [[ball(3.0), ball(2.0)]], 0.0, [ball(0.25)], [], 1.0, start_of([ball(0)]))
-    found = slices.instants_of(step, 5.0, 3)
+    step = ProvenStep(units * QUANTUM, [[ball(3.0), ball(2.0)]], 0.0, [ball(0.25)], [], 1.0, start_of([ball(0)]))
+    found = instants_of(step, 5.0, 3)
     begin, end = found.time - 5.0 - found.half, found.time - 5.0 + found.half
     assert begin[0] == 0.0
     assert end[-1] == step.length
@@ -179,7 +179,7 @@ def test_slices_cover_a_step_and_no_more():
     np.testing.assert_allclose(found.middle.rad[:, 0], 0.25, rtol=1e-8)
     np.testing.assert_allclose(found.during.mid[:, 0], 3.0 + 2.0 * (found.time - 5.0), rtol=1e-15)
     np.testing.assert_allclose(found.during.rad[:, 0], 0.25 + 2.0 * found.half, rtol=1e-8)
-    twice = slices.instants_of(step, 5.0, 6)
+    twice = instants_of(step, 5.0, 6)
     assert set(begin) <= set(twice.time - 5.0 - twice.half)
 
 

@@ -1,7 +1,6 @@
 """What is told of enclosed motions: where they are, that they arrive, that they meet a singularity."""
 
 from dataclasses import replace
-from importlib import import_module
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,21 +10,24 @@ pytest.importorskip("flint")
 
 import ccpin
 from ccpin.errors import CcpinError, InvalidInputError
-from ccpin.validated import arrival, certificate, crossing, sets
-from ccpin.validated.balls import ball, flint
-from ccpin.validated.curvature import Instants
-from ccpin.validated.dynamics import closed_loop
-from ccpin.validated.enclose import collect, exact_q, left_open
-from ccpin.validated.step import Step, Stuck, start_of
-from ccpin.validated.tape import Tape
-from ccpin.validated.tube import Slice
-from ccpin.validated.tubes import TOO_EARLY
-from ccpin.validated.wide import Wide
+from ccpin.validated.arithmetic.ball_arrays import BallArray
+from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.tape import Tape
+from ccpin.validated.flow import crossing, regularity
+from ccpin.validated.flow import enclosure as enclosing
+from ccpin.validated.flow.enclosure import collect, left_open
+from ccpin.validated.flow.motion_task import exact_q
+from ccpin.validated.flow.step import ProvenStep, Stuck, start_of
+from ccpin.validated.model.closed_loop import recorded_loop
+from ccpin.validated.sets import arrival, move
+from ccpin.validated.sets import set_enclosure as sets
+from ccpin.validated.sets.curvature import Instants
+from ccpin.validated.sets.subdivision import TOO_EARLY
+from ccpin.validated.sets.tube_theorem import TimeSlice
 from tests.oracles import rpdr as oracle
 from tests.support.paper import GOAL, K_P, K_V, START
 from tests.support.parabola import parabola
 
-enclosing = import_module("ccpin.validated.enclose")  # whose name in the package is the function's
 FREE = [0, 2, 1, 3]
 
 
@@ -54,9 +56,12 @@ def jointed(**more):
 def line(begin, length, errors=(0.0, 0.25, 0.5), quantity=1.0):
     """A step of q = begin + t, y = 2, v = 3 − t."""
     polynomial = [[ball(begin), ball(1)], [ball(2), ball(0)], [ball(3), ball(-1)]]
-    boxes = [[arb(begin + length / 2, length), arb(2, 0.5), arb(3, 1)], [arb(begin, 2 * length), arb(2, 0.25), arb(3, 2)]]
+    boxes = [
+        [arb(begin + length / 2, length), arb(2, 0.5), arb(3, 1)],
+        [arb(begin, 2 * length), arb(2, 0.25), arb(3, 2)],
+    ]
     end = [ball(begin + length), arb(2, 0.125), arb(3 - length, 0.0625)]
-    return Step(length, polynomial, 0.0, [ball(e) for e in errors], boxes, quantity, start_of(end))
+    return ProvenStep(length, polynomial, 0.0, [ball(e) for e in errors], boxes, quantity, start_of(end))
 
 
 def enclosed(**more):
@@ -152,21 +157,21 @@ def test_rows_left_out_are_bounded():
     one.left_out = tape.program([q - y * 3])
     assert left_open(one, step) == pytest.approx(first, rel=1e-6)
     one.left_out = tape.program([q * y])  # a product of inputs
-    assert 8.0 < left_open(one, step)
+    assert left_open(one, step) > 8.0
 
 
 def test_exact_starts_on_circles_are_in_the_turn_of_what_they_are_near():
     described = ccpin.load("rpdr").description
     joints = tuple(replace(j, kind="continuous", lower=-np.inf, upper=np.inf) for j in described.joints)
     model = ccpin.ReducedModel(ccpin.load(replace(described, joints=joints)))
-    one = closed_loop(model, None)
+    one = recorded_loop(model, None)
     near = one.near.copy()
     near[one.independent[0]], near[one.independent[1]] = 4 * np.pi + 0.3, -2 * np.pi - 0.2
     q = np.array([np.cos(0.5), np.sin(0.5), np.cos(-0.4), np.sin(-0.4)]) * 2.0
     found = [float(x.mid()) for x in exact_q(model, one._replace(near=near), q)]
     np.testing.assert_allclose(found, [4 * np.pi + 0.5, -2 * np.pi - 0.4])
     planar = ccpin.ReducedModel(ccpin.load("rpdr"))
-    far = closed_loop(planar, None)._replace(near=np.full(4, 9 * np.pi))
+    far = recorded_loop(planar, None)._replace(near=np.full(4, 9 * np.pi))
     assert [float(x) for x in exact_q(planar, far, START)] == START.tolist()
     slide = SimpleNamespace(q=slice(0, 1), whole=None, kind=SimpleNamespace(unit=2), slides=(True,))
     held = SimpleNamespace(coordinates=SimpleNamespace(parts=[slide]))
@@ -182,7 +187,7 @@ def marched(monkeypatch, rpdr_model):
     def run(steps, law=None):
         asked = []
         monkeypatch.setattr(enclosing, "march", lambda *_: iter(steps))
-        monkeypatch.setattr(enclosing, "crossing", lambda *given: asked.append(given))
+        monkeypatch.setattr(enclosing, "find_crossing", lambda *given: asked.append(given))
         told = []
 
         def collected(loop, start, steps, reason, precision, met):
@@ -214,14 +219,14 @@ def test_a_free_motion_that_is_stuck_is_asked_for_a_singularity(marched, rpdr_mo
 
 def test_determinants_are_those_of_the_closed_form(rpdr_model):
     """± a₃a₄ sin of the fold, whatever the speeds; 1 where nothing depends."""
-    one = closed_loop(rpdr_model, None)
+    one = recorded_loop(rpdr_model, None)
     for q in (START, GOAL):
         q_free = oracle.sigma(q, 1.0)[FREE]
         exact = oracle.A3 * oracle.A4 * np.sin(oracle.fold(q_free[FREE]))
         for speeds in (None, [3.0, -2.0]):
-            found = crossing.signed_determinant(one, [ball(float(x)) for x in (*q_free, *(speeds or []))])
+            found = regularity.signed_determinant(one, [ball(float(x)) for x in (*q_free, *(speeds or []))])
             assert abs(float(found.mid())) == pytest.approx(abs(exact), rel=1e-9)
-    assert crossing.signed_determinant(SimpleNamespace(n_x=0, field=one.field, jacobian=SimpleNamespace(outputs=())), []) == ball(1)
+    assert regularity.signed_determinant(SimpleNamespace(jacobian=SimpleNamespace(outputs=())), []) == ball(1)
 
 
 class Followed:
@@ -230,7 +235,7 @@ class Followed:
     def __init__(self, monkeypatch, lengths, errors, stop=None):
         begins = 0.5 + np.cumsum([0.0, *lengths[:-1]])
         steps = [
-            Step(h, [[ball(t - 1.0), ball(1)]], 0.0, [ball(e)], [], 1.0, start_of([ball(t + h - 1.0)]))
+            ProvenStep(h, [[ball(t - 1.0), ball(1)]], 0.0, [ball(e)], [], 1.0, start_of([ball(t + h - 1.0)]))
             for t, h, e in zip(begins, lengths, errors, strict=True)
         ]
         self.located = []
@@ -242,7 +247,7 @@ class Followed:
 
     def run(self, **more):
         known = SimpleNamespace(**{"left_out": None, "turns": (), **more})
-        return crossing.crossing(None, known, [ball(-0.5)], 0.5, 1.0, None)
+        return crossing.find_crossing(None, known, [ball(-0.5)], 0.5, 1.0, None)
 
 
 def test_a_crossing_is_located_since_the_sign_was_last_proved(monkeypatch):
@@ -275,9 +280,9 @@ def test_crossings_that_are_not_told(monkeypatch):
 
 def test_boxes_of_a_motion_at_times():
     step = line(4.0, 0.25)
-    q, y, v = crossing._state(step, 0.125)
+    q, y, v = step.box(ball(0.125))
     assert (float(q.mid()), float(y.rad()), float(v.mid())) == pytest.approx((4.125, 0.25, 2.875))
-    assert crossing._state(step, arb(0.125, 0.125))[0].contains(ball(4.25))
+    assert step.box(arb(0.125, 0.125))[0].contains(ball(4.25))
 
 
 def test_witnesses_hold_the_box():
@@ -291,7 +296,7 @@ def test_witnesses_hold_the_box():
 
 def test_other_coordinates_measure_the_same_motion(monkeypatch, rpdr_model):
     """Their rates are those of the motion; the same ones, ones with no rates and turns of balls are refused."""
-    one = closed_loop(rpdr_model, None)
+    one = recorded_loop(rpdr_model, None)
     q_free, v = oracle.sigma(START, 1.0)[FREE], np.array([1.0, -2.0])
     here = [ball(float(x)) for x in (*q_free, *v)]
     monkeypatch.setattr(crossing, "best_independent", lambda *_: ("joint1", "joint3"))
@@ -300,13 +305,13 @@ def test_other_coordinates_measure_the_same_motion(monkeypatch, rpdr_model):
     assert other.independent != one.independent
     np.testing.assert_allclose([float(x.mid()) for x in box], [*q_free, *rates[list(other.independent)]], atol=1e-9)
     for change in ({"independent": one.independent}, {"scalar": False}, {"turns": (1,)}):
-        monkeypatch.setattr(crossing, "closed_loop", lambda *_, c=change: other._replace(**c))
+        monkeypatch.setattr(crossing, "recorded_loop", lambda *_, c=change: other._replace(**c))
         assert crossing._other_coordinates(rpdr_model, one, here) is None
 
     def fails(*_):
         raise CcpinError
 
-    monkeypatch.setattr(crossing, "closed_loop", fails)
+    monkeypatch.setattr(crossing, "recorded_loop", fails)
     assert crossing._other_coordinates(rpdr_model, one, here) is None
 
 
@@ -320,7 +325,9 @@ def goal(level=2.0):
 @pytest.fixture
 def fakes(monkeypatch):
     """`unconnected` with everything told; what was asked."""
-    told = SimpleNamespace(determinant=1.0, value=1.0, unique=True, steps=[line(4.0, 0.25)], fields=[], marched=[], asked=[])
+    told = SimpleNamespace(
+        determinant=1.0, value=1.0, unique=True, steps=[line(4.0, 0.25)], fields=[], marched=[], asked=[]
+    )
     monkeypatch.setattr(arrival, "exact_q", lambda *_: [ball(5)])
     monkeypatch.setattr(arrival, "determinant_bound", lambda *_: told.determinant)
     monkeypatch.setattr(arrival, "lyapunov", lambda *_: ball(told.value))
@@ -382,7 +389,7 @@ def test_the_lyapunov_function_is_counted_from_the_set_point():
 
 def test_levels_are_lowered_by_what_the_potential_is_off(rpdr_model):
     law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
-    one = closed_loop(rpdr_model, law)
+    one = recorded_loop(rpdr_model, law)
     found = arrival.goal_of(one, law, 2.0)
     told = rpdr_model.energy(GOAL, np.zeros(2), law.q_free_d).potential
     assert float(found.potential.mid()) == pytest.approx(told, abs=1e-9)
@@ -396,9 +403,9 @@ def test_levels_are_lowered_by_what_the_potential_is_off(rpdr_model):
 
 
 def cross_section(frame, bound, q=4.0, v=3.0, reach=(0.4, 0.9)):
-    middle = Wide(np.array([[q, q**0.5, v]]), np.full((1, 3), 1e-15))
+    middle = BallArray(np.array([[q, q**0.5, v]]), np.full((1, 3), 1e-15))
     at = Instants(np.ones(1), np.full(1, 1e-9), middle, middle)
-    return Slice(at, np.array(frame), None, None, None, np.array(bound), None, np.array(reach))
+    return TimeSlice(at, np.array(frame), None, None, None, np.array(bound), None, np.array(reach))
 
 
 def test_the_highest_value_on_a_cross_section_is_attained():
@@ -431,7 +438,8 @@ def test_a_cross_section_has_arrived_where_all_is_proved(monkeypatch):
     assert asked(piece) == ""
     assert asked.largest == 1.5
     for value, highest, missing, told in (
-        (2.0, 1.0, "", TOO_EARLY), (1.0, 2.0, "", "whole tube"), (1.0, np.nan, "", "whole tube"), (1.0, 1.0, "why", "why"),
+        (2.0, 1.0, "", TOO_EARLY), (1.0, 2.0, "", "whole tube"), (1.0, np.nan, "", "whole tube"),
+        (1.0, 1.0, "why", "why"),
     ):  # fmt: skip
         state.value, state.highest, state.missing = value, highest, missing
         assert told in arrival.SetArrival(jointed(), goal(2.0), None, 1)(piece)
@@ -456,9 +464,7 @@ def test_springs_that_make_another_energy_one_turn_on(steps, unit, independent, 
     assert not arrival.single_valued(known, law)
 
 
-@pytest.mark.parametrize(
-    ("gravity", "coupling", "held"), [(0.0, 0.0, True), (0.5, 0.0, False), (0.0, 0.5, False)]
-)
+@pytest.mark.parametrize(("gravity", "coupling", "held"), [(0.0, 0.0, True), (0.5, 0.0, False), (0.0, 0.5, False)])
 def test_angles_whose_errors_jump_half_a_turn_away(gravity, coupling, held):
     """Of either angle; what neither gravity nor a gain couples does not jump."""
     law = SimpleNamespace(
@@ -478,15 +484,16 @@ def test_angles_whose_errors_jump_half_a_turn_away(gravity, coupling, held):
 @pytest.fixture
 def moves(monkeypatch):
     """`_run` along steps whose 𝒱 is told."""
+
     def run(values, missing=(), single=True, stop=None):
         told, asked = iter(values), iter(missing)
-        monkeypatch.setattr(certificate, "lyapunov", lambda *_: ball(next(told)))
-        monkeypatch.setattr(certificate, "unconnected", lambda *_: next(asked, "not connected"))
-        monkeypatch.setattr(certificate, "single_valued", lambda *_: single)
-        monkeypatch.setattr(certificate, "regular", lambda _: None)
+        monkeypatch.setattr(move, "lyapunov", lambda *_: ball(next(told)))
+        monkeypatch.setattr(move, "unconnected", lambda *_: next(asked, "not connected"))
+        monkeypatch.setattr(move, "single_valued", lambda *_: single)
+        monkeypatch.setattr(move, "regular", lambda _: None)
         steps = [line(4.0, 0.25) for _ in values[1:]]
-        monkeypatch.setattr(certificate, "march", lambda *_: iter([*steps, *([stop] if stop else [])]))
-        return certificate._run(jointed(), [], goal(2.0), 1.0, None)
+        monkeypatch.setattr(move, "march", lambda *_: iter([*steps, *([stop] if stop else [])]))
+        return move._run(SimpleNamespace(loop=jointed(), duration=1.0, options=None), [], goal(2.0))
 
     return run
 
@@ -497,6 +504,7 @@ def test_moves_are_proven_refuted_or_neither(moves):
     assert (late.verdict, len(late.steps)) == ("proven", 2)
     assert "0.5 s" in late.reason
     assert moves([3.0, 2.0, 2.0], [""]).verdict == "undecided"
+    assert moves([3.0, 0.0], [""]).verdict == "proven"
     assert moves([-1.0], [""]).verdict == "refuted"
     assert moves([0.0, -1e-9], [""]).verdict == "refuted"
     assert moves([-1.0, -1.0], [""], single=False).verdict == "proven"
@@ -508,14 +516,14 @@ def test_moves_are_proven_refuted_or_neither(moves):
 
 def test_levels_come_from_certificates_or_are_numbers(rpdr_model):
     law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
-    assert certificate._level(2.5, law) == (2.5, False)
+    assert move._level(2.5, law) == (2.5, False)
     for rigorous in (True, False):
-        assert certificate._level(SimpleNamespace(level=2.5, rigorous=rigorous, law=law), law) == (2.5, rigorous)
+        assert move._level(SimpleNamespace(level=2.5, rigorous=rigorous, law=law), law) == (2.5, rigorous)
     for level in (0.0, -1.0, np.inf, np.nan):
         with pytest.raises(InvalidInputError):
-            certificate._level(SimpleNamespace(level=level, rigorous=True, law=law), law)
+            move._level(SimpleNamespace(level=level, rigorous=True, law=law), law)
         with pytest.raises(InvalidInputError):
-            certificate._level(level, law)
+            move._level(level, law)
 
 
 def test_sets_of_moves(monkeypatch):
@@ -523,10 +531,10 @@ def test_sets_of_moves(monkeypatch):
     asked = arrival.SetArrival(jointed(), goal(2.0), None, 1)
     asked.largest = 1.25
     parts = [SimpleNamespace(duration=t, enclosure=SimpleNamespace(start=[])) for t in (0.5, 0.75, 0.25)]
-    monkeypatch.setattr(certificate, "lyapunov", lambda *_: ball(7))
+    monkeypatch.setattr(move, "lyapunov", lambda *_: ball(7))
     for missing, verdict, highest in (("", "proven", 1.25), ("why", "undecided", np.inf)):
-        monkeypatch.setattr(certificate, "cover", lambda *_, m=missing: (parts, m))
-        found = certificate._of_a_set(SimpleNamespace(arrived=asked, loop=jointed()), None, 4)
+        monkeypatch.setattr(move, "cover", lambda *_, m=missing: (parts, m))
+        found = move._of_a_set(SimpleNamespace(arrived=asked, motion=SimpleNamespace(loop=jointed())), None, 4)
         assert (found.verdict, found.time, found.lyapunov, found.level) == (verdict, 0.75, highest, 2.0)
         assert found.lyapunov_start == pytest.approx(7.0)
 
@@ -534,14 +542,14 @@ def test_sets_of_moves(monkeypatch):
 def test_moves_from_sampled_levels_are_not_proven(monkeypatch, rpdr_model):
     """A number is the caller's; a certificate that was sampled leaves the move undecided. A spread in one is a set."""
     law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
-    made = certificate.MoveCertificate("proven", "so", None, 1.0, 3.0, 1.0, 2.0, False, None)
+    made = move.MoveCertificate("proven", "so", None, 1.0, 3.0, 1.0, 2.0, False, None)
     calls = []
-    monkeypatch.setattr(certificate, "without_dry_friction", lambda _: ", but")
-    monkeypatch.setattr(certificate, "_of_one", lambda *_: calls.append("one") or made)
-    monkeypatch.setattr(certificate, "_of_a_set", lambda *_: calls.append("set") or made)
+    monkeypatch.setattr(move, "without_dry_friction", lambda _: ", but")
+    monkeypatch.setattr(move, "_of_one", lambda *_: calls.append("one") or made)
+    monkeypatch.setattr(move, "_of_a_set", lambda *_: calls.append("set") or made)
 
     def told(given, spread=0.0):
-        return certificate.certify_move(rpdr_model, law, START, arrival=given, spread=spread)
+        return move.certify_move(rpdr_model, law, START, arrival=given, spread=spread)
 
     assert told(2.5).verdict == "proven"
     assert told(2).verdict == "proven"
@@ -551,7 +559,7 @@ def test_moves_from_sampled_levels_are_not_proven(monkeypatch, rpdr_model):
     assert "sampled" in sampled.reason
     assert sampled.reason.startswith("so")
     assert told(2.5).reason == "so, but"
-    monkeypatch.setattr(certificate, "_of_one", lambda *_: replace(made, verdict="refuted"))
+    monkeypatch.setattr(move, "_of_one", lambda *_: replace(made, verdict="refuted"))
     assert told(SimpleNamespace(level=2.5, rigorous=False, law=law)).verdict == "refuted"
     calls.clear()
     told(2.5, (1e-3, 0.0))
@@ -563,6 +571,7 @@ def test_moves_from_sampled_levels_are_not_proven(monkeypatch, rpdr_model):
 
 def test_a_state_is_in_one_of_the_tubes():
     """All its coordinates within ±1, wider by the tolerance; in any of the tubes."""
+
     def tube(*z):
         return SimpleNamespace(coordinates=lambda *_: np.array(z))
 
@@ -575,7 +584,8 @@ def test_a_state_is_in_one_of_the_tubes():
 
 @pytest.mark.parametrize("spread", [0.1, (0.1, 0.2), ([0.1, 0.3], 0.2), ([0.1, 0.0], [0.2, 0.4]), (0.0, 0.2)])
 def test_boxes_of_starts(rpdr_model, spread):
-    found = sets.starts_of(rpdr_model, closed_loop(rpdr_model, None), START, [1.0, 2.0], spread)
+    task = SimpleNamespace(model=rpdr_model, loop=recorded_loop(rpdr_model, None))
+    found = sets.starts_of(task, START, [1.0, 2.0], spread)
     pair = spread if isinstance(spread, tuple) else (spread, spread)
     np.testing.assert_array_equal(found.spread, np.concatenate([np.broadcast_to(p, 2) for p in pair]))
     np.testing.assert_array_equal(found.q, START)
@@ -584,8 +594,9 @@ def test_boxes_of_starts(rpdr_model, spread):
 
 @pytest.mark.parametrize("spread", [-0.1, (0.1, -0.2), ([0.1, -0.3], 0.2), np.inf, ([0.1] * 3, 0.1), (0.1, 0.1, 0.1)])
 def test_boxes_that_are_none(rpdr_model, spread):
+    task = SimpleNamespace(model=rpdr_model, loop=recorded_loop(rpdr_model, None))
     with pytest.raises(InvalidInputError, match="spread"):
-        sets.starts_of(rpdr_model, closed_loop(rpdr_model, None), START, None, spread)
+        sets.starts_of(task, START, None, spread)
 
 
 def test_a_set_of_starts_as_asked(monkeypatch, rpdr_model):
@@ -599,9 +610,9 @@ def test_a_set_of_starts_as_asked(monkeypatch, rpdr_model):
     assert found.reason == sets.told([None], "", 16)[1] + ", but"
     assert 0.001 <= jobs[0].period < 0.001 + 2.0**-40
     assert (jobs[0].period * 2.0**40).is_integer()
-    assert jobs[0].loop.efforts is not None
+    assert jobs[0].motion.loop.efforts is not None
     sets.enclose_set(rpdr_model, law, START, None, 0.01, spread=1e-3)
     assert jobs[1].period == np.inf
-    assert jobs[1].loop.efforts is None
+    assert jobs[1].motion.loop.efforts is None
     with pytest.raises(InvalidInputError, match="one motion"):
         sets.enclose_set(rpdr_model, law, START, None, 0.01, spread=0.0)

@@ -7,9 +7,9 @@ import pytest
 
 pytest.importorskip("flint")
 
-from ccpin.validated import balls
-from ccpin.validated.balls import ball, flint
-from ccpin.validated.wide import Wide, exactly, hull, inverse, of_balls, raised, sine_and_cosine
+from ccpin.validated.arithmetic import balls
+from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, hull, inverse, of_balls, raised, sine_and_cosine
+from ccpin.validated.arithmetic.balls import ball, flint
 
 U = 2.0**-53
 OUT = 1.0 + 2.0**-46
@@ -17,7 +17,7 @@ OUT = 1.0 + 2.0**-46
 
 def wide(mid, rad=0.0):
     mid = np.asarray(mid, float)
-    return Wide(mid, np.broadcast_to(np.asarray(rad, float), mid.shape).copy())
+    return BallArray(mid, np.broadcast_to(np.asarray(rad, float), mid.shape).copy())
 
 
 def test_what_is_rounded_up_is_above_some_hundred_roundings_and_underflows():
@@ -47,7 +47,7 @@ def test_sums_and_products_reach_the_ends_of_their_balls():
     assert (a - b).rad == pytest.approx([0.625, 1.25], rel=1e-12)
     assert (a - b).mid.tolist() == [-10.0, -3.0]
     assert (a * b).rad == pytest.approx([3.5 * 7.125 - 21.0, 2.25 * 6.0 - 10.0], rel=1e-12)
-    row, column = Wide(a.mid[None], a.rad[None]), Wide(b.mid[:, None], b.rad[:, None])
+    row, column = BallArray(a.mid[None], a.rad[None]), BallArray(b.mid[:, None], b.rad[:, None])
     assert (row @ column).rad[0, 0] == pytest.approx(3.5 * 7.125 - 21.0 + 2.25 * 6.0 - 10.0, rel=1e-12)
     assert a.size == pytest.approx([3.5, 2.25], rel=1e-12)
     assert a.size[0] == 3.5 * OUT

@@ -7,10 +7,10 @@ import pytest
 
 pytest.importorskip("flint")
 
-from ccpin.validated.balls import ball, flint
-from ccpin.validated.defect import _AlongPolynomial, defect, sizes_along
-from ccpin.validated.series import NotInvertibleError, all_series, extend
-from ccpin.validated.tape import Tape
+from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.series import NotInvertibleError, all_series, extend
+from ccpin.validated.arithmetic.tape import Tape
+from ccpin.validated.flow.defect import _AlongPolynomial, defect_along, sizes_along
 
 N, H = 4, 0.5
 X, Y = [0.5, 0.25, 0.125, 0.5, 1.0], [0.25, 0.5, 1.0, 0.125, 0.25]
@@ -71,7 +71,7 @@ def truncated(a, b):
 
 def test_sines_by_their_rule_and_above_what_they_are():
     """T(u, |sin| + |cos|) + ω_u."""
-    program, series, run = found = along(lambda tape, x: [*tape.sincos(x)], X)
+    program, series, _ = found = along(lambda tape, x: [*tape.sincos(x)], X)
     s, c = ([float(x) for x in series[number]] for number in program.outputs)
     expected = truncated(X, np.abs(s) + np.abs(c)) + X[N] * H**N
     at = X @ POWERS[:5]
@@ -121,13 +121,13 @@ def test_solutions_by_their_rule_and_above_what_they_are():
 
 def test_systems_by_their_rule():
     """Two unknowns, two columns, entries with rests."""
+
     def outputs(tape, x, y):
         return tape.solve([[x + 3, y], [0, tape.node(2)]], [[y, tape.node(1)], [x, x * y]]).ravel()
 
-    program, series, run = found = along(outputs, X, Y)
-    x, y, one = np.array(X), np.array(Y), [1.0, 0, 0, 0, 0]
+    program, series, _ = found = along(outputs, X, Y)
+    x, y = np.array(X), np.array(Y)
     a = [[np.add(x, [3.0, 0, 0, 0, 0]), y], [np.zeros(5), [2.0, 0, 0, 0, 0]]]
-    b = [[y, np.array(one)], [x, np.convolve(x, y)]]
     z = [of(found, k).terms for k in range(4)]
     z = [[float(t) for t in terms] for terms in z]
     tops = [sum(np.abs(p) * POWERS[:5]) for p in (a[0][0], y)]
@@ -160,7 +160,7 @@ def test_systems_by_their_rule():
 
 def test_the_range_of_a_value_reaches_its_ends():
     """C₀ + c₁ t + …, on [0, h], of positive coefficients: from 0 to h, with ω at the end."""
-    program, series, run = along(lambda tape, x: [x], [0.5, 0.25, -0.5, 0.25, 1.0])
+    *_, run = along(lambda tape, x: [x], [0.5, 0.25, -0.5, 0.25, 1.0])
     found = run.range(0)
     beyond = 0.5 * H**2 + 0.25 * H**3 + H**4
     assert float(found.lower()) == pytest.approx(0.5 - beyond, rel=1e-8)
@@ -180,4 +180,6 @@ def test_the_defect_of_a_known_solution():
     series = all_series(program, [ball(0.5)], N)
     p = np.array([float(c) for c in series[0]])
     square = np.convolve(p, p)
-    assert float(defect(program, series, ball(H))[0]) == pytest.approx(square[N:] @ POWERS[N : len(square)], rel=1e-12)
+    assert float(defect_along(program, series, ball(H))[0]) == pytest.approx(
+        square[N:] @ POWERS[N : len(square)], rel=1e-12
+    )

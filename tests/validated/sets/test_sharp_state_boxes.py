@@ -10,13 +10,13 @@ import pytest
 pytest.importorskip("flint")
 
 from ccpin.errors import ConvergenceError
-from ccpin.validated import curvature as module
-from ccpin.validated.balls import ball, flint
-from ccpin.validated.branch import closed_boxes, jets_of, states_of
-from ccpin.validated.closing import at_rest, closed_start, krawczyk, unique_there
-from ccpin.validated.curvature import Instants, UnboundedError, at_middles, boxes, curvature, feedback
-from ccpin.validated.tape import Tape
-from ccpin.validated.wide import Wide, exactly, joined
+from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly, joined
+from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.tape import Tape
+from ccpin.validated.flow.closing import closed_start, krawczyk, unique_there
+from ccpin.validated.sets import curvature as module
+from ccpin.validated.sets.branch import closed_boxes, jets_of, states_of
+from ccpin.validated.sets.curvature import Instants, UnboundedError, at_middles, boxes, curvature_over, feedback
 from tests.support.parabola import lines, loop, parabola
 
 
@@ -49,7 +49,9 @@ def test_krawczyks_image():
     assert float(off.rad()) == pytest.approx(0.0625 / 1.0625, rel=1e-7)
 
 
-@pytest.mark.parametrize(("w", "R", "holds"), [(0.37, 0.25, True), (0.376, 0.25, False), (0.49, 0.5, True), (0.51, 0.5, False)])
+@pytest.mark.parametrize(
+    ("w", "R", "holds"), [(0.37, 0.25, True), (0.376, 0.25, False), (0.49, 0.5, True), (0.51, 0.5, False)]
+)
 def test_krawczyks_condition(w, R, holds):
     assert (krawczyk(parabola(), [arb(1, w)], [ball(1)], [ball(R)]) is not None) is holds
 
@@ -102,7 +104,7 @@ def test_a_box_belongs_to_a_branch():
 
 
 def test_configurations_at_rest():
-    assert at_rest(parabola(), [ball(1), ball(2), ball(7)]) == [ball(1), ball(2), ball(0)]
+    assert parabola().at_rest([ball(1), ball(2), ball(7)]) == [ball(1), ball(2), ball(0)]
 
 
 # The same in doubles: |C φ| + |C φ_q| w + |1 − C φ_y| R < R.
@@ -159,7 +161,7 @@ def states(q, w, v, rv):
     points, _ = closed_boxes(parabola(), centre, np.full((1, 1), 1e-15))
     box, proven = closed_boxes(parabola(), centre, np.full((1, 1), w))
     assert proven.all()
-    rest = joined(exactly(np.array([[v]])), Wide(np.array([[v]]), np.array([[rv]])))
+    rest = joined(exactly(np.array([[v]])), BallArray(np.array([[v]]), np.array([[rv]])))
     return states_of(parabola(), joined(points, box), rest, np.array([[w + 1e-15, rv]]))
 
 
@@ -211,9 +213,9 @@ def test_jets_along_q_and_speed():
 
 
 def instants(q=4.0, v=3.0, moved=(0.1, 0.05), half=0.01):
-    middle = Wide(np.array([[q, q**0.5, v]]), np.full((1, 3), 1e-15))
+    middle = BallArray(np.array([[q, q**0.5, v]]), np.full((1, 3), 1e-15))
     wide = np.array([[moved[0], moved[0] * 0.3, moved[1]]])
-    return Instants(np.array([1.0]), np.array([half]), middle, Wide(middle.mid, wide))
+    return Instants(np.array([1.0]), np.array([half]), middle, BallArray(middle.mid, wide))
 
 
 def flow(q, v):
@@ -241,7 +243,7 @@ def test_boxes_hold_the_tube():
     mid, rad = found.q_free.mid[0, 1], found.q_free.rad[0, 1]
     assert mid - rad < 3.7**0.5 < 4.3**0.5 < mid + rad
     at = instants()
-    off = at._replace(during=Wide(at.during.mid + [[0.02, 0.0, -0.01]], at.during.rad))
+    off = at._replace(during=BallArray(at.during.mid + [[0.02, 0.0, -0.01]], at.during.rad))
     wider = boxes(parabola(), off, np.array([[0.2, 0.4]]), 1)
     assert (wider.q_free.rad[0, 0], wider.v.rad[0, 0]) == pytest.approx((0.32, 0.46), rel=1e-9)
     assert found.centre.rad[0, 1] < 1e-13
@@ -267,9 +269,11 @@ def test_pieces_cover_the_box():
             assert abs(at**0.5 - q.mid[3 + k, 1]) <= q.rad[3 + k, 1] * 1.01
     np.testing.assert_allclose(whole.states.reach, np.tile([0.1, 0.45], (3, 1)), rtol=1e-6)
     far = 1e15  # where doubles are an eighth apart
-    wide = Wide(np.array([[far, far]]), np.array([[4.0, 9.0]]))
-    pieces = module._in_pieces(lines(1.0), wide, Wide(np.zeros((1, 1)), np.ones((1, 1))), 3).q_free
-    ends = sorted((Fraction(m) - Fraction(r), Fraction(m) + Fraction(r)) for m, r in zip(*(x[3:, 0] for x in pieces)))
+    wide = BallArray(np.array([[far, far]]), np.array([[4.0, 9.0]]))
+    pieces = module._in_pieces(lines(1.0), wide, BallArray(np.zeros((1, 1)), np.ones((1, 1))), 3).q_free
+    ends = sorted(
+        (Fraction(m) - Fraction(r), Fraction(m) + Fraction(r)) for m, r in zip(*(x[3:, 0] for x in pieces), strict=True)
+    )
     assert ends[0][0] <= far - 4
     assert ends[-1][1] >= far + 4
     assert all(low[1] >= high[0] for low, high in pairwise(ends))
@@ -277,10 +281,10 @@ def test_pieces_cover_the_box():
 
 def test_pieces_are_in_the_box_of_their_branch():
     """Y of each piece is in the interior of the box's, or nothing is told."""
-    v = Wide(np.array([[3.0]]), np.array([[0.1]]))
+    v = BallArray(np.array([[3.0]]), np.array([[0.1]]))
 
     def pieces(R):
-        return module._in_pieces(parabola(), Wide(np.array([[4.0, 2.0]]), np.array([[0.5, R]])), v, 2)
+        return module._in_pieces(parabola(), BallArray(np.array([[4.0, 2.0]]), np.array([[0.5, R]])), v, 2)
 
     centre = np.array([[q, q**0.5] for q in (3.75, 4.25)])
     box, _ = closed_boxes(parabola(), centre, np.full((2, 1), 0.25 * (1.0 + 1e-12) + 4e-15))
@@ -302,10 +306,10 @@ def test_all_boxes_are_to_be_proven(monkeypatch, which):
         return box, proven & next(count)
 
     monkeypatch.setattr(module, "closed_boxes", told)
-    v = Wide(np.array([[3.0]]), np.array([[0.1]]))
+    v = BallArray(np.array([[3.0]]), np.array([[0.1]]))
     next(count)
     with pytest.raises(UnboundedError):
-        module._in_pieces(parabola(), Wide(np.array([[4.0, 2.0]]), np.array([[0.5, 0.5]])), v, 2)
+        module._in_pieces(parabola(), BallArray(np.array([[4.0, 2.0]]), np.array([[0.5, 0.5]])), v, 2)
 
 
 @pytest.mark.parametrize("fails", [1, 2])
@@ -319,7 +323,7 @@ def test_whole_boxes_are_to_be_proven(monkeypatch, fails):
         if len(calls) == 2 and fails == 1:
             return box, proven & False
         if len(calls) == 3 and fails == 2:
-            return Wide(box.mid, box.rad + 9.0), proven
+            return BallArray(box.mid, box.rad + 9.0), proven
         return box, proven
 
     monkeypatch.setattr(module, "closed_boxes", told)
@@ -329,7 +333,9 @@ def test_whole_boxes_are_to_be_proven(monkeypatch, fails):
 
 def twice(at):
     """Two slices alike."""
-    return Instants(*(np.tile(x, 2) for x in at[:2]), *(Wide(*(np.tile(x, (2, 1)) for x in wide)) for wide in at[2:]))
+    return Instants(
+        *(np.tile(x, 2) for x in at[:2]), *(BallArray(*(np.tile(x, (2, 1)) for x in wide)) for wide in at[2:])
+    )
 
 
 @pytest.mark.parametrize("call", [2, 3, 4, 5])
@@ -369,10 +375,10 @@ def test_middles_are_within_the_whole_boxes(monkeypatch, share, holds):
 
 
 def test_every_dependent_coordinate_of_a_piece_is_in_its_box():
-    v = Wide(np.array([[3.0]]), np.array([[0.1]]))
+    v = BallArray(np.array([[3.0]]), np.array([[0.1]]))
     for radii, holds in ((([0.5, 1.0, 2.0]), True), (([0.5, 1.0, 0.01]), False), (([0.5, 0.01, 2.0]), False)):
         try:
-            module._in_pieces(lines(0.1, 0.2), Wide(np.array([[4.0, 0.4, 0.8]]), np.array([radii])), v, 2)
+            module._in_pieces(lines(0.1, 0.2), BallArray(np.array([[4.0, 0.4, 0.8]]), np.array([radii])), v, 2)
             assert holds
         except UnboundedError:
             assert not holds
@@ -407,7 +413,7 @@ def test_balls_are_less_than_half_a_turn_away():
     """P · reference > 0 over the box, each entry of p as it may be."""
     slopes = 0.1, 0.2, -0.3, 0.25
     one = lines(*slopes)
-    middle = Wide(np.array([[4.0, *(4.0 * s for s in slopes), 3.0]]), np.zeros((1, 6)))
+    middle = BallArray(np.array([[4.0, *(4.0 * s for s in slopes), 3.0]]), np.zeros((1, 6)))
     at = Instants(np.ones(1), np.full(1, 0.01), middle, middle)
     whole = boxes(one, at, np.array([[0.5, 0.0]]), 1).q_free
     p, rad = whole.mid[0, 1:], whole.rad[0, 1:]
@@ -432,7 +438,7 @@ def test_curvature_of_the_flow():
     at = instants()
     around = boxes(parabola(), at, np.array([[0.2, 0.4]]), 2)
     slope = at_middles(parabola(), at).slope
-    found = curvature(parabola(), at, slope, around)
+    found = curvature_over(parabola(), at, slope, around)
     assert found.slope is slope
     seen = np.zeros((2, 2, 2))
     middle = flow(4.0, 3.0)
@@ -456,7 +462,7 @@ def test_feedback_of_a_sampled_law():
     q, y, v, _ = tape.inputs
     one = loop(tape, 2, 1, [y * y - q], [v, tape.solve([[2 * y]], [[v]])[0, 0], y * v, 0])
     one.efforts = tape.program([y * v])
-    middle = Wide(np.array([[4.0, 2.0, 3.0, 0.0]]), np.full((1, 4), 1e-15))
+    middle = BallArray(np.array([[4.0, 2.0, 3.0, 0.0]]), np.full((1, 4), 1e-15))
     at = Instants(np.ones(1), np.full(1, 0.01), middle, middle)
     np.testing.assert_allclose(feedback(one, at, None, 1).mid, [[[0.75, 2.0]]], atol=1e-12)
     found = feedback(one, at, np.array([0.2, 0.4]), 2)

@@ -8,16 +8,17 @@ from scipy.linalg import expm
 
 pytest.importorskip("flint")
 
-from ccpin.validated import growing, tube, tubes
-from ccpin.validated.balls import ball, flint
-from ccpin.validated.curvature import Curvature, Instants, UnboundedError
-from ccpin.validated.growing import Cut, Section, first_section, grow, sampled_section
-from ccpin.validated.slices import instants_of
-from ccpin.validated.step import Options, Step, Stuck, start_of
-from ccpin.validated.tape import Tape
-from ccpin.validated.tube import Frames, Slice, _fitting, _stretch, _terms, advance
-from ccpin.validated.tubes import Starts, Tube, _at_a_sample, _grown, _motion, _widest, cover
-from ccpin.validated.wide import Wide, exactly
+from ccpin.validated.arithmetic.ball_arrays import BallArray, exactly
+from ccpin.validated.arithmetic.balls import ball, flint
+from ccpin.validated.arithmetic.series import all_series
+from ccpin.validated.arithmetic.tape import Tape
+from ccpin.validated.flow.step import ProvenStep, StepOptions, Stuck, WatchedField, attempt, start_of
+from ccpin.validated.sets import propagation, subdivision
+from ccpin.validated.sets import tube_theorem as tube
+from ccpin.validated.sets.curvature import Curvature, Instants, UnboundedError
+from ccpin.validated.sets.propagation import CrossSection, Cut, first_section, grow, instants_of, sampled_section
+from ccpin.validated.sets.subdivision import Starts, Tube, _at_a_sample, _grown, _motion, _widest, cover
+from ccpin.validated.sets.tube_theorem import SliceFrames, TimeSlice, _fitting, _stretch, _terms, advance
 from tests.support.parabola import linear, loop, parabola
 
 
@@ -36,8 +37,8 @@ def test_g_is_what_the_theorem_says():
     half, N = np.array([0.05, 0.02]), 3
     A, L, M, F, Y, H = (drawn(k, 2, *[N] * (3 if k == 5 else 2)) for k in range(6))
     A, H = A + 3.0 * np.eye(N), H + H.swapaxes(2, 3)
-    known = Curvature(exactly(F), Wide(Y, np.full_like(Y, 0.01)), Wide(H, np.full_like(H, 0.02)))
-    moving = Frames(A, L, M, exactly(F))
+    known = Curvature(exactly(F), BallArray(Y, np.full_like(Y, 0.01)), BallArray(H, np.full_like(H, 0.02)))
+    moving = SliceFrames(A, L, M, exactly(F))
     stretch = _stretch(half, moving)
     found = _terms(half, moving, known, stretch)
     for b, t in enumerate(half):
@@ -70,7 +71,7 @@ def test_slices_too_long_for_their_frames_are_refused(row, held):
     A = np.tile(np.eye(2), (2, 1, 1))
     L = np.zeros((2, 2, 2))
     L[1, 1] = [0.25 * row, 0.75 * row]
-    moving = Frames(A, L, np.zeros_like(L), exactly(L))
+    moving = SliceFrames(A, L, np.zeros_like(L), exactly(L))
     known = Curvature(exactly(L), exactly(L), exactly(np.zeros((2, 2, 2, 2))))
     half = np.ones(2)
     try:
@@ -79,7 +80,7 @@ def test_slices_too_long_for_their_frames_are_refused(row, held):
         assert held
     except UnboundedError:
         assert not held
-    singular = Frames(np.zeros((2, 2, 2)), L, np.zeros_like(L), exactly(L))
+    singular = SliceFrames(np.zeros((2, 2, 2)), L, np.zeros_like(L), exactly(L))
     with pytest.raises(UnboundedError, match="thin"):
         _terms(0.1 * half, singular, known, _stretch(0.1 * half, singular))
 
@@ -111,7 +112,9 @@ FLOW = np.block([[np.zeros((2, 2)), np.eye(2)], [-STIFF, -DAMP]])
 def resting(size, length, error=0.0):
     """A step of the motion that rests at 0."""
     zero = [ball(0)] * size
-    return Step(length, [[ball(0), ball(0)] for _ in range(size)], 0.0, [ball(error)] * size, [zero], 1.0, start_of(zero))
+    return ProvenStep(
+        length, [[ball(0), ball(0)] for _ in range(size)], 0.0, [ball(error)] * size, [zero], 1.0, start_of(zero)
+    )
 
 
 def test_tubes_of_linear_flows_reach_their_corners():
@@ -196,13 +199,10 @@ def test_the_room_of_a_tube_is_what_its_boxes_are_for(monkeypatch):
 def test_curved_flows_stay_in_their_tubes():
     """F(q, v) = (v, √q v) about its own motion: starts at the corners, integrated finely."""
     one = parabola()
-    from ccpin.validated.series import all_series
-    from ccpin.validated.step import attempt, Field
-
     start = start_of([ball(4.0), ball(2.0), ball(1.0)])
     series = all_series(one.field, start.centre, 12)
-    step = attempt(Field(one.field, lambda box: 1.0), start, series, 0.0625, 4)
-    assert isinstance(step, Step), step
+    step = attempt(WatchedField(one.field, lambda box: 1.0), start, series, 0.0625, 4)
+    assert isinstance(step, ProvenStep), step
     spread = np.array([0.02, 0.05])
     section = first_section(one, instants_of(step, 0.0, 1), spread)
     pieces = [p for batch in grow(one, step, 0.0, section, Cut(2, np.inf)) for p in batch]
@@ -237,7 +237,7 @@ def test_first_sections_hold_the_starts():
         assert np.all(held >= spread)
         np.testing.assert_allclose(held, spread, rtol=1e-12)
         assert np.linalg.cond(section.frame.mid / np.array([1.0, 1.0, 2.0, 2.0])[:, None]) < 120.0
-    assert growing.fastest_rate(one, at) == pytest.approx(np.abs(np.linalg.eigvals(FLOW)).max(), rel=1e-9)
+    assert propagation.fastest_rate(one, at) == pytest.approx(np.abs(np.linalg.eigvals(FLOW)).max(), rel=1e-9)
 
 
 def sampled():
@@ -253,9 +253,11 @@ def test_sections_just_after_a_sample():
     """The efforts are those of the law: every state of the section that (q, v) allows is in the new one."""
     one = sampled()
     step = resting(3, 0.125)
-    section = Section(exactly(np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])), np.array([0.1, 0.2, 9.0]))
+    section = CrossSection(
+        exactly(np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])), np.array([0.1, 0.2, 9.0])
+    )
     found = sampled_section(one, step, section, Cut(1, np.inf))
-    assert growing.fastest_rate(one, instants_of(step, 0.0, 1)) == pytest.approx(2.0, rel=1e-9)  # of s² + 3s + 2
+    assert propagation.fastest_rate(one, instants_of(step, 0.0, 1)) == pytest.approx(2.0, rel=1e-9)  # of s² + 3s + 2
     largest = np.zeros(3)
     for signs in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
         q, v = np.array([[1.0, 0.5], [0.0, 1.0]]) @ (np.array([0.1, 0.2]) * signs)
@@ -266,7 +268,7 @@ def test_sections_just_after_a_sample():
     assert found.bound[2] < 1e-9
     curved = sampled_of_root()
     at = resting(4, 0.125)._replace(polynomial=[[ball(c), ball(0)] for c in (4.0, 2.0, 3.0, 6.0)])
-    section = Section(exactly(np.eye(3)), np.array([0.1, 0.2, 9.0]))
+    section = CrossSection(exactly(np.eye(3)), np.array([0.1, 0.2, 9.0]))
     found = sampled_section(curved, at, section, Cut(2, np.inf))
     largest = np.zeros(3)
     for dq in (-0.1, 0.0, 0.1):
@@ -323,7 +325,7 @@ def proven_or_not(monkeypatch, rule):
         verdict, across = rule(box)
         return SimpleNamespace(verdict=verdict, reason="why", starts=box), across
 
-    monkeypatch.setattr(tubes, "_grown", told)
+    monkeypatch.setattr(subdivision, "_grown", told)
     return tried
 
 
@@ -346,22 +348,23 @@ def test_parts_are_halved_until_they_are_proven(monkeypatch):
 
 
 def job(one, duration, arrived=None, period=np.inf):
-    options = Options(order=8, tolerance=1e-12, pieces=2, shortest=2.0**-12, longest=1.0)
+    options = StepOptions(order=8, tolerance=1e-12, pieces=2, shortest=2.0**-12, longest=1.0)
 
-    def closed(q, v):
-        return [ball(x) for x in (*q.tolist(), *v.tolist(), *[0.0] * (one.field.inputs - 2))]
+    def closed(near, q, v):
+        assert near.tolist() == [float(x) for x in q]
+        return [*q, *(ball(x) for x in v.tolist()), *[ball(0)] * (one.field.inputs - 2)]
 
     one.jacobian = one.closure
-    return tubes.Job(one, closed, duration, options, 120, Cut(1, np.inf), arrived, period)
+    model = SimpleNamespace(coordinates=SimpleNamespace(parts=[SimpleNamespace(v=slice(0, 1), whole=None)]))
+    motion = SimpleNamespace(model=model, loop=one, closed=closed, duration=duration, options=options, precision=120)
+    return subdivision.TubeTask(motion, Cut(1, np.inf), arrived, period)
 
 
 @pytest.fixture
 def regular(monkeypatch):
     """All boxes are regular, and enclosures are what they are made of."""
-    from ccpin.validated.step import Field
-
-    monkeypatch.setattr(tubes, "regular", lambda one: Field(one.field, lambda box: 1.0))
-    monkeypatch.setattr(tubes, "collect", lambda loop, start, steps, reason, precision: tuple(steps))
+    monkeypatch.setattr(subdivision, "regular", lambda one: WatchedField(one.field, lambda box: 1.0))
+    monkeypatch.setattr(subdivision, "collect", lambda loop, start, steps, reason, precision: tuple(steps))
 
 
 def spring():
@@ -380,9 +383,7 @@ def test_a_tube_of_one_box(regular):
     for signs in ((1, 1), (1, -1)):
         off = expm(flow * 0.25) @ (box.spread * signs)
         assert np.all(np.abs(np.linalg.solve(last.end.mid, off)) <= last.kept)
-    np.testing.assert_allclose(
-        np.abs(last.end.mid) @ last.kept, np.abs(expm(flow * 0.25)) @ box.spread, rtol=0.1
-    )
+    np.testing.assert_allclose(np.abs(last.end.mid) @ last.kept, np.abs(expm(flow * 0.25)) @ box.spread, rtol=0.1)
 
 
 def test_where_a_tube_stops(regular, monkeypatch):
@@ -401,9 +402,9 @@ def test_where_a_tube_stops(regular, monkeypatch):
     found, across = _grown(job(spring(), 0.01, lambda piece: "not yet"), box)
     assert (found.verdict, across) == ("undecided", _widest(box, found.slices))
     assert "not yet" in found.reason
-    found, across = _grown(job(spring(), 0.01, lambda piece: tubes.TOO_EARLY), box)
+    found, across = _grown(job(spring(), 0.01, lambda piece: subdivision.TOO_EARLY), box)
     assert (found.verdict, across) == ("undecided", None)
-    monkeypatch.setattr(tubes, "march", lambda *_: iter([Stuck("stuck")]))
+    monkeypatch.setattr(subdivision, "march", lambda *_: iter([Stuck("stuck")]))
     found, across = _grown(job(spring(), 0.25), Starts(box.q, box.v, np.array([0.03, 0.02])))
     assert (found.verdict, across, found.duration) == ("undecided", 0, 0.0)
     assert "stuck" in found.reason
@@ -428,14 +429,23 @@ def test_motions_under_sampled_laws(regular):
         x = np.array([x[0] + held * x[1] + 0.5 * held**2 * u, x[1] + held * u])
         since += held
     np.testing.assert_allclose([float(c) for c in found[-1][0].end.centre[:2]], x, atol=1e-9)
-    assert [s for _, s in _motion(job(spring(), 0.125), start[:2])][0] is False
+    assert next(s for _, s in _motion(job(spring(), 0.125), start[:2])) is False
 
 
 def piece(time, half, frame, bound, rate=None, curve=None):
     at = Instants(np.array([time]), np.array([half]), None, None)
     n = len(bound)
     zero = np.zeros((n, n))
-    return Slice(at, np.asarray(frame), zero if rate is None else rate, zero if curve is None else curve, None, np.asarray(bound), None, np.asarray(bound))
+    return TimeSlice(
+        at,
+        np.asarray(frame),
+        zero if rate is None else rate,
+        zero if curve is None else curve,
+        None,
+        np.asarray(bound),
+        None,
+        np.asarray(bound),
+    )
 
 
 def test_the_widest_coordinate_of_the_starts():
@@ -451,10 +461,10 @@ def test_the_widest_coordinate_of_the_starts():
 def test_places_in_a_tube():
     """Z/u of states at times: of the slice that the time is in, with its frame at that time."""
     rate, curve = np.array([[0.1, 0.2], [0.3, 0.4]]), np.array([[1.0, 0.0], [0.5, 2.0]])
-    slices = tuple(piece(t, 0.5, np.array([[2.0, 0.5], [0.0, 1.0]]) * (1 + t), [0.5, 0.25], rate, curve) for t in (0.5, 1.5))
-    enclosure = SimpleNamespace(
-        loop=SimpleNamespace(independent=(0,), n_x=1), inputs=lambda t: [ball(3.0), ball(t)]
+    slices = tuple(
+        piece(t, 0.5, np.array([[2.0, 0.5], [0.0, 1.0]]) * (1 + t), [0.5, 0.25], rate, curve) for t in (0.5, 1.5)
     )
+    enclosure = SimpleNamespace(loop=SimpleNamespace(independent=(0,), n_x=1), inputs=lambda t: [ball(3.0), ball(t)])
     tube_found = Tube(starts(1.0, 1.0), "proven", "", enclosure, slices)
     assert tube_found.duration == 2.0
     for t, k in ((0.0, 0), (0.75, 0), (1.0, 1), (1.75, 1), (2.0, 1)):
@@ -468,9 +478,9 @@ def test_places_in_a_tube():
         np.testing.assert_array_equal(centre, [3.0, t])
         np.testing.assert_array_equal(reach, here.reach)
     for t in (-1e-9, 2.0 + 1e-9):
-        with pytest.raises(tubes.InvalidInputError, match="covered"):
+        with pytest.raises(subdivision.InvalidInputError, match="covered"):
             tube_found.box(t)
     empty = Tube(starts(1.0, 1.0), "undecided", "", enclosure, ())
     assert empty.duration == 0.0
-    with pytest.raises(tubes.InvalidInputError, match="covered"):
+    with pytest.raises(subdivision.InvalidInputError, match="covered"):
         empty.box(0.0)

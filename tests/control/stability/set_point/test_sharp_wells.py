@@ -7,9 +7,16 @@ import pytest
 
 import ccpin
 from ccpin.control import PDSimpleGravity, local_gains, suggest_gains
-from ccpin.control.stability import gains as module
-from ccpin.control.stability.gains import Gains, SlopeBound, _damped, _norm_over, _what_is_too_much, gravity_slope_over
-from ccpin.control.stability.well import Well, _efforts, wells
+from ccpin.control.stability.set_point import gains as module
+from ccpin.control.stability.set_point.gains import (
+    Gains,
+    SlopeBound,
+    _damped,
+    _norm_over,
+    _what_is_too_much,
+    gravity_slope_over,
+)
+from ccpin.control.stability.set_point.well import Well, _efforts, wells
 from ccpin.errors import InvalidInputError, UnattainableGainsError
 from tests.support.paper import GOAL, K_P, K_V
 
@@ -78,7 +85,9 @@ def test_wells_by_their_definition():
         energy=lambda *_: SimpleNamespace(potential=-3.0),
         mechanism=SimpleNamespace(actuated=("a", "b"), independent=("a", "b")),
     )
-    law = SimpleNamespace(model=model, q_d=np.array([0.5, -0.25]), q_free_d=None, gravity_d=np.array([4.0, -5.0]), K_p=K_p)
+    law = SimpleNamespace(
+        model=model, q_d=np.array([0.5, -0.25]), q_free_d=None, gravity_d=np.array([4.0, -5.0]), K_p=K_p
+    )
     centres, half = np.array([[0.75, 0.5], [0.0, 0.0]]), np.array([[0.1, 0.2], [0.3, 0.1]])
     bounds = SimpleNamespace(
         value=np.array([-2.0, 7.0]),
@@ -125,7 +134,9 @@ def test_damped_modes_have_the_damping(damping):
     """Poles of M ẍ + K_v ẋ + K x = 0 have −Re λ/|λ| = ζ and |λ| = ω."""
     rng = np.random.default_rng(3)
     M, K = (a @ a.T + np.eye(3) for a in rng.normal(size=(2, 3, 3)))
-    damper, frequencies = _damped(M, K + 0.1 * np.triu(np.ones((3, 3)), 1) - 0.1 * np.tril(np.ones((3, 3)), -1), damping)
+    damper, frequencies = _damped(
+        M, K + 0.1 * np.triu(np.ones((3, 3)), 1) - 0.1 * np.tril(np.ones((3, 3)), -1), damping
+    )
     fall = -np.linalg.solve(M, np.hstack([K, damper]))
     poles = np.linalg.eigvals(np.vstack([np.hstack([np.zeros((3, 3)), np.eye(3)]), fall]))
     np.testing.assert_allclose(-poles.real / np.abs(poles), damping, atol=1e-6)
@@ -197,7 +208,9 @@ def test_efforts_beyond_a_grip():
 
 def told(effort, limit, fastest, frequency=10.0):
     model = SimpleNamespace(mechanism=SimpleNamespace(actuated=("a", "b")))
-    made = Gains(None, None, 1.0, 1.0, None, np.array([1.0, frequency]), np.array(effort), np.array(limit), "proven", "")
+    made = Gains(
+        None, None, 1.0, 1.0, None, np.array([1.0, frequency]), np.array(effort), np.array(limit), "proven", ""
+    )
     return _what_is_too_much(model, made, fastest)
 
 
@@ -211,12 +224,13 @@ def test_what_motors_cannot_give_is_told():
 @pytest.fixture
 def over(monkeypatch, rpdr_model):
     """`suggest_gains` over an atlas whose cells are told."""
-    def run(model=rpdr_model, cells=(cell(2.0),), bound=2.0, seen=1.9, whole=True, **given):
+
+    def run(model=rpdr_model, cells=(), bound=2.0, seen=1.9, whole=True, **given):
         lower, upper = [GOAL - [0.5, 0.2], GOAL - [0.1, 0.6]], [GOAL + [0.1, 0.3], GOAL + [0.7, 0.4]]
         fake = SimpleNamespace(lower=np.array(lower), upper=np.array(upper))
         monkeypatch.setattr(module, "Atlas", SimpleNamespace)
         monkeypatch.setattr(module, "require_about", lambda *_: None)
-        store = SimpleNamespace(cells=list(cells), whole=whole)
+        store = SimpleNamespace(cells=list(cells) or [cell(2.0)], whole=whole)
         monkeypatch.setattr(module, "cells_of_atlas", lambda *_: store)
         monkeypatch.setattr(module, "gravity_slope_over", lambda _: SlopeBound(seen, bound, np.array([1.0, 2.0]), 3))
         return suggest_gains(model, GOAL, fake, **given)
@@ -249,7 +263,12 @@ def test_gains_over_an_atlas(over, rpdr_model):
 def test_efforts_of_motors_elsewhere_are_bounded_by_the_worst_grip(over):
     """‖τ‖/s with the least s of the cells that are alive."""
     model = ccpin.ReducedModel(ccpin.load("rpdr", actuated=["joint3", "joint4"], independent=["joint1", "joint2"]))
-    cells = [cell(2.0, effort=0.5), cell(2.0, effort=2.0), cell(2.0, effort=0.1, live=False), SimpleNamespace(well=None, live=True)]
+    cells = [
+        cell(2.0, effort=0.5),
+        cell(2.0, effort=2.0),
+        cell(2.0, effort=0.1, live=False),
+        SimpleNamespace(well=None, live=True),
+    ]
     found = over(model, cells)
     asked = found.K_p @ np.array([0.7, 0.6]) + np.abs(model.at(GOAL).g)
     np.testing.assert_allclose(found.effort, np.linalg.norm(asked) / 0.5, rtol=1e-9)

@@ -8,17 +8,18 @@ import pytest
 
 import ccpin
 from ccpin.description import Coupling, CouplingTerm, Joint, Link, MechanismDescription
+from ccpin.errors import DifferentSubjectsError, UnsupportedMechanismError
 from tests.support.ball_joint import ball_joint
 from tests.support.linkages import rssr
-from ccpin.errors import DifferentSubjectsError
 from tests.support.paper import GOAL, K_P, K_V
 
 flint = pytest.importorskip("flint")
 
-from ccpin.validated import chains, places, turns  # noqa: E402
-from ccpin.validated.balls import ball  # noqa: E402
-from ccpin.validated.dynamics import closed_loop, too_far_turned  # noqa: E402
-from ccpin.validated.series import values  # noqa: E402
+from ccpin.validated.arithmetic.balls import ball  # noqa: E402
+from ccpin.validated.arithmetic.series import values  # noqa: E402
+from ccpin.validated.model import ball_joints, recorded_coordinates, recorded_tree  # noqa: E402
+from ccpin.validated.model.closed_loop import recorded_loop, too_far_turned  # noqa: E402
+from ccpin.validated.model.recorded_laws import require_sampled  # noqa: E402
 from tests.support.strategies import Growth  # noqa: E402
 from tests.validated.test_joints import (  # noqa: E402
     MECHANISMS,
@@ -42,7 +43,7 @@ def _precision():
 def compare(model, controller=None, seed=1, tolerance=1e-10):
     """The recorded (ẋ, q̈), energies and closure against the model's."""
     state, v = random_state(model, seed)
-    loop = closed_loop(model, controller, state.q_free)
+    loop = recorded_loop(model, controller, state.q_free)
     start = balls(loop.numbers(state.q_free), v)
     u = np.zeros(model.n_actuated) if controller is None else controller.torque(0.0, state.q, v, state.q_free)
     expected = np.concatenate([x_rate(loop, state, v), state.forward_dynamics(v, u)])
@@ -88,10 +89,10 @@ def test_a_geared_wheel_some_turns_on():
     joints = (described.joints[0], replace(described.joints[1], kind="continuous"))
     model = ccpin.ReducedModel(ccpin.load(replace(described, joints=joints)))
     state = model.at([2.4 * np.pi])
-    loop = closed_loop(model, None, state.q_free)
+    loop = recorded_loop(model, None, state.q_free)
     x = loop.numbers(state.q_free)
     assert abs(float(values(loop.closure, balls(x, [0.0]))[0].mid())) < 1e-9
-    later = closed_loop(model, None, state.q_free)
+    later = recorded_loop(model, None, state.q_free)
     assert abs(later.near[1] - x[1]) < 1e-12
 
 
@@ -115,21 +116,21 @@ def test_slides_on_bodies_that_turn():
 @pytest.mark.parametrize("name", ["ball, independent", "ball, dependent", "floating", "planar", "single turn"])
 def test_there_are_as_many_equations_as_numbers_that_depend(name):
     model = ccpin.ReducedModel(MECHANISMS[name]())
-    loop = closed_loop(model, None)
+    loop = recorded_loop(model, None)
     assert len(loop.closure.outputs) == len(loop.dependent) == loop.n_x - len(loop.independent)
 
 
 def test_plain_angles_are_no_circles(rpdr_model):
     """Nor are whole balls."""
     law = ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
-    loop = closed_loop(rpdr_model, law)
+    loop = recorded_loop(rpdr_model, law)
     assert loop.wrapped == ()
     for model, scalar, circles in (
         (ball_joint(), False, ()),
         (ccpin.ReducedModel(ccpin.load(with_kinds("slider_crank", crank="continuous"))), True, (0,)),
         (rpdr_model, True, ()),
     ):
-        told = places.chosen(model.coordinates, chains.exact_joints(model.mechanism.tree))
+        told = recorded_coordinates.layout_of(model.coordinates, recorded_tree.exact_joints(model.mechanism.tree))
         assert (told.scalar, told.circles) == (scalar, circles)
 
 
@@ -137,12 +138,19 @@ def test_laws_of_other_mechanisms_are_refused(rpdr_model):
     """Closures for both, masses for the one that computes with them."""
     heavier = ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint1": {"armature": 0.1}}))
     other = ccpin.ReducedModel(ccpin.load(with_kinds("rpdr", joint3="continuous")))
-    closed_loop(rpdr_model, ccpin.control.PDSimpleGravity(heavier, GOAL, K_P, K_V))
+    recorded_loop(rpdr_model, ccpin.control.PDSimpleGravity(heavier, GOAL, K_P, K_V))
     with pytest.raises(DifferentSubjectsError):
-        closed_loop(rpdr_model, ccpin.control.PDFullGravity(heavier, GOAL, K_P, K_V))
+        recorded_loop(rpdr_model, ccpin.control.PDFullGravity(heavier, GOAL, K_P, K_V))
     for law in (ccpin.control.PDSimpleGravity, ccpin.control.PDFullGravity):
         with pytest.raises(DifferentSubjectsError):
-            closed_loop(rpdr_model, law(other, GOAL, K_P, K_V))
+            recorded_loop(rpdr_model, law(other, GOAL, K_P, K_V))
+
+
+def test_only_the_law_with_constant_gravity_is_sampled(rpdr_model):
+    assert require_sampled(ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)).kind == "pd"
+    for law in (None, ccpin.control.NoTorque(rpdr_model), ccpin.control.PDFullGravity(rpdr_model, GOAL, K_P, K_V)):
+        with pytest.raises(UnsupportedMechanismError, match="sampled"):
+            require_sampled(law)
 
 
 @pytest.mark.parametrize("kind", ["PDSimpleGravity", "PDFullGravity"])
@@ -162,7 +170,7 @@ def test_the_lyapunov_function_and_held_efforts(rpdr_model):
     told = numbers(values(loop.lyapunov, balls(loop.numbers(state.q_free), v)))[0]
     potential = rpdr_model.energy(law.q_d, np.zeros(2), law.q_free_d).potential
     assert told == pytest.approx(law.lyapunov(state.q, v, state.q_free) + potential, abs=1e-10)
-    held = closed_loop(rpdr_model, law, state.q_free, held=True)
+    held = recorded_loop(rpdr_model, law, state.q_free, held=True)
     u = law.torque(0.0, state.q, v, state.q_free)
     start = [*balls(held.numbers(state.q_free), v), ball(0), ball(0)]
     np.testing.assert_allclose(numbers(values(held.efforts, start)), u, atol=1e-11)
@@ -174,12 +182,10 @@ def test_the_lyapunov_function_and_held_efforts(rpdr_model):
     np.testing.assert_allclose(drift[:4], state.rho @ v, atol=1e-12)
     np.testing.assert_array_equal(drift[4:], 0.0)
     np.testing.assert_array_equal(held.gains, np.hstack([-K_p, -K_v]))
-    elsewhere = ccpin.ReducedModel(
-        ccpin.load("rpdr", actuated=["joint3", "joint4"], independent=["joint1", "joint2"])
-    )
+    elsewhere = ccpin.ReducedModel(ccpin.load("rpdr", actuated=["joint3", "joint4"], independent=["joint1", "joint2"]))
     law = ccpin.control.PDSimpleGravity(elsewhere, GOAL, K_P, K_V)
     at_start = elsewhere.at(GOAL)
-    held = closed_loop(elsewhere, law, at_start.q_free, held=True)
+    held = recorded_loop(elsewhere, law, at_start.q_free, held=True)
     assert held.gains is None
     rates = numbers(values(held.field, balls(held.numbers(at_start.q_free), [0.3, 0.1], other)))
     np.testing.assert_allclose(rates[4:6], at_start.forward_dynamics(np.array([0.3, 0.1]), other), atol=1e-8)
@@ -202,18 +208,18 @@ def test_angles_on_circles_that_a_law_reads():
 def test_balls_that_are_turned_too_far():
     """Less than half a turn from the reference: w > 0, all over a box, of every ball."""
     joint = SimpleNamespace(x=slice(1, 5), number=1)
-    turned = turns.ball_at(joint, np.array([0.0, 0.6, 0.0, 0.8]) * 2.0, np.array([9.0, 0.0, -0.6, 0.0, -0.8]))
+    turned = ball_joints.ball_at(joint, np.array([0.0, 0.6, 0.0, 0.8]) * 2.0, np.array([9.0, 0.0, -0.6, 0.0, -0.8]))
     np.testing.assert_allclose(numbers(turned.reference), [0.0, -0.6, 0.0, -0.8])
-    straight = turns.ball_at(joint, np.array([0.0, 0.6, 0.0, 0.8]), np.array([9.0, 0.0, 0.6, 0.0, 0.8]))
+    straight = ball_joints.ball_at(joint, np.array([0.0, 0.6, 0.0, 0.8]), np.array([9.0, 0.0, 0.6, 0.0, 0.8]))
     np.testing.assert_allclose(numbers(straight.reference), [0.0, 0.6, 0.0, 0.8])
-    across = turns.ball_at(joint, np.array([0.0, 0.6, 0.0, 0.8]), np.array([9.0, 0.0, 0.8, 0.0, -0.6]))
+    across = ball_joints.ball_at(joint, np.array([0.0, 0.6, 0.0, 0.8]), np.array([9.0, 0.0, 0.8, 0.0, -0.6]))
     np.testing.assert_allclose(numbers(across.reference), [0.0, 0.6, 0.0, 0.8])
     box = [ball(0), ball(0), ball(0.6), ball(0), ball(0.8)]
-    assert turns.upright(straight, box)
-    assert not turns.upright(turned, box)
-    assert not turns.upright(straight, [ball(0), ball(0), ball(0), ball(0), ball(0)])
-    assert turns.upright(straight, [*box[:4], flint.arb(0.8, 1.2)])
-    assert not turns.upright(straight, [*box[:4], flint.arb(0.8, 1.3)])
+    assert ball_joints.upright(straight, box)
+    assert not ball_joints.upright(turned, box)
+    assert not ball_joints.upright(straight, [ball(0), ball(0), ball(0), ball(0), ball(0)])
+    assert ball_joints.upright(straight, [*box[:4], flint.arb(0.8, 1.2)])
+    assert not ball_joints.upright(straight, [*box[:4], flint.arb(0.8, 1.3)])
     loop = SimpleNamespace(wrapped=(), upright=(straight, turned))
     assert "half a turn" in too_far_turned(loop, box)
     assert too_far_turned(SimpleNamespace(wrapped=(), upright=(straight,)), box) == ""
@@ -225,55 +231,57 @@ def test_balls_that_are_turned_too_far():
 
 def test_turns_are_unwound_to_the_nearest():
     for angle, near, expected in ((0.5, 0.6, 0.5), (0.5, 7.0, 0.5 + 2 * np.pi), (-3.0, 9.0, -3.0 + 4 * np.pi)):
-        assert float(places.unwound(ball(angle), near)) == pytest.approx(expected, rel=1e-14)
+        assert float(recorded_coordinates.unwound(ball(angle), near)) == pytest.approx(expected, rel=1e-14)
 
 
 def test_points_of_circles_and_quaternions():
     kind = SimpleNamespace(nq=3, unit=2)
-    slide, angle = places.on_manifold(kind, balls([0.7, 3.0, 4.0]))
+    slide, angle = recorded_coordinates.on_manifold(kind, balls([0.7, 3.0, 4.0]))
     assert float(slide) == 0.7
     assert float(angle) == pytest.approx(np.arctan2(4.0, 3.0))
     kind = SimpleNamespace(nq=5, unit=4)
-    held = numbers(places.on_manifold(kind, balls([0.7, 1.0, 2.0, 3.0, 4.0])))
+    held = numbers(recorded_coordinates.on_manifold(kind, balls([0.7, 1.0, 2.0, 3.0, 4.0])))
     np.testing.assert_allclose(held, [0.7, *(np.arange(1, 5) / np.sqrt(30.0))])
 
 
 def test_configurations_of_numbers(rpdr_model):
     """Of a circle's angle cosine and sine; angles come back in the turn they are near."""
     model = ccpin.ReducedModel(ccpin.load(with_kinds("slider_crank", crank="continuous")))
-    loop = closed_loop(model, None)
+    loop = recorded_loop(model, None)
     q_free = model.mechanism.q_reference
     x = loop.numbers(q_free)
-    np.testing.assert_allclose(numbers(places.configuration(loop.joints, balls(x))), q_free, atol=1e-15)
+    np.testing.assert_allclose(numbers(recorded_coordinates.configuration(loop.joints, balls(x))), q_free, atol=1e-15)
     near = x + np.where(np.arange(len(x)) == loop.joints[0].x.start, 4 * np.pi, 0.0)
-    turned = places.numbers_of(loop.joints, q_free, near)
+    turned = recorded_coordinates.numbers_of(loop.joints, q_free, near)
     np.testing.assert_allclose(turned, near, atol=1e-12)
     one = (SimpleNamespace(q=slice(0, 2), x=slice(0, 1), kind=SimpleNamespace(unit=2)),)
     for near_one in (3.1 + 4 * np.pi, 3.4 + 4 * np.pi, 4 * np.pi - 0.04):
-        told = places.numbers_of(one, np.array([np.cos(3.1), np.sin(3.1)]), np.array([near_one]))[0]
+        told = recorded_coordinates.numbers_of(one, np.array([np.cos(3.1), np.sin(3.1)]), np.array([near_one]))[0]
         assert abs(told - near_one) <= np.pi
         assert np.cos(told - 3.1) == pytest.approx(1.0)
-    loop = closed_loop(rpdr_model, None)
+    loop = recorded_loop(rpdr_model, None)
     x = loop.numbers(rpdr_model.mechanism.q_reference)
-    np.testing.assert_array_equal(numbers(places.configuration(loop.joints, balls(x))), x)
+    np.testing.assert_array_equal(numbers(recorded_coordinates.configuration(loop.joints, balls(x))), x)
 
 
 def test_rotations_are_exact():
     """A quarter turn of doubles is one; a general rotation that of a unit quaternion, within rounding."""
     quarter = np.array([[1e-15, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    assert chains._exact_rotation(quarter)[0, 0] == 0
+    assert recorded_tree._exact_rotation(quarter)[0, 0] == 0
     tilted = np.array([[np.cos(0.3), -np.sin(0.3), 0.0], [np.sin(0.3), np.cos(0.3), 0.0], [0.0, 0.0, 1.0]])
     for off, snapped in ((0.96e-14, True), (1.04e-14, False)):
         near = np.array([[0.0, -1.0, 0.0], [1.0, off, 0.0], [0.0, 0.0, 1.0]])
-        assert (chains._exact_rotation(near)[1, 1] == 0) is snapped
+        assert (recorded_tree._exact_rotation(near)[1, 1] == 0) is snapped
     small = np.array([[1.0, -1e-12, 0.0], [1e-12, 1.0, 0.0], [0.0, 0.0, 1.0]])
     for matrix in (tilted, tilted[:, [1, 2, 0]], small):
-        exact = chains._exact_rotation(matrix)
+        exact = recorded_tree._exact_rotation(matrix)
         assert (exact @ exact.T == np.eye(3, dtype=int)).all()
-        np.testing.assert_allclose(np.array([[float(x.p) / float(x.q) for x in row] for row in exact]), matrix, atol=1e-15)
-    assert chains._exact_rotation(small)[1, 0] != 0
+        np.testing.assert_allclose(
+            np.array([[float(x.p) / float(x.q) for x in row] for row in exact]), matrix, atol=1e-15
+        )
+    assert recorded_tree._exact_rotation(small)[1, 0] != 0
     placement = np.eye(4)
     placement[:3, :3], placement[:3, 3] = tilted, [1.0, 2.0, 3.0]
-    exact = chains.exact_placement(placement)
+    exact = recorded_tree.exact_placement(placement)
     assert list(exact[:3, 3]) == [1, 2, 3]
-    assert (exact[:3, :3] == chains._exact_rotation(tilted)).all()
+    assert (exact[:3, :3] == recorded_tree._exact_rotation(tilted)).all()

@@ -1,19 +1,20 @@
 """The tracking bound's numbers as its theorem writes them, and just where it holds and does not."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from ccpin.control import ComputedTorque, PDPlus
-from ccpin.control.stability import deviation, on_line, tracking_error, tracking_search
-from ccpin.control.stability.deviation import Deviation, _motion, thickened
-from ccpin.control.stability.on_line import _speed, _worst, online_demand
-from ccpin.control.stability.tracking_search import Levels, Search, _reached
-from ccpin.control.stability.tube import States
+from ccpin.control.stability.tracking import deviation, on_line, tracking_error, tube_search
+from ccpin.control.stability.tracking.deviation import Deviation, _motion, thickened
+from ccpin.control.stability.tracking.on_line import _speed, _worst, online_demand
+from ccpin.control.stability.tracking.reference_tube import CellForms
+from ccpin.control.stability.tracking.tube_search import Levels, TubeSearch, _reached
 from ccpin.control.tracking import TrackingLaw
-from ccpin.domain.affine import Affine, affine
 from ccpin.errors import ConvergenceError, InvalidInputError, UnsupportedMechanismError
+from ccpin.proof.balls import Affine, affine
 
 
 def form(mid, rad=0.0, lin=None, boxed=0):
@@ -63,14 +64,15 @@ def states(seed=0, count=2, n=2, width=3):
     rng = np.random.default_rng(seed)
     made = [form(rng.normal(size=(count, width)), lin=rng.normal(size=(2, count, width)), boxed=2)]
     made += [form(rng.normal(size=(count, n)), 0.01, rng.normal(size=(2, count, n)), 2) for _ in range(5)]
-    return States(*made)
+    return CellForms(*made)
 
 
-def test_what_a_law_computes_of():
+def test_what_a_law_computes_of(monkeypatch):
     """Computed torque: q̇, q̇ and q̈_d + K_v ė + K_p e; PD+: q̇, q̇_d and q̈_d."""
     at = states()
     K_p, K_v = np.array([[4.0, 1.0], [1.0, 3.0]]), np.array([[2.0, 0.5], [0.5, 1.0]])
-    law = SimpleNamespace(K_p=K_p, K_v=K_v)
+    monkeypatch.setattr(deviation, "kind_of", lambda law: law.kind)
+    law = SimpleNamespace(K_p=K_p, K_v=K_v, kind="computed_torque")
     found = _motion(law, at)
     for part in ("mid", "lin"):
         e, e_dot, a_d = (getattr(x, part) for x in (at.e, at.e_dot, at.a_d))
@@ -78,7 +80,7 @@ def test_what_a_law_computes_of():
     least = 0.01 * (1.0 + np.abs(K_p).sum(axis=1) + np.abs(K_v).sum(axis=1))
     np.testing.assert_allclose(found[2].rad, np.tile(least, (2, 1)), rtol=1e-9)
     assert found[0] is found[1] is at.v
-    plus = object.__new__(PDPlus)
+    plus = SimpleNamespace(kind="pd_plus")
     assert _motion(plus, at)[:3] == (at.v, at.v_d, at.a_d)
 
 
@@ -128,7 +130,9 @@ def demand(monkeypatch):
         monkeypatch.setattr(on_line, "_speed", lambda *_: next(told))
         slopes = iter([0.5 * slope, slope][:count])
         stretches = iter([stretch, 0.5 * stretch][:count])
-        monkeypatch.setattr(on_line, "_newton", lambda _, __, start: starts.append(start) or (next(slopes), next(stretches)))
+        monkeypatch.setattr(
+            on_line, "_newton", lambda _, __, start: starts.append(start) or (next(slopes), next(stretches))
+        )
         return online_demand(None, states(count=6 if count == 2 else 3), sigma_error, period), starts
 
     return run
@@ -184,12 +188,18 @@ def test_newtons_constants(monkeypatch):
 
     def solve(right):
         solved.append(right)
-        return form(2.0 * right.mid, lin=2.0 * right.lin) if not right.rad.any() else Affine(2.0 * right.mid, right.lin, 2.0 * right.rad)
+        return (
+            form(2.0 * right.mid, lin=2.0 * right.lin)
+            if not right.rad.any()
+            else Affine(2.0 * right.mid, right.lin, 2.0 * right.rad)
+        )
 
     at = SimpleNamespace(bend=Affine(bend, lin, np.zeros_like(bend), 1), grip=SimpleNamespace(solve=solve))
     monkeypatch.setattr(on_line, "Reduced", lambda *_: at)
     monkeypatch.setattr(on_line, "thickened", lambda *_: SimpleNamespace(theta=None))
-    tube = SimpleNamespace(problem=SimpleNamespace(system=SimpleNamespace(m=2, dependent=np.array([1, 2]))), masses=None)
+    tube = SimpleNamespace(
+        problem=SimpleNamespace(system=SimpleNamespace(m=2, dependent=np.array([1, 2]))), masses=None
+    )
     slope, stretch = on_line._newton(tube, None, 0.1)
     parts = bend[0][:, 1:, 1:].copy()
     parts[0, 0, 0] += 0.5
@@ -225,8 +235,10 @@ def searched(levels, proved=(True, True), middles=None, rounds=None):
         return SimpleNamespace(middles=lambda: None), ok
 
     motion = (SimpleNamespace(start=np.array([[0.5], [1.0]])),)
-    tube = SimpleNamespace(path=SimpleNamespace(verdict="proven", reason="path"), motion=motion, states=of, times=np.array([0.0, 1.0, 2.0]))
-    one = Search(SimpleNamespace(), tube, 0.5, np.zeros(1), np.zeros(2))
+    tube = SimpleNamespace(
+        path=SimpleNamespace(verdict="proven", reason="path"), motion=motion, states=of, times=np.array([0.0, 1.0, 2.0])
+    )
+    one = TubeSearch(SimpleNamespace(), tube, 0.5, np.zeros(1), np.zeros(2))
     one._planned = lambda middle: SimpleNamespace(decay=3.0)
     told = iter(range(99))
     one._levels = lambda dev, room=None: levels(next(told), room)
@@ -235,10 +247,16 @@ def searched(levels, proved=(True, True), middles=None, rounds=None):
 
 @pytest.fixture(autouse=True)
 def _no_deviations(monkeypatch):
-    monkeypatch.setattr(tracking_search, "deviation_of", lambda *_: None)
+    monkeypatch.setattr(tube_search, "deviation_of", lambda *_: None)
 
 
-def level(reached=(1.0, 2.0), allowed=(9.0, 9.0), widths=((0.5, 0.25), (1.0, 2.0)), entries=((0.0, 0.0), (0.1, 0.1)), sources=(1.0, 4.0)):
+def level(
+    reached=(1.0, 2.0),
+    allowed=(9.0, 9.0),
+    widths=((0.5, 0.25), (1.0, 2.0)),
+    entries=((0.0, 0.0), (0.1, 0.1)),
+    sources=(1.0, 4.0),
+):
     return Levels(*(np.array(x, float) for x in (reached, allowed, widths, entries, sources)), 0.75)
 
 
@@ -292,7 +310,7 @@ def test_rooms_grow_to_what_is_needed():
     assert one.found().verdict == "undecided"
     needed = np.maximum(np.sqrt(10.0) * np.array([[0.5, 0.25], [1.0, 2.0]]), entries)
     assert all(np.all(room > needed) for room in asked[1:])
-    assert all(np.all(later >= before) for before, later in zip(asked[1:-1], asked[2:], strict=True))
+    assert all(np.all(later >= before) for before, later in pairwise(asked[1:]))
 
 
 @pytest.mark.parametrize("which", [(False, True), (True, False)])
@@ -323,17 +341,17 @@ def test_what_is_open_is_told():
 
 
 def test_levels_by_the_theorem(monkeypatch):
-    """W_k = g²Δ², v(0) ≥ V(x(0)) after the first jump, J ≥ (κᵀPκ)^½, c_k = min X²/(P⁻¹)_ii, and |x| where cells begin."""
+    """W_k = g²Δ², v(0) ≥ V(x(0)) after a jump, J ≥ (κᵀPκ)^½, c_k = min X²/(P⁻¹)_ii, and |x| where cells begin."""
     P = np.array([[[2.0, 0.5], [0.5, 1.0]], [[3.0, -1.0], [-1.0, 4.0]], [[1.0, 0.0], [0.0, 1.0]]])
     kicks = np.array([[0.1, 0.2], [0.3, 0.0], [0.0, 0.4]])
     width, g = np.array([[0.5, 1.0], [0.25, 0.5], [1.0, 2.0]]), np.array([1.0, 2.0, 3.0])
     size = np.array([0.5, 0.25, 0.125])
-    monkeypatch.setattr(tracking_search, "storage_of", lambda *_: SimpleNamespace(P=affine(P)))
-    monkeypatch.setattr(tracking_search, "gain", lambda *_: g)
-    monkeypatch.setattr(tracking_search, "widths", lambda _: width)
+    monkeypatch.setattr(tube_search, "storage_of", lambda *_: SimpleNamespace(P=affine(P)))
+    monkeypatch.setattr(tube_search, "gain", lambda *_: g)
+    monkeypatch.setattr(tube_search, "widths", lambda _: width)
     tube = SimpleNamespace(kicks=kicks, times=np.array([0.0, 0.5, 0.75, 1.75]))
     start = np.array([0.25, 0.5])
-    one = Search(None, tube, 0.1, np.zeros(1), start)
+    one = TubeSearch(None, tube, 0.1, np.zeros(1), start)
     one.plan = SimpleNamespace(decay=2.0, scale=None)
     dev = SimpleNamespace(D=None, C=None, damping=None, size=lambda *_: size)
     room = np.array([[1.0, 3.0], [2.0, 1.0], [4.0, 5.0]])
@@ -356,11 +374,13 @@ def test_levels_by_the_theorem(monkeypatch):
 
 def test_errors_and_speeds_of_a_certificate(monkeypatch):
     bound = np.array([[1.0, 2.0, 3.0, 4.0], [2.0, 1.0, 5.0, 0.5]])
-    found = tracking_search.Found("proven", "so", bound, np.array([0.1, 0.2]), 3.0, 2.0, np.ones(4), 0.5, bound)
-    monkeypatch.setattr(tracking_error, "Search", lambda *_: SimpleNamespace(found=lambda: found))
+    found = tube_search.TubeBounds("proven", "so", bound, np.array([0.1, 0.2]), 3.0, 2.0, np.ones(4), 0.5, bound)
+    monkeypatch.setattr(tracking_error, "TubeSearch", lambda *_: SimpleNamespace(found=lambda: found))
     monkeypatch.setattr(tracking_error, "without_dry_friction", lambda _: ", but")
     law = SimpleNamespace(model=SimpleNamespace(mechanism=None))
-    made = tracking_error._certificate(law, SimpleNamespace(times=np.array([0.0, 1.0, 2.0])), 0.1, np.zeros(2), np.zeros(4))
+    made = tracking_error._certificate(
+        law, SimpleNamespace(times=np.array([0.0, 1.0, 2.0])), 0.1, np.zeros(2), np.zeros(4)
+    )
     np.testing.assert_array_equal(made.errors, bound[:, :2])
     np.testing.assert_array_equal(made.speeds, bound[:, 2:])
     np.testing.assert_array_equal(made.error, [2.0, 2.0])
@@ -377,10 +397,14 @@ def test_bounds_that_are_given():
 
 
 @pytest.mark.parametrize("wrong", [{"scalar": False}, {"constant": False}, {"actuation": 1}, {"law": "other"}])
-def test_what_the_theorem_is_about(wrong):
+def test_what_the_theorem_is_about(monkeypatch, wrong):
     """Scalar coordinates that stay, and motors on them."""
+    kinds = {ComputedTorque: "computed_torque", PDPlus: "pd_plus"}
+    monkeypatch.setattr(tracking_error, "kind_of", lambda law: kinds.get(type(law)))
     coordinates = SimpleNamespace(scalar=wrong.get("scalar", True), constant=wrong.get("constant", True))
-    model = SimpleNamespace(mechanism=SimpleNamespace(name="m"), coordinates=coordinates, actuation=wrong.get("actuation"))
+    model = SimpleNamespace(
+        mechanism=SimpleNamespace(name="m"), coordinates=coordinates, actuation=wrong.get("actuation")
+    )
     if "law" in wrong:
         made = object.__new__(type("Other", (TrackingLaw,), {"torque_at": lambda *_: None, "_force": lambda *_: None}))
     else:
