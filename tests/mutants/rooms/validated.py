@@ -186,7 +186,6 @@ ROOMS: tuple[Room, ...] = (
         ),
     ),
     Room("validated/sets/propagation", ("instants_of",), _STEP),
-    Room("validated/flow/regularity", ("signed_determinant",), _MOTIONS),
     Room(
         "validated/flow/closing",
         ("_UNIQUE", "closed_start", "unique_there", "krawczyk", "_assemble"),
