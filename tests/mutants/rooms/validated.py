@@ -158,6 +158,7 @@ ROOMS: tuple[Room, ...] = (
         _RECORDED,
         (
             ("if told is not None and not told.idle", "not asked: not", "asks for more than is needed"),
+            ("if told is not None and not told.idle", "not asked: told", "a law that says nothing is refused before"),
             ("np.array([0.0, 0.0, 0.0, 1.0])", "1 × ", "a quaternion of any length is made one of unit length"),
         ),
     ),
@@ -270,8 +271,41 @@ ROOMS: tuple[Room, ...] = (
         ("SetEnclosure.contains", "enclose_set", "starts_of"),
         _MOTIONS,
     ),
-    Room("validated/sets/tube_theorem", ("advance", "_fitting", "_stretch", "_terms"), _TUBES),
-    Room("validated/sets/propagation", ("first_section", "fastest_rate", "sampled_section", "grow"), _TUBES),
+    Room(
+        "validated/sets/tube_theorem",
+        ("advance", "_fitting", "_stretch", "_terms"),
+        _TUBES,
+        (
+            ("if not np.all(kept < room)", "any", "u ≤ room, and so kept < u fails where kept < room does"),
+            ("if not np.all(kept < room)", "left × 0.5", "u ≤ room, and so kept < u fails where kept < room does"),
+            ("inside = np.minimum(kept", "1e-300", "which u is tried: kept < u is asked of it"),
+            ("delta = off.sum(axis=2)", "1e-12", "`raised` is above these roundings too"),
+        ),
+    ),
+    Room(
+        "validated/sets/propagation",
+        ("first_section", "fastest_rate", "sampled_section", "grow"),
+        _TUBES,
+        (
+            ("return CrossSection(exactly(np.diag(edges))", "1 × 1.1", "a larger bound"),
+            ("return CrossSection(exactly(np.diag(edges))", "1 × 2", "a larger bound"),
+            ("return CrossSection(exactly(np.diag(edges))", "1e-15 × ", "above two roundings all the same"),
+            *(
+                (line, "", "how slices, batches and room are chosen; `advance` proves the tube with any")
+                for line in (
+                    "moved = np.abs(",
+                    "moved[loop.n_x :] /= max",
+                    "count = math.ceil(",
+                    "batch = most = max(",
+                    "room = np.tile(",
+                    "batch = min(most",
+                    "if not found and batch > 1",
+                    "elif not found and count < finest",
+                    "if growth(found[-1]) > _GROWTH",
+                )
+            ),
+        ),
+    ),
     Room(
         "validated/sets/subdivision",
         (
@@ -287,6 +321,14 @@ ROOMS: tuple[Room, ...] = (
             "_widest",
         ),
         _TUBES,
+        (
+            ("_COVERING = 1.0 + 1e-12", "1e-12 × 0.9", "a thousand roundings all the same"),
+            ("_COVERING = 1.0 + 1e-12", "1e-12 × 1.1", "a larger box"),
+            ("smaller = smaller + ", "4e-16 × 1.1", "a larger box"),
+            ("smaller = smaller + ", "4e-16 × 2", "a larger box"),
+            ("smaller = smaller + ", "without 1.0", "what a middle is moved by is rounded by less than 1e-12 of it"),
+            ("smaller = smaller + ", "1 × ", "what a middle is moved by is rounded by less than 1e-12 of it"),
+        ),
     ),
     Room(
         "validated/flow/defect",

@@ -18,7 +18,7 @@ flint = pytest.importorskip("flint")
 from ccpin.validated.arithmetic.balls import ball  # noqa: E402
 from ccpin.validated.arithmetic.series import values  # noqa: E402
 from ccpin.validated.model import ball_joints, recorded_coordinates, recorded_tree  # noqa: E402
-from ccpin.validated.model.closed_loop import recorded_loop, too_far_turned  # noqa: E402
+from ccpin.validated.model.closed_loop import _unit_lengths, recorded_loop, too_far_turned  # noqa: E402
 from ccpin.validated.model.recorded_laws import require_sampled  # noqa: E402
 from tests.support.strategies import Growth  # noqa: E402
 from tests.validated.test_joints import (  # noqa: E402
@@ -101,6 +101,7 @@ def test_rotors_and_springs_of_joints_that_depend():
     stated = {"armature": 0.02, "damping": 0.3, "stiffness": 1.7, "spring_reference": 0.2}
     model = ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint3": stated, "joint4": {**stated, "stiffness": 0.9}}))
     compare(model, ccpin.control.PDFullGravity(model, GOAL, K_P, K_V))
+    compare(model, None, 3)  # whose law cancels no spring
     lagging = ccpin.ReducedModel(ccpin.load("rpdr", joints={"joint3": stated}))
     compare(lagging, None, 2)
     compare(lagging, ccpin.control.NoTorque(lagging))
@@ -148,9 +149,84 @@ def test_laws_of_other_mechanisms_are_refused(rpdr_model):
 
 def test_only_the_law_with_constant_gravity_is_sampled(rpdr_model):
     assert require_sampled(ccpin.control.PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)).kind == "pd"
-    for law in (None, ccpin.control.NoTorque(rpdr_model), ccpin.control.PDFullGravity(rpdr_model, GOAL, K_P, K_V)):
+    for law in (None, ccpin.control.NoTorque(rpdr_model), ccpin.control.PDFullGravity(rpdr_model, GOAL, K_P, K_V), 7):
         with pytest.raises(UnsupportedMechanismError, match="sampled"):
             require_sampled(law)
+
+
+def test_laws_that_are_not_known_are_refused(rpdr_model):
+    """Ones that say nothing of themselves, that follow a motion, that compute more."""
+    moving = ccpin.control.PointToPoint(rpdr_model, GOAL, GOAL + 0.1, 1.0)
+    held = ccpin.control.Hold(rpdr_model, GOAL)
+    for law in (
+        Silent(), ccpin.control.PDOnlineGravity(rpdr_model, moving, K_P, K_V),
+        ccpin.control.ComputedTorque(rpdr_model, held, 9.0, 6.0),
+    ):  # fmt: skip
+        with pytest.raises(UnsupportedMechanismError, match="knows"):
+            recorded_loop(rpdr_model, law)
+
+
+class Silent(ccpin.control.ControlLaw):
+    """A law that says nothing of itself."""
+
+    def torque(self, t, q, v, q_free=None):
+        return np.zeros(2)
+
+
+def test_numbers_of_unit_length():
+    """Of the quaternions that depend alone: ½(|p|² − 1)."""
+    joint = SimpleNamespace(kind=SimpleNamespace(unit=4), x=slice(1, 6))
+    x = np.array(balls([0.0, 7.0, 1.0, 2.0, 3.0, 4.0, 9.0]), dtype=object)
+    (length,) = _unit_lengths((joint,), x, (5,))
+    assert float(length) == 14.5
+    assert _unit_lengths((joint,), x, (4, 6)) == []
+    assert _unit_lengths((SimpleNamespace(kind=SimpleNamespace(unit=2), x=slice(1, 6)),), x, (5,)) == []
+
+
+def part(joint, component=None, wraps=False, whole=None, slides=(False,), first=0, size=1):
+    start = joint.v.start + first
+    return SimpleNamespace(
+        v_free=slice(start, start + size), component=component, kind=joint.kind, wraps=wraps, whole=whole, slides=slides
+    )
+
+
+def test_where_coordinates_stand():
+    """In the numbers and in q̇′; which are circles, and whether their rates are q̇."""
+    kind = SimpleNamespace(unit=4, components=("tx", "ty", "tz", "rx", "ry", "rz"))
+    floating = SimpleNamespace(x=slice(2, 9), v=slice(2, 8), kind=kind, turning_axes=True)
+    plain = SimpleNamespace(x=slice(0, 2), v=slice(0, 2), kind=SimpleNamespace(unit=0), turning_axes=False)
+    turning = SimpleNamespace(x=slice(9, 10), v=slice(8, 9), kind=SimpleNamespace(unit=2), turning_axes=False)
+    joints = (plain, floating, turning)
+
+    def told(*parts):
+        return recorded_coordinates.layout_of(SimpleNamespace(parts=parts), joints)
+
+    assert told(part(plain, first=1)) == ((1,), (1,), True, ())
+    assert told(part(plain, first=0, size=2)) == ((0, 1), (0, 1), True, ())
+    assert told(part(turning, wraps=True), part(plain, wraps=True)) == ((9, 0), (8, 0), True, (0, 1))
+    assert told(part(plain), part(turning, whole=1)) == ((0, 9), (0, 8), True, (1,))
+    assert told(part(floating, whole=1)) == (tuple(range(2, 9)), tuple(range(2, 8)), False, ())
+    assert told(part(floating, whole=1), part(plain)).scalar is False
+    assert told(part(floating, component="tx", slides=(True,))) == ((2,), (-1 - 2,), True, ())
+    turns = told(part(floating, component="rx"), part(plain), part(floating, component="rz"))
+    assert turns == ((10, 0, 11), (-11, 0, -12), True, ())
+    assert told(part(plain), part(plain, first=1)).places == (0, 1)
+    later = SimpleNamespace(x=slice(3, 7), v=slice(4, 8), kind=SimpleNamespace(unit=0), turning_axes=False)
+    assert recorded_coordinates._windows(part(later, first=1, size=2), later) == ([4, 5], [5, 6])
+
+
+def test_turns_of_several_balls_stand_one_after_the_other():
+    """After the joints' numbers, each of its own ball and axis."""
+    kind = SimpleNamespace(unit=4)
+    joints = tuple(
+        SimpleNamespace(x=slice(4 * k, 4 * k + 4), v=slice(3 * k, 3 * k + 3), q=slice(4 * k, 4 * k + 4), kind=kind)
+        for k in (0, 1)
+    )
+    parts = [part(joints[1], component="rz"), part(joints[0], component="ry", first=0), part(joints[0], slides=(True,))]
+    coordinates = SimpleNamespace(parts=parts, q_reference=np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.6, 0.0, 0.8]))
+    found = ball_joints.turns_of(coordinates, joints, np.ones(8))
+    assert [(turn.axis, turn.place) for turn in found] == [(2, 8), (1, 9)]
+    np.testing.assert_allclose(numbers(found[0].ball.reference), [0.0, 0.6, 0.0, 0.8])
 
 
 @pytest.mark.parametrize("kind", ["PDSimpleGravity", "PDFullGravity"])

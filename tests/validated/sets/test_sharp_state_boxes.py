@@ -17,7 +17,7 @@ from ccpin.validated.flow.closing import closed_start, krawczyk, unique_there
 from ccpin.validated.sets import curvature as module
 from ccpin.validated.sets.branch import closed_boxes, jets_of, states_of
 from ccpin.validated.sets.curvature import Instants, UnboundedError, at_middles, boxes, curvature_over, feedback
-from tests.support.parabola import lines, loop, parabola
+from tests.support.parabola import linear, lines, loop, parabola
 
 
 @pytest.fixture(autouse=True)
@@ -454,6 +454,14 @@ def test_curvature_of_the_flow():
             assert np.all(np.abs(bend @ value - found.change.mid[0]) <= found.change.rad[0])
     np.testing.assert_allclose(found.change.mid[0], middle[2] @ middle[0], atol=0.02)
     assert found.change.rad.max() < 0.15
+
+
+def test_the_flow_of_two_coordinates():
+    """F = (q̇, −Kq − Cq̇), each in its place."""
+    stiff, damper = np.array([[3.0, -1.0], [0.5, 2.0]]), np.array([[0.4, 0.1], [0.2, 0.3]])
+    state = np.array([[1.0, 2.0, 3.0, 5.0]])
+    found = module._flow(linear(stiff, damper), exactly(state))
+    np.testing.assert_allclose(found.mid[0], [3.0, 5.0, *(-stiff @ state[0, :2] - damper @ state[0, 2:])], rtol=1e-14)
 
 
 def test_feedback_of_a_sampled_law():

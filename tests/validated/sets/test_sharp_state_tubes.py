@@ -1,5 +1,6 @@
 """The tube's bounds as its theorem writes them, tubes of linear flows to their corners, and parts that cover."""
 
+from fractions import Fraction
 from types import SimpleNamespace
 
 import numpy as np
@@ -238,6 +239,60 @@ def test_first_sections_hold_the_starts():
         np.testing.assert_allclose(held, spread, rtol=1e-12)
         assert np.linalg.cond(section.frame.mid / np.array([1.0, 1.0, 2.0, 2.0])[:, None]) < 120.0
     assert propagation.fastest_rate(one, at) == pytest.approx(np.abs(np.linalg.eigvals(FLOW)).max(), rel=1e-9)
+    for seed in range(40):
+        spread = np.abs(drawn(seed, 4))
+        section = first_section(one, at, spread)
+        edges = np.diag(section.frame.mid)
+        assert all(
+            Fraction(e) * Fraction(b) >= Fraction(s) for e, b, s in zip(edges, section.bound, spread, strict=True)
+        )
+
+
+@pytest.mark.parametrize("fails", [None, 1, 3])
+def test_slices_follow_one_another_however_many_are_proved_at_once(monkeypatch, fails):
+    """Each batch begins where the last one ended, with its cross-section; finer slices where one fails."""
+    one, step = linear(STIFF, DAMP), resting(4, 0.25)
+    asked, count = [], 0
+
+    def told(loop, part, moving, before, room, pieces):
+        nonlocal count
+        asked.append((part.time - part.half, part.time + part.half, before))
+        count += 1
+        if fails is not None and fails <= count < fails + 4 and len(part.time) < 9:
+            return []
+        found = []
+        for k in range(min(2, len(part.time))):
+            end, kept = exactly((10.0 * count + k) * np.eye(4)), np.full(4, float(count))
+            found.append(SimpleNamespace(end=end, kept=kept, instant=part.part(np.s_[k : k + 1])))
+        return found
+
+    monkeypatch.setattr(propagation, "advance", told)
+    monkeypatch.setattr(propagation, "frames", lambda *_: None)
+    monkeypatch.setattr(propagation, "_turned", lambda frame, *_: frame)
+    monkeypatch.setattr(propagation, "growth", lambda _: 1.0)
+    monkeypatch.setattr(propagation, "_AT_ONCE", 4)
+    first = CrossSection(exactly(np.eye(4)), np.ones(4))
+    at, last, bound, number = 0.0, first.frame, first.bound, 0
+    for batch in grow(one, step, 0.0, first, Cut(1, np.inf)):
+        (begins, _, before) = asked[-1]
+        assert begins[0] == at
+        np.testing.assert_array_equal(before[0].mid, last.mid)
+        np.testing.assert_array_equal(before[1], bound)
+        for piece in batch:
+            assert piece.instant.time[0] - piece.instant.half[0] == at
+            at = piece.instant.time[0] + piece.instant.half[0]
+            number += 1
+        last, bound = batch[-1].end, batch[-1].kept
+    assert at == step.length
+    assert number > 8
+
+
+def test_tubes_that_are_not_proved_however_finely_they_are_cut(monkeypatch):
+    """Nothing is told of what follows."""
+    one, step = linear(STIFF, DAMP), resting(4, 0.25)
+    monkeypatch.setattr(propagation, "advance", lambda *_: [])
+    with pytest.raises(UnboundedError, match="too fast"):
+        list(grow(one, step, 0.0, CrossSection(exactly(np.eye(4)), np.ones(4)), Cut(1, np.inf)))
 
 
 def sampled():
@@ -340,8 +395,12 @@ def test_parts_are_halved_until_they_are_proven(monkeypatch):
     assert len(done) <= 3
     assert cover(None, starts(0.5, 0.0), 2)[1] == ""
     assert cover(None, starts(0.5, 0.0), 1)[1] == "why"
-    proven_or_not(monkeypatch, lambda box: ("undecided", None))
+    tried = proven_or_not(monkeypatch, lambda box: ("undecided", None))
     assert cover(None, starts(0.5, 0.0), 9)[1] == "why"
+    assert len(tried) == 1
+    tried = proven_or_not(monkeypatch, lambda box: ("proven" if box.spread[0] < 1e-3 else "undecided", 0))
+    assert cover(None, starts(1.0, 0.0), 3)[1] == "why"
+    assert len(tried) == 3
     done, missing = cover(None, starts(0.1, 0.0), 0 + 1)
     assert len(done) == 1
     assert missing == "why"
