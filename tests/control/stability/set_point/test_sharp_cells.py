@@ -176,7 +176,7 @@ def test_halves_of_a_cell(monkeypatch):
     assert store.cells[second].neighbours == {first}
     low, high = store.split(second, np.array([1.0, 1.0]))
     assert (corners(store.cells[low]), corners(store.cells[high])) == ((2.0, -2.0, 3.0, 0.0), (2.0, 0.0, 3.0, 2.0))
-    assert store.cells[low].depth == 2
+    assert [store.cells[k].depth for k in (low, high)] == [2, 2]
     store.extend(right)  # what is laid beside the place meets the halves that touch it
     far = next(cell for cell in store.cells if cell.lattice == (2, 0))
     assert far.neighbours == {low, high}
@@ -233,6 +233,10 @@ def test_both_halves_are_proved_or_none(monkeypatch, fails):
     if fails is None:
         np.testing.assert_array_equal(flat.glued[0][1], [[0.0, -1.0], [0.0, 1.0]])
         np.testing.assert_array_equal(flat.glued[0][3], np.zeros((2, 2)))
+        assert store.halve_proved(2) == (3, 4)  # the upper half, whose middle is not 0
+        np.testing.assert_array_equal(flat.asked[1].start[:, :2], [[0.0, 0.5], [0.0, 1.5]])
+        np.testing.assert_array_equal(flat.asked[1].start[:, 2], STRETCH[1] * np.array([0.5, 1.5]) + 0.125)
+        np.testing.assert_array_equal(flat.glued[1][1], [[0.0, -0.5], [0.0, 0.5]])
 
 
 def test_cells_that_come_proved(monkeypatch):
