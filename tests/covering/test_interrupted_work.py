@@ -19,7 +19,7 @@ from ccpin.covering.region import WHOLE
 from ccpin.covering.runner import Runner, Work
 from ccpin.domain import certify, certify_sheets
 from ccpin.domain.closures.system import reading_of
-from ccpin.domain.curves import following, search
+from ccpin.domain.singular import cover, following
 from ccpin.errors import DifferentSubjectsError, InvalidInputError
 from ccpin.work import stoppable
 
@@ -247,7 +247,7 @@ def test_curves_are_kept_too(rpdr, tmp_path, monkeypatch):
             press()
         return following.follow(problem, theta, kernel, going)
 
-    monkeypatch.setattr(search, "follow", counted)
+    monkeypatch.setattr(cover, "follow", counted)
     region = np.array([[0.99, 1.0], [2.2, 2.15]])  # with the isolated point and a piece of the fold
     part = domain.certify_singularities(rpdr, region, checkpoint=tmp_path)
     assert not part.complete

@@ -54,7 +54,7 @@ def add_domain(commands: Any) -> None:
     kept = "keep finished chunks there; a rerun resumes"
     complete(parser.add_argument("--checkpoint", type=Path, metavar="DIR", help=kept), shtab.DIRECTORY)
     parser.add_argument(
-        "--workers", type=count, metavar="N", help="share the work among N processes (default: this one)"
+        "--workers", type=count, metavar="N", help="share the work among N threads, or processes (default: this one)"
     )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="run on a Dask cluster, e.g. tcp://127.0.0.1:8786")
     complete(
