@@ -24,7 +24,7 @@ def law(rpdr_model):
     return PDSimpleGravity(rpdr_model, GOAL, K_P, K_V)
 
 
-@pytest.fixture(scope="module", params=["core", "numpy"])
+@pytest.fixture(scope="module", params=["core", pytest.param("numpy", marks=same_on_both)])
 def either_model(request, rpdr_model):
     """The RPDR as it computes by default, and with NumPy alone."""
     return rpdr_model if request.param == "core" else reference_model(rpdr_model.mechanism)
