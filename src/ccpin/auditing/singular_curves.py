@@ -36,7 +36,7 @@ from ccpin.auditing.reading import Array, Curves, CurveTube, Integers
 if TYPE_CHECKING:
     from ccpin.auditing.exclusion import Exclusion
 
-_CUTS = 12
+_CUTS = 12  # halvings of a cell one after another, before its tube is left undecided
 _BACK = (0.4, 0.1)  # of a half length: where the other zero of a gluing is
 
 
