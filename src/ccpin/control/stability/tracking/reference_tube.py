@@ -37,8 +37,8 @@ from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, solve_in_boxes
 from ccpin.proof.rounding import SLACK
 
-_REST = 1.0
-_WIDEN = 1e-13
+_REST = 1.0  # s, of the rest after the reference's end
+_WIDEN = 1e-13  # relative: covers the rounding of half widths and centres
 _SAME = 1e-9  # relative: what tells two motions from one motion's rounding
 
 
