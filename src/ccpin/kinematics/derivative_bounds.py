@@ -33,7 +33,7 @@ from ccpin.description.closure_kinds import Fixed, Gap, Vector
 from ccpin.kinematics.constraints import Constraints, ConstraintValue
 from ccpin.kinematics.coordinates import IndependentCoordinates
 
-_LOG_SECOND, _LOG_THIRD = 3.1, 9.1
+_LOG_SECOND, _LOG_THIRD = 3.1, 9.1  # of |D²r|/ω² and |D³r|/ω³ (above)
 
 
 class Lengths(NamedTuple):
