@@ -19,7 +19,7 @@ from ccpin.description.mjcf.element import Element
 from ccpin.description.model import Inertia, frame
 
 _READABLE = (".msh", ".obj", ".stl")
-_MOST_NUMBERS = 10_000_000
+_MOST_NUMBERS = 10_000_000  # of a mesh written into the file: bounds time and memory
 _THINNEST = 1e-9  # volume or area by the mesh's size to the third or second power
 _WAYS = ("legacy", "exact", "convex", "shell")
 
