@@ -17,7 +17,7 @@ from ccpin.validated.model.closed_loop import ClosedLoop
 from ccpin.validated.model.recorded_laws import HALF_A_TURN
 from ccpin.validated.sets.branch import ClosedStates, Jets, closed_boxes, jets_of, nearly_closed, states_of
 
-_POINT = 1e-15
+_POINT = 1e-15  # rad or m: the box about a q that is a point, in doubles
 _LARGER = 1.05  # than needed: room for the pieces' own boxes in it
 _REGULAR = "ψ_q′ or D is not proven nonsingular on a box about the tube"
 _BRANCH = "σ is not proven to be single on a box about the tube"
