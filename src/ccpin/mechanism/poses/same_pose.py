@@ -24,11 +24,11 @@ from ccpin.kinematics.constraints import Constraints
 from ccpin.kinematics.points import joint_poses
 from ccpin.kinematics.tree import Tree
 
-_SAME = 1e-6
-_LIGHT = 1e-6
+_SAME = 1e-6  # of the entries of 4×4 poses (m, or none): closed configurations differ by less
+_LIGHT = 1e-6  # of the largest mass: a body with less has none and is not looked at
 _POINTLESS = ("prismatic", "cylindrical", "planar", "in_plane")
 _TURNING_ONLY = ("perpendicular",)
-_ORIGIN = np.array([0.0, 0.0, 0.0, 1.0])
+_ORIGIN = np.array([0.0, 0.0, 0.0, 1.0])  # a joint's own, homogeneous
 
 
 class _BodyEnd(NamedTuple):
