@@ -14,7 +14,7 @@ from ccpin.studio.subject import Subject
 
 __all__ = ["Session", "Studio", "Subject", "studio"]
 
-LAST_PORT = 65535
+LAST_PORT = 65535  # that TCP has
 
 
 def studio(
