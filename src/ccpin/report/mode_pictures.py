@@ -7,7 +7,7 @@ from ccpin.pages import figure, paragraphs, table
 from ccpin.plotting import plot_configuration_panels
 from ccpin.report.settings import ReportSettings
 
-_DRAWN = 4
+_DRAWN = 4  # modes in the picture, at most
 _SIGNS = {1: "> 0", -1: "< 0", 0: "redundant rows"}
 
 
