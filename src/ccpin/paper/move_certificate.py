@@ -13,8 +13,8 @@ from ccpin.control import PDSimpleGravity, SetPointCertificate, certify_law, sam
 if TYPE_CHECKING:
     from ccpin.validated import MoveCertificate
 
-_PRECISION = 128
-_RAY = 1e-3
+_PRECISION = 128  # bits in which the move is enclosed
+_RAY = 1e-3  # of a ray: how near its last point in B₂ is found
 
 
 class Theorem3Facts(NamedTuple):

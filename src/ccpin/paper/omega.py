@@ -22,8 +22,8 @@ from ccpin.paper.extremes import extremes_figure, singular_figure
 from ccpin.paper.item import Drawing, Item, apart
 from ccpin.paper.study import CENTRES, GOAL, RADII, START, Study
 
-_EDGE = np.linspace(-1.0, 1.0, 2001)
-_CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])
+_EDGE = np.linspace(-1.0, 1.0, 2001)  # of a square, as points at which its slack is looked at
+_CORNERS = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]])  # of a square
 EXAMPLE_V = np.array([2.0, 2.0, 4.0, 2.0, 2.0, 8.0])
 """The worked example's v; its largest entry is c."""
 ISOLATED = (56.944, 123.056)
