@@ -73,6 +73,7 @@ class DerivativeBounds:
         self._weights = np.array([abs(product.weight) for _, product in products])
         self._left = self._place([(k, product.left) for k, product in products])
         self._right = self._place([(k, product.right) for k, product in products])
+        # where each row's products begin in the list of all
         self._starts = np.cumsum([0, *(len(row) for loop in loops for row in loop.rows.rows)], dtype=np.intp)[:-1]
         self._components = [
             (part, joint.number)

@@ -195,6 +195,7 @@ def tube(points: Array, radius: float, sides: int = 8) -> TubeMesh | None:
         normal = across / np.linalg.norm(across)
         binormal = np.cross(tangent, normal)
         rings.append(point + radius * (np.outer(np.cos(angles), normal) + np.outer(np.sin(angles), binormal)))
+    # two triangles to each side of each ring: its vertex, the next one round, and the same two of the next ring
     first = np.arange(sides * (len(points) - 1))
     turned = first - first % sides + (first + 1) % sides
     pairs = np.stack([first, turned, first + sides, turned, turned + sides, first + sides], 1)

@@ -54,6 +54,7 @@ class Likeness:
         self._owner: Indices = np.array([end.joint for end in ends], dtype=np.intp)
         self._points = np.array([end.point for end in ends]).reshape(-1, 4, 1)
         self._slides: Mask = np.array([end.slides for end in ends], dtype=np.bool_)
+        # the first end of each group, and for each end that of its own
         first = {int(group): k for k, group in reversed(list(enumerate(self._group)))}
         self._first: Indices = np.array([first[int(group)] for group in self._group], dtype=np.intp)
 

@@ -135,7 +135,7 @@ def _in_pieces(loop: ClosedLoop, whole: BallArray, v: BallArray, pieces: int) ->
     """
     independent = list(loop.independent)
     places = np.array(list(product(np.linspace(-1.0, 1.0, 2 * pieces + 1)[1::2], repeat=loop.n)))
-    count = len(places)
+    count = len(places)  # pieces of a box: those of the first, then those of the second, …
     large, rest = (BallArray(*(np.repeat(x, count, axis=0) for x in wide)) for wide in (whole, v))
     offset = large.rad[:, independent] * np.tile(places, (len(whole.mid), 1))
     reach = raised(large.rad[:, independent] / pieces * (1.0 + 1e-12) + 1e-15 * np.abs(large.mid[:, independent]))
