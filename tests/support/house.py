@@ -58,10 +58,14 @@ def imports():
 
 def needed(pairs):
     """The pairs without those that follow from others: a room stands on what it imports, and on what that stands on."""
+    under: dict[str, set[str]] = {}
+    for name in sorted(PLACES, key=floors(pairs).__getitem__):
+        own = {below for above, below in pairs if above == name}
+        under[name] = own.union(*(under[below] for below in own))
     return {
         (above, below)
         for above, below in pairs
-        if not any(_stands(pairs, other, below) for top, other in pairs if top == above and other != below)
+        if not any(below in under[other] for top, other in pairs if top == above)
     }
 
 
@@ -79,7 +83,7 @@ def draw(path):
     """Write the picture; its arrows carry their names as ids."""
     pairs = needed(imports())
     height = floors(pairs)
-    with drawing("", (10.0, 9.0), **{"axes.grid": False, "svg.fonttype": "none", "svg.hashsalt": "ccpin"}) as figure:
+    with drawing("", (10.0, 9.0)) as figure:
         axes = figure.add_subplot()
         axes.set_axis_off()
         axes.set_xlim(-2.5, 1.6)
@@ -113,10 +117,6 @@ def arrow_id(above, below):
 
 def _placed(name):
     return FOUNDATIONS if name in BASE else name
-
-
-def _stands(pairs, above, below):
-    return (above, below) in pairs or any(_stands(pairs, other, below) for top, other in pairs if top == above)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from ccpin.cli.certificates import curve_facts, curves_in_words, sheet_facts, sh
 from ccpin.cli.command import INTERRUPTED, complete, count, index, judged
 from ccpin.cli.options import add_mechanism, add_vector, load, vector
 from ccpin.cli.progress import busy, progress_bar
-from ccpin.dynamics import ReducedModel
+from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism
 
@@ -25,7 +25,7 @@ _EXAMPLES = """\
 example: ccpin domain rpdr --centre-deg -108 -72
          ccpin domain rpdr --lower-deg -110 -75 --upper-deg -105 -70 --plot figures
          ccpin domain rpdr --sheets --depth 6
-         ccpin domain rpdr --curves --save curves.json"""
+         ccpin domain rpdr --curves --lower-deg 100 35 --upper-deg 140 75 --save curves.json"""
 _BAR = "{l_bar}{bar}| {n:.1f} % certified, {postfix}"
 SHARES = ("certified", "empty", "singular", "undecided", "unreached")
 

@@ -125,5 +125,5 @@ def _refuse_strangers(count: int, owner: Indices, pairs: Indices, same: Mask) ->
             faces = int(np.sum(np.any(owner[pairs] == k, axis=1)))
             raise InvalidInputError(
                 f"part {k + 1} is not proved to be on the branch of part 1: none of the {faces} faces that its boxes "
-                "share with others carries the same σ. Certify it from a closed configuration on that branch (guess=)"
+                "share with others carries the same σ. Certify it from a closed configuration on that branch (near=)"
             )

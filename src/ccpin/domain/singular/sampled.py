@@ -192,14 +192,14 @@ def _all_curves(
 
 
 def singularity_distance(
-    mechanism: Mechanism | HasMechanism, path: ArrayLike, guess: Near = None
+    mechanism: Mechanism | HasMechanism, path: ArrayLike, near: Near = None
 ) -> SingularityDistance:
     """The smallest singular value of the scaled φ_y along a path in q, any n; zero means singular.
 
     Args:
         mechanism: The mechanism, or its model.
         path: Points of shape (k, size of q), followed in order on one branch.
-        guess: Chooses the branch at the first point.
+        near: Chooses the branch at the first point.
 
     Raises:
         UnreachableError, SingularConfigurationError: The path cannot be followed.
@@ -210,7 +210,6 @@ def singularity_distance(
         raise InvalidInputError(f"path has shape {np.shape(path)}; it must be (k, {model.nq})")
     reach = characteristic_length(model.mechanism)
     configurations, measures = [], []
-    near: Near = guess
     for q in points:
         near = model.at(q, near)
         configurations.append(near.q_free)
@@ -285,7 +284,7 @@ class _SingularEquations:
         start = self.mechanism.q_reference + spread * generator.uniform(-1.0, 1.0, self.n_free)
         jacobian = np.vstack([self.constraints.value(start).jacobian, self.rows(start, np.zeros(self.n_free))[0]])
         x = np.concatenate([start, np.linalg.svd(jacobian)[2][-1]])
-        found = optimize.least_squares(self.residual, x, jac=self.jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-15)
+        found = optimize.least_squares(self.residual, x, jac=self.jacobian, xtol=1e-15, ftol=1e-15, gtol=1e-8)
         settled = self.correct(found.x)
         return None if settled is None or not self.constraints.aligned(settled[: self.n_free]) else settled
 

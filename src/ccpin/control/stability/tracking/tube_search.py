@@ -26,7 +26,7 @@ _PLANNED = 48  # cells at whose middles plans are compared, at most: a plan is a
 
 
 class TubeBounds(NamedTuple):
-    """What a search ends with; `ccpin.control.TrackingCertificate` explains its numbers.
+    """What a search ends with; `TrackingCertificate` (`tracking_error`) explains its numbers.
 
     Attributes:
         verdict, reason: As there.
