@@ -160,6 +160,7 @@ ROOMS: tuple[Room, ...] = (
             "_reached",
         ),
         _TRACKING,
+        (("if k and kicks[k]", "not asked: kicks[k]", "a level that is raised by nothing is only larger by `SLACK`"),),
     ),
     Room(
         "control/stability/tracking/tracking_error",

@@ -127,13 +127,16 @@ def demand(monkeypatch):
         starts, count = [], len(speeds)
         told = iter(speeds)
         monkeypatch.setattr(on_line, "_TOGETHER", 3)
-        monkeypatch.setattr(on_line, "_speed", lambda *_: next(told))
+        cells, seen = states(count=6 if count == 2 else 3), []
+        monkeypatch.setattr(on_line, "_speed", lambda _, chunk: seen.append(chunk.e.mid) or next(told))
         slopes = iter([0.5 * slope, slope][:count])
         stretches = iter([stretch, 0.5 * stretch][:count])
         monkeypatch.setattr(
             on_line, "_newton", lambda _, __, start: starts.append(start) or (next(slopes), next(stretches))
         )
-        return online_demand(None, states(count=6 if count == 2 else 3), sigma_error, period), starts
+        found = online_demand(None, cells, sigma_error, period)
+        np.testing.assert_array_equal(np.concatenate(seen), cells.e.mid)
+        return found, starts
 
     return run
 
@@ -328,6 +331,7 @@ def test_what_is_open_is_told():
         ({"sources": (np.nan, 1.0)}, "φ_y"),
     ):
         found = searched(lambda k, room, w=wrong: level() if room is None else level(**w))[0].found()
+        assert found.room.shape == (2, 2)
         assert (found.verdict, said in found.reason) == ("undecided", True)
         assert np.all(np.isinf(found.bound))
         assert found.bound.shape == (2, 2)
