@@ -53,6 +53,9 @@ ROOMS: tuple[Room, ...] = (
         (
             ("if cell.well is not None and cell.well.range_over", "not asked: cell.well is not", "members have wells"),
             ("if cell.well is not None and cell.well.range_over", "", "β over more members is only larger"),
+            ('return found or "domain"', "'domain'", "a flood of no cell ends at once"),
+            ("or self._spent()", "not asked: self._spent()", "how much work is done"),
+            ("neighbours & self._members.keys()", "neighbours", "a face of a member parted from it is its edge too"),
             ("self._rise(entry) <= 0.1", "", "when halving is given up"),
             ("entry.slack <= self._budget.tolerance", "", "when halving is given up"),
             ("self._serial += 1", "", "in which order faces of one level are taken"),
@@ -74,17 +77,20 @@ ROOMS: tuple[Room, ...] = (
             "cells_around",
         ),
         ("control/stability/set_point/test_sharp_starting_cells.py",),
-        tuple(
-            (line, "", "which proved box is the first: the flood asks what it is good for")
-            for line in (
-                "single = budget.cells",
-                "good = well.beta < gain",
-                "height = _height(",
-                "if best is None or height > level",
-                "if (not single and good)",
-                "best = trials.box(_LATTICE",
-                "if boxes is not None and well",
-            )
+        (
+            ("sprung = system.periodic &", "not asked: system.periodic", "what is not periodic is not made so"),
+            *(
+                (line, "", "which proved box is the first: the flood asks what it is good for")
+                for line in (
+                    "single = budget.cells",
+                    "good = well.beta < gain",
+                    "height = _height(",
+                    "if best is None or height > level",
+                    "if (not single and good)",
+                    "best = trials.box(_LATTICE",
+                    "if boxes is not None and well",
+                )
+            ),
         ),
     ),
     Room(
@@ -123,6 +129,7 @@ ROOMS: tuple[Room, ...] = (
         "control/stability/set_point/well",
         ("_ROUNDING", "Well.range_over", "Well.quadratic", "Well._descend", "wells", "_efforts"),
         _WELLS,
+        (("if np.all(np.abs(point - before)", "", "when a search ends: its point, wherever, gives a bound"),),
     ),
     Room(
         "control/stability/set_point/gains",

@@ -89,6 +89,8 @@ def test_floods_start_from_good_cells_around_the_set_point(monkeypatch, depth, e
     assert len(found.members) == (4 if depth == 4 else 0)
     assert np.isnan(found.beta) == (depth == 3)
     assert connected(store, found, ORIGIN) == tuple(sorted(found.members))
+    again = flooded(store, 0, cells=20)  # of other cells, when some were halved
+    assert all(store[k].live for k in again.members)
 
 
 def test_floods_that_do_not_start(monkeypatch):

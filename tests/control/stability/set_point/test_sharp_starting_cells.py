@@ -200,14 +200,14 @@ def predicted(monkeypatch):
 
 def test_turns_that_bring_boxes_to_the_law(predicted):
     """Those that hold q_d to its configuration, every further one to what it is reached from."""
-    free = np.array([1.0, 0.75, 0.25 + 2.0 * TURN, 0.1])
+    free = np.array([1.0, 0.75, 0.25 + 6.0 * TURN, 0.1])
     atlas = atlas_of()
     atlas = SimpleNamespace(**vars(atlas) | {"reading": atlas.reading._replace(theta=lambda _: free)})
     problem = Problem(System(np.array([0, 1]), np.array([False, False, False, True])))
     around = np.array([0])
     turns, reached = module._turns(problem, atlas, {(0, 1), (1, 2)}, around, law_at([1.0, 0.75]))
     assert reached.tolist() == [True, True, True, False]
-    np.testing.assert_array_equal(turns[:, 2], [2.0, 1.0, 3.0, 0.0])
+    np.testing.assert_array_equal(turns[:, 2], [6.0, 5.0, 7.0, 0.0])
     np.testing.assert_array_equal(turns[:, [0, 1, 3]], 0.0)
     np.testing.assert_allclose(predicted[0], [[1.0, 0.75]])
     np.testing.assert_allclose(predicted[1], [[1.0, 0.75]])

@@ -234,6 +234,17 @@ def test_references_tell_one_motion(order, share, held, place):
             module._check_told(told, PATH, times)
 
 
+@pytest.mark.parametrize(("apart", "held"), [(0.95e-9, True), (1.05e-9, False)])
+def test_references_that_rest_at_zero_tell_one_motion(apart, held):
+    still, zero = PPoly(np.zeros((3, 1, 2)), np.array([0.0, 2.0])), np.zeros(2)
+    told = SimpleNamespace(at=lambda t: ReferenceState(zero + apart, zero, zero))
+    if held:
+        module._check_told(told, still, np.array([0.5]))
+    else:
+        with pytest.raises(InvalidInputError, match="two motions"):
+            module._check_told(told, still, np.array([0.5]))
+
+
 def test_jumps_between_cells():
     """Of both sides' ends with their roundings, at knots; at the beginning of the speed alone, from rest."""
     motion = tuple(chord(20 + 10 * k, 3) for k in range(3))
@@ -253,7 +264,7 @@ def test_the_tube_of_a_reference(monkeypatch):
     system = SimpleNamespace(independent=np.array([0, 2]), n_free=3)
     D = drawn(5, 2, 3, 3)
     path = SimpleNamespace(
-        verdict="proven", times=np.array([0.0, 2.0, 6.0]), problem=SimpleNamespace(system=system), reading="reading",
+        verdict="proven", times=np.array([0.0, 2.0, 3.0]), problem=SimpleNamespace(system=system), reading="reading",
         boxes=Boxes(drawn(6, 2, 3), *(drawn(7, 2, 3),), D, *(drawn(8, 2, 2) for _ in range(4)), np.zeros(2)),
     )  # fmt: skip
     asked = []
@@ -282,7 +293,7 @@ def test_the_tube_of_a_reference(monkeypatch):
     q = np.array([[0.5, 0.25], [1.5, 0.75], [2.375, 2.5]])
     np.testing.assert_allclose(found.centre[:, [0, 2]], q, rtol=1e-14)
     np.testing.assert_array_equal(found.centre[:, 1], 7.0)
-    number, s = [0, 0, 1], np.array([-0.5, 0.5, -0.25])
+    number, s = [0, 0, 1], np.array([-0.5, 0.5, 2.0])  # beyond the path's end in its last box
     np.testing.assert_array_equal(boxes.centre, path.boxes.centre[number])
     np.testing.assert_allclose(delta[:, 0], s, rtol=1e-14)
     place = path.boxes.centre[number][:, [0, 2]] + s[:, None] * D[number][:, [0, 2], 0]
