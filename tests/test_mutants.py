@@ -1,16 +1,20 @@
 """The table of mutants names what is there; the mutants themselves are run by ``python -m tests.mutants``."""
 
 import ast
+from pathlib import Path
 
 import pytest
 
 from tests.mutants.changes import changes_of
 from tests.mutants.table import ROOMS, WHOLE, mutants_of, unlisted
 
+TESTS = Path(__file__).parent
+
 
 @pytest.mark.parametrize("room", ROOMS, ids=[room.module for room in ROOMS])
 def test_every_place_and_fragment_of_the_table_is_there(room):
     assert list(mutants_of(room))
+    assert [test for test in room.tests if not (TESTS / test.partition("::")[0]).is_file()] == []
 
 
 @pytest.mark.parametrize("folder", WHOLE)

@@ -1,14 +1,15 @@
-"""Who does long work, and when it is to end: worker processes, Ctrl-C, time."""
+"""Who does long work, and when it is to end: worker threads and processes, Ctrl-C, time."""
 
 from __future__ import annotations
 
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from contextvars import ContextVar
 from types import FrameType
@@ -17,6 +18,7 @@ from typing import NamedTuple, Protocol
 from ccpin.arrays import whole
 from ccpin.errors import InvalidInputError
 
+_AGAIN = 0.02  # s
 _ACTIVE: ContextVar[tuple[threading.Event, ...]] = ContextVar("active", default=())
 
 
@@ -93,6 +95,30 @@ def _interruptible(flags: tuple[threading.Event, ...]) -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
+@contextmanager
+def insistent() -> Iterator[None]:
+    """Make every Ctrl-C be heard.
+
+    Python drops a `KeyboardInterrupt` that falls into a destructor or a weak reference's callback (a library's, say),
+    and tells `sys.unraisablehook`: there it is asked for again, a moment later.
+    """
+    before = sys.unraisablehook
+
+    def again(dropped: sys.UnraisableHookArgs) -> None:
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+            before(dropped)
+            return
+        timer = threading.Timer(_AGAIN, signal.raise_signal, (signal.SIGINT,))  # now it would fall into this hook
+        timer.daemon = True
+        timer.start()
+
+    sys.unraisablehook = again
+    try:
+        yield
+    finally:
+        sys.unraisablehook = before
+
+
 def processes(workers: int) -> int:
     """How many processes are started where so many are asked for: no more than twice those that can run at a time.
 
@@ -103,8 +129,11 @@ def processes(workers: int) -> int:
 
 
 @contextmanager
-def executor_for(executor: Executor | None, workers: int | None) -> Iterator[Executor | None]:
-    """The executor given, or worker processes where more than one was asked for; ``None``: this process.
+def executor_for(executor: Executor | None, workers: int | None, compiled: bool = False) -> Iterator[Executor | None]:
+    """The executor given, or workers where more than one was asked for; ``None``: this thread does all.
+
+    Workers are processes, or where the work is `compiled` threads: it lets go of the interpreter's lock, and nothing
+    is copied from one process to another.
 
     Raises:
         InvalidInputError: Both were given, or `workers` is not a whole number of at least one.
@@ -115,7 +144,7 @@ def executor_for(executor: Executor | None, workers: int | None) -> Iterator[Exe
     if workers is None or workers == 1:
         yield executor
         return
-    pool = ProcessPoolExecutor(workers, initializer=_serve)
+    pool = ThreadPoolExecutor(workers) if compiled else ProcessPoolExecutor(workers, initializer=_serve)
     try:
         yield pool
     finally:

@@ -5,7 +5,7 @@ import pytest
 
 import ccpin
 from ccpin.domain import certify_workspace
-from ccpin.domain.workspace import task_problem
+from ccpin.domain.workspaces.workspace import task_problem
 from ccpin.proof.requirements import conditioning, reach
 from tests.support.altered import changed
 

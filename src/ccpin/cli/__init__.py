@@ -21,6 +21,7 @@ from ccpin.cli.studio import add_studio
 from ccpin.cli.verify import add_verify
 from ccpin.cli.view import add_view
 from ccpin.errors import CcpinError
+from ccpin.work import insistent
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -30,7 +31,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     options = _parser().parse_args(arguments)
     try:
-        code = int(options.run(options) or 0)
+        with insistent():
+            code = int(options.run(options) or 0)
         sys.stdout.flush()
         return code
     except CcpinError as error:

@@ -16,7 +16,7 @@ def document(path: Path) -> Any:
     """
     from ccpin.containers import format_of
     from ccpin.domain import Atlas, SheetAtlas, SingularCover
-    from ccpin.domain.documents import CURVES, SHEETS
+    from ccpin.domain.documents.kinds import CURVES, SHEETS
 
     stated = format_of(path)
     for kind, document in ((SHEETS, SheetAtlas), (CURVES, SingularCover)):

@@ -25,7 +25,7 @@ _EXAMPLES = """\
 example: ccpin domain rpdr --centre-deg -108 -72
          ccpin domain rpdr --lower-deg -110 -75 --upper-deg -105 -70 --plot figures
          ccpin domain rpdr --sheets --depth 6
-         ccpin domain rpdr --curves --save curves.json"""
+         ccpin domain rpdr --curves --lower-deg 100 35 --upper-deg 140 75 --save curves.json"""
 _BAR = "{l_bar}{bar}| {n:.1f} % certified, {postfix}"
 SHARES = ("certified", "empty", "singular", "undecided", "unreached")
 
@@ -54,7 +54,7 @@ def add_domain(commands: Any) -> None:
     kept = "keep finished chunks there; a rerun resumes"
     complete(parser.add_argument("--checkpoint", type=Path, metavar="DIR", help=kept), shtab.DIRECTORY)
     parser.add_argument(
-        "--workers", type=count, metavar="N", help="share the work among N processes (default: this one)"
+        "--workers", type=count, metavar="N", help="share the work among N threads, or processes (default: this one)"
     )
     parser.add_argument("--scheduler", metavar="ADDRESS", help="run on a Dask cluster, e.g. tcp://127.0.0.1:8786")
     complete(

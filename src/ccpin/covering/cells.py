@@ -13,6 +13,8 @@ from ccpin.arrays import Array, Columns, Indices, rows_of
 from ccpin.covering.region import WHOLE, Integers, Region
 from ccpin.proof.rounding import blur
 
+_LARGE = 2**28  # bytes of a buffer
+
 
 class CellStatus(IntEnum):
     """What is known of a cell; `SINGULAR`: a closed configuration over one of its q is proved to be singular."""
@@ -189,8 +191,13 @@ class Growing(Generic[Columns]):
 
 
 def _wider(buffer: NDArray[Any], used: int, needed: int) -> NDArray[Any]:
-    """A buffer for at least `needed` rows, with the first `used` of another."""
-    wide = np.empty((needed + needed // 2, *buffer.shape[1:]), dtype=buffer.dtype)
+    """A buffer for at least `needed` rows, with the first `used` of another.
+
+    What is not written to takes no memory, and a copy costs more than a try: room is for four times as many, of large
+    buffers for half as many again.
+    """
+    room = 3 * needed if needed * buffer[:1].nbytes < _LARGE else needed // 2
+    wide = np.empty((needed + room, *buffer.shape[1:]), dtype=buffer.dtype)
     wide[:used] = buffer[:used]
     return wide
 

@@ -16,7 +16,7 @@ from ccpin.domain import (
     singularities,
     theorem2,
 )
-from ccpin.domain.theorem2.system import Polynomial
+from ccpin.domain.theorem2.polynomials import Polynomial
 from ccpin.paper import printed
 from ccpin.paper.extremes import extremes_figure, singular_figure
 from ccpin.paper.item import Drawing, Item, apart

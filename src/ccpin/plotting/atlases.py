@@ -13,8 +13,8 @@ from ccpin.covering.cells import CellStatus
 from ccpin.covering.region import corners_of
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.radius_map import certified_radius
-from ccpin.domain.atlas.store import require_about
-from ccpin.domain.singularities import SingularCurve
+from ccpin.domain.closures.packing import require_about
+from ccpin.domain.singular.sampled import SingularCurve
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.plotting.style import COLOURS, drawing

@@ -13,10 +13,10 @@ from ccpin.arrays import Array
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.covering.runner import Progress
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.survey import certify
+from ccpin.domain.atlas.certifying import certify
 from ccpin.domain.closures.searchable import region_of
 from ccpin.domain.closures.seeds import scalar_coordinates_at, seed_at_coordinates
-from ccpin.domain.singularities import singularities
+from ccpin.domain.singular.sampled import singularities
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.dynamics.state import State
 from ccpin.errors import CcpinError, ConvergenceError, SingularConfigurationError, UnsupportedMechanismError

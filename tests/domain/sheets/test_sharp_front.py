@@ -7,8 +7,8 @@ import pytest
 
 from ccpin.covering.cells import CellStatus
 from ccpin.covering.faces import CellFaces
-from ccpin.domain.sheets import front as module
-from ccpin.domain.sheets.front import CountedRegion, Front, Members
+from ccpin.domain.sheets import cover as module
+from ccpin.domain.sheets.cover import CountedRegion, Front, Members
 from ccpin.proof.newton import Boxes
 
 SYSTEM = SimpleNamespace(

@@ -13,7 +13,7 @@ import ccpin
 from ccpin.description import CLOSURE_KINDS, Coupling, CouplingTerm, Joint, Link, MechanismDescription
 from ccpin.domain import QuadraticSystem, theorem2
 from ccpin.domain.theorem2.form import FORMS, quadratic_form
-from ccpin.domain.theorem2.system import Polynomial
+from ccpin.domain.theorem2.polynomials import Polynomial
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnsupportedMechanismError
 from tests.oracles import rpdr as closed_form
 from tests.oracles.finite_differences import assert_close, derivative
@@ -268,7 +268,7 @@ def test_every_closure_kind(kind, form):
 
 
 @every_form
-@settings(max_examples=50)
+@settings(max_examples=25)
 @given(drawn=mechanisms(), seed=st.integers(0, 99))
 def test_random_mechanisms(form, drawn, seed):
     """Random trees with one or two loops, planar or spatial: a form is φ itself, or is refused with the reason."""

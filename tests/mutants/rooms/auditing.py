@@ -48,7 +48,7 @@ ROOMS: tuple[Room, ...] = (
     Room(
         "auditing/boxes",
         ("_embedded", "look", "contracts", "_half_width", "_sum", "_scaled", "_least", "defect"),
-        (*_LOOKS, "domain/test_sharp_every.py", "auditing/test_sharp_every_row.py"),
+        (*_LOOKS, "proof/test_sharp_every.py", "auditing/test_sharp_every_row.py"),
         (
             ("np.isfinite(rough)", "any instead of all", "no weight is positive where an entry is infinite"),
             ("weight = np.linalg.solve", "", "any w > 0 will do: it is checked below"),

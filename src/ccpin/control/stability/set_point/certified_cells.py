@@ -16,11 +16,11 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, joined
 from ccpin.control.laws import PDSimpleGravity
+from ccpin.control.stability.set_point.potential import Potential, gravity_bounds
 from ccpin.control.stability.set_point.well import Well, wells
 from ccpin.covering.proposals.solving import glued
 from ccpin.covering.proposals.tasks import CellsToProve, prove
 from ccpin.domain.closures.system import Reading
-from ccpin.domain.gravity_bounds import Potential, gravity_bounds
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, predict, verify
 from ccpin.proof.rounding import widened

@@ -30,7 +30,7 @@ from ccpin.control.stability.set_point.starting_cells import cells_of_atlas
 from ccpin.control.stability.set_point.well import checked_region, sample_region
 from ccpin.covering.region import Corners
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.store import require_about
+from ccpin.domain.closures.packing import require_about
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError, UnattainableGainsError
 from ccpin.mechanism.mechanism import Mechanism

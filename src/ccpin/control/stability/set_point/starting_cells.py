@@ -18,6 +18,7 @@ from ccpin.arrays import Array, Indices, Mask
 from ccpin.control.laws import PDSimpleGravity
 from ccpin.control.stability.set_point.certified_cells import CellStore, holding
 from ccpin.control.stability.set_point.flood import Budget
+from ccpin.control.stability.set_point.potential import Potential, gravity_bounds, potential_of
 from ccpin.control.stability.set_point.well import Well, wells
 from ccpin.covering.faces import contacts_of
 from ccpin.covering.proposals.krawczyk import certify_boxes
@@ -25,7 +26,6 @@ from ccpin.covering.proposals.solving import glued
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.closures.seeds import Seed, seed_at_coordinates
 from ccpin.domain.closures.system import Reading
-from ccpin.domain.gravity_bounds import Potential, gravity_bounds, potential_of
 from ccpin.errors import InvalidInputError, SingularConfigurationError
 from ccpin.proof.equations import Problem
 from ccpin.proof.newton import Boxes, encloses, predict, verify

@@ -27,7 +27,7 @@ from ccpin.control.stability.set_point.starting_cells import cells_around, cells
 from ccpin.control.stability.set_point.well import Well, checked_region, sample_region
 from ccpin.covering.region import Corners
 from ccpin.domain.atlas.atlas import Atlas
-from ccpin.domain.atlas.store import require_about
+from ccpin.domain.closures.packing import require_about
 from ccpin.dynamics.reduced_model import ReducedModel
 from ccpin.errors import CcpinError, InvalidInputError, UnsupportedMechanismError
 from ccpin.kinematics.coordinates import checked_q

@@ -13,8 +13,8 @@ import numpy as np
 
 from ccpin.arrays import Array, Indices, Mask, whole
 from ccpin.control.laws import PDSimpleGravity
+from ccpin.control.stability.set_point.potential import GravityBounds
 from ccpin.covering.region import Corners, corners_of
-from ccpin.domain.gravity_bounds import GravityBounds
 from ccpin.dynamics.reduced_model import ReducedModel, model_of
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import Mechanism

@@ -1,7 +1,7 @@
 """How far a law's efforts are off where it computes them at σ(q) + δ: bounds of the deviation over a tube's cells.
 
-The deviation Δ = D⁻¹(Gδ + f) or Gδ + f of `ccpin/proof/theorems/tracking.md` (`ccpin.domain.motion_bounds` has τ and
-its slopes): as an affine form of δ, G is the slope with half of δ's part.
+The deviation Δ = D⁻¹(Gδ + f) or Gδ + f of `ccpin/proof/theorems/tracking.md` (`motion_bounds` has τ and its
+slopes): as an affine form of δ, G is the slope with half of δ's part.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.control.laws import kind_of
+from ccpin.control.stability.tracking.motion_bounds import Motion, Reduced
 from ccpin.control.stability.tracking.reference_tube import CellForms, ReferenceTube
 from ccpin.control.tracking import TrackingLaw
-from ccpin.domain.motion_bounds import Motion, Reduced
 from ccpin.proof.balls import Affine, affine, inverse, joined, product
 from ccpin.proof.rounding import SLACK
 

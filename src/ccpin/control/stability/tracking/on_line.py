@@ -11,8 +11,8 @@ import numpy as np
 
 from ccpin.arrays import Array
 from ccpin.control.stability.tracking.deviation import thickened
+from ccpin.control.stability.tracking.motion_bounds import Reduced
 from ccpin.control.stability.tracking.reference_tube import CellForms, ReferenceTube
-from ccpin.domain.motion_bounds import Reduced
 from ccpin.errors import ConvergenceError
 from ccpin.proof.balls import Affine, affine, product
 from ccpin.proof.rounding import SLACK

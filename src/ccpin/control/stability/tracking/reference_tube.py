@@ -25,12 +25,12 @@ from scipy.interpolate import PPoly
 
 from ccpin.arrays import Array, Mask
 from ccpin.control.references import Reference
+from ccpin.control.stability.tracking.masses import Masses, masses_of
 from ccpin.control.tracking import TrackingLaw
 from ccpin.covering.proposals.krawczyk import certify_boxes
 from ccpin.covering.proposals.solving import glued
-from ccpin.domain.masses import Masses, masses_of
-from ccpin.domain.path import CertifiedPath, certify_path
-from ccpin.domain.pieces import Chord, chords_of, pieces_of, points_of
+from ccpin.domain.paths.path import CertifiedPath, certify_path
+from ccpin.domain.paths.pieces import Chord, chords_of, pieces_of, points_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.proof.balls import Affine
 from ccpin.proof.equations import Problem
