@@ -8,8 +8,9 @@ from scipy.optimize import brentq
 import ccpin
 from ccpin.domain import certify_path
 from ccpin.domain.boxes import verify
-from ccpin.domain.pieces import chord_of, pieces_of
+from ccpin.domain.pieces import pieces_of
 from ccpin.errors import InvalidInputError, SingularConfigurationError, UnreachableError
+from ccpin.proof.chords import chord_of
 from tests.oracles import delta as delta_oracle
 from tests.oracles import rpdr as oracle
 from tests.oracles import stewart as stewart_oracle

@@ -23,13 +23,18 @@ from scipy.interpolate import BSpline, PPoly
 from ccpin.arrays import Array, numbers
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, closure_values, problem_of
 from ccpin.domain.chains import seed_at_coordinates
+from ccpin.domain.claims import Seams, equations_of, proved_glue, proved_point
 from ccpin.domain.newton import newton, solve_in_boxes
-from ccpin.domain.pieces import chord_of, pieces_of, points_of
+from ccpin.domain.pieces import pieces_of
 from ccpin.domain.refutation import empty_witness, singular_witness
 from ccpin.domain.verdict import Verdict, Witness
 from ccpin.domain.walker import SHORTEST, TRIES, Walker
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.chords import chord_of, points_of
+from ccpin.proof.facts import Fact, NotProvedError, prove
+from ccpin.proof.paths import Followed
+from ccpin.proof.solutions import Met, Solutions
 
 _AHEAD = np.array([1.0, 0.3, 0.1, 0.03, 0.01, 1e-3, 1e-4])
 _BACK = (1, 3, 6, 12)
@@ -46,6 +51,7 @@ class CertifiedPath:
             shows: the branch meets a singular configuration in the tube (`ccpin.domain.refutation`), or some q of the
             path has no closed configuration at all. ``"undecided"``: neither was proved.
         reached: The parameter up to which the path is certified.
+        proved: The fact that it is (`ccpin.proof.paths`); ``None`` where nothing is.
         reason: The verdict in a sentence.
         witness: Where the claim fails, if it was refuted.
         rcond: Reciprocal condition number of φ_y at `reached`.
@@ -59,6 +65,7 @@ class CertifiedPath:
 
     verdict: Verdict
     reached: float
+    proved: Fact | None
     reason: str
     witness: Witness | None
     rcond: float
@@ -135,10 +142,14 @@ def certify_path(
     seed = seed_at_coordinates(mechanism, pieces(pieces.x[0]), guess)
     walker = Walker(problem_of(seed.system, bounds), pieces, widths, seed.theta)
     stopped = walker.walk()
+    proved = _proved(walker)
+    if proved is None:
+        walker, stopped = walker.back(len(walker.times) - 1), float(pieces.x[1])
     witness = None if stopped is None else _refuted(walker, stopped)
     return CertifiedPath(
         verdict="proven" if stopped is None else "refuted" if witness else "undecided",
         reached=walker.here,
+        proved=proved,
         reason=_reason(walker, stopped, witness),
         witness=witness,
         rcond=walker.rcond(),
@@ -149,6 +160,27 @@ def certify_path(
         pieces=pieces,
         problem=walker.problem,
     )
+
+
+def _proved(walker: Walker) -> Fact | None:
+    """The fact that the walker's boxes follow σ along the tube from where it began to where it is."""
+    boxes, problem = walker.boxes, walker.problem
+    count, n, point = len(boxes.kappa), problem.system.n, proved_point(problem, walker.point.centre[0])
+    if not count or point is None:
+        return None
+    q, along = boxes.centre[:, problem.system.independent], boxes.directions[:, problem.system.independent, 0]
+    before = np.concatenate([walker.point.centre[:, problem.system.independent], (q + along)[:-1]])
+    ends, begins = np.tile(np.eye(1, 1 + n), (count, 1)), np.column_stack([-np.ones(count), before - (q - along)])
+    number = np.arange(count)
+    try:
+        solutions = prove(Solutions(equations_of(problem), *boxes))
+        first = number[:1], number[:1], begins[:1], begins[:1], number[:1]
+        start = prove(Met(equations_of(problem), *first), point, solutions)
+        glue = proved_glue(problem, Seams(number[:-1], number[1:], ends[:-1], begins[1:]), (solutions,))
+        path = walker.pieces.c, walker.pieces.x, np.array(walker.times), walker.tube
+        return prove(Followed(equations_of(problem), *path), solutions, start, *glue)
+    except NotProvedError:
+        return None
 
 
 def _refuted(walker: Walker, knot: float) -> Witness | None:

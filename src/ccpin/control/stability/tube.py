@@ -35,8 +35,9 @@ from ccpin.domain.boxes import Boxes, Problem, certify_boxes
 from ccpin.domain.masses import Masses, masses_of
 from ccpin.domain.newton import glued, solve_in_boxes
 from ccpin.domain.path import CertifiedPath, certify_path
-from ccpin.domain.pieces import Chord, chords_of, pieces_of, points_of
+from ccpin.domain.pieces import pieces_of
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
+from ccpin.proof.chords import Chord, chords_of, points_of
 from ccpin.proof.rounding import SLACK
 
 _REST = 1.0

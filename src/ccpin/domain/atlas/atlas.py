@@ -1,7 +1,7 @@
 """The atlas: a region of q-space in boxes on each of which σ is proved to exist, be unique and be smooth.
 
-What is claimed. Each box satisfies Theorem K of `boxes`; each was glued to an earlier one at a common face, the
-first to the closed configuration at q₀. So through every certified q runs a chain of boxes along which σ(q₀) continues
+What is claimed, and proved by the kernel (`ccpin.proof`): each box satisfies Theorem N; each was glued to an earlier one
+at a common face, the first to the closed configuration at q₀. So through every certified q runs a chain of boxes along which σ(q₀) continues
 to σ(q) without meeting a singularity, and `Atlas.sigma` returns that continuation. Where, moreover, `single_valued` is
 true, the boxes on the two sides of every shared face carry the same σ: it is one continuous function on the union of
 the boxes (angles modulo 2π), whatever the way from q₀. Nonsingularity alone would not say so: a mechanism may
@@ -18,7 +18,7 @@ configuration at all (`atlas.empty`, `sheets.emptiness`). Limits of dependent jo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -31,8 +31,10 @@ from ccpin.arrays import Array, Mask, numbers
 from ccpin.displays import boxes, table
 from ccpin.domain.atlas import store
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Region, contacts_of, leaves_about, place
+from ccpin.domain.atlas.claims import Proved, proved_cover, seams_of
 from ccpin.domain.atlas.singular import SingularCells, refuting
-from ccpin.domain.boxes import Boxes, Problem, verify
+from ccpin.domain.boxes import Boxes, Problem
+from ccpin.domain.claims import equations_of, proved_glue
 from ccpin.domain.demands import meets
 from ccpin.domain.documents import ATLAS
 from ccpin.domain.newton import newton, solve_in_boxes
@@ -40,6 +42,9 @@ from ccpin.domain.obstacles import demand_witnesses
 from ccpin.domain.verdict import Verdict, Witness, of_file
 from ccpin.errors import InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.covers import over_region
+from ccpin.proof.facts import Fact, NotProvedError
+from ccpin.proof.solutions import boxes_of, check
 
 _WITNESSES = 12
 _FAILURES = {
@@ -58,8 +63,8 @@ class Atlas:
         q0: The seed, of shape (n,).
         radius: Half width of the largest certified square about q₀, short of the nearest cell not certified and of the
             nearest face that is unglued.
-        boxes: The certified boxes, as Theorem K has them; `lower` and `upper` are their corners.
-        unglued: Pairs of boxes that share a face at which they could not be shown to carry the same σ, (K, 2).
+        solutions: The facts about its boxes.
+        proved: The facts about its cells and their faces; ``None`` of one from a file that was not replayed.
         complete: False where an interrupt ended the work; what is there is certified nevertheless.
         region: What was asked for.
         problem: The closures.
@@ -67,14 +72,15 @@ class Atlas:
         seed: θ of the seed, of shape (n′,).
         singular: A singular configuration over each cell called so.
         source: The file it was loaded from, if it was: what it says rests on that file, but for its boxes, which `load`
-            proved again. `ccpin.auditing.verify` proves the rest.
+            proved again, and with `replay=True` for where σ is one function. `ccpin.auditing.verify` proves the rest.
+        told: Of one from a file that was not replayed, which pairs of boxes that says are unglued.
     """
 
     names: tuple[str, ...]
     q0: Array
     radius: float
-    boxes: Boxes
-    unglued: NDArray[np.int64]
+    solutions: tuple[Fact, ...]
+    proved: Proved | None
     complete: bool
     region: Region
     problem: Problem
@@ -82,6 +88,26 @@ class Atlas:
     seed: Array
     singular: SingularCells
     source: str | None = None
+    told: NDArray[np.int64] | None = None
+
+    @cached_property
+    def boxes(self) -> Boxes:
+        """The certified boxes, as Theorem N has them; `lower` and `upper` are their corners."""
+        return boxes_of(self.solutions)
+
+    @property
+    def unglued(self) -> NDArray[np.int64]:
+        """Pairs of boxes that share a face at which they could not be shown to carry the same σ, (K, 2)."""
+        if self.proved is not None:
+            return np.asarray(self.proved.cover.found["unglued"])
+        return np.zeros((0, 2), dtype=np.int64) if self.told is None else self.told
+
+    def glue(self) -> tuple[Fact, ...]:
+        """The facts that glue its boxes; those of one from a file are proved now."""
+        if self.proved is not None:
+            return tuple(fact for fact in self.proved.cover.premises if fact not in self.solutions)
+        seams = seams_of(self.problem, self.region, self.tree, self.boxes)
+        return proved_glue(self.problem, seams, self.solutions)
 
     def __repr__(self) -> str:
         done = "" if self.complete else ", interrupted"
@@ -163,7 +189,9 @@ class Atlas:
 
     @property
     def _whole(self) -> bool:
-        return self.certified_fraction == 1.0 and self.single_valued
+        if self.proved is not None:
+            return over_region(self.proved.cover, self.proved.demanded, self.problem.demands is not None)
+        return self.source is not None and self.certified_fraction == 1.0 and self.single_valued
 
     @property
     def reason(self) -> str:
@@ -266,8 +294,8 @@ class Atlas:
         return np.asarray(q_free[0] if np.ndim(q) == 1 else q_free)
 
     def verify(self) -> Mask:
-        """Check Theorem K for every box again, and what else was asked, from its data alone, of shape (B,)."""
-        return verify(self.problem, self.boxes) & meets(self.problem, self.boxes)
+        """Check Theorem N for every box again, and what else was asked, from its data alone, of shape (B,)."""
+        return check(equations_of(self.problem), self.boxes).proved & meets(self.problem, self.boxes)
 
     @property
     def fingerprint(self) -> str:
@@ -284,29 +312,53 @@ class Atlas:
 
     def save(self, path: str | Path) -> None:
         """Write the atlas to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
-        header, arrays = store.pack(store.Covering(self.problem, self.region, self.tree, self.boxes, self.singular))
+        header, arrays = store.pack(self)
         header |= {"names": list(self.names), "radius": self.radius, "complete": self.complete}
         arrays |= {"q0": self.q0, "seed": self.seed, "unglued": self.unglued}
         store.write(path, ATLAS, header, arrays)
 
     @classmethod
-    def load(cls, path: str | Path) -> Atlas:
+    def load(cls, path: str | Path, *, replay: bool = False) -> Atlas:
         """Read an atlas that `save` wrote. If the file may have been altered, call `verify` or `auditing.verify`.
 
+        Args:
+            path: The file.
+            replay: Whether to prove once more where its cells lie and at which faces its boxes carry the same σ; its
+                boxes are proved in any case.
+
         Raises:
-            InvalidInputError: The file cannot be read or is none, or a box in it is not proved.
+            InvalidInputError: The file cannot be read or is none, or what was proved of it is not found to hold.
         """
         with store.reading(path, ATLAS) as (header, arrays):
-            return cls(
+            held = store.unpack(header, arrays)
+            atlas = cls(
                 names=tuple(header["names"]),
                 q0=np.asarray(arrays["q0"], dtype=np.float64),
                 radius=header["radius"],
-                unglued=arrays["unglued"].astype(np.int64),
+                solutions=(held.solutions,),
+                proved=None,
                 complete=header["complete"],
+                region=held.region,
+                problem=held.problem,
+                tree=held.tree,
                 seed=np.asarray(arrays["seed"], dtype=np.float64),
-                **store.unpack(header, arrays)._asdict(),
+                singular=held.singular,
                 source=str(path),
+                told=arrays["unglued"].astype(np.int64),
             )
+            return atlas.replayed() if replay else atlas
+
+    def replayed(self) -> Atlas:
+        """The same with its cells and faces proved once more.
+
+        Raises:
+            InvalidInputError: They are not: the file was altered.
+        """
+        try:
+            proved = proved_cover(self.problem, self.region, self.tree, self.seed, self.solutions, self.glue())
+        except NotProvedError as error:
+            raise InvalidInputError(f"{error}: the file was altered") from error
+        return replace(self, proved=proved)
 
     def _points(self, q: ArrayLike) -> Array:
         points = np.atleast_2d(numbers(q, "q"))

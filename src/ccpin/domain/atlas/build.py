@@ -13,13 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ccpin.arrays import Array, Indices, Mask, rows_of
+from ccpin.arrays import Array, Indices, Mask, joined, rows_of
 from ccpin.domain.atlas.cells import LEVELS, WHOLE, CellStatus, CellTree, Contacts, Region, contacts_of, place
 from ccpin.domain.atlas.growing import Growing
 from ccpin.domain.atlas.run import Report, Runner, Stopped, glue_boxes, prove_cells
 from ccpin.domain.atlas.singular import SingularCells
 from ccpin.domain.atlas.tasks import CellsToProve, Proved
 from ccpin.domain.boxes import Boxes, Problem, certify_points
+from ccpin.domain.claims import Seams
 from ccpin.domain.newton import encloses, predict
 from ccpin.errors import SingularConfigurationError
 
@@ -70,7 +71,7 @@ class AtlasBuilder:
     Attributes:
         tree: The cells.
         proved: The certified boxes.
-        unglued: Pairs of boxes with a common face at which they could not be shown to agree, arrays of shape (K, 2).
+        seams: Where boxes with a common face were found to carry the same σ.
         singular: Cells found to hold singular configurations.
     """
 
@@ -96,7 +97,7 @@ class AtlasBuilder:
             )
         self._point = point.boxes
         self.proved = Growing(self._point.without_rows(problem.system.n))
-        self.unglued = [np.empty((0, 2), dtype=np.intp)]
+        self.seams = [Seams.none(problem.system.n)]
         self.singular = [SingularCells.none(problem.system.n_free)]
         self._origins = Growing(_Origins.unknown(1, problem.system.n))
         self._at_seed = (region.reduce(self.q0[None])[0] - region.lower) / region.span * WHOLE
@@ -168,7 +169,17 @@ class AtlasBuilder:
         """Shortest edges (…, n), those of coordinates that are held at their whole."""
         return np.where(self.region.held, float(WHOLE), smallest)
 
-    def radius(self) -> float:
+    def keep(self, proved: Mask) -> None:
+        """Forget boxes that the kernel refuses; their cells are undecided."""
+        number, boxes = np.where(proved, np.cumsum(proved) - 1, -1), self.proved.trimmed().take(proved)
+        named = np.flatnonzero(self.tree.box >= 0)
+        self.tree.box[named] = number[self.tree.box[named]]
+        self.tree.status[named[self.tree.box[named] < 0]] = CellStatus.UNDECIDED
+        seams = joined(self.seams)
+        seams = seams._replace(first=number[seams.first], second=number[seams.second])
+        self.seams, self.proved = [rows_of(seams, (seams.first >= 0) & (seams.second >= 0))], Growing(boxes)
+
+    def radius(self, unglued: Indices) -> float:
         """Half width of the largest square about the seed that is certified, with one σ.
 
         The distance of the nearest other cell, and of the nearest unglued face: of the farther of its two cells.
@@ -178,7 +189,7 @@ class AtlasBuilder:
         cells = np.zeros(len(self.boxes.kappa), dtype=np.int64)
         certified = leaves[self.tree.status[leaves] == CellStatus.CERTIFIED]
         cells[self.tree.box[certified]] = certified
-        torn = [self.distance(cells[side]) for side in np.concatenate(self.unglued).T]
+        torn = [self.distance(cells[side]) for side in unglued.T]
         nearest = np.min(np.maximum(*torn), initial=self._edge())
         return float(max(0.0, np.min(other, initial=nearest) * (1.0 - 1e-12)))
 
@@ -326,14 +337,7 @@ class AtlasBuilder:
     def _check(self, contacts: Contacts) -> None:
         if not contacts.cell.size:
             return
-        numbers = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]
-        first, second = self.boxes.take(numbers[0]), self.boxes.take(numbers[1])
-        pairs = np.column_stack(numbers)
-        try:
-            same = self._glue(
-                first, self._delta(first, contacts.at_cell), second, self._delta(second, contacts.at_leaf)
-            )
-        except Stopped:
-            self.unglued.append(pairs)
-            raise
-        self.unglued.append(pairs[~same])
+        number, other = self.tree.box[contacts.cell], self.tree.box[contacts.leaf]
+        first, second = self.boxes.take(number), self.boxes.take(other)
+        seams = Seams(number, other, self._delta(first, contacts.at_cell), self._delta(second, contacts.at_leaf))
+        self.seams.append(rows_of(seams, self._glue(first, seams.at_first, second, seams.at_second)))

@@ -14,32 +14,33 @@ from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
-from ccpin.arrays import Array, frozen, rows_of
+from ccpin.arrays import Array, frozen
 from ccpin.containers import NamedArrays, told_of
 from ccpin.description.joint_kinds import JOINT_KINDS
 from ccpin.domain.atlas.cells import Cells, CellTree, Region
 from ccpin.domain.atlas.checked import checked_boxes, checked_cells, checked_closures, checked_region
 from ccpin.domain.atlas.singular import SingularCells
-from ccpin.domain.boxes import BoundsName, Boxes, Demands, Problem, problem_of, verify
+from ccpin.domain.boxes import BoundsName, Boxes, Demands, Problem, problem_of
 from ccpin.domain.chains import Chain, ClosureSystem, closure_system
 from ccpin.domain.chart import Chart, ChartJoint, Elementary
+from ccpin.domain.claims import proved_boxes
 from ccpin.domain.documents import Document
 from ccpin.domain.rods import Rod
 from ccpin.errors import DifferentSubjectsError, InvalidInputError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
+from ccpin.proof.facts import Fact
 
 Record = TypeVar("Record")
-_PART = 10_000  # boxes proved again at once
 _SYSTEM_ARRAYS = ("couplings", "offset", "moduli", "independent", "dependent", "periodic")
 
 
 class Covering(NamedTuple):
-    """What every kind holds: the closures, the region, its cells, certified boxes and what is singular."""
+    """What every kind holds: the closures, the region, its cells, the fact about its boxes and what is singular."""
 
     problem: Problem
     region: Region
     tree: CellTree
-    boxes: Boxes
+    solutions: Fact
     singular: SingularCells
 
 
@@ -71,7 +72,20 @@ def reading(path: str | Path, kind: Document) -> Iterator[tuple[dict[str, Any], 
         yield header, arrays
 
 
-def pack(covering: Covering) -> tuple[dict[str, Any], NamedArrays]:
+class HasCells(Protocol):
+    """What every kind is: closures, a region, its cells, boxes and what is singular."""
+
+    problem: Problem
+    region: Region
+    tree: CellTree
+    singular: SingularCells
+
+    @property
+    def boxes(self) -> Boxes:
+        """The boxes."""
+
+
+def pack(covering: HasCells) -> tuple[dict[str, Any], NamedArrays]:
     """What every kind holds, as a header and arrays."""
     header, arrays = pack_problem(covering.problem)
     arrays |= packed("box", covering.boxes) | packed("tree", covering.tree.cells)
@@ -82,18 +96,17 @@ def unpack(header: dict[str, Any], arrays: NamedArrays) -> Covering:
     """What `pack` packed, each box proved again: solutions are found with the numbers that the file has.
 
     Raises:
-        InvalidInputError: Theorem K does not hold for a box: the file was altered.
+        InvalidInputError: Theorem N does not hold for a box: the file was altered.
     """
     problem, boxes = unpack_problem(header, arrays), unpacked("box", Boxes, arrays)
-    for first in range(0, len(boxes.kappa), _PART):
-        proved = verify(problem, rows_of(boxes, slice(first, first + _PART)))
-        if not np.all(proved):
-            raise InvalidInputError(f"box {first + int(np.argmin(proved))} is not proved: the file was altered")
+    solutions, proved = proved_boxes(problem, boxes)
+    if not np.all(proved):
+        raise InvalidInputError(f"box {int(np.argmin(proved))} is not proved: the file was altered")
     return Covering(
         problem,
         unpack_region(arrays),
         CellTree(unpacked("tree", Cells, arrays)),
-        boxes,
+        solutions,
         unpacked("singular", SingularCells, arrays),
     )
 

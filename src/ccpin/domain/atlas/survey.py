@@ -7,18 +7,19 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ccpin.arrays import Array, joined, number, positive, whole
 from ccpin.domain.atlas.atlas import Atlas
 from ccpin.domain.atlas.build import BUDGET, AtlasBuilder, Shape
 from ccpin.domain.atlas.cells import LEVELS, CellStatus, Corners, Region, region_of
+from ccpin.domain.atlas.claims import proved_cover
 from ccpin.domain.atlas.emptying import prove_empty
 from ccpin.domain.atlas.run import Progress, Runner, Stopped, Work, executor_for, reporter, stoppable
 from ccpin.domain.atlas.singular import mark_singular
 from ccpin.domain.boxes import BoundsName, Problem, problem_of
 from ccpin.domain.chains import seed_at_coordinates
+from ccpin.domain.claims import Seams, proved_boxes, proved_glue
 from ccpin.domain.sheets.emptiness import search_empty
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
@@ -179,12 +180,17 @@ def survey(
                     builder.singular.append(found)
         except Stopped:
             complete = False
+    solutions, kept = proved_boxes(problem, builder.boxes)
+    if not kept.all():
+        builder.keep(kept)
+    glue = proved_glue(problem, joined([Seams.none(problem.system.n), *builder.seams]), (solutions,))
+    proved = proved_cover(problem, region, builder.tree, seed, (solutions,), glue)
     return Atlas(
         names=names,
         q0=builder.q0,
-        radius=builder.radius(),
-        boxes=builder.proved.trimmed(),
-        unglued=np.concatenate(builder.unglued).astype(np.int64),
+        radius=builder.radius(proved.cover.found["unglued"]),
+        solutions=(solutions,),
+        proved=proved,
         complete=complete,
         region=region,
         problem=problem,

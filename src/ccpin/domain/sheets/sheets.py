@@ -31,7 +31,8 @@ from ccpin.arrays import Array, Indices, Mask, numbers, whole
 from ccpin.domain.atlas import store
 from ccpin.domain.atlas.cells import WHOLE, CellStatus, CellTree, Region, contacts_of, place
 from ccpin.domain.atlas.singular import SingularCells
-from ccpin.domain.boxes import Boxes, Problem, closure_values, verify
+from ccpin.domain.boxes import Boxes, Problem, closure_values
+from ccpin.domain.claims import equations_of
 from ccpin.domain.cusps import Cusp, distinct, proved_cusps
 from ccpin.domain.documents import SHEETS
 from ccpin.domain.newton import newton, solve_in_boxes, without_turns
@@ -41,6 +42,7 @@ from ccpin.domain.sheets.touching import Fold, cross, near_folds
 from ccpin.errors import InvalidInputError, UnsupportedMechanismError
 from ccpin.mechanism.mechanism import HasMechanism, Mechanism, mechanism_of
 from ccpin.proof.ranges import Ranges
+from ccpin.proof.solutions import check
 
 _PART = 500
 _RECORDS: dict[str, Any] = {"members": Members, "glued": Glued, "left": Candidates, "ranges": Ranges}
@@ -188,7 +190,7 @@ class SheetAtlas:
 
     def verify(self) -> Mask:
         """Check Theorem K for every box again, from its data alone, of shape (B,)."""
-        return verify(self.problem, self.boxes)
+        return check(equations_of(self.problem), self.boxes).proved
 
     @property
     def fingerprint(self) -> str:
@@ -201,7 +203,7 @@ class SheetAtlas:
 
     def save(self, path: str | Path) -> None:
         """Write the sheets to a file (``.json``, else npz), whole or not at all; `ccpin.auditing.verify` checks it."""
-        header, arrays = store.pack(store.Covering(self.problem, self.region, self.tree, self.boxes, self.singular))
+        header, arrays = store.pack(self)
         header |= {"names": list(self.names), "complete": self.complete}
         for part in _RECORDS:
             arrays |= store.packed(part, getattr(self, part))
@@ -216,11 +218,16 @@ class SheetAtlas:
         """
         with store.reading(path, SHEETS) as (header, arrays):
             records = {part: store.unpacked(part, kind, arrays) for part, kind in _RECORDS.items()}
+            held = store.unpack(header, arrays)
             return cls(
                 names=tuple(header["names"]),
                 count=arrays["count"].astype(np.int64),
                 complete=header["complete"],
-                **store.unpack(header, arrays)._asdict(),
+                problem=held.problem,
+                region=held.region,
+                tree=held.tree,
+                boxes=held.solutions.claim.boxes,
+                singular=held.singular,
                 **records,
                 source=str(path),
             )
