@@ -14,6 +14,7 @@ from ccpin.proof.facts import Fact, prove_some
 from ccpin.proof.solutions import Glued, Met, Solutions, boxes_of
 
 _NEWTON = 12
+_WIDER = 1.05
 
 
 class Seams(NamedTuple):
@@ -50,15 +51,18 @@ def proved_glue(problem: Problem, seams: Seams, solutions: tuple[Fact, ...]) -> 
         return (fact,)
     seams, boxes = rows_of(seams, left), boxes_of(solutions)
     theta = newton(problem, predict(problem, boxes.take(seams.first), seams.at_first), _NEWTON).theta
-    point = certify_points(problem, theta)
-    points, enclosed = prove_some(Solutions(equations, *point.boxes.take(np.flatnonzero(point.proved))))
-    rows = np.flatnonzero(point.proved)[enclosed]
+    points, rows = proved_points(problem, theta)
     met = prove_some(Met(equations, *rows_of(seams, rows), point=np.arange(len(rows))), points, *solutions)[0]
     return fact, met
 
 
-def proved_point(problem: Problem, theta: Array) -> Fact | None:
-    """The fact that a closed configuration is at θ (n′,), in a box without parameters; ``None`` where it is not proved."""
-    point = certify_points(problem, theta[None])
-    fact, enclosed = prove_some(Solutions(equations_of(problem), *point.boxes.take(np.flatnonzero(point.proved))))
-    return fact if enclosed.any() else None
+def proved_points(problem: Problem, theta: Array) -> tuple[Fact, Indices]:
+    """The fact about closed configurations near some of θ (B, n′), in boxes without parameters, and near which.
+
+    Their radii are of rounding: a little more leaves room for another order of operations.
+    """
+    found = certify_points(problem, theta)
+    rows = np.flatnonzero(found.proved)
+    boxes = found.boxes.take(rows)
+    fact, enclosed = prove_some(Solutions(equations_of(problem), *boxes._replace(radius=_WIDER * boxes.radius)))
+    return fact, rows[enclosed]

@@ -23,7 +23,7 @@ from scipy.interpolate import BSpline, PPoly
 from ccpin.arrays import Array, numbers
 from ccpin.domain.boxes import BoundsName, Boxes, Problem, closure_values, problem_of
 from ccpin.domain.chains import seed_at_coordinates
-from ccpin.domain.claims import Seams, equations_of, proved_glue, proved_point
+from ccpin.domain.claims import Seams, equations_of, proved_glue, proved_points
 from ccpin.domain.newton import newton, solve_in_boxes
 from ccpin.domain.pieces import pieces_of
 from ccpin.domain.refutation import empty_witness, singular_witness
@@ -165,8 +165,8 @@ def certify_path(
 def _proved(walker: Walker) -> Fact | None:
     """The fact that the walker's boxes follow σ along the tube from where it began to where it is."""
     boxes, problem = walker.boxes, walker.problem
-    count, n, point = len(boxes.kappa), problem.system.n, proved_point(problem, walker.point.centre[0])
-    if not count or point is None:
+    count, n, (point, near) = len(boxes.kappa), problem.system.n, proved_points(problem, walker.point.centre)
+    if not count or not near.size:
         return None
     q, along = boxes.centre[:, problem.system.independent], boxes.directions[:, problem.system.independent, 0]
     before = np.concatenate([walker.point.centre[:, problem.system.independent], (q + along)[:-1]])

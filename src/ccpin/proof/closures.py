@@ -92,10 +92,11 @@ class Closures:
     def at(self, theta: Array) -> tuple[Point, Array]:
         """φ and its derivatives at θ (B, N), and |∂x/∂θ| of the chains, of shape (k, C, B)."""
         motion, sums, (count, size) = move(self.turns, theta), self._sums, theta.shape
-        a, b = motion.a.reshape(3, -1, count), motion.b.reshape(3, -1, count)
+        joints = self.turns.joints.size
+        a, b = motion.a.reshape(3, joints, count), motion.b.reshape(3, joints, count)
         slope = np.zeros((count, self.system.m * size))
         slope[:, sums.first.places] = sums.first.sums(b).T
-        slope = slope.reshape(count, -1, size) + self.system.couplings
+        slope = slope.reshape(count, self.system.m, size) + self.system.couplings
         second = sums.second.sums(crossed(a[:, sums.upper], b[:, sums.deeper]))
         point = Point(self._phi(theta, motion.x), slope, second, sums.pattern, self.rounding(theta))
         return point, np.sqrt(np.sum(motion.b**2, axis=0))
@@ -105,8 +106,8 @@ class Closures:
         phi = theta @ s.couplings.T + s.offset
         for row in np.flatnonzero(s.moduli):
             phi[:, row] -= s.moduli[row] * np.round(phi[:, row] / s.moduli[row])
-        weights = np.transpose(self.stack.weights, (2, 0, 1)).reshape(-1, s.m)
-        return np.asarray(phi + tips.reshape(len(weights), -1).T @ weights)
+        weights = np.transpose(self.stack.weights, (2, 0, 1)).reshape(3 * len(s.chains), s.m)
+        return np.asarray(phi + tips.reshape(len(weights), len(theta)).T @ weights)
 
     def bounds(self, centre: Array, frame: Frame, reach: bool = False) -> Bounds:
         """Y, Z and Z̄ of boxes about θ_c (B, N): those of phasors where there are any, unless reach bounds are asked for."""
@@ -114,8 +115,9 @@ class Closures:
             return planar_bounds(self.phasors, phasor_values(self.phasors, centre), frame)
         point, arms = self.at(centre)
         count, m = len(centre), self.system.m
-        rows = frame.preconditioner @ np.transpose(self.stack.weights, (1, 2, 0)).reshape(m, -1)
-        gains = np.sqrt(np.square(rows.reshape(count, m, 3, -1)).sum(axis=2))
+        chains = len(self.system.chains)
+        rows = frame.preconditioner @ np.transpose(self.stack.weights, (1, 2, 0)).reshape(m, 3 * chains)
+        gains = np.sqrt(np.square(rows.reshape(count, m, 3, chains)).sum(axis=2))
         drift = ReachDrift(self._lengths, gains, by_joint(self.turns, np.abs(centre)), arms, point.rounding)
         return taylor_bounds(point, frame, drift)
 

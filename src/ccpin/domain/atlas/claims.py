@@ -9,7 +9,7 @@ import numpy as np
 from ccpin.arrays import Array, joined, rows_of
 from ccpin.domain.atlas.cells import CellStatus, CellTree, Contacts, Region, contacts_of
 from ccpin.domain.boxes import Boxes, Problem
-from ccpin.domain.claims import Seams, equations_of, proved_point
+from ccpin.domain.claims import Seams, equations_of, proved_points
 from ccpin.domain.newton import glued
 from ccpin.proof.covers import Cover
 from ccpin.proof.demanded import Demanded
@@ -72,9 +72,9 @@ def _started(
         return -1, ()
     number = tree.box[[leaf]]
     delta = q - boxes.centre[number][:, independent]
-    point, numbers = proved_point(problem, seed), np.asarray(number, dtype=np.int64)
-    if point is None:
+    (points, near), numbers = proved_points(problem, seed[None]), np.asarray(number, dtype=np.int64)
+    if not near.size:
         return -1, ()
     claim = Met(equations_of(problem), numbers, numbers, delta, delta, point=np.zeros(1, dtype=np.int64))
-    met, held = prove_some(claim, point, *solutions)
+    met, held = prove_some(claim, points, *solutions)
     return (int(number[0]), (met,)) if held[0] else (-1, ())
